@@ -1,0 +1,1 @@
+"""Blast waves through jointed rock: superposition, block model, comparison, back-analysis."""

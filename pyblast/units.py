@@ -1,0 +1,74 @@
+"""The only table of unit factors: the suffix of a key says the unit, everything inside is SI."""
+
+import math
+
+from .errors import InputError
+
+FACTORS = {
+    "gpa_per_m": 1e9,
+    "mpa_per_m": 1e6,
+    "pa_per_m": 1.0,
+    "kg_per_m3": 1.0,
+    "m_per_s": 1.0,
+    "mm_per_s": 1e-3,
+    "in_per_s": 0.0254,
+    "m_per_s2": 1.0,
+    "m3": 1.0,
+    "m2": 1.0,
+    "kpa": 1e3,
+    "mpa": 1e6,
+    "gpa": 1e9,
+    "pa": 1.0,
+    "kg": 1.0,
+    "ms": 1e-3,
+    "s": 1.0,
+    "km": 1e3,
+    "mm": 1e-3,
+    "m": 1.0,
+    "khz": 1e3,
+    "hz": 1.0,
+    "kn": 1e3,
+    "n": 1.0,
+    "percent": 1e-2,
+}
+_LONGEST_FIRST = sorted([*FACTORS, "angle_deg", "deg"], key=len, reverse=True)
+
+
+def split_key(key):
+    """Split a key into its stem and its unit suffix; the suffix is empty where there is none."""
+    for suffix in _LONGEST_FIRST:
+        if key.endswith("_" + suffix):
+            return key[: -len(suffix) - 1], suffix
+    return key, ""
+
+
+def to_si(key, value):
+    """Turn ``kn_gpa_per_m = 1.3`` into ``("kn", 1.3e9)``.
+
+    Parameters
+    ----------
+    key : str
+        Name with its unit as suffix. ``_angle_deg`` becomes a tangent (friction, dilation),
+        ``_deg`` becomes radians.
+    value : float or list of float
+
+    Returns
+    -------
+    stem : str
+    value : float or list of float, SI
+
+    Raises
+    ------
+    InputError
+        If a friction or dilation angle lies outside 0 to 89 degrees.
+    """
+    stem, suffix = split_key(key)
+    if isinstance(value, (list, tuple)):
+        return stem, [to_si(key, item)[1] for item in value]
+    if suffix == "angle_deg":
+        if not 0.0 <= value < 89.0:
+            raise InputError(f"{key}: must lie between 0 and 89 degrees, got {value:g}")
+        return stem, math.tan(math.radians(value))
+    if suffix == "deg":
+        return stem, math.radians(value)
+    return stem, value * FACTORS.get(suffix, 1.0)
