@@ -11,6 +11,9 @@ FACTORS = {
     "kg_per_m3": 1.0,
     "m_per_s": 1.0,
     "mm_per_s": 1e-3,
+    "cm_per_s": 1e-2,
+    "um_per_s": 1e-6,
+    "nm_per_s": 1e-9,
     "in_per_s": 0.0254,
     "m_per_s2": 1.0,
     "m3": 1.0,
@@ -24,12 +27,17 @@ FACTORS = {
     "s": 1.0,
     "km": 1e3,
     "mm": 1e-3,
+    "cm": 1e-2,
+    "ft": 0.3048,
     "m": 1.0,
     "khz": 1e3,
     "hz": 1.0,
     "kn": 1e3,
     "n": 1.0,
     "percent": 1e-2,
+    "g": 9.80665,
+    "mv": 1e-3,
+    "v": 1.0,
 }
 _LONGEST_FIRST = sorted([*FACTORS, "angle_deg", "deg"], key=len, reverse=True)
 
