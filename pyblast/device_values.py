@@ -1,0 +1,129 @@
+"""What raw samples say about the recorder: its printed values, clipping and dead channels."""
+
+import numpy as np
+
+from .raw_record import Printed, RawRecord
+
+TOLERANCE = 0.01
+FREQUENCY_TOLERANCE = 0.03
+PLATEAU = 3
+FULL_SCALE_MARGIN = 5e-4
+PLATEAU_MARGIN = 1e-6
+
+
+def check_printed(record: RawRecord) -> tuple[tuple[str, float, float, bool], ...]:
+    """Compare every value that the device printed with the same value from the raw samples.
+
+    Returns
+    -------
+    tuple of (name, printed value, recomputed value, within)
+        SI. Within 1 % (frequency 3 %) and one step of the last printed digit; times of peaks
+        within one step and one sample. ``>100 Hz`` is within where the samples give at least
+        that.
+
+    Notes
+    -----
+    The mean is not removed; the vector sum is taken at one instant; acceleration is a forward
+    difference; frequency comes from the zero crossings on both sides of the peak.
+    """
+    found = device_values(record) if record.printed else {}
+    return tuple(
+        (name, printed.value, found[name], _within(name, printed, found[name], record.dt))
+        for name, printed in record.printed.items()
+        if np.isfinite(found.get(name, np.nan))
+    )
+
+
+def device_values(record: RawRecord) -> dict[str, float]:
+    """Compute what a blast seismograph prints, by the rules of such devices (SI)."""
+    values = {}
+    for name, samples in record.channels.items():
+        peak = int(np.argmax(np.abs(samples)))
+        values[f"{name} PPV"] = float(np.abs(samples[peak]))
+        values[f"{name} time of peak"] = record.start + peak * record.dt
+        values[f"{name} zero-crossing frequency"] = _zero_crossing(samples, peak, record.dt)
+        values[f"{name} peak acceleration"] = float(np.max(np.abs(np.diff(samples))) / record.dt)
+    if len(record.channels) == 3:
+        length = np.sqrt(np.sum(np.square(list(record.channels.values())), axis=0))
+        values["vector sum"] = float(np.max(length))
+        values["time of vector sum"] = record.start + int(np.argmax(length)) * record.dt
+    return values
+
+
+def clipped_samples(samples: np.ndarray, full_scale: float | None) -> np.ndarray:
+    """Mark the samples at full scale, or on a plateau where the full scale is unknown.
+
+    Parameters
+    ----------
+    samples : (n_samples,) float64
+    full_scale : float or None, same unit
+
+    Returns
+    -------
+    (n_samples,) bool
+    """
+    size = np.abs(samples)
+    if full_scale is not None:
+        return size >= full_scale * (1.0 - FULL_SCALE_MARGIN)
+    level = plateau_level(samples)
+    return np.zeros(len(samples), bool) if level is None else at_level(size, level)
+
+
+def at_level(size: np.ndarray, level: float) -> np.ndarray:
+    """Mark sizes equal to a converter's level."""
+    return np.abs(size - level) <= level * PLATEAU_MARGIN
+
+
+def plateau_level(samples: np.ndarray) -> float | None:
+    """Find the level at which a converter of unknown full scale has clipped.
+
+    Three or more equal consecutive samples at the extreme count, unless they are what rounding
+    makes of a smooth peak: the signal must leave the plateau on one side by more than 2.5 steps
+    of the finest difference in the record, and the level be at least 16 of them.
+    """
+    values = np.unique(samples)
+    if len(values) < 3:
+        return None
+    step = np.min(np.diff(values))
+    size = np.abs(samples)
+    for extreme in (samples == values[-1], samples == values[0]):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], extreme.astype(np.int8), [0]])))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            beside = [n for n in (first - 1, last) if 0 <= n < len(samples)]
+            leaves = max(abs(samples[n] - samples[first]) for n in beside) > 2.5 * step
+            large = size[first] >= max(16.0 * step, np.max(size) * (1.0 - PLATEAU_MARGIN))
+            if last - first >= PLATEAU and leaves and large:
+                return float(size[first])
+    return None
+
+
+def is_dead(samples: np.ndarray) -> bool:
+    """Tell whether a channel never moves."""
+    return bool(np.all(samples == samples[0]))
+
+
+def _zero_crossing(samples, peak, dt):
+    """Return 1/(2 T) with T between the interpolated zero crossings around the peak."""
+    same = samples * np.sign(samples[peak]) > 0.0
+    before, after = np.flatnonzero(~same[:peak]), np.flatnonzero(~same[peak:])
+    if not (len(before) and len(after)):
+        return np.nan
+    left, right = before[-1], peak + after[0]
+    rise = samples[left + 1] - samples[left]
+    fall = samples[right - 1] - samples[right]
+    first = left - samples[left] / rise
+    last = right - samples[right] / -fall
+    return float(1.0 / (2.0 * dt * (last - first)))
+
+
+def _within(name, printed: Printed, found, dt):
+    """Judge one value by the tolerance of its kind."""
+    if "time of" in name:
+        return bool(abs(found - printed.value) <= printed.step + dt)
+    share = FREQUENCY_TOLERANCE if "frequency" in name else TOLERANCE
+    slack = share * abs(printed.value) + printed.step
+    if printed.bound == ">":
+        return bool(found >= printed.value - slack)
+    if printed.bound == "<":
+        return bool(found <= printed.value + slack)
+    return bool(abs(found - printed.value) <= slack)
