@@ -1,0 +1,122 @@
+module pyblast_boundaries
+    !! Forces that the outside world puts on nodes, and motions that it prescribes.
+    use pyblast_kinds, only : dp
+    implicit none
+    private
+    public :: load_forces, load_power, viscous_forces, reaction_forces
+
+contains
+
+    pure subroutine load_forces(n_nodes, n_loads, n_histories, load_node, load_vector, &
+                                load_history, amplitude, velocity, force, power)
+        !! Add every load, its vector times the present amplitude of its history, and tell its power.
+        !! Stress on faces, holes and point forces all arrive here; theory.md (4.3), (5.1).
+        integer, intent(in) :: n_nodes, n_loads, n_histories
+        integer, intent(in) :: load_node(n_loads)             !! from 1
+        real(dp), intent(in) :: load_vector(3, n_loads)       !! force per unit of the history
+        integer, intent(in) :: load_history(n_loads)          !! from 1
+        real(dp), intent(in) :: amplitude(n_histories)
+        real(dp), intent(in) :: velocity(3, n_nodes)          !! [m/s]
+        real(dp), intent(inout) :: force(3, n_nodes)          !! [N]
+        real(dp), intent(out) :: power                        !! [W]
+        integer :: k
+
+        do k = 1, n_loads
+            force(:, load_node(k)) = force(:, load_node(k)) &
+                + load_vector(:, k)*amplitude(load_history(k))
+        end do
+        call load_power(n_nodes, n_loads, n_histories, load_node, load_vector, load_history, &
+                        amplitude, velocity, power)
+    end subroutine load_forces
+
+    pure subroutine load_power(n_nodes, n_loads, n_histories, load_node, load_vector, &
+                               load_history, amplitude, velocity, power)
+        !! Power of all loads on the given velocity; arguments as in load_forces.
+        integer, intent(in) :: n_nodes, n_loads, n_histories
+        integer, intent(in) :: load_node(n_loads), load_history(n_loads)
+        real(dp), intent(in) :: load_vector(3, n_loads), amplitude(n_histories)
+        real(dp), intent(in) :: velocity(3, n_nodes)
+        real(dp), intent(out) :: power                        !! [W]
+        integer :: k
+
+        power = 0.0_dp
+        do k = 1, n_loads
+            power = power + amplitude(load_history(k)) &
+                *dot_product(load_vector(:, k), velocity(:, load_node(k)))
+        end do
+    end subroutine load_power
+
+    pure subroutine viscous_forces(n_nodes, n_dashpots, dt, node_mass, node_alpha, dashpot_node, &
+                                   dashpot_impedance, dashpot_inverse, velocity, force, &
+                                   work_before, work_after)
+        !! Add the force of quiet boundaries at the mean velocity of the step, -Z (v_old + v_new)/2.
+        !!
+        !! The new velocity is solved for at each node, so a dashpot costs no time step.
+        !! Source: Lysmer & Kuhlemeyer (1969); theory.md (4.1), (4.2).
+        integer, intent(in) :: n_nodes, n_dashpots
+        real(dp), intent(in) :: dt                                 !! [s]
+        real(dp), intent(in) :: node_mass(n_nodes)                 !! [kg]
+        real(dp), intent(in) :: node_alpha(n_nodes)                !! mass damping [1/s]
+        integer, intent(in) :: dashpot_node(n_dashpots)            !! from 1
+        real(dp), intent(in) :: dashpot_impedance(3, 3, n_dashpots)  !! Z = sum of area*rho*c [N s/m]
+        real(dp), intent(in) :: dashpot_inverse(3, 3, n_dashpots)
+            !! inverse of m (1 + alpha dt/2) I + Z dt/2 [1/kg]
+        real(dp), intent(in) :: velocity(3, n_nodes)               !! [m/s]
+        real(dp), intent(inout) :: force(3, n_nodes)               !! [N]
+        real(dp), intent(out) :: work_before, work_after
+            !! half a step's energy taken out, on the old and on the new velocity [J]
+        real(dp) :: resistance(3), drive(3), new(3)
+        integer :: d, n
+
+        work_before = 0.0_dp
+        work_after = 0.0_dp
+        do d = 1, n_dashpots
+            n = dashpot_node(d)
+            associate (z => dashpot_impedance(:, :, d), old => velocity(:, n))
+                drive = node_mass(n)*(1.0_dp - 0.5_dp*dt*node_alpha(n))*old &
+                    - 0.5_dp*dt*matmul(z, old) + dt*force(:, n)
+                new = matmul(dashpot_inverse(:, :, d), drive)
+                resistance = 0.5_dp*matmul(z, old + new)
+                work_before = work_before + 0.5_dp*dt*dot_product(resistance, old)
+                work_after = work_after + 0.5_dp*dt*dot_product(resistance, new)
+            end associate
+            force(:, n) = force(:, n) - resistance
+        end do
+    end subroutine viscous_forces
+
+    pure subroutine reaction_forces(n_nodes, n_fixed, n_histories, dt, node_mass, node_alpha, &
+                                    fixed_node, fixed_direction, fixed_history, amplitude, &
+                                    velocity, force, work_before, work_after)
+        !! Add the reactions that give nodes a prescribed velocity along directions, or rest.
+        !! Directions of one node are orthonormal; theory.md (4.4).
+        integer, intent(in) :: n_nodes, n_fixed, n_histories
+        real(dp), intent(in) :: dt                                 !! [s]
+        real(dp), intent(in) :: node_mass(n_nodes)                 !! [kg]
+        real(dp), intent(in) :: node_alpha(n_nodes)                !! mass damping [1/s]
+        integer, intent(in) :: fixed_node(n_fixed)                 !! from 1
+        real(dp), intent(in) :: fixed_direction(3, n_fixed)        !! unit
+        integer, intent(in) :: fixed_history(n_fixed)              !! from 1; 0 means at rest
+        real(dp), intent(in) :: amplitude(n_histories)             !! velocity at the step's end [m/s]
+        real(dp), intent(in) :: velocity(3, n_nodes)               !! [m/s]
+        real(dp), intent(inout) :: force(3, n_nodes)               !! [N]
+        real(dp), intent(out) :: work_before, work_after           !! energy put in, two halves [J]
+        real(dp) :: new, old, damping, reaction
+        integer :: f, n
+
+        work_before = 0.0_dp
+        work_after = 0.0_dp
+        do f = 1, n_fixed
+            n = fixed_node(f)
+            new = 0.0_dp
+            if (fixed_history(f) > 0) new = amplitude(fixed_history(f))
+            old = dot_product(velocity(:, n), fixed_direction(:, f))
+            damping = 0.5_dp*dt*node_alpha(n)
+            reaction = node_mass(n)*((1.0_dp + damping)*new - (1.0_dp - damping)*old)/dt &
+                - dot_product(force(:, n), fixed_direction(:, f))
+            force(:, n) = force(:, n) + reaction*fixed_direction(:, f)
+            work_before = work_before + 0.5_dp*dt*reaction*old
+            work_after = work_after + 0.5_dp*dt*reaction*new
+        end do
+    end subroutine reaction_forces
+
+end module pyblast_boundaries

@@ -1,0 +1,21 @@
+module pyblast_kinds
+    !! The one kind of real numbers, and the sizes that kernels, files and Python share.
+    !! Literal, and apart from the kernels, because f2py resolves nothing else safely.
+    implicit none
+    private
+    public :: dp
+
+    integer, parameter :: dp = kind(1.0d0)
+
+    integer, parameter, public :: n_joint_laws = 2
+    integer, parameter, public :: n_joint_properties = 8
+    integer, parameter, public :: n_joint_state = 5
+
+    integer, parameter, public :: n_energies = 9
+        !! ledger columns: kinetic, strain, joint stored, joint dissipated, damping, dashpots,
+        !! input, in-situ work [J], sum of unbalanced force [N]
+    integer, parameter, public :: n_sums = 7
+        !! running: damping, dashpots, input, stiffness damping; fixed at the start: stored in
+        !! joints, in motion and strain; largest energy put in so far
+
+end module pyblast_kinds

@@ -1,0 +1,83 @@
+module pyblast_ledger
+    !! The energy ledger: every joule that went in is somewhere; and the alarm when it is not.
+    use pyblast_kinds, only : dp, n_energies, n_sums
+    implicit none
+    private
+    public :: add_work, grows, insitu_work, write_ledger
+
+    real(dp), parameter :: growth_limit = 2.0_dp
+        !! energy over the largest energy put in; theory.md (2.9) says why not 1.05
+
+contains
+
+    pure subroutine write_ledger(n_contacts, n_domains, n_blocks, dt, contact_area, &
+                                 contact_stored, contact_dissipated, domain_strain, &
+                                 domain_damping, block_energy, before, insitu, sums, line)
+        !! One line of the ledger in the middle of a step, exact for linear models; theory.md (2.7).
+        integer, intent(in) :: n_contacts, n_domains, n_blocks
+        real(dp), intent(in) :: dt
+        real(dp), intent(in) :: contact_area(n_contacts)
+        real(dp), intent(in) :: contact_stored(n_contacts), contact_dissipated(n_contacts)
+        real(dp), intent(in) :: domain_strain(n_domains), domain_damping(n_domains)
+        real(dp), intent(in) :: block_energy(5, n_blocks)   !! as move_nodes gives it
+        real(dp), intent(in) :: before(3)      !! half-step work: damping, dashpots, input [J]
+        real(dp), intent(in) :: insitu         !! [J]
+        real(dp), intent(in) :: sums(n_sums)
+        real(dp), intent(out) :: line(n_energies)
+
+        line(1) = sum(block_energy(1, :))
+        line(2) = sum(domain_strain)
+        line(3) = sum(contact_area*contact_stored)
+        line(4) = sum(contact_area*contact_dissipated)
+        line(5) = sums(1) + before(1) + sums(4) + 0.75_dp*dt*sum(domain_damping)
+        line(6) = sums(2) + before(2)
+        line(7) = sums(3) + before(3)
+        line(8) = insitu
+        line(9) = sum(block_energy(5, :))
+    end subroutine write_ledger
+
+    pure function insitu_work(n_nodes, n_contacts, contact_node, contact_area, contact_initial, &
+                              displacement) result(energy)
+        !! Work that the initial tractions did on the jumps [J].
+        integer, intent(in) :: n_nodes, n_contacts, contact_node(2, n_contacts)
+        real(dp), intent(in) :: contact_area(n_contacts), contact_initial(3, n_contacts)
+        real(dp), intent(in) :: displacement(3, n_nodes)
+        real(dp) :: energy
+        integer :: c
+
+        energy = 0.0_dp
+        do c = 1, n_contacts
+            energy = energy + contact_area(c)*dot_product(contact_initial(:, c), &
+                displacement(:, contact_node(2, c)) - displacement(:, contact_node(1, c)))
+        end do
+    end function insitu_work
+
+    pure subroutine add_work(n_domains, dt, domain_damping, before, after, sums)
+        !! Carry the work of a whole step forward.
+        integer, intent(in) :: n_domains
+        real(dp), intent(in) :: dt, domain_damping(n_domains), before(3), after(3)
+        real(dp), intent(inout) :: sums(n_sums)
+
+        sums(1:3) = sums(1:3) + before + after
+        sums(4) = sums(4) + dt*sum(domain_damping)
+    end subroutine add_work
+
+    pure subroutine grows(line, kinetic, first, sums, alarm)
+        !! Tell whether the energy is not finite or exceeds what was put in; theory.md (2.9).
+        real(dp), intent(in) :: line(n_energies)
+        real(dp), intent(in) :: kinetic            !! mean of both half-steps, never negative [J]
+        logical, intent(in) :: first               !! whether this is the first line of the run
+        real(dp), intent(inout) :: sums(n_sums)
+        logical, intent(out) :: alarm
+        real(dp) :: energy
+
+        if (first) then
+            sums(5) = line(3)
+            sums(6) = kinetic + line(2)
+        end if
+        sums(7) = max(sums(7), sums(6) + line(7) + line(8))
+        energy = kinetic + line(2) + line(3) - sums(5)
+        alarm = .not. energy <= growth_limit*sums(7) + tiny(energy)
+    end subroutine grows
+
+end module pyblast_ledger

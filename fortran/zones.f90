@@ -1,0 +1,148 @@
+module pyblast_zones
+    !! Stress and nodal forces of constant-strain tetrahedra, domain by domain.
+    !!
+    !! A domain is a fixed number of neighbouring zones. It adds the forces of its zones into slots
+    !! of its own, one for each of its nodes, so that no sum depends on the number of threads.
+    use pyblast_kinds, only : dp
+    implicit none
+    private
+    public :: zone_forces
+
+contains
+
+    subroutine zone_forces(n_nodes, n_zones, n_domains, n_slots, domain_zone_start, &
+                           domain_slot_start, slot_node, zone_slot, zone_gradient, zone_volume, &
+                           zone_lambda, zone_shear, zone_beta, displacement, velocity, &
+                           slot_force, domain_strain, domain_damping)
+        !! Forces of all zones into the slots, with the strain energy and the power of the
+        !! stiffness damping of each domain. Source: theory.md (2.1) to (2.4).
+        integer, intent(in) :: n_nodes, n_zones, n_domains, n_slots
+        integer, intent(in) :: domain_zone_start(n_domains + 1)  !! from 1
+        integer, intent(in) :: domain_slot_start(n_domains + 1)  !! from 1
+        integer, intent(in) :: slot_node(n_slots)                !! from 1
+        integer, intent(in) :: zone_slot(4, n_zones)             !! within the domain, from 1
+        real(dp), intent(in) :: zone_gradient(3, 3, n_zones)     !! of shape functions 2 to 4 [1/m]
+        real(dp), intent(in) :: zone_volume(n_zones)             !! [m3]
+        real(dp), intent(in) :: zone_lambda(n_zones)             !! first Lame modulus [Pa]
+        real(dp), intent(in) :: zone_shear(n_zones)              !! shear modulus [Pa]
+        real(dp), intent(in) :: zone_beta(n_zones)               !! stiffness damping [s]
+        real(dp), intent(in) :: displacement(3, n_nodes)         !! [m]
+        real(dp), intent(in) :: velocity(3, n_nodes)             !! half a step earlier [m/s]
+        real(dp), intent(inout) :: slot_force(3, n_slots)        !! [N]
+        real(dp), intent(inout) :: domain_strain(n_domains)      !! [J]
+        real(dp), intent(inout) :: domain_damping(n_domains)     !! [W]
+        integer :: d, z1, z2, s1, s2
+
+        !$omp parallel do schedule(dynamic) private(z1, z2, s1, s2)
+        do d = 1, n_domains
+            z1 = domain_zone_start(d)
+            z2 = domain_zone_start(d + 1) - 1
+            s1 = domain_slot_start(d)
+            s2 = domain_slot_start(d + 1) - 1
+            call domain_forces(n_nodes, z2 - z1 + 1, s2 - s1 + 1, slot_node(s1:s2), &
+                               zone_slot(:, z1:z2), zone_gradient(:, :, z1:z2), &
+                               zone_volume(z1:z2), zone_lambda(z1:z2), zone_shear(z1:z2), &
+                               zone_beta(z1:z2), displacement, velocity, slot_force(:, s1:s2), &
+                               domain_strain(d), domain_damping(d))
+        end do
+        !$omp end parallel do
+    end subroutine zone_forces
+
+    pure subroutine domain_forces(n_nodes, n_zones, n_slots, slot_node, zone_slot, zone_gradient, &
+                                  zone_volume, zone_lambda, zone_shear, zone_beta, &
+                                  displacement, velocity, slot_force, strain_energy, damping_power)
+        !! Forces of the zones of one domain into its own slots; arguments as in zone_forces.
+        integer, intent(in) :: n_nodes, n_zones, n_slots
+        integer, intent(in) :: slot_node(n_slots), zone_slot(4, n_zones)
+        real(dp), intent(in) :: zone_gradient(3, 3, n_zones), zone_volume(n_zones)
+        real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), zone_beta(n_zones)
+        real(dp), intent(in) :: displacement(3, n_nodes), velocity(3, n_nodes)
+        real(dp), intent(inout) :: slot_force(3, n_slots), strain_energy, damping_power
+        real(dp) :: u(3, n_slots), v(3, n_slots), strain(6), stress(6), rate(6), extra(6)
+        real(dp) :: corner_force(3, 4)
+        integer :: s, z, k
+
+        do s = 1, n_slots
+            u(:, s) = displacement(:, slot_node(s))
+            v(:, s) = velocity(:, slot_node(s))
+        end do
+        slot_force = 0.0_dp
+        strain_energy = 0.0_dp
+        damping_power = 0.0_dp
+
+        do z = 1, n_zones
+            strain = symmetric_gradient(u, zone_slot(:, z), zone_gradient(:, :, z), n_slots)
+            stress = hooke(zone_lambda(z), zone_shear(z), strain)
+            strain_energy = strain_energy + 0.5_dp*zone_volume(z)*work(stress, strain)
+            if (zone_beta(z) > 0.0_dp) then
+                rate = symmetric_gradient(v, zone_slot(:, z), zone_gradient(:, :, z), n_slots)
+                extra = zone_beta(z)*hooke(zone_lambda(z), zone_shear(z), rate)
+                damping_power = damping_power + zone_volume(z)*work(extra, rate)
+                stress = stress + extra
+            end if
+            corner_force = stress_on_corners(stress, zone_gradient(:, :, z), zone_volume(z))
+            do k = 1, 4
+                s = zone_slot(k, z)
+                slot_force(:, s) = slot_force(:, s) + corner_force(:, k)
+            end do
+        end do
+    end subroutine domain_forces
+
+    pure function symmetric_gradient(motion, slot, gradient, n_slots) result(strain)
+        !! xx yy zz and the engineering shears yz zx xy; theory.md (2.1).
+        integer, intent(in) :: n_slots, slot(4)
+        real(dp), intent(in) :: motion(3, n_slots), gradient(3, 3)
+        real(dp) :: strain(6), d(3, 3)
+
+        d(:, 1) = motion(:, slot(2)) - motion(:, slot(1))
+        d(:, 2) = motion(:, slot(3)) - motion(:, slot(1))
+        d(:, 3) = motion(:, slot(4)) - motion(:, slot(1))
+        associate (g => gradient)
+            strain(1) = d(1, 1)*g(1, 1) + d(1, 2)*g(1, 2) + d(1, 3)*g(1, 3)
+            strain(2) = d(2, 1)*g(2, 1) + d(2, 2)*g(2, 2) + d(2, 3)*g(2, 3)
+            strain(3) = d(3, 1)*g(3, 1) + d(3, 2)*g(3, 2) + d(3, 3)*g(3, 3)
+            strain(4) = d(2, 1)*g(3, 1) + d(2, 2)*g(3, 2) + d(2, 3)*g(3, 3) &
+                + d(3, 1)*g(2, 1) + d(3, 2)*g(2, 2) + d(3, 3)*g(2, 3)
+            strain(5) = d(3, 1)*g(1, 1) + d(3, 2)*g(1, 2) + d(3, 3)*g(1, 3) &
+                + d(1, 1)*g(3, 1) + d(1, 2)*g(3, 2) + d(1, 3)*g(3, 3)
+            strain(6) = d(1, 1)*g(2, 1) + d(1, 2)*g(2, 2) + d(1, 3)*g(2, 3) &
+                + d(2, 1)*g(1, 1) + d(2, 2)*g(1, 2) + d(2, 3)*g(1, 3)
+        end associate
+    end function symmetric_gradient
+
+    pure function hooke(lambda, shear, strain) result(stress)
+        !! Isotropic elasticity; theory.md (2.2).
+        real(dp), intent(in) :: lambda, shear, strain(6)
+        real(dp) :: stress(6), volumetric
+
+        volumetric = lambda*(strain(1) + strain(2) + strain(3))
+        stress(1:3) = volumetric + 2.0_dp*shear*strain(1:3)
+        stress(4:6) = shear*strain(4:6)
+    end function hooke
+
+    pure function work(stress, strain) result(density)
+        !! Stress times strain, engineering shears.
+        real(dp), intent(in) :: stress(6), strain(6)
+        real(dp) :: density
+
+        density = stress(1)*strain(1) + stress(2)*strain(2) + stress(3)*strain(3) &
+            + stress(4)*strain(4) + stress(5)*strain(5) + stress(6)*strain(6)
+    end function work
+
+    pure function stress_on_corners(stress, gradient, volume) result(force)
+        !! f_a = -V stress . grad N_a; the four forces add up to nothing; theory.md (2.3).
+        real(dp), intent(in) :: stress(6), gradient(3, 3), volume
+        real(dp) :: force(3, 4)
+        integer :: k
+
+        do k = 1, 3
+            associate (g => gradient(:, k))
+                force(1, k + 1) = -volume*(stress(1)*g(1) + stress(6)*g(2) + stress(5)*g(3))
+                force(2, k + 1) = -volume*(stress(6)*g(1) + stress(2)*g(2) + stress(4)*g(3))
+                force(3, k + 1) = -volume*(stress(5)*g(1) + stress(4)*g(2) + stress(3)*g(3))
+            end associate
+        end do
+        force(:, 1) = -(force(:, 2) + force(:, 3) + force(:, 4))
+    end function stress_on_corners
+
+end module pyblast_zones

@@ -1,0 +1,132 @@
+"""Named arrays in HDF5 files: model files, checkpoints, results; written whole or not at all."""
+
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from .errors import InputError, ReadError
+
+SCHEMA = 1
+MAX_BYTES = 16 * 2**30
+_FILTERS = {"gzip", "shuffle", "fletcher32", None}
+
+
+def write_arrays(path, groups, attributes):
+    """Write groups of named arrays beside the target, flush, then rename.
+
+    Parameters
+    ----------
+    path : path
+    groups : dict of str to dict of str to numpy array or number
+    attributes : dict of str to str, int or float
+    """
+    path = Path(path)
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with h5py.File(beside, "w", libver=("earliest", "v110")) as file:
+            file.attrs["schema"] = SCHEMA
+            for name, value in attributes.items():
+                file.attrs[name] = value
+            for group, arrays in groups.items():
+                for name, value in arrays.items():
+                    file.create_dataset(f"{group}/{name}", data=value)
+            file.flush()
+        with beside.open("rb") as file:
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except OSError as error:
+        raise ReadError(f"{path}: can't be written ({error.strerror or error})") from None
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def read_arrays(path):
+    """Read all groups of arrays and the attributes of a file.
+
+    Returns
+    -------
+    groups : dict of str to dict of str to numpy array
+    attributes : dict
+
+    Raises
+    ------
+    ReadError
+        If the file is no HDF5, is of another schema, or holds links to other places.
+    """
+    path = Path(path)
+    try:
+        with h5py.File(path, "r") as file:
+            attributes = dict(file.attrs)
+            if int(attributes.get("schema", -1)) != SCHEMA:
+                raise ReadError(
+                    f"{path}: schema must be {SCHEMA}, got {attributes.get('schema', 'none')}"
+                )
+            return {name: _read_group(path, file, name) for name in file}, attributes
+    except (OSError, KeyError, RuntimeError, ValueError) as error:
+        if isinstance(error, ReadError):
+            raise
+        raise ReadError(f"{path}: not a whole HDF5 file of pyblast ({error})") from None
+
+
+def _read_group(path, file, name):
+    """Read the arrays of one group; refuse links that lead outside and sizes beyond the cap."""
+    _refuse_link(path, file, name)
+    group = file[name]
+    if not isinstance(group, h5py.Group):
+        raise ReadError(f"{path}: '{name}' must be a group of arrays")
+    arrays = {}
+    for key in group:
+        _refuse_link(path, group, key)
+        data = group[key]
+        if not isinstance(data, h5py.Dataset) or data.external is not None or data.is_virtual:
+            raise ReadError(f"{path}: '{name}/{key}' must be an array held in the file itself")
+        if data.nbytes > MAX_BYTES or data.compression not in _FILTERS:
+            raise ReadError(f"{path}: '{name}/{key}' is too large ({data.nbytes} bytes) or packed oddly")
+        arrays[key] = data[()]
+    return arrays
+
+
+def _refuse_link(path, group, key):
+    """Refuse soft and external links."""
+    if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+        raise ReadError(f"{path}: '{key}' is a link to another place; copy the array into the file")
+
+
+def write_checkpoint(path, input_hash, step, state, motion, energy):
+    """Write everything that a run needs to go on."""
+    groups = {"state": state, "records": {"motion": motion, "energy": energy}}
+    write_arrays(path, groups, {"kind": "checkpoint", "input_sha256": input_hash, "step": step})
+
+
+def read_checkpoint(path, input_hash, state, motion, energy):
+    """Read a checkpoint of the model with this hash; the arrays given show the shapes wanted.
+
+    Raises
+    ------
+    InputError
+        If it belongs to another model.
+    ReadError
+        If something is missing or has another shape.
+    """
+    groups, attributes = read_arrays(path)
+    if attributes.get("kind") != "checkpoint":
+        raise ReadError(f"{path}: not a checkpoint")
+    if attributes.get("input_sha256") != input_hash:
+        raise InputError(f"{path}: checkpoint of another model or duration; start afresh")
+    wanted = {**{f"state/{n}": a for n, a in state.items()}}
+    wanted |= {"records/motion": motion, "records/energy": energy}
+    found = {}
+    for name, array in wanted.items():
+        group, key = name.split("/")
+        value = groups.get(group, {}).get(key)
+        if value is None or value.shape != array.shape or value.dtype != array.dtype:
+            raise ReadError(f"{path}: '{name}' is missing or has a wrong shape; start afresh")
+        found[name] = np.ascontiguousarray(value)
+    return (
+        int(attributes["step"]),
+        {name: found[f"state/{name}"] for name in state},
+        found["records/motion"],
+        found["records/energy"],
+    )
