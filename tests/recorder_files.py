@@ -1,0 +1,119 @@
+"""Writers of recorder layouts for the tests: invented motion, values as a device prints them."""
+
+import numpy as np
+
+RATE = 1024
+BEFORE = 0.125
+AMPLITUDE = {"Tran": 12.5, "Vert": 20.0, "Long": 8.0}
+FREQUENCY = {"Tran": 16.0, "Vert": 32.0, "Long": 8.0}
+ONSET = {"Tran": 0.0625, "Vert": 0.0, "Long": 0.03125}
+GRAVITY = 9806.65
+
+
+def motion(n_samples=384):
+    """Two cycles of a sine on each channel, mm/s; every peak falls on a sample."""
+    times = np.arange(n_samples) / RATE - BEFORE
+    record = {}
+    for name, size in AMPLITUDE.items():
+        since = times - ONSET[name]
+        on = (since >= 0.0) & (since <= 2.0 / FREQUENCY[name])
+        record[name] = np.where(on, size * np.sin(2.0 * np.pi * FREQUENCY[name] * since), 0.0)
+    return record
+
+
+def peak_time(name):
+    return ONSET[name] + 0.25 / FREQUENCY[name]
+
+
+def peak_acceleration(name):
+    """Largest forward difference of a sine, in g."""
+    return AMPLITUDE[name] * np.sin(2.0 * np.pi * FREQUENCY[name] / RATE) * RATE / GRAVITY
+
+
+def vector_sum(record):
+    """Largest vector sum at one instant, mm/s, and its time."""
+    length = np.sqrt(record["Tran"] ** 2 + record["Vert"] ** 2 + record["Long"] ** 2)
+    return length.max(), np.argmax(length) / RATE - BEFORE
+
+
+def instantel_ascii(record=None, *, changes=None, unit="mm/s", end="\n", microphone=False):
+    record = motion() if record is None else record
+    n_samples = len(record["Tran"])
+    total, at = vector_sum(record)
+    header = {
+        "Event Type": "Full Waveform", "Serial Number": "XX00000",
+        "Version": " V 10-89 Micromate ISEE", "File Name": "XX00000_20250102130405.IDFW",
+        "Event Time": "13:04:05", "Event Date": "January 2, 2025", "Trigger": "Vert",
+        "Geo Trigger Level": f"1.000 {unit}", "Pre-trigger Length": f"-{BEFORE} sec",
+        "Record Time": f"{n_samples / RATE - BEFORE} sec", "Sample Rate": f"{RATE} sps",
+        "Battery Level": "3.8 Volts", "Calibration": "January 1, 2025 by Instantel",
+        "Units": f"{unit} and {'pa' if microphone else ''}", "Location:": "Bench  7 : north",
+        "General:": "", "Geo Range": f"254.0 {unit}",
+    }  # fmt: skip
+    header |= {f"{n} PPV": f"{AMPLITUDE[n]:.3f} {unit}" for n in AMPLITUDE}
+    header |= {f"{n} ZC Freq": f"{FREQUENCY[n]:.0f} Hz" for n in AMPLITUDE}
+    header |= {f"{n} Time of Peak": f"{peak_time(n):.3f} sec" for n in AMPLITUDE}
+    millimetres = 25.4 if unit == "in/s" else 1.0
+    header |= {
+        f"{n} Peak Acceleration": f"{millimetres * peak_acceleration(n):.3f} g" for n in AMPLITUDE
+    }
+    header |= {"Peak Vector Sum": f"{total:.3f} {unit}", "Peak Vector Sum Time": f"{at:.3f} sec"}
+    header |= {"Tran  Test Freq": "7.7 Hz", "PC SW Version": "V 10.74"} | (changes or {})
+    names = [*AMPLITUDE, *(["MicL"] if microphone else [])]
+    columns = [record[n] for n in AMPLITUDE] + ([np.zeros(n_samples)] if microphone else [])
+    lines = [f'"{key} : {value}"' for key, value in header.items() if value is not None]
+    lines += ["", "\t".join(f" {name} " for name in names)]
+    lines += ["\t".join(f" {x:.4f} " for x in row) for row in zip(*columns, strict=True)]
+    return end.join([*lines, ""])
+
+
+def instantel_csv(record=None, *, changes=None, decimal=".", delimiter=","):
+    record = motion() if record is None else record
+    header = {
+        "EventType": "Full Waveform", "SampleRate": f"{RATE} sps", "Units": "mm/s and dB(L)",
+        "EventTime": "13:04:05", "EventDate": "2025-01-02", "TitleNote1": "Location:",
+        "TitleString1": "House 12", "SerialNumber": "UM00000", "GpsDistance": "1450.5 m",
+        "PeakVectorSum": f"{vector_sum(record)[0]:.3f} mm/s", "MicPSPL": "114.6 dB(L)",
+    }  # fmt: skip
+    header |= {f"{n}PPV": f"{AMPLITUDE[n]:.3f} mm/s" for n in AMPLITUDE}
+    header |= {f"{n}ZCFreq": f"{FREQUENCY[n]:.1f} Hz" for n in AMPLITUDE}
+    header |= {f"{n}TimeofPeak": f"{peak_time(n):.3f} sec" for n in AMPLITUDE} | (changes or {})
+    rows = [[key, value] for key, value in header.items() if value is not None]
+    rows += [["Channel", name] for name in AMPLITUDE] + [list(AMPLITUDE)]
+    rows += [[f"{x:.4f}".replace(".", decimal) for x in row]
+             for row in zip(*(record[n] for n in AMPLITUDE), strict=True)]
+    return "\r\n".join(delimiter.join(f'"{cell}"' for cell in row) for row in rows) + "\r\n"
+
+
+def texcel(record=None, *, frequency=RATE):
+    record = motion() if record is None else record
+    beside = {0: f",,,,Frequency [Hz],{frequency}", 1: ",,,,Monitor:,7917",
+              2: ",,,,Calibrated:,28/05/2025"}  # fmt: skip
+    rows = ["Sample Time,RADIAL,TRANSVERSE,VERTICAL,MICROPHONE", "[s],[mm/s],[mm/s],[mm/s],[Pa]"]
+    rows += [
+        f"{n / RATE - BEFORE:.6f},{record['Long'][n]:.4f},{record['Tran'][n]:.4f},"
+        f"{record['Vert'][n]:.4f},0.0"
+        for n in range(len(record["Tran"]))
+    ]
+    return "\n".join(row + beside.get(n, "") for n, row in enumerate(rows)) + "\n"
+
+
+def vibracord(record=None, *, rate=f"{RATE} sps"):
+    record = motion() if record is None else record
+    sums = np.sqrt(sum(x**2 for x in record.values()))
+    lines = ['"Serial number","900"', '"Date of calibration","2025-01-01"',
+             '"Date & Time","2025-01-02 13:04:05"', f'"Sampling rate","{rate}"',
+             f'"Pretrigger","{BEFORE} s"', '"Latitude","0.0"']  # fmt: skip
+    lines.append('"Time","Channel 1 (mm/s)","Channel 2 (mm/s)","Channel 3 (mm/s)",'
+                 '"Channel 4 (Pa)","Vector sum 1 (mm/s)"')
+    lines += [
+        f'"{n / RATE:.6f}","{record["Vert"][n]:.4f}","{record["Long"][n]:.4f}",'
+        f'"{record["Tran"][n]:.4f}","0.0","{sums[n]:.4f}"'
+        for n in range(len(sums))
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def generic(header="time_s,east_m_per_s,north_m_per_s,vertical_m_per_s", rows=None):
+    rows = [[0.001 * n, 1e-3 * n, -1e-3 * n, 0.0] for n in range(8)] if rows is None else rows
+    return "\n".join([header, *(",".join(f"{x:.6g}" for x in row) for row in rows)]) + "\n"
