@@ -73,7 +73,7 @@ def _duplicates(blast):
 
 
 def _far_holes(blast):
-    """Find holes more than 1 km from the centroid; the median keeps one stray hole from moving it."""
+    """Find holes more than 1 km from the centroid, taken by the median so that none moves it."""
     away = np.linalg.norm(blast.centres - np.median(blast.centres, axis=0), axis=1)
     if np.any(away > FAR_AWAY):
         yield f"More than 1 km from the centroid of the blast: {blast.named(away > FAR_AWAY)}."

@@ -1,11 +1,23 @@
-"""The kinds of hole tables that are known by their columns."""
+"""The quantities of a hole table and the kinds of tables that are known by their columns."""
 
 import re
 from dataclasses import dataclass, replace
 
+NAMES = ("id", "blast", "from_hole")
+LENGTHS, TIMES = ("m", "mm", "ft"), ("s", "ms")
+UNITS = {
+    **dict.fromkeys(("x", "y", "z", "x_toe", "y_toe", "z_toe", "diameter", "length"), LENGTHS),
+    **dict.fromkeys(("deck_top", "deck_base"), LENGTHS),
+    **dict.fromkeys(("delay", "relative_delay"), TIMES),
+    **dict.fromkeys(("inclination", "bearing"), ("deg",)),
+    **dict.fromkeys(NAMES, ("",)),
+    "charge": ("kg", "lb"),
+}
+
+
 @dataclass(frozen=True)
 class Layout:
-    """A kind of hole table: the column of each quantity (the unit is in the key) and the conventions.
+    """A kind of hole table: the column of each quantity, its unit in the key, and the conventions.
 
     Columns are header names, or numbers from 0 where the file has no header. ``needs`` are the
     keys without which a file is not of this kind; ``angle_from`` is empty where not known.

@@ -11,21 +11,12 @@ import numpy as np
 
 from .blast import Blast
 from .errors import InputError, ReadError
-from .hole_layouts import Layout, plain, recognise
+from .hole_layouts import NAMES, UNITS, Layout, plain, recognise
 from .units import split_key, to_si
 
 LARGEST_FILE = 50_000_000
 ABSENT = {"", "na", "n/a", "nan", "null", "none", "-"}
-NAMES = ("id", "blast", "from_hole")
-LENGTHS, TIMES = ("m", "mm", "ft"), ("s", "ms")
-UNITS = {
-    **dict.fromkeys(("x", "y", "z", "x_toe", "y_toe", "z_toe", "diameter", "length"), LENGTHS),
-    **dict.fromkeys(("deck_top", "deck_base"), LENGTHS),
-    **dict.fromkeys(("delay", "relative_delay"), TIMES),
-    **dict.fromkeys(("inclination", "bearing"), ("deg",)),
-    **dict.fromkeys(NAMES, ("",)),
-    "charge": ("kg", "lb"),
-}
+TIE = ":::"
 OPTIONS = {
     "delimiter": (",", ";", "\t", "|"),
     "decimal": (".", ","),
@@ -60,18 +51,17 @@ def read_blast(path, mapping=None) -> Blast:
         If the file or the mapping can't be understood; names file, line and column.
     """
     path = Path(path)
-    layout, options = (None, {}) if mapping is None else _read_mapping(mapping)
+    asked, options = (None, {}) if mapping is None else _read_mapping(mapping)
     rows = _read_rows(path, options)
-    if layout is None:
-        layout, has_header = recognise(rows[0][1])
-        if layout is None:
-            raise ReadError(
-                f"{path.name}: the columns {', '.join(rows[0][1][:12])} are no known hole table; "
-                "give a mapping"
-            )
+    names = rows[0][1]
+    if asked is None:
+        layout, has_header = recognise(names)
     else:
         has_header = options.get("header", True)
-        layout = _locate(path, layout, rows[0][1], has_header)
+        layout = _locate(path, asked, names, has_header)
+    if layout is None:
+        some = ", ".join(names[:12])
+        raise ReadError(f"{path.name}: the columns {some} are no known hole table; give a mapping")
     rows = rows[1:] if has_header else rows
     if not rows:
         raise ReadError(f"{path.name}: a header but no holes")
@@ -122,15 +112,15 @@ def absolute_times(names, origins, delays):
 def _read_rows(path, options):
     """Rows of a CSV file with their line numbers; blank lines and # comments are left out."""
     try:
-        raw = path.read_bytes() if path.stat().st_size <= LARGEST_FILE else None
-    except OSError as error:
-        raise ReadError(f"{path}: can't be read: {error.strerror}") from None
-    if raw is None:
-        raise ReadError(f"{path.name}: larger than {LARGEST_FILE // 10**6} MB, no hole table")
-    try:
-        text = raw.decode("utf-8-sig")
+        if path.stat().st_size > LARGEST_FILE:
+            raise ReadError(f"{path.name}: larger than {LARGEST_FILE // 10**6} MB, no hole table")
+        text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ReadError(f"{path.name}: byte {error.start} is not UTF-8; save it as UTF-8") from None
+    except ReadError:
+        raise
+    except OSError as error:
+        raise ReadError(f"{path}: can't be read: {error.strerror}") from None
     if "\0" in text:
         raise ReadError(f"{path.name}: holds zero bytes, expected a text file")
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=options.get("delimiter", ","))
@@ -158,8 +148,7 @@ def _read_mapping(mapping):
     columns, options = mapping.get("columns"), mapping.get("table", {})
     if not (isinstance(columns, dict) and isinstance(options, dict)):
         raise ReadError("mapping: needs a table [columns] and may have a table [table]")
-    unknown = (set(mapping) - {"columns", "table"}) | (set(options) - set(OPTIONS))
-    if unknown:
+    if unknown := (set(mapping) - {"columns", "table"}) | (set(options) - set(OPTIONS)):
         raise ReadError(f"mapping: unknown {min(unknown)}; [table] takes {', '.join(OPTIONS)}")
     for key in columns:
         stem, unit = split_key(key)
@@ -293,11 +282,13 @@ def _times(columns, ids, notes):
         raise ReadError(f"no firing time for {len(lost)} holes: {', '.join(lost[:5])}")
     if not tied:
         return delays
-    blasts = columns.get("blast", [""] * len(ids))
-    names = [f"{blast}:::{name}" for blast, name in zip(blasts, ids, strict=True)]
-    origins = []
-    for blast, origin in zip(blasts, columns.get("from_hole", [""] * len(ids)), strict=True):
-        absent = origin.lower() in ABSENT
-        alone = f"{blast}:::{origin.rpartition(':::')[2] if 'blast' not in columns else origin}"
-        origins.append("" if absent else origin if origin in names else alone)
-    return absolute_times(names, origins, delays)
+    origins = columns.get("from_hole", [""] * len(ids))
+    origins = ["" if origin.lower() in ABSENT else origin for origin in origins]
+    if "blast" not in columns:
+        return absolute_times(ids, [origin.rpartition(TIE)[2] for origin in origins], delays)
+    names = [f"{blast}{TIE}{name}" for blast, name in zip(columns["blast"], ids, strict=True)]
+    full = [
+        origin if TIE in origin or not origin else f"{blast}{TIE}{origin}"
+        for blast, origin in zip(columns["blast"], origins, strict=True)
+    ]
+    return absolute_times(names, full, delays)

@@ -236,7 +236,7 @@ def scaled_distance_ppv(distance, charge, k=0.5, exponent=1.6):
 
 
 def cavity_moment(radius, pressure, cp, cs):
-    """Return the isotropic moment ``M0 = pi a^3 p0 cp^2 / cs^2`` [N m] of a cavity at rest at p0."""
+    """Return the isotropic moment ``M0 = pi a^3 p0 cp^2 / cs^2`` [N m] of a lasting pressure p0."""
     return math.pi * radius**3 * pressure * (cp / cs) ** 2
 
 
