@@ -121,8 +121,14 @@ class Blast:
         object.__setattr__(self, "notes", tuple(self.notes))
         n = len(collar)
         shapes = {
-            "collar": (n, 3), "toe": (n, 3), "charge": (n,), "times": (n,), "diameter": (n,),
-            "deck": (n, 2), "stated_length": (n,), "stated_inclination": (n,),
+            "collar": (n, 3),
+            "toe": (n, 3),
+            "charge": (n,),
+            "times": (n,),
+            "diameter": (n,),
+            "deck": (n, 2),
+            "stated_length": (n,),
+            "stated_inclination": (n,),
         }
         for name, shape in shapes.items():
             object.__setattr__(self, name, _per_hole(name, getattr(self, name), shape))

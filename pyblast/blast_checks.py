@@ -26,8 +26,13 @@ def hole_sentences(blast):
         Times and charge per 8 ms window always; every other sentence only where it applies.
     """
     return [
-        _timing(blast), _charging(blast), *_duplicates(blast), *_far_holes(blast),
-        *_angles(blast), *_lengths(blast), *_tight_charges(blast),
+        _timing(blast),
+        _charging(blast),
+        *_duplicates(blast),
+        *_far_holes(blast),
+        *_angles(blast),
+        *_lengths(blast),
+        *_tight_charges(blast),
     ]
 
 
@@ -67,7 +72,7 @@ def _duplicates(blast):
     n_shared = len(cells) - len(np.unique(cells, axis=0))
     if n_shared:
         yield f"{n_shared} charges lie within 1 cm of another charge of the table."
-    (instant, count), = Counter(np.round(blast.times / SAME_INSTANT)).most_common(1)
+    ((instant, count),) = Counter(np.round(blast.times / SAME_INSTANT)).most_common(1)
     if count > 1:
         yield f"Up to {count} charges share one instant (at {1e3 * instant * SAME_INSTANT:g} ms)."
 

@@ -34,12 +34,21 @@ _PLACE = {"x_m": "x_m", "y_m": "y_m", "z_m": "z_m"}
 _TOE = {"x_toe_m": "x_toe_m", "y_toe_m": "y_toe_m", "z_toe_m": "z_toe_m"}
 _DECK = {"deck_top_m": "deck_top_m", "deck_base_m": "deck_base_m", "diameter_mm": "diameter_mm"}
 _LOGIC = {
-    "blast": "blast", "id": "hole_id", "diameter_mm": "diameter", "length_m": "length",
-    "inclination_deg": "angle", "bearing_deg": "bearing", "delay_ms": "time",
+    "blast": "blast",
+    "id": "hole_id",
+    "diameter_mm": "diameter",
+    "length_m": "length",
+    "inclination_deg": "angle",
+    "bearing_deg": "bearing",
+    "delay_ms": "time",
 }
 _KIRRA_PLACES = {
-    "x_m": "startxlocation", "y_m": "startylocation", "z_m": "startzlocation",
-    "x_toe_m": "endxlocation", "y_toe_m": "endylocation", "z_toe_m": "endzlocation",
+    "x_m": "startxlocation",
+    "y_m": "startylocation",
+    "z_m": "startzlocation",
+    "x_toe_m": "endxlocation",
+    "y_toe_m": "endylocation",
+    "z_toe_m": "endzlocation",
 }
 WITH_HEADER = (
     Layout(
@@ -49,29 +58,62 @@ WITH_HEADER = (
     ),
     Layout(
         "table of charge centres",
-        {"id": "id", "x_m": "x", "y_m": "y", "z_m": "z", "charge_kg": "charge_kg",
-         "delay_s": "delay_s"},
+        {
+            "id": "id",
+            "x_m": "x",
+            "y_m": "y",
+            "z_m": "z",
+            "charge_kg": "charge_kg",
+            "delay_s": "delay_s",
+        },
         ("id", "x_m", "y_m", "z_m", "charge_kg", "delay_s"),
     ),
     Layout(
         "BlastLogic export",
-        {**_LOGIC, "x_m": "startx", "y_m": "starty", "z_m": "startz", "x_toe_m": "endx",
-         "y_toe_m": "endy", "z_toe_m": "endz", "charge_kg": "measured_mass"},
-        ("id", "x_m", "y_m", "z_m", "delay_ms"), angle_from="vertical",
+        {
+            **_LOGIC,
+            "x_m": "startx",
+            "y_m": "starty",
+            "z_m": "startz",
+            "x_toe_m": "endx",
+            "y_toe_m": "endy",
+            "z_toe_m": "endz",
+            "charge_kg": "measured_mass",
+        },
+        ("id", "x_m", "y_m", "z_m", "delay_ms"),
+        angle_from="vertical",
     ),
     Layout(
         "BlastLogic plan",
-        {**_LOGIC, "x_m": "x", "y_m": "y", "z_m": "z", "x_toe_m": "toex", "y_toe_m": "toey",
-         "z_toe_m": "toez", "charge_kg": "planned_explosive_mass_kg"},
-        ("blast", "id", "x_m", "y_m", "z_m", "delay_ms"), angle_from="vertical",
+        {
+            **_LOGIC,
+            "x_m": "x",
+            "y_m": "y",
+            "z_m": "z",
+            "x_toe_m": "toex",
+            "y_toe_m": "toey",
+            "z_toe_m": "toez",
+            "charge_kg": "planned_explosive_mass_kg",
+        },
+        ("blast", "id", "x_m", "y_m", "z_m", "delay_ms"),
+        angle_from="vertical",
     ),
     Layout(
         "Kirra export",
-        {"blast": "entityname", "id": "holeid", **_KIRRA_PLACES, "diameter_mm": "holediameter",
-         "length_m": "holelengthcalculated", "inclination_deg": "holeangle",
-         "bearing_deg": "holebearing", "from_hole": "fromholeid",
-         "relative_delay_ms": "timingdelaymilliseconds", "charge_kg": "measuredmass"},
-        ("blast", "id", *_KIRRA_PLACES, "from_hole", "relative_delay_ms"), angle_from="vertical",
+        {
+            "blast": "entityname",
+            "id": "holeid",
+            **_KIRRA_PLACES,
+            "diameter_mm": "holediameter",
+            "length_m": "holelengthcalculated",
+            "inclination_deg": "holeangle",
+            "bearing_deg": "holebearing",
+            "from_hole": "fromholeid",
+            "relative_delay_ms": "timingdelaymilliseconds",
+            "charge_kg": "measuredmass",
+        },
+        ("blast", "id", *_KIRRA_PLACES, "from_hole", "relative_delay_ms"),
+        angle_from="vertical",
     ),
 )
 
@@ -82,8 +124,13 @@ def _kirra_columns(first, **others):
     return {**dict(places), **others}
 
 
-_KIRRA_LONG = {"blast": 0, "diameter_mm": 15, "from_hole": 17, "relative_delay_ms": 18,
-               "charge_kg": 26}
+_KIRRA_LONG = {
+    "blast": 0,
+    "diameter_mm": 15,
+    "from_hole": 17,
+    "relative_delay_ms": 18,
+    "charge_kg": 26,
+}
 WITHOUT_HEADER = {
     4: {"id": 0, "x_m": 1, "y_m": 2, "z_m": 3},
     7: _kirra_columns(0),

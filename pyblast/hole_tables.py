@@ -96,7 +96,7 @@ def absolute_times(names, origins, delays):
         chain, n = [], start
         while n is not None and math.isnan(times[n]):
             if n in chain:
-                circle = [names[k] for k in chain[chain.index(n):]]
+                circle = [names[k] for k in chain[chain.index(n) :]]
                 raise ReadError(f"hole ties run in a circle: {' <- '.join(circle[:6])}")
             chain.append(n)
             origin = origins[n]
@@ -165,7 +165,9 @@ def _read_mapping(mapping):
     if needed - stems:
         raise ReadError(f"mapping: columns.{min(needed - stems)}_m is missing")
     return Layout(
-        "mapped table", columns, axes=options.get("axes", "east_north"),
+        "mapped table",
+        columns,
+        axes=options.get("axes", "east_north"),
         angle_from=options.get("angle_from", ""),
     ), options
 

@@ -149,7 +149,10 @@ class Seismogram:
                 f"{nyquist:g} Hz, got {', '.join(f'{c:g}' for c in corners)} Hz"
             )
         sections = signal.butter(
-            FILTER_ORDER, corners if len(corners) > 1 else corners[0], kind, fs=1.0 / self.dt,
+            FILTER_ORDER,
+            corners if len(corners) > 1 else corners[0],
+            kind,
+            fs=1.0 / self.dt,
             output="sos",
         )
         padding = min(len(self.velocity) - 1, math.ceil(3.0 / (min(corners) * self.dt)))

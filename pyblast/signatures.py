@@ -151,7 +151,15 @@ def cavity_response(density, cp, cs, radius, pulse, distance, dt, duration) -> n
     """
     if isinstance(pulse, CavityPulse):
         return cavity_signature(
-            density, cp, cs, radius, pulse.pressure, distance, dt, duration, pulse.rise,
+            density,
+            cp,
+            cs,
+            radius,
+            pulse.pressure,
+            distance,
+            dt,
+            duration,
+            pulse.rise,
             pulse.decay,
         )
     _check_path(density, cp, cs, radius, distance, dt, duration)
@@ -246,9 +254,7 @@ def _check_path(density, cp, cs, radius, distance, dt, duration):
         if not 0.0 < value < math.inf:
             raise InputError(f"cavity.{name}: must be positive, got {value:g}")
     if not cs * math.sqrt(4.0 / 3.0) < cp < math.inf:
-        raise InputError(
-            f"cavity.cp: must exceed 1.155 cs = {1.1547 * cs:g} m/s, got {cp:g} m/s"
-        )
+        raise InputError(f"cavity.cp: must exceed 1.155 cs = {1.1547 * cs:g} m/s, got {cp:g} m/s")
     if not distance >= radius:
         raise InputError(
             f"cavity.distance: must be at least the radius {radius:g} m, got {distance:g} m"

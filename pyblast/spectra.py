@@ -235,7 +235,7 @@ def lowpass(seismogram: Seismogram, corner=LOW_PASS) -> LowPassed:
 
 
 def _without_mean(seismogram):
-    """Same record around zero."""
+    """Take the mean off each component."""
     velocity = seismogram.velocity - np.mean(seismogram.velocity, axis=0)
     return Seismogram(velocity, seismogram.dt, seismogram.start)
 

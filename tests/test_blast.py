@@ -10,8 +10,12 @@ PAPER = Firing.rows(4, 15, 0.040)
 def blast(n_holes=4, **changes):
     collar = np.column_stack([7.5 * np.arange(n_holes), np.zeros(n_holes), np.zeros(n_holes)])
     values = {
-        "name": "test", "collar": collar, "toe": collar - [0.0, 0.0, 17.0], "charge": 450.0,
-        "times": 0.040 * np.arange(n_holes), "diameter": 0.25,
+        "name": "test",
+        "collar": collar,
+        "toe": collar - [0.0, 0.0, 17.0],
+        "charge": 450.0,
+        "times": 0.040 * np.arange(n_holes),
+        "diameter": 0.25,
     }
     return Blast(**{**values, **changes})
 
@@ -40,8 +44,15 @@ def test_the_comb_of_the_paper_is_zero_at(hz):
 
 @pytest.mark.parametrize(
     ("hz", "level", "tolerance"),
-    [(0.0, 1.0, 1e-12), (2.85, 0.5**0.5, 2e-3), (4.0, 0.47, 1e-3), (9.15, 0.27, 3e-3),
-     (15.85, 0.27, 3e-3), (20.0, 0.25, 1e-12), (25.0, 1.0, 1e-12)],
+    [
+        (0.0, 1.0, 1e-12),
+        (2.85, 0.5**0.5, 2e-3),
+        (4.0, 0.47, 1e-3),
+        (9.15, 0.27, 3e-3),
+        (15.85, 0.27, 3e-3),
+        (20.0, 0.25, 1e-12),
+        (25.0, 1.0, 1e-12),
+    ],
 )
 def test_the_comb_of_the_paper_has_its_levels(hz, level, tolerance):
     assert PAPER.comb_spectrum(hz) == pytest.approx([level], abs=tolerance)
@@ -100,9 +111,7 @@ def test_the_charge_of_the_paper_fills_10_8_of_17_m():
 def test_checks_give_times_and_charge_first():
     first, second, *_ = blast().checks()
 
-    assert first == (
-        "4 charges fire at 4 instants, the first at 0 ms, the last at 120 ms."
-    )
+    assert first == ("4 charges fire at 4 instants, the first at 0 ms, the last at 120 ms.")
     assert second.startswith("The largest charge in any 8 ms window is 450 kg, from 0 ms on")
 
 
@@ -136,7 +145,7 @@ def test_checks_find_a_hole_far_away():
 
 
 def test_checks_say_that_45_degrees_is_ambiguous():
-    toe = blast().collar + [12.0, 0.0, -12.0]
+    toe = blast().collar + np.array([12.0, 0.0, -12.0])
 
     assert "near 45 degrees" in sentences(toe=toe, stated_inclination=np.radians(45.0))
 

@@ -8,7 +8,11 @@ MINIMUM = "id,x_m,y_m,z_m,x_toe_m,y_toe_m,z_toe_m,charge_kg,delay_ms"
 CENTRES = "id,x,y,z,charge_kg,delay_s"
 MAPPED = {
     "columns": {
-        "id": "Loch", "y_m": "Hochwert", "x_m": "Rechtswert", "z_m": "Höhe", "charge_kg": "Ladung",
+        "id": "Loch",
+        "y_m": "Hochwert",
+        "x_m": "Rechtswert",
+        "z_m": "Höhe",
+        "charge_kg": "Ladung",
         "delay_ms": "Zeit",
     },
     "table": {"delimiter": ";", "decimal": ","},
@@ -144,8 +148,14 @@ def test_a_mapping_may_count_columns_and_swap_axes(table):
 @pytest.mark.parametrize(("datum", "angle"), [("vertical", 30.0), ("horizontal", 60.0)])
 @pytest.mark.parametrize("axes", ["east_north", "north_east"])
 def test_toes_follow_from_length_bearing_and_the_datum_of_the_angle(table, datum, angle, axes):
-    columns = {"x_m": "X", "y_m": "Y", "z_m": "Z", "length_m": "L", "inclination_deg": "A",
-               "bearing_deg": "B"}
+    columns = {
+        "x_m": "X",
+        "y_m": "Y",
+        "z_m": "Z",
+        "length_m": "L",
+        "inclination_deg": "A",
+        "bearing_deg": "B",
+    }
     mapping = {"columns": columns, "table": {"angle_from": datum, "axes": axes}}
 
     blast = read_blast(table(f"X,Y,Z,L,A,B\n0,0,0,10,{angle},90\n"), mapping)
@@ -154,8 +164,9 @@ def test_toes_follow_from_length_bearing_and_the_datum_of_the_angle(table, datum
 
 
 def test_an_angle_without_datum_is_refused(table):
-    mapping = {"columns": {"x_m": "X", "y_m": "Y", "z_m": "Z", "length_m": "L",
-                           "inclination_deg": "A"}}
+    mapping = {
+        "columns": {"x_m": "X", "y_m": "Y", "z_m": "Z", "length_m": "L", "inclination_deg": "A"}
+    }
 
     with pytest.raises(ReadError, match="angle_from"):
         read_blast(table("X,Y,Z,L,A\n0,0,0,10,15\n"), mapping)

@@ -11,7 +11,11 @@ def test_house_example_ends_with_a_figure_and_a_ppv(tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "agg"}
     done = subprocess.run(
         [sys.executable, ROOT / "examples" / "02_house_limits.py", figure],
-        env=environment, capture_output=True, text=True, timeout=120, check=True,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
     )
 
     assert figure.read_bytes().startswith(b"\x89PNG")

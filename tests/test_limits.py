@@ -26,8 +26,19 @@ def test_usbm_curve_is_its_formula_everywhere(key, flat):
 
 @pytest.mark.parametrize(
     ("hz", "limit"),
-    [(1, 4.8), (2, 9.6), (4, 12.7), (7, 12.7), (10, 12.8), (12, 15.3), (15, 19.2), (20, 25.5),
-     (30, 38.3), (40, 50.8), (200, 50.8)],
+    [
+        (1, 4.8),
+        (2, 9.6),
+        (4, 12.7),
+        (7, 12.7),
+        (10, 12.8),
+        (12, 15.3),
+        (15, 19.2),
+        (20, 25.5),
+        (30, 38.3),
+        (40, 50.8),
+        (200, 50.8),
+    ],
 )
 def test_usbm_plaster_at_the_published_points(hz, limit):
     assert 1e3 * LIMITS["usbm_plaster"].limit(hz) == pytest.approx(limit, abs=0.06)

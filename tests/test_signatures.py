@@ -108,7 +108,11 @@ def test_a_pulse_peaks_at_its_pressure(pulse):
 
 def test_three_components_point_along_the_ray():
     seismogram = cavity_seismogram(
-        *ROCK, SmoothPulse(PRESSURE, 0.02), source=(1, 2, 3), receiver=(31, 42, 3), dt=1 / 1024,
+        *ROCK,
+        SmoothPulse(PRESSURE, 0.02),
+        source=(1, 2, 3),
+        receiver=(31, 42, 3),
+        dt=1 / 1024,
         duration=0.5,
     )
 
@@ -139,8 +143,16 @@ def test_the_assumed_law_keeps_450_kg_at_39_m_below_the_clipping_level():
 )
 def test_an_impossible_cavity_is_refused(changes, message):
     values = {
-        "density": DENSITY, "cp": CP, "cs": CS, "radius": RADIUS, "pressure": PRESSURE,
-        "distance": 39.0, "dt": 1e-3, "duration": 0.1, "rise": RISE, "decay": DECAY,
+        "density": DENSITY,
+        "cp": CP,
+        "cs": CS,
+        "radius": RADIUS,
+        "pressure": PRESSURE,
+        "distance": 39.0,
+        "dt": 1e-3,
+        "duration": 0.1,
+        "rise": RISE,
+        "decay": DECAY,
     }
 
     with pytest.raises(InputError, match=message):
