@@ -25,6 +25,10 @@ _MAPPING = {
     "time_column": (int, str), "time_unit": str, "sampling_rate": float, "pretrigger": float,
     "full_scale": float, "instrument": str, "serial": str, "label": str,
 }  # fmt: skip
+_KNOWN_KEYS = (
+    *(key for key, kind in _MAPPING.items() if kind is not float),
+    "sampling_rate_hz", "pretrigger_s", "full_scale_mm_per_s",
+)  # fmt: skip
 _DELIMITERS = (",", ";", "\t", " ", "|")
 _MAX_MAPPING_BYTES = 100_000
 
@@ -103,7 +107,7 @@ def _load_mapping(path):
     for key, value in table.items():
         stem = split_key(key)[0] if key not in _MAPPING else key
         if stem not in _MAPPING or (key == stem and _MAPPING[stem] is float):
-            near = difflib.get_close_matches(key, [*_MAPPING, "sampling_rate_hz", "pretrigger_s"])
+            near = difflib.get_close_matches(key, _KNOWN_KEYS)
             hint = f", did you mean {near[0]}" if near else ""
             raise InputError(f"{path}: unknown key '{key}'{hint}")
         kind = (int, float) if _MAPPING[stem] is float else _MAPPING[stem]

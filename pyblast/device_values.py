@@ -78,8 +78,9 @@ def plateau_level(samples: np.ndarray) -> float | None:
     """Find the level at which a converter of unknown full scale has clipped.
 
     Three or more equal consecutive samples at the extreme count, unless they are what rounding
-    makes of a smooth peak: the signal must leave the plateau on one side by more than 2.5 steps
-    of the finest difference in the record, and the level be at least 16 of them.
+    makes of a smooth peak: the flank, continued over half of the plateau, must overshoot the
+    level by more than 8 steps of the finest difference in the record (a parabola: 7 at most),
+    and the level be at least 32 of them.
     """
     values = np.unique(samples)
     if len(values) < 3:
@@ -89,12 +90,23 @@ def plateau_level(samples: np.ndarray) -> float | None:
     for extreme in (samples == values[-1], samples == values[0]):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], extreme.astype(np.int8), [0]])))
         for first, last in zip(edges[::2], edges[1::2], strict=True):
-            beside = [n for n in (first - 1, last) if 0 <= n < len(samples)]
-            leaves = max(abs(samples[n] - samples[first]) for n in beside) > 2.5 * step
-            large = size[first] >= max(16.0 * step, np.max(size) * (1.0 - PLATEAU_MARGIN))
-            if last - first >= PLATEAU and leaves and large:
-                return float(size[first])
+            level = float(size[first])
+            if last - first < PLATEAU or level < np.max(size) * (1.0 - PLATEAU_MARGIN):
+                continue
+            over = max(_overshoot(samples[:first][::-1], samples[first], last - first),
+                       _overshoot(samples[last:], samples[first], last - first))
+            if over > 8.0 * step and level >= 32.0 * step:
+                return level
     return None
+
+
+def _overshoot(flank, level, length):
+    """Continue a flank, nearest sample first, to the middle of a plateau of that length."""
+    reach = length // 2
+    if len(flank) <= reach:
+        return 0.0
+    near, far = abs(flank[0] - level), abs(flank[reach] - level)
+    return (far - near) / reach * 0.5 * (length + 1) - near
 
 
 def is_dead(samples: np.ndarray) -> bool:

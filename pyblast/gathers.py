@@ -8,7 +8,8 @@ import numpy as np
 from .device_values import at_level, is_dead, plateau_level
 from .errors import InputError, ReadError
 from .raw_record import MAX_FILE_BYTES, read_bytes
-from .seismic_formats import read_traces, sniff_seismic
+from .seismic_bytes import sniff_seismic
+from .seismic_formats import read_traces
 from .units import FACTORS
 
 _LENGTH_UNITS = {"METERS": "m", "CENTIMETERS": "cm", "FEET": "ft", "MILLIMETERS": "mm"}

@@ -12,7 +12,8 @@ from .device_values import check_printed, clipped_samples, is_dead
 from .errors import InputError, PyblastWarning, ReadError
 from .gathers import Gather, read_gather
 from .raw_record import MAX_FILE_BYTES, RawRecord, decode_lines, read_bytes
-from .seismic_formats import deconvolve, read_traces, sniff_seismic, station_records
+from .seismic_bytes import sniff_seismic
+from .seismic_formats import deconvolve, read_traces, station_records
 from .seismogram import BLAST_AXES, GEOGRAPHIC, Seismogram
 from .seismograph_formats import TEXT_FORMATS, TextFormat
 

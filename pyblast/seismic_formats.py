@@ -1,7 +1,6 @@
 """Seismological formats through obspy, each chosen by its magic bytes and never guessed."""
 
 import io
-import struct
 import warnings
 from itertools import pairwise
 from pathlib import Path
@@ -11,48 +10,39 @@ import obspy
 
 from .errors import InputError, ReadError
 from .raw_record import RawRecord, read_bytes
+from .seismic_bytes import check_bytes
 from .units import FACTORS
 
 SEED_COMPONENTS = {"E": "east", "N": "north", "Z": "vertical"}
 _MAX_METADATA_BYTES = 50_000_000
-_SEG2_SAMPLE_BYTES = {1: 2, 2: 4, 3: 2.5, 4: 4, 5: 8}
 _PAZ_KEYS = {"poles", "zeros", "gain", "sensitivity"}
 
 
-def sniff_seismic(content: bytes) -> str | None:
-    """Return MSEED, SAC, SEG2, SEGY or GSE2 by content; None for everything else."""
-    return next((name for name, looks in _MAGIC.items() if looks(content)), None)
-
-
 def read_traces(path: Path, content: bytes, name: str) -> list[obspy.Trace]:
-    """Read traces by an allow-listed format and refuse what is cut short or not finite.
+    """Read traces by an allow-listed format and refuse what is not finite numbers.
 
     The bytes go to obspy, never the path: a path may be a pattern, an address or an archive.
     """
-    if name not in _MAGIC:
-        raise InputError(f"format: must be one of {', '.join(_MAGIC)}, got '{name}'")
-    if not _MAGIC[name](content):
-        raise ReadError(f"{path}: its content is not {name}")
-    promised = _PROMISED[name](content) if name in _PROMISED else 0
-    if promised > len(content):
-        raise ReadError(f"{path}: is cut short, {name} header promises {promised} bytes or more, "
-                        f"found {len(content)}")
+    check_bytes(path, content, name)
     try:
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", module="obspy.io.seg2")
+            warnings.filterwarnings("ignore", module="obspy.io.(seg2|sac)")
             warnings.filterwarnings("error", module="obspy.io.mseed")
             traces = list(obspy.read(io.BytesIO(content), format=name))
     except Exception as error:
-        reason = " ".join(str(error).split())[:160]
+        reason = _first_sentence(error)
         raise ReadError(f"{path}: is not a readable {name} file ({reason})") from error
-    for trace in traces:
+    for n, trace in enumerate(traces, 1):
+        place = f"{path}, trace {n} ({trace.id})"
+        if trace.data.dtype.kind not in "if":
+            raise ReadError(f"{place}: expected numbers, found {trace.data.dtype} samples")
         wrong = np.flatnonzero(~np.isfinite(trace.data))
         if len(wrong):
-            raise ReadError(f"{path}, trace {trace.id}, sample {wrong[0]}: expected a finite "
-                            f"number, got {trace.data[wrong[0]]:g}")
+            raise ReadError(f"{place}, sample {wrong[0]}: expected a finite number, "
+                            f"got {trace.data[wrong[0]]:g}")
         if trace.stats.npts < 2 or not 0.0 < trace.stats.delta < 1e4:
-            raise ReadError(f"{path}, trace {trace.id}: expected at least 2 samples at a positive "
-                            f"step, got {trace.stats.npts} at {trace.stats.delta:g} s")
+            raise ReadError(f"{place}: expected at least 2 samples at a positive step, "
+                            f"got {trace.stats.npts} at {trace.stats.delta:g} s")
     return traces
 
 
@@ -106,7 +96,7 @@ def deconvolve(record: RawRecord, response: str | Path | dict, place: str) -> di
             else:
                 trace.remove_response(inventory, output="VEL", taper_fraction=0.02)
         except Exception as error:
-            reason = " ".join(str(error).split())[:160]
+            reason = _first_sentence(error)
             raise InputError(f"{place}: no response for {trace.id} ({reason})") from error
         cleaned[name] = np.asarray(trace.data, dtype=np.float64)
     return cleaned
@@ -120,8 +110,13 @@ def read_inventory(path: Path) -> obspy.Inventory:
     try:
         return obspy.read_inventory(io.BytesIO(content), format="STATIONXML")
     except Exception as error:
-        reason = " ".join(str(error).split())[:160]
+        reason = _first_sentence(error)
         raise ReadError(f"{path}: is not readable StationXML ({reason})") from error
+
+
+def _first_sentence(error):
+    """Shorten another library's message to one line."""
+    return " ".join(str(error).split()).split(". ")[0][:160]
 
 
 def _joined(path, traces):
@@ -131,7 +126,7 @@ def _joined(path, traces):
         stream.merge(method=-1)
     except Exception as error:
         raise ReadError(f"{path}: pieces of a channel differ in sampling or type "
-                        f"({' '.join(str(error).split())[:120]})") from error
+                        f"({_first_sentence(error)})") from error
     stream.sort(["network", "station", "location", "channel", "starttime"])
     for first, second in pairwise(stream):
         if first.id == second.id:
@@ -192,65 +187,3 @@ def _oriented(place, samples, orientations):
         raise InputError(f"{place}: orientations must span three directions")
     return dict(zip(("east", "north", "vertical"),
                     np.linalg.solve(axes, np.array(list(samples.values()))), strict=True))
-
-
-def _is_mseed(content):
-    """Recognise a miniSEED 2 data record: sequence number, quality letter, blank."""
-    return (len(content) >= 48 and content[6:7] in (b"D", b"R", b"Q", b"M")
-            and content[7:8] in (b" ", b"\0") and not content[:6].strip(b"0123456789 \0"))
-
-
-def _is_sac(content):
-    """Recognise SAC by its header version in either byte order."""
-    return len(content) >= 632 and any(
-        struct.unpack(order + "i", content[304:308])[0] in (6, 7) for order in "<>"
-    )
-
-
-def _is_segy(content):
-    """Recognise SEG-Y by its text header and a sensible binary header."""
-    if len(content) < 3600 or content[:1] not in (b"C", b"\xc3"):
-        return False
-    step, = struct.unpack(">H", content[3216:3218])
-    code, = struct.unpack(">h", content[3224:3226])
-    return step > 0 and code in (1, 2, 3, 5)
-
-
-def _sac_bytes(content):
-    """Return the bytes that a SAC header promises."""
-    order = "<" if struct.unpack("<i", content[304:308])[0] in (6, 7) else ">"
-    return 632 + 4 * max(0, struct.unpack(order + "i", content[316:320])[0])
-
-
-def _seg2_bytes(content):
-    """Return the bytes that the trace pointers and sample counts of SEG-2 promise."""
-    order = "<" if content[:2] == b"\x55\x3a" else ">"
-    n_traces, = struct.unpack_from(order + "H", content, 6)
-    if 32 + 4 * n_traces > len(content):
-        return 32 + 4 * n_traces
-    total = 32
-    for pointer in struct.unpack_from(f"{order}{n_traces}I", content, 32):
-        if pointer + 32 > len(content):
-            return pointer + 32
-        block, n_samples, code = struct.unpack_from(order + "2xH4xIB", content, pointer)
-        n_bytes = int(n_samples * _SEG2_SAMPLE_BYTES.get(code, 1))
-        total += n_bytes
-        if pointer + block + n_bytes > len(content):
-            return pointer + block + n_bytes
-    return total
-
-
-def _gse2_bytes(content):
-    """Return the least number of bytes that the sample counts of GSE2 headers need."""
-    text = content[48:56].strip()
-    return int(text) if text.isdigit() else 0
-
-
-_MAGIC = {
-    "MSEED": _is_mseed,
-    "SEG2": lambda content: content[:2] in (b"\x55\x3a", b"\x3a\x55") and len(content) >= 32,
-    "GSE2": lambda content: content[:5] == b"WID2 ",
-    "SEGY": _is_segy,
-    "SAC": _is_sac,
-}
-_PROMISED = {"SAC": _sac_bytes, "SEG2": _seg2_bytes, "GSE2": _gse2_bytes}

@@ -181,7 +181,8 @@ def _instantel(path, header, names, rows):
     length = field("recordtime")
     expected = (length.value + abs(before.value if before else 0.0)) * rate if length else len(rows)
     if abs(len(rows) - expected) > 0.01 * expected + 1.0:
-        raise ReadError(f"{path}: header promises {expected:.0f} samples, found {len(rows)}")
+        raise ReadError(f"{path}: '{keys['recordtime']}' promises {expected:.0f} samples, "
+                        f"found {len(rows)}")
     start = -abs(before.value) if before else _start_from_peak(channels, dt, printed)
     full_scale = field("georange", unit=unit)
     version = header.get(keys.get("version"), "")

@@ -1,6 +1,10 @@
 """Writers of recorder layouts for the tests: invented motion, values as a device prints them."""
 
+import io
+import struct
+
 import numpy as np
+import obspy
 
 RATE = 1024
 BEFORE = 0.125
@@ -117,3 +121,41 @@ def vibracord(record=None, *, rate=f"{RATE} sps"):
 def generic(header="time_s,east_m_per_s,north_m_per_s,vertical_m_per_s", rows=None):
     rows = [[0.001 * n, 1e-3 * n, -1e-3 * n, 0.0] for n in range(8)] if rows is None else rows
     return "\n".join([header, *(",".join(f"{x:.6g}" for x in row) for row in rows)]) + "\n"
+
+
+def seg2(data, *, order="<", start="-0.010", descaling=None, spacing=2.0, n_promised=None):
+    """One shot in SEG-2 with 32-bit floating samples; ``n_promised`` samples in the header."""
+    data = np.asarray(data, dtype=order + "f4")
+    n_traces = len(data)
+    blocks, pointers, place = [], [], 32 + 4 * n_traces + 2
+    for n, samples in enumerate(data):
+        words = [f"CHANNEL_NUMBER {n + 1}", f"DELAY {start}", "SAMPLE_INTERVAL 0.001",
+                 f"RECEIVER_LOCATION {spacing * n:.2f}", "SOURCE_LOCATION -5.00"]  # fmt: skip
+        words += [f"DESCALING_FACTOR {descaling}"] if descaling else []
+        free = b"".join(
+            struct.pack(order + "H", len(word) + 3) + word.encode() + b"\0" for word in words
+        ) + b"\0\0"
+        size = 32 + len(free)
+        head = struct.pack(order + "HHIIB", 0x4422, size, samples.nbytes,
+                           len(samples) if n_promised is None else n_promised, 4)
+        block = head.ljust(32, b"\0") + free + samples.tobytes()
+        pointers.append(place)
+        blocks.append(block)
+        place += len(block)
+    mark = b"\x55\x3a" if order == "<" else b"\x3a\x55"
+    first = mark + struct.pack(order + "HHH", 1, 4 * n_traces, n_traces) + b"\x01\0\0\x01\n\0"
+    table = struct.pack(f"{order}{n_traces}I", *pointers)
+    return first.ljust(32, b"\0") + table + b"\0\0" + b"".join(blocks)
+
+
+def miniseed(stations, *, dtype="f8", start="2025-01-02T03:04:05", codes="ENZ", **options):
+    """Stations (name to (n_samples, 3)) as miniSEED with channels HHE, HHN, HHZ at 500 Hz."""
+    header = {"network": "XX", "delta": 0.002, "starttime": obspy.UTCDateTime(start)}
+    stream = obspy.Stream(
+        obspy.Trace(column.astype(dtype), header | {"station": name, "channel": f"HH{code}"})
+        for name, samples in stations.items()
+        for code, column in zip(codes, samples.T, strict=True)
+    )
+    target = io.BytesIO()
+    stream.write(target, format="MSEED", **options)
+    return target.getvalue()

@@ -1,0 +1,493 @@
+"""Recordings: formats by content, axes, clipping, gathers, stations, response, real files."""
+
+import math
+import pickle
+
+import numpy as np
+import obspy
+import pytest
+import recorder_files as files
+
+from pyblast.errors import InputError, PyblastWarning, ReadError
+from pyblast.recordings import (
+    FORMATS,
+    read_gather,
+    read_recording,
+    read_stations,
+    remove_response,
+)
+
+RNG = np.random.default_rng(7)
+ZERO = "2025-01-02T03:04:05.100"
+GEOPHONE = {
+    "poles": [-19.8 + 20.2j, -19.8 - 20.2j], "zeros": [0j, 0j], "gain": 1.0, "sensitivity": 4e5,
+}  # fmt: skip
+
+
+class Malicious:
+    """Writes a file when it is unpickled."""
+
+    def __init__(self, target):
+        self.target = target
+
+    def __reduce__(self):
+        return open, (str(self.target), "w")
+
+
+def write(tmp_path, content, name="record"):
+    path = tmp_path / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def write_trace(path, samples, format, **header):
+    trace = obspy.Trace(np.asarray(samples), {"delta": 0.002, "channel": "HHZ"} | header)
+    trace.write(str(path), format=format)
+    return path
+
+
+# formats by content
+
+
+@pytest.mark.parametrize("name", ["record.mseed", "record.txt", "record"])
+def test_pickle_under_any_name_is_refused_and_never_run(tmp_path, name):
+    path = write(tmp_path, pickle.dumps(Malicious(tmp_path / "ran")), name)
+
+    for format in (None, "MSEED", "SAC", "CSV"):
+        with pytest.raises(ReadError):
+            read_recording(path, format)
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize("format", ["PICKLE", "NUMPY", "mseed"])
+def test_format_outside_the_list_is_refused_by_name(tmp_path, format):
+    with pytest.raises(InputError, match=f"must be one of .*MSEED.*got '{format}'"):
+        read_recording(write(tmp_path, b"x"), format)
+
+
+def test_format_is_found_by_content_and_not_by_extension(tmp_path):
+    path = write(tmp_path, files.instantel_ascii(), "record.mseed")
+
+    assert read_recording(path)[0].serial == "XX00000"
+
+
+def test_format_given_against_the_content_is_refused(tmp_path):
+    with pytest.raises(ReadError, match="its content is INSTANTEL_ASCII, not TEXCEL"):
+        read_recording(write(tmp_path, files.instantel_ascii()), "TEXCEL")
+
+
+def test_file_above_the_cap_is_refused_before_it_is_read(tmp_path):
+    with pytest.raises(ReadError, match=r"holds \d+ bytes, the cap \(max_bytes\) is 100"):
+        read_recording(write(tmp_path, files.generic()), max_bytes=100)
+
+
+def test_name_with_a_pattern_is_taken_as_a_name(tmp_path):
+    write(tmp_path, files.miniseed({"R01": RNG.normal(size=(50, 3))}), "a.mseed")
+
+    with pytest.raises(ReadError, match="expected a file"):
+        read_stations(tmp_path / "*.mseed")
+
+
+# seismological formats
+
+
+@pytest.mark.parametrize("byteorder", ["<", ">"])
+def test_stations_keep_samples_and_start_from_time_zero(tmp_path, byteorder):
+    motion = {name: 1e-3 * RNG.normal(size=(200, 3)) for name in ("R01", "R02")}
+    path = write(tmp_path, files.miniseed(motion, byteorder=byteorder))
+
+    stations = read_stations(path, time_zero=ZERO)
+
+    assert list(stations) == ["R01", "R02"]
+    assert np.array_equal(stations["R02"].seismogram.velocity, motion["R02"])
+    assert stations["R01"].seismogram.start == pytest.approx(-0.1, abs=1e-9)
+    assert stations["R01"].time == "2025-01-02T03:04:05.000000Z"
+
+
+def test_unit_of_seismological_samples_becomes_si(tmp_path):
+    path = write(tmp_path, files.miniseed({"R01": np.ones((50, 3)) * [1.0, 2.0, 3.0]}))
+
+    with pytest.warns(PyblastWarning, match="never moves"):
+        station = read_stations(path, unit="mm_per_s")["R01"]
+
+    assert station.seismogram.ppv == pytest.approx([1e-3, 2e-3, 3e-3])
+
+
+def test_unit_assumed_for_floating_samples_is_said(tmp_path):
+    path = write(tmp_path, files.miniseed({"R01": RNG.normal(size=(50, 3))}))
+
+    with pytest.warns(PyblastWarning, match="m/s is assumed"):
+        read_recording(path)
+
+
+def test_counts_without_a_unit_are_refused(tmp_path):
+    path = write(tmp_path, files.miniseed({"R01": np.arange(150).reshape(50, 3)}, dtype="i4"))
+
+    with pytest.raises(InputError, match="integer counts, pass unit='counts'"):
+        read_recording(path)
+
+
+@pytest.mark.parametrize(("shift", "word"), [(0.5, "gap of 0.5 s"), (-0.02, "overlap of 0.02 s")])
+def test_gap_and_overlap_are_named_with_station_and_time(tmp_path, shift, word):
+    end = obspy.UTCDateTime("2025-01-02T03:04:05") + 0.1
+    pieces = [files.miniseed({"R01": RNG.normal(size=(50, 3))}),
+              files.miniseed({"R01": RNG.normal(size=(50, 3))}, start=str(end + shift))]
+
+    with pytest.raises(ReadError, match=rf"XX\.R01\.\.HHE: {word} at 2025-01-02T03:04:05"):
+        read_stations(write(tmp_path, b"".join(pieces)))
+
+
+def test_pieces_that_touch_are_joined(tmp_path):
+    motion = RNG.normal(size=(100, 3))
+    end = str(obspy.UTCDateTime("2025-01-02T03:04:05") + 0.1)
+    pieces = [files.miniseed({"R01": motion[:50]}), files.miniseed({"R01": motion[50:]}, start=end)]
+
+    stations = read_stations(write(tmp_path, b"".join(pieces)))
+
+    assert np.array_equal(stations["R01"].seismogram.velocity, motion)
+
+
+def test_orientations_turn_skewed_channels_into_east_north_up(tmp_path):
+    motion = RNG.normal(size=(50, 3))
+    azimuth = math.radians(30.0)
+    first = motion[:, 0] * math.sin(azimuth) + motion[:, 1] * math.cos(azimuth)
+    second = motion[:, 0] * math.cos(azimuth) - motion[:, 1] * math.sin(azimuth)
+    skewed = np.column_stack([first, second, -motion[:, 2]])
+    path = write(tmp_path, files.miniseed({"R01": skewed}, codes="123"))
+    given = {"HH1": (azimuth, 0.0), "HH2": (azimuth + math.pi / 2, 0.0), "HH3": (0.0, math.pi / 2)}
+
+    (recording,) = read_recording(path, unit="m_per_s", orientations=given)
+
+    assert recording.seismogram.velocity == pytest.approx(motion, abs=1e-12)
+
+
+def test_numbered_channels_without_orientations_are_refused(tmp_path):
+    path = write(tmp_path, files.miniseed({"R01": RNG.normal(size=(50, 3))}, codes="12Z"))
+
+    with pytest.raises(InputError, match=r"HH1.*pass orientations"):
+        read_stations(path)
+
+
+@pytest.mark.parametrize("format", ["SAC", "GSE2"])
+def test_one_channel_files_are_read_together(tmp_path, format):
+    motion = RNG.integers(-1000, 1000, size=(50, 3)).astype(np.int32)
+    kind = np.float32 if format == "SAC" else np.int32
+    paths = [
+        write_trace(tmp_path / code, motion[:, n].astype(kind), format, channel=code)
+        for n, code in enumerate(("HHE", "HHN", "HHZ"))
+    ]
+
+    (recording,) = read_recording(paths, unit="um_per_s")
+
+    assert recording.seismogram.velocity == pytest.approx(1e-6 * motion)
+
+
+def test_single_channel_leaves_the_others_missing(tmp_path):
+    path = write_trace(tmp_path / "z", RNG.normal(size=50).astype("f4"), "SAC")
+
+    (recording,) = read_recording(path, unit="mm_per_s")
+
+    assert recording.seismogram.present.tolist() == [False, False, True]
+
+
+# response
+
+
+def counts_of_a_geophone(n_samples=2000, dt=0.002):
+    times = dt * np.arange(n_samples) - 2.0
+    motion = 1e-3 * np.exp(-((times / 0.05) ** 2)) * np.sin(2.0 * np.pi * 15.0 * times)
+    angular = 2j * np.pi * np.fft.rfftfreq(2 * n_samples, dt)
+    poles = GEOPHONE["poles"]
+    gain = GEOPHONE["sensitivity"] * angular**2 / ((angular - poles[0]) * (angular - poles[1]))
+    return motion, np.fft.irfft(np.fft.rfft(motion, 2 * n_samples) * gain)[:n_samples]
+
+
+def test_response_of_a_geophone_is_removed(tmp_path):
+    motion, counts = counts_of_a_geophone()
+    path = write_trace(tmp_path / "z", counts, "MSEED")
+    (recording,) = read_recording(path, unit="counts")
+
+    cleaned = remove_response(recording, GEOPHONE).seismogram.velocity[:, 2]
+
+    assert cleaned == pytest.approx(motion, abs=0.02 * np.max(motion))
+
+
+def test_response_of_an_inventory_is_removed(tmp_path):
+    motion, counts = counts_of_a_geophone()
+    path = write_trace(tmp_path / "z", counts, "MSEED", network="XX", station="R01")
+    (recording,) = read_recording(path, unit="counts")
+    response = obspy.core.inventory.Response.from_paz(
+        GEOPHONE["zeros"], GEOPHONE["poles"], GEOPHONE["sensitivity"], stage_gain_frequency=30.0
+    )
+    channel = obspy.core.inventory.Channel("HHZ", "", 0.0, 0.0, 0.0, 0.0, response=response)
+    station = obspy.core.inventory.Station("R01", 0.0, 0.0, 0.0, channels=[channel])
+    network = obspy.core.inventory.Network("XX", [station])
+    obspy.Inventory([network]).write(tmp_path / "stations.xml", format="STATIONXML")
+
+    cleaned = remove_response(recording, tmp_path / "stations.xml").seismogram.velocity[:, 2]
+
+    assert cleaned == pytest.approx(motion, abs=0.05 * np.max(motion))
+
+
+def test_response_is_not_removed_twice(tmp_path):
+    path = write_trace(tmp_path / "z", counts_of_a_geophone()[1], "MSEED")
+    cleaned = remove_response(read_recording(path, unit="counts")[0], GEOPHONE)
+
+    with pytest.raises(InputError, match="must not be removed twice"):
+        remove_response(cleaned, GEOPHONE)
+
+
+def test_response_of_a_flat_blast_seismograph_is_not_removed(tmp_path):
+    (recording,) = read_recording(write(tmp_path, files.instantel_ascii()))
+
+    with pytest.raises(InputError, match="in m/s already"):
+        remove_response(recording, GEOPHONE)
+
+
+def test_station_metadata_with_a_document_type_are_refused(tmp_path):
+    path = write_trace(tmp_path / "z", counts_of_a_geophone()[1], "MSEED")
+    (recording,) = read_recording(path, unit="counts")
+    metadata = '<!DOCTYPE a [<!ENTITY b SYSTEM "file:///x">]><FDSNStationXML>&b;</FDSNStationXML>'
+
+    with pytest.raises(ReadError, match="without a document type"):
+        remove_response(recording, write(tmp_path, metadata, "stations.xml"))
+
+
+# axes
+
+
+def test_bearing_turns_the_component_towards_the_blast_into_north(tmp_path):
+    path = write(tmp_path, files.instantel_ascii())
+
+    to_north, to_east = (read_recording(path, bearing=b)[0].seismogram for b in (0.0, math.pi / 2))
+
+    assert to_north.components == ("east", "north", "vertical")
+    assert to_north.ppv == pytest.approx([0.0125, 0.008, 0.020])
+    assert to_east.ppv == pytest.approx([0.008, 0.0125, 0.020])
+
+
+def test_bearing_keeps_the_vector_sum(tmp_path):
+    path = write(tmp_path, files.instantel_ascii())
+
+    turned = read_recording(path, bearing=1.234)[0].seismogram
+
+    assert turned.pvs == pytest.approx(read_recording(path)[0].seismogram.pvs)
+
+
+@pytest.mark.filterwarnings("ignore:.*never moves")
+def test_bearing_on_east_and_north_is_refused(tmp_path):
+    with pytest.raises(InputError, match="bearing needs longitudinal and transverse"):
+        read_recording(write(tmp_path, files.generic()), bearing=0.0)
+
+
+# generic CSV
+
+
+@pytest.mark.parametrize(
+    ("header", "ppv"),
+    [
+        ("time_s,east_m_per_s,north_m_per_s,vertical_m_per_s", [7e-3, 7e-3, 0.0]),
+        ("time_s,vertical_mm_per_s,transverse_mm_per_s,longitudinal_mm_per_s", [0.0, 7e-6, 7e-6]),
+        ("time_s,north_in_per_s,vertical_um_per_s,east_m_per_s", [0.0, 0.0254 * 7e-3, 7e-9]),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::pyblast.errors.PyblastWarning")
+def test_generic_table_names_components_and_units_in_its_header(tmp_path, header, ppv):
+    (recording,) = read_recording(write(tmp_path, files.generic(header)))
+
+    assert recording.seismogram.ppv == pytest.approx(ppv)
+    assert recording.seismogram.dt == pytest.approx(1e-3)
+
+
+def test_generic_table_keeps_negative_start(tmp_path):
+    rows = [[0.002 * n - 0.1, 1e-3 * math.sin(n)] for n in range(100)]
+
+    (recording,) = read_recording(write(tmp_path, files.generic("time_s,vertical_m_per_s", rows)))
+
+    assert recording.seismogram.start == pytest.approx(-0.1)
+
+
+# clipping and dead channels
+
+
+@pytest.mark.filterwarnings("ignore:.*device's own values")
+def test_samples_at_the_range_of_the_header_are_clipped(tmp_path):
+    record = files.motion()
+    record["Vert"] = np.clip(40.0 * record["Vert"], -254.0, 254.0)
+    path = write(tmp_path, files.instantel_ascii(record))
+
+    with pytest.warns(PyblastWarning, match="samples are clipped"):
+        (recording,) = read_recording(path)
+
+    assert np.array_equal(recording.clipped[:, 2], np.abs(record["Vert"]) == 254.0)
+    assert not recording.clipped[:, :2].any()
+
+
+def test_clipping_is_found_sample_by_sample_where_full_scale_is_unknown(tmp_path):
+    record = files.motion()
+    record["Tran"] = np.clip(record["Tran"], -9.0, 9.0)
+    path = write(tmp_path, files.instantel_ascii(record, changes={"Geo Range": None}))
+
+    with pytest.warns(PyblastWarning):
+        (recording,) = read_recording(path)
+
+    assert np.array_equal(recording.clipped[:, 1], np.abs(record["Tran"]) == 9.0)
+
+
+def test_given_full_scale_goes_before_the_header(tmp_path):
+    path = write(tmp_path, files.instantel_ascii())
+
+    with pytest.warns(PyblastWarning, match="clipped"):
+        (recording,) = read_recording(path, full_scale=0.0199)
+
+    assert set(np.flatnonzero(recording.clipped.any(axis=0))) == {2}
+
+
+@pytest.mark.parametrize("step", [1.0, 0.0078, 1e-6])
+def test_rounding_of_a_smooth_peak_is_no_clipping(tmp_path, step):
+    times = np.arange(4096) / 4096
+    slow = np.round(np.sin(2 * np.pi * 3.0 * times) * np.exp(-times) / step * 2.0) * step
+    rows = np.column_stack([times, slow])
+
+    (recording,) = read_recording(write(tmp_path, files.generic("time_s,east_mm_per_s", rows)))
+
+    assert not recording.clipped.any()
+
+
+def test_channel_that_never_moves_is_called_dead(tmp_path):
+    record = files.motion()
+    record["Long"] = np.full_like(record["Long"], 0.06)
+    path = write(tmp_path, files.texcel(record))
+
+    with pytest.warns(PyblastWarning, match="longitudinal never moves"):
+        (recording,) = read_recording(path)
+
+    assert recording.dead == ("longitudinal",)
+
+
+# gathers
+
+
+def shot(n_channels=4, n_samples=300):
+    return RNG.normal(size=(n_channels, n_samples)).astype(np.float32).astype(np.float64)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_gather_keeps_samples_places_and_delay(tmp_path, order):
+    data = shot()
+
+    gather = read_gather(write(tmp_path, files.seg2(data, order=order)))
+
+    assert np.array_equal(gather.data, data)
+    assert gather.unit == "counts"
+    assert (gather.dt, gather.start) == (0.001, -0.010)
+    assert gather.offsets == pytest.approx([5.0, 7.0, 9.0, 11.0])
+    assert gather.header["CHANNEL_NUMBER"] == ("1", "2", "3", "4")
+
+
+def test_descaling_factor_turns_counts_into_volts(tmp_path):
+    data = shot()
+
+    gather = read_gather(write(tmp_path, files.seg2(data, descaling="2.5E-003")))
+
+    assert gather.unit == "V"
+    assert gather.data == pytest.approx(2.5e-6 * data)
+
+
+def test_places_that_are_all_the_same_are_unknown(tmp_path):
+    gather = read_gather(write(tmp_path, files.seg2(shot(), spacing=0.0)))
+
+    assert np.all(np.isnan(gather.receiver_positions))
+
+
+def test_gather_marks_dead_channels_and_clipped_samples_exactly(tmp_path):
+    data = shot()
+    data[1] = 0.0
+    wave = 5.0 * np.sin(np.arange(300) / 9.0)
+    data[3] = np.clip(wave, -2.5, 2.5)
+
+    gather = read_gather(write(tmp_path, files.seg2(data)))
+
+    assert gather.dead.tolist() == [False, True, False, False]
+    assert gather.full_scale == 2.5
+    assert np.array_equal(gather.clipped[3], np.abs(wave) >= 2.5)
+    assert not gather.clipped[:3].any()
+
+
+@pytest.mark.filterwarnings("ignore:CREATING TRACE HEADER")
+def test_segy_gather_keeps_samples(tmp_path):
+    data = shot()
+    stream = obspy.Stream(obspy.Trace(x.astype(np.float32), {"delta": 0.001}) for x in data)
+    stream.write(tmp_path / "shot.sgy", format="SEGY", data_encoding=5)
+
+    gather = read_gather(tmp_path / "shot.sgy")
+
+    assert np.array_equal(gather.data, data)
+
+
+def test_gather_is_sent_to_its_own_reader(tmp_path):
+    with pytest.raises(InputError, match="read it with read_gather"):
+        read_recording(write(tmp_path, files.seg2(shot())))
+
+
+def test_record_is_not_a_gather(tmp_path):
+    with pytest.raises(ReadError, match="expected a gather in SEG2 or SEGY"):
+        read_gather(write(tmp_path, files.instantel_ascii()))
+
+
+# real files, outside the repository
+
+
+@pytest.mark.parametrize(
+    ("name", "clipped"),
+    [("01005", {4: 11}), ("01025", {24: 56}), ("01060", {}), ("01090", {89: 19})],
+)
+def test_real_crossed_lines_have_three_dead_channels_and_clip_at_one_level(
+    recordings, name, clipped
+):
+    gather = read_gather(recordings / "soda_lakes" / f"Shot_{name}.sg2")
+    found = np.count_nonzero(gather.clipped, axis=1)
+
+    assert gather.data.shape == (96, 2048)
+    assert np.flatnonzero(gather.dead).tolist() == [47, 58, 59]
+    assert {int(n): int(found[n]) for n in np.flatnonzero(found)} == clipped
+    assert gather.full_scale == (pytest.approx(2.82, abs=1e-6) if clipped else None)
+
+
+@pytest.mark.parametrize(
+    ("name", "dt", "start", "source", "spacing"),
+    [("wghs/7.dat", 1e-3, -0.5, -5.0, 2.0), ("refrapy_ex02/4.dat", 2.5e-4, 0.0, 57.5, 5.0)],
+)
+def test_real_line_has_its_places_in_the_header(recordings, name, dt, start, source, spacing):
+    gather = read_gather(recordings / name)
+
+    assert (len(gather.data), gather.dt, gather.start, gather.unit) == (24, dt, start, "V")
+    assert gather.source_position.tolist() == [source, 0.0, 0.0]
+    assert gather.receiver_positions[:, 0] == pytest.approx(spacing * np.arange(24))
+    assert not gather.dead.any()
+    assert not gather.clipped.any()
+
+
+def test_real_hammer_arrives_after_the_trigger(recordings):
+    gather = read_gather(recordings / "wghs" / "7.dat")
+    size = np.abs(gather.data[0])
+    first = gather.times[np.argmax(size > 10.0 * np.std(gather.data[0][:400]))]
+
+    assert 0.0 < first < 0.05
+
+
+def test_case_of_the_independent_program_starts_before_its_blast(cases):
+    stations = read_stations(cases / "case-10" / "S1.mseed", time_zero="2024-05-01T10:00:00Z")
+
+    assert list(stations) == [f"R{n:02d}" for n in range(1, 14)]
+    for station in stations.values():
+        assert station.seismogram.start == -0.25
+        assert station.seismogram.velocity.shape == (600, 3)
+        assert not station.clipped.any()
+
+
+def test_formats_offer_nothing_that_runs_code():
+    assert set(FORMATS) == {
+        "INSTANTEL_ASCII", "INSTANTEL_CSV", "TEXCEL", "VIBRACORD", "CSV", "MAPPED",
+        "MSEED", "SAC", "GSE2",
+    }  # fmt: skip
