@@ -10,6 +10,9 @@ from .errors import InputError
 
 CHARGE_WINDOW = 0.008
 _INSTANT = 1e-9
+FARTHEST, DEEPEST = 1e8, 1e4
+NARROWEST, WIDEST = 0.01, 10.0
+HEAVIEST, LATEST = 1e6, 1e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,11 +137,18 @@ class Blast:
             object.__setattr__(self, name, _per_hole(name, getattr(self, name), shape))
         for name in ("collar", "toe", "times"):
             self._require(name, np.isfinite(getattr(self, name)), "must be finite")
+        for name in ("collar", "toe"):
+            self._require(name, np.abs(getattr(self, name)) <= FARTHEST, "must be within 1e8 m")
         self._require("times", self.times >= 0.0, "must not be negative")
+        self._require("times", self.times <= LATEST, "must be at most 1000 s, is the unit right?")
         self._require("charge", ~(self.charge < 0.0) & ~np.isinf(self.charge), "must be >= 0 kg")
+        self._require("charge", ~(self.charge > HEAVIEST), "must be at most 1e6 kg")
         top, base = self.deck.T
-        self._require("deck", ~(top >= base) & ~(top < 0.0), "top must lie above base")
-        self._require("diameter", ~(self.diameter <= 0.0), "must be positive")
+        self._require(
+            "deck", ~(top >= base) & ~(top < 0.0) & ~(base > DEEPEST), "top must lie above base"
+        )
+        narrow, wide = self.diameter < NARROWEST, self.diameter > WIDEST
+        self._require("diameter", ~narrow & ~wide, "must be 0.01 to 10 m, is the unit right?")
 
     def _require(self, name, right, rule):
         """Raise InputError for the first hole where a rule is broken."""

@@ -161,9 +161,8 @@ def _read_mapping(mapping):
         if value not in OPTIONS[name] and type(value) is not OPTIONS[name][0]:
             raise ReadError(f"mapping: table.{name} can't be {value!r}")
     stems = {split_key(key)[0] for key in columns}
-    needed = {"x", "y", "z"} | ({"x_toe", "y_toe", "z_toe"} if "x_toe" in stems else set())
-    if needed - stems:
-        raise ReadError(f"mapping: columns.{min(needed - stems)}_m is missing")
+    if lost := {"x", "y", "z"} - stems:
+        raise ReadError(f"mapping: columns.{min(lost)}_m is missing")
     return Layout(
         "mapped table",
         columns,
@@ -247,8 +246,11 @@ def _assemble(layout, columns):
 
 def _toes(layout, columns, collar, notes):
     """Toes as given, or from length, angle and bearing; the collar where nothing is known."""
-    if "x_toe" in columns:
-        toe = np.column_stack([columns[name] for name in ("x_toe", "y_toe", "z_toe")])
+    toes = [name for name in ("x_toe", "y_toe", "z_toe") if name in columns]
+    if 0 < len(toes) < 3:
+        raise ReadError(f"a toe needs x, y and z, only {', '.join(toes)} found")
+    if toes:
+        toe = np.column_stack([columns[name] for name in toes])
         if np.any(np.isnan(toe)):
             notes.append("Where a toe is missing, the charge is taken at the collar.")
         return np.where(np.isnan(toe).any(axis=1, keepdims=True), collar, toe)

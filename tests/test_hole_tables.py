@@ -187,6 +187,7 @@ def test_an_angle_without_datum_is_refused(table):
         (f"{CENTRES}\n1,2,3,4,-5,6\n", "charge: must be >= 0 kg"),
         (f"{CENTRES}\n1,2,3,4,5,6\n2,2,3,4,5,na\n", "no firing time for 1 holes: 2"),
         (f"{CENTRES}\n1,2\x00,3,4,5,6\n", "zero bytes"),
+        ("Hole ID,StartX,StartY,StartZ,EndX,Time\n1,2,3,4,5,6\n", "a toe needs x, y and z"),
         ("P,hole,1,0,0,1,0,0,0,165,prod,P:::9,0,red\n", "tied from P:::9"),
         (f"{CENTRES}\n" + "1" * 200_000 + ",2,3,4,5,6\n", "field larger than field limit"),
     ],
