@@ -1,0 +1,187 @@
+"""Checks before a run: the census of a project and every defect that its numbers show."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import defects
+from .boundaries import Roller, Viscous
+from .census import Census, central_frequency, input_band, receiver_groups, take_census
+from .defects import Finding
+from .mesh import surface_zones
+
+
+@dataclass(frozen=True)
+class Check:
+    """What a project is about to do and what is doubtful about it.
+
+    Parameters
+    ----------
+    census : Census
+    findings : tuple of Finding
+    notes : tuple of str
+        What the hole table says about itself.
+    """
+
+    census: Census
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def failed(self) -> bool:
+        """Whether a finding makes the result untrustworthy."""
+        return any(finding.failed for finding in self.findings)
+
+
+def check(project, measure=True) -> Check:
+    """Take the census of a project and look for defects before a run.
+
+    Parameters
+    ----------
+    project : Project
+    measure : bool
+        Whether to march a few steps for an estimate of the time.
+
+    Returns
+    -------
+    Check
+    """
+    census = take_census(project, measure)
+    found = [
+        *_mesh_defects(project, census),
+        *_load_defects(project),
+        *_joint_defects(project),
+        *_record_defects(project, census),
+    ]
+    findings = sorted(
+        (finding for finding in found if finding is not None), key=lambda f: int(f.code[1:])
+    )
+    notes = () if project.blast is None else tuple(project.blast.checks())
+    return Check(census, tuple(findings), notes)
+
+
+def _mesh_defects(project, census):
+    """D1, D2, D5, D12: zones, size, boundaries, layers."""
+    band, centre = input_band(project), central_frequency(project)
+    stands = receiver_groups(project)
+    for group in census.groups:
+        yield defects.coarse_zones(
+            group.name, project.materials[group.name], group.mean_edge, group.volume, band,
+            [name for name, under in stands.items() if under == group.name],
+        )  # fmt: skip
+    points = project.mesh.points
+    rocks = _stiff(project, census)
+    yield defects.short_model(float(np.ptp(points[:, 0])), rocks, centre)
+    boundaries = project.model.boundaries
+    viscous = {b.surface for b in boundaries if isinstance(b, Viscous)}
+    both = [b.surface for b in boundaries if isinstance(b, Roller) and b.surface in viscous]
+    yield defects.fixed_and_viscous(both)
+    layers = project.config.mesh.layers
+    if len(layers) > 1 and layers[0].thickness_m is not None:
+        top, below = (project.materials[layer.material] for layer in layers[:2])
+        yield defects.soil_resonance(
+            layers[0].material, top, layers[0].thickness_m, below, centre, band
+        )
+
+
+def _stiff(project, census):
+    """Return the materials that waves cross fast: at least half the fastest P wave speed."""
+    present = {group.name: project.materials[group.name] for group in census.groups}
+    fastest = max(material.cp for material in present.values())
+    return {name: m for name, m in present.items() if m.cp >= 0.5 * fastest}
+
+
+def face_materials(project):
+    """Return the materials on the input face, dict of str to Material."""
+    mesh = project.model.mesh
+    numbers = np.unique(mesh.zone_group[surface_zones(mesh, project.config.input.face)])
+    return {mesh.groups[n]: project.materials[mesh.groups[n]] for n in numbers}
+
+
+def source_material(project):
+    """Return name and material that the signature comes through."""
+    cavity = project.config.signature.cavity
+    if cavity is not None:
+        return cavity.material, project.materials[cavity.material]
+    present = face_materials(project)
+    return max(present.items(), key=lambda item: item[1].density * item[1].cp)
+
+
+def _load_defects(project):
+    """D3, D4, D6, D7, D17, D20: firing, filter, face, strength, charge."""
+    config, firing, motion = project.config, project.input.firing, project.input
+    band, centre = input_band(project), central_frequency(project)
+    yield defects.firing_comb(firing, centre, band)
+    yield defects.comb_return(firing, centre, motion.low_passed)
+    name, material = source_material(project)
+    yield defects.layered_face(config.input.face, face_materials(project))
+    yield defects.yielding_rock(project.signature.pvs, firing, name, material)
+    distance, reach = face_distance(project)
+    if distance is not None:
+        yield defects.plane_load(distance, reach, material, band)
+    if config.blast is not None and config.blast.charge_kg is not None:
+        blast = config.blast
+        yield defects.charge_fits(
+            blast.charge_kg, 1e-3 * blast.diameter_mm, blast.depth_m, blast.explosive_kg_per_m3
+        )
+
+
+def face_distance(project):
+    """Return how far the source is from the input face, and from its foot to the far edge, m.
+
+    The distance is the one of the file, else that from the middle of the first row; None where
+    neither is known.
+    """
+    mesh = project.mesh
+    corners = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
+    spread = np.ptp(corners, axis=0)
+    across, along = int(np.argmin(spread)), int(np.argmax(spread * [1.0, 1.0, 0.0]))
+    distance, middle = project.config.input.distance_m, float(corners[:, along].mean())
+    if project.blast is not None:
+        first = project.blast.centres[project.blast.times == project.blast.times.min()].mean(axis=0)
+        middle = float(first[along])
+        if distance is None:
+            distance = float(abs(first[across] - corners[:, across].mean()))
+    if not distance:
+        return None, 0.0
+    reach = max(abs(corners[:, along].max() - middle), abs(middle - corners[:, along].min()))
+    return distance, float(reach)
+
+
+def _joint_defects(project):
+    """D8, D11, D18: faults and joint sets."""
+    config, centre, band = project.config.mesh, central_frequency(project), input_band(project)
+    by_surface = {joint.surface: joint for joint in project.joints}
+    rocks = {
+        layer.material: project.materials[layer.material]
+        for layer in config.layers
+        if project.materials[layer.material].cp >= 0.5 * max(m.cp for m in project.materials.values())
+    }
+    for fault in config.faults:
+        for group, material in rocks.items():
+            yield defects.fault_low_pass(
+                fault.name, by_surface[fault.name], group, material, centre, band
+            )
+        infill = project.config.joints[fault.joint or fault.name].infill_mm
+        if infill is not None:
+            thickness = [1e-3 * value for value in infill]
+            yield defects.infill_as_layer(fault.name, by_surface[fault.name], thickness)
+    for part in config.joint_sets:
+        for group in part.regions or rocks:
+            yield defects.jointed_speeds(
+                part.name, by_surface[part.name], part.spacing_m, group,
+                project.materials[group], centre,
+            )  # fmt: skip
+
+
+def _record_defects(project, census):
+    """D13, D16: late arrivals and damping."""
+    if project.blast is not None:
+        source = project.blast.centres.mean(axis=0)
+        for receiver in project.receivers:
+            distance = float(np.linalg.norm(source - receiver.position))
+            yield defects.air_blast(
+                receiver.name, distance, float(project.blast.times.max()),
+                project.config.run.duration_s,
+            )  # fmt: skip
+    yield defects.rayleigh_price(project.model.damping, census.undamped_dt)

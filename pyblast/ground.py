@@ -1,0 +1,188 @@
+"""The ground of a project in SI: materials, joints, boundaries, mesh."""
+
+import difflib
+from contextlib import contextmanager
+
+from .boundaries import Fixed, Roller, Viscous
+from .errors import InputError
+from .joints import Joint
+from .kernels import JOINT_LAWS
+from .materials import Damping, Material
+from .mesh import Mesh
+from .mesh_builder import Layer, structured_box
+from .model import InSitu
+from .units import split_key, to_si
+
+_UNITS = {
+    "kn": ("gpa_per_m", "mpa_per_m", "pa_per_m"),
+    "ks": ("gpa_per_m", "mpa_per_m", "pa_per_m"),
+    "friction": ("angle_deg",),
+    "friction_residual": ("angle_deg",),
+}
+_PRESSURES = ("kpa", "mpa", "pa")
+
+
+@contextmanager
+def named_error(where):
+    """Put a place of the project file before the message of an `InputError`."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def make_material(config):
+    """Turn a `MaterialConfig` into a `Material`."""
+    values = dict(to_si(key, value) for key, value in config if value is not None)
+    density = values.pop("density")
+    if "young" in values:
+        return Material.from_young_poisson(density, values.pop("young"), **values)
+    if "cp" in values:
+        return Material.from_speeds(density, values.pop("cp"), values.pop("cs"), **values)
+    return Material(density, **values)
+
+
+def make_joint(where, surface, config):
+    """Turn a `JointConfig` into the `Joint` of one surface.
+
+    Raises
+    ------
+    InputError
+        If the law is unknown, or a key is unknown, missing, without a unit or out of range.
+    """
+    if config.law not in JOINT_LAWS:
+        raise InputError(f"{where}.law: must be one of {', '.join(JOINT_LAWS)}, got {config.law!r}")
+    names = JOINT_LAWS[config.law].properties
+    properties = {}
+    for key, value in (config.model_extra or {}).items():
+        stem, unit = split_key(key)
+        wanted = _UNITS.get(stem, _PRESSURES)
+        if stem not in names or unit not in wanted:
+            known = [f"{name}_{_UNITS.get(name, _PRESSURES)[0]}" for name in names]
+            near = difflib.get_close_matches(key, known, n=1)
+            advice = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
+            raise InputError(f"{where}.{key}: unknown key; {advice}")
+        if not value > 0.0 and stem in ("kn", "ks"):
+            raise InputError(f"{where}.{key}: must be positive, got {value:g}")
+        if value < 0.0:
+            raise InputError(f"{where}.{key}: must not be negative, got {value:g}")
+        with named_error(where):
+            properties[stem] = to_si(key, value)[1]
+    for name in names:
+        if name not in properties and not name.endswith("_residual"):
+            raise InputError(f"{where}.{name}_{_UNITS.get(name, _PRESSURES)[0]}: missing; add it")
+    pressure = to_si("pressure_kpa", config.insitu_pressure_kpa)[1]
+    return Joint(surface, config.law, properties, pressure)
+
+
+def make_damping(config):
+    """Turn a `DampingConfig` or None into a `Damping` or None."""
+    if config is None:
+        return None
+    return Damping(config.ratio, config.frequency_hz, config.mass, config.stiffness)
+
+
+def make_insitu(config):
+    """Turn an `InSituConfig` or None into an `InSitu` or None."""
+    if config is None:
+        return None
+    return InSitu(config.gravity_m_per_s2, config.horizontal_ratio)
+
+
+def make_boundaries(config, face):
+    """Turn a `BoundariesConfig` into boundaries.
+
+    Parameters
+    ----------
+    config : BoundariesConfig
+    face : str
+        Input face; the literal "viscous and fixed" leaves it free to move.
+    """
+    boundaries = [Viscous(name) for name in config.viscous]
+    boundaries += [Roller(name) for name in config.roller]
+    boundaries += [Fixed(name) for name in config.fixed]
+    if config.viscous_and_fixed:
+        boundaries += [Roller(name) for name in config.viscous if name != face]
+    return boundaries
+
+
+def joint_of_surface(config):
+    """Return which entry of ``[joints]`` each joint surface of a `MeshConfig` takes."""
+    if config.file is not None:
+        return dict(config.file_joints)
+    return {part.name: part.joint or part.name for part in (*config.joint_sets, *config.faults)}
+
+
+def mean_edge(config, layer, material):
+    """Return the edge length of a layer in m, given or from edges per wavelength, else None."""
+    if layer.edge_m is not None:
+        return layer.edge_m
+    per_wavelength = layer.edges_per_wavelength
+    if per_wavelength is None and config.edge_m is None:
+        per_wavelength = config.edges_per_wavelength
+    if per_wavelength is None:
+        return config.edge_m
+    return material.cs / (per_wavelength * config.frequency_hz)
+
+
+def make_mesh(config, materials, folder) -> Mesh:
+    """Build or read the mesh of a project, not yet split.
+
+    Parameters
+    ----------
+    config : MeshConfig
+    materials : dict of str to Material
+    folder : Path
+        Where files of the project are looked for.
+    """
+    if config.file is not None:
+        from .mesh_file import read_mesh
+
+        return read_mesh(folder / config.file, config.file_groups or None, [*config.file_joints])
+    for layer in config.layers:
+        if layer.material not in materials:
+            raise InputError(
+                f"mesh.layers.material: must be one of {', '.join(materials)}, "
+                f"got {layer.material!r}"
+            )
+    layers = [
+        Layer(part.material, part.thickness_m, mean_edge(config, part, materials[part.material]))
+        for part in config.layers
+    ]
+    if config.grid_cells is not None:
+        return _grid(config, layers)
+    return _jointed_rock(config, layers, folder)
+
+
+def _grid(config, layers):
+    """Cut a regular grid; faults must lie on its planes."""
+    if config.joint_sets or config.surface_file is not None:
+        raise InputError("mesh.grid_cells: a regular grid takes faults only, no joint_sets or surface_file")
+    planes = {}
+    for fault in config.faults:
+        axis = _axis_of(fault)
+        place = fault.through_m["xyz".index(axis)] - config.origin_m["xyz".index(axis)]
+        planes[fault.name] = (axis, place)
+    mesh = structured_box(config.grid_cells, config.size_m, layers=layers, planes=planes)
+    return Mesh(
+        mesh.points + config.origin_m, mesh.zones, mesh.zone_group, mesh.groups, mesh.surfaces
+    )
+
+
+def _axis_of(fault):
+    """Return the axis that is normal to a plane along a regular grid."""
+    if fault.dip_deg == 0.0:
+        return "z"
+    turned = fault.dip_direction_deg % 180.0
+    if fault.dip_deg == 90.0 and turned in (0.0, 90.0):
+        return "y" if turned == 0.0 else "x"
+    raise InputError(
+        f"mesh.faults.{fault.name}: on a regular grid dip_deg is 0, or 90 with dip_direction_deg "
+        f"0 or 90, got {fault.dip_deg:g} and {fault.dip_direction_deg:g}; give edge_m instead of "
+        "grid_cells"
+    )
+
+
+def _jointed_rock(config, layers, folder):
+    """Build jointed rock through gmsh."""
+    raise NotImplementedError
