@@ -50,12 +50,15 @@ def read_generic(path: Path, lines: list[str]) -> RawRecord:
         stem, suffix = split_key(title.strip())
         name = "time" if stem == "time" else COMPONENT_NAMES.get(stem.lower())
         if name is None or name in columns:
-            raise InputError(f"{place}: column '{title[:40]}' must be time or one component, "
-                             "once, such as east_mm_per_s")
+            raise InputError(
+                f"{place}: column '{title[:40]}' must be time or one component, "
+                "once, such as east_mm_per_s"
+            )
         columns[name] = column
         factors[name] = FACTORS[suffix] if name == "time" else velocity_factor(suffix, place)
-    rows = [(n + 1, split_line(path, n + 1, lines[n], delimiter))
-            for n in range(first + 1, len(lines))]
+    rows = [
+        (n + 1, split_line(path, n + 1, lines[n], delimiter)) for n in range(first + 1, len(lines))
+    ]
     values = read_columns(path, rows, columns, len(titles))
     times = factors["time"] * values.pop("time")
     dt = uniform_step(path, times, [line for line, _ in rows])
@@ -69,15 +72,21 @@ def read_mapped(path: Path, lines: list[str], mapping: str | Path) -> RawRecord:
     """Read a table by a mapping file: delimiter, decimal mark, columns, unit, sampling."""
     rules = _load_mapping(Path(mapping))
     delimiter, skipped = rules.get("delimiter", ","), rules.get("header_rows", 1)
-    rows = [(n + 1, split_line(path, n + 1, lines[n], delimiter))
-            for n in range(skipped, len(lines))]
+    rows = [
+        (n + 1, split_line(path, n + 1, lines[n], delimiter)) for n in range(skipped, len(lines))
+    ]
     if rules.get("decimal", ".") == ".":
         _refuse_commas(path, rows)
-    titles = split_line(path, skipped, lines[skipped - 1], delimiter) if 0 < skipped <= len(
-        lines) else []
+    titles = (
+        split_line(path, skipped, lines[skipped - 1], delimiter)
+        if 0 < skipped <= len(lines)
+        else []
+    )
     place = f"{mapping}"
-    wanted = {COMPONENT_NAMES[key]: _column_index(place, key, column, titles)
-              for key, column in rules["columns"].items()}
+    wanted = {
+        COMPONENT_NAMES[key]: _column_index(place, key, column, titles)
+        for key, column in rules["columns"].items()
+    }
     if "time_column" in rules:
         wanted["time"] = _column_index(place, "time_column", rules["time_column"], titles)
     values = read_columns(path, rows, wanted)
@@ -126,8 +135,9 @@ def _check_mapping(path, rules):
     if "time_column" not in rules and "sampling_rate" not in rules:
         raise InputError(f"{path}: expected 'sampling_rate_hz' or 'time_column', found neither")
     if rules.get("delimiter", ",") not in _DELIMITERS:
-        raise InputError(f"{path}: delimiter must be one of {_DELIMITERS}, "
-                         f"got {rules['delimiter']!r}")
+        raise InputError(
+            f"{path}: delimiter must be one of {_DELIMITERS}, got {rules['delimiter']!r}"
+        )
     if rules.get("decimal", ".") not in (".", ","):
         raise InputError(f"{path}: decimal must be '.' or ',', got {rules['decimal']!r}")
     if rules.get("header_rows", 1) < 0:
@@ -141,8 +151,9 @@ def _column_index(place, key, column, titles):
     """Turn a column given by title or by number from 1 into an index from 0."""
     if isinstance(column, str):
         if column not in titles:
-            raise InputError(f"{place}: {key} names column '{column}', "
-                             f"the table has {', '.join(titles)[:120]}")
+            raise InputError(
+                f"{place}: {key} names column '{column}', the table has {', '.join(titles)[:120]}"
+            )
         return titles.index(column)
     if isinstance(column, bool) or not isinstance(column, int) or not 1 <= column <= 1000:
         raise InputError(f"{place}: {key} must be a title or a column from 1, got {column!r}")
@@ -153,5 +164,6 @@ def _refuse_commas(path, rows):
     """Refuse decimal commas where the mapping promises decimal points."""
     for line, cells in rows:
         if any("," in cell for cell in cells):
-            raise InputError(f"{path}, line {line}: found a decimal comma, the mapping says "
-                             "decimal = '.'")
+            raise InputError(
+                f"{path}, line {line}: found a decimal comma, the mapping says decimal = '.'"
+            )

@@ -93,8 +93,10 @@ def plateau_level(samples: np.ndarray) -> float | None:
             level = float(size[first])
             if last - first < PLATEAU or level < np.max(size) * (1.0 - PLATEAU_MARGIN):
                 continue
-            over = max(_overshoot(samples[:first][::-1], samples[first], last - first),
-                       _overshoot(samples[last:], samples[first], last - first))
+            over = max(
+                _overshoot(samples[:first][::-1], samples[first], last - first),
+                _overshoot(samples[last:], samples[first], last - first),
+            )
             if over > 8.0 * step and level >= 32.0 * step:
                 return level
     return None

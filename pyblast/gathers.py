@@ -63,8 +63,9 @@ class Gather:
         }  # fmt: skip
         for name, shape in expected.items():
             if np.shape(getattr(self, name)) != shape:
-                raise InputError(f"gather.{name}: must have shape {shape}, "
-                                 f"got {np.shape(getattr(self, name))}")
+                raise InputError(
+                    f"gather.{name}: must have shape {shape}, got {np.shape(getattr(self, name))}"
+                )
 
     @property
     def times(self):
@@ -145,9 +146,9 @@ def _seg2_header(path, traces):
     scaled = [header.get("DESCALING_FACTOR") for header in headers]
     factor = 1.0
     if all(scaled):
-        factor = FACTORS["mv"] * np.array([
-            _number(path, n, "DESCALING_FACTOR", text) for n, text in enumerate(scaled)
-        ])
+        factor = FACTORS["mv"] * np.array(
+            [_number(path, n, "DESCALING_FACTOR", text) for n, text in enumerate(scaled)]
+        )
     delays = {_number(path, n, "DELAY", h.get("DELAY", "0")) for n, h in enumerate(headers)}
     if len(delays) > 1:
         raise ReadError(f"{path}: channels start at different times: {sorted(delays)} s")

@@ -87,8 +87,9 @@ def decode_lines(path: Path, content: bytes) -> list[str]:
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     for number, line in enumerate(lines, 1):
         if len(line) > MAX_LINE:
-            raise ReadError(f"{path}, line {number}: has {len(line)} characters, "
-                            f"expected at most {MAX_LINE}")
+            raise ReadError(
+                f"{path}, line {number}: has {len(line)} characters, expected at most {MAX_LINE}"
+            )
     while lines and not lines[-1].strip():
         lines.pop()
     return lines
@@ -155,8 +156,10 @@ def quantity(text: str, place: str, unit: str = "") -> Printed | None:
 def sampling_step(rate: float, place: str) -> float:
     """Return the time step of a sampling rate that a recorder can have."""
     if not SLOWEST_RATE <= rate <= FASTEST_RATE:
-        raise ReadError(f"{place}: sampling rate must lie between {SLOWEST_RATE:g} and "
-                        f"{FASTEST_RATE:g} Hz, got {rate:g}")
+        raise ReadError(
+            f"{place}: sampling rate must lie between {SLOWEST_RATE:g} and "
+            f"{FASTEST_RATE:g} Hz, got {rate:g}"
+        )
     return 1.0 / rate
 
 
@@ -186,8 +189,9 @@ def read_columns(
     needed = max(columns.values()) + 1
     for line, cells in rows:
         if len(cells) < needed or (width is not None and len(cells) != width):
-            raise ReadError(f"{path}, line {line}: expected {width or needed} columns, "
-                            f"found {len(cells)}")
+            raise ReadError(
+                f"{path}, line {line}: expected {width or needed} columns, found {len(cells)}"
+            )
     return {name: _column(path, rows, name, column) for name, column in columns.items()}
 
 
@@ -205,8 +209,9 @@ def uniform_step(path: Path, times: np.ndarray, lines: list[int], rate: float | 
     if rate is None:
         return dt
     if abs(growth * rate - 1.0) > 0.01 + 1e-3 * rate / len(times):
-        raise ReadError(f"{path}: sampling rate is stated as {rate:g} Hz, "
-                        f"the time column says {1.0 / growth:g}")
+        raise ReadError(
+            f"{path}: sampling rate is stated as {rate:g} Hz, the time column says {1.0 / growth:g}"
+        )
     return sampling_step(rate, f"{path}, sampling rate")
 
 
@@ -228,7 +233,9 @@ def _column(path, rows, name, column):
     mixed = decimal == "," and any("." in text for text in texts)
     if values is not None and np.all(np.isfinite(values)) and not mixed:
         return values
-    return np.array([
-        number(text, f"{path}, line {line}, column '{name}'", decimal)
-        for (line, _), text in zip(rows, texts, strict=True)
-    ])
+    return np.array(
+        [
+            number(text, f"{path}, line {line}, column '{name}'", decimal)
+            for (line, _), text in zip(rows, texts, strict=True)
+        ]
+    )

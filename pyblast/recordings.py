@@ -62,8 +62,9 @@ class Recording:
         """Check that the marks belong to the samples."""
         shape = self.seismogram.velocity.shape
         if np.shape(self.clipped) != shape:
-            raise InputError(f"recording.clipped: must have shape {shape}, "
-                             f"got {np.shape(self.clipped)}")
+            raise InputError(
+                f"recording.clipped: must have shape {shape}, got {np.shape(self.clipped)}"
+            )
 
 
 def read_recording(
@@ -122,7 +123,8 @@ def read_recording(
     format = _choose_format(paths[0], contents[0], format, mapping)
     if format in _STATION_FORMATS:
         traces = [
-            trace for item, content in zip(paths, contents, strict=True)
+            trace
+            for item, content in zip(paths, contents, strict=True)
             for trace in read_traces(item, content, format)
         ]
         raws = station_records(
@@ -169,11 +171,15 @@ def remove_response(recording: Recording, response: str | Path | dict) -> Record
     """
     seismogram = recording.seismogram
     if recording.header.get("unit") != "counts":
-        raise InputError(f"remove_response: {seismogram.label} is in m/s already, its response "
-                         "must not be removed twice")
+        raise InputError(
+            f"remove_response: {seismogram.label} is in m/s already, its response "
+            "must not be removed twice"
+        )
     if not recording.header.get("channels"):
-        raise InputError(f"remove_response: {seismogram.label} was turned from other channels, "
-                         "read it without orientations")
+        raise InputError(
+            f"remove_response: {seismogram.label} was turned from other channels, "
+            "read it without orientations"
+        )
     raw = RawRecord(
         {name: seismogram.velocity[:, n] for n, name in enumerate(seismogram.components)
          if name in recording.header["channels"]},
@@ -202,8 +208,9 @@ def _choose_format(path, content, format, mapping):
         raise InputError(f"{path}: is a gather ({found}), read it with read_gather")
     if found is None:
         head = decode_lines(path, content)[:60]
-        found = next((name for name, row in _TEXT_ROWS.items() if head and row.recognises(head)),
-                     None)
+        found = next(
+            (name for name, row in _TEXT_ROWS.items() if head and row.recognises(head)), None
+        )
     if found is None:
         raise ReadError(f"{path}: is none of {', '.join(FORMATS)}; describe a table by a mapping")
     if format not in (None, found):
@@ -229,15 +236,18 @@ def _recording(path, raw, bearing, full_scale):
     if bearing is not None:
         seismogram, clipped = _turned(path, seismogram, clipped, bearing)
     header = {**raw.header, "unit": raw.unit}
-    return Recording(seismogram, raw.instrument, raw.serial, full_scale, clipped, header, checks,
-                     dead, raw.time)
+    return Recording(
+        seismogram, raw.instrument, raw.serial, full_scale, clipped, header, checks, dead, raw.time
+    )
 
 
 def _turned(path, seismogram, clipped, bearing):
     """Turn longitudinal and transverse into east and north, with their marks."""
     if seismogram.components != BLAST_AXES or not np.all(seismogram.present[:2]):
-        raise InputError(f"{path}: a bearing needs longitudinal and transverse components, "
-                         f"found {', '.join(seismogram.components)}")
+        raise InputError(
+            f"{path}: a bearing needs longitudinal and transverse components, "
+            f"found {', '.join(seismogram.components)}"
+        )
     either = clipped[:, 0] | clipped[:, 1]
     return seismogram.rotated(bearing), np.column_stack([either, either, clipped[:, 2]])
 
@@ -251,8 +261,10 @@ def _refuse_nonsense(path, raw, full_scale):
     for name, samples in raw.channels.items():
         peak = int(np.argmax(np.abs(samples)))
         if abs(samples[peak]) > FASTEST_GROUND:
-            raise ReadError(f"{path}, {name}, sample {peak}: {samples[peak]:g} m/s is faster than "
-                            "any ground, check unit and byte order")
+            raise ReadError(
+                f"{path}, {name}, sample {peak}: {samples[peak]:g} m/s is faster than "
+                "any ground, check unit and byte order"
+            )
 
 
 def _report(path, raw, dead, clipped, checks):
@@ -262,8 +274,11 @@ def _report(path, raw, dead, clipped, checks):
         _warn(f"{place}: {', '.join(dead)} never moves, the channel is dead")
     if np.any(clipped):
         _warn(f"{place}: {np.count_nonzero(clipped)} samples are clipped at full scale")
-    wrong = [f"{name} printed {printed:.4g}, found {found:.4g}"
-             for name, printed, found, within in checks if not within]
+    wrong = [
+        f"{name} printed {printed:.4g}, found {found:.4g}"
+        for name, printed, found, within in checks
+        if not within
+    ]
     if wrong:
         _warn(f"{place}: samples differ from the device's own values (SI): {'; '.join(wrong)}")
 

@@ -23,23 +23,30 @@ def check_bytes(path: Path, content: bytes, name: str) -> None:
         raise ReadError(f"{path}: its content is not {name}")
     promised = _PROMISED[name](content) if name in _PROMISED else 0
     if promised > len(content):
-        raise ReadError(f"{path}: is cut short, {name} header promises {promised} bytes or more, "
-                        f"found {len(content)}")
+        raise ReadError(
+            f"{path}: is cut short, {name} header promises {promised} bytes or more, "
+            f"found {len(content)}"
+        )
     if name in _REFUSALS:
         _REFUSALS[name](path, content)
 
 
 def _is_mseed(content):
     """Recognise a miniSEED 2 data record: sequence number, quality letter, blank."""
-    return (len(content) >= 48 and content[:20].isascii() and content[6:7] in (b"D", b"R", b"Q", b"M")
-            and content[7:8] in (b" ", b"\0") and not content[:6].strip(b"0123456789 \0"))
+    return (
+        len(content) >= 48
+        and content[:20].isascii()
+        and content[6:7] in (b"D", b"R", b"Q", b"M")
+        and content[7:8] in (b" ", b"\0")
+        and not content[:6].strip(b"0123456789 \0")
+    )
 
 
 def _mseed_bytes(content):
     """Walk along the record lengths of miniSEED to where the last record should end."""
     place = 0
     while place + 48 <= len(content) and _is_mseed(content[place : place + 48]):
-        year, = struct.unpack_from(">H", content, place + 20)
+        (year,) = struct.unpack_from(">H", content, place + 20)
         order = ">" if 1900 <= year <= 2500 else "<"
         at = place + struct.unpack_from(order + "H", content, place + 46)[0]
         if at + 8 > len(content):
@@ -92,7 +99,7 @@ def _refuse_wild_places(path, content):
 def _seg2_bytes(content):
     """Return the bytes that the trace pointers and sample counts of SEG-2 promise."""
     order = "<" if content[:2] == b"\x55\x3a" else ">"
-    n_traces, = struct.unpack_from(order + "H", content, 6)
+    (n_traces,) = struct.unpack_from(order + "H", content, 6)
     if 32 + 4 * n_traces > len(content):
         return 32 + 4 * n_traces
     total = 32
@@ -122,8 +129,10 @@ def _refuse_broken_gse2(path, content):
             raise ReadError(f"{path}, window {n}: expected letters of CM6 only")
         found = len(payload.translate(None, _CM6_LETTERS[32:]))
         if not count.isdigit() or int(count) != found:
-            raise ReadError(f"{path}, window {n}: header promises {count.decode('latin-1')} "
-                            f"samples, found {found}")
+            raise ReadError(
+                f"{path}, window {n}: header promises {count.decode('latin-1')} "
+                f"samples, found {found}"
+            )
 
 
 _MAGIC = {

@@ -38,11 +38,15 @@ def read_traces(path: Path, content: bytes, name: str) -> list[obspy.Trace]:
             raise ReadError(f"{place}: expected numbers, found {trace.data.dtype} samples")
         wrong = np.flatnonzero(~np.isfinite(trace.data))
         if len(wrong):
-            raise ReadError(f"{place}, sample {wrong[0]}: expected a finite number, "
-                            f"got {trace.data[wrong[0]]:g}")
+            raise ReadError(
+                f"{place}, sample {wrong[0]}: expected a finite number, "
+                f"got {trace.data[wrong[0]]:g}"
+            )
         if trace.stats.npts < 2 or not 0.0 < trace.stats.delta < 1e4:
-            raise ReadError(f"{place}: expected at least 2 samples at a positive step, "
-                            f"got {trace.stats.npts} at {trace.stats.delta:g} s")
+            raise ReadError(
+                f"{place}: expected at least 2 samples at a positive step, "
+                f"got {trace.stats.npts} at {trace.stats.delta:g} s"
+            )
     return traces
 
 
@@ -81,8 +85,10 @@ def deconvolve(record: RawRecord, response: str | Path | dict, place: str) -> di
     """Remove an instrument response from each channel; returns component to m/s."""
     inventory = None if isinstance(response, dict) else read_inventory(Path(response))
     if inventory is None and set(response) != _PAZ_KEYS:
-        raise InputError(f"{place}: response must have {', '.join(sorted(_PAZ_KEYS))}, "
-                         f"got {', '.join(map(str, response))}")
+        raise InputError(
+            f"{place}: response must have {', '.join(sorted(_PAZ_KEYS))}, "
+            f"got {', '.join(map(str, response))}"
+        )
     cleaned = {}
     for name, samples in record.channels.items():
         header = {"delta": record.dt}
@@ -125,14 +131,17 @@ def _joined(path, traces):
     try:
         stream.merge(method=-1)
     except Exception as error:
-        raise ReadError(f"{path}: pieces of a channel differ in sampling or type "
-                        f"({_first_sentence(error)})") from error
+        raise ReadError(
+            f"{path}: pieces of a channel differ in sampling or type ({_first_sentence(error)})"
+        ) from error
     stream.sort(["network", "station", "location", "channel", "starttime"])
     for first, second in pairwise(stream):
         if first.id == second.id:
             seconds = second.stats.starttime - first.stats.endtime - first.stats.delta
-            raise ReadError(f"{path}, {first.id}: {'gap' if seconds > 0 else 'overlap'} of "
-                            f"{abs(seconds):g} s at {first.stats.endtime}, cut the file there")
+            raise ReadError(
+                f"{path}, {first.id}: {'gap' if seconds > 0 else 'overlap'} of "
+                f"{abs(seconds):g} s at {first.stats.endtime}, cut the file there"
+            )
     return list(stream)
 
 
@@ -148,8 +157,10 @@ def _station(path, group, unit, zero, orientations):
     if length < 2:
         raise ReadError(f"{place}: channels have no time in common")
     if unit is None and any(trace.data.dtype.kind == "i" for trace in group):
-        raise InputError(f"{place}: samples are integer counts, pass unit='counts' and remove "
-                         "the response, or the unit of one count such as 'um_per_s'")
+        raise InputError(
+            f"{place}: samples are integer counts, pass unit='counts' and remove "
+            "the response, or the unit of one count such as 'um_per_s'"
+        )
     if unit is None:
         unit = "m_per_s"
     if unit != "counts" and not (unit in FACTORS and unit.endswith("_per_s")):
@@ -174,8 +185,10 @@ def _oriented(place, samples, orientations):
         names = {code: SEED_COMPONENTS.get(code[-1:].upper()) for code in samples}
         unknown = [code for code, name in names.items() if name is None]
         if unknown or len(set(names.values())) < len(names):
-            raise InputError(f"{place}: channels {', '.join(samples)} must end in E, N, Z once "
-                             "each, otherwise pass orientations (azimuth, dip)")
+            raise InputError(
+                f"{place}: channels {', '.join(samples)} must end in E, N, Z once "
+                "each, otherwise pass orientations (azimuth, dip)"
+            )
         return {names[code]: values for code, values in samples.items()}
     if len(samples) != 3 or not set(samples) <= set(orientations):
         raise InputError(f"{place}: orientations need the three channels {', '.join(samples)}")
@@ -185,5 +198,10 @@ def _oriented(place, samples, orientations):
     )
     if abs(np.linalg.det(axes)) < 0.1:
         raise InputError(f"{place}: orientations must span three directions")
-    return dict(zip(("east", "north", "vertical"),
-                    np.linalg.solve(axes, np.array(list(samples.values()))), strict=True))
+    return dict(
+        zip(
+            ("east", "north", "vertical"),
+            np.linalg.solve(axes, np.array(list(samples.values()))),
+            strict=True,
+        )
+    )

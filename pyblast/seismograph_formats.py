@@ -71,8 +71,9 @@ def read_instantel_csv(path: Path, lines: list[str]) -> RawRecord:
             value = (cells[1:] or [""])[0]
             header[cells[0]] = "; ".join(filter(None, [header.get(cells[0]), value]))
     names = _channels(path, titles + 1, cells)
-    rows = [(n + 1, split_line(path, n + 1, lines[n], delimiter))
-            for n in range(titles + 1, len(lines))]
+    rows = [
+        (n + 1, split_line(path, n + 1, lines[n], delimiter)) for n in range(titles + 1, len(lines))
+    ]
     return _instantel(path, header, names, rows)
 
 
@@ -181,8 +182,9 @@ def _instantel(path, header, names, rows):
     length = field("recordtime")
     expected = (length.value + abs(before.value if before else 0.0)) * rate if length else len(rows)
     if abs(len(rows) - expected) > 0.01 * expected + 1.0:
-        raise ReadError(f"{path}: '{keys['recordtime']}' promises {expected:.0f} samples, "
-                        f"found {len(rows)}")
+        raise ReadError(
+            f"{path}: '{keys['recordtime']}' promises {expected:.0f} samples, found {len(rows)}"
+        )
     start = -abs(before.value) if before else _start_from_peak(channels, dt, printed)
     full_scale = field("georange", unit=unit)
     version = header.get(keys.get("version"), "")
@@ -227,8 +229,10 @@ def _channels(path, line, titles):
         if name:
             names[name] = column
     if not names:
-        raise ReadError(f"{path}, line {line}: expected a row of channels such as Tran, Vert, "
-                        f"Long, got '{' '.join(titles)[:40]}'")
+        raise ReadError(
+            f"{path}, line {line}: expected a row of channels such as Tran, Vert, "
+            f"Long, got '{' '.join(titles)[:40]}'"
+        )
     return names
 
 

@@ -84,8 +84,10 @@ def instantel_csv(record=None, *, changes=None, decimal=".", delimiter=","):
     header |= {f"{n}TimeofPeak": f"{peak_time(n):.3f} sec" for n in AMPLITUDE} | (changes or {})
     rows = [[key, value] for key, value in header.items() if value is not None]
     rows += [["Channel", name] for name in AMPLITUDE] + [list(AMPLITUDE)]
-    rows += [[f"{x:.4f}".replace(".", decimal) for x in row]
-             for row in zip(*(record[n] for n in AMPLITUDE), strict=True)]
+    rows += [
+        [f"{x:.4f}".replace(".", decimal) for x in row]
+        for row in zip(*(record[n] for n in AMPLITUDE), strict=True)
+    ]
     return "\r\n".join(delimiter.join(f'"{cell}"' for cell in row) for row in rows) + "\r\n"
 
 
@@ -108,8 +110,10 @@ def vibracord(record=None, *, rate=f"{RATE} sps"):
     lines = ['"Serial number","900"', '"Date of calibration","2025-01-01"',
              '"Date & Time","2025-01-02 13:04:05"', f'"Sampling rate","{rate}"',
              f'"Pretrigger","{BEFORE} s"', '"Latitude","0.0"']  # fmt: skip
-    lines.append('"Time","Channel 1 (mm/s)","Channel 2 (mm/s)","Channel 3 (mm/s)",'
-                 '"Channel 4 (Pa)","Vector sum 1 (mm/s)"')
+    lines.append(
+        '"Time","Channel 1 (mm/s)","Channel 2 (mm/s)","Channel 3 (mm/s)",'
+        '"Channel 4 (Pa)","Vector sum 1 (mm/s)"'
+    )
     lines += [
         f'"{n / RATE:.6f}","{record["Vert"][n]:.4f}","{record["Long"][n]:.4f}",'
         f'"{record["Tran"][n]:.4f}","0.0","{sums[n]:.4f}"'
@@ -132,12 +136,21 @@ def seg2(data, *, order="<", start="-0.010", descaling=None, spacing=2.0, n_prom
         words = [f"CHANNEL_NUMBER {n + 1}", f"DELAY {start}", "SAMPLE_INTERVAL 0.001",
                  f"RECEIVER_LOCATION {spacing * n:.2f}", "SOURCE_LOCATION -5.00"]  # fmt: skip
         words += [f"DESCALING_FACTOR {descaling}"] if descaling else []
-        free = b"".join(
-            struct.pack(order + "H", len(word) + 3) + word.encode() + b"\0" for word in words
-        ) + b"\0\0"
+        free = (
+            b"".join(
+                struct.pack(order + "H", len(word) + 3) + word.encode() + b"\0" for word in words
+            )
+            + b"\0\0"
+        )
         size = 32 + len(free)
-        head = struct.pack(order + "HHIIB", 0x4422, size, samples.nbytes,
-                           len(samples) if n_promised is None else n_promised, 4)
+        head = struct.pack(
+            order + "HHIIB",
+            0x4422,
+            size,
+            samples.nbytes,
+            len(samples) if n_promised is None else n_promised,
+            4,
+        )
         block = head.ljust(32, b"\0") + free + samples.tobytes()
         pointers.append(place)
         blocks.append(block)

@@ -130,8 +130,10 @@ def test_counts_without_a_unit_are_refused(tmp_path):
 @pytest.mark.parametrize(("shift", "word"), [(0.5, "gap of 0.5 s"), (-0.02, "overlap of 0.02 s")])
 def test_gap_and_overlap_are_named_with_station_and_time(tmp_path, shift, word):
     end = obspy.UTCDateTime("2025-01-02T03:04:05") + 0.1
-    pieces = [files.miniseed({"R01": RNG.normal(size=(50, 3))}),
-              files.miniseed({"R01": RNG.normal(size=(50, 3))}, start=str(end + shift))]
+    pieces = [
+        files.miniseed({"R01": RNG.normal(size=(50, 3))}),
+        files.miniseed({"R01": RNG.normal(size=(50, 3))}, start=str(end + shift)),
+    ]
 
     with pytest.raises(ReadError, match=rf"XX\.R01\.\.HHE: {word} at 2025-01-02T03:04:05"):
         read_stations(write(tmp_path, b"".join(pieces)))
