@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from .raw_record import Printed, RawRecord
+from .raw_record import Printed
+from .seismogram import Seismogram
+from .spectra import zero_crossing_frequency
 
 TOLERANCE = 0.01
 FREQUENCY_TOLERANCE = 0.03
@@ -11,7 +13,9 @@ FULL_SCALE_MARGIN = 5e-4
 PLATEAU_MARGIN = 1e-6
 
 
-def check_printed(record: RawRecord) -> tuple[tuple[str, float, float, bool], ...]:
+def check_printed(
+    printed: dict[str, Printed], seismogram: Seismogram
+) -> tuple[tuple[str, float, float, bool], ...]:
     """Compare every value that the device printed with the same value from the raw samples.
 
     Returns
@@ -26,27 +30,30 @@ def check_printed(record: RawRecord) -> tuple[tuple[str, float, float, bool], ..
     The mean is not removed; the vector sum is taken at one instant; acceleration is a forward
     difference; frequency comes from the zero crossings on both sides of the peak.
     """
-    found = device_values(record) if record.printed else {}
+    found = device_values(seismogram) if printed else {}
     return tuple(
-        (name, printed.value, found[name], _within(name, printed, found[name], record.dt))
-        for name, printed in record.printed.items()
+        (name, value.value, found[name], _within(name, value, found[name], seismogram.dt))
+        for name, value in printed.items()
         if np.isfinite(found.get(name, np.nan))
     )
 
 
-def device_values(record: RawRecord) -> dict[str, float]:
+def device_values(seismogram: Seismogram) -> dict[str, float]:
     """Compute what a blast seismograph prints, by the rules of such devices (SI)."""
+    frequency = zero_crossing_frequency(seismogram).hz
     values = {}
-    for name, samples in record.channels.items():
+    for n in np.flatnonzero(seismogram.present):
+        name, samples = seismogram.components[n], seismogram.velocity[:, n]
         peak = int(np.argmax(np.abs(samples)))
-        values[f"{name} PPV"] = float(np.abs(samples[peak]))
-        values[f"{name} time of peak"] = record.start + peak * record.dt
-        values[f"{name} zero-crossing frequency"] = _zero_crossing(samples, peak, record.dt)
-        values[f"{name} peak acceleration"] = float(np.max(np.abs(np.diff(samples))) / record.dt)
-    if len(record.channels) == 3:
-        length = np.sqrt(np.sum(np.square(list(record.channels.values())), axis=0))
-        values["vector sum"] = float(np.max(length))
-        values["time of vector sum"] = record.start + int(np.argmax(length)) * record.dt
+        change = float(np.max(np.abs(np.diff(samples))))
+        values[f"{name} PPV"] = float(seismogram.ppv[n])
+        values[f"{name} time of peak"] = float(seismogram.times[peak])
+        values[f"{name} zero-crossing frequency"] = float(frequency[n])
+        values[f"{name} peak acceleration"] = change / seismogram.dt
+    if np.all(seismogram.present):
+        longest = int(np.argmax(np.sum(seismogram.velocity**2, axis=1)))
+        values["vector sum"] = seismogram.pvs
+        values["time of vector sum"] = float(seismogram.times[longest])
     return values
 
 
@@ -114,20 +121,6 @@ def _overshoot(flank, level, length):
 def is_dead(samples: np.ndarray) -> bool:
     """Tell whether a channel never moves."""
     return bool(np.all(samples == samples[0]))
-
-
-def _zero_crossing(samples, peak, dt):
-    """Return 1/(2 T) with T between the interpolated zero crossings around the peak."""
-    same = samples * np.sign(samples[peak]) > 0.0
-    before, after = np.flatnonzero(~same[:peak]), np.flatnonzero(~same[peak:])
-    if not (len(before) and len(after)):
-        return np.nan
-    left, right = before[-1], peak + after[0]
-    rise = samples[left + 1] - samples[left]
-    fall = samples[right - 1] - samples[right]
-    first = left - samples[left] / rise
-    last = right - samples[right] / -fall
-    return float(1.0 / (2.0 * dt * (last - first)))
 
 
 def _within(name, printed: Printed, found, dt):

@@ -230,8 +230,8 @@ def _recording(path, raw, bearing, full_scale):
     marks = {name: clipped_samples(x, full_scale) for name, x in raw.channels.items()}
     clipped = np.nan_to_num(_columns(marks, axes, n_samples)).astype(bool)
     dead = tuple(name for name, samples in raw.channels.items() if is_dead(samples))
-    checks = check_printed(raw)
     seismogram = Seismogram(velocity, raw.dt, raw.start, raw.label, axes)
+    checks = check_printed(raw.printed, seismogram)
     _report(path, raw, dead, clipped, checks)
     if bearing is not None:
         seismogram, clipped = _turned(path, seismogram, clipped, bearing)
