@@ -1,0 +1,184 @@
+"""The commands ``pyblast run, mesh, superpose, compare, check, report``; the only place that prints."""
+
+import os
+import sys
+import warnings
+from contextlib import contextmanager
+from importlib import resources
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from . import console
+from .errors import PyblastError, SolverError
+
+app = typer.Typer(
+    help="Blast vibration in jointed rock: from one hole to the whole blast, through joints and "
+    "faults, to what a seismograph records.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+ProjectFile = Annotated[Path, typer.Argument(help="The project file, such as project.toml.")]
+Full = Annotated[bool, typer.Option("--full", help="Take the larger run of table [full] of the file.")]
+
+
+@contextmanager
+def told():
+    """Turn every error into one sentence and an exit code: 1 solver, 2 input, 130 interrupted."""
+    try:
+        yield
+    except SolverError as error:
+        console.complain(error)
+        raise typer.Exit(1) from None
+    except PyblastError as error:
+        console.complain(error)
+        raise typer.Exit(2) from None
+    except KeyboardInterrupt:
+        console.complain("interrupted; `pyblast run --resume` goes on from the checkpoint")
+        raise typer.Exit(130) from None
+
+
+@app.command()
+def run(
+    project: ProjectFile,
+    output: Annotated[
+        Path | None, typer.Option(help="Folder for the numbered result folders [results beside it].")
+    ] = None,
+    full: Full = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where the last run was interrupted.")
+    ] = False,
+    write_model: Annotated[
+        Path | None,
+        typer.Option(help="Write the model for the program pyblast-run, and march nothing."),
+    ] = None,
+):
+    """Run the whole chain and write result.h5, summary.json, files for ParaView and report.html.
+
+    The signature of one hole is superposed over the firing times, low-passed, and sent through
+    the jointed rock to the receivers; where records are given, they are compared. Earlier results
+    are kept. Ctrl-C writes a checkpoint.
+    """
+    with told():
+        from . import pipeline
+        from .project import load_project
+
+        loaded = load_project(project, full)
+        with console.Progress() as progress:
+            if write_model is not None:
+                pipeline.write_model_file(loaded, write_model, progress)
+                console.say(f"model: {write_model}")
+                return
+            outcome = pipeline.run(loaded, output, resume=resume, progress=progress)
+        console.show_outcome(outcome)
+
+
+@app.command()
+def check(project: ProjectFile, full: Full = False):
+    """Say what a run is about to do, and what is doubtful about it, before it is done.
+
+    Volumes and masses, zones, the highest frequency that the mesh carries in each material, time
+    step, memory, estimated time, and every defect that the numbers of the project show. Exit
+    code 3 where a result could not be trusted.
+    """
+    with told():
+        from .checks import check as look
+        from .project import load_project
+
+        found = look(load_project(project, full))
+        console.show_check(found)
+        if found.failed:
+            raise typer.Exit(3)
+
+
+@app.command()
+def mesh(
+    project: ProjectFile,
+    output: Annotated[Path, typer.Option(help="Folder for zones.vtu and joints.vtu.")] = Path("."),
+    full: Full = False,
+):
+    """Build the mesh only, count it, and write it for ParaView with blocks and highest frequency."""
+    with told():
+        from .pipeline import write_mesh_files
+        from .project import load_project
+
+        loaded = load_project(project, full)
+        console.show_census(write_mesh_files(loaded, output))
+        console.say(f"written: {output / 'zones.vtu'}, {output / 'joints.vtu'}")
+
+
+@app.command()
+def superpose(
+    project: ProjectFile,
+    output: Annotated[Path | None, typer.Option(help="CSV file for the input motion.")] = None,
+):
+    """Add up the single-hole seismogram over the holes of the blast, without running the model.
+
+    Prints peaks of the single hole, of the whole blast, and after the low-pass, with the energy
+    that the filter took.
+    """
+    with told():
+        from .project import load_project
+        from .result import write_csv
+
+        stages = load_project(project).input
+        console.show_input(stages)
+        if output is not None:
+            write_csv(output, stages.motion)
+            console.say(f"written: {output}")
+
+
+@app.command()
+def compare(
+    recorded: Annotated[Path, typer.Argument(help="Record of a blast seismograph.")],
+    simulated: Annotated[Path, typer.Argument(help="result.h5 of a run, or another record.")],
+    receiver: Annotated[str, typer.Option(help="Receiver of the run.")] = "",
+    low: Annotated[float, typer.Option(help="Compare above this frequency in Hz.")] = 0.0,
+    high: Annotated[float, typer.Option(help="Compare below this frequency in Hz.")] = 0.0,
+    bearing: Annotated[
+        float | None, typer.Option(help="Degrees from the instrument to the blast, from north.")
+    ] = None,
+):
+    """Compare a record with a simulation: peaks, dominant frequencies, durations, waveforms."""
+    with told():
+        from .pipeline import compare_files
+
+        band = (low, high) if low or high else None
+        console.show_comparison(compare_files(recorded, simulated, receiver, band, bearing))
+
+
+@app.command()
+def report(
+    result: Annotated[Path, typer.Argument(help="Result folder of a run, or its result.h5.")],
+    output: Annotated[Path | None, typer.Option(help="The page to write [report.html].")] = None,
+):
+    """Make the report of a run again: one page with all figures and tables, readable offline."""
+    with told():
+        from .report import write_report
+        from .result import read_result
+
+        path = result / "result.h5" if result.is_dir() else result
+        page = output or path.with_name("report.html")
+        write_report(page, read_result(path))
+        console.say(f"written: {page}")
+
+
+def standalone():
+    """Become the program ``pyblast-run``."""
+    program = resources.files(__package__) / "bin" / "pyblast-run"
+    if not program.is_file():
+        console.complain("the program pyblast-run is not built; install libhdf5-dev and build again")
+        sys.exit(2)
+    os.execv(str(program), ["pyblast-run", *sys.argv[1:]])
+
+
+def main():
+    """Run the command line."""
+    warnings.showwarning = lambda message, *_args, **_options: console.complain(f"note: {message}")
+    app(prog_name="pyblast")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,172 @@
+"""What the commands show on a terminal or in a log: tables, sentences, progress."""
+
+import sys
+import time
+
+import numpy as np
+from rich.console import Console
+from rich.progress import BarColumn, Progress as Bar, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+STAGES = {
+    "input": "input motion",
+    "mesh": "mesh",
+    "check": "checks",
+    "static": "static stage",
+    "dynamic": "dynamic stage",
+    "writing": "results and report",
+}
+_out = Console(highlight=False, soft_wrap=True)
+_err = Console(highlight=False, soft_wrap=True, stderr=True)
+
+
+def say(text):
+    """Print a line."""
+    _out.print(text, markup=False)
+
+
+def complain(text):
+    """Print a line to standard error."""
+    _err.print(f"pyblast: {text}", markup=False)
+
+
+class Progress:
+    """Show how far a run is: a bar on a terminal, plain lines elsewhere."""
+
+    def __init__(self):
+        """Find out whether a person is watching."""
+        self._bar = None
+        if sys.stdout.isatty():
+            columns = TextColumn("{task.description:<20}"), BarColumn(), TimeRemainingColumn()
+            self._bar = Bar(*columns, console=_out, transient=True)
+        self._task, self._stage, self._began, self._shown = None, None, 0.0, 0.0
+
+    def __enter__(self):
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(self, *_):
+        if self._bar is not None:
+            self._bar.stop()
+
+    def __call__(self, stage, done, total):
+        """Take note of ``done`` of ``total`` in a stage."""
+        name = STAGES.get(stage, stage)
+        if stage != self._stage:
+            self._stage, self._began, self._shown = stage, time.perf_counter(), 0.0
+            if self._bar is None:
+                say(f"pyblast: {name}")
+            else:
+                self._task = self._bar.add_task(name, total=total)
+        if self._bar is not None:
+            self._bar.update(self._task, completed=done, total=total)
+        elif total > 1 and done / total >= self._shown + 0.1:
+            self._shown = done / total
+            spent = time.perf_counter() - self._began
+            left = spent * (total / done - 1.0)
+            say(f"pyblast: {name} {100 * done / total:.0f} %, about {left:.0f} s left")
+
+
+def _table(*heads):
+    """Return an empty table with numbers to the right."""
+    table = Table(box=None, pad_edge=False)
+    for number, head in enumerate(heads):
+        table.add_column(head, justify="left" if number == 0 else "right")
+    return table
+
+
+def show_census(census):
+    """Print counts, sizes, frequencies, time step and cost."""
+    table = _table("material", "zones", "volume m3", "mass t", "edge m", "quality", "carries Hz")
+    for g in census.groups:
+        table.add_row(
+            g.name, f"{g.zones}", f"{g.volume:.4g}", f"{1e-3 * g.mass:.4g}", f"{g.mean_edge:.3g}",
+            f"{g.smallest_quality:.2f}", f"{g.highest_frequency:.3g}",
+        )  # fmt: skip
+    _out.print(table)
+    say(
+        f"{census.zones} zones, {census.nodes} nodes, {census.contacts} contacts, "
+        f"{census.blocks} blocks; memory about {census.memory / 2**20:.0f} MB"
+    )
+    say(
+        f"time step {1e3 * census.dt:.3g} ms, limited by {census.limited_by}; added mass "
+        f"{100 * census.added_mass:.2g} %; {census.steps} steps"
+    )
+    if census.seconds is not None:
+        say(f"estimated time {census.seconds:.0f} s, beside the static stage")
+
+
+def show_check(found):
+    """Print the census, the notes on the holes, and every finding."""
+    show_census(found.census)
+    for note in found.notes:
+        say(f"- {note}")
+    for finding in found.findings:
+        say(f"{finding.code}{' FAILS' if finding.failed else ''}: {finding.title}")
+        say(f"    {finding.text}")
+
+
+def show_input(stages):
+    """Print the peaks of signature, superposed blast and low-passed motion."""
+    table = _table("", *stages.signature.components, "vector sum")
+    rows = {"single hole": stages.signature, "whole blast": stages.superposed}
+    if stages.low_passed is not None:
+        rows[f"below {stages.low_passed.corner:g} Hz"] = stages.motion
+    for name, s in rows.items():
+        table.add_row(name, *(f"{1e3 * v:.3g}" for v in s.ppv), f"{1e3 * s.pvs:.3g}")
+    say(f"{len(stages.firing.times)} holes; peak particle velocity in mm/s")
+    _out.print(table)
+    if stages.low_passed is not None:
+        low = stages.low_passed
+        say(
+            f"the filter (-6 dB at {low.corner:g} Hz, -3 dB at {low.corner_3db:.3g} Hz, no phase "
+            f"shift) took {_percent(low.removed_energy)} of the energy of each component"
+        )
+
+
+def show_comparison(comparison):
+    """Print the deviations per component."""
+    table = _table("simulated against recorded", *comparison.components)
+    for name, values in (
+        ("PPV", comparison.ppv_deviation),
+        ("dominant frequency", comparison.frequency_deviation),
+        ("duration", comparison.duration_deviation),
+        ("waveform misfit", comparison.waveform_misfit),
+    ):
+        table.add_row(name, *(_one_percent(v) for v in values))
+    table.add_row("lag in ms", *(f"{1e3 * v:.1f}" for v in comparison.lag))
+    table.add_row("correlation", *(f"{v:.2f}" for v in comparison.correlation))
+    _out.print(table)
+    say(f"mean deviation of PPV and dominant frequency: {comparison.misfit:.1f} %")
+
+
+def show_outcome(outcome):
+    """Print peaks at the receivers, comparisons, defects and where everything lies."""
+    for name, seismogram in outcome.seismograms.items():
+        listed = ", ".join(
+            f"{c} {1e3 * v:.3g}" for c, v in zip(seismogram.components, seismogram.ppv, strict=True)
+        )
+        say(f"{name}: PPV in mm/s {listed}; vector sum {1e3 * seismogram.pvs:.3g}")
+    for name, comparison in outcome.comparisons.items():
+        say(f"{name}, recorded and simulated:")
+        show_comparison(comparison)
+    for finding in outcome.check.findings:
+        say(f"{finding.code}{' FAILS' if finding.failed else ''}: {finding.title}")
+    run = outcome.run
+    say(
+        f"{run.prepared.n_steps} steps of {1e3 * run.dt:.3g} ms in {run.wall_seconds:.0f} s; "
+        f"energy balance within {100 * run.balance_error:.2g} %"
+    )
+    say(f"results: {outcome.folder}")
+    say(f"report:  {outcome.folder / 'report.html'}")
+
+
+def _percent(values):
+    """Show fractions as percent, leaving out those that are none."""
+    return ", ".join("-" if np.isnan(v) else f"{100 * v:.2g} %" for v in values)
+
+
+def _one_percent(value):
+    """Show one fraction as percent."""
+    return "-" if np.isnan(value) else f"{100 * value:+.1f} %"

@@ -1,0 +1,243 @@
+"""The main job from a project to its output folder: check, run, compare, write."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+
+from . import solver
+from .census import Census, take_census
+from .checks import Check, check
+from .comparison import Comparison, compare
+from .errors import InputError, ReadError
+from .project import Project, load_project
+from .recordings import read_recording
+from .report import write_report
+from .result import Result, read_result, seismogram_heads, write_result, write_summary
+from .seismogram import Seismogram
+from .summary import summarise
+from .vtk_file import write_joints, write_motion, write_zones, zone_fields
+
+CHECKPOINT = "checkpoint.h5"
+RESULT = "result.h5"
+LARGEST_FOLDER = 9999
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a run of a project gives.
+
+    Parameters
+    ----------
+    folder : Path
+    seismograms : dict of str to Seismogram
+        Simulated, by receiver; zero time is the first firing.
+    comparisons : dict of str to Comparison
+        Of receivers with a record.
+    check : Check
+    run : Run
+    result : Result
+    """
+
+    folder: Path
+    seismograms: dict[str, Seismogram]
+    comparisons: dict[str, Comparison]
+    check: Check
+    run: solver.Run
+    result: Result
+
+
+def run(
+    project: Project | str | Path,
+    output=None,
+    *,
+    resume: bool = False,
+    full: bool = False,
+    progress: Callable | None = None,
+) -> Outcome:
+    """Run a project and write its result, pictures and report.
+
+    Parameters
+    ----------
+    project : Project or path of a project file
+    output : path, optional
+        Folder that takes numbered folders, one per run; ``results`` beside the project file by
+        default. Earlier results stay.
+    resume : bool
+        Go on from the checkpoint of the last run that was interrupted.
+    full : bool
+        Take the table ``[full]`` of the project file.
+    progress : callable, optional
+        Called with (stage, done, total).
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    InputError, ReadError
+        If the project or a file of it is wrong, or there is nothing to resume.
+    SolverError
+        If the motion is not finite or the static stage does not come to rest.
+    """
+    tell = progress or (lambda *_: None)
+    if not isinstance(project, Project):
+        project = load_project(project, full)
+    output = project.folder / "results" if output is None else Path(output)
+    tell("input", 0, 1)
+    project.input, project.recorded
+    tell("mesh", 0, 1)
+    model = project.model
+    tell("check", 0, 1)
+    checked = check(project, measure=False)
+    folder = interrupted_folder(output) if resume else new_folder(output)
+    checkpoint = folder / CHECKPOINT
+    run_ = solver.run(
+        model,
+        project.duration,
+        progress=progress,
+        checkpoint=checkpoint,
+        resume=checkpoint if resume else None,
+        snapshot_times=[t + project.lead for t in project.config.run.snapshots_s],
+    )
+    tell("writing", 0, 1)
+    outcome = _conclude(project, checked, run_, folder)
+    write_outcome(outcome, model)
+    checkpoint.unlink(missing_ok=True)
+    return outcome
+
+
+def _conclude(project, checked, run_, folder):
+    """Compare with records and gather everything in a `Result`."""
+    simulated = {n: s.shifted(-project.lead) for n, s in run_.seismograms.items()}
+    comparisons = compare_all(project, simulated)
+    stages = project.input
+    groups = {
+        "input": {
+            "signature": stages.signature,
+            "superposed": stages.superposed,
+            "motion": stages.motion,
+        },
+        "simulated": simulated,
+        "recorded": project.recorded,
+    }
+    mesh, contacts = project.model.mesh, project.model.mesh.contacts
+    arrays = {group: {n: s.velocity for n, s in g.items()} for group, g in groups.items()}
+    arrays |= {
+        "mesh": {"points": mesh.points, "zones": mesh.zones},
+        "surfaces": dict(mesh.surfaces),
+        "zones": zone_fields(project.model),
+        "energy": run_.energy,
+        "state": run_.state,
+        "snapshots": {f"{t - project.lead:.6f}": v for t, v in run_.snapshots.items()},
+        "contacts": {} if contacts is None else {
+            n: getattr(contacts, n) for n in ("joint", "minus", "plus", "normal", "area")
+        },
+    }  # fmt: skip
+    summary = summarise(project, checked, run_, simulated, comparisons)
+    summary["seismograms"] = seismogram_heads(groups)
+    result = Result(arrays, summary)
+    return Outcome(folder, simulated, comparisons, checked, run_, result)
+
+
+def compare_all(project, simulated):
+    """Compare recorded with simulated motion at every receiver that has a record."""
+    band = project.config.run.compare_band_hz
+    return {
+        name: compare(record, simulated[name], None if band is None else tuple(band))
+        for name, record in project.recorded.items()
+    }
+
+
+def write_outcome(outcome, model):
+    """Write result file, summary, files for ParaView and the report."""
+    folder, run_ = outcome.folder, outcome.run
+    write_result(folder / RESULT, outcome.result)
+    write_summary(folder / "summary.json", outcome.result.summary)
+    mesh = model.mesh
+    moved = {"displacement": run_.state["displacement"]}
+    write_zones(folder / "zones.vtu", mesh.points, mesh.zones, zone_fields(model), moved)
+    if mesh.contacts is not None:
+        write_joints(folder / "joints.vtu", mesh, run_.state["displacement"])
+    write_motion(folder, mesh.points, mesh.zones, run_.snapshots)
+    write_report(folder / "report.html", outcome.result)
+
+
+def new_folder(output):
+    """Make the next numbered folder; two runs at once get two folders.
+
+    Raises
+    ------
+    ReadError
+        If the place can't be written.
+    """
+    for number in range(1, LARGEST_FOLDER):
+        folder = Path(output) / f"{number:03d}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise ReadError(f"{folder}: can't be made ({error.strerror or error})") from None
+        return folder
+    raise InputError(f"{output}: holds {LARGEST_FOLDER} results already; give another folder")
+
+
+def interrupted_folder(output):
+    """Return the last folder with a checkpoint and no result."""
+    found = [
+        path.parent
+        for path in sorted(Path(output).glob(f"[0-9]*/{CHECKPOINT}"))
+        if not (path.parent / RESULT).exists()
+    ]
+    if not found:
+        raise InputError(f"{output}: nothing to resume; no folder there holds a {CHECKPOINT}")
+    return found[-1]
+
+
+def write_mesh_files(project, output) -> Census:
+    """Write ``zones.vtu`` and ``joints.vtu`` of a project into a folder and return its census."""
+    output = Path(output)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ReadError(f"{output}: can't be made ({error.strerror or error})") from None
+    mesh = project.model.mesh
+    write_zones(output / "zones.vtu", mesh.points, mesh.zones, zone_fields(project.model))
+    write_joints(output / "joints.vtu", mesh)
+    return take_census(project)
+
+
+def write_model_file(project, path, progress=None):
+    """Write the model of a project, at rest under its in-situ stress, for ``pyblast-run``."""
+    from .model_file import write_model
+
+    prepared = solver.prepare(project.model, project.duration, progress)
+    write_model(path, prepared, [receiver.name for receiver in project.receivers])
+
+
+def compare_files(recorded, simulated, receiver="", band=None, bearing_deg=None) -> Comparison:
+    """Compare a record with a receiver of a result file, or with another record.
+
+    Parameters
+    ----------
+    recorded, simulated : path
+    receiver : str
+        Of the result file; may be left out where there is only one.
+    band : tuple of 2 float, Hz, optional
+    bearing_deg : float, optional
+        From the instrument to the blast, clockwise from north, for records with a longitudinal
+        component.
+    """
+    bearing = None if bearing_deg is None else math.radians(bearing_deg)
+    record = read_recording(recorded, bearing=bearing)[0].seismogram
+    if Path(simulated).suffix != ".h5":
+        return compare(record, read_recording(simulated, bearing=bearing)[0].seismogram, band)
+    found = read_result(simulated).seismograms("simulated")
+    if not receiver and len(found) == 1:
+        receiver = next(iter(found))
+    if receiver not in found:
+        raise InputError(f"receiver: must be one of {', '.join(found)}, got {receiver!r}")
+    return compare(record, found[receiver], band)
