@@ -21,9 +21,10 @@ def geometry_arrays(model):
     mass = model.zone_values("density") * volume
     node_mass = node_sums(mesh.zones, mass + limit.added_mass, len(mesh.points))
     drag = node_sums(mesh.zones, model.zone_damping("alpha") * mass, len(mesh.points))
+    contacts = _contacts(model)
     arrays = {
         "dt": model.step_factor * limit.dt,
-        **_domains(mesh),
+        **_domains(mesh, contacts["contact_node"]),
         "zone_gradient": shape_gradients(mesh.points, mesh.zones),
         "zone_volume": volume,
         "zone_lambda": model.zone_values("first_lame"),
@@ -31,12 +32,12 @@ def geometry_arrays(model):
         "zone_beta": model.zone_damping("beta"),
         "node_mass": node_mass,
         "node_alpha": drag / node_mass,
-        **_contacts(model),
+        **contacts,
     }
     return arrays, limit
 
 
-def _domains(mesh):
+def _domains(mesh, contact_node):
     """Cut the zones into domains of fixed size, with slots for the nodes of each."""
     n_nodes, n_zones = len(mesh.points), len(mesh.zones)
     starts = np.append(np.arange(0, n_zones, DOMAIN_ZONES), n_zones)
@@ -44,10 +45,8 @@ def _domains(mesh):
     keys = domain[:, None].astype(np.int64) * n_nodes + mesh.zones
     slots, place = np.unique(keys, return_inverse=True)
     slot_start = np.searchsorted(slots, np.arange(len(starts)) * n_nodes)
-    part_node = slot_node = slots % n_nodes
-    if mesh.contacts is not None:
-        sides = np.stack([mesh.contacts.minus, mesh.contacts.plus], axis=1)
-        part_node = np.concatenate([slot_node, sides.ravel()])
+    slot_node = slots % n_nodes
+    part_node = np.concatenate([slot_node, contact_node.ravel()])
     order = np.argsort(part_node, kind="stable")
     return {
         "domain_zone_start": starts.astype(np.int32),
@@ -64,24 +63,33 @@ def _contacts(model):
     contacts = model.mesh.contacts
     by_name = {joint.surface: joint for joint in model.joints}
     joints = [by_name[name] for name in contacts.names] if contacts is not None else []
-    table = np.zeros((max(1, len(joints)), N_JOINT_PROPERTIES))
-    for row, joint in zip(table, joints, strict=False):
+    if not joints:
+        return _no_contact()
+    table = np.zeros((len(joints), N_JOINT_PROPERTIES))
+    for row, joint in zip(table, joints, strict=True):
         row[: len(joint.properties)] = list(joint.properties.values())
-    law = [JOINT_LAWS[joint.law].number for joint in joints] or [0]
-    arrays = {"joint_law": np.array(law, dtype=np.int32), "joint_property": table}
-    if contacts is None:
-        none = np.zeros((0, 3))
-        arrays.update(contact_node=np.zeros((0, 2), dtype=np.int32), contact_normal=none)
-        arrays.update(contact_area=np.zeros(0), contact_joint=np.zeros(0, dtype=np.int32))
-        return {**arrays, "contact_initial": none}
     pressure = np.array([joint.insitu_pressure for joint in joints])[contacts.joint]
     return {
-        **arrays,
+        "joint_law": np.array([JOINT_LAWS[joint.law].number for joint in joints], dtype=np.int32),
+        "joint_property": table,
         "contact_node": np.stack([contacts.minus, contacts.plus], axis=1).astype(np.int32),
         "contact_normal": contacts.normal,
         "contact_area": contacts.area,
         "contact_joint": contacts.joint.astype(np.int32),
         "contact_initial": -pressure[:, None] * contacts.normal,
+    }
+
+
+def _no_contact():
+    """One contact of no area, of a node with itself: the core takes no empty tables."""
+    return {
+        "joint_law": np.zeros(1, dtype=np.int32),
+        "joint_property": np.ones((1, N_JOINT_PROPERTIES)),
+        "contact_node": np.zeros((1, 2), dtype=np.int32),
+        "contact_normal": np.array([[1.0, 0.0, 0.0]]),
+        "contact_area": np.zeros(1),
+        "contact_joint": np.zeros(1, dtype=np.int32),
+        "contact_initial": np.zeros((1, 3)),
     }
 
 

@@ -97,8 +97,8 @@ def _dashpot_arrays(impedance, fixed, geometry):
 
 
 def _fixed_arrays(fixed):
-    """Flatten the prescribed directions of all nodes."""
-    rows = [(n, d, h) for n in sorted(fixed) for d, h in fixed[n]]
+    """Flatten the prescribed directions of all nodes; one of no length where there is none."""
+    rows = [(n, d, h) for n in sorted(fixed) for d, h in fixed[n]] or [(0, np.zeros(3), -1)]
     return {
         "fixed_node": np.array([n for n, _, _ in rows], dtype=np.int32),
         "fixed_direction": np.array([d for _, d, _ in rows]).reshape(-1, 3),

@@ -68,11 +68,15 @@ def to_fortran(arrays):
     Returns
     -------
     dict
-        The same names; indices count from 1, axes are reversed, nothing else is copied.
+        The same names; indices count from 1, axes are reversed, nothing else is copied. An
+        empty array becomes one row of zeros, which loads, dashpots and the like can bear: f2py
+        takes no empty arrays.
     """
     views = {}
     for name, value in arrays.items():
         if isinstance(value, np.ndarray):
+            if not value.size:
+                value = np.zeros((1, *value.shape[1:]), dtype=value.dtype)
             if name.endswith(INDEX_ENDINGS):
                 value = value + np.int32(1)
             value = np.ascontiguousarray(value).T

@@ -44,6 +44,35 @@ class InSitu:
     horizontal_ratio: float = 0.5
 
 
+@dataclass(frozen=True)
+class Rim:
+    """Ground outside a box that damps what leaves it, for sources inside the model.
+
+    Parameters
+    ----------
+    box : ((x0, x1), (y0, y1), (z0, z1)), m
+        What lies inside is not touched; above the box nothing is.
+    width : float, m
+        From the box to the end of the mesh.
+
+    Notes
+    -----
+    Mass damping ``6 cs/width (d/width)^2`` at distance d: an S wave that crosses the rim once
+    loses a factor e; theory.md (4.5).
+    """
+
+    box: tuple
+    width: float
+
+    def alpha(self, places, speed):
+        """Return the mass damping (n,) in 1/s at places (n, 3) with S speeds (n,)."""
+        low, high = np.asarray(self.box, dtype=float).T
+        outside = np.maximum(0.0, np.maximum(low - places, places - high))
+        outside[:, 2] = np.maximum(0.0, low[2] - places[:, 2])
+        depth = np.minimum(1.0, np.linalg.norm(outside, axis=1) / self.width)
+        return 6.0 * speed / self.width * depth**2
+
+
 @dataclass(frozen=True, eq=False)
 class Model:
     """Blocks, joints, boundaries, sources and receivers.
@@ -59,6 +88,7 @@ class Model:
     damping : Damping or dict of str to Damping, optional
     sources : sequence of Hole or PointForce
     receivers : sequence of Receiver
+    rim : Rim, optional
     insitu : InSitu, optional
         Brings a static stage before the dynamic one.
     added_mass : float
@@ -79,6 +109,7 @@ class Model:
     damping: Damping | dict[str, Damping] | None = None
     sources: tuple = ()
     receivers: tuple[Receiver, ...] = ()
+    rim: Rim | None = None
     insitu: InSitu | None = None
     added_mass: float = 0.0
     step_factor: float = 0.8
@@ -138,11 +169,15 @@ class Model:
 
     def zone_damping(self, name):
         """Return ``alpha`` (1/s) or ``beta`` (s) of the damping for every zone, (n_zones,)."""
-        if self.damping is None:
-            return np.zeros(len(self.mesh.zones))
-        by_group = isinstance(self.damping, dict)
-        parts = [self.damping[g] if by_group else self.damping for g in self.mesh.groups]
-        return np.array([getattr(part, name) for part in parts])[self.mesh.zone_group]
+        values = np.zeros(len(self.mesh.zones))
+        if self.damping is not None:
+            by_group = isinstance(self.damping, dict)
+            parts = [self.damping[g] if by_group else self.damping for g in self.mesh.groups]
+            values += np.array([getattr(part, name) for part in parts])[self.mesh.zone_group]
+        if self.rim is not None and name == "alpha":
+            centres = self.mesh.points[self.mesh.zones].mean(axis=1)
+            values += self.rim.alpha(centres, self.zone_values("cs"))
+        return values
 
     def highest_frequency(self, edges_per_wavelength=10.0):
         """Return the frequency in Hz that each group carries: Cs over 10 mean edges, eq. (1)."""

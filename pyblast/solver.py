@@ -204,7 +204,7 @@ class _March:
         self.views = kernels.to_fortran(prepared.constants)
         self.state = {name: value.copy() for name, value in prepared.state.items()}
         self.step = 0
-        self.motion = np.zeros((prepared.n_steps, len(model.receivers), 3))
+        self.motion = np.zeros((prepared.n_steps, max(1, len(model.receivers)), 3))
         self.energy = np.zeros((-(-prepared.n_steps // LEDGER_EVERY), len(kernels.ENERGIES)))
         self.snapshots = {}
 
