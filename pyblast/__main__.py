@@ -17,6 +17,7 @@ app = typer.Typer(
     help="Blast vibration in jointed rock: from one hole to the whole blast, through joints and "
     "faults, to what a seismograph records.",
     no_args_is_help=True,
+    rich_markup_mode=None,
     add_completion=False,
     pretty_exceptions_enable=False,
 )

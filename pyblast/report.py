@@ -1,6 +1,158 @@
-"""stub"""
-from .result import write_text
+"""The report of a run: one HTML page with figures and tables that opens without network."""
+
+import math
+from dataclasses import replace
+from importlib import resources
+
+from jinja2 import Environment, StrictUndefined
+
+from . import figures
+from .result import Result, plain, write_text
+
+SPECTRUM_TOP = 40.0
 
 
-def write_report(path, result):
-    write_text(path, "")
+def write_report(path, result: Result):
+    """Write the report of a result.
+
+    Parameters
+    ----------
+    path : path
+    result : Result
+    """
+    write_text(path, render(result))
+
+
+def render(result: Result) -> str:
+    """Return the page as text; every name that users give is escaped."""
+    source = resources.files(__package__).joinpath("report.html").read_text(encoding="utf-8")
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    environment.filters |= {"number": number, "scaled": scaled, "angle": angle}
+    result = replace(result, summary=plain(result.summary))
+    return environment.from_string(source).render(
+        s=result.summary,
+        figures=_figures(result),
+        assumed=_assumed_under(result.summary["assumed"]),
+    )
+
+
+def _figures(result):
+    """Make the figures: list of title, caption, names of assumed tables, image."""
+    summary = result.summary
+    stages = result.seismograms("input")
+    top = summary["input"]["low_pass"]
+    wide = SPECTRUM_TOP if top is None else 2.0 * top
+    made = [
+        (
+            "Single hole",
+            f"Signature, {summary['input']['signature']}: particle velocity and smoothed amplitude "
+            "spectrum of the three components (figure 5 of the paper).",
+            ("signature",),
+            figures.motion_figure({"single hole": stages["signature"]}, [figures.INK]),
+        ),
+        (
+            "Input motion",
+            _filter_words(summary["input"]),
+            ("signature", "blast", "input"),
+            figures.motion_figure(
+                {"whole blast": stages["superposed"], "into the model": stages["motion"]},
+                ["#9aa5b1", figures.SIMULATED], wide,
+            ),
+        ),
+        (
+            "Blocks",
+            f"{summary['census']['blocks']} blocks, each in a shade of its material, seen from the "
+            "south-west (figure 3).",
+            ("mesh",),
+            figures.blocks_figure(result),
+        ),
+        *_section_figures(result),
+        *_receiver_figures(result, wide),
+        (
+            "Energy",
+            "Where the energy that was put in went; the ledger closes within "
+            f"{100.0 * summary['run']['balance_error']:.2g} %.",
+            (),
+            figures.energy_figure(result.arrays["energy"], summary["run"]["lead"]),
+        ),
+    ]  # fmt: skip
+    return [dict(zip(("title", "caption", "tables", "image"), row, strict=True)) for row in made]
+
+
+def _section_figures(result):
+    """Section with joints and faults, and the highest frequency that each zone carries."""
+    place = _section_place(result)
+    yield (
+        "Section",
+        f"Section at north {place:g} m with joints and faults; the blast enters at the arrows "
+        "(figure 4).",
+        ("mesh", "joints"),
+        figures.section_figure(result, place),
+    )
+    yield (
+        "Highest frequency",
+        "Highest frequency that each zone carries, Cs over ten mean edges (equation 1), in the same "
+        "section.",
+        ("mesh",),
+        figures.section_figure(result, place, "f_max"),
+    )
+
+
+def _section_place(result):
+    """Return the north coordinate of the section: through the first receiver, else the middle."""
+    for table in result.summary["receivers"].values():
+        return float(table["position"][1])
+    return float(result.arrays["mesh"]["points"][:, 1].mean())
+
+
+def _receiver_figures(result, top):
+    """Recorded and simulated motion at each receiver (figures 7 to 9)."""
+    recorded = result.seismograms("recorded")
+    for name, simulated in result.seismograms("simulated").items():
+        both, colours = {"simulated": simulated}, [figures.SIMULATED]
+        words = "simulated; no record is given"
+        if name in recorded:
+            both = {"recorded": recorded[name], "simulated": simulated}
+            colours, words = [figures.RECORDED, figures.SIMULATED], "recorded against simulated"
+        yield (
+            f"Receiver {name}",
+            f"{name}: {words}; particle velocity and smoothed amplitude spectrum "
+            "(figures 7 to 9).",
+            ("receivers", "signature", "mesh", "joints", "damping"),
+            figures.motion_figure(both, colours, top, float(simulated.times[-1])),
+        )
+
+
+def _filter_words(table):
+    """Say what superposition and filter did."""
+    text = f"{table['holes']} holes at {len(table['instants'])} instants"
+    if table["low_pass"] is None:
+        return f"{text}, not filtered."
+    taken = ", ".join(f"{100 * v:.2g} %" for v in table["removed_energy"] if v is not None)
+    return (
+        f"{text}, before and after the low-pass at {table['low_pass']:g} Hz (-6 dB; -3 dB at "
+        f"{table['low_pass_3db']:.3g} Hz, no phase shift), which took {taken} of the energy of the "
+        "components that move."
+    )
+
+
+def _assumed_under(assumed):
+    """Return a function that lists which assumed keys lie under some tables."""
+    return lambda *tables: [key for key in assumed if key.split(".")[0] in tables]
+
+
+def number(value, digits=3):
+    """Show a number with some digits, a dash where there is none."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "–"
+    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+
+
+def scaled(value, factor, digits=3):
+    """Show an SI value in another unit, ``factor`` of them per SI unit."""
+    return number(None if value is None else float(value) * factor, digits)
+
+
+def angle(tangent):
+    """Show the angle in degrees of a tangent."""
+    return number(None if tangent is None else math.degrees(math.atan(tangent)))
