@@ -57,31 +57,38 @@ def _joint_laws():
 JOINT_LAWS = _joint_laws()
 
 
-def to_fortran(arrays):
-    """Turn arrays in Python's order into the views and indices that the kernels take.
+def numbered(arrays):
+    """Return arrays as the core and its files hold them, axes still in Python's order.
 
     Parameters
     ----------
-    arrays : dict of str to numpy array
+    arrays : dict of str to numpy array or number
         Float arrays float64, indices int32 from 0 (-1 where there is none).
 
     Returns
     -------
     dict
-        The same names; indices count from 1, axes are reversed, nothing else is copied. An
-        empty array becomes one row of zeros, which loads, dashpots and the like can bear: f2py
-        takes no empty arrays.
+        The same names; indices count from 1. An empty array becomes one row of zeros, which
+        loads, dashpots and the like can bear: f2py takes no empty arrays.
     """
-    views = {}
+    table = {}
     for name, value in arrays.items():
         if isinstance(value, np.ndarray):
             if not value.size:
                 value = np.zeros((1, *value.shape[1:]), dtype=value.dtype)
             if name.endswith(INDEX_ENDINGS):
                 value = value + np.int32(1)
-            value = np.ascontiguousarray(value).T
-        views[name] = value
-    return views
+            value = np.ascontiguousarray(value)
+        table[name] = value
+    return table
+
+
+def to_fortran(arrays):
+    """Return the views that the kernels take: `numbered`, axes reversed without a copy."""
+    return {
+        name: value.T if isinstance(value, np.ndarray) else value
+        for name, value in numbered(arrays).items()
+    }
 
 
 def advance(constants, state, first_step, n_steps, ledger_every):

@@ -26,7 +26,7 @@ def write_arrays(path, groups, attributes):
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with h5py.File(beside, "w", libver=("earliest", "v110")) as file:
-            file.attrs["schema"] = SCHEMA
+            file["march/schema"] = np.int32(SCHEMA)
             for name, value in attributes.items():
                 file.attrs[name] = value
             for group, arrays in groups.items():
@@ -58,12 +58,11 @@ def read_arrays(path):
     path = Path(path)
     try:
         with h5py.File(path, "r") as file:
-            attributes = dict(file.attrs)
-            if int(attributes.get("schema", -1)) != SCHEMA:
-                raise ReadError(
-                    f"{path}: schema must be {SCHEMA}, got {attributes.get('schema', 'none')}"
-                )
-            return {name: _read_group(path, file, name) for name in file}, attributes
+            groups = {name: _read_group(path, file, name) for name in file}
+            schema = groups.get("march", {}).get("schema", "none")
+            if not np.array_equal(schema, SCHEMA):
+                raise ReadError(f"{path}: schema must be {SCHEMA}, got {schema}")
+            return groups, dict(file.attrs)
     except (OSError, KeyError, RuntimeError, ValueError) as error:
         if isinstance(error, ReadError):
             raise
@@ -92,6 +91,23 @@ def _refuse_link(path, group, key):
     """Refuse soft and external links."""
     if not isinstance(group.get(key, getlink=True), h5py.HardLink):
         raise ReadError(f"{path}: '{key}' is a link to another place; copy the array into the file")
+
+
+def write_model(path, constants, state, march, input_hash):
+    """Write a model file for the program ``pyblast-run``.
+
+    Parameters
+    ----------
+    path : path
+    constants, state : dict of str to numpy array
+        As ``kernels.numbered`` gives them.
+    march : dict of str to int
+        ``n_steps`` and ``ledger_every``.
+    input_hash : str
+    """
+    march = {name: np.int32(value) for name, value in march.items()}
+    groups = {"arrays": constants, "state": state, "march": march}
+    write_arrays(path, groups, {"kind": "model", "input_sha256": input_hash})
 
 
 def write_checkpoint(path, input_hash, step, state, motion, energy):

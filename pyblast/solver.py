@@ -11,7 +11,7 @@ import numpy as np
 from . import assembly, kernels
 from .errors import InputError, SolverError
 from .model import Model
-from .model_file import read_checkpoint, write_checkpoint
+from .model_file import read_checkpoint, write_checkpoint, write_model
 from .provenance import fingerprint, versions
 from .seismogram import Seismogram
 from .stability import CriticalStep
@@ -193,6 +193,13 @@ def run(
             march.save(checkpoint)
         raise
     return march.result(time.perf_counter() - began)
+
+
+def export(prepared: Prepared, path):
+    """Write a prepared model for the program ``pyblast-run``, which marches it to the same bits."""
+    march = {"n_steps": prepared.n_steps, "ledger_every": LEDGER_EVERY}
+    constants = kernels.numbered(prepared.constants)
+    write_model(path, constants, prepared.state, march, prepared.fingerprint)
 
 
 class _March:

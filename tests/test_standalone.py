@@ -1,0 +1,137 @@
+"""The program pyblast-run: the same bits as the Python run, one sentence for a broken file."""
+
+import shutil
+import subprocess
+from importlib import resources
+
+import h5py
+import numpy as np
+import pytest
+
+from pyblast.boundaries import StressInput, Viscous
+from pyblast.joints import Joint
+from pyblast.materials import Damping, Material
+from pyblast.mesh_builder import structured_box
+from pyblast.model import Model, Receiver
+from pyblast.seismogram import Seismogram
+from pyblast.solver import export, prepare, run
+
+PROGRAM = resources.files("pyblast") / "bin" / "pyblast-run"
+ROCK = Material.from_speeds(2660.0, 3078.0, 1645.0)
+
+pytestmark = pytest.mark.skipif(
+    not PROGRAM.is_file(), reason="pyblast was built without the program pyblast-run"
+)
+
+
+@pytest.fixture(scope="module")
+def model():
+    edges = np.arange(0.0, 41.0, 4.0)
+    mesh = structured_box(edges, edges[:4], -edges[3::-1], planes={"J": ("x", 20.0)}).split(["J"])
+    time = np.arange(0.0, 0.1, 1e-3)
+    velocity = np.outer(np.sin(np.pi * time / 0.1) ** 2, [0.3, 0.2, 0.1])
+    joint = Joint(
+        "J", "coulomb", {"kn": 1e9, "ks": 5e8, "cohesion": 1e4, "friction": 0.3, "tension": 0.0},
+        insitu_pressure=1e5,
+    )  # fmt: skip
+    return Model(
+        mesh,
+        {"rock": ROCK},
+        joints=[joint],
+        boundaries=[Viscous("west"), Viscous("east"), StressInput("west", Seismogram(velocity, 1e-3))],
+        damping=Damping(0.01, 20.0),
+        receivers=[Receiver("A", (35.0, 5.0, -5.0))],
+    )
+
+
+@pytest.fixture(scope="module")
+def exported(model, tmp_path_factory):
+    path = tmp_path_factory.mktemp("standalone") / "model.h5"
+    export(prepare(model, 0.15), path)
+    return path
+
+
+def march(*arguments):
+    return subprocess.run(
+        [PROGRAM, *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def test_the_program_marches_to_the_same_bits_as_python(model, exported, tmp_path):
+    here = run(model, 0.15)
+
+    done = march(exported, tmp_path / "result.h5")
+
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "result.h5") as file:
+        motion = file["records/motion"][:, 0]
+        state = {name: file[f"state/{name}"][()] for name in here.state}
+    assert np.array_equal(motion, here.seismograms["A"].velocity)
+    for name, value in here.state.items():
+        assert np.array_equal(state[name], value), name
+    assert here.state["contact_state"][:, 3].max() > 0.0
+
+
+def cut(file):
+    raw = file.read_bytes()
+    file.write_bytes(raw[: len(raw) // 2])
+
+
+def remove_array(file):
+    with h5py.File(file, "r+") as handle:
+        del handle["arrays/zone_slot"]
+
+
+def lengthen(file):
+    with h5py.File(file, "r+") as handle:
+        del handle["arrays/node_mass"]
+        handle["arrays/node_mass"] = np.ones(7)
+
+
+def point_outside(file):
+    with h5py.File(file, "r+") as handle:
+        handle["arrays/load_node"][0] = 10**6
+
+
+def point_before(file):
+    with h5py.File(file, "r+") as handle:
+        handle["arrays/zone_slot"][0, 0] = 0
+
+
+def change_kind(file):
+    with h5py.File(file, "r+") as handle:
+        del handle["arrays/dt"]
+        handle["arrays/dt"] = "soon"
+
+
+def age(file):
+    with h5py.File(file, "r+") as handle:
+        handle["march/schema"][()] = 0
+
+
+def stop_time(file):
+    with h5py.File(file, "r+") as handle:
+        handle["arrays/dt"][()] = np.nan
+
+
+@pytest.mark.parametrize(
+    "damage", [cut, remove_array, lengthen, point_outside, point_before, change_kind, age, stop_time]
+)
+def test_a_broken_model_file_is_refused_in_one_sentence(damage, exported, tmp_path):
+    broken = tmp_path / "broken.h5"
+    shutil.copy(exported, broken)
+    damage(broken)
+
+    done = march(broken, tmp_path / "result.h5")
+
+    assert done.returncode == 2
+    assert done.stderr.startswith("pyblast-run: ")
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "result.h5").exists()
+
+
+def test_wrong_usage_is_told(tmp_path):
+    done = march(tmp_path / "model.h5")
+
+    assert done.returncode == 2
+    assert "usage: pyblast-run MODEL RESULT" in done.stderr
