@@ -1,4 +1,4 @@
-"""The commands ``pyblast run, mesh, superpose, compare, check, report``; the only place that prints."""
+"""The commands ``pyblast run``, ``check`` and others; with `console` the only place that prints."""
 
 import os
 import sys
@@ -22,7 +22,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 ProjectFile = Annotated[Path, typer.Argument(help="The project file, such as project.toml.")]
-Full = Annotated[bool, typer.Option("--full", help="Take the larger run of table [full] of the file.")]
+Full = Annotated[
+    bool, typer.Option("--full", help="Take the larger run of table [full] of the file.")
+]
 
 
 @contextmanager
@@ -45,7 +47,8 @@ def told():
 def run(
     project: ProjectFile,
     output: Annotated[
-        Path | None, typer.Option(help="Folder for the numbered result folders [results beside it].")
+        Path | None,
+        typer.Option(help="Folder for the numbered result folders [results beside it]."),
     ] = None,
     full: Full = False,
     resume: Annotated[
@@ -97,10 +100,10 @@ def check(project: ProjectFile, full: Full = False):
 @app.command()
 def mesh(
     project: ProjectFile,
-    output: Annotated[Path, typer.Option(help="Folder for zones.vtu and joints.vtu.")] = Path("."),
+    output: Annotated[Path, typer.Option(help="Folder for zones.vtu and joints.vtu.")] = Path(),
     full: Full = False,
 ):
-    """Build the mesh only, count it, and write it for ParaView with blocks and highest frequency."""
+    """Build the mesh only, count it, and write it for ParaView with blocks and frequencies."""
     with told():
         from .pipeline import write_mesh_files
         from .project import load_project
@@ -170,7 +173,9 @@ def standalone():
     """Become the program ``pyblast-run``."""
     program = resources.files(__package__) / "bin" / "pyblast-run"
     if not program.is_file():
-        console.complain("the program pyblast-run is not built; install libhdf5-dev and build again")
+        console.complain(
+            "the program pyblast-run is not built; install libhdf5-dev and build again"
+        )
         sys.exit(2)
     os.execv(str(program), ["pyblast-run", *sys.argv[1:]])
 

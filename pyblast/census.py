@@ -1,4 +1,4 @@
-"""What a project is about to do: volumes, masses, zones, edges, frequencies, steps, memory, time."""
+"""What a project is about to do: volumes, zones, frequencies, steps, memory, time."""
 
 import time
 from dataclasses import dataclass, replace

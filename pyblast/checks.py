@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import defects
+from . import ground_defects, load_defects
 from .boundaries import Roller, Viscous
 from .census import Census, central_frequency, input_band, receiver_groups, take_census
-from .defects import Finding
+from .findings import Finding
 from .mesh import surface_zones
 
 
@@ -65,21 +65,21 @@ def _mesh_defects(project, census):
     band, centre = input_band(project), central_frequency(project)
     stands = receiver_groups(project)
     for group in census.groups:
-        yield defects.coarse_zones(
+        yield ground_defects.coarse_zones(
             group.name, project.materials[group.name], group.mean_edge, group.volume, band,
             [name for name, under in stands.items() if under == group.name],
         )  # fmt: skip
     points = project.mesh.points
     rocks = _stiff(project, census)
-    yield defects.short_model(float(np.ptp(points[:, 0])), rocks, centre)
+    yield ground_defects.short_model(float(np.ptp(points[:, 0])), rocks, centre)
     boundaries = project.model.boundaries
     viscous = {b.surface for b in boundaries if isinstance(b, Viscous)}
     both = [b.surface for b in boundaries if isinstance(b, Roller) and b.surface in viscous]
-    yield defects.fixed_and_viscous(both)
+    yield ground_defects.fixed_and_viscous(both)
     layers = project.config.mesh.layers
     if len(layers) > 1 and layers[0].thickness_m is not None:
         top, below = (project.materials[layer.material] for layer in layers[:2])
-        yield defects.soil_resonance(
+        yield ground_defects.soil_resonance(
             layers[0].material, top, layers[0].thickness_m, below, centre, band
         )
 
@@ -111,17 +111,17 @@ def _load_defects(project):
     """D3, D4, D6, D7, D17, D20: firing, filter, face, strength, charge."""
     config, firing, motion = project.config, project.input.firing, project.input
     band, centre = input_band(project), central_frequency(project)
-    yield defects.firing_comb(firing, centre, band)
-    yield defects.comb_return(firing, centre, motion.low_passed)
+    yield load_defects.firing_comb(firing, centre, band)
+    yield load_defects.comb_return(firing, centre, motion.low_passed)
     name, material = source_material(project)
-    yield defects.layered_face(config.input.face, face_materials(project))
-    yield defects.yielding_rock(project.signature.pvs, firing, name, material)
+    yield load_defects.layered_face(config.input.face, face_materials(project))
+    yield load_defects.yielding_rock(project.signature.pvs, firing, name, material)
     distance, reach = face_distance(project)
     if distance is not None:
-        yield defects.plane_load(distance, reach, material, band)
+        yield load_defects.plane_load(distance, reach, material, band)
     if config.blast is not None and config.blast.charge_kg is not None:
         blast = config.blast
-        yield defects.charge_fits(
+        yield load_defects.charge_fits(
             blast.charge_kg, 1e-3 * blast.diameter_mm, blast.depth_m, blast.explosive_kg_per_m3
         )
 
@@ -155,20 +155,21 @@ def _joint_defects(project):
     rocks = {
         layer.material: project.materials[layer.material]
         for layer in config.layers
-        if project.materials[layer.material].cp >= 0.5 * max(m.cp for m in project.materials.values())
+        if project.materials[layer.material].cp
+        >= 0.5 * max(m.cp for m in project.materials.values())
     }
     for fault in config.faults:
         for group, material in rocks.items():
-            yield defects.fault_low_pass(
+            yield ground_defects.fault_low_pass(
                 fault.name, by_surface[fault.name], group, material, centre, band
             )
         infill = project.config.joints[fault.joint or fault.name].infill_mm
         if infill is not None:
             thickness = [1e-3 * value for value in infill]
-            yield defects.infill_as_layer(fault.name, by_surface[fault.name], thickness)
+            yield ground_defects.infill_as_layer(fault.name, by_surface[fault.name], thickness)
     for part in config.joint_sets:
         for group in part.regions or rocks:
-            yield defects.jointed_speeds(
+            yield ground_defects.jointed_speeds(
                 part.name, by_surface[part.name], part.spacing_m, group,
                 project.materials[group], centre,
             )  # fmt: skip
@@ -180,8 +181,8 @@ def _record_defects(project, census):
         source = project.blast.centres.mean(axis=0)
         for receiver in project.receivers:
             distance = float(np.linalg.norm(source - receiver.position))
-            yield defects.air_blast(
+            yield load_defects.air_blast(
                 receiver.name, distance, float(project.blast.times.max()),
                 project.config.run.duration_s,
             )  # fmt: skip
-    yield defects.rayleigh_price(project.model.damping, census.undamped_dt)
+    yield ground_defects.rayleigh_price(project.model.damping, census.undamped_dt)

@@ -1,6 +1,6 @@
 """What a project file may say: names, units in the names, ranges; no physics."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -15,6 +15,7 @@ Point = Annotated[list[float], Field(min_length=3, max_length=3)]
 Place = Annotated[list[float], Field(min_length=2, max_length=3)]
 Size = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 Band = Annotated[list[Positive], Field(min_length=2, max_length=2)]
+Infill = Annotated[list[Positive], Field(min_length=1, max_length=2)]
 Name = Annotated[str, Field(min_length=1, max_length=80)]
 
 
@@ -81,7 +82,6 @@ class MeshConfig(Section):
     joint_sets: list[JointSetConfig] = []
     faults: list[FaultConfig] = []
     tolerance_m: Positive | None = None
-    padding_m: NotNegative = 0.0
     seed: Annotated[int, Field(ge=0)] = 0
     file: str | None = None
     file_groups: dict[str, Name] = {}
@@ -89,16 +89,16 @@ class MeshConfig(Section):
 
     @model_validator(mode="after")
     def _complete(self):
-        """A file needs nothing else, a box needs layers and an edge length."""
+        """Ask for layers and an edge length of a box; a file needs nothing else."""
         self._one_of(("size_m",), ("file",))
         if self.file is not None:
             return self
         if not self.layers:
             raise ValueError("layers is missing; give [[mesh.layers]] with a material")
         by_wavelength = [self, *self.layers]
-        if any(part.edges_per_wavelength is not None for part in by_wavelength):
-            if self.frequency_hz is None:
-                raise ValueError("frequency_hz is missing beside edges_per_wavelength")
+        wanted = any(part.edges_per_wavelength is not None for part in by_wavelength)
+        if wanted and self.frequency_hz is None:
+            raise ValueError("frequency_hz is missing beside edges_per_wavelength")
         if self.grid_cells is None and self.edge_m is None and self.edges_per_wavelength is None:
             raise ValueError("give one of edge_m; edges_per_wavelength; grid_cells")
         names = [part.name for part in (*self.joint_sets, *self.faults)]
@@ -124,9 +124,9 @@ class MaterialConfig(Section):
 
     @model_validator(mode="after")
     def _two_constants(self):
-        """Exactly one pair of elastic constants."""
-        pairs = ("bulk_mpa", "shear_mpa"), ("young_mpa", "poisson"), ("cp_m_per_s", "cs_m_per_s")
-        self._one_of(*pairs)
+        """Ask for one pair of elastic constants."""
+        speeds = "cp_m_per_s", "cs_m_per_s"
+        self._one_of(("bulk_mpa", "shear_mpa"), ("young_mpa", "poisson"), speeds)
         return self
 
 
@@ -134,10 +134,10 @@ class JointConfig(Section):
     """A joint law and its properties; which ones, the law table of the core says."""
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, NotNegative]
+    __pydantic_extra__: dict[str, float]
     law: Name = "coulomb"
     insitu_pressure_kpa: NotNegative = 0.0
-    infill_mm: Annotated[list[Positive], Field(min_length=1, max_length=2)] | None = None
+    infill_mm: Infill | None = None
 
 
 class BoundariesConfig(Section):
@@ -151,7 +151,7 @@ class BoundariesConfig(Section):
 
     @model_validator(mode="after")
     def _once(self):
-        """A surface stands in one list only."""
+        """Refuse a surface that stands in two lists."""
         every = [*self.viscous, *self.roller, *self.fixed, *self.free]
         for name in every:
             if every.count(name) > 1:
@@ -203,7 +203,7 @@ class BlastConfig(Section):
 
     @model_validator(mode="after")
     def _rows_or_table(self):
-        """Rows need all of their numbers."""
+        """Ask for all numbers of the rows, or a table."""
         rows = ("rows", "holes_per_row", "delay_ms", "charge_kg", "diameter_mm", "depth_m")
         self._one_of((*rows, "burden_m", "spacing_m", "position_m"), ("file",))
         return self
@@ -238,7 +238,7 @@ class CavityConfig(Section):
 
     @model_validator(mode="after")
     def _one_level(self):
-        """The level follows from the pressure, from the peak, or from a scaled-distance law."""
+        """Refuse two levels; without one it follows from a scaled-distance law."""
         if self.pressure_mpa is not None and self.peak_mm_per_s is not None:
             raise ValueError("give pressure_mpa or peak_mm_per_s, not both")
         return self
@@ -252,7 +252,7 @@ class SignatureConfig(Section):
 
     @model_validator(mode="after")
     def _one_source(self):
-        """Exactly one of the two."""
+        """Ask for one of the two."""
         self._one_of(("recorded",), ("cavity",))
         return self
 
@@ -268,7 +268,7 @@ class InputConfig(Section):
 class ReceiverConfig(Section):
     """A place where motion is wanted; without height it stands on the surface "top"."""
 
-    name: Name
+    name: Annotated[str, Field(pattern=r"^[^/\x00]{1,60}$")]
     position_m: Place
     azimuth_deg: Bearing | None = None
     recorded: RecordingConfig | None = None

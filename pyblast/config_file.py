@@ -139,6 +139,7 @@ _PLAIN = {
     "model_type": "must be a table",
     "model_attributes_type": "must be a table",
     "finite_number": "must be finite",
+    "string_pattern_mismatch": "must be 1 to 60 characters without '/'",
     "string_too_short": "must not be empty",
     "string_too_long": "must be shorter",
 }
@@ -188,7 +189,9 @@ def _leads_somewhere(config, key):
     here = config
     for part in key.split("."):
         if isinstance(here, list):
-            named = [x for x in here if part in (getattr(x, "name", ""), getattr(x, "material", ""))]
+            named = [
+                x for x in here if part in (getattr(x, "name", ""), getattr(x, "material", ""))
+            ]
             here = named[0] if named else None
         elif isinstance(here, dict):
             here = here.get(part)

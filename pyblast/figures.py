@@ -50,9 +50,22 @@ def motion_figure(seismograms, colours, top=None, t_max=None):
             if not record.present[place]:
                 continue
             motion = 1e3 * record.velocity[:, place]
-            row[0].plot(record.times, motion, color=colour, lw=0.9, label=f"{name}, PPV {_short(np.abs(motion).max())}")
-            row[1].plot(spectrum.frequency, 1e3 * spectrum.amplitude[:, place], color=colour, lw=1.1,
-                        label="silent" if np.isnan(dominant[place]) else f"peak at {_short(dominant[place])} Hz")
+            row[0].plot(
+                record.times,
+                motion,
+                color=colour,
+                lw=0.9,
+                label=f"{name}, PPV {_short(np.abs(motion).max())}",
+            )
+            row[1].plot(
+                spectrum.frequency,
+                1e3 * spectrum.amplitude[:, place],
+                color=colour,
+                lw=1.1,
+                label="silent"
+                if np.isnan(dominant[place])
+                else f"peak at {_short(dominant[place])} Hz",
+            )
     for place, row in zip(rows, axes, strict=True):
         row[0].set_ylabel(f"{LETTERS[first.components[place]]}  mm/s")
         row[1].set_ylabel("mm/s/Hz")
@@ -127,7 +140,9 @@ def _draw_receivers(axes, summary, points):
     for number, (name, table) in enumerate(summary["receivers"].items()):
         x, _, z = table["position"]
         axes.plot(x, z, "v", color=SIMULATED, ms=7, label="receiver" if number == 0 else None)
-        axes.annotate(name, (x, z), xytext=(0, 7), textcoords="offset points", fontsize=8, ha="center")
+        axes.annotate(
+            name, (x, z), xytext=(0, 7), textcoords="offset points", fontsize=8, ha="center"
+        )
     if summary["input"]["face"] == "west":
         low, high = points.min(axis=0), points.max(axis=0)
         for height in np.linspace(low[2], high[2], 9)[1:-1]:
@@ -189,7 +204,8 @@ def energy_figure(energy, lead):
     figure = _figure(9.6, 3.4)
     axes = figure.subplots()
     names = {
-        "input": "put in", "kinetic": "kinetic", "strain": "strain", "dashpots": "left through dashpots",
+        "input": "put in", "kinetic": "kinetic", "strain": "strain",
+        "dashpots": "left through dashpots",
         "damping": "material damping", "joint_stored": "stored in joints",
         "joint_dissipated": "slip in joints",
     }  # fmt: skip

@@ -157,7 +157,9 @@ def make_mesh(config, materials, folder) -> Mesh:
 def _grid(config, layers):
     """Cut a regular grid; faults must lie on its planes."""
     if config.joint_sets or config.surface_file is not None:
-        raise InputError("mesh.grid_cells: a regular grid takes faults only, no joint_sets or surface_file")
+        raise InputError(
+            "mesh.grid_cells: a regular grid takes faults only, no joint_sets or surface_file"
+        )
     planes = {}
     for fault in config.faults:
         axis = _axis_of(fault)

@@ -1,10 +1,10 @@
 """The main job from a project to its output folder: check, run, compare, write."""
 
+import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-
 
 from . import solver
 from .census import Census, take_census
@@ -22,6 +22,7 @@ from .vtk_file import write_joints, write_motion, write_zones, zone_fields
 CHECKPOINT = "checkpoint.h5"
 RESULT = "result.h5"
 LARGEST_FOLDER = 9999
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +88,7 @@ def run(
         project = load_project(project, full)
     output = project.folder / "results" if output is None else Path(output)
     tell("input", 0, 1)
-    project.input, project.recorded
+    log.info("%d holes, %d records", len(project.input.firing.times), len(project.recorded))
     tell("mesh", 0, 1)
     model = project.model
     tell("check", 0, 1)

@@ -102,7 +102,7 @@ class Project:
 
     @property
     def duration(self) -> float:
-        """Time to march [s]: the duration that is asked for after the first firing, and the lead."""
+        """Time to march [s]: the duration asked for after the first firing, and the lead."""
         return self.lead + self.config.run.duration_s
 
     @cached_property
@@ -132,7 +132,9 @@ class Project:
         for part in self.config.receivers:
             if part.recorded is not None:
                 with named_error(f"{self.path.name}: receivers.{part.name}.recorded"):
-                    found[part.name] = _like_simulated(part, read_motion(part.recorded, self.folder))
+                    found[part.name] = _like_simulated(
+                        part, read_motion(part.recorded, self.folder)
+                    )
         return found
 
     @cached_property

@@ -91,8 +91,8 @@ def _section_figures(result):
     )
     yield (
         "Highest frequency",
-        "Highest frequency that each zone carries, Cs over ten mean edges (equation 1), in the same "
-        "section.",
+        "Highest frequency that each zone carries, Cs over ten mean edges (equation 1), in the "
+        "same section.",
         ("mesh",),
         figures.section_figure(result, place, "f_max"),
     )
@@ -106,7 +106,7 @@ def _section_place(result):
 
 
 def _receiver_figures(result, top):
-    """Recorded and simulated motion at each receiver (figures 7 to 9)."""
+    """Draw recorded and simulated motion at each receiver (figures 7 to 9)."""
     recorded = result.seismograms("recorded")
     for name, simulated in result.seismograms("simulated").items():
         both, colours = {"simulated": simulated}, [figures.SIMULATED]
@@ -116,8 +116,7 @@ def _receiver_figures(result, top):
             colours, words = [figures.RECORDED, figures.SIMULATED], "recorded against simulated"
         yield (
             f"Receiver {name}",
-            f"{name}: {words}; particle velocity and smoothed amplitude spectrum "
-            "(figures 7 to 9).",
+            f"{name}: {words}; particle velocity and smoothed amplitude spectrum (figures 7 to 9).",
             ("receivers", "signature", "mesh", "joints", "damping"),
             figures.motion_figure(both, colours, top, float(simulated.times[-1])),
         )

@@ -44,7 +44,9 @@ def summarise(project, checked, run, simulated, comparisons):
             "static": run.prepared.static,
             "added_mass": checked.census.added_mass,
         },
-        "energy": {n: float(v[-1]) for n, v in run.energy.items() if n not in ("time", "unbalanced")},
+        "energy": {
+            n: float(v[-1]) for n, v in run.energy.items() if n not in ("time", "unbalanced")
+        },
         "seeds": {
             "mesh": project.config.mesh.seed,
             "blast": None if blast is None else blast.seed,
@@ -100,7 +102,9 @@ def input_table(project):
         "instants": sorted({float(t) for t in np.round(stages.firing.times, 6)}),
         "signature": "closed form of a charged hole" if cavity is not None else
         f"recorded, {config.signature.recorded.file}",
-        "signature_distance": None if cavity is None else math.dist(cavity.hole_m, cavity.receiver_m),
+        "signature_distance": (
+            None if cavity is None else math.dist(cavity.hole_m, cavity.receiver_m)
+        ),
         "signature_assumed": project.is_assumed("signature"),
         "signature_ppv": stages.signature.ppv,
         "superposed_ppv": stages.superposed.ppv,

@@ -77,7 +77,8 @@ def write_motion(folder, points, zones, snapshots):
         body = "\n".join(lines)
         write_text(
             Path(folder) / "motion.pvd",
-            f'<VTKFile type="Collection" version="0.1"><Collection>\n{body}\n</Collection></VTKFile>\n',
+            '<VTKFile type="Collection" version="0.1"><Collection>\n'
+            f"{body}\n</Collection></VTKFile>\n",
         )
 
 
