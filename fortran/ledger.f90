@@ -36,16 +36,17 @@ contains
         line(9) = sum(block_energy(5, :))
     end subroutine write_ledger
 
-    pure function insitu_work(n_nodes, n_contacts, contact_node, contact_area, contact_initial, &
-                              displacement) result(energy)
-        !! Work that the initial tractions did on the jumps [J].
+    pure function insitu_work(n_nodes, n_contacts, node_load, contact_node, contact_area, &
+                              contact_initial, displacement) result(energy)
+        !! Work that the constant loads and the initial tractions did [J].
         integer, intent(in) :: n_nodes, n_contacts, contact_node(2, n_contacts)
+        real(dp), intent(in) :: node_load(3, n_nodes)      !! [N]
         real(dp), intent(in) :: contact_area(n_contacts), contact_initial(3, n_contacts)
         real(dp), intent(in) :: displacement(3, n_nodes)
         real(dp) :: energy
         integer :: c
 
-        energy = 0.0_dp
+        energy = sum(node_load*displacement)
         do c = 1, n_contacts
             energy = energy + contact_area(c)*dot_product(contact_initial(:, c), &
                 displacement(:, contact_node(2, c)) - displacement(:, contact_node(1, c)))
@@ -62,10 +63,11 @@ contains
         sums(4) = sums(4) + dt*sum(domain_damping)
     end subroutine add_work
 
-    pure subroutine grows(line, kinetic, first, sums, alarm)
+    pure subroutine grows(line, kinetic, coming, first, sums, alarm)
         !! Tell whether the energy is not finite or exceeds what was put in; theory.md (2.9).
         real(dp), intent(in) :: line(n_energies)
         real(dp), intent(in) :: kinetic            !! mean of both half-steps, never negative [J]
+        real(dp), intent(in) :: coming             !! put in by the second half-step [J]
         logical, intent(in) :: first               !! whether this is the first line of the run
         real(dp), intent(inout) :: sums(n_sums)
         logical, intent(out) :: alarm
@@ -75,7 +77,7 @@ contains
             sums(5) = line(3)
             sums(6) = kinetic + line(2)
         end if
-        sums(7) = max(sums(7), sums(6) + line(7) + line(8))
+        sums(7) = max(sums(7), sums(6) + line(7) + line(8) + max(0.0_dp, coming))
         energy = kinetic + line(2) + line(3) - sums(5)
         alarm = .not. energy <= growth_limit*sums(7) + tiny(energy)
     end subroutine grows

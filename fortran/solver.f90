@@ -104,8 +104,8 @@ contains
                                  history(:, step), velocity, force, before(1), after(1))
             before(3) = before(1) + 0.5_dp*dt*before(3)
             if (modulo(step - 1, ledger_every) == 0) &
-                insitu = insitu_work(n_nodes, n_contacts, contact_node, contact_area, &
-                                     contact_initial, displacement)
+                insitu = insitu_work(n_nodes, n_contacts, node_load, contact_node, &
+                                     contact_area, contact_initial, displacement)
             call move_nodes(n_nodes, n_blocks, dt, local_damping, node_mass, node_alpha, force, &
                             displacement, velocity, block_energy)
             call load_power(n_nodes, n_loads, n_histories, load_node, load_vector, &
@@ -122,7 +122,8 @@ contains
                                   contact_stored, contact_dissipated, domain_strain, &
                                   domain_damping, block_energy, before, insitu, sums, &
                                   energy(:, l))
-                call grows(energy(:, l), sum(block_energy(2, :)), step == 1, sums, alarm)
+                call grows(energy(:, l), sum(block_energy(2, :)), after(3), step == 1, sums, &
+                           alarm)
                 if (alarm) then
                     info = -i
                     where = maxloc(merge(huge(dt), norm2(velocity, 1), &
