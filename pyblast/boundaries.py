@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from .errors import InputError
-from .seismogram import Seismogram
+from .seismogram import GEOGRAPHIC, Seismogram
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,31 @@ class Roller:
 
 @dataclass(frozen=True)
 class Fixed:
-    """No motion at all on a surface, in both stages."""
+    """No motion on a surface, in both stages.
+
+    Parameters
+    ----------
+    surface : str
+    components : tuple of str
+        Which of east, north, vertical are held; a column that holds all but one carries S waves.
+
+    Raises
+    ------
+    InputError
+        If a component is unknown or none is named.
+    """
 
     surface: str
+    components: tuple[str, ...] = GEOGRAPHIC
+
+    def __post_init__(self):
+        """Refuse components that are none."""
+        object.__setattr__(self, "components", tuple(self.components))
+        if not self.components or not set(self.components) <= set(GEOGRAPHIC):
+            raise InputError(
+                f"boundaries.{self.surface}.components: must be some of {', '.join(GEOGRAPHIC)}, "
+                f"got {', '.join(map(str, self.components)) or 'none'}"
+            )
 
 
 @dataclass(frozen=True, eq=False)

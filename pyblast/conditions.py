@@ -5,6 +5,7 @@ import numpy as np
 from .boundaries import Fixed, Roller, VelocityInput, Viscous
 from .loads import add_velocity_input
 from .mesh import surface_areas, surface_zones
+from .seismogram import GEOGRAPHIC
 
 
 def surface_impedance(model, surface):
@@ -32,10 +33,10 @@ def dynamic_conditions(model, geometry, loads):
     fixed = {}
     for boundary in model.boundaries:
         if isinstance(boundary, VelocityInput):
-            _fix_all(model, boundary, fixed, add_velocity_input(loads, boundary, geometry["dt"]))
+            _move_all(model, boundary, fixed, add_velocity_input(loads, boundary, geometry["dt"]))
     for boundary in model.boundaries:
         if isinstance(boundary, Fixed):
-            _fix_all(model, boundary, fixed, (-1, -1, -1))
+            _fix_axes(model, boundary, fixed)
         elif isinstance(boundary, Roller) and boundary.dynamic:
             _fix_normal(model, boundary, fixed)
     impedance = {}
@@ -51,31 +52,44 @@ def static_conditions(model, geometry):
     fixed = {}
     for boundary in model.boundaries:
         if isinstance(boundary, Fixed):
-            _fix_all(model, boundary, fixed, (-1, -1, -1))
+            _fix_axes(model, boundary, fixed)
         elif isinstance(boundary, (Roller, Viscous)):
             _fix_normal(model, boundary, fixed)
     return {**_dashpot_arrays({}, fixed, geometry), **_fixed_arrays(fixed)}
 
 
-def _fix_all(model, boundary, fixed, histories):
-    """Prescribe all three axes at the nodes of a surface that are still free."""
+def _move_all(model, boundary, fixed, histories):
+    """Prescribe all three axes at the nodes of a surface that no other input moves already."""
     for node in np.unique(model.mesh.surfaces[boundary.surface]):
         if int(node) not in fixed:
             fixed[int(node)] = list(zip(np.eye(3), histories, strict=True))
 
 
+def _fix_axes(model, boundary, fixed):
+    """Hold the named components at the nodes of a surface."""
+    axes = [np.eye(3)[GEOGRAPHIC.index(name)] for name in boundary.components]
+    for node in np.unique(model.mesh.surfaces[boundary.surface]):
+        for axis in axes:
+            _hold(fixed, int(node), axis)
+
+
 def _fix_normal(model, boundary, fixed):
-    """Fix the normal of a surface at its nodes, orthogonal to what is fixed there already."""
+    """Hold the normal of a surface at its nodes."""
     nodes, area, normal = surface_areas(model.mesh, boundary.surface)
     unique, place = np.unique(nodes, return_inverse=True)
     mean = np.zeros((len(unique), 3))
     np.add.at(mean, place, area[:, None] * normal)
     for node, direction in zip(unique, mean / np.linalg.norm(mean, axis=1)[:, None], strict=True):
-        known = fixed.setdefault(int(node), [])
-        for other, _ in known:
-            direction = direction - (direction @ other) * other
-        if np.linalg.norm(direction) > 1e-6:
-            known.append((direction / np.linalg.norm(direction), -1))
+        _hold(fixed, int(node), direction)
+
+
+def _hold(fixed, node, direction):
+    """Hold a node along a direction, orthogonal to what is prescribed there already."""
+    known = fixed.setdefault(node, [])
+    for other, _ in known:
+        direction = direction - (direction @ other) * other
+    if np.linalg.norm(direction) > 1e-6:
+        known.append((direction / np.linalg.norm(direction), -1))
 
 
 def _dashpot_arrays(impedance, fixed, geometry):

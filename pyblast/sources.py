@@ -19,12 +19,26 @@ class TimeFunction:
     start : float, s
     held : bool
         Whether the last value stays after the end; else the function is zero there.
+
+    Raises
+    ------
+    InputError
+        If there are no samples, one is not finite, or the sampling is not positive.
     """
 
     values: np.ndarray
     dt: float
     start: float = 0.0
     held: bool = False
+
+    def __post_init__(self):
+        """Refuse samples that are no function of time."""
+        values = np.asarray(self.values, dtype=float)
+        if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
+            raise InputError("time function: values must be one row of finite numbers")
+        if not (np.isfinite(self.dt) and self.dt > 0.0):
+            raise InputError(f"time function: dt must be positive, got {self.dt:g} s")
+        object.__setattr__(self, "values", values)
 
     def __call__(self, times):
         """Read the function at ``times`` (n,) by a cubic spline through its samples."""
