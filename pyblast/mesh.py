@@ -1,6 +1,7 @@
 """Mesh of tetrahedra with named outer and joint surfaces, and its splitting along joints."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -75,13 +76,18 @@ class Mesh:
         for name, faces in surfaces.items():
             _refuse_indices(f"surfaces[{name!r}]", faces, len(self.points), "nodes")
 
+    @cached_property
+    def paired_faces(self):
+        """Which faces zones share; see ``tetrahedra.pair_faces``. Found once for each mesh."""
+        return tetrahedra.pair_faces(self.zones, len(self.points))
+
     def split(self, names: list[str] | tuple[str, ...]) -> "Mesh":
         """Double the nodes along named internal surfaces; see ``split_mesh``."""
         return split_mesh(self, names)
 
     def blocks(self) -> np.ndarray:
         """Return the block (n_zones,) of each zone: zones connected without crossing a joint."""
-        first, second, _, _ = tetrahedra.pair_faces(self.zones, len(self.points))
+        first, second, _, _ = self.paired_faces
         return components(first // 4, second // 4, len(self.zones))[1]
 
 
@@ -138,7 +144,7 @@ def split_mesh(mesh: Mesh, names) -> Mesh:
             )
     facets = np.concatenate([mesh.surfaces[name] for name in names] or [np.empty((0, 3), int)])
     joint = np.repeat(np.arange(len(names)), [len(mesh.surfaces[name]) for name in names])
-    first, second, single, _ = tetrahedra.pair_faces(mesh.zones, len(mesh.points))
+    first, second, single, _ = mesh.paired_faces
     at = _facet_places(mesh, facets, joint, names, first)
     welded = np.ones(len(first), dtype=bool)
     welded[at] = False
@@ -223,7 +229,7 @@ def surface_zones(mesh: Mesh, name: str) -> np.ndarray:
     """Return the zone (n,) behind each triangle of a surface; on joints that of the minus side."""
     if name not in mesh.surfaces:
         raise InputError(f"mesh: no surface named {name!r}; there are {', '.join(mesh.surfaces)}")
-    first, _, single, _ = tetrahedra.pair_faces(mesh.zones, len(mesh.points))
+    first, _, single, _ = mesh.paired_faces
     return _surface_faces(mesh, name, np.concatenate([single, first])) // 4
 
 
