@@ -57,8 +57,8 @@ class Rim:
 
     Notes
     -----
-    Mass damping ``6 cs/width (d/width)^2`` at distance d: an S wave that crosses the rim once
-    loses a factor e; theory.md (4.5).
+    Mass damping ``3 cs/width (d/width)^2`` at distance d: an S wave that crosses the rim and comes
+    back loses a factor e; more would turn low frequencies back. theory.md (4.5).
     """
 
     box: tuple
@@ -70,7 +70,7 @@ class Rim:
         outside = np.maximum(0.0, np.maximum(low - places, places - high))
         outside[:, 2] = np.maximum(0.0, low[2] - places[:, 2])
         depth = np.minimum(1.0, np.linalg.norm(outside, axis=1) / self.width)
-        return 6.0 * speed / self.width * depth**2
+        return 3.0 * speed / self.width * depth**2
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from .recordings import Recording, read_stations
 from .sources import Hole, TimeFunction
 
 GROWTH = 1.08
-PADDING = 150.0
+PADDING = 220.0
 DAMPING_FREQUENCY = 12.0
 
 
@@ -67,6 +67,8 @@ class Site:
     blasts : dict of str to Blast
     records : dict of str to dict of str to Recording
         By blast and receiver.
+    time_zeros : dict of str to str
+        Instant of the first hole of each blast.
     band : tuple of 2 float, Hz
     """
 
@@ -80,6 +82,7 @@ class Site:
     exponent: float
     blasts: dict[str, Blast]
     records: dict[str, dict[str, Recording]]
+    time_zeros: dict[str, str]
     band: tuple[float, float]
 
 
@@ -131,6 +134,7 @@ def _site(folder, table):
         exponent=float(table["source"]["charge_exponent"]),
         blasts=blasts,
         records=records,
+        time_zeros={row["id"]: row["time_zero"] for row in table["blasts"]},
         band=tuple(table["recording"]["band_hz"]),
     )
 
