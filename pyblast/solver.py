@@ -1,54 +1,20 @@
-"""The march through time in chunks: static stage, dynamic stage, checkpoints, results."""
+"""The march through time in chunks, with checkpoints; what a run gives."""
 
-import logging
-import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from . import assembly, kernels
-from .errors import InputError, SolverError
+from . import kernels
+from .errors import SolverError
 from .model import Model
-from .model_file import read_checkpoint, write_checkpoint, write_model
-from .provenance import fingerprint, versions
+from .model_file import read_checkpoint, write_checkpoint
+from .preparation import LEDGER_EVERY, Chunks, Prepared, prepare
+from .provenance import versions
 from .seismogram import Seismogram
-from .stability import CriticalStep
 
-LEDGER_EVERY = 20
-CHUNK_SECONDS = 0.05
-STATIC_CHUNK = 200
-STATIC_TOLERANCE = 1e-5
-STATIC_STEPS = 40_000
 CHECKPOINT_SECONDS = 30.0
-log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, eq=False)
-class Prepared:
-    """A model turned into arrays, ready to march.
-
-    Parameters
-    ----------
-    constants : dict
-        Kernel arguments in Python's order, indices from 0.
-    state : dict
-        Arrays that change, named as in ``kernels.STATE``.
-    n_steps : int
-    limit : CriticalStep
-    static : dict
-        ``steps`` and ``unbalanced`` of the static stage; empty where there was none.
-    fingerprint : str
-        SHA-256 of all constants and of the state.
-    """
-
-    constants: dict
-    state: dict
-    n_steps: int
-    limit: CriticalStep
-    static: dict
-    fingerprint: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,65 +48,6 @@ class Run:
     snapshots: dict[float, np.ndarray] = field(default_factory=dict)
     provenance: dict[str, str] = field(default_factory=dict)
     wall_seconds: float = 0.0
-
-
-def prepare(model: Model, duration: float, progress: Callable | None = None) -> Prepared:
-    """Assemble the arrays of a model and bring it to rest under its in-situ stress.
-
-    Parameters
-    ----------
-    model : Model
-    duration : float, s
-    progress : callable, optional
-        Called with (stage, done, total) between chunks.
-
-    Raises
-    ------
-    InputError
-        If the duration is not positive.
-    SolverError
-        If the static stage does not come to rest.
-    """
-    if not (math.isfinite(duration) and duration > 0.0):
-        raise InputError(f"duration: must be positive, got {duration:g} s")
-    geometry, limit = assembly.geometry_arrays(model)
-    n_steps = math.ceil(duration / geometry["dt"])
-    static, contact_state = {}, None
-    if model.insitu is not None and model.mesh.contacts is not None:
-        static, traction, contact_state = _equilibrate(model, geometry, progress)
-        geometry = {**geometry, "contact_initial": traction}
-    constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps)}
-    state = assembly.initial_state(constants)
-    if contact_state is not None:
-        state["contact_state"] = contact_state
-    return Prepared(constants, state, n_steps, limit, static, fingerprint(constants, state))
-
-
-def _equilibrate(model, geometry, progress):
-    """Relax to equilibrium; return a report, tractions and joint states without their slip."""
-    arrays, scale = assembly.static_arrays(model, geometry)
-    constants = {**geometry, **arrays, **assembly.still_loads(STATIC_STEPS)}
-    state = assembly.initial_state(constants)
-    views = kernels.to_fortran(constants)
-    for done in range(0, STATIC_STEPS, STATIC_CHUNK):
-        _, energy, failed = kernels.advance(views, state, done, STATIC_CHUNK, STATIC_CHUNK)
-        unbalanced = energy[-1][kernels.ENERGIES.index("unbalanced")] / max(scale, 1e-300)
-        if failed is not None:
-            raise SolverError(f"static stage: the motion grew without limit at step {done}")
-        if progress is not None:
-            progress("static", min(1.0, math.log(max(unbalanced, 1e-9)) / math.log(1e-5)), 1.0)
-        if done and unbalanced < STATIC_TOLERANCE:
-            break
-    else:
-        raise SolverError(
-            f"static stage: unbalanced force still {unbalanced:.1e} of the acting forces after "
-            f"{STATIC_STEPS} steps; a block may be free to fall, check supports and strengths"
-        )
-    log.info("static stage: %d steps, unbalanced force %.1e", done + STATIC_CHUNK, unbalanced)
-    contact_state = state["contact_state"].copy()
-    contact_state[:, :3] = 0.0
-    report = {"steps": done + STATIC_CHUNK, "unbalanced": float(unbalanced)}
-    return report, state["contact_traction"].copy(), contact_state
 
 
 def run(
@@ -195,13 +102,6 @@ def run(
     return march.result(time.perf_counter() - began)
 
 
-def export(prepared: Prepared, path):
-    """Write a prepared model for the program ``pyblast-run``, which marches it to the same bits."""
-    march = {"n_steps": prepared.n_steps, "ledger_every": LEDGER_EVERY}
-    constants = kernels.numbered(prepared.constants)
-    write_model(path, constants, prepared.state, march, prepared.fingerprint)
-
-
 class _March:
     """A run under way: where it is and what it has recorded."""
 
@@ -217,13 +117,11 @@ class _March:
 
     def go(self, progress, checkpoint, stops):
         """March to the end in chunks of about `CHUNK_SECONDS`."""
-        total, chunk, saved = self.prepared.n_steps, 1, time.perf_counter()
+        total, chunks, saved = self.prepared.n_steps, Chunks(1), time.perf_counter()
         while self.step < total:
-            last = min([total, self.step + chunk, *(s for s in stops if s > self.step)])
-            began = time.perf_counter()
-            self._advance(last - self.step)
-            took = time.perf_counter() - began
-            chunk = max(1, min(4 * chunk, int(chunk * CHUNK_SECONDS / max(took, 1e-4))))
+            last = min([total, self.step + chunks.steps, *(s for s in stops if s > self.step)])
+            with chunks.timed(last - self.step):
+                self._advance(last - self.step)
             if self.step in stops:
                 self.snapshots[self.step * self.dt] = self.state["velocity"].astype(np.float32)
             if progress is not None:

@@ -14,7 +14,8 @@ from pyblast.materials import Damping, Material
 from pyblast.mesh_builder import structured_box
 from pyblast.model import Model, Receiver
 from pyblast.seismogram import Seismogram
-from pyblast.solver import export, prepare, run
+from pyblast.preparation import export, prepare
+from pyblast.solver import run
 
 PROGRAM = resources.files("pyblast") / "bin" / "pyblast-run"
 ROCK = Material.from_speeds(2660.0, 3078.0, 1645.0)
