@@ -38,8 +38,8 @@ def told():
     except PyblastError as error:
         console.complain(error)
         raise typer.Exit(2) from None
-    except KeyboardInterrupt:
-        console.complain("interrupted; `pyblast run --resume` goes on from the checkpoint")
+    except KeyboardInterrupt as stop:
+        console.complain(f"interrupted; {stop}" if stop.args else "interrupted")
         raise typer.Exit(130) from None
 
 
@@ -66,13 +66,14 @@ def run(
     are kept. Ctrl-C writes a checkpoint.
     """
     with told():
-        from . import pipeline
+        from . import pipeline, preparation
         from .project import load_project
 
         loaded = load_project(project, full)
         with console.Progress() as progress:
             if write_model is not None:
-                pipeline.write_model_file(loaded, write_model, progress)
+                prepared = preparation.prepare(loaded.model, loaded.duration, progress)
+                preparation.export(prepared, write_model)
                 console.say(f"model: {write_model}")
                 return
             outcome = pipeline.run(loaded, output, resume=resume, progress=progress)

@@ -26,10 +26,9 @@ class Section(BaseModel):
 
     def _one_of(self, *choices):
         """Raise an error unless exactly one group of keys is given, and given whole."""
-        named = [" and ".join(choice) for choice in choices]
         begun = [c for c in choices if any(getattr(self, key) is not None for key in c)]
         if len(begun) != 1:
-            raise ValueError(f"give one of {'; '.join(named)}")
+            raise ValueError(f"give one of {'; '.join(' and '.join(c) for c in choices)}")
         missing = [key for key in begun[0] if getattr(self, key) is None]
         if missing:
             raise ValueError(f"{missing[0]} is missing beside {begun[0][0]}")
@@ -95,8 +94,7 @@ class MeshConfig(Section):
             return self
         if not self.layers:
             raise ValueError("layers is missing; give [[mesh.layers]] with a material")
-        by_wavelength = [self, *self.layers]
-        wanted = any(part.edges_per_wavelength is not None for part in by_wavelength)
+        wanted = any(part.edges_per_wavelength is not None for part in [self, *self.layers])
         if wanted and self.frequency_hz is None:
             raise ValueError("frequency_hz is missing beside edges_per_wavelength")
         if self.grid_cells is None and self.edge_m is None and self.edges_per_wavelength is None:

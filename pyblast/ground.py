@@ -1,7 +1,7 @@
 """The ground of a project in SI: materials, joints, boundaries, mesh."""
 
-import difflib
 from contextlib import contextmanager
+from difflib import get_close_matches
 
 from .boundaries import Fixed, Roller, Viscous
 from .errors import InputError
@@ -58,10 +58,7 @@ def make_joint(where, surface, config):
         stem, unit = split_key(key)
         wanted = _UNITS.get(stem, _PRESSURES)
         if stem not in names or unit not in wanted:
-            known = [f"{name}_{_UNITS.get(name, _PRESSURES)[0]}" for name in names]
-            near = difflib.get_close_matches(key, known, n=1)
-            advice = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
-            raise InputError(f"{where}.{key}: unknown key; {advice}")
+            raise InputError(f"{where}.{key}: unknown key; {_proposal(key, names)}")
         if not value > 0.0 and stem in ("kn", "ks"):
             raise InputError(f"{where}.{key}: must be positive, got {value:g}")
         if value < 0.0:
@@ -73,6 +70,14 @@ def make_joint(where, surface, config):
             raise InputError(f"{where}.{name}_{_UNITS.get(name, _PRESSURES)[0]}: missing; add it")
     pressure = to_si("pressure_kpa", config.insitu_pressure_kpa)[1]
     return Joint(surface, config.law, properties, pressure)
+
+
+def _proposal(key, names):
+    """Propose the key that was probably meant."""
+    known = {name: f"{name}_{_UNITS.get(name, _PRESSURES)[0]}" for name in names}
+    stems = sorted((name for name in names if key.startswith(f"{name}_")), key=len)
+    near = [known[stems[-1]]] if stems else get_close_matches(key, known.values(), n=1)
+    return f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known.values())}"
 
 
 def make_damping(config):

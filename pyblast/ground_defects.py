@@ -106,8 +106,9 @@ def jointed_speeds(name, joint, spacing, group, material, frequency):
         "D11",
         f"The joints '{name}' change arrival times, not amplitudes",
         f"One joint passes {passed[0]:.3f} (P) and {passed[1]:.3f} (S) at {frequency:g} Hz, but "
-        f"the set makes '{group}' slower by {-100 * slower[0]:.0f} % (P) and {-100 * slower[1]:.0f} % "
-        "(S): a comparison of peaks and frequencies does not see it, arrival times do.",
+        f"the set makes '{group}' slower by {-100 * slower[0]:.0f} % (P) and "
+        f"{-100 * slower[1]:.0f} % (S): a comparison of peaks and frequencies "
+        "does not see it, arrival times do.",
         numbers={"t_p": passed[0], "t_s": passed[1], "speed_p": slower[0], "speed_s": slower[1]},
     )
 
@@ -122,8 +123,8 @@ def soil_resonance(name, material, thickness, below, frequency, band):
         "D12",
         f"'{name}' resonates by itself",
         f"{thickness:g} m on rock of {contrast:.1f} times its impedance resonate at {own:.2f} Hz "
-        f"and odd multiples; {frequency:g} Hz would be {material.cs / (4.0 * frequency):.1f} m of it: "
-        "another reading of the same peak.",
+        f"and odd multiples; {frequency:g} Hz would be {material.cs / (4.0 * frequency):.1f} m of "
+        "it: another reading of the same peak.",
         numbers={"own": own, "thickness_at_centre": material.cs / (4.0 * frequency)},
     )
 

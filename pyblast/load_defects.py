@@ -134,9 +134,9 @@ def yielding_rock(peak, firing, name, material):
     return Finding(
         "D17",
         "Superposition may pass through yielding rock",
-        f"{1e3 * peak:.0f} mm/s of one hole are {single / 1e6:.1f} MPa in '{name}', {together} holes "
-        f"in phase {together * peak:.1f} m/s or {together * single / 1e6:.0f} MPa against a cohesion "
-        f"of {material.cohesion / 1e6:.1f} MPa: linear superposition then over-estimates.",
+        f"{1e3 * peak:.0f} mm/s of one hole are {single / 1e6:.1f} MPa in '{name}', {together} "
+        f"holes in phase {together * peak:.1f} m/s or {together * single / 1e6:.0f} MPa against a "
+        f"cohesion of {material.cohesion / 1e6:.1f} MPa: linear superposition then over-estimates.",
         numbers={"single": single, "together": together * single, "velocity": together * peak},
     )
 
@@ -148,8 +148,8 @@ def charge_fits(charge, diameter, depth, density=ANFO_DENSITY):
     return Finding(
         "D20",
         "The charge fits its hole" if fits else "The charge does not fit its hole",
-        f"{charge:g} kg at {density:g} kg/m3 (assumed) in {1e3 * diameter:g} mm fill {length:.1f} m "
-        f"of {depth:g} m.",
+        f"{charge:g} kg at {density:g} kg/m3 (assumed) in {1e3 * diameter:g} mm fill "
+        f"{length:.1f} m of {depth:g} m.",
         not fits,
         {"length": length},
     )

@@ -6,11 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from . import solver
+from . import preparation, solver
 from .census import Census, take_census
 from .checks import Check, check
 from .comparison import Comparison, compare
-from .errors import InputError, ReadError
+from .errors import InputError, PyblastError, ReadError
 from .project import Project, load_project
 from .recordings import read_recording
 from .report import write_report
@@ -23,6 +23,10 @@ CHECKPOINT = "checkpoint.h5"
 RESULT = "result.h5"
 LARGEST_FOLDER = 9999
 log = logging.getLogger(__name__)
+
+
+class Interrupted(KeyboardInterrupt):
+    """A run was stopped; the message says where its checkpoint lies."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +59,7 @@ def run(
     *,
     resume: bool = False,
     full: bool = False,
+    report: bool = True,
     progress: Callable | None = None,
 ) -> Outcome:
     """Run a project and write its result, pictures and report.
@@ -69,6 +74,8 @@ def run(
         Go on from the checkpoint of the last run that was interrupted.
     full : bool
         Take the table ``[full]`` of the project file.
+    report : bool
+        Whether to draw the report; `pyblast.report.write_report` can do it later.
     progress : callable, optional
         Called with (stage, done, total).
 
@@ -93,19 +100,30 @@ def run(
     model = project.model
     tell("check", 0, 1)
     checked = check(project, measure=False)
+    prepared = preparation.prepare(model, project.duration, progress)
     folder = interrupted_folder(output) if resume else new_folder(output)
     checkpoint = folder / CHECKPOINT
-    run_ = solver.run(
-        model,
-        project.duration,
-        progress=progress,
-        checkpoint=checkpoint,
-        resume=checkpoint if resume else None,
-        snapshot_times=[t + project.lead for t in project.config.run.snapshots_s],
-    )
+    try:
+        run_ = solver.run(
+            model,
+            project.duration,
+            progress=progress,
+            checkpoint=checkpoint,
+            resume=checkpoint if resume else None,
+            snapshot_times=[t + project.lead for t in project.config.run.snapshots_s],
+            prepared=prepared,
+        )
+    except KeyboardInterrupt:
+        raise Interrupted(f"checkpoint written to {checkpoint}, go on with --resume") from None
+    except PyblastError:
+        if not any(folder.iterdir()):
+            folder.rmdir()
+        raise
     tell("writing", 0, 1)
     outcome = _conclude(project, checked, run_, folder)
     write_outcome(outcome, model)
+    if report:
+        write_report(outcome.folder / "report.html", outcome.result)
     checkpoint.unlink(missing_ok=True)
     return outcome
 
@@ -153,7 +171,7 @@ def compare_all(project, simulated):
 
 
 def write_outcome(outcome, model):
-    """Write result file, summary, files for ParaView and the report."""
+    """Write result file, summary and files for ParaView."""
     folder, run_ = outcome.folder, outcome.run
     write_result(folder / RESULT, outcome.result)
     write_summary(folder / "summary.json", outcome.result.summary)
@@ -163,7 +181,6 @@ def write_outcome(outcome, model):
     if mesh.contacts is not None:
         write_joints(folder / "joints.vtu", mesh, run_.state["displacement"])
     write_motion(folder, mesh.points, mesh.zones, run_.snapshots)
-    write_report(folder / "report.html", outcome.result)
 
 
 def new_folder(output):
@@ -209,14 +226,6 @@ def write_mesh_files(project, output) -> Census:
     write_zones(output / "zones.vtu", mesh.points, mesh.zones, zone_fields(project.model))
     write_joints(output / "joints.vtu", mesh)
     return take_census(project)
-
-
-def write_model_file(project, path, progress=None):
-    """Write the model of a project, at rest under its in-situ stress, for ``pyblast-run``."""
-    from .model_file import write_model
-
-    prepared = solver.prepare(project.model, project.duration, progress)
-    write_model(path, prepared, [receiver.name for receiver in project.receivers])
 
 
 def compare_files(recorded, simulated, receiver="", band=None, bearing_deg=None) -> Comparison:

@@ -152,6 +152,6 @@ def comparison_table(comparison):
     )  # fmt: skip
     return {
         "components": list(comparison.components),
-        "frequency_definition": comparison.frequency_definition,
+        "frequency_method": comparison.frequency_method,
         **{name: getattr(comparison, name) for name in names},
     }

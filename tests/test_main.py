@@ -1,0 +1,202 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from small_project import TEXT, written
+from typer.testing import CliRunner
+
+from pyblast import pipeline
+from pyblast.__main__ import app
+from pyblast.errors import InputError
+from pyblast.result import read_result, write_csv
+
+LONG = "grid_cells = [6, 2, 3]", "grid_cells = [30, 10, 15]"
+
+
+def call(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def spawn(*arguments, **options):
+    environment = os.environ | {"OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", "pyblast", *map(str, arguments)]
+    return subprocess.Popen(command, env=environment, text=True, stdout=subprocess.PIPE,
+                            stderr=subprocess.PIPE, **options)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory):
+    return pipeline.run(written(tmp_path_factory.mktemp("project")), report=False)
+
+
+def test_a_run_writes_everything(tmp_path):
+    done = call("run", written(tmp_path))
+
+    assert done.exit_code == 0, done.output
+    names = {path.name for path in (tmp_path / "results" / "001").iterdir()}
+    assert names == {
+        "result.h5", "summary.json", "report.html", "zones.vtu", "joints.vtu", "motion_000.vtu",
+        "motion.pvd",
+    }  # fmt: skip
+    assert "R1: PPV in mm/s longitudinal" in done.output
+    assert "D1 FAILS" in done.output
+
+
+def test_earlier_results_stay(tmp_path):
+    path = written(tmp_path)
+
+    folders = [pipeline.run(path, report=False).folder.name for _ in range(2)]
+
+    assert folders == ["001", "002"]
+
+
+def test_the_same_project_gives_the_same_bits(tmp_path, outcome):
+    again = pipeline.run(written(tmp_path), report=False)
+
+    assert np.array_equal(again.seismograms["R1"].velocity, outcome.seismograms["R1"].velocity)
+    hashes = [o.result.summary["provenance"]["input_sha256"] for o in (again, outcome)]
+    assert hashes[0] == hashes[1]
+
+
+def test_the_summary_holds_peaks_ledger_seeds_and_hashes(outcome):
+    summary = json.loads((outcome.folder / "summary.json").read_text())
+
+    simulated = summary["receivers"]["R1"]["simulated"]
+    assert simulated["ppv"] == pytest.approx(outcome.seismograms["R1"].ppv)
+    assert summary["run"]["balance_error"] < 0.01
+    assert summary["energy"]["input"] > 0.0
+    assert summary["seeds"] == {"mesh": 0, "blast": 0}
+    assert len(summary["files_sha256"]["project.toml"]) == 64
+
+
+def test_the_result_file_holds_the_seismograms(outcome):
+    found = read_result(outcome.folder / "result.h5").seismogram("simulated", "R1")
+
+    assert np.array_equal(found.velocity, outcome.seismograms["R1"].velocity)
+    assert found.start < 0.0
+
+
+@pytest.mark.parametrize("command", ["run", "check", "mesh", "superpose", "compare", "report"])
+def test_every_command_explains_itself(command):
+    shown = call(command, "--help")
+
+    assert shown.exit_code == 0
+    assert len(shown.output.splitlines()) > 5
+
+
+def test_wrong_input_ends_with_one_sentence_and_code_two(tmp_path):
+    process = spawn("run", written(tmp_path, ("kn_gpa_per_m = 0.114", "kn_gpa_per_m = -1")))
+    _, told = process.communicate(timeout=60)
+
+    assert process.returncode == 2
+    assert told == ("pyblast: project.toml: joints.F1.kn_gpa_per_m: must be positive, got -1\n")
+
+
+def test_a_missing_file_ends_with_code_two(tmp_path):
+    assert call("run", tmp_path / "absent.toml").exit_code == 2
+    assert call("report", tmp_path / "result.h5").exit_code == 2
+
+
+def test_wrong_usage_ends_with_code_two():
+    assert call("run").exit_code == 2
+    assert call("fly").exit_code == 2
+
+
+def test_a_check_that_fails_ends_with_code_three(tmp_path):
+    found = call("check", written(tmp_path))
+
+    assert found.exit_code == 3
+    assert "carries Hz" in found.output
+    assert "D1 FAILS: The mesh of 'soil' does not carry the input" in found.output
+    assert "estimated time" in found.output
+
+
+def test_a_check_without_failure_ends_with_code_zero(tmp_path):
+    rock = TEXT.replace("bulk_mpa = 125\nshear_mpa = 57.7", "bulk_mpa = 15600\nshear_mpa = 7200")
+    rock = rock.replace("grid_cells = [6, 2, 3]", "grid_cells = [12, 4, 6]")
+    fine = rock.replace("peak_time_ms = 30", "peak_time_ms = 150")
+
+    assert call("check", written(tmp_path, text=fine)).exit_code == 0
+
+
+def test_the_superposed_motion_is_written_as_a_table(tmp_path):
+    shown = call("superpose", written(tmp_path), "--output", tmp_path / "in.csv")
+
+    assert shown.exit_code == 0
+    assert "60 holes" in shown.output
+    assert (tmp_path / "in.csv").read_text().startswith("time_s,east_m_per_s")
+
+
+def test_a_record_is_compared_with_a_receiver(tmp_path, outcome):
+    result = outcome.folder / "result.h5"
+    write_csv(tmp_path / "R1.csv", read_result(result).seismogram("simulated", "R1"))
+
+    found = pipeline.compare_files(tmp_path / "R1.csv", result)
+
+    assert found.misfit == pytest.approx(0.0, abs=1e-4)
+    assert call("compare", tmp_path / "R1.csv", result).exit_code == 0
+
+
+def test_the_mesh_alone_is_written_for_paraview(tmp_path):
+    import meshio
+
+    done = call("mesh", written(tmp_path), "--output", tmp_path / "mesh")
+
+    assert done.exit_code == 0
+    found = meshio.read(tmp_path / "mesh" / "zones.vtu")
+    assert set(found.cell_data) == {"group", "block", "f_max"}
+    assert len(found.cells_dict["tetra"]) == 216
+
+
+def test_the_report_is_made_from_the_result_file(tmp_path, outcome):
+    page = tmp_path / "page.html"
+
+    assert call("report", outcome.folder, "--output", page).exit_code == 0
+    assert page.stat().st_size > 50_000
+
+
+def test_a_model_file_is_written_for_the_program(tmp_path):
+    done = call("run", written(tmp_path), "--write-model", tmp_path / "model.h5")
+
+    assert done.exit_code == 0, done.output
+    assert (tmp_path / "model.h5").stat().st_size > 10_000
+    assert not (tmp_path / "results").exists()
+
+
+def test_nothing_to_resume_is_an_input_error(tmp_path):
+    with pytest.raises(InputError, match="nothing to resume"):
+        pipeline.run(written(tmp_path), resume=True)
+
+
+def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path, outcome):
+    def stop(stage, done, total):
+        if stage == "dynamic" and done > 0.4 * total:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt, match="checkpoint written"):
+        pipeline.run(written(tmp_path), progress=stop)
+    resumed = pipeline.run(tmp_path / "project.toml", resume=True, report=False)
+
+    assert resumed.folder.name == "001"
+    assert np.array_equal(resumed.seismograms["R1"].velocity, outcome.seismograms["R1"].velocity)
+    assert not (resumed.folder / "checkpoint.h5").exists()
+
+
+def test_ctrl_c_leaves_a_checkpoint_and_code_130(tmp_path):
+    path = written(tmp_path, LONG, ("duration_s = 0.1", "duration_s = 60"))
+    process = spawn("run", path)
+    for line in process.stdout:
+        if "dynamic stage" in line:
+            break
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate(timeout=30)
+
+    assert process.returncode == 130
+    assert told.startswith("pyblast: interrupted; checkpoint written to")
+    assert (tmp_path / "results" / "001" / "checkpoint.h5").exists()

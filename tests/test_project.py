@@ -1,0 +1,151 @@
+import math
+
+import numpy as np
+import pytest
+from small_project import TEXT, written
+
+from pyblast.boundaries import Roller, StressInput, Viscous
+from pyblast.errors import InputError
+from pyblast.project import load_project
+from pyblast.result import write_csv
+from pyblast.seismogram import Seismogram
+
+
+def test_units_in_key_names_become_si(tmp_path):
+    project = load_project(written(tmp_path))
+
+    joint = project.joints[0]
+
+    assert joint.properties["kn"] == pytest.approx(0.114e9)
+    assert joint.properties["cohesion"] == pytest.approx(20e3)
+    assert joint.properties["friction"] == pytest.approx(math.tan(math.radians(25.0)))
+    assert project.materials["soil"].bulk == pytest.approx(125e6)
+    assert project.materials["rock"].young == pytest.approx(18720e6)
+
+
+def test_materials_are_given_in_three_ways(tmp_path):
+    by_speeds = load_project(
+        written(
+            tmp_path, ("young_mpa = 18720\npoisson = 0.3", "cp_m_per_s = 3078\ncs_m_per_s = 1645")
+        )
+    )
+
+    assert by_speeds.materials["rock"].cp == pytest.approx(3078.0)
+    assert by_speeds.materials["rock"].cs == pytest.approx(1645.0)
+
+
+def test_the_blast_has_rows_of_holes_away_from_the_face(tmp_path):
+    blast = load_project(written(tmp_path)).blast
+
+    assert len(blast.times) == 60
+    assert np.unique(blast.times) == pytest.approx([0.0, 0.04, 0.08, 0.12])
+    assert blast.charge_per_window() == pytest.approx(6750.0)
+    assert blast.collar[:, 0].max() == pytest.approx(-39.0)
+    assert blast.collar[:, 0].min() == pytest.approx(-39.0 - 3 * 6.5)
+    assert np.ptp(blast.collar[:15, 1]) == pytest.approx(14 * 7.5)
+    assert blast.length == pytest.approx(17.0)
+
+
+def test_neighbouring_rows_are_staggered_by_half_a_spacing(tmp_path):
+    blast = load_project(written(tmp_path)).blast
+
+    assert abs(blast.collar[15, 1] - blast.collar[0, 1]) == pytest.approx(7.5 / 2.0)
+
+
+def test_the_low_pass_has_quiet_time_before_the_first_firing(tmp_path):
+    project = load_project(written(tmp_path))
+
+    motion = project.input.motion
+
+    assert motion.start < -0.1
+    assert np.abs(motion.velocity[0]).max() < 1e-3 * motion.ppv.max()
+    assert project.duration == pytest.approx(0.1 - motion.start)
+
+
+def test_the_signature_is_one_line_away_from_a_record(tmp_path):
+    record = Seismogram(np.random.default_rng(0).normal(size=(64, 3)), 1.0 / 256.0)
+    write_csv(tmp_path / "hole.csv", record)
+    cavity = TEXT[TEXT.index("[signature.cavity]") : TEXT.index("[input]")]
+    recorded = '[signature]\nrecorded = { file = "hole.csv" }\n'
+    path = written(tmp_path, (cavity, recorded), ('"signature.cavity", ', ""))
+
+    signature = load_project(path).signature
+
+    assert signature.velocity == pytest.approx(record.velocity, rel=1e-7)
+
+
+def test_a_receiver_without_height_stands_on_the_ground(tmp_path):
+    receiver = load_project(written(tmp_path)).receivers[0]
+
+    assert receiver.position == pytest.approx([55.0, 10.0, 30.0])
+    assert receiver.azimuth == pytest.approx(math.pi / 2.0)
+
+
+def test_a_receiver_outside_of_the_ground_is_refused(tmp_path):
+    project = load_project(written(tmp_path, ("[55, 10]", "[99, 10]")))
+
+    with pytest.raises(InputError, match="lies outside of the ground"):
+        _ = project.receivers
+
+
+def test_the_default_reading_is_viscous_only(tmp_path):
+    model = load_project(written(tmp_path)).model
+
+    assert {b.surface for b in model.boundaries if isinstance(b, Viscous)} == {
+        "west", "east", "south", "north", "bottom",
+    }  # fmt: skip
+    assert not [b for b in model.boundaries if isinstance(b, Roller)]
+
+
+def test_the_literal_reading_fixes_all_viscous_surfaces_but_the_input_face(tmp_path):
+    path = written(tmp_path, ('free = ["top"]', "viscous_and_fixed = true"))
+
+    model = load_project(path).model
+
+    assert {b.surface for b in model.boundaries if isinstance(b, Roller)} == {
+        "east", "south", "north", "bottom",
+    }  # fmt: skip
+
+
+def test_the_stress_on_a_viscous_face_is_doubled(tmp_path):
+    model = load_project(written(tmp_path)).model
+
+    load = next(b for b in model.boundaries if isinstance(b, StressInput))
+
+    assert load.surface == "west"
+    assert model.doubles(load)
+
+
+def test_edges_follow_from_edges_per_wavelength():
+    from pyblast.config import LayerConfig, MeshConfig
+    from pyblast.ground import mean_edge
+    from pyblast.materials import Material
+
+    soil = Material(2000.0, 125e6, 57.7e6)
+    layer = LayerConfig(material="soil", edges_per_wavelength=10.0)
+    config = MeshConfig(size_m=[1.0, 1.0, 1.0], layers=[layer], frequency_hz=20.0, edge_m=5.0)
+
+    assert mean_edge(config, layer, soil) == pytest.approx(0.85, rel=1e-3)
+    assert mean_edge(config, LayerConfig(material="soil"), soil) == 5.0
+
+
+def test_a_wrong_surface_is_refused_with_the_ones_there_are(tmp_path):
+    project = load_project(written(tmp_path, ('"bottom"]', '"botom"]')))
+
+    with pytest.raises(InputError, match=r"boundaries\.botom: no such surface; there are west"):
+        _ = project.model
+
+
+def test_assumptions_cover_the_keys_below_them(tmp_path):
+    project = load_project(written(tmp_path))
+
+    assert project.is_assumed("signature.cavity.radius_m")
+    assert project.is_assumed("joints.F1.cohesion_kpa")
+    assert not project.is_assumed("joints.F1.kn_gpa_per_m")
+
+
+def test_every_input_file_has_a_hash(tmp_path):
+    hashes = load_project(written(tmp_path)).input_files
+
+    assert list(hashes) == ["project.toml"]
+    assert len(hashes["project.toml"]) == 64
