@@ -1,5 +1,7 @@
 """Laws of nature that every joint law keeps, and the memory of the Coulomb law."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -215,7 +217,7 @@ def test_a_full_turn_of_slip_dissipates_force_times_path():
     strength, far = COHESION + FRICTION * KN * 1e-4, 5e-3
     contact.move(0.0, 0.0, -1e-4)
     corners = [0.0, far, -far, far]
-    for start, end in zip(corners[:-1], corners[1:], strict=True):
+    for start, end in pairwise(corners):
         before = contact.dissipated
         for place in np.linspace(start, end, 4001):
             contact.move(place, 0.0, -1e-4)
