@@ -16,7 +16,7 @@ from .stability import CriticalStep
 
 LEDGER_EVERY = 20
 CHUNK_SECONDS = 0.05
-STATIC_LEAST = 100
+STATIC_ROUND = 100
 STATIC_TOLERANCE = 1e-5
 STATIC_STEPS = 40_000
 log = logging.getLogger(__name__)
@@ -102,13 +102,14 @@ def _equilibrate(model, geometry, progress):
     state = assembly.initial_state(constants)
     views = kernels.to_fortran(constants)
     step, unbalanced, chunks = 0, 1.0, Chunks(1)
-    while unbalanced > STATIC_TOLERANCE or step < STATIC_LEAST:
+    while unbalanced > STATIC_TOLERANCE or step % STATIC_ROUND:
         if step >= STATIC_STEPS:
             raise SolverError(
                 f"static stage: unbalanced force still {unbalanced:.1e} of the acting forces after "
                 f"{step} steps; a block may be free to fall, check supports and strengths"
             )
-        n_steps = min(chunks.steps, STATIC_STEPS - step)
+        # Only whole rounds may end the stage: else its last step would depend on the clock.
+        n_steps = min(chunks.steps, STATIC_ROUND - step % STATIC_ROUND)
         with chunks.timed(n_steps):
             _, energy, failed = kernels.advance(views, state, step, n_steps, LEDGER_EVERY)
         step += n_steps
