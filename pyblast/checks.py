@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import ground_defects, load_defects
+from . import ground_defects, load_defects, tetrahedra
 from .boundaries import Roller, Viscous
 from .census import Census, central_frequency, input_band, receiver_groups, take_census
 from .findings import Finding
@@ -98,6 +98,16 @@ def face_materials(project):
     return {mesh.groups[n]: project.materials[mesh.groups[n]] for n in numbers}
 
 
+def _face_areas(project):
+    """Return area in m2 and material of each part of the input face."""
+    mesh, face = project.model.mesh, project.config.input.face
+    group = mesh.zone_group[surface_zones(mesh, face)]
+    area = np.linalg.norm(tetrahedra.triangle_vectors(mesh.points, mesh.surfaces[face]), axis=1)
+    return [
+        (float(area[group == n].sum()), project.materials[mesh.groups[n]]) for n in np.unique(group)
+    ]
+
+
 def source_material(project):
     """Return name and material that the signature comes through."""
     cavity = project.config.signature.cavity
@@ -119,11 +129,23 @@ def _load_defects(project):
     distance, reach = face_distance(project)
     if distance is not None:
         yield load_defects.plane_load(distance, reach, material, band)
+    if project.blast is not None and np.isfinite(project.blast.charge).all():
+        charge = float(project.blast.charge.sum())
+        yield load_defects.load_energy(
+            motion.motion, _face_areas(project), charge, _across(project)
+        )
     if config.blast is not None and config.blast.charge_kg is not None:
         blast = config.blast
         yield load_defects.charge_fits(
             blast.charge_kg, 1e-3 * blast.diameter_mm, blast.depth_m, blast.explosive_kg_per_m3
         )
+
+
+def _across(project):
+    """Return the axis along the normal of the input face."""
+    mesh = project.mesh
+    corners = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
+    return int(np.argmin(np.ptp(corners, axis=0)))
 
 
 def face_distance(project):
@@ -134,8 +156,8 @@ def face_distance(project):
     """
     mesh = project.mesh
     corners = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
-    spread = np.ptp(corners, axis=0)
-    across, along = int(np.argmin(spread)), int(np.argmax(spread * [1.0, 1.0, 0.0]))
+    across = _across(project)
+    along = int(np.argmax(np.ptp(corners, axis=0) * [1.0, 1.0, 0.0]))
     distance, middle = project.config.input.distance_m, float(corners[:, along].mean())
     if project.blast is not None:
         first = project.blast.centres[project.blast.times == project.blast.times.min()].mean(axis=0)
@@ -158,15 +180,17 @@ def _joint_defects(project):
         if project.materials[layer.material].cp
         >= 0.5 * max(m.cp for m in project.materials.values())
     }
+    alike = {}
     for fault in config.faults:
+        alike.setdefault(fault.joint or fault.name, []).append(fault.name)
+    for entry, faults in alike.items():
+        names, joint = ", ".join(faults), by_surface[faults[0]]
         for group, material in rocks.items():
-            yield ground_defects.fault_low_pass(
-                fault.name, by_surface[fault.name], group, material, centre, band
-            )
-        infill = project.config.joints[fault.joint or fault.name].infill_mm
+            yield ground_defects.fault_low_pass(names, joint, group, material, centre, band)
+        infill = project.config.joints[entry].infill_mm
         if infill is not None:
             thickness = [1e-3 * value for value in infill]
-            yield ground_defects.infill_as_layer(fault.name, by_surface[fault.name], thickness)
+            yield ground_defects.infill_as_layer(names, joint, thickness)
     for part in config.joint_sets:
         for group in part.regions or rocks:
             yield ground_defects.jointed_speeds(

@@ -19,6 +19,10 @@ INK, RECORDED, SIMULATED, FAULT = "#2b2b2b", "#2b2b2b", "#c2410c", "#b91c1c"
 LETTERS = {"longitudinal": "L", "transverse": "T", "vertical": "V", "east": "E", "north": "N"}
 PAPER_ORDER = ("transverse", "north", "vertical", "longitudinal", "east")
 DPI = 110
+_ABOVE = {
+    "loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "ncol": 2, "fontsize": 7, "frameon": False,
+    "borderaxespad": 0.0,
+}  # fmt: skip
 
 
 def motion_figure(seismograms, colours, top=None, t_max=None):
@@ -70,7 +74,7 @@ def motion_figure(seismograms, colours, top=None, t_max=None):
         row[0].set_ylabel(f"{LETTERS[first.components[place]]}  mm/s")
         row[1].set_ylabel("mm/s/Hz")
         for axis in row:
-            axis.legend(loc="upper right", fontsize=7, frameon=False)
+            axis.legend(**_ABOVE)
             _tidy(axis)
     axes[2, 0].set_xlabel("time after the first firing  s")
     axes[2, 1].set_xlabel("frequency  Hz")
@@ -106,7 +110,9 @@ def section_figure(result, place, field="group"):
         patches.set_array(result.arrays["zones"][field][zone])
         patches.set_cmap("viridis")
         patches.set_norm(LogNorm())
-        figure.colorbar(patches, ax=axes, label="highest frequency carried  Hz", shrink=0.85)
+        bar = figure.colorbar(patches, ax=axes, label="highest frequency carried  Hz", shrink=0.85)
+        for which in ("major", "minor"):
+            getattr(bar.ax.yaxis, f"set_{which}_formatter")("{x:g}")
     axes.add_collection(patches)
     _draw_joints(axes, result, place)
     _draw_receivers(axes, summary, mesh["points"])
@@ -209,12 +215,15 @@ def energy_figure(energy, lead):
         "damping": "material damping", "joint_stored": "stored in joints",
         "joint_dissipated": "slip in joints",
     }  # fmt: skip
+    factor, unit = (1e-9, "GJ") if np.abs(energy["input"]).max() > 1e10 else (1e-6, "MJ")
     for number, (name, label) in enumerate(names.items()):
         if name in energy:
             colour = INK if name == "input" else f"C{number}"
-            axes.plot(energy["time"] - lead, 1e-6 * energy[name], lw=1.2, label=label, color=colour)
+            axes.plot(
+                energy["time"] - lead, factor * energy[name], lw=1.2, label=label, color=colour
+            )
     axes.set_xlabel("time after the first firing  s")
-    axes.set_ylabel("energy  MJ")
+    axes.set_ylabel(f"energy  {unit}")
     axes.legend(fontsize=7, frameon=False, ncol=2)
     _tidy(axes)
     return _uri(figure)

@@ -78,7 +78,7 @@ def fault_low_pass(name, joint, group, material, frequency, band):
     listed = ", ".join(f"{p:.2f}/{s:.2f} at {f:g} Hz" for f, (p, s) in at.items())
     return Finding(
         "D8",
-        f"The fault '{name}' is itself a low-pass",
+        f"The fault {name} is itself a low-pass",
         f"In '{group}' its corner is {corners[0]:.1f} Hz (P) and {corners[1]:.1f} Hz (S); it "
         f"passes {listed} (P/S). Its stiffness can't be told from damping, soil or mesh by "
         f"amplitude; at {frequency:g} Hz +10 % of kn gives {100 * gain[0]:+.0f} % P, of ks "
@@ -156,7 +156,7 @@ def infill_as_layer(name, joint, thicknesses):
     coherent = 0.0 <= poisson < 0.5
     return Finding(
         "D18",
-        f"The infill of '{name}' read as a layer",
+        f"The infill of {name} read as a layer",
         f"{' to '.join(f'{100 * t:g} cm' for t in thicknesses)} of infill have M/G = {listed} and, "
         f"from kn/ks = {ratio:.2f}, a Poisson's ratio of {poisson:.2f}: "
         f"{'coherent' if coherent else 'no material behaves so; check kn and ks'}.",

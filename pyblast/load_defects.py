@@ -9,6 +9,8 @@ from .findings import Finding, by_wave
 
 SOUND_SPEED = 340.0
 SAME_INSTANT = 1e-3
+ANFO_HEAT = 3.8e6
+PLAUSIBLE_SHARE = 0.1
 
 
 def comb_numbers(firing, frequency, band):
@@ -138,6 +140,37 @@ def yielding_rock(peak, firing, name, material):
         f"holes in phase {together * peak:.1f} m/s or {together * single / 1e6:.0f} MPa against a "
         f"cohesion of {material.cohesion / 1e6:.1f} MPa: linear superposition then over-estimates.",
         numbers={"single": single, "together": together * single, "velocity": together * peak},
+    )
+
+
+def load_energy(motion, face, charge, axis=0):
+    """D21: whether the load carries more energy than the explosive; None where far less.
+
+    Parameters
+    ----------
+    motion : Seismogram
+        Of the incident wave.
+    face : sequence of (area m2, Material)
+    charge : float, kg
+        Of the whole blast.
+    axis : int
+        Component along the normal of the face.
+    """
+    work = motion.dt * np.sum(np.nan_to_num(motion.velocity) ** 2, axis=0)
+    normal, shear = float(work[axis]), float(work.sum() - work[axis])
+    energy = sum(a * m.density * (m.cp * normal + m.cs * shear) for a, m in face)
+    share = energy / (charge * ANFO_HEAT)
+    if share < PLAUSIBLE_SHARE:
+        return None
+    return Finding(
+        "D21",
+        "The load carries too much energy",
+        f"The waves that enter carry {energy / 1e9:.3g} GJ, {100 * share:.0f} % of the heat of "
+        f"{charge:g} kg of explosive ({ANFO_HEAT / 1e6:g} MJ/kg, assumed); rock blasts send at most about "
+        f"{100 * PLAUSIBLE_SHARE:.0f} % into waves. One record on the whole face and all holes "
+        "of a row in phase put in what the blast can't give.",
+        share > 1.0,
+        {"energy": energy, "share": share},
     )
 
 

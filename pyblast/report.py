@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from importlib import resources
 
+import numpy as np
 from jinja2 import Environment, StrictUndefined
 
 from . import figures
@@ -48,7 +49,9 @@ def _figures(result):
             f"Signature, {summary['input']['signature']}: particle velocity and smoothed amplitude "
             "spectrum of the three components (figure 5 of the paper).",
             ("signature",),
-            figures.motion_figure({"single hole": stages["signature"]}, [figures.INK]),
+            figures.motion_figure(
+                {"single hole": stages["signature"]}, [figures.INK], wide, _end(stages["signature"])
+            ),
         ),
         (
             "Input motion",
@@ -56,7 +59,7 @@ def _figures(result):
             ("signature", "blast", "input"),
             figures.motion_figure(
                 {"whole blast": stages["superposed"], "into the model": stages["motion"]},
-                ["#9aa5b1", figures.SIMULATED], wide,
+                ["#9aa5b1", figures.SIMULATED], wide, _end(stages["superposed"]),
             ),
         ),
         (
@@ -77,6 +80,12 @@ def _figures(result):
         ),
     ]  # fmt: skip
     return [dict(zip(("title", "caption", "tables", "image"), row, strict=True)) for row in made]
+
+
+def _end(seismogram):
+    """Return the time in s after which a seismogram stays below a hundredth of its peak."""
+    size = np.nanmax(np.abs(seismogram.velocity), axis=1)
+    return 1.2 * float(seismogram.times[np.flatnonzero(size > 0.01 * size.max())[-1]])
 
 
 def _section_figures(result):
@@ -144,7 +153,10 @@ def number(value, digits=3):
     """Show a number with some digits, a dash where there is none."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "–"
-    return f"{value:.{digits}g}" if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return str(value)
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if 1e3 <= abs(value) < 1e9 else text
 
 
 def scaled(value, factor, digits=3):
