@@ -2,178 +2,27 @@
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
-Positive = Annotated[float, Field(gt=0.0)]
-NotNegative = Annotated[float, Field(ge=0.0)]
-Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
-Count = Annotated[int, Field(ge=1)]
-Dip = Annotated[float, Field(ge=0.0, le=90.0)]
-Bearing = Annotated[float, Field(ge=-360.0, le=360.0)]
-FrictionAngle = Annotated[float, Field(ge=0.0, lt=89.0)]
-Point = Annotated[list[float], Field(min_length=3, max_length=3)]
-Place = Annotated[list[float], Field(min_length=2, max_length=3)]
-Size = Annotated[list[Positive], Field(min_length=3, max_length=3)]
-Band = Annotated[list[Positive], Field(min_length=2, max_length=2)]
-Infill = Annotated[list[Positive], Field(min_length=1, max_length=2)]
-Name = Annotated[str, Field(min_length=1, max_length=80)]
-
-
-class Section(BaseModel):
-    """One table of a project file: strict types, no unknown keys."""
-
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
-
-    def _one_of(self, *choices):
-        """Raise an error unless exactly one group of keys is given, and given whole."""
-        begun = [c for c in choices if any(getattr(self, key) is not None for key in c)]
-        if len(begun) != 1:
-            raise ValueError(f"give one of {'; '.join(' and '.join(c) for c in choices)}")
-        missing = [key for key in begun[0] if getattr(self, key) is None]
-        if missing:
-            raise ValueError(f"{missing[0]} is missing beside {begun[0][0]}")
-
-
-class LayerConfig(Section):
-    """A layer of ground, from the top down; without thickness the rest down to the bottom."""
-
-    material: Name
-    thickness_m: Positive | None = None
-    edge_m: Positive | None = None
-    edges_per_wavelength: Positive | None = None
-
-
-class JointSetConfig(Section):
-    """Parallel joints, cut to layers."""
-
-    name: Name
-    joint: Name | None = None
-    dip_deg: Dip
-    dip_direction_deg: Bearing
-    spacing_m: Positive
-    origin_m: Point | None = None
-    regions: list[Name] = []
-    persistence: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
-
-
-class FaultConfig(Section):
-    """A single plane that cuts everything within its extent."""
-
-    name: Name
-    joint: Name | None = None
-    dip_deg: Dip
-    dip_direction_deg: Bearing
-    through_m: Point
-    radius_m: Positive | None = None
-
-
-class MeshConfig(Section):
-    """The ground: a box or a surveyed surface with layers and joints, or a mesh file."""
-
-    size_m: Size | None = None
-    origin_m: Point = [0.0, 0.0, 0.0]
-    grid_cells: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
-    surface_file: str | None = None
-    edge_m: Positive | None = None
-    edges_per_wavelength: Positive | None = None
-    frequency_hz: Positive | None = None
-    layers: list[LayerConfig] = []
-    joint_sets: list[JointSetConfig] = []
-    faults: list[FaultConfig] = []
-    tolerance_m: Positive | None = None
-    seed: Annotated[int, Field(ge=0)] = 0
-    file: str | None = None
-    file_groups: dict[str, Name] = {}
-    file_joints: dict[str, Name] = {}
-
-    @model_validator(mode="after")
-    def _complete(self):
-        """Ask for layers and an edge length of a box; a file needs nothing else."""
-        self._one_of(("size_m",), ("file",))
-        if self.file is not None:
-            return self
-        if not self.layers:
-            raise ValueError("layers is missing; give [[mesh.layers]] with a material")
-        wanted = any(part.edges_per_wavelength is not None for part in [self, *self.layers])
-        if wanted and self.frequency_hz is None:
-            raise ValueError("frequency_hz is missing beside edges_per_wavelength")
-        if self.grid_cells is None and self.edge_m is None and self.edges_per_wavelength is None:
-            raise ValueError("give one of edge_m; edges_per_wavelength; grid_cells")
-        names = [part.name for part in (*self.joint_sets, *self.faults)]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"the name {name!r} is given to two joint sets or faults")
-        return self
-
-
-class MaterialConfig(Section):
-    """Density, two elastic constants in one of three ways, and strength."""
-
-    density_kg_per_m3: Positive
-    bulk_mpa: Positive | None = None
-    shear_mpa: Positive | None = None
-    young_mpa: Positive | None = None
-    poisson: Annotated[float, Field(gt=-1.0, lt=0.5)] | None = None
-    cp_m_per_s: Positive | None = None
-    cs_m_per_s: Positive | None = None
-    cohesion_kpa: NotNegative | None = None
-    tension_kpa: NotNegative | None = None
-    friction_angle_deg: FrictionAngle | None = None
-
-    @model_validator(mode="after")
-    def _two_constants(self):
-        """Ask for one pair of elastic constants."""
-        speeds = "cp_m_per_s", "cs_m_per_s"
-        self._one_of(("bulk_mpa", "shear_mpa"), ("young_mpa", "poisson"), speeds)
-        return self
-
-
-class JointConfig(Section):
-    """A joint law and its properties; which ones, the law table of the core says."""
-
-    model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, float]
-    law: Name = "coulomb"
-    insitu_pressure_kpa: NotNegative = 0.0
-    infill_mm: Infill | None = None
-
-
-class BoundariesConfig(Section):
-    """Which outer surface has which condition."""
-
-    viscous: list[Name] = []
-    roller: list[Name] = []
-    fixed: list[Name] = []
-    free: list[Name] = []
-    viscous_and_fixed: bool = False
-
-    @model_validator(mode="after")
-    def _once(self):
-        """Refuse a surface that stands in two lists."""
-        every = [*self.viscous, *self.roller, *self.fixed, *self.free]
-        for name in every:
-            if every.count(name) > 1:
-                raise ValueError(
-                    f"the surface {name!r} stands in two lists; for the literal reading of the "
-                    "paper keep it in viscous and set viscous_and_fixed = true"
-                )
-        return self
-
-
-class DampingConfig(Section):
-    """Rayleigh damping."""
-
-    ratio: Annotated[float, Field(ge=0.0, lt=1.0)]
-    frequency_hz: Positive
-    mass: bool = True
-    stiffness: bool = True
-
-
-class InSituConfig(Section):
-    """Weight and horizontal stress before the blast."""
-
-    gravity_m_per_s2: NotNegative = 9.81
-    horizontal_ratio: NotNegative = 0.5
+from .config_ground import (
+    BoundariesConfig,
+    DampingConfig,
+    InSituConfig,
+    JointConfig,
+    MaterialConfig,
+    MeshConfig,
+)
+from .config_section import (
+    Band,
+    Bearing,
+    Count,
+    Name,
+    NotNegative,
+    Place,
+    Point,
+    Positive,
+    Section,
+)
 
 
 class BlastConfig(Section):
@@ -191,7 +40,7 @@ class BlastConfig(Section):
     row_bearing_deg: Bearing = 0.0
     file: str | None = None
     mapping: str | None = None
-    shift_m: Point = [0.0, 0.0, 0.0]
+    shift_m: Point = Field([0.0, 0.0, 0.0])
     explosive_kg_per_m3: Positive = 850.0
     reference_charge_kg: Positive | None = None
     charge_exponent: NotNegative = 1.0
@@ -278,7 +127,7 @@ class RunConfig(Section):
     duration_s: Positive
     added_mass: Annotated[float, Field(ge=0.0, le=0.1)] = 0.005
     step_factor: Annotated[float, Field(gt=0.0, le=1.0)] = 0.8
-    snapshots_s: list[NotNegative] = []
+    snapshots_s: list[NotNegative] = Field([])
     compare_band_hz: Band | None = None
 
 
@@ -286,15 +135,15 @@ class Config(Section):
     """A whole project file."""
 
     title: Name
-    assumed: list[Name] = []
+    assumed: list[Name] = Field([])
     mesh: MeshConfig
     materials: dict[Name, MaterialConfig]
-    joints: dict[Name, JointConfig] = {}
+    joints: dict[Name, JointConfig] = Field({})
     boundaries: BoundariesConfig = BoundariesConfig()
     damping: DampingConfig | None = None
     insitu: InSituConfig | None = None
     blast: BlastConfig | None = None
     signature: SignatureConfig
     input: InputConfig = InputConfig()
-    receivers: list[ReceiverConfig] = []
+    receivers: list[ReceiverConfig] = Field([])
     run: RunConfig

@@ -3,13 +3,15 @@
 from contextlib import contextmanager
 from difflib import get_close_matches
 
+import numpy as np
+
 from .boundaries import Fixed, Roller, Viscous
-from .errors import InputError
+from .errors import InputError, ReadError
 from .joints import Joint
 from .kernels import JOINT_LAWS
 from .materials import Damping, Material
 from .mesh import Mesh
-from .mesh_builder import Layer, structured_box
+from .mesh_builder import Fault, JointSet, Layer, build_mesh, structured_box
 from .model import InSitu
 from .units import split_key, to_si
 
@@ -192,4 +194,63 @@ def _axis_of(fault):
 
 def _jointed_rock(config, layers, folder):
     """Build jointed rock through gmsh."""
-    raise NotImplementedError
+    low, size = np.array(config.origin_m), np.array(config.size_m)
+    sets = [
+        JointSet(
+            part.name, *_angles(part), part.spacing_m,
+            origin=None if part.origin_m is None else tuple(part.origin_m),
+            regions=tuple(part.regions) or None, persistence=part.persistence,
+        )
+        for part in config.joint_sets
+    ]  # fmt: skip
+    faults = [
+        Fault(
+            part.name, *_angles(part), tuple(part.through_m), radius=part.radius_m,
+            extent=None if part.extent_m is None else tuple(part.extent_m),
+        )
+        for part in config.faults
+    ]  # fmt: skip
+    padding = None
+    if config.padding_m is not None:
+        padding = config.padding_m, config.padding_edge_m
+    surface = None
+    if config.surface_file is not None:
+        surface = read_surface(folder / config.surface_file)
+    with named_error("mesh"):
+        return build_mesh(
+            np.column_stack([low, low + size]), layers, sets, faults, edge=config.edge_m,
+            surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
+        )  # fmt: skip
+
+
+def _angles(part):
+    """Return dip and dip direction in rad."""
+    return to_si("dip_deg", part.dip_deg)[1], to_si("direction_deg", part.dip_direction_deg)[1]
+
+
+def read_surface(path):
+    """Read a surveyed surface, lines ``x_m,y_m,z_m``; return its places (n, 3) in m.
+
+    Raises
+    ------
+    ReadError
+        If the file can't be read or a line holds something else than three numbers.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ReadError(f"{path}: can't be read ({error})") from None
+    if not lines or lines[0].replace(" ", "") != "x_m,y_m,z_m":
+        raise ReadError(f"{path}, line 1: must be x_m,y_m,z_m")
+    places = []
+    for number, line in enumerate(lines[1:], start=2):
+        if not line.strip():
+            continue
+        try:
+            place = [float(word) for word in line.split(",")]
+        except ValueError:
+            place = []
+        if len(place) != 3 or not np.isfinite(place).all():
+            raise ReadError(f"{path}, line {number}: must be three numbers, got {line[:40]!r}")
+        places.append(place)
+    return np.array(places).reshape(-1, 3)

@@ -166,9 +166,9 @@ def load_energy(motion, face, charge, axis=0):
         "D21",
         "The load carries too much energy",
         f"The waves that enter carry {energy / 1e9:.3g} GJ, {100 * share:.0f} % of the heat of "
-        f"{charge:g} kg of explosive ({ANFO_HEAT / 1e6:g} MJ/kg, assumed); rock blasts send at most about "
-        f"{100 * PLAUSIBLE_SHARE:.0f} % into waves. One record on the whole face and all holes "
-        "of a row in phase put in what the blast can't give.",
+        f"{charge:g} kg of explosive ({ANFO_HEAT / 1e6:g} MJ/kg, assumed); blasts send at most "
+        f"about {100 * PLAUSIBLE_SHARE:.0f} % into waves. One record on the whole face and all "
+        "holes of a row in phase put in what the blast can't give.",
         share > 1.0,
         {"energy": energy, "share": share},
     )

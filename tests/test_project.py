@@ -117,7 +117,7 @@ def test_the_stress_on_a_viscous_face_is_doubled(tmp_path):
 
 
 def test_edges_follow_from_edges_per_wavelength():
-    from pyblast.config import LayerConfig, MeshConfig
+    from pyblast.config_ground import LayerConfig, MeshConfig
     from pyblast.ground import mean_edge
     from pyblast.materials import Material
 

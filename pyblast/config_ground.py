@@ -1,0 +1,166 @@
+"""What a project file may say about the ground: mesh, materials, joints, boundaries, damping."""
+
+from typing import Annotated
+
+from pydantic import ConfigDict, Field, model_validator
+
+from .config_section import (
+    Bearing,
+    Count,
+    Dip,
+    FrictionAngle,
+    Infill,
+    Name,
+    NotNegative,
+    Point,
+    Positive,
+    Section,
+    Size,
+)
+
+
+class LayerConfig(Section):
+    """A layer of ground, from the top down; without thickness the rest down to the bottom."""
+
+    material: Name
+    thickness_m: Positive | None = None
+    edge_m: Positive | None = None
+    edges_per_wavelength: Positive | None = None
+
+
+class JointSetConfig(Section):
+    """Parallel joints, cut to layers."""
+
+    name: Name
+    joint: Name | None = None
+    dip_deg: Dip
+    dip_direction_deg: Bearing
+    spacing_m: Positive
+    origin_m: Point | None = None
+    regions: list[Name] = Field([])
+    persistence: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+
+
+class FaultConfig(Section):
+    """A single plane that cuts everything within its extent."""
+
+    name: Name
+    joint: Name | None = None
+    dip_deg: Dip
+    dip_direction_deg: Bearing
+    through_m: Point
+    radius_m: Positive | None = None
+    extent_m: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = None
+
+
+class MeshConfig(Section):
+    """The ground: a box or a surveyed surface with layers and joints, or a mesh file."""
+
+    size_m: Size | None = None
+    origin_m: Point = Field([0.0, 0.0, 0.0])
+    grid_cells: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
+    surface_file: str | None = None
+    edge_m: Positive | None = None
+    edges_per_wavelength: Positive | None = None
+    frequency_hz: Positive | None = None
+    layers: list[LayerConfig] = Field([])
+    joint_sets: list[JointSetConfig] = Field([])
+    faults: list[FaultConfig] = Field([])
+    tolerance_m: Positive | None = None
+    padding_m: Positive | None = None
+    padding_edge_m: Positive | None = None
+    seed: Annotated[int, Field(ge=0)] = 0
+    file: str | None = None
+    file_groups: dict[str, Name] = Field({})
+    file_joints: dict[str, Name] = Field({})
+
+    @model_validator(mode="after")
+    def _complete(self):
+        """Ask for layers and an edge length of a box; a file needs nothing else."""
+        self._one_of(("size_m",), ("file",))
+        if self.file is not None:
+            return self
+        if not self.layers:
+            raise ValueError("layers is missing; give [[mesh.layers]] with a material")
+        wanted = any(part.edges_per_wavelength is not None for part in [self, *self.layers])
+        if wanted and self.frequency_hz is None:
+            raise ValueError("frequency_hz is missing beside edges_per_wavelength")
+        if self.grid_cells is None and self.edge_m is None and self.edges_per_wavelength is None:
+            raise ValueError("give one of edge_m; edges_per_wavelength; grid_cells")
+        if (self.padding_m is None) != (self.padding_edge_m is None):
+            raise ValueError("padding_m and padding_edge_m go together")
+        names = [part.name for part in (*self.joint_sets, *self.faults)]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"the name {name!r} is given to two joint sets or faults")
+        return self
+
+
+class MaterialConfig(Section):
+    """Density, two elastic constants in one of three ways, and strength."""
+
+    density_kg_per_m3: Positive
+    bulk_mpa: Positive | None = None
+    shear_mpa: Positive | None = None
+    young_mpa: Positive | None = None
+    poisson: Annotated[float, Field(gt=-1.0, lt=0.5)] | None = None
+    cp_m_per_s: Positive | None = None
+    cs_m_per_s: Positive | None = None
+    cohesion_kpa: NotNegative | None = None
+    tension_kpa: NotNegative | None = None
+    friction_angle_deg: FrictionAngle | None = None
+
+    @model_validator(mode="after")
+    def _two_constants(self):
+        """Ask for one pair of elastic constants."""
+        speeds = "cp_m_per_s", "cs_m_per_s"
+        self._one_of(("bulk_mpa", "shear_mpa"), ("young_mpa", "poisson"), speeds)
+        return self
+
+
+class JointConfig(Section):
+    """A joint law and its properties; which ones, the law table of the core says."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, float]
+    law: Name = "coulomb"
+    insitu_pressure_kpa: NotNegative = 0.0
+    infill_mm: Infill | None = None
+
+
+class BoundariesConfig(Section):
+    """Which outer surface has which condition."""
+
+    viscous: list[Name] = Field([])
+    roller: list[Name] = Field([])
+    fixed: list[Name] = Field([])
+    free: list[Name] = Field([])
+    viscous_and_fixed: bool = False
+
+    @model_validator(mode="after")
+    def _once(self):
+        """Refuse a surface that stands in two lists."""
+        every = [*self.viscous, *self.roller, *self.fixed, *self.free]
+        for name in every:
+            if every.count(name) > 1:
+                raise ValueError(
+                    f"the surface {name!r} stands in two lists; for the literal reading of the "
+                    "paper keep it in viscous and set viscous_and_fixed = true"
+                )
+        return self
+
+
+class DampingConfig(Section):
+    """Rayleigh damping."""
+
+    ratio: Annotated[float, Field(ge=0.0, lt=1.0)]
+    frequency_hz: Positive
+    mass: bool = True
+    stiffness: bool = True
+
+
+class InSituConfig(Section):
+    """Weight and horizontal stress before the blast."""
+
+    gravity_m_per_s2: NotNegative = 9.81
+    horizontal_ratio: NotNegative = 0.5

@@ -1,0 +1,34 @@
+"""What all tables of a project file share: strictness and ranges."""
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+Count = Annotated[int, Field(ge=1)]
+Dip = Annotated[float, Field(ge=0.0, le=90.0)]
+Bearing = Annotated[float, Field(ge=-360.0, le=360.0)]
+FrictionAngle = Annotated[float, Field(ge=0.0, lt=89.0)]
+Point = Annotated[list[float], Field(min_length=3, max_length=3)]
+Place = Annotated[list[float], Field(min_length=2, max_length=3)]
+Size = Annotated[list[Positive], Field(min_length=3, max_length=3)]
+Band = Annotated[list[Positive], Field(min_length=2, max_length=2)]
+Infill = Annotated[list[Positive], Field(min_length=1, max_length=2)]
+Name = Annotated[str, Field(min_length=1, max_length=80)]
+
+
+class Section(BaseModel):
+    """One table of a project file: strict types, no unknown keys."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def _one_of(self, *choices):
+        """Raise an error unless exactly one group of keys is given, and given whole."""
+        begun = [c for c in choices if any(getattr(self, key) is not None for key in c)]
+        if len(begun) != 1:
+            raise ValueError(f"give one of {'; '.join(' and '.join(c) for c in choices)}")
+        missing = [key for key in begun[0] if getattr(self, key) is None]
+        if missing:
+            raise ValueError(f"{missing[0]} is missing beside {begun[0][0]}")
