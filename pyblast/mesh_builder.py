@@ -1,181 +1,209 @@
-"""Meshes made here: cube grids cut into tetrahedra, and jointed rock through gmsh."""
+"""Meshes of jointed rock: layers, joint sets and faults in a box, filled by gmsh."""
 
-from dataclasses import dataclass
-from itertools import permutations
+import logging
+import warnings
+from dataclasses import replace
 
 import numpy as np
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
-from . import tetrahedra
-from .errors import InputError
+from .block_shapes import area_vector
+from .errors import InputError, PyblastWarning
+from .geology import Fault, JointSet, Layer, layer_limits
+from .gmsh_mesher import growth_distance, mesh_cells
+from .grid import structured_box
 from .mesh import Mesh
+from .rock_cells import SIDES, CutReport, rock_cells
 
-SIDES = {"west": (0, 0), "east": (0, -1), "south": (1, 0), "north": (1, -1)} | {
-    "bottom": (2, 0),
-    "top": (2, -1),
-}
-_AXES = {"x": 0, "y": 1, "z": 2}
-
-
-@dataclass(frozen=True)
-class Layer:
-    """A layer of ground, listed from the top down.
-
-    Parameters
-    ----------
-    name : str
-    thickness : float or None, m
-        None takes the rest down to the bottom.
-    edge : float or None, m
-        Mean edge of its zones; None takes that of the whole mesh.
-    """
-
-    name: str
-    thickness: float | None = None
-    edge: float | None = None
-
-    def __post_init__(self):
-        """Refuse sizes that are not positive."""
-        for what in ("thickness", "edge"):
-            value = getattr(self, what)
-            if value is not None and not value > 0.0:
-                raise InputError(f"layer {self.name!r}.{what}: must be positive, got {value:g} m")
+__all__ = ["Fault", "JointSet", "Layer", "build_mesh", "build_mesh_report", "structured_box"]
+_TOLERANCE_SHARE = 0.15
+# Edges inside a volume come out longer than gmsh's size, edges on joints do not (measured).
+_INTERIOR_SHARE = 0.77
+_LOG = logging.getLogger(__name__)
 
 
-def structured_box(*grid, group="rock", layers=None, planes=None, pattern="kuhn") -> Mesh:
-    """Cut a grid of boxes into tetrahedra.
+def build_mesh(box, layers, joint_sets=(), faults=(), **options) -> Mesh:
+    """Mesh a box of layers cut by joints and faults; see ``build_mesh_report``."""
+    return build_mesh_report(box, layers, joint_sets, faults, **options)[0]
+
+
+def build_mesh_report(
+    box,
+    layers: list[Layer],
+    joint_sets: list[JointSet] = (),
+    faults: list[Fault] = (),
+    *,
+    edge=None,
+    surface=None,
+    padding=None,
+    tolerance=None,
+    seed=0,
+    optimize=True,
+) -> tuple[Mesh, CutReport]:
+    """Mesh a box of layers cut by joints and faults; say how far joints were moved.
 
     Parameters
     ----------
-    *grid : (shape, size) or (xs, ys, zs)
-        Numbers of boxes along x, y, z and the lengths (3,) in m, from the origin; or the grid
-        coordinates in m, ascending.
-    group : str
-        Name of the only group where no layers are given.
-    layers : sequence of Layer
-        From the top down; their limits must be grid planes.
-    planes : dict of str to (axis, place or places)
-        Joint surfaces on grid planes, such as ``{"J1": ("x", 93.0)}``.
-    pattern : {"kuhn", "alternating"}
-        Six tetrahedra around the same diagonal of every box, or five, mirrored from box to box.
+    box : (3, 2) float64, m
+    layers : list of Layer, from the top down
+    joint_sets : list of JointSet
+    faults : list of Fault
+        They cut before the joint sets do.
+    edge : float, m
+        Mean edge of the zones in layers that give none. Blocks smaller than it get smaller ones.
+    surface : (n, 3) float64, m
+        Surveyed top. The mesh is stretched between its bottom and this surface, layers and
+        joints with it, so a joint bends by the relief times its height above the bottom.
+    padding : (distance, edge), m
+        Ground beyond the sides and the bottom with edges that grow to this one; layers and
+        endless faults go on, joint sets end.
+    tolerance : float, m
+        A joint moves by up to this to pass through a corner of other joints instead of leaving
+        a sliver; default 0.15 of the edge. Never more than 0.1 of the spacing.
+    seed : int
+        Chooses which facets of joints that are not persistent stay rock.
+    optimize : bool
+        Improve the worst zones.
 
     Returns
     -------
-    Mesh
-        Not split; outer surfaces west, east, south, north, bottom, top.
+    mesh : Mesh
+        Not split; joint surfaces by name next to west, east, south, north, bottom, top.
+    report : CutReport
 
     Raises
     ------
     InputError
-        If coordinates do not ascend, or a plane or layer limit is not on the grid.
+        If a value is out of range, a region unknown, or gmsh missing or unable.
     """
-    axes = _grid_axes(grid)
-    if pattern not in ("kuhn", "alternating"):
-        raise InputError(f"pattern: must be 'kuhn' or 'alternating', got {pattern!r}")
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    points = np.swapaxes(points, 0, 2).reshape(-1, 3)
-    zones = _grid_zones([len(axis) for axis in axes], pattern)
-    faces = tetrahedra.zone_faces(zones)
-    surfaces = {
-        name: _plane_faces(points, faces, axis, axes[axis][end], end == 0)
-        for name, (axis, end) in SIDES.items()
-    }
-    for name, (letter, places) in (planes or {}).items():
-        axis = _AXES[letter]
-        found = [
-            _plane_faces(points, faces, axis, _on_grid(axes[axis], place, name), False)
-            for place in np.atleast_1d(places)
-        ]
-        surfaces[name] = np.concatenate(found)
-    layers = layers or [Layer(group)]
-    limits = layer_limits(layers, axes[2][-1], axes[2][0])
-    for layer, limit in zip(layers, limits[1:], strict=True):
-        _on_grid(axes[2], limit, layer.name)
-    height = points[zones].mean(axis=1)[:, 2]
-    zone_group = np.searchsorted(-limits[1:-1], -height)
-    return Mesh(points, zones, zone_group, tuple(layer.name for layer in layers), surfaces)
+    box = _checked_box(box)
+    limits = layer_limits(layers, box[2, 1], box[2, 0])
+    edges = _layer_edges(layers, edge)
+    sets = _placed_sets(joint_sets, faults, layers, box)
+    margin = _margin(padding, edges)
+    tolerances = _TOLERANCE_SHARE * edges if tolerance is None else np.full(len(edges), tolerance)
+    cells, report = rock_cells(box, limits, tolerances, sets, faults, margin)
+    _weld_shares(cells, sets, seed)
+    regions, outside = _regions(box, limits, edges * _size_factors(sets, edges), padding)
+    points, zones, cell, surfaces = mesh_cells(cells, regions, outside, optimize)
+    if surface is not None:
+        points = _draped(points, np.asarray(surface, float), box[2, 0] - margin, box[2, 1])
+    names = list(dict.fromkeys(layer.name for layer in layers))
+    number = np.array([names.index(layer.name) for layer in layers])
+    _announce(report, len(zones))
+    zone_group = number[np.array(cells.kinds)[cell] % len(layers)]
+    return Mesh(points, zones, zone_group, tuple(names), surfaces), report
 
 
-def layer_limits(layers, top, bottom):
-    """Return the heights (n_layers + 1,) between the layers, from the top down, in m."""
-    limits = [top]
-    for number, layer in enumerate(layers):
-        last = number == len(layers) - 1
-        if layer.thickness is None and not last:
-            raise InputError(f"layer {layer.name!r}: only the last layer may take the rest")
-        limits.append(bottom if last else limits[-1] - layer.thickness)
-    if len(layers) and layers[-1].thickness is not None:
-        rest = limits[-2] - bottom
-        if abs(rest - layers[-1].thickness) > 1e-6 * (top - bottom):
-            raise InputError(
-                f"layer {layers[-1].name!r}.thickness: must reach the bottom, {rest:g} m are left, "
-                f"got {layers[-1].thickness:g} m; leave it out to take the rest"
-            )
-    if min(-np.diff(limits)) <= 0.0:
+def _checked_box(box):
+    """Return the box (3, 2) or refuse it."""
+    box = np.asarray(box, dtype=float)
+    if box.shape != (3, 2) or not (box[:, 1] > box[:, 0]).all():
+        raise InputError(f"box: needs (low, high) for x, y and z, low < high, got {box.tolist()}")
+    return box
+
+
+def _layer_edges(layers, edge):
+    """Return the mean edge (n_layers,) of the layers, m."""
+    edges = [edge if layer.edge is None else layer.edge for layer in layers]
+    for layer, value in zip(layers, edges, strict=True):
+        if value is None or not value > 0.0:
+            raise InputError(f"layer {layer.name!r}.edge: must be positive, got {value}")
+    return np.array(edges, dtype=float)
+
+
+def _margin(padding, edges):
+    """Return how far the ground goes on beyond the box, m."""
+    if padding is None:
+        return 0.0
+    margin, edge = padding
+    if not margin > 0.0 or not edge >= max(edges):
         raise InputError(
-            f"layers: must be thinner than the model together, {top - bottom:g} m, "
-            f"but {top - limits[-2]:g} m lie above the last one"
+            f"padding: needs a positive distance and an edge of {max(edges):g} m or more, "
+            f"got {margin:g} and {edge:g} m"
         )
-    return np.array(limits)
+    return float(margin)
 
 
-def _grid_axes(grid):
-    """Return the three coordinate arrays of a grid given by shape and size or by coordinates."""
-    if len(grid) == 2:
-        shape, size = grid
-        if min(shape) < 1 or not min(size) > 0.0:
-            raise InputError(
-                f"structured_box: shape and size must be positive, got {shape}, {size}"
-            )
-        return [np.linspace(0.0, length, n + 1) for n, length in zip(shape, size, strict=True)]
-    if len(grid) != 3:
-        raise InputError(f"structured_box: give shape and size or xs, ys, zs, got {len(grid)}")
-    axes = [np.asarray(axis, dtype=float) for axis in grid]
-    for letter, axis in zip("xyz", axes, strict=True):
-        if len(axis) < 2 or not (np.diff(axis) > 0.0).all():
-            raise InputError(f"structured_box.{letter}s: must ascend and hold two values or more")
-    return axes
+def _placed_sets(joint_sets, faults, layers, box):
+    """Pair each joint set with the numbers of its layers; refuse names twice or unknown."""
+    names = [part.name for part in (*joint_sets, *faults)]
+    for name in names:
+        if names.count(name) > 1 or name in SIDES or not name:
+            raise InputError(f"joint {name!r}: needs a name of its own that is no side of the box")
+    known = [layer.name for layer in layers]
+    placed = []
+    for joints in joint_sets:
+        regions = known if joints.regions is None else joints.regions
+        for region in regions:
+            if region not in known:
+                raise InputError(
+                    f"{joints.name}.regions: must be among {', '.join(known)}, got {region!r}"
+                )
+        origin = box.mean(axis=1) if joints.origin is None else joints.origin
+        layers_cut = {n for n, name in enumerate(known) if name in regions}
+        placed.append((replace(joints, origin=tuple(origin)), layers_cut))
+    return placed
 
 
-def _on_grid(axis, place, name):
-    """Return the grid coordinate at a place or refuse a place between coordinates."""
-    nearest = axis[np.argmin(np.abs(axis - place))]
-    if abs(nearest - place) > 1e-9 * (axis[-1] - axis[0]):
+def _weld_shares(cells, sets, seed):
+    """Turn a random share of the facets of each joint set that is not persistent into rock."""
+    for number, (joints, _) in enumerate(sets):
+        faces = np.array([f for f, tag in enumerate(cells.tags) if tag == joints.name])
+        if joints.persistence < 1.0 and len(faces):
+            shuffled = np.random.default_rng([seed, number]).permutation(faces)
+            area = np.cumsum([np.linalg.norm(area_vector(cells, cells.loops[f])) for f in shuffled])
+            for face in shuffled[area > joints.persistence * area[-1]]:
+                cells.tags[face] = ""
+
+
+def _size_factors(sets, edges):
+    """Return what gmsh's size has to be, as a share of the mean edge wanted, (n_layers,)."""
+    spacing = np.full(len(edges), np.inf)
+    for joints, layers in sets:
+        for layer in layers:
+            spacing[layer] = min(spacing[layer], joints.spacing)
+    return _INTERIOR_SHARE + (1.0 - _INTERIOR_SHARE) * np.minimum(1.0, 3.0 * edges / spacing)
+
+
+def _regions(box, limits, sizes, padding):
+    """Return limits, edge and growth distance of each layer, for the size field."""
+    margin, far = (0.0, max(sizes)) if padding is None else padding
+    regions = []
+    for top, bottom, size in zip(limits[:-1], limits[1:], sizes, strict=True):
+        distance = max(margin, growth_distance(size, far))
+        regions.append(([box[0], box[1], (bottom, top)], size, distance))
+    return regions, max(far, *sizes)
+
+
+def _draped(points, surface, low, high):
+    """Stretch points between the bottom ``low`` and a surveyed surface at the height ``high``."""
+    if surface.ndim != 2 or surface.shape[1] != 3 or len(surface) < 3:
+        raise InputError(f"surface: needs three places (x, y, z) or more, got {surface.shape}")
+    if not surface[:, 2].min() > low:
         raise InputError(
-            f"structured_box: {name!r} at {place:g} m must be on the grid, nearest is {nearest:g} m"
+            f"surface: must lie above the bottom at {low:g} m, got {surface[:, 2].min():g} m"
         )
-    return nearest
+    top = LinearNDInterpolator(surface[:, :2], surface[:, 2])(points[:, :2])
+    nearest = NearestNDInterpolator(surface[:, :2], surface[:, 2])(points[:, :2])
+    top = np.where(np.isnan(top), nearest, top)
+    share = (points[:, 2] - low) / (high - low)
+    return np.column_stack([points[:, :2], low + share * (top - low)])
 
 
-def _plane_faces(points, faces, axis, place, low):
-    """Return the faces on a grid plane whose zone lies below it, or above where ``low``."""
-    on_plane = points[:, axis] == place
-    flat = on_plane[faces].all(axis=1)
-    normals = tetrahedra.triangle_vectors(points, faces[flat])[:, axis]
-    return faces[flat][(normals < 0.0) if low else (normals > 0.0)]
-
-
-def _grid_zones(counts, pattern):
-    """Return the zones of a grid with ``counts`` nodes along each axis."""
-    nx, ny, nz = counts
-    cells = np.stack(np.meshgrid(*(np.arange(n - 1) for n in counts), indexing="ij"), axis=-1)
-    cells = np.swapaxes(cells, 0, 2).reshape(-1, 3)
-    first = cells[:, 0] + nx * (cells[:, 1] + ny * cells[:, 2])
-    steps = np.array([x + nx * (y + ny * z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])
-    corners = first[:, None] + steps
-    if pattern == "kuhn":
-        return corners[:, _kuhn_zones()].reshape(-1, 4)
-    even = np.array([[1, 2, 4, 7], [0, 1, 2, 4], [3, 2, 1, 7], [5, 4, 7, 1], [6, 7, 4, 2]])
-    odd = (even ^ 1)[:, [0, 2, 1, 3]]
-    mirrored = cells.sum(axis=1) % 2 == 1
-    zones = np.where(mirrored[:, None, None], corners[:, odd], corners[:, even])
-    return zones.reshape(-1, 4)
-
-
-def _kuhn_zones():
-    """Return the six tetrahedra (6, 4) around the diagonal 0-7 of a box; corner bits are z y x."""
-    zones = []
-    for a, b, _ in permutations(range(3)):
-        odd = (b - a) % 3 == 2
-        middle = (1 << a, (1 << a) | (1 << b))
-        zones.append([0, *(middle[::-1] if odd else middle), 7])
-    return np.array(zones)
+def _announce(report, n_zones):
+    """Log what was cut; warn where a joint is not whole."""
+    _LOG.info(
+        "%d zones in %d blocks; joints moved at %d corners by %.2g m at most",
+        n_zones,
+        report.cells,
+        report.bent,
+        report.largest,
+    )
+    if report.refused:
+        warnings.warn(
+            f"build_mesh: {report.refused} blocks could not be cut by a joint and hold it "
+            "together; move the joint a little",
+            PyblastWarning,
+            stacklevel=3,
+        )

@@ -1,0 +1,179 @@
+"""Cells of jointed rock: layers, joint sets and faults as cuts through a box."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .block_cells import Cells, box_cells, copied, vertices_of
+from .block_cutter import Plane, cut_cells, split_faces
+from .block_shapes import crooked_cells
+
+SIDES = ("west", "east", "south", "north", "bottom", "top")
+# Share of the spacing within which a cut may bend to pass through a vertex.
+_SPACING_SHARE = 0.1
+_DISC_SIDES = 12
+# Joints on a side of the box are no joints.
+_INSIDE = 1e-6
+
+
+@dataclass(frozen=True)
+class CutReport:
+    """How far joints were moved so that no slivers are left over.
+
+    Parameters
+    ----------
+    cells : int
+    bent : int, places where a joint was moved
+    largest, mean : float, m, how far
+    refused : int, cells that a joint should cut and could not
+    """
+
+    cells: int
+    bent: int
+    largest: float
+    mean: float
+    refused: int
+
+
+@dataclass
+class _Rock:
+    """Cells while they are cut, with what the cuts need to know."""
+
+    cells: Cells
+    limits: np.ndarray
+    tolerances: np.ndarray
+    bent: list
+    refused: int = 0
+
+    def cut(self, chosen, plane, spacing=np.inf):
+        """Cut cells along a plane; return the faces on it."""
+        self.cells, cut = cut_cells(self.cells, chosen, plane, self.tolerance(spacing))
+        self.bent.append(cut.bent)
+        self.refused += cut.refused
+        return cut.faces
+
+    def layer(self, points):
+        """Return the layer (n,) of points (n, 3)."""
+        return np.searchsorted(-self.limits[1:-1], -np.asarray(points)[:, 2])
+
+    def tolerance(self, spacing):
+        """Return the function that says how near to a plane a vertex counts as on it."""
+
+        def near(points):
+            return np.minimum(self.tolerances[self.layer(points)], _SPACING_SHARE * spacing)
+
+        return near
+
+
+def rock_cells(box, limits, tolerances, joint_sets, faults, margin=0.0):
+    """Cut a box into the cells between layers, joints and faults.
+
+    Parameters
+    ----------
+    box : (3, 2) float64, m
+    limits : (n_layers + 1,) float64, m, heights between layers from the top down
+    tolerances : (n_layers,) float64, m
+        How far a joint may move to pass through a corner nearby.
+    joint_sets : sequence of (JointSet, set of int), with the layers that it cuts
+    faults : sequence of Fault
+    margin : float, m
+        How far the box goes on beyond its sides and bottom; joint sets end at the box.
+
+    Returns
+    -------
+    cells : Cells
+        Their kind is the layer, plus the number of layers outside the box.
+    report : CutReport
+    """
+    low, high = box[:, 0] - margin, box[:, 1] + [margin, margin, 0.0]
+    cells = box_cells(low, high, SIDES)
+    rock = _Rock(cells, np.asarray(limits), np.zeros(len(tolerances)), [])
+    _cut_regions(rock, box, margin)
+    rock.tolerances = np.asarray(tolerances)
+    spacings = [joints.spacing for joints, _ in joint_sets]
+    for fault in faults:
+        _cut_fault(rock, fault, min(spacings, default=np.inf))
+    for joints, layers in joint_sets:
+        _cut_joint_set(rock, joints, layers, box)
+    bent = np.concatenate([np.empty(0), *rock.bent])
+    return rock.cells, CutReport(
+        cells=len(rock.cells.faces),
+        bent=len(bent),
+        largest=float(bent.max(initial=0.0)),
+        mean=float(bent.mean()) if len(bent) else 0.0,
+        refused=rock.refused,
+    )
+
+
+def _cut_regions(rock, box, margin):
+    """Cut layers and the limits of the core, and say which layer each cell belongs to."""
+    vertical = np.array([0.0, 0.0, 1.0])
+    planes = [Plane(vertical, height) for height in rock.limits[1:-1]]
+    if margin > 0.0:
+        planes += [Plane(np.eye(3)[axis], box[axis, end]) for axis in (0, 1) for end in (0, 1)]
+        planes.append(Plane(vertical, box[2, 0]))
+    for plane in planes:
+        rock.cut(range(len(rock.cells.faces)), plane)
+    middles = np.array([_middle(rock.cells, c) for c in range(len(rock.cells.faces))])
+    outside = ((middles < box[:, 0]) | (middles > box[:, 1])).any(axis=1)
+    count = len(rock.tolerances)
+    rock.cells.kinds[:] = (rock.layer(middles) + count * outside).tolist()
+
+
+def _middle(cells, cell):
+    """Return the mean (3,) of the vertices of a cell."""
+    return np.mean([cells.points[v] for v in vertices_of(cells, cell)], axis=0)
+
+
+def _cut_joint_set(rock, joints, layers, box):
+    """Cut the cells of some layers by all planes of a joint set."""
+    normal = joints.normal
+    corners = np.array(np.meshgrid(*box)).reshape(3, -1).T
+    heights = (corners - joints.origin) @ normal / joints.spacing
+    first, last = np.ceil(heights.min() + _INSIDE), np.floor(heights.max() - _INSIDE)
+    for number in range(int(first), int(last) + 1):
+        chosen = [c for c, kind in enumerate(rock.cells.kinds) if kind in layers]
+        offset = np.dot(joints.origin, normal) + number * joints.spacing
+        rock.cut(chosen, Plane(normal, offset, joints.name), joints.spacing)
+
+
+def _cut_fault(rock, fault, spacing):
+    """Cut by a fault, through everything or within its extent."""
+    plane = Plane(fault.unit_normal, float(np.dot(fault.unit_normal, fault.point)), fault.name)
+    rims = _rims(fault)
+    chosen = [c for c in range(len(rock.cells.faces)) if _within(rock.cells, c, rims)]
+    faces = rock.cut(chosen, plane, spacing)
+    for rim in rims:
+        trial = copied(rock.cells)
+        parts = split_faces(trial, faces, rim, rock.tolerance(spacing))
+        if not crooked_cells(trial, {c for f in parts for c in trial.owners[f]}):
+            rock.cells, faces = trial, parts
+    for face in faces:
+        middle = np.mean([rock.cells.points[v] for v in rock.cells.loops[face]], axis=0)
+        if any(rim.heights(middle) > 0.0 for rim in rims):
+            rock.cells.tags[face] = ""
+
+
+def _rims(fault):
+    """Return the planes (outward) around the extent of a fault, none where it is endless."""
+    if fault.extent is None and fault.radius is None:
+        return []
+    normal = fault.unit_normal
+    strike = np.cross([0.0, 0.0, 1.0], normal)
+    strike = np.array([1.0, 0.0, 0.0]) if not strike.any() else strike / np.linalg.norm(strike)
+    down = np.cross(normal, strike)
+    if fault.extent is not None:
+        reach = [(strike, fault.extent[0] / 2.0), (down, fault.extent[1] / 2.0)]
+        sides = [(sign * way, half) for way, half in reach for sign in (1.0, -1.0)]
+    else:
+        angles = 2.0 * np.pi * np.arange(_DISC_SIDES) / _DISC_SIDES
+        # The polygon has the area of the disc.
+        half = fault.radius * np.sqrt(np.pi / _DISC_SIDES / np.tan(np.pi / _DISC_SIDES))
+        sides = [(np.cos(a) * strike + np.sin(a) * down, half) for a in angles]
+    return [Plane(way, float(np.dot(way, fault.point)) + half) for way, half in sides]
+
+
+def _within(cells, cell, rims):
+    """Tell whether a cell reaches inside all rims."""
+    places = np.array([cells.points[v] for v in vertices_of(cells, cell)])
+    return all(rim.heights(places).min() < 0.0 for rim in rims)
