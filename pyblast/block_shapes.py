@@ -24,9 +24,9 @@ def facets(cells, face):
     """
     loop = cells.loops[face]
     places = np.array([cells.points[v] for v in loop])
-    arms = places - places.mean(axis=0)
-    normal = np.cross(arms, np.roll(arms, -1, axis=0)).sum(axis=0)
-    if np.abs(arms @ normal).max() <= _FLAT * np.linalg.norm(normal):
+    arms = places[1:] - places[0]
+    normal = _crossed(arms[:-1], arms[1:]).sum(axis=0)
+    if np.abs(arms @ normal).max() <= _FLAT * np.sqrt(normal @ normal):
         return [loop]
     return [[loop[k] for k in triangle] for triangle in _triangles(places)]
 
@@ -36,8 +36,8 @@ def _triangles(places):
     sides = np.linalg.norm(places[:, None] - places[None], axis=2)
 
     def altitude(i, j, k):
-        area = np.linalg.norm(np.cross(places[j] - places[i], places[k] - places[i]))
-        return area / max(sides[i, j], sides[j, k], sides[i, k])
+        normal = _crossed(places[j] - places[i], places[k] - places[i])
+        return np.sqrt(normal @ normal) / max(sides[i, j], sides[j, k], sides[i, k])
 
     @cache
     def best(i, k):
@@ -75,7 +75,13 @@ def area_vector(cells, facet):
     """Return the area vector (3,) of a flat polygon, m2."""
     places = np.array([cells.points[v] for v in facet])
     arms = places[1:] - places[0]
-    return 0.5 * np.cross(arms[:-1], arms[1:]).sum(axis=0)
+    return 0.5 * _crossed(arms[:-1], arms[1:]).sum(axis=0)
+
+
+def _crossed(one, other):
+    """Return cross products (..., 3); numpy's own takes five times as long on a few vectors."""
+    ahead, behind = [1, 2, 0], [2, 0, 1]
+    return one[..., ahead] * other[..., behind] - one[..., behind] * other[..., ahead]
 
 
 def _is_crooked(cells, cell, flat, areas):
