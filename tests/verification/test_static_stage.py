@@ -1,0 +1,141 @@
+"""Stress before the blast: overburden on joints, horizontal ratio, rest before the march."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from columns import ROCK, ricker
+
+from pyblast.boundaries import Fixed, Roller, Viscous
+from pyblast.errors import SolverError
+from pyblast.joints import Joint
+from pyblast.materials import Material
+from pyblast.mesh_builder import Layer, structured_box
+from pyblast.model import InSitu, Model, Receiver
+from pyblast.solver import prepare, run
+from pyblast.sources import PointForce, TimeFunction
+
+GRAVITY = 9.81
+SIDES = ("west", "east", "south", "north")
+STRONG = {"kn": 1e9, "ks": 5e8, "cohesion": 1e7, "friction": 0.7, "tension": 1e6}
+WEAK = {**STRONG, "cohesion": 0.0, "tension": 0.0}
+
+
+def hill(planes, *, law=STRONG, sides=Roller, base=Fixed, insitu=None, bumpy=False, layers=None):
+    mesh = structured_box((3, 3, 10), (30.0, 30.0, 100.0), planes=planes, layers=layers)
+    if bumpy:
+        x, _, z = mesh.points.T
+        mesh.points[:, 2] += 0.1 * z * np.sin(0.1 * x)
+    return Model(
+        mesh.split(list(planes)),
+        {"rock": ROCK, "soil": Material.from_speeds(1500.0, 1000.0, 500.0)},
+        joints=[Joint(name, "coulomb", law) for name in planes],
+        boundaries=[*map(sides, SIDES), base("bottom")],
+        receivers=[Receiver("top", (15.0, 15.0, 99.0))],
+        insitu=insitu or InSitu(GRAVITY, 0.5),
+    )
+
+
+def joint_traction(model):
+    """Return the normal traction and largest shear of the contacts, with area as weight."""
+    prepared = prepare(model, 0.01)
+    traction, contacts = prepared.constants["contact_initial"], model.mesh.contacts
+    normal = np.einsum("ij,ij->i", traction, contacts.normal)
+    shear = np.linalg.norm(traction - normal[:, None] * contacts.normal, axis=1)
+    return np.average(normal, weights=contacts.area), shear.max(), prepared
+
+
+@pytest.mark.parametrize("depth", [20.0, 50.0, 80.0])
+@pytest.mark.parametrize("sides", [Roller, Viscous])
+def test_a_horizontal_joint_carries_the_weight_above(depth, sides):
+    model = hill({"J": ("z", 100.0 - depth)}, sides=sides)
+
+    pressure, shear, _ = joint_traction(model)
+
+    overburden = ROCK.density * GRAVITY * depth
+    assert pressure == pytest.approx(-overburden, rel=1e-3)
+    assert shear < 0.01 * overburden
+
+
+def test_layers_weigh_what_they_are():
+    layers = [Layer("soil", 30.0), Layer("rock")]
+
+    pressure, _, _ = joint_traction(hill({"J": ("z", 40.0)}, layers=layers))
+
+    overburden = GRAVITY * (1500.0 * 30.0 + ROCK.density * 30.0)
+    assert pressure == pytest.approx(-overburden, rel=1e-3)
+
+
+def test_a_bumpy_surface_still_rests_on_its_joint_with_its_weight():
+    model = hill({"J": ("z", 50.0)}, bumpy=True)
+
+    contacts = model.mesh.contacts
+    vertical = prepare(model, 0.01).constants["contact_initial"][:, 2] @ contacts.area
+
+    density, zones = ROCK.density, model.mesh.zones
+    corners = model.mesh.points[zones]
+    volume = np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])) / 6.0
+    above = model.mesh.blocks() == model.mesh.blocks()[corners.mean(axis=1)[:, 2].argmax()]
+    assert vertical == pytest.approx(-density * GRAVITY * volume[above].sum(), rel=1e-3)
+
+
+@pytest.mark.parametrize("ratio", [0.3, 0.5, 1.2])
+def test_a_vertical_joint_carries_the_horizontal_ratio(ratio):
+    model = hill({"J": ("x", 10.0)}, insitu=InSitu(GRAVITY, ratio))
+
+    pressure, _, _ = joint_traction(model)
+
+    mean = 0.5 * ROCK.density * GRAVITY * 100.0
+    assert pressure == pytest.approx(-ratio * mean, rel=2e-3)
+
+
+def test_displacement_is_reset_and_nothing_moves_without_a_blast():
+    model = hill({"J": ("z", 50.0)}, bumpy=True)
+    prepared = prepare(model, 0.1)
+
+    result = run(model, 0.1, prepared=prepared)
+
+    assert prepared.static["unbalanced"] < 1e-5
+    assert not prepared.state["displacement"].any()
+    assert not prepared.state["velocity"].any()
+    assert np.abs(result.state["velocity"]).max() < 1e-12
+
+
+def test_two_preparations_give_the_same_bits():
+    model = hill({"J": ("z", 50.0)}, bumpy=True)
+
+    assert len({prepare(model, 0.01).fingerprint for _ in range(3)}) == 1
+
+
+def test_there_is_no_static_stage_without_in_situ_stress_or_joints():
+    alone = Model(structured_box((2, 2, 2), (2.0, 2.0, 2.0)), {"rock": ROCK}, insitu=InSitu())
+
+    assert not prepare(alone, 0.01).static
+
+
+def test_pressure_raises_the_strength_of_a_joint():
+    times = np.arange(0.0, 0.1, 1e-3)
+    push = TimeFunction(1e9 * ricker(times, 30.0), 1e-3)
+    slips = []
+    for depth in (10.0, 80.0):
+        force = PointForce(np.array([15.0, 15.0, 105.0 - depth]), np.array([1.0, 0.0, 0.0]), push)
+        model = replace(hill({"J": ("z", 100.0 - depth)}, law=WEAK), sources=(force,))
+        slips.append(np.abs(run(model, 0.1).state["contact_state"][:, :3]).max())
+
+    assert slips[0] > 0.0
+    assert slips[1] < 0.5 * slips[0]
+
+
+def test_a_block_that_nothing_holds_is_named_as_the_likely_cause(monkeypatch):
+    monkeypatch.setattr("pyblast.preparation.STATIC_STEPS", 2000)
+    mesh = structured_box((2, 2, 4), (20.0, 20.0, 40.0), planes={"J": ("z", 20.0)}).split(["J"])
+    model = Model(
+        mesh,
+        {"rock": ROCK},
+        joints=[Joint("J", "coulomb", WEAK)],
+        boundaries=[Fixed("top")],
+        insitu=InSitu(),
+    )
+
+    with pytest.raises(SolverError, match="static stage"):
+        prepare(model, 0.01)
