@@ -83,7 +83,7 @@ def prepare(model: Model, duration: float, progress: Callable | None = None) -> 
     if not (math.isfinite(duration) and duration > 0.0):
         raise InputError(f"duration: must be positive, got {duration:g} s")
     geometry, limit = assembly.geometry_arrays(model)
-    n_steps = math.ceil(duration / geometry["dt"])
+    n_steps = max(2, math.ceil(duration / geometry["dt"]))  # a seismogram has two samples
     static, contact_state = {}, None
     if model.insitu is not None and model.mesh.contacts is not None:
         static, traction, contact_state = _equilibrate(model, geometry, progress)

@@ -93,7 +93,8 @@ def critical_step(model):
     steps = _steps(zone / free / factor, beta)
     undamped = _steps(zone / free / factor, 0.0 * beta).min()
 
-    limits = [(steps.min(), _worst_zone(model, int((zone / free).argmax()), scaled))]
+    worst = int(steps.argmin())
+    limits = [(steps[worst], _worst_zone(model, worst, scaled, share))]
     if mesh.contacts is not None and len(mesh.contacts.area):
         pair = 0.5 * (contact / np.maximum(share, 1e-300))
         both = pair[mesh.contacts.minus] + pair[mesh.contacts.plus]
@@ -142,9 +143,14 @@ def _mass_factors(frequency_squared, beta, mass, share):
     return factor, bool(factor.max() > 1.0)
 
 
-def _worst_zone(model, worst, scaled):
-    """Describe the zone that sets the step."""
-    group = model.mesh.groups[model.mesh.zone_group[worst]]
-    x, y, z = model.mesh.points[model.mesh.zones[worst]].mean(axis=0)
+def _worst_zone(model, worst, scaled, share):
+    """Describe the zone that sets the step, or the joint whose contacts have most of its mass."""
+    mesh = model.mesh
+    x, y, z = mesh.points[mesh.zones[worst]].mean(axis=0)
+    node = mesh.zones[worst][share[mesh.zones[worst]].argmax()]
+    what = f"a zone of '{mesh.groups[mesh.zone_group[worst]]}'"
+    if share[node] > 0.5:
+        contact = int(((mesh.contacts.minus == node) | (mesh.contacts.plus == node)).argmax())
+        what = f"a contact of joint '{mesh.contacts.names[mesh.contacts.joint[contact]]}'"
     note = " and others as short, after adding mass" if scaled else ""
-    return f"a zone of '{group}' at ({x:.1f}, {y:.1f}, {z:.1f}) m{note}"
+    return f"{what} at ({x:.1f}, {y:.1f}, {z:.1f}) m{note}"
