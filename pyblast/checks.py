@@ -8,6 +8,7 @@ from . import ground_defects, load_defects, tetrahedra
 from .boundaries import Roller, Viscous
 from .census import Census, central_frequency, input_band, receiver_groups, take_census
 from .findings import Finding
+from .ground import joint_of_surface
 from .mesh import surface_zones
 
 
@@ -50,7 +51,7 @@ def check(project, measure=True) -> Check:
     found = [
         *_mesh_defects(project, census),
         *_load_defects(project),
-        *_joint_defects(project),
+        *_joint_defects(project, census),
         *_record_defects(project, census),
     ]
     findings = sorted(
@@ -170,19 +171,13 @@ def face_distance(project):
     return distance, float(reach)
 
 
-def _joint_defects(project):
+def _joint_defects(project, census):
     """D8, D11, D18: faults and joint sets."""
-    config, centre, band = project.config.mesh, central_frequency(project), input_band(project)
+    centre, band = central_frequency(project), input_band(project)
     by_surface = {joint.surface: joint for joint in project.joints}
-    rocks = {
-        layer.material: project.materials[layer.material]
-        for layer in config.layers
-        if project.materials[layer.material].cp
-        >= 0.5 * max(m.cp for m in project.materials.values())
-    }
-    alike = {}
-    for fault in config.faults:
-        alike.setdefault(fault.joint or fault.name, []).append(fault.name)
+    rocks, entries, alike = _stiff(project, census), joint_of_surface(project.config.mesh), {}
+    for name in project.faults:
+        alike.setdefault(entries[name], []).append(name)
     for entry, faults in alike.items():
         names, joint = ", ".join(faults), by_surface[faults[0]]
         for group, material in rocks.items():
@@ -191,7 +186,7 @@ def _joint_defects(project):
         if infill is not None:
             thickness = [1e-3 * value for value in infill]
             yield ground_defects.infill_as_layer(names, joint, thickness)
-    for part in config.joint_sets:
+    for part in project.config.mesh.joint_sets:
         for group in part.regions or rocks:
             yield ground_defects.jointed_speeds(
                 part.name, by_surface[part.name], part.spacing_m, group,

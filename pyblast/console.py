@@ -136,8 +136,8 @@ def show_comparison(comparison):
         ("waveform misfit", comparison.waveform_misfit),
     ):
         table.add_row(name, *(_one_percent(v) for v in values))
-    table.add_row("lag in ms", *(f"{1e3 * v:.1f}" for v in comparison.lag))
-    table.add_row("correlation", *(f"{v:.2f}" for v in comparison.correlation))
+    table.add_row("lag in ms", *(_number(1e3 * v, 1) for v in comparison.lag))
+    table.add_row("correlation", *(_number(v, 2) for v in comparison.correlation))
     _out.print(table)
     say(f"mean deviation of PPV and dominant frequency: {comparison.misfit:.1f} %")
 
@@ -166,6 +166,11 @@ def show_outcome(outcome):
 def _percent(values):
     """Show fractions as percent, leaving out those that are none."""
     return ", ".join("-" if np.isnan(v) else f"{100 * v:.2g} %" for v in values)
+
+
+def _number(value, digits):
+    """Show a number, a dash where there is none."""
+    return "-" if np.isnan(value) else f"{value:.{digits}f}"
 
 
 def _one_percent(value):

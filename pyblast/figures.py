@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import LogNorm, hsv_to_rgb, rgb_to_hsv, to_rgb
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from .section import outer_triangles, section_of_surface, section_of_zones
@@ -184,6 +185,8 @@ def blocks_figure(result):
     axes.set_ylabel("north  m")
     axes.set_zlabel("height  m")
     axes.tick_params(labelsize=7)
+    for axis, span in zip((axes.xaxis, axes.yaxis, axes.zaxis), high - low, strict=True):
+        axis.set_major_locator(MaxNLocator(max(2, round(7 * span / max(high - low)))))
     return _uri(figure)
 
 

@@ -12,6 +12,7 @@ from .kernels import JOINT_LAWS
 from .materials import Damping, Material
 from .mesh import Mesh
 from .mesh_builder import Fault, JointSet, Layer, build_mesh, structured_box
+from .mesh_import import read_mesh
 from .model import InSitu
 from .units import split_key, to_si
 
@@ -143,8 +144,6 @@ def make_mesh(config, materials, folder) -> Mesh:
         Where files of the project are looked for.
     """
     if config.file is not None:
-        from .mesh_file import read_mesh
-
         return read_mesh(folder / config.file, config.file_groups or None, [*config.file_joints])
     for layer in config.layers:
         if layer.material not in materials:

@@ -15,7 +15,7 @@ from .project import Project, load_project
 from .recordings import read_recording
 from .report import write_report
 from .result import Result, read_result, seismogram_heads, write_result, write_summary
-from .seismogram import Seismogram
+from .seismogram import GEOGRAPHIC, Seismogram
 from .summary import summarise
 from .vtk_file import write_joints, write_motion, write_zones, zone_fields
 
@@ -245,9 +245,13 @@ def compare_files(recorded, simulated, receiver="", band=None, bearing_deg=None)
     record = read_recording(recorded, bearing=bearing)[0].seismogram
     if Path(simulated).suffix != ".h5":
         return compare(record, read_recording(simulated, bearing=bearing)[0].seismogram, band)
-    found = read_result(simulated).seismograms("simulated")
+    result = read_result(simulated)
+    found = result.seismograms("simulated")
     if not receiver and len(found) == 1:
         receiver = next(iter(found))
     if receiver not in found:
         raise InputError(f"receiver: must be one of {', '.join(found)}, got {receiver!r}")
+    azimuth = result.summary["receivers"][receiver]["azimuth"]
+    if azimuth is not None and tuple(record.components) == GEOGRAPHIC:
+        record = record.rotated(azimuth)
     return compare(record, found[receiver], band)

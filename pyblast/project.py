@@ -70,6 +70,12 @@ class Project:
         """Tell whether a key path, or one it lies under, is marked as assumed."""
         return any(key == name or key.startswith(f"{name}.") for name in self.config.assumed)
 
+    @property
+    def faults(self) -> list[str]:
+        """Joint surfaces that are single planes: the faults, or all joints of a mesh file."""
+        config = self.config.mesh
+        return [*config.file_joints, *(fault.name for fault in config.faults)]
+
     @cached_property
     def blast(self) -> Blast | None:
         """Holes of the production blast."""

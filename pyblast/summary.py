@@ -56,7 +56,7 @@ def summarise(project, checked, run, simulated, comparisons):
         "mesh_names": {
             "groups": list(project.model.mesh.groups),
             "joints": [joint.surface for joint in project.joints],
-            "faults": [fault.name for fault in project.config.mesh.faults],
+            "faults": project.faults,
         },
     }
 
@@ -138,6 +138,7 @@ def receiver_tables(project, simulated):
         name = receiver.name
         tables[name] = {
             "position": list(receiver.position),
+            "azimuth": receiver.azimuth,
             "simulated": motion_table(simulated[name]),
             "recorded": motion_table(project.recorded[name]) if name in project.recorded else None,
         }

@@ -142,6 +142,16 @@ def test_a_record_is_compared_with_a_receiver(tmp_path, outcome):
     assert call("compare", tmp_path / "R1.csv", result).exit_code == 0
 
 
+def test_a_record_in_east_and_north_is_turned_to_the_receiver(tmp_path, outcome):
+    result = outcome.folder / "result.h5"
+    simulated = read_result(result).seismogram("simulated", "R1")
+    write_csv(tmp_path / "R1.csv", simulated.rotated(np.pi / 2.0))
+
+    found = pipeline.compare_files(tmp_path / "R1.csv", result, "R1", (1.0, 20.0))
+
+    assert found.misfit == pytest.approx(0.0, abs=1e-3)
+
+
 def test_the_mesh_alone_is_written_for_paraview(tmp_path):
     import meshio
 

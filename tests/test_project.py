@@ -1,11 +1,15 @@
 import math
 
+import meshio
 import numpy as np
 import pytest
 from small_project import TEXT, written
 
 from pyblast.boundaries import Roller, StressInput, Viscous
-from pyblast.errors import InputError
+from pyblast.checks import check
+from pyblast.errors import InputError, ReadError
+from pyblast.ground import read_surface
+from pyblast.mesh_builder import structured_box
 from pyblast.project import load_project
 from pyblast.result import write_csv
 from pyblast.seismogram import Seismogram
@@ -149,3 +153,75 @@ def test_every_input_file_has_a_hash(tmp_path):
 
     assert list(hashes) == ["project.toml"]
     assert len(hashes["project.toml"]) == 64
+
+
+def test_a_surveyed_surface_drapes_the_ground(tmp_path):
+    (tmp_path / "ground.csv").write_text("x_m,y_m,z_m\n0,0,30\n60,0,36\n0,20,30\n60,20,36\n")
+    path = written(tmp_path, ("grid_cells = [6, 2, 3]", 'edge_m = 10\nsurface_file = "ground.csv"'))
+
+    project = load_project(path)
+
+    assert project.receivers[0].position[2] == pytest.approx(35.5, abs=0.1)
+    assert list(project.input_files) == ["project.toml", "ground.csv"]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [("east,north,up\n", "line 1: must be x_m,y_m,z_m"),
+     ("x_m,y_m,z_m\n0,0,30\n60,zero,36\n", "line 3: must be three numbers, got '60,zero,36'")],
+)  # fmt: skip
+def test_a_broken_surface_is_refused_with_its_line(tmp_path, text, told):
+    (tmp_path / "ground.csv").write_text(text)
+
+    with pytest.raises(ReadError, match=told):
+        read_surface(tmp_path / "ground.csv")
+
+
+def test_joint_sets_are_cut_to_their_layers(tmp_path):
+    joint_set = """
+[[mesh.joint_sets]]
+name = "J1"
+joint = "F1"
+dip_deg = 90
+dip_direction_deg = 90
+spacing_m = 20
+origin_m = [10, 0, 0]
+regions = ["rock"]
+[[mesh.faults]]"""
+    path = written(
+        tmp_path, ("grid_cells = [6, 2, 3]", "edge_m = 10"), ("[[mesh.faults]]", joint_set)
+    )
+
+    mesh = load_project(path).mesh
+
+    trace = mesh.points[mesh.surfaces["J1"]]
+    assert trace[:, :, 2].max() == pytest.approx(20.0)
+    assert set(mesh.contacts.names) == {"J1", "F1"}
+
+
+def test_a_mesh_file_takes_the_place_of_the_builder(tmp_path):
+    box = structured_box((6, 2, 3), (60.0, 20.0, 30.0), planes={"F": ("x", 30.0)})
+    sides = ("F", "west", "east", "south", "north", "bottom", "top")
+    triangles = np.concatenate([box.surfaces[name] for name in sides])
+    tags = np.repeat(np.arange(7) + 1, [len(box.surfaces[name]) for name in sides])
+    cells = [("triangle", triangles), ("tetra", box.zones)]
+    data = {"gmsh:physical": [tags, np.full(len(box.zones), 11)]}
+    meshio.Mesh(box.points, cells, cell_data=data).write(tmp_path / "ground.vtu")
+    built = TEXT[TEXT.index("[mesh]") : TEXT.index("[materials.soil]")]
+    read = """[mesh]
+file = "ground.vtu"
+file_groups = { 11 = "rock" }
+file_joints = { surface_1 = "F1" }
+"""
+    names = '["surface_2", "surface_3", "surface_4", "surface_5", "surface_6"]'
+    path = written(
+        tmp_path, (built, read), ('["west", "east", "south", "north", "bottom"]', names),
+        ("low_pass_hz = 20", 'low_pass_hz = 20\nface = "surface_2"'),
+        ('free = ["top"]', ""), ("[55, 10]", "[55, 10, 30]"),
+    )  # fmt: skip
+
+    project = load_project(path)
+
+    assert project.model.mesh.contacts.names == ("surface_1",)
+    assert project.model.joints[0].properties["kn"] == pytest.approx(0.114e9)
+    assert "surface_1" in next(f.title for f in check(project, False).findings if f.code == "D8")
