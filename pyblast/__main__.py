@@ -59,9 +59,9 @@ def run(
         typer.Option(help="Write the model for the program pyblast-run, and march nothing."),
     ] = None,
 ):
-    """Run the whole chain and write result.h5, summary.json, files for ParaView and report.html.
+    """Run the whole chain to a report.
 
-    The signature of one hole is superposed over the firing times, low-passed, and sent through
+    Writes result.h5, summary.json, files for ParaView and report.html. The signature of one hole is superposed over the firing times, low-passed, and sent through
     the jointed rock to the receivers; where records are given, they are compared. Earlier results
     are kept. Ctrl-C writes a checkpoint.
     """
@@ -82,7 +82,7 @@ def run(
 
 @app.command()
 def check(project: ProjectFile, full: Full = False):
-    """Say what a run is about to do, and what is doubtful about it, before it is done.
+    """Say what a run will do and what is doubtful.
 
     Volumes and masses, zones, the highest frequency that the mesh carries in each material, time
     step, memory, estimated time, and every defect that the numbers of the project show. Exit
@@ -104,7 +104,10 @@ def mesh(
     output: Annotated[Path, typer.Option(help="Folder for zones.vtu and joints.vtu.")] = Path(),
     full: Full = False,
 ):
-    """Build the mesh only, count it, and write it for ParaView with blocks and frequencies."""
+    """Build, count and write the mesh only.
+
+    The files for ParaView hold material, block and the highest frequency carried of every zone.
+    """
     with told():
         from .pipeline import write_mesh_files
         from .project import load_project
@@ -119,9 +122,9 @@ def superpose(
     project: ProjectFile,
     output: Annotated[Path | None, typer.Option(help="CSV file for the input motion.")] = None,
 ):
-    """Add up the single-hole seismogram over the holes of the blast, without running the model.
+    """Add up the blast from its single hole.
 
-    Prints peaks of the single hole, of the whole blast, and after the low-pass, with the energy
+    The model is not run. Prints peaks of the single hole, of the whole blast, and after the low-pass, with the energy
     that the filter took.
     """
     with told():
@@ -146,7 +149,10 @@ def compare(
         float | None, typer.Option(help="Degrees from the instrument to the blast, from north.")
     ] = None,
 ):
-    """Compare a record with a simulation: peaks, dominant frequencies, durations, waveforms."""
+    """Compare a record with a simulation.
+
+    Peaks, dominant frequencies, durations and waveforms of the three components.
+    """
     with told():
         from .pipeline import compare_files
 
@@ -159,7 +165,10 @@ def report(
     result: Annotated[Path, typer.Argument(help="Result folder of a run, or its result.h5.")],
     output: Annotated[Path | None, typer.Option(help="The page to write [report.html].")] = None,
 ):
-    """Make the report of a run again: one page with all figures and tables, readable offline."""
+    """Make the report of a run again.
+
+    One page with all figures and tables that opens without network.
+    """
     with told():
         from .report import write_report
         from .result import read_result
