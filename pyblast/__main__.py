@@ -61,9 +61,10 @@ def run(
 ):
     """Run the whole chain to a report.
 
-    Writes result.h5, summary.json, files for ParaView and report.html. The signature of one hole is superposed over the firing times, low-passed, and sent through
-    the jointed rock to the receivers; where records are given, they are compared. Earlier results
-    are kept. Ctrl-C writes a checkpoint.
+    Writes result.h5, summary.json, files for ParaView and report.html. The signature of one
+    hole is superposed over the firing times, low-passed, and sent through the jointed rock to
+    the receivers; where records are given, they are compared. Earlier results are kept. Ctrl-C
+    writes a checkpoint.
     """
     with told():
         from . import pipeline, preparation
@@ -124,8 +125,8 @@ def superpose(
 ):
     """Add up the blast from its single hole.
 
-    The model is not run. Prints peaks of the single hole, of the whole blast, and after the low-pass, with the energy
-    that the filter took.
+    The model is not run. Prints peaks of the single hole, of the whole blast, and after the
+    low-pass, with the energy that the filter took.
     """
     with told():
         from .project import load_project
