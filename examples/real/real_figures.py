@@ -1,0 +1,92 @@
+"""The figures of the studies on real recordings."""
+
+import numpy as np
+from matplotlib import pyplot as plt
+from real_line import FIGURES
+from scipy import fft
+
+
+def draw_hits(pairs, found, floors, octaves, band, bands):
+    """One sum in time, misfit and PPV by receiver, misfit by octave."""
+    colours, along = {"plain": "C3", "corrected": "C0"}, 2.0 * np.arange(24)
+    labels = {"plain": "one hit repeated", "corrected": "with scale and shift per hit"}
+    figure, axes = plt.subplots(2, 2, figsize=(12, 8), layout="constrained")
+    ((time, misfit), (ppv, octave)) = axes
+    time.plot(pairs[0][12][0].times, 1e3 * pairs[0][12][0].bandpassed(*band).velocity[:, 2], "k",
+              label="sum of 12 real hits", lw=1.6)  # fmt: skip
+    for name, each in zip(colours, pairs, strict=True):
+        motion = each[12][1].bandpassed(*band)
+        time.plot(motion.times, 1e3 * motion.velocity[:, 2], colours[name], label=labels[name],
+                  lw=1)  # fmt: skip
+        values = np.array(found[name])
+        for axis, what, factor in ((misfit, 0, 1.0), (ppv, 1, 100.0)):
+            middle, low, high = factor * np.percentile(values[..., what], [50, 5, 95], axis=0)
+            axis.plot(along, middle, colours[name], label=labels[name])
+            axis.fill_between(along, low, high, color=colours[name], alpha=0.2, lw=0)
+        middle, low, high = np.percentile(octaves[name], [50, 5, 95], axis=(0, 1))
+        octave.errorbar(np.arange(5) + 0.1 * (name == "plain"), middle,
+                        (middle - low, high - middle), fmt="o", color=colours[name],
+                        label=labels[name], capsize=3)  # fmt: skip
+    misfit.plot(along, np.median(floors, axis=0), "k:", label="noise before the trigger alone")
+    time.set(xlabel="time after the first hole [s]", ylabel="geophone output [mV]",
+             title=f"Receiver at 24 m, {band[0]:g} to {band[1]:g} Hz", xlim=(0, 1.1))  # fmt: skip
+    misfit.set(xlabel="receiver along the line [m]", ylabel="misfit $\\Sigma(d-s)^2/\\Sigma d^2$",
+               yscale="log", title="Waveform: median and 5 to 95 % of the draws")  # fmt: skip
+    ppv.set(xlabel="receiver along the line [m]", ylabel="PPV, predicted over real - 1 [%]",
+            title="PPV: median and 5 to 95 % of the draws")  # fmt: skip
+    octave.set(xticks=range(5), ylabel="misfit", yscale="log", xlabel="band [Hz]",
+               xticklabels=[f"{a:g} to {b:g}" for a, b in bands],
+               title="Waveform by octave, all receivers and draws")  # fmt: skip
+    for axis in axes.flat:
+        axis.legend(fontsize=8)
+    figure.savefig(FIGURES / "real_hits_superposed.png", dpi=80)
+
+
+def draw_gather(offsets, dt, recorded, simulated, quiet, breaks, head, misfit, bins, speeds,
+                carries, nearest):  # fmt: skip
+    """Wiggles with first arrivals, spectra, phase speeds, misfit by receiver and frequency."""
+    figure = plt.figure(figsize=(14, 9), layout="constrained")
+    axes = figure.subplot_mosaic([["wiggles", "spectra", "speeds"], ["wiggles", "map", "map"]],
+                                 width_ratios=(1.4, 1, 1))  # fmt: skip
+    times = dt * np.arange(recorded.shape[1])
+    for offset, d, s in zip(offsets, recorded, simulated, strict=True):
+        for motion, colour in ((d, "k"), (s, "C3")):
+            line = offset + 1.8 * motion / np.max(np.abs(d))
+            axes["wiggles"].plot(times, line, colour, lw=0.8)
+    near = offsets < 35.0
+    axes["wiggles"].plot(breaks[near], offsets[near], "C0+", label="first break, five hits stacked")
+    axes["wiggles"].plot(head, offsets, "C0", lw=0.8, label="first arrival of the two layers")
+    axes["wiggles"].plot([], [], "k", label="recorded")
+    axes["wiggles"].plot([], [], "C3", label="simulated")
+    axes["wiggles"].axhspan(offsets[0] - 1.5, offsets[nearest - 1] + 1.0, color="0.93", zorder=0)
+    axes["wiggles"].text(0.54, 2.0, "force estimated here", ha="right", fontsize=8)
+    axes["wiggles"].set(xlabel="time after the trigger [s]", ylabel="distance from the hit [m]",
+                        title="5 to 30 Hz, each pair scaled by its record", xlim=(0, 0.55),
+                        ylim=(1, 54))  # fmt: skip
+    frequency = fft.rfftfreq(2048, dt)
+    for colour, n in zip(("C0", "C1", "C2"), (4, 12, 20), strict=True):
+        for motion, style in ((recorded, "-"), (simulated, "--"), (quiet, ":")):
+            amplitude = 1e3 * dt * np.abs(fft.rfft(motion[n], 2048))
+            axes["spectra"].semilogy(frequency, amplitude, colour + style, lw=1,
+                                     label=f"{offsets[n]:g} m" if style == "-" else None)  # fmt: skip
+    axes["spectra"].set(xlabel="frequency [Hz]", ylabel="amplitude [mV/Hz]", xlim=(4, 35),
+                        ylim=(1e-4, 1e-1),
+                        title="Recorded -, simulated --, noise ···")  # fmt: skip
+    axes["speeds"].plot(speeds[0], speeds[1], "ko", label="recorded")
+    axes["speeds"].plot(speeds[0], speeds[2], "C3s", mfc="none", label="simulated")
+    axes["speeds"].set(xlabel="frequency [Hz]", ylabel="phase speed [m/s]", ylim=(160, 230),
+                       title="Ground wave")  # fmt: skip
+    image = axes["map"].pcolormesh(bins, np.append(offsets - 1.0, offsets[-1] + 1.0), misfit,
+                                   vmin=0.0, vmax=2.0, cmap="magma_r")  # fmt: skip
+    figure.colorbar(image, ax=axes["map"], extend="max",
+                    label="misfit $\\Sigma|D-S|^2/\\Sigma|D|^2$")  # fmt: skip
+    top = min(carries.values())
+    axes["map"].axvline(top, color="C0", ls="--")
+    axes["map"].text(top, offsets[-1], " beyond: fewer than 10 edges per wavelength", color="C0",
+                     va="top", fontsize=8)  # fmt: skip
+    axes["map"].axhline(offsets[nearest] - 1.0, color="0.3", lw=0.8)
+    axes["map"].set(xlabel="frequency [Hz]", ylabel="distance from the hit [m]",
+                    title="What two layers do not explain")  # fmt: skip
+    for name in ("wiggles", "spectra", "speeds"):
+        axes[name].legend(fontsize=8, loc="upper left" if name == "wiggles" else "best")
+    figure.savefig(FIGURES / "real_ground_point_force.png", dpi=75)
