@@ -44,7 +44,7 @@ def space(wave_speed, shot, source):
     shape = [round(PER_WAVELENGTH * n) for n in (BEHIND + FAR + BEYOND, 2 * BESIDE, 2 * BESIDE)]
     mesh = structured_box(shape, np.array(shape) * edge, pattern="alternating")
     place = np.array([BEHIND, BESIDE, BESIDE]) * length
-    receiver = Receiver("far", place + [FAR * length, 0.0, 0.0])
+    receiver = Receiver("far", place + FAR * length * np.eye(3)[0])
     model = Model(
         mesh,
         {"rock": ROCK},

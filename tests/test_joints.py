@@ -1,0 +1,56 @@
+"""Joints: properties in the order of the law, residual strengths, refusals."""
+
+import math
+
+import pytest
+
+from pyblast.errors import InputError
+from pyblast.joints import Joint
+from pyblast.kernels import JOINT_LAWS
+
+STRONG = {"kn": 1e9, "ks": 5e8, "cohesion": 1e5, "friction": 0.6, "tension": 2e4}
+
+
+def test_properties_stand_in_the_order_of_the_law():
+    joint = Joint("J", "coulomb", dict(reversed(STRONG.items())))
+
+    assert tuple(joint.properties) == JOINT_LAWS["coulomb"].properties
+
+
+def test_residual_strength_equals_the_peak_where_it_is_not_given():
+    joint = Joint("J", "coulomb", {**STRONG, "friction_residual": 0.4})
+
+    assert joint.properties["friction_residual"] == 0.4
+    assert joint.properties["cohesion_residual"] == 1e5
+    assert joint.properties["tension_residual"] == 2e4
+
+
+def test_an_elastic_joint_needs_two_stiffnesses_only():
+    assert Joint("J", "elastic", {"kn": 1e9, "ks": 5e8}).properties == {"kn": 1e9, "ks": 5e8}
+
+
+def test_an_unknown_law_is_refused_with_those_that_are_known():
+    with pytest.raises(InputError, match=r"J\.law: must be one of elastic, coulomb, got mohr"):
+        Joint("J", "mohr", STRONG)
+
+
+def test_an_unknown_property_is_refused():
+    with pytest.raises(InputError, match=r"joints\.J\.dilation: unknown to 'coulomb'; it has kn"):
+        Joint("J", "coulomb", {**STRONG, "dilation": 0.1})
+
+
+@pytest.mark.parametrize("name", STRONG)
+def test_a_missing_property_is_refused(name):
+    given = {key: value for key, value in STRONG.items() if key != name}
+
+    with pytest.raises(InputError, match=rf"joints\.J\.{name}: missing; the law 'coulomb'"):
+        Joint("J", "coulomb", given)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("kn", 0.0), ("ks", -1.0), ("kn", math.inf), ("friction", -0.1), ("tension", math.nan)],
+)
+def test_an_impossible_property_is_refused(name, value):
+    with pytest.raises(InputError, match=rf"joints\.J\.{name}: must be"):
+        Joint("J", "coulomb", {**STRONG, name: value})
