@@ -71,9 +71,10 @@ def critical_step(model):
 
     Notes
     -----
-    Every node lends a share phi of its mass to its contacts and the rest to its zones, so the
-    largest frequency is at most that of the worst zone or contact alone (Irons & Treharne 1971,
-    Anderson & Morley 1985 for the contacts): theory.md (2.13).
+    For a step T every node lends its contacts the share ``phi = T^2 d / (2 m)`` of its mass, d
+    being the stiffness of its springs: no contact then limits the step (Anderson & Morley 1985).
+    Its zones keep the rest (Irons & Treharne 1971) and take added mass where they need it. The
+    step is the longest whose added mass stays within its share: theory.md (2.13).
     """
     mesh = model.mesh
     density = model.zone_values("density")
@@ -82,27 +83,28 @@ def critical_step(model):
     )
     beta = model.zone_damping("beta")
     mass = density * tetrahedra.volumes(mesh.points, mesh.zones)
-    stiffness = contact_stiffness(model)
     node_mass = node_sums(mesh.zones, mass, len(mesh.points))
-    contact = 2.0 * stiffness / node_mass
-    around = np.zeros(len(mesh.points))
-    np.maximum.at(around, mesh.zones.ravel(), np.repeat(zone, 4))
-    share = contact / (contact + around)
-    free = 1.0 - share[mesh.zones].max(axis=1)
-    factor, scaled = _mass_factors(zone / free, beta, mass, model.added_mass)
-    steps = _steps(zone / free / factor, beta)
-    undamped = _steps(zone / free / factor, 0.0 * beta).min()
+    spring = (2.0 * contact_stiffness(model) / node_mass)[mesh.zones].max(axis=1)
 
-    worst = int(steps.argmin())
-    limits = [(steps[worst], _worst_zone(model, worst, scaled, share))]
-    if mesh.contacts is not None and len(mesh.contacts.area):
-        pair = 0.5 * (contact / np.maximum(share, 1e-300))
-        both = pair[mesh.contacts.minus] + pair[mesh.contacts.plus]
-        worst = int(both.argmax())
-        joint = mesh.contacts.names[mesh.contacts.joint[worst]]
-        limits.append((2.0 / np.sqrt(both[worst]), f"a contact of joint '{joint}'"))
-    longest, limited_by = min(limits)
-    return CriticalStep(float(longest), float(undamped), limited_by, mass * (factor - 1.0))
+    def needs(dt, beta):
+        """Mass over its own that each zone needs for a step."""
+        free = np.maximum(1.0 - spring * dt**2 / 4.0, 1e-300)
+        return zone * (dt**2 / 4.0 + dt * beta / 2.0) / free
+
+    def longest(beta, share):
+        """Bisect for the step whose added mass stays within a share."""
+        low, high = 0.0, 2.0 / np.sqrt(zone.min())
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            added = float(mass @ np.maximum(0.0, needs(middle, beta) - 1.0))
+            low, high = (middle, high) if added <= share * mass.sum() else (low, middle)
+        return low
+
+    dt = longest(beta, model.added_mass)
+    need = needs(dt, beta)
+    undamped = longest(0.0 * beta, model.added_mass)
+    limited_by = _limit(model, int(need.argmax()), need.max() > 1.0 + 1e-9, spring * dt**2 / 4.0)
+    return CriticalStep(dt, undamped, limited_by, mass * np.maximum(0.0, need - 1.0))
 
 
 def contact_stiffness(model):
@@ -119,38 +121,14 @@ def contact_stiffness(model):
     return total
 
 
-def _steps(frequency_squared, beta):
-    """Solve (dt/2)^2 w + dt beta w / 2 = 1: central differences with lagged stiffness damping."""
-    return 4.0 / frequency_squared / (beta + np.sqrt(beta**2 + 4.0 / frequency_squared))
-
-
-def _mass_factors(frequency_squared, beta, mass, share):
-    """Return the factors (n_zones,) of mass that lift the shortest steps, and whether any does.
-
-    The step is the longest for which the added mass stays within its share (bisection).
-    """
-    ones = np.ones(len(mass))
-    steps = _steps(frequency_squared, beta)
-    if share == 0.0:
-        return ones, False
-    low, high = float(steps.min()), float(steps.max())
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        factor = np.maximum(1.0, frequency_squared * (middle**2 / 4.0 + middle * beta / 2.0))
-        fits = float(mass @ (factor - 1.0)) <= share * float(mass.sum())
-        low, high = (middle, high) if fits else (low, middle)
-    factor = np.maximum(1.0, frequency_squared * (low**2 / 4.0 + low * beta / 2.0))
-    return factor, bool(factor.max() > 1.0)
-
-
-def _worst_zone(model, worst, scaled, share):
+def _limit(model, worst, scaled, share):
     """Describe the zone that sets the step, or the joint whose contacts have most of its mass."""
     mesh = model.mesh
     x, y, z = mesh.points[mesh.zones[worst]].mean(axis=0)
-    node = mesh.zones[worst][share[mesh.zones[worst]].argmax()]
     what = f"a zone of '{mesh.groups[mesh.zone_group[worst]]}'"
-    if share[node] > 0.5:
-        contact = int(((mesh.contacts.minus == node) | (mesh.contacts.plus == node)).argmax())
+    if share[worst] > 0.5:
+        pairs = np.stack([mesh.contacts.minus, mesh.contacts.plus])
+        contact = int(np.isin(pairs, mesh.zones[worst]).any(axis=0).argmax())
         what = f"a contact of joint '{mesh.contacts.names[mesh.contacts.joint[contact]]}'"
     note = " and others as short, after adding mass" if scaled else ""
     return f"{what} at ({x:.1f}, {y:.1f}, {z:.1f}) m{note}"
