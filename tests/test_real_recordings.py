@@ -82,10 +82,9 @@ def test_repeating_one_hit_adds_nothing_but_rounding(recordings):
 
 
 def test_one_real_hit_predicts_the_sum_of_twelve_others_only_in_part(recordings):
-    pairs = [(hit(recordings, int(first), 18), [hit(recordings, int(first) + n, 18) for n in (1, 2)])
-             for first in PLACES.values()]  # fmt: skip
-    signatures = [s for s, _ in pairs] * 2
-    others = [pair[n] for n in (0, 1) for _, pair in pairs]
+    firsts = [int(number) for number in PLACES.values()]
+    signatures = [hit(recordings, first, 18) for first in firsts] * 2
+    others = [hit(recordings, first + n, 18) for n in (1, 2) for first in firsts]
     truth = superpose(signatures[0], FIRING, signatures=others)
     predicted = superpose(signatures[0], FIRING, signatures=signatures)
 
@@ -103,7 +102,9 @@ def test_one_real_hit_predicts_the_sum_of_twelve_others_only_in_part(recordings)
         ("blastlogic_kirra_S4_226_414P", 54, 567.0, 567.0, 0.0),
     ],
 )
-def test_real_plan_is_read_with_its_charge_and_times(recordings, plan, holes, charge, in_8_ms, last):
+def test_real_plan_is_read_with_its_charge_and_times(
+    recordings, plan, holes, charge, in_8_ms, last
+):
     blast = read_blast(recordings / "blast_plans" / f"{plan}.csv")
 
     assert len(blast.times) == holes

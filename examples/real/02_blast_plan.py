@@ -13,7 +13,10 @@ from real_line import FIGURES, hits_by_place, keep_results, recordings_folder, s
 from pyblast.hole_tables import read_blast
 from pyblast.seismogram import Seismogram
 from pyblast.signatures import (
-    SmoothPulse, cavity_seismogram, pressure_for_peak, scaled_distance_ppv,
+    SmoothPulse,
+    cavity_seismogram,
+    pressure_for_peak,
+    scaled_distance_ppv,
 )  # fmt: skip
 from pyblast.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
 from pyblast.superposition import superpose, travel_shifts
@@ -24,13 +27,13 @@ AWAY, EXPONENT, LOW = 500.0, 0.8, 3.0
 
 
 def house_of(blast):
-    """A place 500 m south of the nearest charge, at the height of the collars."""
+    """Choose a place 500 m south of the nearest charge, at the height of the collars."""
     south = blast.centres[np.argmin(blast.centres[:, 1])]
     return np.array([south[0], south[1] - AWAY, blast.collar[:, 2].mean()])
 
 
-def closed_form(blast, house, centre, charge):
-    """Motion of one hole at the house: pressurised cavity, peak by the law of AS 2187.2."""
+def closed_form(house, centre, charge):
+    """Move the house by one hole: pressurised cavity, peak by the law of AS 2187.2."""
     distance = float(np.linalg.norm(house - centre))
     peak = scaled_distance_ppv(distance, charge)
     pulse = pressure_for_peak(**ROCK, pulse=SmoothPulse(1.0, 0.03), distance=distance, peak=peak)
@@ -40,7 +43,7 @@ def closed_form(blast, house, centre, charge):
 
 
 def hammer_hit(line, peak):
-    """A recorded hit 56 m away as vertical signature, its peak set to that of the closed form."""
+    """Take a recorded hit, 56 m away, as signature; its peak is that of the closed form."""
     hit = seismograms(line[-10.0][0], (-0.1, 0.9))[23].bandpassed(5.0, 100.0)
     scaled = hit.velocity * peak / hit.ppv[2]
     return Seismogram(scaled, hit.dt, hit.start, "hammer hit, scaled")
@@ -54,7 +57,7 @@ def fire(path, line):
     centre = blast.centres[np.argmin(np.abs(blast.charge - charge))]
     firing = blast.firing(charge, EXPONENT)
     shifts = travel_shifts(blast, house, ROCK["cp"], reference=centre)
-    single = closed_form(blast, house, centre, charge)
+    single = closed_form(house, centre, charge)
     motions, numbers = {}, {"checks": blast.checks(), "holes": len(blast.charge),
                             "charge_kg": float(np.sum(blast.charge)),
                             "charge_per_8_ms_kg": blast.charge_per_window(),
@@ -95,7 +98,7 @@ def main():
 
 
 def draw(row, path, motions, firing):
-    """Motion, spectra and comb of one plan."""
+    """Draw motion, spectra and comb of one plan."""
     for (name, (motion, main)), colour in zip(motions.items(), ("C0", "C1"), strict=True):
         label = f"{name}, {motion.components[main]}"
         row[0].plot(motion.times, 1e3 * motion.velocity[:, main], colour, label=label, lw=0.7)

@@ -54,21 +54,23 @@ def draw_gather(offsets, dt, recorded, simulated, quiet, breaks, head, misfit, b
             line = offset + 1.8 * motion / np.max(np.abs(d))
             axes["wiggles"].plot(times, line, colour, lw=0.8)
     near = offsets < 35.0
-    axes["wiggles"].plot(breaks[near], offsets[near], "C0+", label="first break, five hits stacked")
+    axes["wiggles"].plot(
+        breaks[near], offsets[near], "C0+", ms=9, label="first break, five hits stacked"
+    )
     axes["wiggles"].plot(head, offsets, "C0", lw=0.8, label="first arrival of the two layers")
     axes["wiggles"].plot([], [], "k", label="recorded")
     axes["wiggles"].plot([], [], "C3", label="simulated")
     axes["wiggles"].axhspan(offsets[0] - 1.5, offsets[nearest - 1] + 1.0, color="0.93", zorder=0)
-    axes["wiggles"].text(0.54, 2.0, "force estimated here", ha="right", fontsize=8)
+    axes["wiggles"].text(0.54, 12.5, "force estimated below", ha="right", fontsize=8)
     axes["wiggles"].set(xlabel="time after the trigger [s]", ylabel="distance from the hit [m]",
                         title="5 to 30 Hz, each pair scaled by its record", xlim=(0, 0.55),
-                        ylim=(1, 54))  # fmt: skip
+                        ylim=(-8, 54))  # fmt: skip
     frequency = fft.rfftfreq(2048, dt)
     for colour, n in zip(("C0", "C1", "C2"), (4, 12, 20), strict=True):
         for motion, style in ((recorded, "-"), (simulated, "--"), (quiet, ":")):
             amplitude = 1e3 * dt * np.abs(fft.rfft(motion[n], 2048))
-            axes["spectra"].semilogy(frequency, amplitude, colour + style, lw=1,
-                                     label=f"{offsets[n]:g} m" if style == "-" else None)  # fmt: skip
+            axes["spectra"].semilogy(frequency, amplitude, colour + style, lw=1)
+        axes["spectra"].plot([], [], colour, label=f"{offsets[n]:g} m")
     axes["spectra"].set(xlabel="frequency [Hz]", ylabel="amplitude [mV/Hz]", xlim=(4, 35),
                         ylim=(1e-4, 1e-1),
                         title="Recorded -, simulated --, noise ···")  # fmt: skip
@@ -81,12 +83,11 @@ def draw_gather(offsets, dt, recorded, simulated, quiet, breaks, head, misfit, b
     figure.colorbar(image, ax=axes["map"], extend="max",
                     label="misfit $\\Sigma|D-S|^2/\\Sigma|D|^2$")  # fmt: skip
     top = min(carries.values())
-    axes["map"].axvline(top, color="C0", ls="--")
-    axes["map"].text(top, offsets[-1], " beyond: fewer than 10 edges per wavelength", color="C0",
-                     va="top", fontsize=8)  # fmt: skip
+    axes["map"].axvline(top, color="C0", ls="--", lw=2)
     axes["map"].axhline(offsets[nearest] - 1.0, color="0.3", lw=0.8)
     axes["map"].set(xlabel="frequency [Hz]", ylabel="distance from the hit [m]",
-                    title="What two layers do not explain")  # fmt: skip
+                    title="Not explained by two layers; dashed: 10 edges per wavelength"
+                    )  # fmt: skip
     for name in ("wiggles", "spectra", "speeds"):
-        axes[name].legend(fontsize=8, loc="upper left" if name == "wiggles" else "best")
+        axes[name].legend(fontsize=8, loc="lower right" if name == "wiggles" else "best")
     figure.savefig(FIGURES / "real_ground_point_force.png", dpi=75)

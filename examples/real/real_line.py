@@ -56,9 +56,9 @@ def vertical(samples, dt, start=0.0):
 
 
 def keep_results(section, values):
-    """Write one section of results.json, rounded to 4 digits."""
+    """Write one section of results.json, rounded to 5 digits."""
     results = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.is_file() else {}
     results[section] = json.loads(
-        json.dumps(values), parse_float=lambda text: float(f"{float(text):.4g}")
+        json.dumps(values), parse_float=lambda text: float(f"{float(text):.5g}")
     )
     RESULTS.write_text(json.dumps(results, indent=1, sort_keys=True) + "\n", encoding="utf-8")
