@@ -11,6 +11,9 @@ from .mesh import locate
 from .stability import critical_step, node_sums, shape_gradients
 
 DOMAIN_ZONES = 1024
+LOCAL_DAMPING = 0.8
+# Local damping raises the force that slows a node by 1.8, which shortens the step by 1/sqrt(1.8).
+STATIC_STEP_FACTOR = 0.7
 
 
 def geometry_arrays(model):
@@ -115,7 +118,8 @@ def static_arrays(model, geometry):
     """Return weight, in-situ stress and rollers of the static stage, and the scale of forces."""
     node_load, contact_initial, scale = static_loads(model, geometry)
     arrays = {
-        "local_damping": 0.8,
+        "dt": geometry["dt"] * min(1.0, STATIC_STEP_FACTOR / model.step_factor),
+        "local_damping": LOCAL_DAMPING,
         "node_load": node_load,
         "contact_initial": contact_initial,
         **static_conditions(model, geometry),

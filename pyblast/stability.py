@@ -88,7 +88,7 @@ def critical_step(model):
 
     def needs(dt, beta):
         """Mass over its own that each zone needs for a step."""
-        free = np.maximum(1.0 - spring * dt**2 / 4.0, 1e-300)
+        free = np.maximum(1.0 - spring * dt**2 / 4.0, 1e-12)
         return zone * (dt**2 / 4.0 + dt * beta / 2.0) / free
 
     def longest(beta, share):
