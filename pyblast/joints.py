@@ -58,4 +58,8 @@ class Joint:
                 raise InputError(f"{where}.{name}: missing; the law '{self.law}' needs it")
             if not (math.isfinite(value) and value >= 0.0) or (name in ("kn", "ks") and value == 0):
                 raise InputError(f"{where}.{name}: must be positive and finite, got {value:g}")
+        if not (math.isfinite(self.insitu_pressure) and self.insitu_pressure >= 0.0):
+            raise InputError(
+                f"{where}.insitu_pressure: must not be negative, got {self.insitu_pressure:g} Pa"
+            )
         object.__setattr__(self, "properties", {name: float(values[name]) for name in names})

@@ -54,3 +54,9 @@ def test_a_missing_property_is_refused(name):
 def test_an_impossible_property_is_refused(name, value):
     with pytest.raises(InputError, match=rf"joints\.J\.{name}: must be"):
         Joint("J", "coulomb", {**STRONG, name: value})
+
+
+@pytest.mark.parametrize("pressure", [-1.0, math.nan, math.inf])
+def test_an_impossible_pressure_before_the_blast_is_refused(pressure):
+    with pytest.raises(InputError, match=r"joints\.J\.insitu_pressure: must not be negative"):
+        Joint("J", "coulomb", STRONG, insitu_pressure=pressure)
