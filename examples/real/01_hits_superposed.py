@@ -90,6 +90,7 @@ def main():
         used = [gathers[p][s] for p, s, _ in source], [gathers[p][h] for p, _, h in source]
         floors.append(noise_misfit(*used, pairs[0], BAND))
         print(f"draw {draw + 1} of {N_DRAWS}: misfit {np.median(found['plain'][-1][:, 0]):.3f}")
+    noise = {f"{b[0]:g}-{b[1]:g} Hz": spread(noise_misfit(*used, pairs[0], b)) for b in OCTAVES}
     west = np.array([one_signature_for_all(records, hit) for hit in range(5)])
     hit = records[-10.0][0][12]
     again = superpose(hit, FIRING).velocity[:, 2]
@@ -97,7 +98,7 @@ def main():
     for n in range(12):
         by_hand[42 * n : 42 * n + len(hit.velocity)] += hit.velocity[:, 2]
     results = {"band_hz": BAND, "repeatability": repeatability(records, BAND), "draws": N_DRAWS,
-               "noise_floor": spread(floors),
+               "noise_floor": spread(floors), "noise_by_octave": noise,
                "same_hit_again": float(np.max(np.abs(again - by_hand)) / np.max(np.abs(again))),
                "one_signature_for_three_places": spread(west[:, 12:, 0]),
                "own_signatures_for_three_places": spread(west[:, 12:, 1])}  # fmt: skip
@@ -113,7 +114,7 @@ def main():
                                  for n, (a, b) in enumerate(OCTAVES)},
         }  # fmt: skip
     keep_results("hits_superposed", results)
-    draw_hits(pairs, found, np.array(floors), octaves, BAND, OCTAVES)
+    draw_hits(pairs, found, np.array(floors), octaves, noise, BAND, OCTAVES)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from real_line import FIGURES
 from scipy import fft
 
 
-def draw_hits(pairs, found, floors, octaves, band, bands):
+def draw_hits(pairs, found, floors, octaves, noise, band, bands):
     """One sum in time, misfit and PPV by receiver, misfit by octave."""
     colours, along = {"plain": "C3", "corrected": "C0"}, 2.0 * np.arange(24)
     labels = {"plain": "one hit repeated", "corrected": "with scale and shift per hit"}
@@ -27,6 +27,7 @@ def draw_hits(pairs, found, floors, octaves, band, bands):
         octave.errorbar(np.arange(5) + 0.1 * (name == "plain"), middle,
                         (middle - low, high - middle), fmt="o", color=colours[name],
                         label=labels[name], capsize=3)  # fmt: skip
+    octave.plot([value[0] for value in noise.values()], "k_", ms=16, label="noise alone, median")
     misfit.plot(along, np.median(floors, axis=0), "k:", label="noise before the trigger alone")
     time.set(xlabel="time after the first hole [s]", ylabel="geophone output [mV]",
              title=f"Receiver at 24 m, {band[0]:g} to {band[1]:g} Hz", xlim=(0, 1.1))  # fmt: skip
