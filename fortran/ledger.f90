@@ -5,7 +5,7 @@ module pyblast_ledger
     private
     public :: add_work, grows, insitu_work, write_ledger
 
-    real(dp), parameter :: growth_limit = 2.0_dp
+    real(dp), parameter :: growth_limit = 5.0_dp
         !! energy over the largest energy put in; theory.md (2.9) says why not 1.05
 
 contains

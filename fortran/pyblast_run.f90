@@ -229,7 +229,7 @@ contains
                          motion(:, :, done + 1:done + chunk), energy(:, lines + 1:next), &
                          info, where)
             if (info < 0) then
-                message = "the energy is not finite or exceeds twice what was put in"
+                message = "the energy is not finite or exceeds five times what was put in"
                 return
             end if
             done = done + chunk

@@ -11,6 +11,7 @@ from .mesh import locate
 from .stability import critical_step, node_sums, shape_gradients
 
 DOMAIN_ZONES = 1024
+STATUS, OPEN = 4, 2.0  # column of contact_state and its value for a gap, of every law that opens
 LOCAL_DAMPING = 0.8
 # Local damping raises the force that slows a node by 1.8, which shortens the step by 1/sqrt(1.8).
 STATIC_STEP_FACTOR = 0.7
@@ -146,6 +147,41 @@ def initial_state(constants):
         "contact_dissipated": np.zeros(n_contacts),
         "sums": np.zeros(N_SUMS),
     }
+
+
+def after_static(constants, static, settled):
+    """Start the dynamic stage from the tractions and joint states at the end of the static one.
+
+    An open contact keeps its gap: its initial traction is the tension that its springs would
+    have, balanced by a constant load, so it closes where it did before.
+
+    Parameters
+    ----------
+    constants : dict
+        Of the dynamic stage.
+    static, settled : dict
+        Constants and final state of the static stage.
+
+    Returns
+    -------
+    constants, state : dict
+    """
+    normal, area = static["contact_normal"], static["contact_area"]
+    minus, plus = static["contact_node"].T
+    jump = settled["displacement"][plus] - settled["displacement"][minus]
+    kn = static["joint_property"][static["contact_joint"], 0]
+    tension = np.einsum("ij,ij->i", static["contact_initial"] + kn[:, None] * jump, normal)
+    is_open = (settled["contact_state"][:, STATUS] == OPEN)[:, None]
+    virtual = np.where(is_open, tension[:, None] * normal, 0.0)
+    initial = settled["contact_traction"] + virtual
+    load = np.zeros_like(settled["displacement"])
+    np.add.at(load, minus, area[:, None] * virtual)
+    np.add.at(load, plus, -area[:, None] * virtual)
+    constants = {**constants, "contact_initial": initial, "node_load": load}
+    state = initial_state({**constants, "contact_initial": settled["contact_traction"]})
+    state["contact_state"] = settled["contact_state"].copy()
+    state["contact_state"][:, :3] = 0.0
+    return constants, state
 
 
 def _stored_energy(constants):

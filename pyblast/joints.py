@@ -6,11 +6,7 @@ from dataclasses import dataclass, field
 from .errors import InputError
 from .kernels import JOINT_LAWS
 
-RESIDUALS = {
-    "cohesion_residual": "cohesion",
-    "friction_residual": "friction",
-    "tension_residual": "tension",
-}
+PEAKS = {"cohesion_residual": "cohesion", "friction_residual": "friction"}
 
 
 @dataclass(frozen=True)
@@ -25,7 +21,8 @@ class Joint:
         A name of ``pyblast.kernels.JOINT_LAWS``.
     properties : dict of str to float
         ``kn``, ``ks`` in Pa/m; ``cohesion``, ``tension`` in Pa; ``friction`` as tangent.
-        Residual strengths that are not given equal the peak.
+        Residual cohesion and friction that are not given equal the peak; a residual tension
+        that is not given is zero.
     insitu_pressure : float, Pa
         Normal pressure before the blast; a static stage replaces it.
 
@@ -46,9 +43,9 @@ class Joint:
         if self.law not in JOINT_LAWS:
             raise InputError(f"{where}.law: must be one of {', '.join(JOINT_LAWS)}, got {self.law}")
         names = JOINT_LAWS[self.law].properties
-        given = {RESIDUALS[name]: name for name in names if name in RESIDUALS}
-        values = {**{given[n]: v for n, v in self.properties.items() if n in given}}
-        values.update(self.properties)
+        values = {n: self.properties.get(PEAKS[n]) for n in names if n in PEAKS}
+        values |= {n: 0.0 for n in names if n == "tension_residual"}
+        values |= self.properties
         for name in values:
             if name not in names:
                 raise InputError(f"{where}.{name}: unknown to '{self.law}'; it has {' '.join(names)}")

@@ -110,14 +110,24 @@ def write_model(path, constants, state, march, input_hash):
     write_arrays(path, groups, {"kind": "model", "input_sha256": input_hash})
 
 
-def write_checkpoint(path, input_hash, step, state, motion, energy):
-    """Write everything that a run needs to go on."""
-    groups = {"state": state, "records": {"motion": motion, "energy": energy}}
+def write_checkpoint(path, input_hash, step, state, records, snapshots):
+    """Write everything that a run needs to go on; snapshots by step."""
+    groups = {
+        "state": state,
+        "records": records,
+        "snapshots": {str(at): velocity for at, velocity in snapshots.items()},
+    }
     write_arrays(path, groups, {"kind": "checkpoint", "input_sha256": input_hash, "step": step})
 
 
-def read_checkpoint(path, input_hash, state, motion, energy):
+def read_checkpoint(path, input_hash, state, records):
     """Read a checkpoint of the model with this hash; the arrays given show the shapes wanted.
+
+    Returns
+    -------
+    step : int
+    state, records : dict of str to numpy array
+    snapshots : dict of int to numpy array
 
     Raises
     ------
@@ -131,18 +141,15 @@ def read_checkpoint(path, input_hash, state, motion, energy):
         raise ReadError(f"{path}: not a checkpoint")
     if attributes.get("input_sha256") != input_hash:
         raise InputError(f"{path}: checkpoint of another model or duration; start afresh")
-    wanted = {**{f"state/{n}": a for n, a in state.items()}}
-    wanted |= {"records/motion": motion, "records/energy": energy}
-    found = {}
-    for name, array in wanted.items():
-        group, key = name.split("/")
-        value = groups.get(group, {}).get(key)
-        if value is None or value.shape != array.shape or value.dtype != array.dtype:
-            raise ReadError(f"{path}: '{name}' is missing or has a wrong shape; start afresh")
-        found[name] = np.ascontiguousarray(value)
-    return (
-        int(attributes["step"]),
-        {name: found[f"state/{name}"] for name in state},
-        found["records/motion"],
-        found["records/energy"],
-    )
+    found = []
+    for group, wanted in (("state", state), ("records", records)):
+        arrays = groups.get(group, {})
+        for name, array in wanted.items():
+            value = arrays.get(name)
+            if value is None or value.shape != array.shape or value.dtype != array.dtype:
+                raise ReadError(
+                    f"{path}: '{group}/{name}' is missing or has a wrong shape; start afresh"
+                )
+        found.append({name: np.ascontiguousarray(arrays[name]) for name in wanted})
+    snapshots = {int(at): velocity for at, velocity in groups.get("snapshots", {}).items()}
+    return int(attributes["step"]), *found, snapshots

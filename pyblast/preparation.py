@@ -84,19 +84,18 @@ def prepare(model: Model, duration: float, progress: Callable | None = None) -> 
         raise InputError(f"duration: must be positive, got {duration:g} s")
     geometry, limit = assembly.geometry_arrays(model)
     n_steps = max(2, math.ceil(duration / geometry["dt"]))  # a seismogram has two samples
-    static, contact_state = {}, None
+    static, settled = {}, None
     if model.insitu is not None and model.mesh.contacts is not None:
-        static, traction, contact_state = _equilibrate(model, geometry, progress)
-        geometry = {**geometry, "contact_initial": traction}
+        static, settled = _equilibrate(model, geometry, progress)
     constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps)}
     state = assembly.initial_state(constants)
-    if contact_state is not None:
-        state["contact_state"] = contact_state
+    if settled is not None:
+        constants, state = assembly.after_static(constants, *settled)
     return Prepared(constants, state, n_steps, limit, static, fingerprint(constants, state))
 
 
 def _equilibrate(model, geometry, progress):
-    """Relax to equilibrium; return a report, tractions and joint states without their slip."""
+    """Relax to equilibrium; return a report, and the arrays and the state at rest."""
     arrays, scale = assembly.static_arrays(model, geometry)
     constants = {**geometry, **arrays, **assembly.still_loads(STATIC_STEPS)}
     state = assembly.initial_state(constants)
@@ -121,10 +120,7 @@ def _equilibrate(model, geometry, progress):
             share = math.log(max(unbalanced, STATIC_TOLERANCE)) / math.log(STATIC_TOLERANCE)
             progress("static", max(0.0, share), 1.0)
     log.info("static stage: %d steps, unbalanced force %.1e", step, unbalanced)
-    contact_state = state["contact_state"].copy()
-    contact_state[:, :3] = 0.0
-    report = {"steps": step, "unbalanced": unbalanced}
-    return report, state["contact_traction"].copy(), contact_state
+    return {"steps": step, "unbalanced": unbalanced}, (constants, state)
 
 
 def export(prepared: Prepared, path):

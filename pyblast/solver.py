@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from . import kernels
-from .errors import SolverError
+from .errors import InputError, SolverError
 from .model import Model
 from .model_file import read_checkpoint, write_checkpoint
 from .preparation import LEDGER_EVERY, Chunks, Prepared, prepare
@@ -92,6 +92,9 @@ def run(
     march = _March(model, prepared)
     if resume is not None:
         march.restore(resume)
+    for time_ in snapshot_times:
+        if not 0.0 <= time_ <= duration:
+            raise InputError(f"snapshot_times: must lie in 0 to {duration:g} s, got {time_:g} s")
     stops = sorted({min(prepared.n_steps, round(t / march.dt)) for t in snapshot_times})
     try:
         march.go(progress, checkpoint, stops)
@@ -118,17 +121,22 @@ class _March:
     def go(self, progress, checkpoint, stops):
         """March to the end in chunks of about `CHUNK_SECONDS`."""
         total, chunks, saved = self.prepared.n_steps, Chunks(1), time.perf_counter()
+        self._keep(stops)
         while self.step < total:
             last = min([total, self.step + chunks.steps, *(s for s in stops if s > self.step)])
             with chunks.timed(last - self.step):
                 self._advance(last - self.step)
-            if self.step in stops:
-                self.snapshots[self.step * self.dt] = self.state["velocity"].astype(np.float32)
+            self._keep(stops)
             if progress is not None:
                 progress("dynamic", self.step, total)
             if checkpoint is not None and time.perf_counter() - saved > CHECKPOINT_SECONDS:
                 self.save(checkpoint)
                 saved = time.perf_counter()
+
+    def _keep(self, stops):
+        """Keep a snapshot where one is wanted."""
+        if self.step in stops:
+            self.snapshots[self.step] = self.state["velocity"].astype(np.float32)
 
     def _advance(self, n_steps):
         """March one chunk and keep what it recorded."""
@@ -152,21 +160,24 @@ class _March:
         if self.dt > limit.dt:
             cause = f"a time step of {self.dt:.3g} s above the critical {limit.dt:.3g} s"
         return (
-            f"the energy is not finite or exceeds twice what was put in at step {self.step} "
+            f"the energy is not finite or exceeds five times what was put in at step {self.step} "
             f"(t = {self.step * self.dt:.4g} s), largest velocity at ({x:.4g}, {y:.4g}, {z:.4g}) m "
             f"in '{group}'; likely cause: {cause}"
         )
 
     def save(self, path):
         """Write a checkpoint."""
+        records = {"motion": self.motion, "energy": self.energy}
         write_checkpoint(
-            path, self.prepared.fingerprint, self.step, self.state, self.motion, self.energy
+            path, self.prepared.fingerprint, self.step, self.state, records, self.snapshots
         )
 
     def restore(self, path):
         """Go on from a checkpoint of the same model."""
-        found = read_checkpoint(path, self.prepared.fingerprint, self.state, self.motion, self.energy)
-        self.step, self.state, self.motion, self.energy = found
+        records = {"motion": self.motion, "energy": self.energy}
+        found = read_checkpoint(path, self.prepared.fingerprint, self.state, records)
+        self.step, self.state, records, self.snapshots = found
+        self.motion, self.energy = records["motion"], records["energy"]
 
     def result(self, wall_seconds):
         """Collect seismograms, ledger and provenance."""
@@ -180,7 +191,8 @@ class _March:
         energy["time"] = self.dt * LEDGER_EVERY * np.arange(len(self.energy))
         return Run(
             seismograms, energy, balance_error(energy), self.dt, self.state, self.prepared,
-            self.snapshots, versions(self.prepared.fingerprint), wall_seconds,
+            {step * self.dt: velocity for step, velocity in self.snapshots.items()},
+            versions(self.prepared.fingerprint), wall_seconds,
         )  # fmt: skip
 
 

@@ -47,7 +47,7 @@ def superpose(
 
     Notes
     -----
-    ``u = u_s * sum_i a_i delta(t - t_i)``: eq. (9) to (14) of the paper; theory.md (2.3).
+    ``u = u_s * sum_i a_i delta(t - t_i)``: eq. (9) to (14) of the paper; theory.md (5.4).
     The shift is exact for motion below the Nyquist frequency that begins and ends at rest; a
     delay of whole samples moves any samples unchanged.
     """

@@ -17,12 +17,12 @@ def test_properties_stand_in_the_order_of_the_law():
     assert tuple(joint.properties) == JOINT_LAWS["coulomb"].properties
 
 
-def test_residual_strength_equals_the_peak_where_it_is_not_given():
+def test_residual_strength_equals_the_peak_but_a_broken_joint_carries_no_tension():
     joint = Joint("J", "coulomb", {**STRONG, "friction_residual": 0.4})
 
     assert joint.properties["friction_residual"] == 0.4
     assert joint.properties["cohesion_residual"] == 1e5
-    assert joint.properties["tension_residual"] == 2e4
+    assert joint.properties["tension_residual"] == 0.0
 
 
 def test_an_elastic_joint_needs_two_stiffnesses_only():

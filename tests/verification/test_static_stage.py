@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from columns import ROCK, ricker
 
+from pyblast import kernels
+from pyblast.assembly import after_static
 from pyblast.boundaries import Fixed, Roller, Viscous
 from pyblast.errors import SolverError
 from pyblast.joints import Joint
@@ -139,3 +141,24 @@ def test_a_block_that_nothing_holds_is_named_as_the_likely_cause(monkeypatch):
 
     with pytest.raises(SolverError, match="static stage"):
         prepare(model, 0.01)
+
+
+def test_a_gap_that_the_static_stage_leaves_must_close_before_the_joint_presses():
+    hanging = hill({"J": ("z", 50.0)}, law=WEAK, insitu=InSitu(GRAVITY, 0.5))
+    prepared = prepare(hanging, 0.01)
+    geometry = prepared.constants
+    settled = {name: value.copy() for name, value in prepared.state.items()}
+    gap = 1e-3
+    upper = geometry["contact_node"][:, 1]
+    settled["displacement"][upper, 2] += gap
+    settled["contact_state"][:, 4] = 2.0
+    settled["contact_traction"][:] = 0.0
+    static = {**geometry, "contact_initial": np.zeros_like(geometry["contact_initial"])}
+
+    constants, state = after_static(geometry, static, settled)
+
+    for share, presses in ((0.9, False), (1.1, True)):
+        trial = {name: value.copy() for name, value in state.items()}
+        trial["displacement"][upper, 2] -= share * gap
+        kernels.advance(kernels.to_fortran(constants), trial, 0, 1, 1)
+        assert np.all((trial["contact_traction"][:, 2] < 0.0) == presses)
