@@ -81,14 +81,21 @@ def cut_cells(cells, chosen, plane, tolerance) -> tuple[Cells, Cut]:
     while True:
         trial = copied(cells)
         cut, failed = _try_cut(trial, chosen, whole, plane, dict(height), limit)
-        loose = {v for v, h in height.items() if _EXACT < abs(h) <= limit[v]}
-        for cell in failed:
-            bent = loose & vertices_of(cells, cell)
+        hopeless = set()
+        for cell in failed - whole:
+            bent = [v for v in vertices_of(cells, cell) if _is_bent(v, height, limit)]
             if bent:
                 limit[max(bent, key=lambda v: (abs(height[v]), v))] = _EXACT
-        if not failed or not (loose or failed - whole):
+            else:
+                hopeless.add(cell)
+        if not failed - whole:
             return trial, cut
-        whole |= {c for c in failed if not loose & vertices_of(cells, c)}
+        whole |= hopeless
+
+
+def _is_bent(vertex, height, limit):
+    """Tell whether the plane bends to pass through a vertex."""
+    return vertex in height and _EXACT < abs(height[vertex]) <= limit[vertex]
 
 
 def split_faces(cells, faces, plane, tolerance) -> list[int]:

@@ -10,6 +10,12 @@ from .errors import InputError
 
 _DELAUNAY = 1
 _GROWTH = 0.3
+# Degrees between facets that gmsh takes for overlapping; its 0.1 refuses thin wedges.
+_NARROWEST = 0.001
+
+
+class MeshingError(InputError):
+    """The blocks are too thin somewhere for gmsh to fill them."""
 
 
 @contextmanager
@@ -59,7 +65,9 @@ def mesh_cells(cells, boxes, edge, optimize):
     Raises
     ------
     InputError
-        If gmsh is missing or fails.
+        If gmsh is missing.
+    MeshingError
+        If gmsh fails.
     """
     with _gmsh() as gmsh:
         patches = _add_geometry(gmsh, cells)
@@ -70,7 +78,7 @@ def mesh_cells(cells, boxes, edge, optimize):
                 gmsh.model.mesh.optimize("")
         except Exception as error:
             reason = str(error).splitlines()[0] if str(error) else "no reason given"
-            raise InputError(
+            raise MeshingError(
                 f"build_mesh: gmsh could not fill the blocks ({reason}); change the edge, or move "
                 "a joint that nearly touches another"
             ) from None
@@ -110,6 +118,7 @@ def _set_sizes(gmsh, boxes, edge):
         ("MeshSizeMax", max(edge, *(inside for _, inside, _ in boxes))),
         ("Optimize", 0),
         ("Algorithm3D", _DELAUNAY),
+        ("AngleToleranceFacetOverlap", _NARROWEST),
     ):
         gmsh.option.setNumber(f"Mesh.{option}", value)
     fields = gmsh.model.mesh.field

@@ -10,7 +10,7 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from .block_shapes import area_vector
 from .errors import InputError, PyblastWarning
 from .geology import Fault, JointSet, Layer, layer_limits
-from .gmsh_mesher import growth_distance, mesh_cells
+from .gmsh_mesher import MeshingError, growth_distance, mesh_cells
 from .grid import structured_box
 from .mesh import Mesh
 from .rock_cells import SIDES, CutReport, rock_cells
@@ -19,6 +19,8 @@ __all__ = ["Fault", "JointSet", "Layer", "build_mesh", "build_mesh_report", "str
 _TOLERANCE_SHARE = 0.15
 # Edges inside a volume come out longer than gmsh's size, edges on joints do not (measured).
 _INTERIOR_SHARE = 0.77
+# Shares of the tolerance, tried in turn where gmsh takes facets for overlapping.
+_RETRIES = (1.0, 0.5, 1.5, 0.25, 0.0)
 _LOG = logging.getLogger(__name__)
 
 
@@ -82,10 +84,14 @@ def build_mesh_report(
     sets = _placed_sets(joint_sets, faults, layers, box)
     margin = _margin(padding, edges)
     tolerances = _TOLERANCE_SHARE * edges if tolerance is None else np.full(len(edges), tolerance)
-    cells, report = rock_cells(box, limits, tolerances, sets, faults, margin)
-    _weld_shares(cells, sets, seed)
     regions, outside = _regions(box, limits, edges * _size_factors(sets, edges), padding)
-    points, zones, cell, surfaces = mesh_cells(cells, regions, outside, optimize)
+
+    def fill(share):
+        cells, report = rock_cells(box, limits, share * tolerances, sets, faults, margin)
+        _weld_shares(cells, sets, seed)
+        return cells, report, *mesh_cells(cells, regions, outside, optimize)
+
+    cells, report, points, zones, cell, surfaces = _with_retries(fill)
     if surface is not None:
         points = _draped(points, np.asarray(surface, float), box[2, 0] - margin, box[2, 1])
     names = list(dict.fromkeys(layer.name for layer in layers))
@@ -93,6 +99,16 @@ def build_mesh_report(
     _announce(report, len(zones))
     zone_group = number[np.array(cells.kinds)[cell] % len(layers)]
     return Mesh(points, zones, zone_group, tuple(names), surfaces), report
+
+
+def _with_retries(fill):
+    """Return ``fill(share)`` for the first share of the tolerance that gmsh can mesh."""
+    for share in _RETRIES[:-1]:
+        try:
+            return fill(share)
+        except MeshingError as error:
+            _LOG.info("%s; cutting again, %g of the tolerance did not do", error, share)
+    return fill(_RETRIES[-1])
 
 
 def _checked_box(box):
