@@ -12,6 +12,8 @@ from .seismogram import Seismogram
 
 BANDWIDTH = 40.0
 N_SMOOTHED = 500
+PADDING = 16
+N_LINES = 400
 LOW_PASS = 20.0
 MINUS_3_DB = (math.sqrt(2.0) - 1.0) ** 0.125
 
@@ -90,26 +92,29 @@ def smoothed_spectrum(seismogram: Seismogram, bandwidth=BANDWIDTH) -> Spectrum:
 
     Notes
     -----
-    The mean is removed and the record padded to twice its length before the transform. Each
-    window sums to one on the FFT's frequencies, so a flat spectrum stays flat. Konno and
-    Ohmachi (1998).
+    The mean is removed and the record padded with zeros to 16 times its length before the
+    transform: with fewer frequencies the narrow windows at a few cycles per record make stairs.
+    Windows that hold many frequencies take every second, third ... eighth. Each window sums to
+    one, so a flat spectrum stays flat. Konno and Ohmachi (1998).
     """
     if not bandwidth > 0.0:
         raise InputError(f"smoothed_spectrum.bandwidth: must be positive, got {bandwidth:g}")
     centred = _without_mean(seismogram)
-    raw = amplitude_spectrum(centred, fft.next_fast_len(2 * len(centred.velocity), real=True))
+    raw = amplitude_spectrum(centred, fft.next_fast_len(PADDING * len(centred.velocity), real=True))
     centres = np.geomspace(1.0 / centred.duration, raw.frequency[-1], N_SMOOTHED)
     reach = 10.0 ** (3.0 * math.pi / bandwidth)
     first = np.searchsorted(raw.frequency, centres / reach)
     last = np.maximum(np.searchsorted(raw.frequency, centres * reach), first + 1)
+    strides = np.clip((last - first) // N_LINES, 1, PADDING // 2)
     amplitude = np.empty((N_SMOOTHED, 3))
     for n, centre in enumerate(centres):
-        near = slice(first[n], last[n])
+        near = slice(first[n], last[n], strides[n])
         window = konno_ohmachi_smoothing_window(
             raw.frequency[near], centre, bandwidth, normalize=True
         )
         amplitude[n] = window @ raw.amplitude[near]
-    return Spectrum(centres, amplitude, f"Konno-Ohmachi smoothed spectrum, b = {bandwidth:g}")
+    definition = f"Konno-Ohmachi smoothed spectrum, b = {bandwidth:g}"
+    return Spectrum(centres, amplitude, f"{definition}, zero-padded {PADDING} times")
 
 
 def multitaper_spectrum(seismogram: Seismogram, time_bandwidth=4.0) -> Spectrum:
@@ -152,7 +157,8 @@ def dominant_frequency(seismogram: Seismogram, method="smoothed", band=None) -> 
     ----------
     seismogram : Seismogram
     method : str
-        "smoothed" (Konno-Ohmachi, b = 40), "multitaper" or "raw".
+        "smoothed" (Konno-Ohmachi, b = 40, of the record padded with zeros to 16 times its
+        length), "multitaper" or "raw".
     band : tuple of 2 float, Hz, optional
         Where to look; from one cycle per record to Nyquist by default.
 

@@ -53,6 +53,16 @@ def test_smoothing_leaves_a_flat_spectrum_flat():
     assert spectrum.amplitude[above, 0] == pytest.approx(DT, rel=0.01)
 
 
+def test_smoothed_spectrum_has_no_stairs_at_a_few_cycles_per_record():
+    times = np.arange(1500) * 0.001
+    column = np.exp(-(((times - 0.7) / 0.15) ** 2)) * np.sin(2 * np.pi * 2.0 * (times - 0.7))
+    spectrum = smoothed_spectrum(Seismogram(np.column_stack(3 * [column]), 0.001))
+
+    low = spectrum.frequency < 1.8
+    slope = np.diff(np.log(spectrum.amplitude[low, 0])) / np.diff(np.log(spectrum.frequency[low]))
+    assert np.abs(np.diff(slope)).max() < 0.05  # 9.9 when padded to twice the length
+
+
 def test_multitaper_level_is_that_of_the_amplitude_spectrum_for_noise():
     noise = record(np.random.default_rng(2).normal(size=4096))
     plain, tapered = amplitude_spectrum(noise), multitaper_spectrum(noise)
@@ -73,7 +83,8 @@ def test_dominant_frequency_of_a_damped_sine(method, tolerance):
 def test_dominant_frequency_names_its_definition():
     found = dominant_frequency(record(damped_sine(14.1, 3.0)))
 
-    assert found.definition == "peak of the Konno-Ohmachi smoothed spectrum, b = 40"
+    smoothed = "peak of the Konno-Ohmachi smoothed spectrum, b = 40"
+    assert found.definition == f"{smoothed}, zero-padded 16 times"
 
 
 def test_dominant_frequency_looks_only_into_the_band():
