@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from . import console
-from .errors import PyblastError, SolverError
+from .errors import InputError, PyblastError, SolverError
 
 app = typer.Typer(
     help="Blast vibration in jointed rock: from one hole to the whole blast, through joints and "
@@ -133,6 +133,8 @@ def superpose(
         from .result import write_csv
 
         stages = load_project(project).input
+        if stages is None:
+            raise InputError(f"{project.name}: signature: missing; there is nothing to add up")
         console.show_input(stages)
         if output is not None:
             write_csv(output, stages.motion)

@@ -143,15 +143,20 @@ def central_frequency(project):
     """Return the frequency in Hz that damping is set to, else the dominant one of the input."""
     if project.config.damping is not None:
         return project.config.damping.frequency_hz
-    motion = project.input.motion
+    motion = project.motions[0]
     return float(dominant_frequency(motion).hz[int(np.nanargmax(motion.ppv))])
 
 
 def input_band(project):
-    """Return the highest frequency in Hz of the input: the low-pass, or 95 % of the energy."""
-    if project.config.input.low_pass_hz is not None:
-        return project.config.input.low_pass_hz
-    motion = np.nan_to_num(project.input.motion.velocity)
-    power = (np.abs(np.fft.rfft(motion, axis=0)) ** 2).sum(axis=1)
-    frequency = np.fft.rfftfreq(len(motion), project.input.motion.dt)
+    """Return the highest frequency in Hz of what enters: the low-pass, or 95 % of the energy."""
+    low_pass = None if project.input is None else project.config.input.low_pass_hz
+    tops = [] if low_pass is None else [low_pass]
+    return max(tops + [_top(motion) for motion in project.motions[len(tops) :]])
+
+
+def _top(motion):
+    """Return the frequency in Hz below which 95 % of the energy of a motion lies."""
+    velocity = np.nan_to_num(motion.velocity)
+    power = (np.abs(np.fft.rfft(velocity, axis=0)) ** 2).sum(axis=1)
+    frequency = np.fft.rfftfreq(len(velocity), motion.dt)
     return float(frequency[np.searchsorted(np.cumsum(power), 0.95 * power.sum())])

@@ -119,11 +119,24 @@ def source_material(project):
 
 
 def _load_defects(project):
-    """D3, D4, D6, D7, D17, D20: firing, filter, face, strength, charge."""
-    config, firing, motion = project.config, project.input.firing, project.input
-    band, centre = input_band(project), central_frequency(project)
-    yield load_defects.firing_comb(firing, centre, band)
-    yield load_defects.comb_return(firing, centre, motion.low_passed)
+    """D3, D4, D6, D7, D17, D20 to D22: firing, filter, face, strength, charge, rim."""
+    blast, band = project.config.blast, input_band(project)
+    if blast is not None:
+        yield load_defects.firing_comb(project.firing, central_frequency(project), band)
+    if blast is not None and blast.charge_kg is not None:
+        yield load_defects.charge_fits(
+            blast.charge_kg, 1e-3 * blast.diameter_mm, blast.depth_m, blast.explosive_kg_per_m3
+        )
+    if project.input is not None:
+        yield from _face_defects(project, band)
+    if project.inside.moment_rate is not None:
+        yield load_defects.nothing_damps(project.rim)
+
+
+def _face_defects(project, band):
+    """D4, D6, D7, D17, D21: filter, face, strength, energy."""
+    config, firing, motion = project.config, project.firing, project.input
+    yield load_defects.comb_return(firing, central_frequency(project), motion.low_passed)
     name, material = source_material(project)
     yield load_defects.layered_face(config.input.face, face_materials(project))
     yield load_defects.yielding_rock(project.signature.pvs, firing, name, material)
@@ -134,11 +147,6 @@ def _load_defects(project):
         charge = float(project.blast.charge.sum())
         yield load_defects.load_energy(
             motion.motion, _face_areas(project), charge, _across(project)
-        )
-    if config.blast is not None and config.blast.charge_kg is not None:
-        blast = config.blast
-        yield load_defects.charge_fits(
-            blast.charge_kg, 1e-3 * blast.diameter_mm, blast.depth_m, blast.explosive_kg_per_m3
         )
 
 
@@ -204,4 +212,7 @@ def _record_defects(project, census):
                 receiver.name, distance, float(project.blast.times.max()),
                 project.config.run.duration_s,
             )  # fmt: skip
-    yield ground_defects.rayleigh_price(project.model.damping, census.undamped_dt)
+    damping = project.model.damping
+    by_group = damping if isinstance(damping, dict) else {"": damping}
+    for name, part in by_group.items():
+        yield ground_defects.rayleigh_price(part, census.undamped_dt, name)

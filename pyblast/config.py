@@ -1,6 +1,6 @@
 """What a project file may say: names, units in the names, ranges; no physics."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -11,6 +11,7 @@ from .config_ground import (
     JointConfig,
     MaterialConfig,
     MeshConfig,
+    RimConfig,
 )
 from .config_section import (
     Band,
@@ -105,11 +106,51 @@ class SignatureConfig(Section):
 
 
 class InputConfig(Section):
-    """Where and how the blast enters the model."""
+    """Where and how the motion of a signature enters the model."""
 
     face: Name = "west"
+    enters_as: Literal["stress", "velocity"] = "stress"
     low_pass_hz: Positive | None = 20.0
     distance_m: Positive | None = None
+
+
+class ChargedHoleConfig(Section):
+    """The moment of a charged hole in closed form."""
+
+    material: Name
+    charge_kg: Positive
+    radius_m: Positive
+    pressure_mpa: Positive
+    peak_time_ms: Positive
+
+
+class HolesInsideConfig(Section):
+    """The holes of the blast as isotropic sources inside the model."""
+
+    moment_rate_file: str | None = None
+    charged_hole: ChargedHoleConfig | None = None
+    spread_m: NotNegative | None = None
+
+    @model_validator(mode="after")
+    def _one_moment(self):
+        """Ask for one of the two."""
+        self._one_of(("moment_rate_file",), ("charged_hole",))
+        return self
+
+
+class PointForceConfig(Section):
+    """A force at a point; without height it acts on the surface "top"."""
+
+    position_m: Place
+    direction: Point
+    file: str
+
+    @model_validator(mode="after")
+    def _somewhere(self):
+        """Refuse a direction without length."""
+        if not any(self.direction):
+            raise ValueError("direction must not be [0, 0, 0]")
+        return self
 
 
 class ReceiverConfig(Section):
@@ -141,9 +182,50 @@ class Config(Section):
     joints: dict[Name, JointConfig] = Field({})
     boundaries: BoundariesConfig = BoundariesConfig()
     damping: DampingConfig | None = None
+    rim: RimConfig | None = None
     insitu: InSituConfig | None = None
     blast: BlastConfig | None = None
-    signature: SignatureConfig
+    signature: SignatureConfig | None = None
     input: InputConfig = InputConfig()
+    holes_inside: HolesInsideConfig | None = None
+    point_forces: list[PointForceConfig] = Field([])
     receivers: list[ReceiverConfig] = Field([])
     run: RunConfig
+
+    @model_validator(mode="after")
+    def _what_enters(self):
+        """Ask for something that moves the ground, and refuse tables that would do nothing."""
+        holes, face = self.holes_inside is not None, self.signature is not None
+        if not (holes or face or self.point_forces):
+            raise ValueError("signature: missing; add it, or [holes_inside], or [[point_forces]]")
+        if holes and face:
+            raise ValueError("holes_inside: the blast enters twice; leave out [signature]")
+        if holes and self.blast is None:
+            raise ValueError("holes_inside: needs [blast] with places, charges and firing times")
+        if self.blast is not None and not (holes or face):
+            raise ValueError("blast: needs [signature] or [holes_inside] to enter the model")
+        if "input" in self.model_fields_set and not face:
+            raise ValueError("input: needs [signature]; nothing else enters through a face")
+        if holes and self.blast.reference_charge_kg is not None:
+            raise ValueError("blast.reference_charge_kg: the moment rate is that of 1 kg; leave out")
+        if holes and self.blast.wave_speed_m_per_s is not None:
+            raise ValueError("blast.wave_speed_m_per_s: waves cross the model itself; leave out")
+        return self
+
+    @model_validator(mode="after")
+    def _known_layers(self):
+        """Refuse layers without a material and joint sets in no layer."""
+        layers, known = [layer.material for layer in self.mesh.layers], ", ".join(self.materials)
+        for number, name in enumerate(layers, start=1):
+            if name not in self.materials:
+                raise ValueError(
+                    f"mesh.layers[{number}].material: must be one of {known}, got {name!r}"
+                )
+        for part in self.mesh.joint_sets:
+            for region in part.regions:
+                if region not in layers:
+                    raise ValueError(
+                        f"mesh.joint_sets.{part.name}.regions: must be layers "
+                        f"({', '.join(layers)}), got {region!r}"
+                    )
+        return self

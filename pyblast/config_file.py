@@ -93,7 +93,8 @@ def _sentence(error):
     found = error.errors(include_url=False)
     first = min(found, key=lambda item: item["type"] != "extra_forbidden")
     more = f" ({len(found) - 1} more)" if len(found) > 1 else ""
-    return f"{_path(first['loc'])}: {_rule(first)}{more}"
+    where = f"{_path(first['loc'])}: " if first["loc"] else ""
+    return f"{where}{_rule(first)}{more}"
 
 
 def _path(location):
@@ -101,7 +102,7 @@ def _path(location):
     text = ""
     for part in location:
         text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else str(part)
-    return text or "the file"
+    return text
 
 
 def _rule(mistake):
@@ -125,6 +126,8 @@ def _rule(mistake):
     if kind in ("too_short", "too_long"):
         limit = context.get("min_length", context.get("max_length"))
         return f"must have {'at least' if kind == 'too_short' else 'at most'} {limit} values, {got}"
+    if kind == "literal_error":
+        return f"must be {context['expected']}, {got}"
     return f"{_lowered(_PLAIN.get(kind, mistake['msg']))}, {got}"
 
 

@@ -6,6 +6,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from .config_section import (
     Bearing,
+    Box,
     Count,
     Dip,
     FrictionAngle,
@@ -96,8 +97,17 @@ class MeshConfig(Section):
         return self
 
 
+class DampingConfig(Section):
+    """Rayleigh damping."""
+
+    ratio: Annotated[float, Field(ge=0.0, lt=1.0)]
+    frequency_hz: Positive
+    mass: bool = True
+    stiffness: bool = True
+
+
 class MaterialConfig(Section):
-    """Density, two elastic constants in one of three ways, and strength."""
+    """Density, two elastic constants in one of three ways, strength, damping of its own."""
 
     density_kg_per_m3: Positive
     bulk_mpa: Positive | None = None
@@ -109,6 +119,7 @@ class MaterialConfig(Section):
     cohesion_kpa: NotNegative | None = None
     tension_kpa: NotNegative | None = None
     friction_angle_deg: FrictionAngle | None = None
+    damping: DampingConfig | None = None
 
     @model_validator(mode="after")
     def _two_constants(self):
@@ -150,17 +161,25 @@ class BoundariesConfig(Section):
         return self
 
 
-class DampingConfig(Section):
-    """Rayleigh damping."""
-
-    ratio: Annotated[float, Field(ge=0.0, lt=1.0)]
-    frequency_hz: Positive
-    mass: bool = True
-    stiffness: bool = True
-
-
 class InSituConfig(Section):
     """Weight and horizontal stress before the blast."""
 
     gravity_m_per_s2: NotNegative = 9.81
     horizontal_ratio: NotNegative = 0.5
+
+
+class RimConfig(Section):
+    """Ground outside a box that damps what leaves it."""
+
+    box_m: Box
+    width_m: Positive
+
+    @model_validator(mode="after")
+    def _ascending(self):
+        """Refuse a box that ends before it begins."""
+        for axis, (low, high) in zip("xyz", self.box_m, strict=True):
+            if not low < high:
+                raise ValueError(
+                    f"box_m needs low below high on each axis, got {low:g} and {high:g} for {axis}"
+                )
+        return self

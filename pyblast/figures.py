@@ -84,6 +84,34 @@ def motion_figure(seismograms, colours, top=None, t_max=None):
     return _uri(figure)
 
 
+def source_figure(histories, top):
+    """Draw source histories, and the spectrum of their slope up to ``top`` Hz.
+
+    Parameters
+    ----------
+    histories : dict of str to (n, 2) float64
+        Time in s, and moment rate in N m/s or force in N.
+    top : float, Hz
+    """
+    figure = _figure(9.6, 2.4 * len(histories))
+    rows = figure.subplots(len(histories), 2, squeeze=False, width_ratios=[1.5, 1.0])
+    for (name, table), row in zip(histories.items(), rows, strict=True):
+        time, value = table.T
+        slope = np.gradient(value, time)
+        spectrum = np.abs(np.fft.rfft(slope, 8 * len(slope)))
+        frequency = np.fft.rfftfreq(8 * len(slope), time[1] - time[0])
+        row[0].plot(time, value, color=FAULT, lw=1.1)
+        row[1].plot(frequency, spectrum / spectrum.max(), color=FAULT, lw=1.1)
+        row[0].set_ylabel("moment rate, 1 kg  N m/s" if name == "moment_rate" else f"{name}  N")
+        row[1].set_ylabel("share of the peak")
+        row[1].set_xlim(0.0, top)
+        for axis in row:
+            _tidy(axis)
+    rows[-1, 0].set_xlabel("time  s")
+    rows[-1, 1].set_xlabel("frequency  Hz")
+    return _uri(figure)
+
+
 def section_figure(result, place, field="group"):
     """Draw a vertical section: materials or highest frequency, joints, faults, receivers.
 
@@ -150,7 +178,12 @@ def _draw_receivers(axes, summary, points):
         axes.annotate(
             name, (x, z), xytext=(0, 7), textcoords="offset points", fontsize=8, ha="center"
         )
-    if summary["input"]["face"] == "west":
+    sources = summary["sources"]
+    for number, table in enumerate((*sources["holes"], *sources["forces"])):
+        x, _, z = table["position"]
+        label = "hole or force" if number == 0 else None
+        axes.plot(x, z, "*", color=FAULT, mec="white", mew=0.5, ms=9, label=label)
+    if summary["input"] is not None and summary["input"]["face"] == "west":
         low, high = points.min(axis=0), points.max(axis=0)
         for height in np.linspace(low[2], high[2], 9)[1:-1]:
             axes.annotate(

@@ -5,15 +5,16 @@ from difflib import get_close_matches
 
 import numpy as np
 
-from .boundaries import Fixed, Roller, Viscous
-from .errors import InputError, ReadError
+from .boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
+from .column_files import read_columns
+from .errors import InputError
 from .joints import Joint
 from .kernels import JOINT_LAWS
 from .materials import Damping, Material
 from .mesh import Mesh
 from .mesh_builder import Fault, JointSet, Layer, build_mesh, structured_box
 from .mesh_import import read_mesh
-from .model import InSitu
+from .model import InSitu, Rim
 from .units import split_key, to_si
 
 _UNITS = {
@@ -36,7 +37,8 @@ def named_error(where):
 
 def make_material(config):
     """Turn a `MaterialConfig` into a `Material`."""
-    values = dict(to_si(key, value) for key, value in config if value is not None)
+    given = config.model_dump(exclude={"damping"}, exclude_none=True)
+    values = dict(to_si(key, value) for key, value in given.items())
     density = values.pop("density")
     if "young" in values:
         return Material.from_young_poisson(density, values.pop("young"), **values)
@@ -84,10 +86,35 @@ def _proposal(key, names):
 
 
 def make_damping(config):
-    """Turn a `DampingConfig` or None into a `Damping` or None."""
-    if config is None:
+    """Return the damping of a `Config`: one for all, or by material where materials have their own.
+
+    Returns
+    -------
+    Damping, dict of str to Damping, or None
+    """
+    own = {name: part.damping for name, part in config.materials.items()}
+    if not any(own.values()):
+        return None if config.damping is None else _damping(config.damping)
+    return {
+        name: Damping(0.0, 1.0) if part is None else _damping(part)
+        for name, part in ((name, part or config.damping) for name, part in own.items())
+    }
+
+
+def _damping(part):
+    """Turn a `DampingConfig` into a `Damping`."""
+    return Damping(part.ratio, part.frequency_hz, part.mass, part.stiffness)
+
+
+def make_rim(config):
+    """Return the rim of a `Config`: its own, or the padding around sources inside, or None."""
+    if config.rim is not None:
+        return Rim(tuple(map(tuple, config.rim.box_m)), config.rim.width_m)
+    mesh = config.mesh
+    if mesh.padding_m is None or not (config.holes_inside or config.point_forces):
         return None
-    return Damping(config.ratio, config.frequency_hz, config.mass, config.stiffness)
+    ends = zip(mesh.origin_m, mesh.size_m, strict=True)
+    return Rim(tuple((low, low + size) for low, size in ends), mesh.padding_m)
 
 
 def make_insitu(config):
@@ -97,13 +124,13 @@ def make_insitu(config):
     return InSitu(config.gravity_m_per_s2, config.horizontal_ratio)
 
 
-def make_boundaries(config, face):
+def make_boundaries(config, face=None):
     """Turn a `BoundariesConfig` into boundaries.
 
     Parameters
     ----------
     config : BoundariesConfig
-    face : str
+    face : str, optional
         Input face; the literal "viscous and fixed" leaves it free to move.
     """
     boundaries = [Viscous(name) for name in config.viscous]
@@ -112,6 +139,35 @@ def make_boundaries(config, face):
     if config.viscous_and_fixed:
         boundaries += [Roller(name) for name in config.viscous if name != face]
     return boundaries
+
+
+def make_face_input(config, motion):
+    """Turn an `InputConfig` into the boundary through which a motion enters."""
+    kind = {"stress": StressInput, "velocity": VelocityInput}[config.enters_as]
+    return kind(config.face, motion)
+
+
+def refuse_open_sides(config, mesh):
+    """Refuse sides that would send the waves of holes inside back without anyone wanting it.
+
+    Parameters
+    ----------
+    config : BoundariesConfig
+    mesh : Mesh
+        Split; its joints are no sides.
+
+    Raises
+    ------
+    InputError
+    """
+    named = {*config.viscous, *config.roller, *config.fixed, *config.free, "top"}
+    joints = () if mesh.contacts is None else mesh.contacts.names
+    for surface in mesh.surfaces:
+        if surface not in named and surface not in joints:
+            raise InputError(
+                f"boundaries.viscous: lacks {surface!r}; the waves of holes inside the model must "
+                "leave through viscous sides (or name the side in another list)"
+            )
 
 
 def joint_of_surface(config):
@@ -235,21 +291,4 @@ def read_surface(path):
     ReadError
         If the file can't be read or a line holds something else than three numbers.
     """
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ReadError(f"{path}: can't be read ({error})") from None
-    if not lines or lines[0].replace(" ", "") != "x_m,y_m,z_m":
-        raise ReadError(f"{path}, line 1: must be x_m,y_m,z_m")
-    places = []
-    for number, line in enumerate(lines[1:], start=2):
-        if not line.strip():
-            continue
-        try:
-            place = [float(word) for word in line.split(",")]
-        except ValueError:
-            place = []
-        if len(place) != 3 or not np.isfinite(place).all():
-            raise ReadError(f"{path}, line {number}: must be three numbers, got {line[:40]!r}")
-        places.append(place)
-    return np.array(places).reshape(-1, 3)
+    return read_columns(path, ("x_m,y_m,z_m",))

@@ -19,7 +19,7 @@ def coarse_zones(name, material, edge, volume, band, receivers=()):
         "D1",
         f"The mesh of '{name}' does not carry the input",
         f"{edge:.3g} m edges carry {carried:.3g} Hz in '{name}' ({1.25 * carried:.3g} Hz with 8 "
-        f"edges per wavelength), the input has {band:g} Hz{stands}; edges must be at most "
+        f"edges per wavelength), the input has {band:.3g} Hz{stands}; edges must be at most "
         f"{needed:.2g} m, which makes {zones[1]:.2g} zones of about {zones[0]:.2g}.",
         True,
         {"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
@@ -37,7 +37,7 @@ def short_model(length, materials, frequency):
     return Finding(
         "D2",
         "The model is shorter than a wavelength",
-        f"At {frequency:g} Hz the wavelengths (P/S) are {listed}, the model is {length:g} m long: "
+        f"At {frequency:.3g} Hz the wavelengths (P/S) are {listed}, the model is {length:g} m long: "
         "everything is near field, and waves graze the viscous sides, which absorb well only "
         "above about 30 degrees of incidence.",
         numbers={"length": length}
@@ -81,7 +81,7 @@ def fault_low_pass(name, joint, group, material, frequency, band):
         f"The fault {name} is itself a low-pass",
         f"In '{group}' its corner is {corners[0]:.1f} Hz (P) and {corners[1]:.1f} Hz (S); it "
         f"passes {listed} (P/S). Its stiffness can't be told from damping, soil or mesh by "
-        f"amplitude; at {frequency:g} Hz +10 % of kn gives {100 * gain[0]:+.0f} % P, of ks "
+        f"amplitude; at {frequency:.3g} Hz +10 % of kn gives {100 * gain[0]:+.0f} % P, of ks "
         f"{100 * gain[1]:+.0f} % S (D9).",
         numbers={"corner_p": corners[0], "corner_s": corners[1], "gain_p": gain[0],
                  "gain_s": gain[1]}
@@ -105,7 +105,7 @@ def jointed_speeds(name, joint, spacing, group, material, frequency):
     return Finding(
         "D11",
         f"The joints '{name}' change arrival times, not amplitudes",
-        f"One joint passes {passed[0]:.3f} (P) and {passed[1]:.3f} (S) at {frequency:g} Hz, but "
+        f"One joint passes {passed[0]:.3f} (P) and {passed[1]:.3f} (S) at {frequency:.3g} Hz, but "
         f"the set makes '{group}' slower by {-100 * slower[0]:.0f} % (P) and "
         f"{-100 * slower[1]:.0f} % (S): a comparison of peaks and frequencies "
         "does not see it, arrival times do.",
@@ -123,13 +123,13 @@ def soil_resonance(name, material, thickness, below, frequency, band):
         "D12",
         f"'{name}' resonates by itself",
         f"{thickness:g} m on rock of {contrast:.1f} times its impedance resonate at {own:.2f} Hz "
-        f"and odd multiples; {frequency:g} Hz would be {material.cs / (4.0 * frequency):.1f} m of "
+        f"and odd multiples; {frequency:.3g} Hz would be {material.cs / (4.0 * frequency):.1f} m of "
         "it: another reading of the same peak.",
         numbers={"own": own, "thickness_at_centre": material.cs / (4.0 * frequency)},
     )
 
 
-def rayleigh_price(damping, undamped_dt):
+def rayleigh_price(damping, undamped_dt, group=""):
     """D16: Rayleigh damping away from its central frequency, and its price in time step."""
     if damping is None or damping.ratio == 0.0:
         return None
@@ -140,7 +140,7 @@ def rayleigh_price(damping, undamped_dt):
     return Finding(
         "D16",
         "Rayleigh damping holds at one frequency and costs time steps",
-        f"{listed}; rock damps nearly alike at all frequencies. Its stiffness part shortens the "
+        f"{f'In {group!r} ' if group else ''}{listed}; rock damps nearly alike at all frequencies. Its stiffness part shortens the "
         f"step of {1e3 * undamped_dt:.2g} ms to {factor:.2f} of it.",
         numbers={"factor": factor} | {f"ratio_{f:g}": r for f, r in ratios.items()},
     )

@@ -77,11 +77,19 @@ def make_blast(config, folder) -> Blast:
     )
 
 
-def make_firing(config, blast) -> Firing:
-    """Return times and scales of a blast; one hole at time 0 without a blast."""
+def make_firing(config, blast, reference_charge=None) -> Firing:
+    """Return times and scales of a blast; one hole at time 0 without a blast.
+
+    Parameters
+    ----------
+    config : BlastConfig or None
+    blast : Blast or None
+    reference_charge : float, kg, optional
+        Charge that the scales refer to; without it the one of the file, else all scales are 1.
+    """
     if blast is None:
         return Firing(np.zeros(1), 1.0)
-    firing = blast.firing(config.reference_charge_kg, config.charge_exponent)
+    firing = blast.firing(reference_charge or config.reference_charge_kg, config.charge_exponent)
     if config.scatter_ms:
         sigma = to_si("scatter_ms", config.scatter_ms)[1]
         firing = firing.scattered(sigma, np.random.default_rng(config.seed))
@@ -168,3 +176,16 @@ def shifts_of(config, blast, receiver, reference):
     if blast is None or config.wave_speed_m_per_s is None:
         return None
     return travel_shifts(blast, receiver, config.wave_speed_m_per_s, reference)
+
+
+def like_simulated(config, seismogram) -> Seismogram:
+    """Turn a record into the components of its receiver, a `ReceiverConfig`."""
+    geographic = tuple(seismogram.components) == GEOGRAPHIC
+    if config.azimuth_deg is None and not geographic:
+        raise InputError(
+            "azimuth_deg: missing at the receiver; the record has longitudinal and transverse "
+            "components"
+        )
+    if config.azimuth_deg is not None and geographic:
+        return seismogram.rotated(math.radians(config.azimuth_deg))
+    return seismogram

@@ -1,4 +1,4 @@
-"""Defects of blast, firing and load that show before a run: D3 to D20 of the paper."""
+"""Defects of blast, firing and load that show before a run: D3 to D22."""
 
 import math
 
@@ -51,7 +51,7 @@ def firing_comb(firing, frequency, band):
         "D3",
         "The firing times fix the spectrum",
         f"They multiply it by a comb with zeros at {zeros} Hz, -3 dB at {comb['corner']:.2f} Hz, "
-        f"{comb['level']:.2f} at {frequency:g} Hz and side lobes {lobes}: a dominant frequency "
+        f"{comb['level']:.2f} at {frequency:.3g} Hz and side lobes {lobes}: a dominant frequency "
         "that fits says little about the ground.",
         numbers={"corner": comb["corner"], "level": comb["level"]}
         | {f"zero_{n + 1}": f for n, f in enumerate(comb["zeros"])}
@@ -72,7 +72,7 @@ def comb_return(firing, frequency, low_passed):
     return Finding(
         "D4",
         "The low-pass cuts where the holes add up again",
-        f"The comb is {comb['band_level']:.2f} at the {band:g} Hz filter and 1 again at "
+        f"The comb is {comb['band_level']:.2f} at the {band:.3g} Hz filter and 1 again at "
         f"{comb['returns']:.3g} Hz; the filter takes up to {100 * removed:.2g} % of a component's "
         f"energy and changes its PPV by up to {100 * change:.2g} %.",
         removed > 0.5,
@@ -92,7 +92,7 @@ def plane_load(distance, reach, material, band):
         "A plane load stands for a near source",
         f"The source is {distance:g} m from the input face, {edge:.0f} m from its edge: over the "
         f"face the amplitude falls {edge / distance:.1f} times (1/r) and lags {lag:.2f} P "
-        f"wavelengths at {band:g} Hz, but the load is the same everywhere.",
+        f"wavelengths at {band:.3g} Hz, but the load is the same everywhere.",
         numbers={"edge": edge, "ratio": edge / distance, "lag": lag},
     )
 
@@ -171,6 +171,18 @@ def load_energy(motion, face, charge, axis=0):
         "holes of a row in phase put in what the blast can't give.",
         share > 1.0,
         {"energy": energy, "share": share},
+    )
+
+
+def nothing_damps(rim):
+    """D22: holes inside a model without a rim; None where there is one."""
+    if rim is not None:
+        return None
+    return Finding(
+        "D22",
+        "Only dashpots take the waves of holes inside",
+        "They absorb well only what comes above about 30 degrees of incidence, and waves from a "
+        "hole graze the sides; give mesh.padding_m, or [rim] with a box and a width.",
     )
 
 

@@ -16,7 +16,7 @@ from .recordings import read_recording
 from .report import write_report
 from .result import Result, read_result, seismogram_heads, write_result, write_summary
 from .seismogram import GEOGRAPHIC, Seismogram
-from .summary import summarise
+from .summary import source_tables, summarise
 from .vtk_file import write_joints, write_motion, write_zones, zone_fields
 
 CHECKPOINT = "checkpoint.h5"
@@ -95,7 +95,7 @@ def run(
         project = load_project(project, full)
     output = project.folder / "results" if output is None else Path(output)
     tell("input", 0, 1)
-    log.info("%d holes, %d records", len(project.input.firing.times), len(project.recorded))
+    log.info("%d motions enter, %d records", len(project.motions), len(project.recorded))
     tell("mesh", 0, 1)
     model = project.model
     tell("check", 0, 1)
@@ -132,19 +132,16 @@ def _conclude(project, checked, run_, folder):
     """Compare with records and gather everything in a `Result`."""
     simulated = {n: s.shifted(-project.lead) for n, s in run_.seismograms.items()}
     comparisons = compare_all(project, simulated)
-    stages = project.input
+    stages, names = project.input, ("signature", "superposed", "motion")
     groups = {
-        "input": {
-            "signature": stages.signature,
-            "superposed": stages.superposed,
-            "motion": stages.motion,
-        },
+        "input": {} if stages is None else {name: getattr(stages, name) for name in names},
         "simulated": simulated,
         "recorded": project.recorded,
     }
     mesh, contacts = project.model.mesh, project.model.mesh.contacts
     arrays = {group: {n: s.velocity for n, s in g.items()} for group, g in groups.items()}
     arrays |= {
+        "sources": source_tables(project),
         "mesh": {"points": mesh.points, "zones": mesh.zones},
         "surfaces": dict(mesh.surfaces),
         "zones": zone_fields(project.model),

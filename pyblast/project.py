@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .blast import Blast
-from .boundaries import StressInput
+from .blast import Blast, Firing
 from .config import Config
 from .config_file import read_config
 from .errors import InputError
@@ -16,14 +15,18 @@ from .ground import (
     joint_of_surface,
     make_boundaries,
     make_damping,
+    make_face_input,
     make_insitu,
     make_joint,
     make_material,
     make_mesh,
+    make_rim,
     named_error,
+    refuse_open_sides,
 )
 from .input_motion import (
     InputMotion,
+    like_simulated,
     make_blast,
     make_firing,
     make_input,
@@ -34,8 +37,11 @@ from .input_motion import (
 from .joints import Joint
 from .materials import Material
 from .mesh import Mesh
-from .model import Model, Receiver
-from .seismogram import GEOGRAPHIC, Seismogram
+from .model import Model, Receiver, Rim
+from .places import check_rim, place_receivers
+from .seismogram import Seismogram
+from .source_input import Inside, hole_places, place_sources, read_inside
+from .sources import Hole, PointForce
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,26 +91,48 @@ class Project:
             return make_blast(self.config.blast, self.folder)
 
     @cached_property
-    def signature(self) -> Seismogram:
+    def firing(self) -> Firing:
+        """Firing times and scales of the holes; scales of holes inside refer to 1 kg."""
+        reference = None if self.config.holes_inside is None else 1.0
+        return make_firing(self.config.blast, self.blast, reference)
+
+    @cached_property
+    def signature(self) -> Seismogram | None:
         """Seismogram of a single hole."""
+        if self.config.signature is None:
+            return None
         with named_error(f"{self.path.name}: signature"):
             return make_signature(self.config.signature, self.materials, self.folder)
 
     @cached_property
-    def input(self) -> InputMotion:
-        """Motion that enters the model, with its stages."""
+    def input(self) -> InputMotion | None:
+        """Motion that enters through a face, with its stages."""
         config = self.config
+        if config.signature is None:
+            return None
         with named_error(f"{self.path.name}: input"):
-            firing = make_firing(config.blast, self.blast)
             cavity, shifts = config.signature.cavity, None
             if cavity is not None:
                 shifts = shifts_of(config.blast, self.blast, cavity.receiver_m, cavity.hole_m)
-            return make_input(self.signature, firing, config.input.low_pass_hz, shifts)
+            return make_input(self.signature, self.firing, config.input.low_pass_hz, shifts)
+
+    @cached_property
+    def inside(self) -> Inside:
+        """What shakes the model from inside: moment rate of the holes, point forces."""
+        with named_error(self.path.name):
+            return read_inside(self.config, self.firing, self.materials, self.folder)
+
+    @cached_property
+    def motions(self) -> tuple[Seismogram, ...]:
+        """What enters, for its frequencies: through a face, from holes inside, from forces."""
+        face = () if self.input is None else (self.input.motion,)
+        return (*face, *self.inside.motions)
 
     @property
     def lead(self) -> float:
         """Time from the start of the run to the first firing [s]."""
-        return -min(self.input.motion.start, 0.0)
+        face = 0.0 if self.input is None else self.input.motion.start
+        return max(0.0, -face, -self.inside.start)
 
     @property
     def duration(self) -> float:
@@ -122,14 +150,28 @@ class Project:
     @cached_property
     def receivers(self) -> tuple[Receiver, ...]:
         """Receivers; those without height stand on the surface."""
-        return tuple(
-            Receiver(
-                part.name,
-                tuple(_on_ground(self.mesh, part.position_m)),
-                None if part.azimuth_deg is None else float(np.radians(part.azimuth_deg)),
-            )
-            for part in self.config.receivers
-        )
+        mesh = self.mesh
+        with named_error(self.path.name):
+            return place_receivers(self.config.receivers, mesh)
+
+    @cached_property
+    def sources(self) -> tuple[Hole | PointForce, ...]:
+        """Holes inside and point forces; their time 0 is `lead` before the first firing."""
+        parts = self.inside, self.config, self.blast, self.mesh, self.lead
+        with named_error(self.path.name):
+            return place_sources(*parts)
+
+    @cached_property
+    def rim(self) -> Rim | None:
+        """Ground that damps what leaves; no receiver and no hole stands in it."""
+        rim = make_rim(self.config)
+        places = {f"receivers.{part.name}": part.position for part in self.receivers}
+        if self.inside.moment_rate is not None:
+            places |= hole_places(self.blast)
+        if rim is not None:
+            with named_error(self.path.name):
+                check_rim(rim, self.mesh, places)
+        return rim
 
     @cached_property
     def recorded(self) -> dict[str, Seismogram]:
@@ -138,28 +180,33 @@ class Project:
         for part in self.config.receivers:
             if part.recorded is not None:
                 with named_error(f"{self.path.name}: receivers.{part.name}.recorded"):
-                    found[part.name] = _like_simulated(
+                    found[part.name] = like_simulated(
                         part, read_motion(part.recorded, self.folder)
                     )
         return found
 
     @cached_property
     def model(self) -> Model:
-        """Model, with the input on its face; its time 0 is `lead` before the first firing."""
-        config = self.config
-        boundaries = make_boundaries(config.boundaries, config.input.face)
-        motion = self.input.motion.shifted(self.lead)
+        """Model with all that enters; its time 0 is `lead` before the first firing."""
+        config, mesh = self.config, self.mesh
+        face = None if self.input is None else config.input.face
+        boundaries = make_boundaries(config.boundaries, face)
+        if face is not None:
+            boundaries.append(make_face_input(config.input, self.input.motion.shifted(self.lead)))
+        parts = {"sources": self.sources, "receivers": self.receivers, "rim": self.rim}
         with named_error(self.path.name):
+            if self.inside.moment_rate is not None:
+                refuse_open_sides(config.boundaries, mesh)
             return Model(
-                mesh=self.mesh,
+                mesh=mesh,
                 materials=self.materials,
                 joints=self.joints,
-                boundaries=[*boundaries, StressInput(config.input.face, motion)],
-                damping=make_damping(config.damping),
-                receivers=self.receivers,
+                boundaries=boundaries,
+                damping=make_damping(config),
                 insitu=make_insitu(config.insitu),
                 added_mass=config.run.added_mass,
                 step_factor=config.run.step_factor,
+                **parts,
             )
 
     @cached_property
@@ -169,7 +216,10 @@ class Project:
         names = [self.path.name, config.mesh.file, config.mesh.surface_file]
         if config.blast is not None:
             names += [config.blast.file, config.blast.mapping]
-        records = [config.signature.recorded, *(part.recorded for part in config.receivers)]
+        if config.holes_inside is not None:
+            names.append(config.holes_inside.moment_rate_file)
+        names += [part.file for part in config.point_forces]
+        records = [part.recorded for part in (config.signature, *config.receivers) if part]
         names += [name for r in records if r is not None for name in (r.file, r.mapping)]
         contents = {name: (self.folder / name).read_bytes() for name in names if name is not None}
         return {name: hashlib.sha256(data).hexdigest() for name, data in contents.items()}
@@ -215,67 +265,4 @@ def make_project(config, path) -> Project:
         for name in config.joints:
             if name not in joint_of_surface(config.mesh).values():
                 raise InputError(f"joints.{name}: no joint set or fault of the mesh takes it")
-        _refuse_unknown_groups(config)
     return Project(path, config, materials, tuple(joints))
-
-
-def _refuse_unknown_groups(config):
-    """Refuse layers and regions without a material."""
-    for number, layer in enumerate(config.mesh.layers):
-        if layer.material not in config.materials:
-            raise InputError(
-                f"mesh.layers[{number + 1}].material: must be one of "
-                f"{', '.join(config.materials)}, got {layer.material!r}"
-            )
-    layers = [layer.material for layer in config.mesh.layers]
-    for part in config.mesh.joint_sets:
-        for region in part.regions:
-            if region not in layers:
-                raise InputError(
-                    f"mesh.joint_sets.{part.name}.regions: must be layers "
-                    f"({', '.join(layers)}), got {region!r}"
-                )
-
-
-def _on_ground(mesh, place):
-    """Return a place (3,) in m, on the surface "top" where no height is given."""
-    if len(place) == 3:
-        return [float(value) for value in place]
-    if "top" not in mesh.surfaces:
-        raise InputError("receivers.position_m: needs a height, the mesh has no surface 'top'")
-    return [float(place[0]), float(place[1]), _height(mesh, np.array(place, dtype=float))]
-
-
-def _height(mesh, place):
-    """Return the height of the surface "top" at a place (2,)."""
-    corners = mesh.points[mesh.surfaces["top"]]
-    a, b, c = (corners[:, k, :2] for k in range(3))
-    area = _cross(b - a, c - a)
-    u = _cross(place - a, c - a) / area
-    v = _cross(b - a, place - a) / area
-    inside = np.flatnonzero((u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9))
-    if not len(inside):
-        raise InputError(
-            f"receivers.position_m: ({place[0]:g}, {place[1]:g}) m lies outside of the ground"
-        )
-    k = inside[0]
-    heights = corners[k, :, 2]
-    return float(heights @ [1.0 - u[k] - v[k], u[k], v[k]])
-
-
-def _cross(a, b):
-    """Return the cross product of plane vectors (n, 2)."""
-    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-
-
-def _like_simulated(part, seismogram):
-    """Turn a record into the components of its receiver."""
-    geographic = tuple(seismogram.components) == GEOGRAPHIC
-    if part.azimuth_deg is None and not geographic:
-        raise InputError(
-            "azimuth_deg: missing at the receiver; the record has longitudinal and transverse "
-            "components"
-        )
-    if part.azimuth_deg is not None and geographic:
-        return seismogram.rotated(float(np.radians(part.azimuth_deg)))
-    return seismogram

@@ -40,28 +40,10 @@ def render(result: Result) -> str:
 def _figures(result):
     """Make the figures: list of title, caption, names of assumed tables, image."""
     summary = result.summary
-    stages = result.seismograms("input")
-    top = summary["input"]["low_pass"]
-    wide = SPECTRUM_TOP if top is None else 2.0 * top
+    wide = _spectrum_top(summary)
     made = [
-        (
-            "Single hole",
-            f"Signature, {summary['input']['signature']}: particle velocity and smoothed amplitude "
-            "spectrum of the three components (figure 5 of the paper).",
-            ("signature",),
-            figures.motion_figure(
-                {"single hole": stages["signature"]}, [figures.INK], wide, _end(stages["signature"])
-            ),
-        ),
-        (
-            "Input motion",
-            _filter_words(summary["input"]),
-            ("signature", "blast", "input"),
-            figures.motion_figure(
-                {"whole blast": stages["superposed"], "into the model": stages["motion"]},
-                ["#9aa5b1", figures.SIMULATED], wide, _end(stages["superposed"]),
-            ),
-        ),
+        *_input_figures(result, wide),
+        *_source_figures(result, wide),
         (
             "Blocks",
             f"{summary['census']['blocks']} blocks, each in a shade of its material, seen from the "
@@ -82,6 +64,61 @@ def _figures(result):
     return [dict(zip(("title", "caption", "tables", "image"), row, strict=True)) for row in made]
 
 
+def _spectrum_top(summary):
+    """Return where frequency axes end [Hz]: twice the low-pass, or twice the band of sources."""
+    if summary["input"] is None:
+        return 2.0 * summary["band"]
+    top = summary["input"]["low_pass"]
+    return SPECTRUM_TOP if top is None else 2.0 * top
+
+
+def _input_figures(result, top):
+    """Draw the single hole and what enters through the face."""
+    table, stages = result.summary["input"], result.seismograms("input")
+    if table is None:
+        return
+    yield (
+        "Single hole",
+        f"Signature, {table['signature']}: particle velocity and smoothed amplitude "
+        "spectrum of the three components (figure 5 of the paper).",
+        ("signature",),
+        figures.motion_figure(
+            {"single hole": stages["signature"]}, [figures.INK], top, _end(stages["signature"])
+        ),
+    )
+    yield (
+        "Input motion",
+        _filter_words(table),
+        ("signature", "blast", "input"),
+        figures.motion_figure(
+            {"whole blast": stages["superposed"], "into the model": stages["motion"]},
+            ["#9aa5b1", figures.SIMULATED], top, _end(stages["superposed"]),
+        ),
+    )  # fmt: skip
+
+
+def _source_figures(result, top):
+    """Draw the moment rate of holes inside and the histories of forces."""
+    table, histories = result.summary["sources"], result.arrays.get("sources", {})
+    if not histories:
+        return
+    words = []
+    if table["holes"]:
+        words.append(
+            f"{len(table['holes'])} holes inside the model, M = M(1 kg) W^{table['exponent']:g}, "
+            f"{table['moment_rate']}, each spread over {table['spread']:.3g} m"
+        )
+    if table["forces"]:
+        words.append(f"point forces: {len(table['forces'])}")
+    yield (
+        "Sources",
+        f"{'; '.join(words)}. Left the history, right the spectrum of its slope, which is the shape "
+        "of the far motion.",
+        ("blast", "holes_inside", "point_forces"),
+        figures.source_figure(histories, top),
+    )
+
+
 def _end(seismogram):
     """Return the time in s after which a seismogram stays below a hundredth of its peak."""
     size = np.nanmax(np.abs(seismogram.velocity), axis=1)
@@ -91,10 +128,12 @@ def _end(seismogram):
 def _section_figures(result):
     """Section with joints and faults, and the highest frequency that each zone carries."""
     place = _section_place(result)
+    entry = "stars mark holes and forces inside, projected"
+    if result.summary["input"] is not None:
+        entry = "the blast enters at the arrows"
     yield (
         "Section",
-        f"Section at north {place:g} m with joints and faults; the blast enters at the arrows "
-        "(figure 4).",
+        f"Section at north {place:g} m with joints and faults; {entry} (figure 4).",
         ("mesh", "joints"),
         figures.section_figure(result, place),
     )

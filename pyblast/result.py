@@ -22,7 +22,8 @@ class Result:
     ----------
     arrays : dict of str to dict of str to numpy array
         Groups ``mesh``, ``contacts``, ``zones``, ``energy``, ``state``, ``input``, ``simulated``,
-        ``recorded``, ``snapshots``; seismograms (n_samples, 3) in m/s.
+        ``recorded``, ``snapshots``; seismograms (n_samples, 3) in m/s. ``sources`` (n, 2): time in
+        s, and moment rate of 1 kg in N m/s or force in N.
     summary : dict
         Holds only what JSON knows.
     """

@@ -5,8 +5,10 @@ from dataclasses import asdict
 
 import numpy as np
 
+from .census import input_band
 from .ground import joint_of_surface
 from .provenance import versions
+from .sources import Hole
 from .spectra import dominant_frequency, significant_duration, zero_crossing_frequency
 
 
@@ -27,7 +29,9 @@ def summarise(project, checked, run, simulated, comparisons):
         "assumed": list(project.config.assumed),
         "materials": {n: material_table(m) for n, m in project.materials.items()},
         "joints": joint_tables(project),
-        "input": input_table(project),
+        "input": None if project.input is None else input_table(project),
+        "sources": source_summary(project),
+        "band": input_band(project),
         "receivers": receiver_tables(project, simulated),
         "comparisons": {n: comparison_table(c) for n, c in comparisons.items()},
         "findings": [asdict(finding) for finding in checked.findings],
@@ -115,6 +119,35 @@ def input_table(project):
         "ppv_change": None if low is None else low.ppv_change,
         "face_distance": config.input.distance_m,
     }  # fmt: skip
+
+
+def source_tables(project):
+    """Return time in s and moment rate of 1 kg in N m/s, or force in N, of all sources inside."""
+    functions = {f"force_{n + 1}": force for n, force in enumerate(project.inside.forces)}
+    if project.inside.moment_rate is not None:
+        functions["moment_rate"] = project.inside.moment_rate
+    return {
+        name: np.column_stack([f.start + f.dt * np.arange(len(f.values)), f.values])
+        for name, f in functions.items()
+    }
+
+
+def source_summary(project):
+    """Return place, charge and time of holes inside, place and direction of forces, the rim."""
+    holes = [source for source in project.sources if isinstance(source, Hole)]
+    forces = [source for source in project.sources if not isinstance(source, Hole)]
+    config, rim = project.config.holes_inside, project.rim
+    return {
+        "holes": [
+            {"position": s.position, "charge": s.charge, "time": s.time - project.lead}
+            for s in holes
+        ],
+        "moment_rate": config and (config.moment_rate_file or "closed form of a charged hole"),
+        "exponent": holes[0].exponent if holes else None,
+        "spread": holes[0].spread if holes else None,
+        "forces": [{"position": s.position, "direction": s.direction} for s in forces],
+        "rim": None if rim is None else {"box": rim.box, "width": rim.width},
+    }
 
 
 def motion_table(seismogram):
