@@ -73,7 +73,9 @@ def read_time_function(path, heads) -> TimeFunction:
     """
     table = read_columns(path, heads)
     if len(table) < LEAST_SAMPLES:
-        raise ReadError(f"{path}: needs at least {LEAST_SAMPLES} lines of numbers, got {len(table)}")
+        raise ReadError(
+            f"{path}: needs at least {LEAST_SAMPLES} lines of numbers, got {len(table)}"
+        )
     times, values = table.T
     steps = np.diff(times)
     dt = (times[-1] - times[0]) / len(steps)

@@ -37,8 +37,8 @@ def short_model(length, materials, frequency):
     return Finding(
         "D2",
         "The model is shorter than a wavelength",
-        f"At {frequency:.3g} Hz the wavelengths (P/S) are {listed}, the model is {length:g} m long: "
-        "everything is near field, and waves graze the viscous sides, which absorb well only "
+        f"At {frequency:.3g} Hz the wavelengths (P/S) are {listed}, the model is {length:g} m "
+        "long: everything is near field, and waves graze the viscous sides, which absorb well only "
         "above about 30 degrees of incidence.",
         numbers={"length": length}
         | by_wave(waves),
@@ -123,8 +123,8 @@ def soil_resonance(name, material, thickness, below, frequency, band):
         "D12",
         f"'{name}' resonates by itself",
         f"{thickness:g} m on rock of {contrast:.1f} times its impedance resonate at {own:.2f} Hz "
-        f"and odd multiples; {frequency:.3g} Hz would be {material.cs / (4.0 * frequency):.1f} m of "
-        "it: another reading of the same peak.",
+        f"and odd multiples; {frequency:.3g} Hz would be "
+        f"{material.cs / (4.0 * frequency):.1f} m of it: another reading of the same peak.",
         numbers={"own": own, "thickness_at_centre": material.cs / (4.0 * frequency)},
     )
 
@@ -140,8 +140,8 @@ def rayleigh_price(damping, undamped_dt, group=""):
     return Finding(
         "D16",
         "Rayleigh damping holds at one frequency and costs time steps",
-        f"{f'In {group!r} ' if group else ''}{listed}; rock damps nearly alike at all frequencies. Its stiffness part shortens the "
-        f"step of {1e3 * undamped_dt:.2g} ms to {factor:.2f} of it.",
+        f"{f'In {group!r} ' if group else ''}{listed}; rock damps nearly alike at all frequencies. "
+        f"Its stiffness part shortens the step of {1e3 * undamped_dt:.2g} ms to {factor:.2f} of it.",
         numbers={"factor": factor} | {f"ratio_{f:g}": r for f, r in ratios.items()},
     )
 

@@ -95,4 +95,4 @@ def check_rim(rim, mesh, places):
         raise InputError("rim.box_m: holds the whole ground; leave some of it to the rim")
     for name, place in places.items():
         if rim.alpha(np.array([place], dtype=float), 1.0).any():
-            raise InputError(f"{name}: lies in the rim, where motion is damped; move it into the box")
+            raise InputError(f"{name}: lies in the rim, which damps motion; move it into the box")

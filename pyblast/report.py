@@ -112,8 +112,8 @@ def _source_figures(result, top):
         words.append(f"point forces: {len(table['forces'])}")
     yield (
         "Sources",
-        f"{'; '.join(words)}. Left the history, right the spectrum of its slope, which is the shape "
-        "of the far motion.",
+        f"{'; '.join(words)}. Left the history, right the spectrum of its slope, which has the "
+        "shape of the far motion.",
         ("blast", "holes_inside", "point_forces"),
         figures.source_figure(histories, top),
     )
