@@ -4,12 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import ground_defects, load_defects, tetrahedra
+from . import face_defects, ground_defects, load_defects, tetrahedra
 from .boundaries import Roller, Viscous
 from .census import Census, central_frequency, input_band, receiver_groups, take_census
+from .conditions import surface_impedance
 from .findings import Finding
 from .ground import joint_of_surface
-from .mesh import surface_zones
+from .mesh import surface_areas, surface_zones
+from .units import to_si
 
 
 @dataclass(frozen=True)
@@ -53,6 +55,7 @@ def check(project, measure=True) -> Check:
         *_load_defects(project),
         *_joint_defects(project, census),
         *_record_defects(project, census),
+        *_quiet_defects(project),
     ]
     findings = sorted(
         (finding for finding in found if finding is not None), key=lambda f: int(f.code[1:])
@@ -177,6 +180,38 @@ def face_distance(project):
         return None, 0.0
     reach = max(abs(corners[:, along].max() - middle), abs(middle - corners[:, along].min()))
     return distance, float(reach)
+
+
+def _quiet_defects(project):
+    """D23, D24: sides that drain a plane wave, quiet faces of jointed rock."""
+    if project.input is None:
+        return
+    model, face = project.model, project.config.input.face
+    direction = -_mean_normal(model.mesh, face)
+    viscous = {b.surface for b in model.boundaries if isinstance(b, Viscous)} - {face}
+    sides = [n for n in sorted(viscous) if abs(_mean_normal(model.mesh, n) @ direction) < 0.7]
+    entry = sum(surface_impedance(model, face).values())
+    drag = sum((sum(surface_impedance(model, n).values()) for n in sides), np.zeros((3, 3)))
+    way = model.mesh.points @ direction
+    for receiver in project.receivers:
+        share = (direction @ receiver.position - way.min()) / np.ptp(way)
+        left = face_defects.drained(entry, drag, share)
+        yield face_defects.draining_sides(sides, left, receiver.name)
+    by_surface = {joint.surface: joint.properties for joint in project.joints}
+    for group, material in face_materials(project).items():
+        sets = [
+            (to_si("dip_deg", part.dip_deg)[1], to_si("direction_deg", part.dip_direction_deg)[1],
+             by_surface[part.name]["kn"], by_surface[part.name]["ks"], part.spacing_m)
+            for part in project.config.mesh.joint_sets if group in (part.regions or [group])
+        ]  # fmt: skip
+        if sets:
+            yield face_defects.jointed_face(group, material, sets, direction)
+
+
+def _mean_normal(mesh, surface):
+    """Return the mean outward normal (3,) of a surface."""
+    _, area, normal = surface_areas(mesh, surface)
+    return area @ normal / np.linalg.norm(area @ normal)
 
 
 def _joint_defects(project, census):

@@ -1,0 +1,115 @@
+"""What quiet faces do to plane waves: drained sides, and the impedance of jointed rock."""
+
+import math
+
+import numpy as np
+import pytest
+
+from pyblast import Joint, Material, Model, Receiver, Seismogram
+from pyblast.boundaries import Fixed, Roller, StressInput, Viscous
+from pyblast.checks import check
+from pyblast.conditions import surface_impedance
+from pyblast.face_defects import drained, draining_sides, jointed_face, jointed_stiffness
+from pyblast.mesh_builder import structured_box
+from pyblast.project import load_project
+from pyblast.solver import run
+from small_project import written
+
+ROCK = Material(4500.0, 32.1e9, 14.8e9)
+KN, KS = 1.5e9, 0.734e9
+EAST = np.array([1.0, 0.0, 0.0])
+
+
+def ricker(frequency, dt=2e-3):
+    """A short push to the east and its sampling."""
+    squared = (np.pi * frequency * (np.arange(0.0, 3.2 / frequency, dt) - 1.4 / frequency)) ** 2
+    return Seismogram(np.outer((1.0 - 2.0 * squared) * np.exp(-squared), EAST), dt)
+
+
+def test_a_quiet_side_drains_a_long_wave_as_foretold():
+    mesh = structured_box((30, 4, 4), (300.0, 60.0, 60.0))
+    model = Model(
+        mesh,
+        {"rock": ROCK},
+        boundaries=[*map(Viscous, ("west", "east", "south")), StressInput("west", ricker(5.0))]
+        + [*map(Roller, ("north", "bottom", "top"))],
+        receivers=[Receiver(str(x), (x, 30.0, 30.0)) for x in (50.0, 150.0)],
+    )
+    face, side = (sum(surface_impedance(model, n).values()) for n in ("west", "south"))
+
+    peaks = [s.ppv[0] for s in run(model, 0.75).seismograms.values()]
+
+    assert peaks[1] / peaks[0] == pytest.approx(drained(face, side, 100.0 / 300.0)[0], rel=0.05)
+
+
+def test_d23_is_said_only_where_sides_take_much():
+    assert draining_sides(("south",), np.array([0.9, 0.8, 0.8]), "R") is None
+    assert draining_sides((), np.array([1.0, 0.1, 0.1]), "R") is None
+    assert "north" in draining_sides(("north",), np.array([0.5, 0.1, 0.2]), "R").text
+
+
+def test_rock_without_joints_keeps_its_stiffness():
+    stiffness = jointed_stiffness(ROCK, [])
+
+    eye = np.eye(3)
+    lame = np.einsum("ij,kl->ijkl", eye, eye) * ROCK.first_lame
+    shear = np.einsum("ik,jl->ijkl", eye, eye) + np.einsum("il,jk->ijkl", eye, eye)
+    assert stiffness == pytest.approx(lame + ROCK.shear * shear, rel=1e-12, abs=1e-3)
+
+
+def test_waves_across_one_set_are_as_slow_as_the_layered_closed_form():
+    numbers = jointed_face("rock", ROCK, [(math.pi / 2, math.pi / 2, KN, KS, 14.0)], EAST).numbers
+
+    modulus = ROCK.density * ROCK.cp**2
+    assert numbers["speed_p"] == pytest.approx(1.0 / math.sqrt(1.0 + modulus / (14.0 * KN)))
+    assert numbers["speed_s"] == pytest.approx(1.0 / math.sqrt(1.0 + ROCK.shear / (14.0 * KS)))
+
+
+def test_waves_along_one_set_feel_only_its_lateral_strain():
+    along = jointed_face("rock", ROCK, [(math.pi / 2, 0.0, 1e7, 1e7, 14.0)], EAST).numbers
+
+    ratio = ROCK.first_lame / (ROCK.first_lame + 2.0 * ROCK.shear)
+    modulus = ROCK.density * ROCK.cp**2
+    soft = modulus / (14.0 * 1e7) / (1.0 + modulus / (14.0 * 1e7))
+    assert along["speed_p"] == pytest.approx(math.sqrt(1.0 - ratio**2 * soft), rel=1e-9)
+
+
+def test_a_face_of_jointed_rock_moves_more_than_asked_for_by_the_number_of_d24():
+    planes = {f"j{n}": ("x", 7.0 + 14.0 * n) for n in range(60)}
+    mesh = structured_box((240, 1, 1), (840.0, 3.5, 3.5), planes=planes).split(list(planes))
+    model = Model(
+        mesh,
+        {"rock": ROCK},
+        joints=[Joint(name, "elastic", {"kn": KN, "ks": KS}) for name in planes],
+        boundaries=[Viscous("west"), StressInput("west", ricker(4.0)), Viscous("east")]
+        + [Fixed(side, ("north", "vertical")) for side in ("south", "north", "bottom", "top")],
+        receivers=[Receiver("inside", (420.0, 1.75, 1.75))],
+    )
+
+    peak = run(model, 0.65).seismograms["inside"].ppv[0]
+
+    joints = [(math.pi / 2, math.pi / 2, KN, KS, 14.0)]
+    excess = jointed_face("rock", ROCK, joints, EAST).numbers["excess_p"]
+    assert peak == pytest.approx(1.0 + excess, rel=0.01)
+
+
+def test_stiff_joints_are_no_defect():
+    assert jointed_face("rock", ROCK, [(1.0, 1.0, 1e12, 1e12, 14.0)], EAST) is None
+
+
+def test_a_check_tells_what_quiet_sides_take_on_the_way_to_the_receiver(tmp_path):
+    findings = check(load_project(written(tmp_path)), False).findings
+
+    finding = next(f for f in findings if f.code == "D23")
+    assert "bottom, north, south" in finding.text
+    assert "R1" in finding.text
+    assert 0.0 < finding.numbers["north"] < finding.numbers["east"] < 1.0
+
+
+def test_rollers_on_the_sides_take_nothing(tmp_path):
+    rollers = written(
+        tmp_path,
+        ('"south", "north", "bottom"]', ']\nroller = ["south", "north", "bottom"]'),
+    )
+
+    assert "D23" not in [f.code for f in check(load_project(rollers), False).findings]
