@@ -210,6 +210,12 @@ class Config(Section):
             raise ValueError("blast.reference_charge_kg: the moment rate is of 1 kg; leave it out")
         if holes and self.blast.wave_speed_m_per_s is not None:
             raise ValueError("blast.wave_speed_m_per_s: waves cross the model; leave it out")
+        recorded = self.signature is not None and self.signature.recorded is not None
+        if recorded and self.blast is not None and self.blast.wave_speed_m_per_s is not None:
+            raise ValueError(
+                "blast.wave_speed_m_per_s: a recorded signature does not say where hole and "
+                "instrument stood, so no travel times follow; leave it out"
+            )
         return self
 
     @model_validator(mode="after")

@@ -128,7 +128,7 @@ def cavity_pulse(config, material):
 
 
 def make_signature(config, materials, folder) -> Seismogram:
-    """Return the seismogram of a single hole in east, north, vertical."""
+    """Return the seismogram of a single hole in east, north, vertical; a record without its mean."""
     if config.recorded is not None:
         seismogram = read_motion(config.recorded, folder)
         if tuple(seismogram.components) != GEOGRAPHIC:
@@ -136,7 +136,8 @@ def make_signature(config, materials, folder) -> Seismogram:
                 "recorded.bearing_deg: missing; the record has longitudinal and transverse "
                 "components, give the direction from the instrument to the blast"
             )
-        return seismogram
+        # A recorder's offset would be added up over the holes.
+        return replace(seismogram, velocity=seismogram.velocity - seismogram.velocity.mean(axis=0))
     cavity = config.cavity
     if cavity.material not in materials:
         raise InputError(f"cavity.material: must be one of {', '.join(materials)}")
