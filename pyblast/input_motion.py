@@ -128,7 +128,7 @@ def cavity_pulse(config, material):
 
 
 def make_signature(config, materials, folder) -> Seismogram:
-    """Return the seismogram of a single hole in east, north, vertical; a record without its mean."""
+    """Return the seismogram of a single hole, east, north, vertical; a record without its mean."""
     if config.recorded is not None:
         seismogram = read_motion(config.recorded, folder)
         if tuple(seismogram.components) != GEOGRAPHIC:
