@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
 from .blast import Blast, Firing
 from .config import Config
 from .config_file import read_config
