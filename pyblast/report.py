@@ -56,7 +56,8 @@ def _figures(result):
         (
             "Energy",
             "Where the energy that was put in went; the ledger closes within "
-            f"{100.0 * summary['run']['balance_error']:.2g} %.",
+            f"{100.0 * summary['run']['balance_error']:.2g} %. On a quiet input face about half of "
+            "what is put in goes straight into the dashpots of that face.",
             (),
             figures.energy_figure(result.arrays["energy"], summary["run"]["lead"]),
         ),
