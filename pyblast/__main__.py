@@ -67,8 +67,9 @@ def run(
     writes a checkpoint.
     """
     with told():
-        from . import pipeline, preparation
-        from .project import load_project
+        from . import pipeline
+        from .projects.project import load_project
+        from .solving import preparation
 
         loaded = load_project(project, full)
         with console.Progress() as progress:
@@ -90,8 +91,8 @@ def check(project: ProjectFile, full: Full = False):
     code 3 where a result could not be trusted.
     """
     with told():
-        from .checks import check as look
-        from .project import load_project
+        from .projects.checks import check as look
+        from .projects.project import load_project
 
         found = look(load_project(project, full))
         console.show_check(found)
@@ -111,7 +112,7 @@ def mesh(
     """
     with told():
         from .pipeline import write_mesh_files
-        from .project import load_project
+        from .projects.project import load_project
 
         loaded = load_project(project, full)
         console.show_census(write_mesh_files(loaded, output))
@@ -129,8 +130,8 @@ def superpose(
     low-pass, with the energy that the filter took.
     """
     with told():
-        from .project import load_project
-        from .result import write_csv
+        from .projects.project import load_project
+        from .projects.result import write_csv
 
         stages = load_project(project).input
         if stages is None:
@@ -173,8 +174,8 @@ def report(
     One page with all figures and tables that opens without network.
     """
     with told():
-        from .report import write_report
-        from .result import read_result
+        from .projects.result import read_result
+        from .reporting.report import write_report
 
         path = result / "result.h5" if result.is_dir() else result
         page = output or path.with_name("report.html")

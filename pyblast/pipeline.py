@@ -6,18 +6,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from . import preparation, solver
-from .census import Census, take_census
-from .checks import Check, check
-from .comparison import Comparison, compare
 from .errors import InputError, PyblastError, ReadError
-from .project import Project, load_project
-from .recordings import read_recording
-from .report import write_report
-from .result import Result, read_result, seismogram_heads, write_result, write_summary
-from .seismogram import GEOGRAPHIC, Seismogram
-from .summary import source_tables, summarise
-from .vtk_file import write_joints, write_motion, write_zones, zone_fields
+from .motion.comparison import Comparison, compare
+from .motion.seismogram import GEOGRAPHIC, Seismogram
+from .projects.census import Census, take_census
+from .projects.checks import Check, check
+from .projects.project import Project, load_project
+from .projects.result import Result, read_result, seismogram_heads, write_result, write_summary
+from .projects.summary import source_tables, summarise
+from .records.recordings import read_recording
+from .reporting.report import write_report
+from .reporting.vtk_file import write_joints, write_motion, write_zones, zone_fields
+from .solving import preparation, solver
 
 CHECKPOINT = "checkpoint.h5"
 RESULT = "result.h5"

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.boundaries import Fixed, StressInput, Viscous
-from pyblast.materials import Material
-from pyblast.mesh_builder import structured_box
-from pyblast.model import Model, Receiver
-from pyblast.preparation import prepare
-from pyblast.seismogram import Seismogram
-from pyblast.solver import run
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.motion.seismogram import Seismogram
+from pyblast.solving.boundaries import Fixed, StressInput, Viscous
+from pyblast.solving.materials import Material
+from pyblast.solving.model import Model, Receiver
+from pyblast.solving.preparation import prepare
+from pyblast.solving.solver import run
 
 ROCK = Material.from_speeds(2500.0, 4000.0, 2000.0)
 AXIS = {"P": 0, "S": 1}

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from columns import ROCK
 
-from pyblast import assembly
-from pyblast.boundaries import Fixed, Roller, StressInput, Viscous
-from pyblast.conditions import dynamic_conditions, static_conditions, surface_impedance
-from pyblast.joints import Joint
-from pyblast.loads import Loads, model_loads
-from pyblast.materials import Damping
-from pyblast.mesh_builder import structured_box
-from pyblast.model import Model
-from pyblast.preparation import prepare
-from pyblast.seismogram import Seismogram
-from pyblast.sources import Hole, PointForce, TimeFunction
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.motion.seismogram import Seismogram
+from pyblast.solving import assembly
+from pyblast.solving.boundaries import Fixed, Roller, StressInput, Viscous
+from pyblast.solving.conditions import dynamic_conditions, static_conditions, surface_impedance
+from pyblast.solving.joints import Joint
+from pyblast.solving.loads import Loads, model_loads
+from pyblast.solving.materials import Damping
+from pyblast.solving.model import Model
+from pyblast.solving.preparation import prepare
+from pyblast.solving.sources import Hole, PointForce, TimeFunction
 
 STEADY = TimeFunction(np.ones(10), 1e-3)
 SIZE = np.array([20.0, 15.0, 10.0])

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from small_project import written
 
-from pyblast import ground_defects, load_defects
-from pyblast.blast import Firing
-from pyblast.census import carried_frequency
-from pyblast.checks import check, face_distance
-from pyblast.joints import Joint
-from pyblast.materials import Damping, Material
-from pyblast.project import load_project
-from pyblast.seismogram import Seismogram
+from pyblast.blasting.blast import Firing
+from pyblast.motion.seismogram import Seismogram
+from pyblast.projects import ground_defects, load_defects
+from pyblast.projects.census import carried_frequency
+from pyblast.projects.checks import check, face_distance
+from pyblast.projects.project import load_project
+from pyblast.solving.joints import Joint
+from pyblast.solving.materials import Damping, Material
 
 SOIL = Material(2000.0, 125e6, 57.7e6, cohesion=15e3)
 SCHIST = Material(2660.0, 15.6e9, 7.2e9, cohesion=11e6)

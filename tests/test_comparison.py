@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from obspy.signal import tf_misfit
 
-from pyblast.comparison import compare
 from pyblast.errors import InputError
-from pyblast.seismogram import Seismogram
+from pyblast.motion.comparison import compare
+from pyblast.motion.seismogram import Seismogram
 
 DT = 1.0 / 512.0
 

@@ -3,9 +3,9 @@ import random
 import pytest
 from small_project import TEXT, written
 
-from pyblast.config_file import read_config
 from pyblast.errors import InputError, PyblastError, ReadError
-from pyblast.project import load_project
+from pyblast.projects.config_file import read_config
+from pyblast.projects.project import load_project
 
 DEEP = "x = " + 3000 * "[" + 3000 * "]"
 

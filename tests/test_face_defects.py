@@ -4,16 +4,16 @@ import math
 
 import numpy as np
 import pytest
+from small_project import written
 
 from pyblast import Joint, Material, Model, Receiver, Seismogram
-from pyblast.boundaries import Fixed, Roller, StressInput, Viscous
-from pyblast.checks import check
-from pyblast.conditions import surface_impedance
-from pyblast.face_defects import drained, draining_sides, jointed_face, jointed_stiffness
-from pyblast.mesh_builder import structured_box
-from pyblast.project import load_project
-from pyblast.solver import run
-from small_project import written
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.projects.checks import check
+from pyblast.projects.face_defects import drained, draining_sides, jointed_face, jointed_stiffness
+from pyblast.projects.project import load_project
+from pyblast.solving.boundaries import Fixed, Roller, StressInput, Viscous
+from pyblast.solving.conditions import surface_impedance
+from pyblast.solving.solver import run
 
 ROCK = Material(4500.0, 32.1e9, 14.8e9)
 KN, KS = 1.5e9, 0.734e9
@@ -31,8 +31,11 @@ def test_a_quiet_side_drains_a_long_wave_as_foretold():
     model = Model(
         mesh,
         {"rock": ROCK},
-        boundaries=[*map(Viscous, ("west", "east", "south")), StressInput("west", ricker(5.0))]
-        + [*map(Roller, ("north", "bottom", "top"))],
+        boundaries=[
+            *map(Viscous, ("west", "east", "south")),
+            StressInput("west", ricker(5.0)),
+            *map(Roller, ("north", "bottom", "top")),
+        ],
         receivers=[Receiver(str(x), (x, 30.0, 30.0)) for x in (50.0, 150.0)],
     )
     face, side = (sum(surface_impedance(model, n).values()) for n in ("west", "south"))

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from pyblast.ground import mean_edge
-from pyblast.project import load_project
+from pyblast.projects.ground import mean_edge
+from pyblast.projects.project import load_project
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "gol_e_gohar" / "project.toml"
 

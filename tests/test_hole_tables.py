@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from pyblast.blasting.hole_tables import absolute_times, read_blast
 from pyblast.errors import ReadError
-from pyblast.hole_tables import absolute_times, read_blast
 
 MINIMUM = "id,x_m,y_m,z_m,x_toe_m,y_toe_m,z_toe_m,charge_kg,delay_ms"
 CENTRES = "id,x,y,z,charge_kg,delay_s"

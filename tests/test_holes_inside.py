@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from pyblast import pipeline
-from pyblast.config_file import check_config
-from pyblast.project import load_project, make_project
-from pyblast.solver import run
-from pyblast.sources import PointForce, TimeFunction
+from pyblast.projects.config_file import check_config
+from pyblast.projects.project import load_project, make_project
+from pyblast.solving.solver import run
+from pyblast.solving.sources import PointForce, TimeFunction
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "holes_inside" / "project.toml"
 PULSE = TimeFunction(1e6 * np.sin(np.pi * np.arange(0.0, 0.0501, 0.001) / 0.05) ** 2, 0.001)
@@ -64,7 +64,7 @@ def test_the_padding_is_the_rim(project):
 
 
 def test_the_example_holds_the_band_of_its_source():
-    from pyblast.checks import check
+    from pyblast.projects.checks import check
 
     assert not check(load_project(EXAMPLE), measure=False).failed
 

@@ -5,8 +5,8 @@ import math
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.joints import Joint
-from pyblast.kernels import JOINT_LAWS
+from pyblast.solving.joints import Joint
+from pyblast.solving.kernels import JOINT_LAWS
 
 STRONG = {"kn": 1e9, "ks": 5e8, "cohesion": 1e5, "friction": 0.6, "tension": 2e4}
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from pyblast import pipeline
 from pyblast.__main__ import app
 from pyblast.errors import InputError
-from pyblast.result import read_result, write_csv
+from pyblast.projects.result import read_result, write_csv
 
 LONG = "grid_cells = [6, 2, 3]", "grid_cells = [30, 10, 15]"
 

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from pyblast import mesh as meshes
 from pyblast.errors import InputError
-from pyblast.mesh import Mesh
-from pyblast.mesh_builder import Layer, structured_box
+from pyblast.meshing import mesh as meshes
+from pyblast.meshing.mesh import Mesh
+from pyblast.meshing.mesh_builder import Layer, structured_box
 
 
 def cross(planes, pattern="kuhn"):

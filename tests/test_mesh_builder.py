@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from pyblast import mesh as meshes
-from pyblast import tetrahedra
 from pyblast.errors import InputError
-from pyblast.mesh_builder import Fault, JointSet, Layer, build_mesh, build_mesh_report
+from pyblast.meshing import mesh as meshes
+from pyblast.meshing import tetrahedra
+from pyblast.meshing.mesh_builder import Fault, JointSet, Layer, build_mesh, build_mesh_report
 
 pytest.importorskip("gmsh", exc_type=ImportError)
 

@@ -2,10 +2,10 @@ import meshio
 import numpy as np
 import pytest
 
-from pyblast import mesh as meshes
 from pyblast.errors import InputError, ReadError
-from pyblast.mesh_builder import structured_box
-from pyblast.mesh_import import read_mesh
+from pyblast.meshing import mesh as meshes
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.meshing.mesh_import import read_mesh
 
 
 def raw_mesh(tags=True, **changes):

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from columns import ROCK
 
-from pyblast.boundaries import Fixed, StressInput, VelocityInput, Viscous
 from pyblast.errors import InputError
-from pyblast.joints import Joint
-from pyblast.materials import Damping, Material
-from pyblast.mesh_builder import Layer, structured_box
-from pyblast.model import Model, Receiver, Rim
-from pyblast.preparation import prepare
-from pyblast.seismogram import Seismogram
-from pyblast.sources import Hole, TimeFunction
+from pyblast.meshing.mesh_builder import Layer, structured_box
+from pyblast.motion.seismogram import Seismogram
+from pyblast.solving.boundaries import Fixed, StressInput, VelocityInput, Viscous
+from pyblast.solving.joints import Joint
+from pyblast.solving.materials import Damping, Material
+from pyblast.solving.model import Model, Receiver, Rim
+from pyblast.solving.preparation import prepare
+from pyblast.solving.sources import Hole, TimeFunction
 
 SOFT = Material.from_speeds(1800.0, 800.0, 170.0)
 ELASTIC = Joint("J", "elastic", {"kn": 1e9, "ks": 5e8})

@@ -8,10 +8,10 @@ from typing import get_args, get_origin
 
 import pytest
 
-from pyblast.config import Config
-from pyblast.config_ground import JointConfig
-from pyblast.config_section import Section
-from pyblast.kernels import JOINT_LAWS
+from pyblast.projects.config import Config
+from pyblast.projects.config_ground import JointConfig
+from pyblast.projects.config_section import Section
+from pyblast.solving.kernels import JOINT_LAWS
 from pyblast.units import split_key
 
 PAGE = (Path(__file__).parents[1] / "docs" / "project_file.md").read_text(encoding="utf-8")

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pyblast.blast import Firing
-from pyblast.comparison import compare
-from pyblast.hole_tables import read_blast
-from pyblast.recordings import read_gather
-from pyblast.seismogram import Seismogram
-from pyblast.superposition import superpose
+from pyblast.blasting.blast import Firing
+from pyblast.blasting.hole_tables import read_blast
+from pyblast.blasting.superposition import superpose
+from pyblast.motion.comparison import compare
+from pyblast.motion.seismogram import Seismogram
+from pyblast.records.recordings import read_gather
 
 README = Path(__file__).parents[1] / "examples" / "real" / "README.md"
 PLACES = {-5.0: "6", -10.0: "11", -20.0: "16", 51.0: "26", 56.0: "31", 66.0: "36"}

@@ -9,7 +9,7 @@ import pytest
 import recorder_files as files
 
 from pyblast.errors import InputError, PyblastWarning, ReadError
-from pyblast.recordings import (
+from pyblast.records.recordings import (
     FORMATS,
     read_gather,
     read_recording,

@@ -7,9 +7,9 @@ import pytest
 from small_project import written
 
 from pyblast import pipeline
-from pyblast.report import angle, number, render, scaled
-from pyblast.result import read_result, write_csv
-from pyblast.section import section_of_surface, section_of_zones
+from pyblast.projects.result import read_result, write_csv
+from pyblast.reporting.report import angle, number, render, scaled
+from pyblast.reporting.section import section_of_surface, section_of_zones
 
 
 @pytest.fixture(scope="module")

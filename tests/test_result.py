@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from pyblast.errors import ReadError
-from pyblast.recordings import read_recording
-from pyblast.result import (
+from pyblast.motion.seismogram import Seismogram
+from pyblast.projects.result import (
     Result,
     plain,
     read_result,
@@ -15,7 +15,7 @@ from pyblast.result import (
     write_result,
     write_summary,
 )
-from pyblast.seismogram import Seismogram
+from pyblast.records.recordings import read_recording
 
 
 @pytest.fixture

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pyblast.errors import InputError
-from pyblast.signatures import (
+from pyblast.blasting.signatures import (
     CavityPulse,
     SmoothPulse,
     cavity_moment,
@@ -13,6 +12,7 @@ from pyblast.signatures import (
     pressure_for_peak,
     scaled_distance_ppv,
 )
+from pyblast.errors import InputError
 
 DENSITY, CP, CS, RADIUS = 4500.0, 3393.9, 1813.5, 4.0
 ROCK = (DENSITY, CP, CS, RADIUS)

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 from columns import ROCK, ricker
 
-from pyblast import solver
-from pyblast.boundaries import Roller, StressInput, VelocityInput, Viscous
 from pyblast.errors import InputError, ReadError, SolverError
-from pyblast.joints import Joint
-from pyblast.materials import Damping
-from pyblast.mesh_builder import structured_box
-from pyblast.model import InSitu, Model, Receiver
-from pyblast.preparation import prepare
-from pyblast.seismogram import Seismogram
-from pyblast.solver import run
-from pyblast.sources import Hole, PointForce, TimeFunction
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.motion.seismogram import Seismogram
+from pyblast.solving import solver
+from pyblast.solving.boundaries import Roller, StressInput, VelocityInput, Viscous
+from pyblast.solving.joints import Joint
+from pyblast.solving.materials import Damping
+from pyblast.solving.model import InSitu, Model, Receiver
+from pyblast.solving.preparation import prepare
+from pyblast.solving.solver import run
+from pyblast.solving.sources import Hole, PointForce, TimeFunction
 
 DT = 1e-3
 TIMES = np.arange(0.0, 0.1, DT)
@@ -91,7 +91,7 @@ SCRIPT = """
 import sys, json
 sys.path.insert(0, sys.argv[1])
 from test_solver import digest, slipping_model
-from pyblast.solver import run
+from pyblast.solving.solver import run
 result = run(slipping_model(), 0.2)
 print(json.dumps([digest(result), result.prepared.fingerprint, result.provenance["threads"]]))
 """
@@ -112,7 +112,7 @@ def test_any_number_of_threads_gives_the_same_bits(threads, whole):
 
 @pytest.mark.parametrize("seconds", [0.0, 0.003])
 def test_the_length_of_chunks_changes_no_bit(seconds, whole, monkeypatch):
-    monkeypatch.setattr("pyblast.preparation.CHUNK_SECONDS", seconds)
+    monkeypatch.setattr("pyblast.solving.preparation.CHUNK_SECONDS", seconds)
     calls = []
 
     result = run(
@@ -142,7 +142,7 @@ class Stop:
 
 @pytest.mark.parametrize("step", [1, 250])
 def test_an_interrupted_run_goes_on_with_the_same_bits(step, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr("pyblast.preparation.CHUNK_SECONDS", 0.01)
+    monkeypatch.setattr("pyblast.solving.preparation.CHUNK_SECONDS", 0.01)
     path = tmp_path / "checkpoint.h5"
     with pytest.raises(KeyboardInterrupt):
         run(slipping_model(), 0.2, progress=Stop(step), checkpoint=path)

@@ -8,16 +8,16 @@ from small_project import TEXT, written
 from typer.testing import CliRunner
 
 from pyblast.__main__ import app
-from pyblast.boundaries import StressInput, VelocityInput
-from pyblast.census import central_frequency, input_band
-from pyblast.checks import check
-from pyblast.config import ChargedHoleConfig, HolesInsideConfig
+from pyblast.blasting.signatures import SmoothPulse, cavity_moment, cavity_response
 from pyblast.errors import InputError, ReadError
-from pyblast.materials import Material
-from pyblast.mesh import edge_lengths, locate
-from pyblast.project import load_project
-from pyblast.signatures import SmoothPulse, cavity_moment, cavity_response
-from pyblast.source_input import make_moment_rate
+from pyblast.meshing.mesh import edge_lengths, locate
+from pyblast.projects.census import central_frequency, input_band
+from pyblast.projects.checks import check
+from pyblast.projects.config import ChargedHoleConfig, HolesInsideConfig
+from pyblast.projects.project import load_project
+from pyblast.projects.source_input import make_moment_rate
+from pyblast.solving.boundaries import StressInput, VelocityInput
+from pyblast.solving.materials import Material
 
 FACE = TEXT[TEXT.index("[signature.cavity]") : TEXT.index("[[receivers]]")]
 HOLE = """

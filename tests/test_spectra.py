@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.seismogram import Seismogram
-from pyblast.spectra import (
+from pyblast.motion.seismogram import Seismogram
+from pyblast.motion.spectra import (
     amplitude_spectrum,
     dominant_frequency,
     lowpass,

@@ -7,16 +7,16 @@ import pytest
 import reference
 from columns import ROCK, started
 
-from pyblast import kernels, stability
-from pyblast.boundaries import Viscous
 from pyblast.errors import SolverError
-from pyblast.joints import Joint
-from pyblast.materials import Damping, Material
-from pyblast.mesh import Mesh
-from pyblast.mesh_builder import Layer, structured_box
-from pyblast.model import Model
-from pyblast.preparation import prepare
-from pyblast.solver import run
+from pyblast.meshing.mesh import Mesh
+from pyblast.meshing.mesh_builder import Layer, structured_box
+from pyblast.solving import kernels, stability
+from pyblast.solving.boundaries import Viscous
+from pyblast.solving.joints import Joint
+from pyblast.solving.materials import Damping, Material
+from pyblast.solving.model import Model
+from pyblast.solving.preparation import prepare
+from pyblast.solving.solver import run
 
 SOFT = Material.from_speeds(1800.0, 1500.0, 500.0)
 CROSS = {"J1": ("x", 1.0), "J2": ("y", 1.0)}

@@ -8,14 +8,14 @@ import h5py
 import numpy as np
 import pytest
 
-from pyblast.boundaries import StressInput, Viscous
-from pyblast.joints import Joint
-from pyblast.materials import Damping, Material
-from pyblast.mesh_builder import structured_box
-from pyblast.model import Model, Receiver
-from pyblast.seismogram import Seismogram
-from pyblast.preparation import export, prepare
-from pyblast.solver import run
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.motion.seismogram import Seismogram
+from pyblast.solving.boundaries import StressInput, Viscous
+from pyblast.solving.joints import Joint
+from pyblast.solving.materials import Damping, Material
+from pyblast.solving.model import Model, Receiver
+from pyblast.solving.preparation import export, prepare
+from pyblast.solving.solver import run
 
 PROGRAM = resources.files("pyblast") / "bin" / "pyblast-run"
 ROCK = Material.from_speeds(2660.0, 3078.0, 1645.0)
@@ -39,7 +39,11 @@ def model():
         mesh,
         {"rock": ROCK},
         joints=[joint],
-        boundaries=[Viscous("west"), Viscous("east"), StressInput("west", Seismogram(velocity, 1e-3))],
+        boundaries=[
+            Viscous("west"),
+            Viscous("east"),
+            StressInput("west", Seismogram(velocity, 1e-3)),
+        ],
         damping=Damping(0.01, 20.0),
         receivers=[Receiver("A", (35.0, 5.0, -5.0))],
     )
@@ -116,7 +120,8 @@ def stop_time(file):
 
 
 @pytest.mark.parametrize(
-    "damage", [cut, remove_array, lengthen, point_outside, point_before, change_kind, age, stop_time]
+    "damage",
+    [cut, remove_array, lengthen, point_outside, point_before, change_kind, age, stop_time],
 )
 def test_a_broken_model_file_is_refused_in_one_sentence(damage, exported, tmp_path):
     broken = tmp_path / "broken.h5"

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from pyblast.blast import Blast, Firing
+from pyblast.blasting.blast import Blast, Firing
+from pyblast.blasting.superposition import superpose, travel_shifts
 from pyblast.errors import InputError
-from pyblast.seismogram import Seismogram
-from pyblast.superposition import superpose, travel_shifts
+from pyblast.motion.seismogram import Seismogram
 
 DT = 1.0 / 1024.0
 

@@ -4,7 +4,13 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-CODE = ("pyblast/*.py", "fortran/*.f90", "examples/**/*.py", "verification/*.py", "tests/**/*.py")
+CODE = (
+    "pyblast/**/*.py",
+    "fortran/*.f90",
+    "examples/**/*.py",
+    "verification/*.py",
+    "tests/**/*.py",
+)
 NUMBER = r"\((\d+)\.(\d+)\)"
 CITATION = re.compile(rf"theory\.md[\s!]*({NUMBER}(?:(?:,| and| to)[\s!]*{NUMBER})*)")
 

@@ -16,14 +16,14 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from pyblast.comparison import compare
-from pyblast.materials import Material
-from pyblast.recordings import read_stations
-from pyblast.site import read_site, site_mesh, site_model
-from pyblast.solver import run
+from pyblast.motion.comparison import compare
+from pyblast.projects.site import read_site, site_mesh, site_model
+from pyblast.records.recordings import read_stations
+from pyblast.solving.materials import Material
+from pyblast.solving.solver import run
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt  # noqa: E402
+import matplotlib.pyplot as plt
 
 ROOT = Path(__file__).resolve().parents[1]
 CASES = ("case-11", "case-10")

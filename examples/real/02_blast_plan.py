@@ -10,16 +10,16 @@ import numpy as np
 from matplotlib import pyplot as plt
 from real_line import FIGURES, hits_by_place, keep_results, recordings_folder, seismograms
 
-from pyblast.hole_tables import read_blast
-from pyblast.seismogram import Seismogram
-from pyblast.signatures import (
+from pyblast.blasting.hole_tables import read_blast
+from pyblast.blasting.signatures import (
     SmoothPulse,
     cavity_seismogram,
     pressure_for_peak,
     scaled_distance_ppv,
 )  # fmt: skip
-from pyblast.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
-from pyblast.superposition import superpose, travel_shifts
+from pyblast.blasting.superposition import superpose, travel_shifts
+from pyblast.motion.seismogram import Seismogram
+from pyblast.motion.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
 
 PLANS = ("KAB_BLAST_ALLCOL", "blastlogic_kirra_S4_226_401", "blastlogic_kirra_S4_226_414P")
 ROCK = {"density": 2600.0, "cp": 4000.0, "cs": 2300.0, "radius": 2.0}

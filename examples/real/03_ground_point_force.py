@@ -12,14 +12,14 @@ from line_analysis import first_breaks, misfit_map, phase_speeds, with_hammer
 from real_figures import draw_gather
 from real_line import hits_by_place, keep_results, recordings_folder, seismograms, vertical
 
-from pyblast.boundaries import Roller, Viscous
-from pyblast.comparison import compare
-from pyblast.materials import Damping, Material
-from pyblast.mesh_builder import Layer, structured_box
-from pyblast.model import Model, Receiver, Rim
-from pyblast.site import graded_axis
-from pyblast.solver import run
-from pyblast.sources import PointForce, TimeFunction
+from pyblast.meshing.mesh_builder import Layer, structured_box
+from pyblast.motion.comparison import compare
+from pyblast.projects.site import graded_axis
+from pyblast.solving.boundaries import Roller, Viscous
+from pyblast.solving.materials import Damping, Material
+from pyblast.solving.model import Model, Receiver, Rim
+from pyblast.solving.solver import run
+from pyblast.solving.sources import PointForce, TimeFunction
 
 PLACE, OPPOSITE, HIT, NEAREST = 51.0, -5.0, 2, 4
 DRY, WET, DEPTH = (380.0, 178.0), (1400.0, 231.0), 2.4

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pyblast import kernels
+from pyblast.solving import kernels
 
 BORDER = kernels._core.pyblast_boundaries
 MASS, DT = 3.0, 0.01

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from columns import ROCK
 
-from pyblast import assembly, kernels
-from pyblast.joints import Joint
-from pyblast.mesh_builder import structured_box
-from pyblast.model import Model, Receiver
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.solving import assembly, kernels
+from pyblast.solving.joints import Joint
+from pyblast.solving.model import Model, Receiver
 
 CORE = kernels._core
 MODULES = [getattr(CORE, name) for name in dir(CORE) if name.startswith("pyblast_")]
@@ -123,4 +123,4 @@ def test_state_that_is_not_contiguous_is_refused():
 def test_the_wait_policy_is_set_before_the_core_is_loaded():
     source = inspect.getsource(kernels)
 
-    assert source.index("OMP_WAIT_POLICY") < source.index("from . import _core")
+    assert source.index("OMP_WAIT_POLICY") < source.index("from .. import _core")

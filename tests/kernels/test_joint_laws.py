@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pyblast import kernels
-from pyblast.kernels import JOINT_LAWS, N_JOINT_PROPERTIES, N_JOINT_STATE
+from pyblast.solving import kernels
+from pyblast.solving.kernels import JOINT_LAWS, N_JOINT_PROPERTIES, N_JOINT_STATE
 
 KN, KS = 2.0e9, 0.8e9
 COHESION, FRICTION, TENSION = 3.0e5, 0.6, 2.0e5

@@ -6,10 +6,10 @@ import reference
 from columns import ROCK
 from scipy.spatial.transform import Rotation
 
-from pyblast import assembly, kernels
-from pyblast.materials import Damping, Material
-from pyblast.mesh_builder import Layer, structured_box
-from pyblast.model import Model
+from pyblast.meshing.mesh_builder import Layer, structured_box
+from pyblast.solving import assembly, kernels
+from pyblast.solving.materials import Damping, Material
+from pyblast.solving.model import Model
 
 SOFT = Material.from_speeds(1800.0, 1500.0, 600.0)
 NEEDED = (

@@ -5,12 +5,12 @@ import pytest
 from columns import ROCK, ricker
 from scipy.interpolate import CubicSpline
 
-from pyblast.boundaries import Fixed, Viscous
-from pyblast.joints import Joint
-from pyblast.mesh_builder import structured_box
-from pyblast.model import Model, Receiver
-from pyblast.solver import run
-from pyblast.sources import PointForce, TimeFunction
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.solving.boundaries import Fixed, Viscous
+from pyblast.solving.joints import Joint
+from pyblast.solving.model import Model, Receiver
+from pyblast.solving.solver import run
+from pyblast.solving.sources import PointForce, TimeFunction
 
 TIMES = np.arange(0.0, 0.1, 5e-4)
 PULSE = TimeFunction(1e6 * ricker(TIMES, 40.0), 5e-4)

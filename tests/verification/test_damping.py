@@ -5,9 +5,9 @@ import pytest
 from columns import AXIS, HELD, ROCK, SPEED, column_model, started
 from scipy.optimize import curve_fit
 
-from pyblast.boundaries import Fixed
-from pyblast.materials import Damping
-from pyblast.mesh_builder import structured_box
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.solving.boundaries import Fixed
+from pyblast.solving.materials import Damping
 
 EDGE, N_EDGES = 5.0, 24
 CENTRAL = 25.0

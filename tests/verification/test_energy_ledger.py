@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from columns import ROCK, pulse, ricker, started
 
-from pyblast.boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
-from pyblast.joints import Joint
-from pyblast.materials import Damping
-from pyblast.mesh_builder import structured_box
-from pyblast.model import Model
-from pyblast.seismogram import Seismogram
-from pyblast.solver import prepare, run
-from pyblast.sources import Hole, PointForce, TimeFunction
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.motion.seismogram import Seismogram
+from pyblast.solving.boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
+from pyblast.solving.joints import Joint
+from pyblast.solving.materials import Damping
+from pyblast.solving.model import Model
+from pyblast.solving.solver import prepare, run
+from pyblast.solving.sources import Hole, PointForce, TimeFunction
 
 CLOSED = [Fixed("bottom"), Roller("south")]
 QUIET = [Viscous(side) for side in ("west", "east", "south", "north", "bottom")]

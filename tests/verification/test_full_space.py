@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from columns import spectrum
 
-from pyblast.boundaries import Viscous
-from pyblast.materials import Material
-from pyblast.mesh_builder import SIDES, structured_box
-from pyblast.model import Model, Receiver
-from pyblast.solver import run
-from pyblast.sources import Hole, PointForce, TimeFunction
+from pyblast.meshing.mesh_builder import SIDES, structured_box
+from pyblast.solving.boundaries import Viscous
+from pyblast.solving.materials import Material
+from pyblast.solving.model import Model, Receiver
+from pyblast.solving.solver import run
+from pyblast.solving.sources import Hole, PointForce, TimeFunction
 
 ROCK = Material.from_speeds(2500.0, 4000.0, 2309.4)
 PER_WAVELENGTH, FAR = 10, 3.0

@@ -5,15 +5,15 @@ import pytest
 from columns import ROCK, ricker
 from scipy.spatial.transform import Rotation
 
-from pyblast.boundaries import StressInput, Viscous
-from pyblast.joints import Joint
-from pyblast.materials import Damping
-from pyblast.mesh import Mesh
-from pyblast.mesh_builder import structured_box
-from pyblast.model import Model, Receiver
-from pyblast.seismogram import Seismogram
-from pyblast.solver import run
-from pyblast.sources import Hole, PointForce, TimeFunction
+from pyblast.meshing.mesh import Mesh
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.motion.seismogram import Seismogram
+from pyblast.solving.boundaries import StressInput, Viscous
+from pyblast.solving.joints import Joint
+from pyblast.solving.materials import Damping
+from pyblast.solving.model import Model, Receiver
+from pyblast.solving.solver import run
+from pyblast.solving.sources import Hole, PointForce, TimeFunction
 
 SIDES = ("west", "east", "south", "north", "bottom")
 WEAK = {"kn": 2e9, "ks": 1e9, "cohesion": 0.0, "friction": 0.4, "tension": 0.0}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from columns import IMPEDANCE, SPEED, column, driven, order, spectrum
 
-from pyblast.joints import Joint
+from pyblast.solving.joints import Joint
 
 FREQUENCY = 20.0
 BAND = np.array([8.0, 13.0, 20.0])

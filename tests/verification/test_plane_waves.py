@@ -16,8 +16,8 @@ from columns import (
     started,
 )
 
-from pyblast.boundaries import Fixed, StressInput, Viscous
-from pyblast.solver import prepare, run
+from pyblast.solving.boundaries import Fixed, StressInput, Viscous
+from pyblast.solving.solver import prepare, run
 
 FREQUENCY = 20.0
 WAVES = pytest.mark.parametrize("wave", ["P", "S"])

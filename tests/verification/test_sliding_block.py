@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from columns import ROCK
 
-from pyblast.boundaries import Fixed
-from pyblast.joints import Joint
-from pyblast.mesh_builder import structured_box
-from pyblast.model import Model, Receiver
-from pyblast.solver import prepare, run
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.solving.boundaries import Fixed
+from pyblast.solving.joints import Joint
+from pyblast.solving.model import Model, Receiver
+from pyblast.solving.solver import prepare, run
 
 GRAVITY = 9.81
 KN, KS = 2e9, 1e9

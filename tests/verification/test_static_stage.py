@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from columns import ROCK, ricker
 
-from pyblast import kernels
-from pyblast.assembly import after_static
-from pyblast.boundaries import Fixed, Roller, Viscous
 from pyblast.errors import SolverError
-from pyblast.joints import Joint
-from pyblast.materials import Material
-from pyblast.mesh_builder import Layer, structured_box
-from pyblast.model import InSitu, Model, Receiver
-from pyblast.solver import prepare, run
-from pyblast.sources import PointForce, TimeFunction
+from pyblast.meshing.mesh_builder import Layer, structured_box
+from pyblast.solving import kernels
+from pyblast.solving.assembly import after_static
+from pyblast.solving.boundaries import Fixed, Roller, Viscous
+from pyblast.solving.joints import Joint
+from pyblast.solving.materials import Material
+from pyblast.solving.model import InSitu, Model, Receiver
+from pyblast.solving.solver import prepare, run
+from pyblast.solving.sources import PointForce, TimeFunction
 
 GRAVITY = 9.81
 SIDES = ("west", "east", "south", "north")
@@ -129,7 +129,7 @@ def test_pressure_raises_the_strength_of_a_joint():
 
 
 def test_a_block_that_nothing_holds_is_named_as_the_likely_cause(monkeypatch):
-    monkeypatch.setattr("pyblast.preparation.STATIC_STEPS", 2000)
+    monkeypatch.setattr("pyblast.solving.preparation.STATIC_STEPS", 2000)
     mesh = structured_box((2, 2, 4), (20.0, 20.0, 40.0), planes={"J": ("z", 20.0)}).split(["J"])
     model = Model(
         mesh,

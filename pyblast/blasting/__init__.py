@@ -1,0 +1,1 @@
+"""From one hole to the whole blast."""

@@ -1,0 +1,1 @@
+"""Ground cut into zones, blocks and joints."""

@@ -1,0 +1,133 @@
+"""Grids of boxes cut into tetrahedra."""
+
+from itertools import permutations
+
+import numpy as np
+
+from ..errors import InputError
+from . import tetrahedra
+from .geology import Layer, layer_limits
+from .mesh import Mesh
+
+_SIDES = {"west": (0, 0), "east": (0, -1), "south": (1, 0), "north": (1, -1)} | {
+    "bottom": (2, 0),
+    "top": (2, -1),
+}
+_AXES = {"x": 0, "y": 1, "z": 2}
+
+
+def structured_box(*grid, group="rock", layers=None, planes=None, pattern="kuhn") -> Mesh:
+    """Cut a grid of boxes into tetrahedra.
+
+    Parameters
+    ----------
+    *grid : (shape, size) or (xs, ys, zs)
+        Numbers of boxes along x, y, z and the lengths (3,) in m, from the origin; or the grid
+        coordinates in m, ascending.
+    group : str
+        Name of the only group where no layers are given.
+    layers : sequence of Layer
+        From the top down; their limits must be grid planes.
+    planes : dict of str to (axis, place or places)
+        Joint surfaces on grid planes, such as ``{"J1": ("x", 93.0)}``.
+    pattern : {"kuhn", "alternating"}
+        Six tetrahedra around the same diagonal of every box, or five, mirrored from box to box.
+
+    Returns
+    -------
+    Mesh
+        Not split; outer surfaces west, east, south, north, bottom, top.
+
+    Raises
+    ------
+    InputError
+        If coordinates do not ascend, or a plane or layer limit is not on the grid.
+    """
+    axes = _grid_axes(grid)
+    if pattern not in ("kuhn", "alternating"):
+        raise InputError(f"pattern: must be 'kuhn' or 'alternating', got {pattern!r}")
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    points = np.swapaxes(points, 0, 2).reshape(-1, 3)
+    zones = _grid_zones([len(axis) for axis in axes], pattern)
+    faces = tetrahedra.zone_faces(zones)
+    surfaces = {
+        name: _plane_faces(points, faces, axis, axes[axis][end], end == 0)
+        for name, (axis, end) in _SIDES.items()
+    }
+    for name, (letter, places) in (planes or {}).items():
+        axis = _AXES[letter]
+        found = [
+            _plane_faces(points, faces, axis, _on_grid(axes[axis], place, name), False)
+            for place in np.atleast_1d(places)
+        ]
+        surfaces[name] = np.concatenate(found)
+    layers = layers or [Layer(group)]
+    limits = layer_limits(layers, axes[2][-1], axes[2][0])
+    for layer, limit in zip(layers, limits[1:], strict=True):
+        _on_grid(axes[2], limit, layer.name)
+    height = points[zones].mean(axis=1)[:, 2]
+    zone_group = np.searchsorted(-limits[1:-1], -height)
+    return Mesh(points, zones, zone_group, tuple(layer.name for layer in layers), surfaces)
+
+
+def _grid_axes(grid):
+    """Return the three coordinate arrays of a grid given by shape and size or by coordinates."""
+    if len(grid) == 2:
+        shape, size = grid
+        if min(shape) < 1 or not min(size) > 0.0:
+            raise InputError(
+                f"structured_box: shape and size must be positive, got {shape}, {size}"
+            )
+        return [np.linspace(0.0, length, n + 1) for n, length in zip(shape, size, strict=True)]
+    if len(grid) != 3:
+        raise InputError(f"structured_box: give shape and size or xs, ys, zs, got {len(grid)}")
+    axes = [np.asarray(axis, dtype=float) for axis in grid]
+    for letter, axis in zip("xyz", axes, strict=True):
+        if len(axis) < 2 or not (np.diff(axis) > 0.0).all():
+            raise InputError(f"structured_box.{letter}s: must ascend and hold two values or more")
+    return axes
+
+
+def _on_grid(axis, place, name):
+    """Return the grid coordinate at a place or refuse a place between coordinates."""
+    nearest = axis[np.argmin(np.abs(axis - place))]
+    if abs(nearest - place) > 1e-9 * (axis[-1] - axis[0]):
+        raise InputError(
+            f"structured_box: {name!r} at {place:g} m must be on the grid, nearest is {nearest:g} m"
+        )
+    return nearest
+
+
+def _plane_faces(points, faces, axis, place, low):
+    """Return the faces on a grid plane whose zone lies below it, or above where ``low``."""
+    on_plane = points[:, axis] == place
+    flat = on_plane[faces].all(axis=1)
+    normals = tetrahedra.triangle_vectors(points, faces[flat])[:, axis]
+    return faces[flat][(normals < 0.0) if low else (normals > 0.0)]
+
+
+def _grid_zones(counts, pattern):
+    """Return the zones of a grid with ``counts`` nodes along each axis."""
+    nx, ny, _ = counts
+    cells = np.stack(np.meshgrid(*(np.arange(n - 1) for n in counts), indexing="ij"), axis=-1)
+    cells = np.swapaxes(cells, 0, 2).reshape(-1, 3)
+    first = cells[:, 0] + nx * (cells[:, 1] + ny * cells[:, 2])
+    steps = np.array([x + nx * (y + ny * z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])
+    corners = first[:, None] + steps
+    if pattern == "kuhn":
+        return corners[:, _kuhn_zones()].reshape(-1, 4)
+    even = np.array([[1, 2, 4, 7], [0, 1, 2, 4], [3, 2, 1, 7], [5, 4, 7, 1], [6, 7, 4, 2]])
+    odd = (even ^ 1)[:, [0, 2, 1, 3]]
+    mirrored = cells.sum(axis=1) % 2 == 1
+    zones = np.where(mirrored[:, None, None], corners[:, odd], corners[:, even])
+    return zones.reshape(-1, 4)
+
+
+def _kuhn_zones():
+    """Return the six tetrahedra (6, 4) around the diagonal 0-7 of a box; corner bits are z y x."""
+    zones = []
+    for a, b, _ in permutations(range(3)):
+        odd = (b - a) % 3 == 2
+        middle = (1 << a, (1 << a) | (1 << b))
+        zones.append([0, *(middle[::-1] if odd else middle), 7])
+    return np.array(zones)

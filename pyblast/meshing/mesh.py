@@ -1,0 +1,277 @@
+"""Mesh of tetrahedra with named outer and joint surfaces, and its splitting along joints."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import InputError
+from . import tetrahedra
+from .splitting import components, double_nodes, orient, pair_nodes
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Pairs of facing nodes across joints.
+
+    Parameters
+    ----------
+    joint : (n_contacts,) int32, index into ``names``
+    names : tuple of str
+    minus, plus : (n_contacts,) int32, nodes of the two sides
+    normal : (n_contacts, 3) float64, unit, from minus to plus
+    area : (n_contacts,) float64, m2
+    """
+
+    joint: np.ndarray
+    names: tuple[str, ...]
+    minus: np.ndarray
+    plus: np.ndarray
+    normal: np.ndarray
+    area: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Constant-strain tetrahedra in groups, with named surfaces.
+
+    Parameters
+    ----------
+    points : (n_nodes, 3) float64, m
+    zones : (n_zones, 4) int32, of positive volume
+    zone_group : (n_zones,) int32, index into ``groups``
+    groups : tuple of str
+    surfaces : dict of str to (n, 3) int32
+    contacts : Contacts or None
+        None before ``split``.
+
+    Raises
+    ------
+    InputError
+        If shapes or indices do not fit together.
+    """
+
+    points: np.ndarray
+    zones: np.ndarray
+    zone_group: np.ndarray
+    groups: tuple[str, ...]
+    surfaces: dict[str, np.ndarray]
+    contacts: Contacts | None = None
+
+    def __post_init__(self):
+        """Fix the types and refuse indices that point nowhere."""
+        surfaces = {name: _indices(faces, 3) for name, faces in self.surfaces.items()}
+        object.__setattr__(self, "points", np.ascontiguousarray(self.points, dtype=np.float64))
+        object.__setattr__(self, "zones", _indices(self.zones, 4))
+        object.__setattr__(self, "zone_group", np.asarray(self.zone_group, dtype=np.int32))
+        object.__setattr__(self, "groups", tuple(self.groups))
+        object.__setattr__(self, "surfaces", surfaces)
+        if self.zone_group.shape != (len(self.zones),):
+            raise InputError(
+                f"mesh.zone_group: must have one entry for each of {len(self.zones)} zones, "
+                f"got shape {self.zone_group.shape}"
+            )
+        _refuse_indices("zone_group", self.zone_group, len(self.groups), "groups")
+        _refuse_indices("zones", self.zones, len(self.points), "nodes")
+        for name, faces in surfaces.items():
+            _refuse_indices(f"surfaces[{name!r}]", faces, len(self.points), "nodes")
+
+    @cached_property
+    def paired_faces(self):
+        """Which faces zones share; see ``tetrahedra.pair_faces``. Found once for each mesh."""
+        return tetrahedra.pair_faces(self.zones, len(self.points))
+
+    def split(self, names: list[str] | tuple[str, ...]) -> "Mesh":
+        """Double the nodes along named internal surfaces; see ``split_mesh``."""
+        return split_mesh(self, names)
+
+    def blocks(self) -> np.ndarray:
+        """Return the block (n_zones,) of each zone: zones connected without crossing a joint."""
+        first, second, _, _ = self.paired_faces
+        return components(first // 4, second // 4, len(self.zones))[1]
+
+
+def _indices(values, width):
+    """Return an index table (n, width) int32 or refuse its shape."""
+    table = np.asarray(values)
+    if table.size == 0:
+        table = np.empty((0, width))
+    if table.ndim != 2 or table.shape[1] != width:
+        raise InputError(f"mesh: index table must have {width} columns, got shape {table.shape}")
+    return np.ascontiguousarray(table, dtype=np.int32)
+
+
+def _refuse_indices(what, indices, count, of):
+    """Raise an error where an index lies outside 0..count-1."""
+    if indices.size and (indices.min() < 0 or indices.max() >= count):
+        raise InputError(
+            f"mesh.{what}: must lie between 0 and {count - 1} ({count} {of}), "
+            f"got {indices.min()} to {indices.max()}"
+        )
+
+
+def split_mesh(mesh: Mesh, names) -> Mesh:
+    """Double the nodes along named internal surfaces and pair them as contacts.
+
+    Two corners of zones at the same node stay together when their zones share a face that is not
+    a joint and holds the node; every connected part becomes a node of its own. So a node where
+    three joints cross becomes eight, and the tip of a joint that ends in a block stays single.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    names : sequence of str
+        Keys of ``mesh.surfaces``.
+
+    Returns
+    -------
+    Mesh
+        First copies keep their number, further ones follow the old nodes. ``surfaces[name]``
+        holds the minus side of each joint; outer surfaces follow their zones.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, the mesh is split already, or a facet is not an internal face.
+    """
+    names = tuple(names)
+    if mesh.contacts is not None:
+        raise InputError("mesh.split: the mesh is split already; name all joints in one call")
+    for name in names:
+        if name not in mesh.surfaces:
+            raise InputError(
+                f"mesh.split: no surface named {name!r}; there are {', '.join(mesh.surfaces)}"
+            )
+    facets = np.concatenate([mesh.surfaces[name] for name in names] or [np.empty((0, 3), int)])
+    joint = np.repeat(np.arange(len(names)), [len(mesh.surfaces[name]) for name in names])
+    first, second, single, _ = mesh.paired_faces
+    at = _facet_places(mesh, facets, joint, names, first)
+    welded = np.ones(len(first), dtype=bool)
+    welded[at] = False
+    zones, origin = double_nodes(
+        mesh.zones, len(mesh.points), facets, first[welded], second[welded]
+    )
+    minus, plus = orient(mesh.points, mesh.zones, joint, first[at], second[at])
+    owner, *pairs = pair_nodes(mesh.points, mesh.zones, zones, joint, minus, plus)
+    outer = np.concatenate([single, first])
+    surfaces = {}
+    for name in mesh.surfaces:
+        if name in names:
+            face = minus[joint == names.index(name)]
+            surfaces[name] = tetrahedra.zone_faces(zones)[face]
+        else:
+            surfaces[name] = _moved(mesh, zones, name, outer)
+    contacts = Contacts(owner.astype(np.int32), names, *pairs)
+    return replace(
+        mesh, points=mesh.points[origin], zones=zones, surfaces=surfaces, contacts=contacts
+    )
+
+
+def _lookup(mesh, triangles, faces):
+    """Return the position in ``faces`` (``4 zone + local``) of each triangle, -1 where none."""
+    if not len(faces):
+        return np.full(len(triangles), -1)
+    n_nodes = len(mesh.points)
+    keys = tetrahedra.face_keys(tetrahedra.zone_faces(mesh.zones)[faces], n_nodes)
+    wanted = tetrahedra.face_keys(triangles, n_nodes)
+    order = np.argsort(keys, kind="stable")
+    at = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(faces) - 1)]
+    return np.where(keys[at] == wanted, at, -1)
+
+
+def _facet_places(mesh, facets, joint, names, first):
+    """Return where in the list of shared faces each joint facet stands."""
+    at = _lookup(mesh, facets, first)
+    lost = np.flatnonzero(at < 0)
+    if len(lost):
+        x, y, z = mesh.points[facets[lost[0]]].mean(axis=0)
+        raise InputError(
+            f"mesh.split: {len(lost)} facets of {names[joint[lost[0]]]!r} are not faces between "
+            f"two zones, the first at ({x:g}, {y:g}, {z:g}); the mesh must conform to its joints"
+        )
+    order = np.argsort(at, kind="stable")
+    twice = np.flatnonzero(np.diff(at[order]) == 0)
+    if len(twice):
+        one, other = names[joint[order[twice[0]]]], names[joint[order[twice[0] + 1]]]
+        raise InputError(f"mesh.split: a facet of {one!r} stands in {other!r} too; name it once")
+    return at
+
+
+def _moved(mesh, zones, name, faces):
+    """Return the triangles of an outer surface with the nodes of the split zones."""
+    triangles = mesh.surfaces[name]
+    face = _surface_faces(mesh, name, faces)
+    same = mesh.zones[face // 4][:, None, :] == triangles[:, :, None]
+    return np.take_along_axis(zones[face // 4], same.argmax(axis=2), axis=1)
+
+
+def _surface_faces(mesh, name, faces):
+    """Return the face ``4 zone + local`` of each triangle of a surface."""
+    at = _lookup(mesh, mesh.surfaces[name], faces)
+    if (at < 0).any():
+        raise InputError(
+            f"mesh.surfaces[{name!r}]: {np.count_nonzero(at < 0)} triangles are not faces of "
+            "zones; the surface must conform to the mesh"
+        )
+    return faces[at]
+
+
+def outer_faces(mesh: Mesh) -> np.ndarray:
+    """Return the outward triangles (n, 3) of the outside of the mesh, joints left out."""
+    welded = np.arange(len(mesh.points))
+    if mesh.contacts is not None:
+        welded = components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
+    single = tetrahedra.pair_faces(welded[mesh.zones], len(mesh.points))[2]
+    return tetrahedra.zone_faces(mesh.zones)[np.sort(single)]
+
+
+def surface_zones(mesh: Mesh, name: str) -> np.ndarray:
+    """Return the zone (n,) behind each triangle of a surface; on joints that of the minus side."""
+    if name not in mesh.surfaces:
+        raise InputError(f"mesh: no surface named {name!r}; there are {', '.join(mesh.surfaces)}")
+    first, _, single, _ = mesh.paired_faces
+    return _surface_faces(mesh, name, np.concatenate([single, first])) // 4
+
+
+def surface_areas(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Share the area of a surface among its nodes.
+
+    Returns
+    -------
+    nodes : (3 n_triangles,) int32, triangle by triangle
+    area : (3 n_triangles,) float64, a third of each triangle, m2
+    normal : (3 n_triangles, 3) float64, unit, out of the zone behind
+    """
+    zone = surface_zones(mesh, name)
+    triangles = mesh.surfaces[name]
+    vectors = tetrahedra.triangle_vectors(mesh.points, triangles)
+    inward = mesh.points[mesh.zones[zone]].mean(axis=1) - mesh.points[triangles[:, 0]]
+    vectors *= -np.sign(np.einsum("ij,ij->i", vectors, inward))[:, None]
+    length = np.linalg.norm(vectors, axis=1)
+    normal = (vectors / length[:, None]).repeat(3, axis=0)
+    return triangles.ravel(), (length / 3.0).repeat(3), normal
+
+
+def volumes(mesh: Mesh) -> np.ndarray:
+    """Return the volume (n_zones,) of each zone in m3."""
+    return tetrahedra.volumes(mesh.points, mesh.zones)
+
+
+def quality(mesh: Mesh) -> np.ndarray:
+    """Return the mean ratio (n_zones,): 1 for a regular tetrahedron, 0 for a flat one."""
+    return tetrahedra.mean_ratio(mesh.points, mesh.zones)
+
+
+def edge_lengths(mesh: Mesh) -> np.ndarray:
+    """Return the six edge lengths of each zone, (n_zones, 6) in m."""
+    return tetrahedra.edge_lengths(mesh.points, mesh.zones)
+
+
+def altitudes(mesh: Mesh) -> np.ndarray:
+    """Return the smallest altitude (n_zones,) of each zone in m; it sets the time step."""
+    return tetrahedra.altitudes(mesh.points, mesh.zones)
+
+
+def locate(mesh: Mesh, points, tolerance: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the zone (n,) and the weights (n, 4) of points (n, 3); see ``tetrahedra.locate``."""
+    return tetrahedra.locate(mesh.points, mesh.zones, points, tolerance)

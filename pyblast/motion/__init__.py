@@ -1,0 +1,1 @@
+"""Particle velocity at a place, its numbers, and limits for it."""

@@ -1,0 +1,1 @@
+"""From files to objects, what is doubtful about them, and what a run leaves."""

@@ -1,0 +1,294 @@
+"""The ground of a project in SI: materials, joints, boundaries, mesh."""
+
+from contextlib import contextmanager
+from difflib import get_close_matches
+
+import numpy as np
+
+from ..errors import InputError
+from ..meshing.mesh import Mesh
+from ..meshing.mesh_builder import Fault, JointSet, Layer, build_mesh, structured_box
+from ..meshing.mesh_import import read_mesh
+from ..solving.boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
+from ..solving.joints import Joint
+from ..solving.kernels import JOINT_LAWS
+from ..solving.materials import Damping, Material
+from ..solving.model import InSitu, Rim
+from ..units import split_key, to_si
+from .column_files import read_columns
+
+_UNITS = {
+    "kn": ("gpa_per_m", "mpa_per_m", "pa_per_m"),
+    "ks": ("gpa_per_m", "mpa_per_m", "pa_per_m"),
+    "friction": ("angle_deg",),
+    "friction_residual": ("angle_deg",),
+}
+_PRESSURES = ("kpa", "mpa", "pa")
+
+
+@contextmanager
+def named_error(where):
+    """Put a place of the project file before the message of an `InputError`."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def make_material(config):
+    """Turn a `MaterialConfig` into a `Material`."""
+    given = config.model_dump(exclude={"damping"}, exclude_none=True)
+    values = dict(to_si(key, value) for key, value in given.items())
+    density = values.pop("density")
+    if "young" in values:
+        return Material.from_young_poisson(density, values.pop("young"), **values)
+    if "cp" in values:
+        return Material.from_speeds(density, values.pop("cp"), values.pop("cs"), **values)
+    return Material(density, **values)
+
+
+def make_joint(where, surface, config):
+    """Turn a `JointConfig` into the `Joint` of one surface.
+
+    Raises
+    ------
+    InputError
+        If the law is unknown, or a key is unknown, missing, without a unit or out of range.
+    """
+    if config.law not in JOINT_LAWS:
+        raise InputError(f"{where}.law: must be one of {', '.join(JOINT_LAWS)}, got {config.law!r}")
+    names = JOINT_LAWS[config.law].properties
+    properties = {}
+    for key, value in (config.model_extra or {}).items():
+        stem, unit = split_key(key)
+        wanted = _UNITS.get(stem, _PRESSURES)
+        if stem not in names or unit not in wanted:
+            raise InputError(f"{where}.{key}: unknown key; {_proposal(key, names)}")
+        if not value > 0.0 and stem in ("kn", "ks"):
+            raise InputError(f"{where}.{key}: must be positive, got {value:g}")
+        if value < 0.0:
+            raise InputError(f"{where}.{key}: must not be negative, got {value:g}")
+        with named_error(where):
+            properties[stem] = to_si(key, value)[1]
+    for name in names:
+        if name not in properties and not name.endswith("_residual"):
+            raise InputError(f"{where}.{name}_{_UNITS.get(name, _PRESSURES)[0]}: missing; add it")
+    pressure = to_si("pressure_kpa", config.insitu_pressure_kpa)[1]
+    return Joint(surface, config.law, properties, pressure)
+
+
+def _proposal(key, names):
+    """Propose the key that was probably meant."""
+    known = {name: f"{name}_{_UNITS.get(name, _PRESSURES)[0]}" for name in names}
+    stems = sorted((name for name in names if key.startswith(f"{name}_")), key=len)
+    near = [known[stems[-1]]] if stems else get_close_matches(key, known.values(), n=1)
+    return f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known.values())}"
+
+
+def make_damping(config):
+    """Return the damping of a `Config`: one for all, or by material where materials have their own.
+
+    Returns
+    -------
+    Damping, dict of str to Damping, or None
+    """
+    own = {name: part.damping for name, part in config.materials.items()}
+    if not any(own.values()):
+        return None if config.damping is None else _damping(config.damping)
+    return {
+        name: Damping(0.0, 1.0) if part is None else _damping(part)
+        for name, part in ((name, part or config.damping) for name, part in own.items())
+    }
+
+
+def _damping(part):
+    """Turn a `DampingConfig` into a `Damping`."""
+    return Damping(part.ratio, part.frequency_hz, part.mass, part.stiffness)
+
+
+def make_rim(config):
+    """Return the rim of a `Config`: its own, or the padding around sources inside, or None."""
+    if config.rim is not None:
+        return Rim(tuple(map(tuple, config.rim.box_m)), config.rim.width_m)
+    mesh = config.mesh
+    if mesh.padding_m is None or not (config.holes_inside or config.point_forces):
+        return None
+    ends = zip(mesh.origin_m, mesh.size_m, strict=True)
+    return Rim(tuple((low, low + size) for low, size in ends), mesh.padding_m)
+
+
+def make_insitu(config):
+    """Turn an `InSituConfig` or None into an `InSitu` or None."""
+    if config is None:
+        return None
+    return InSitu(config.gravity_m_per_s2, config.horizontal_ratio)
+
+
+def make_boundaries(config, face=None):
+    """Turn a `BoundariesConfig` into boundaries.
+
+    Parameters
+    ----------
+    config : BoundariesConfig
+    face : str, optional
+        Input face; the literal "viscous and fixed" leaves it free to move.
+    """
+    boundaries = [Viscous(name) for name in config.viscous]
+    boundaries += [Roller(name) for name in config.roller]
+    boundaries += [Fixed(name) for name in config.fixed]
+    if config.viscous_and_fixed:
+        boundaries += [Roller(name) for name in config.viscous if name != face]
+    return boundaries
+
+
+def make_face_input(config, motion):
+    """Turn an `InputConfig` into the boundary through which a motion enters."""
+    kind = {"stress": StressInput, "velocity": VelocityInput}[config.enters_as]
+    return kind(config.face, motion)
+
+
+def refuse_open_sides(config, mesh):
+    """Refuse sides that would send the waves of holes inside back without anyone wanting it.
+
+    Parameters
+    ----------
+    config : BoundariesConfig
+    mesh : Mesh
+        Split; its joints are no sides.
+
+    Raises
+    ------
+    InputError
+    """
+    named = {*config.viscous, *config.roller, *config.fixed, *config.free, "top"}
+    joints = () if mesh.contacts is None else mesh.contacts.names
+    for surface in mesh.surfaces:
+        if surface not in named and surface not in joints:
+            raise InputError(
+                f"boundaries.viscous: lacks {surface!r}; the waves of holes inside the model must "
+                "leave through viscous sides (or name the side in another list)"
+            )
+
+
+def joint_of_surface(config):
+    """Return which entry of ``[joints]`` each joint surface of a `MeshConfig` takes."""
+    if config.file is not None:
+        return dict(config.file_joints)
+    return {part.name: part.joint or part.name for part in (*config.joint_sets, *config.faults)}
+
+
+def mean_edge(config, layer, material):
+    """Return the edge length of a layer in m, given or from edges per wavelength, else None."""
+    if layer.edge_m is not None:
+        return layer.edge_m
+    per_wavelength = layer.edges_per_wavelength
+    if per_wavelength is None and config.edge_m is None:
+        per_wavelength = config.edges_per_wavelength
+    if per_wavelength is None:
+        return config.edge_m
+    return material.cs / (per_wavelength * config.frequency_hz)
+
+
+def make_mesh(config, materials, folder) -> Mesh:
+    """Build or read the mesh of a project, not yet split.
+
+    Parameters
+    ----------
+    config : MeshConfig
+    materials : dict of str to Material
+    folder : Path
+        Where files of the project are looked for.
+    """
+    if config.file is not None:
+        return read_mesh(folder / config.file, config.file_groups or None, [*config.file_joints])
+    for layer in config.layers:
+        if layer.material not in materials:
+            raise InputError(
+                f"mesh.layers.material: must be one of {', '.join(materials)}, "
+                f"got {layer.material!r}"
+            )
+    layers = [
+        Layer(part.material, part.thickness_m, mean_edge(config, part, materials[part.material]))
+        for part in config.layers
+    ]
+    if config.grid_cells is not None:
+        return _grid(config, layers)
+    return _jointed_rock(config, layers, folder)
+
+
+def _grid(config, layers):
+    """Cut a regular grid; faults must lie on its planes."""
+    if config.joint_sets or config.surface_file is not None:
+        raise InputError(
+            "mesh.grid_cells: a regular grid takes faults only, no joint_sets or surface_file"
+        )
+    planes = {}
+    for fault in config.faults:
+        axis = _axis_of(fault)
+        place = fault.through_m["xyz".index(axis)] - config.origin_m["xyz".index(axis)]
+        planes[fault.name] = (axis, place)
+    mesh = structured_box(config.grid_cells, config.size_m, layers=layers, planes=planes)
+    return Mesh(
+        mesh.points + config.origin_m, mesh.zones, mesh.zone_group, mesh.groups, mesh.surfaces
+    )
+
+
+def _axis_of(fault):
+    """Return the axis that is normal to a plane along a regular grid."""
+    if fault.dip_deg == 0.0:
+        return "z"
+    turned = fault.dip_direction_deg % 180.0
+    if fault.dip_deg == 90.0 and turned in (0.0, 90.0):
+        return "y" if turned == 0.0 else "x"
+    raise InputError(
+        f"mesh.faults.{fault.name}: on a regular grid dip_deg is 0, or 90 with dip_direction_deg "
+        f"0 or 90, got {fault.dip_deg:g} and {fault.dip_direction_deg:g}; give edge_m instead of "
+        "grid_cells"
+    )
+
+
+def _jointed_rock(config, layers, folder):
+    """Build jointed rock through gmsh."""
+    low, size = np.array(config.origin_m), np.array(config.size_m)
+    sets = [
+        JointSet(
+            part.name, *_angles(part), part.spacing_m,
+            origin=None if part.origin_m is None else tuple(part.origin_m),
+            regions=tuple(part.regions) or None, persistence=part.persistence,
+        )
+        for part in config.joint_sets
+    ]  # fmt: skip
+    faults = [
+        Fault(
+            part.name, *_angles(part), tuple(part.through_m), radius=part.radius_m,
+            extent=None if part.extent_m is None else tuple(part.extent_m),
+        )
+        for part in config.faults
+    ]  # fmt: skip
+    padding = None
+    if config.padding_m is not None:
+        padding = config.padding_m, config.padding_edge_m
+    surface = None
+    if config.surface_file is not None:
+        surface = read_surface(folder / config.surface_file)
+    with named_error("mesh"):
+        return build_mesh(
+            np.column_stack([low, low + size]), layers, sets, faults, edge=config.edge_m,
+            surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
+        )  # fmt: skip
+
+
+def _angles(part):
+    """Return dip and dip direction in rad."""
+    return to_si("dip_deg", part.dip_deg)[1], to_si("direction_deg", part.dip_direction_deg)[1]
+
+
+def read_surface(path):
+    """Read a surveyed surface, lines ``x_m,y_m,z_m``; return its places (n, 3) in m.
+
+    Raises
+    ------
+    ReadError
+        If the file can't be read or a line holds something else than three numbers.
+    """
+    return read_columns(path, ("x_m,y_m,z_m",))

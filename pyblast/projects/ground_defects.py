@@ -1,0 +1,166 @@
+"""Defects of mesh, ground, joints and damping that show before a run: D1 to D18 of the paper."""
+
+import math
+
+from .findings import Finding, by_wave
+
+TET_VOLUME = 1.0 / (6.0 * math.sqrt(2.0))
+
+
+def coarse_zones(name, material, edge, volume, band, receivers=()):
+    """D1: a material whose zones do not carry the band of the input; None where they do."""
+    carried = material.cs / (10.0 * edge)
+    if carried >= band:
+        return None
+    needed = material.cs / (10.0 * band)
+    zones = [volume / (TET_VOLUME * size**3) for size in (edge, needed)]
+    stands = f", and {', '.join(receivers)} stands on it" if receivers else ""
+    return Finding(
+        "D1",
+        f"The mesh of '{name}' does not carry the input",
+        f"{edge:.3g} m edges carry {carried:.3g} Hz in '{name}' ({1.25 * carried:.3g} Hz with 8 "
+        f"edges per wavelength), the input has {band:.3g} Hz{stands}; edges must be at most "
+        f"{needed:.2g} m, which makes {zones[1]:.2g} zones of about {zones[0]:.2g}.",
+        True,
+        {"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
+         "zones_now": zones[0], "zones_needed": zones[1]},
+    )  # fmt: skip
+
+
+def short_model(length, materials, frequency):
+    """D2: a model shorter than the wavelength of P waves at the central frequency."""
+    waves = {name: (m.cp / frequency, m.cs / frequency) for name, m in materials.items()}
+    longest = max(p for p, _ in waves.values())
+    if length >= longest:
+        return None
+    listed = ", ".join(f"{p:.0f}/{s:.0f} m in '{name}'" for name, (p, s) in waves.items())
+    return Finding(
+        "D2",
+        "The model is shorter than a wavelength",
+        f"At {frequency:.3g} Hz the wavelengths (P/S) are {listed}, the model is {length:g} m "
+        "long: everything is near field, and waves graze the viscous sides, which absorb well only "
+        "above about 30 degrees of incidence.",
+        numbers={"length": length}
+        | by_wave(waves),
+    )  # fmt: skip
+
+
+def fixed_and_viscous(surfaces):
+    """D5: the same direction fixed and viscous."""
+    if not surfaces:
+        return None
+    return Finding(
+        "D5",
+        "Surfaces are fixed and viscous in the same direction",
+        f"{', '.join(surfaces)}: a fixed normal has no velocity, so its dashpots do nothing and P "
+        "waves reflect fully; compare with viscous_and_fixed = false (rollers in the static stage, "
+        "dashpots in the dynamic one).",
+    )
+
+
+def transmission(stiffness, impedance, frequency):
+    """Return |T| of a joint at normal incidence: 1/sqrt(1 + (omega Z / 2 K)^2)."""
+    return 1.0 / math.hypot(1.0, math.pi * frequency * impedance / stiffness)
+
+
+def fault_low_pass(name, joint, group, material, frequency, band):
+    """D8 and D9: a fault that itself is a low-pass; None where it passes the band."""
+    z_p, z_s = material.density * material.cp, material.density * material.cs
+    kn, ks = joint.properties["kn"], joint.properties["ks"]
+    corners = kn / (math.pi * z_p), ks / (math.pi * z_s)
+    if min(corners) > band:
+        return None
+    at = {f: (transmission(kn, z_p, f), transmission(ks, z_s, f)) for f in (2.0, 4.0, 6.0, 10.0)}
+    gain = [
+        transmission(1.1 * k, z, frequency) / transmission(k, z, frequency) - 1.0
+        for k, z in ((kn, z_p), (ks, z_s))
+    ]
+    listed = ", ".join(f"{p:.2f}/{s:.2f} at {f:g} Hz" for f, (p, s) in at.items())
+    return Finding(
+        "D8",
+        f"The fault {name} is itself a low-pass",
+        f"In '{group}' its corner is {corners[0]:.1f} Hz (P) and {corners[1]:.1f} Hz (S); it "
+        f"passes {listed} (P/S). Its stiffness can't be told from damping, soil or mesh by "
+        f"amplitude; at {frequency:.3g} Hz +10 % of kn gives {100 * gain[0]:+.0f} % P, of ks "
+        f"{100 * gain[1]:+.0f} % S (D9).",
+        numbers={"corner_p": corners[0], "corner_s": corners[1], "gain_p": gain[0],
+                 "gain_s": gain[1]}
+        | {f"t_{key}": v for key, v in by_wave({f"{f:g}": pair for f, pair in at.items()}).items()},
+    )  # fmt: skip
+
+
+def jointed_speeds(name, joint, spacing, group, material, frequency):
+    """D11: a joint set delays waves but hardly weakens them."""
+    kn, ks = joint.properties["kn"], joint.properties["ks"]
+    passed = (
+        transmission(kn, material.density * material.cp, frequency),
+        transmission(ks, material.density * material.cs, frequency),
+    )
+    slower = [
+        1.0 / math.sqrt(1.0 + modulus / (k * spacing)) - 1.0
+        for modulus, k in ((material.density * material.cp**2, kn), (material.shear, ks))
+    ]
+    if min(passed) < 0.95 or min(slower) > -0.05:
+        return None
+    return Finding(
+        "D11",
+        f"The joints '{name}' change arrival times, not amplitudes",
+        f"One joint passes {passed[0]:.3f} (P) and {passed[1]:.3f} (S) at {frequency:.3g} Hz, but "
+        f"the set makes '{group}' slower by {-100 * slower[0]:.0f} % (P) and "
+        f"{-100 * slower[1]:.0f} % (S): a comparison of peaks and frequencies "
+        "does not see it, arrival times do.",
+        numbers={"t_p": passed[0], "t_s": passed[1], "speed_p": slower[0], "speed_s": slower[1]},
+    )
+
+
+def soil_resonance(name, material, thickness, below, frequency, band):
+    """D12: the top layer has a resonance of its own within the band."""
+    contrast = below.density * below.cs / (material.density * material.cs)
+    own = material.cs / (4.0 * thickness)
+    if contrast < 2.0 or own > band:
+        return None
+    return Finding(
+        "D12",
+        f"'{name}' resonates by itself",
+        f"{thickness:g} m on rock of {contrast:.1f} times its impedance resonate at {own:.2f} Hz "
+        f"and odd multiples; {frequency:.3g} Hz would be "
+        f"{material.cs / (4.0 * frequency):.1f} m of it: another reading of the same peak.",
+        numbers={"own": own, "thickness_at_centre": material.cs / (4.0 * frequency)},
+    )
+
+
+def rayleigh_price(damping, undamped_dt, group=""):
+    """D16: Rayleigh damping away from its central frequency, and its price in time step."""
+    if damping is None or damping.ratio == 0.0:
+        return None
+    share = damping.beta / undamped_dt
+    factor = math.hypot(1.0, share) - share
+    ratios = {f: damping.ratio_at(f) for f in (1.0, 2.0, 4.0, 8.0, 20.0)}
+    listed = ", ".join(f"{100 * r:.2f} % at {f:g} Hz" for f, r in ratios.items())
+    return Finding(
+        "D16",
+        "Rayleigh damping holds at one frequency and costs time steps",
+        f"{f'In {group!r} ' if group else ''}{listed}; rock damps nearly alike at all frequencies. "
+        f"Its stiffness part cuts the step of {1e3 * undamped_dt:.2g} ms to {factor:.2f} of it.",
+        numbers={"factor": factor} | {f"ratio_{f:g}": r for f, r in ratios.items()},
+    )
+
+
+def infill_as_layer(name, joint, thicknesses):
+    """D18: what the stiffness of a fault says about its infill as a layer."""
+    kn, ks = joint.properties["kn"], joint.properties["ks"]
+    ratio = kn / ks
+    poisson = (ratio - 2.0) / (2.0 * (ratio - 1.0)) if ratio > 1.0 else math.nan
+    moduli = [(kn * t, ks * t) for t in thicknesses]
+    listed = " to ".join(f"{m / 1e6:.3g}/{g / 1e6:.3g} MPa" for m, g in moduli)
+    coherent = 0.0 <= poisson < 0.5
+    return Finding(
+        "D18",
+        f"The infill of {name} read as a layer",
+        f"{' to '.join(f'{100 * t:g} cm' for t in thicknesses)} of infill have M/G = {listed} and, "
+        f"from kn/ks = {ratio:.2f}, a Poisson's ratio of {poisson:.2f}: "
+        f"{'coherent' if coherent else 'no material behaves so; check kn and ks'}.",
+        numbers={"poisson": poisson}
+        | {f"m_{n + 1}": m for n, (m, _) in enumerate(moduli)}
+        | {f"g_{n + 1}": g for n, (_, g) in enumerate(moduli)},
+    )

@@ -1,0 +1,192 @@
+"""From a single hole to the motion that enters the model: signature, blast, superposition."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..blasting.blast import Blast, Firing
+from ..blasting.hole_tables import read_blast
+from ..blasting.signatures import (
+    SmoothPulse,
+    cavity_seismogram,
+    pressure_for_peak,
+    scaled_distance_ppv,
+)
+from ..blasting.superposition import superpose, travel_shifts
+from ..errors import InputError
+from ..motion.seismogram import GEOGRAPHIC, Seismogram
+from ..motion.spectra import LowPassed, lowpass
+from ..records.recordings import read_recording
+from ..units import to_si
+
+QUIET_CYCLES = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class InputMotion:
+    """What enters the model and what it came from; zero time is the first firing.
+
+    Parameters
+    ----------
+    signature : Seismogram
+    firing : Firing
+    superposed : Seismogram
+        With quiet time before and after, so that the filter has room.
+    low_passed : LowPassed or None
+    """
+
+    signature: Seismogram
+    firing: Firing
+    superposed: Seismogram
+    low_passed: LowPassed | None
+
+    @property
+    def motion(self) -> Seismogram:
+        """The seismogram that enters the model."""
+        return self.superposed if self.low_passed is None else self.low_passed.seismogram
+
+
+def make_blast(config, folder) -> Blast:
+    """Turn a `BlastConfig` into a `Blast`: rows of vertical holes, or a hole table."""
+    shift = np.array(config.shift_m)
+    if config.file is not None:
+        mapping = None if config.mapping is None else folder / config.mapping
+        blast = read_blast(folder / config.file, mapping)
+        return replace(blast, collar=blast.collar + shift, toe=blast.toe + shift)
+    row = math.radians(config.row_bearing_deg)
+    along, across = np.array([math.sin(row), math.cos(row), 0.0]), None
+    across = np.array([-math.cos(row), math.sin(row), 0.0])
+    rows = np.repeat(np.arange(config.rows), config.holes_per_row)
+    holes = np.tile(np.arange(config.holes_per_row), config.rows)
+    stagger = 0.25 * np.where(rows % 2, 1.0, -1.0) * (config.rows > 1)
+    offset = holes - 0.5 * (config.holes_per_row - 1) + stagger
+    collar = (
+        np.array(config.position_m) + shift
+        + config.spacing_m * offset[:, None] * along
+        + config.burden_m * rows[:, None] * across
+    )  # fmt: skip
+    return Blast(
+        name=f"{config.rows} x {config.holes_per_row} holes",
+        collar=collar,
+        toe=collar - [0.0, 0.0, config.depth_m],
+        charge=config.charge_kg,
+        times=to_si("delay_ms", config.delay_ms)[1] * rows,
+        diameter=to_si("diameter_mm", config.diameter_mm)[1],
+        hole_ids=tuple(f"{r + 1}-{h + 1}" for r, h in zip(rows, holes, strict=True)),
+    )
+
+
+def make_firing(config, blast, reference_charge=None) -> Firing:
+    """Return times and scales of a blast; one hole at time 0 without a blast.
+
+    Parameters
+    ----------
+    config : BlastConfig or None
+    blast : Blast or None
+    reference_charge : float, kg, optional
+        Charge that the scales refer to; without it the one of the file, else all scales are 1.
+    """
+    if blast is None:
+        return Firing(np.zeros(1), 1.0)
+    firing = blast.firing(reference_charge or config.reference_charge_kg, config.charge_exponent)
+    if config.scatter_ms:
+        sigma = to_si("scatter_ms", config.scatter_ms)[1]
+        firing = firing.scattered(sigma, np.random.default_rng(config.seed))
+    return firing
+
+
+def read_motion(config, folder) -> Seismogram:
+    """Read the seismogram that a `RecordingConfig` names."""
+    found = read_recording(
+        folder / config.file,
+        config.format,
+        bearing=None if config.bearing_deg is None else math.radians(config.bearing_deg),
+        full_scale=(
+            None if config.full_scale_mm_per_s is None else 1e-3 * config.full_scale_mm_per_s
+        ),
+        mapping=None if config.mapping is None else folder / config.mapping,
+        unit=config.unit,
+    )
+    if config.record > len(found):
+        raise InputError(f"record: {config.file} has {len(found)} records, got {config.record}")
+    seismogram = found[config.record - 1].seismogram
+    return seismogram if config.start_s is None else replace(seismogram, start=config.start_s)
+
+
+def cavity_pulse(config, material):
+    """Return the pressure pulse of a `CavityConfig`; its level from pressure, peak or distance."""
+    pulse = SmoothPulse(1.0, to_si("peak_time_ms", config.peak_time_ms)[1])
+    if config.pressure_mpa is not None:
+        return replace(pulse, pressure=to_si("pressure_mpa", config.pressure_mpa)[1])
+    distance = math.dist(config.hole_m, config.receiver_m)
+    peak = scaled_distance_ppv(distance, config.charge_kg)
+    if config.peak_mm_per_s is not None:
+        peak = to_si("peak_mm_per_s", config.peak_mm_per_s)[1]
+    rock = material.density, material.cp, material.cs
+    return pressure_for_peak(*rock, config.radius_m, pulse, distance, peak)
+
+
+def make_signature(config, materials, folder) -> Seismogram:
+    """Return the seismogram of a single hole, east, north, vertical; a record without its mean."""
+    if config.recorded is not None:
+        seismogram = read_motion(config.recorded, folder)
+        if tuple(seismogram.components) != GEOGRAPHIC:
+            raise InputError(
+                "recorded.bearing_deg: missing; the record has longitudinal and transverse "
+                "components, give the direction from the instrument to the blast"
+            )
+        # A recorder's offset would be added up over the holes.
+        return replace(seismogram, velocity=seismogram.velocity - seismogram.velocity.mean(axis=0))
+    cavity = config.cavity
+    if cavity.material not in materials:
+        raise InputError(f"cavity.material: must be one of {', '.join(materials)}")
+    rock = materials[cavity.material]
+    return cavity_seismogram(
+        rock.density, rock.cp, rock.cs, cavity.radius_m, cavity_pulse(cavity, rock),
+        source=cavity.hole_m, receiver=cavity.receiver_m,
+        dt=1.0 / cavity.sampling_hz, duration=cavity.duration_s,
+    )  # fmt: skip
+
+
+def make_input(signature, firing, low_pass, shifts=None) -> InputMotion:
+    """Superpose the signature over the firing and low-pass the sum.
+
+    Parameters
+    ----------
+    signature : Seismogram
+    firing : Firing
+    low_pass : float or None, Hz
+    shifts : (n_holes,) float64, s, optional
+        Travel-time shifts.
+    """
+    superposed = superpose(signature, firing, travel_shifts=shifts)
+    if low_pass is None:
+        return InputMotion(signature, firing, superposed, None)
+    quiet = math.ceil(QUIET_CYCLES / (low_pass * superposed.dt))
+    padded = replace(
+        superposed,
+        velocity=np.pad(superposed.velocity, ((quiet, quiet), (0, 0))),
+        start=superposed.start - quiet * superposed.dt,
+    )
+    return InputMotion(signature, firing, padded, lowpass(padded, low_pass))
+
+
+def shifts_of(config, blast, receiver, reference):
+    """Return the travel-time shifts of a blast, None where no wave speed is given."""
+    if blast is None or config.wave_speed_m_per_s is None:
+        return None
+    return travel_shifts(blast, receiver, config.wave_speed_m_per_s, reference)
+
+
+def like_simulated(config, seismogram) -> Seismogram:
+    """Turn a record into the components of its receiver, a `ReceiverConfig`."""
+    geographic = tuple(seismogram.components) == GEOGRAPHIC
+    if config.azimuth_deg is None and not geographic:
+        raise InputError(
+            "azimuth_deg: missing at the receiver; the record has longitudinal and transverse "
+            "components"
+        )
+    if config.azimuth_deg is not None and geographic:
+        return seismogram.rotated(math.radians(config.azimuth_deg))
+    return seismogram

@@ -1,0 +1,1 @@
+"""What instruments write, read into seismograms."""

@@ -1,0 +1,291 @@
+"""The figures of a report as PNG images; the only importer of matplotlib."""
+
+import base64
+import io
+from math import cos, radians, sin
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import LogNorm, hsv_to_rgb, rgb_to_hsv, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from ..motion.spectra import dominant_frequency, smoothed_spectrum
+from .section import outer_triangles, section_of_surface, section_of_zones
+
+GROUND = ("#cdb58c", "#8fa3ad", "#5b6570", "#a7b08a", "#b48a78", "#7a8fb0")
+INK, RECORDED, SIMULATED, FAULT = "#2b2b2b", "#2b2b2b", "#c2410c", "#b91c1c"
+LETTERS = {"longitudinal": "L", "transverse": "T", "vertical": "V", "east": "E", "north": "N"}
+PAPER_ORDER = ("transverse", "north", "vertical", "longitudinal", "east")
+DPI = 110
+_ABOVE = {
+    "loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "ncol": 2, "fontsize": 7, "frameon": False,
+    "borderaxespad": 0.0,
+}  # fmt: skip
+
+
+def motion_figure(seismograms, colours, top=None, t_max=None):
+    """Draw seismograms of one place: rows T, V, L; columns time and frequency.
+
+    Parameters
+    ----------
+    seismograms : dict of str to Seismogram
+        By legend; all with the same components.
+    colours : sequence of str
+    top : float, Hz, optional
+        Right end of the frequency axes.
+    t_max : float, s, optional
+        Right end of the time axes.
+
+    Returns
+    -------
+    str
+        A data URI.
+    """
+    first = next(iter(seismograms.values()))
+    rows = sorted(range(3), key=lambda k: PAPER_ORDER.index(first.components[k]))
+    figure = _figure(9.6, 6.4)
+    axes = figure.subplots(3, 2, sharex="col", gridspec_kw={"width_ratios": [1.5, 1.0]})
+    for (name, record), colour in zip(seismograms.items(), colours, strict=False):
+        spectrum = smoothed_spectrum(record)
+        dominant = dominant_frequency(record).hz
+        for place, row in zip(rows, axes, strict=True):
+            if not record.present[place]:
+                continue
+            motion = 1e3 * record.velocity[:, place]
+            row[0].plot(
+                record.times,
+                motion,
+                color=colour,
+                lw=0.9,
+                label=f"{name}, PPV {_short(np.abs(motion).max())}",
+            )
+            row[1].plot(
+                spectrum.frequency,
+                1e3 * spectrum.amplitude[:, place],
+                color=colour,
+                lw=1.1,
+                label="silent"
+                if np.isnan(dominant[place])
+                else f"peak at {_short(dominant[place])} Hz",
+            )
+    for place, row in zip(rows, axes, strict=True):
+        row[0].set_ylabel(f"{LETTERS[first.components[place]]}  mm/s")
+        row[1].set_ylabel("mm/s/Hz")
+        for axis in row:
+            axis.legend(**_ABOVE)
+            _tidy(axis)
+    axes[2, 0].set_xlabel("time after the first firing  s")
+    axes[2, 1].set_xlabel("frequency  Hz")
+    axes[2, 0].set_xlim(min(0.0, first.start), t_max or first.times[-1])
+    axes[2, 1].set_xlim(0.0, top or 0.5 / first.dt)
+    return _uri(figure)
+
+
+def source_figure(histories, top):
+    """Draw source histories, and the spectrum of their slope up to ``top`` Hz.
+
+    Parameters
+    ----------
+    histories : dict of str to (n, 2) float64
+        Time in s, and moment rate in N m/s or force in N.
+    top : float, Hz
+    """
+    figure = _figure(9.6, 2.4 * len(histories))
+    rows = figure.subplots(len(histories), 2, squeeze=False, width_ratios=[1.5, 1.0])
+    for (name, table), row in zip(histories.items(), rows, strict=True):
+        time, value = table.T
+        slope = np.gradient(value, time)
+        spectrum = np.abs(np.fft.rfft(slope, 8 * len(slope)))
+        frequency = np.fft.rfftfreq(8 * len(slope), time[1] - time[0])
+        row[0].plot(time, value, color=FAULT, lw=1.1)
+        row[1].plot(frequency, spectrum / spectrum.max(), color=FAULT, lw=1.1)
+        row[0].set_ylabel("moment rate, 1 kg  N m/s" if name == "moment_rate" else f"{name}  N")
+        row[1].set_ylabel("share of the peak")
+        row[1].set_xlim(0.0, top)
+        for axis in row:
+            _tidy(axis)
+    rows[-1, 0].set_xlabel("time  s")
+    rows[-1, 1].set_xlabel("frequency  Hz")
+    return _uri(figure)
+
+
+def section_figure(result, place, field="group"):
+    """Draw a vertical section: materials or highest frequency, joints, faults, receivers.
+
+    Parameters
+    ----------
+    result : Result
+    place : float, m
+        North coordinate of the section.
+    field : str
+        "group" or "f_max".
+    """
+    mesh, summary = result.arrays["mesh"], result.summary
+    polygons, zone = section_of_zones(mesh["points"], mesh["zones"], place)
+    width, height = np.ptp(mesh["points"][:, 0]), np.ptp(mesh["points"][:, 2])
+    figure = _figure(9.6, float(np.clip(8.4 * height / width + 1.0, 2.6, 7.0)))
+    axes = figure.subplots()
+    patches = PolyCollection(polygons, linewidths=0.15, edgecolors=(1.0, 1.0, 1.0, 0.35))
+    if field == "group":
+        names = summary["mesh_names"]["groups"]
+        number = result.arrays["zones"]["group"][zone]
+        patches.set_facecolor([GROUND[n % len(GROUND)] for n in number])
+        for n in np.unique(number):
+            axes.plot([], [], "s", color=GROUND[n % len(GROUND)], label=names[n])
+    else:
+        patches.set_array(result.arrays["zones"][field][zone])
+        patches.set_cmap("viridis")
+        patches.set_norm(LogNorm())
+        bar = figure.colorbar(patches, ax=axes, label="highest frequency carried  Hz", shrink=0.85)
+        for which in ("major", "minor"):
+            getattr(bar.ax.yaxis, f"set_{which}_formatter")("{x:g}")
+    axes.add_collection(patches)
+    _draw_joints(axes, result, place)
+    _draw_receivers(axes, summary, mesh["points"])
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set_xlabel("east  m")
+    axes.set_ylabel("height  m")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.14), ncol=6, fontsize=7, frameon=False)
+    return _uri(figure)
+
+
+def _draw_joints(axes, result, place):
+    """Draw the traces of joints, faults stronger."""
+    names = result.summary["mesh_names"]
+    points = result.arrays["mesh"]["points"]
+    labelled = set()
+    for name in names["joints"]:
+        segments = section_of_surface(points, result.arrays["surfaces"][name], place)
+        fault = name in names["faults"]
+        colour, kind = (FAULT, "fault") if fault else (INK, "joint")
+        lines = LineCollection(segments, colors=colour, linewidths=1.6 if fault else 0.5)
+        lines.set_capstyle("round")
+        axes.add_collection(lines)
+        if len(segments) and kind not in labelled:
+            axes.plot([], [], color=colour, lw=1.6 if fault else 0.5, label=kind)
+            labelled.add(kind)
+
+
+def _draw_receivers(axes, summary, points):
+    """Mark the receivers and the input face."""
+    for number, (name, table) in enumerate(summary["receivers"].items()):
+        x, _, z = table["position"]
+        axes.plot(x, z, "v", color=SIMULATED, ms=7, label="receiver" if number == 0 else None)
+        axes.annotate(
+            name, (x, z), xytext=(0, 7), textcoords="offset points", fontsize=8, ha="center"
+        )
+    sources = summary["sources"]
+    for number, table in enumerate((*sources["holes"], *sources["forces"])):
+        x, _, z = table["position"]
+        label = "hole or force" if number == 0 else None
+        axes.plot(x, z, "*", color=FAULT, mec="white", mew=0.5, ms=9, label=label)
+    if summary["input"] is not None and summary["input"]["face"] == "west":
+        low, high = points.min(axis=0), points.max(axis=0)
+        for height in np.linspace(low[2], high[2], 9)[1:-1]:
+            axes.annotate(
+                "", (low[0], height), (low[0] - 0.06 * (high[0] - low[0]), height),
+                arrowprops={"arrowstyle": "->", "color": SIMULATED},
+            )  # fmt: skip
+
+
+def blocks_figure(result):
+    """Draw the blocks seen from the south-west and above, each in a shade of its material."""
+    mesh, surfaces = result.arrays["mesh"], result.arrays["surfaces"]
+    joints = result.summary["mesh_names"]["joints"]
+    seen = [n for n in ("west", "south", "top") if n in surfaces]
+    seen = seen or [n for n in surfaces if n not in joints]
+    triangles, zone = outer_triangles(
+        mesh["zones"], len(mesh["points"]), [surfaces[n] for n in seen]
+    )
+    figure = _figure(9.6, 6.0)
+    axes = figure.add_subplot(projection="3d")
+    colours = _block_colours(result, zone)
+    light = _shading(mesh["points"][triangles])
+    faces = Poly3DCollection(
+        mesh["points"][triangles], facecolors=colours * light[:, None], edgecolors="none",
+        antialiased=False,
+    )  # fmt: skip
+    axes.add_collection3d(faces)
+    low, high = mesh["points"].min(axis=0), mesh["points"].max(axis=0)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=1.15)
+    axes.view_init(elev=28.0, azim=-122.0)
+    axes.set_xlabel("east  m")
+    axes.set_ylabel("north  m")
+    axes.set_zlabel("height  m")
+    axes.tick_params(labelsize=7)
+    for axis, span in zip((axes.xaxis, axes.yaxis, axes.zaxis), high - low, strict=True):
+        axis.set_major_locator(MaxNLocator(max(2, round(7 * span / max(high - low)))))
+    return _uri(figure)
+
+
+def _block_colours(result, zone):
+    """Return the colour (n, 3) of each zone: its material, lighter or darker by block."""
+    groups, blocks = result.arrays["zones"]["group"][zone], result.arrays["zones"]["block"][zone]
+    base = rgb_to_hsv(np.array([to_rgb(c) for c in GROUND]))[groups % len(GROUND)]
+    shade = np.random.default_rng(0).permutation(np.linspace(-1.0, 1.0, int(blocks.max()) + 1))
+    base[:, 2] = np.clip(base[:, 2] * (1.0 + 0.2 * shade[blocks]), 0.0, 1.0)
+    base[:, 0] = (base[:, 0] + 0.015 * shade[blocks]) % 1.0
+    return hsv_to_rgb(base)
+
+
+def _shading(corners):
+    """Return how bright each triangle (n, 3, 3) is, lit from the south-west."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    sun = [-cos(radians(55.0)) * 0.5, -cos(radians(55.0)), sin(radians(55.0))]
+    return 0.72 + 0.28 * np.abs(normal @ sun) / np.linalg.norm(sun)
+
+
+def energy_figure(energy, lead):
+    """Draw the energy ledger against time."""
+    figure = _figure(9.6, 3.4)
+    axes = figure.subplots()
+    names = {
+        "input": "put in", "kinetic": "kinetic", "strain": "strain",
+        "dashpots": "left through dashpots",
+        "damping": "material damping", "joint_stored": "stored in joints",
+        "joint_dissipated": "slip in joints",
+    }  # fmt: skip
+    factor, unit = (1e-9, "GJ") if np.abs(energy["input"]).max() > 1e10 else (1e-6, "MJ")
+    for number, (name, label) in enumerate(names.items()):
+        if name in energy:
+            colour = INK if name == "input" else f"C{number}"
+            axes.plot(
+                energy["time"] - lead, factor * energy[name], lw=1.2, label=label, color=colour
+            )
+    axes.set_xlabel("time after the first firing  s")
+    axes.set_ylabel(f"energy  {unit}")
+    axes.legend(fontsize=7, frameon=False, ncol=2)
+    _tidy(axes)
+    return _uri(figure)
+
+
+def _figure(width, height):
+    """Return an empty figure in the style of the report."""
+    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _short(value):
+    """Show three digits without powers of ten."""
+    return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+
+
+def _tidy(axis):
+    """Light grid, small labels, no frame above and right."""
+    axis.grid(color="#e5e5e5", lw=0.6)
+    axis.tick_params(labelsize=8)
+    axis.spines[["top", "right"]].set_visible(False)
+
+
+def _uri(figure):
+    """Return a figure as data URI."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", bbox_inches="tight", pad_inches=0.1)
+    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()

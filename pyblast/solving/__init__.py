@@ -1,0 +1,1 @@
+"""The model, its arrays, and their march through time."""

@@ -1,0 +1,193 @@
+"""From a model to the arrays that the kernels take; every name is that of a kernel argument."""
+
+import numpy as np
+
+from ..meshing import tetrahedra
+from ..meshing.mesh import locate
+from .conditions import dynamic_conditions, static_conditions, surface_impedance
+from .insitu import static_loads
+from .kernels import JOINT_LAWS, N_JOINT_PROPERTIES, N_JOINT_STATE, N_SUMS
+from .loads import Loads, model_loads
+from .stability import critical_step, node_sums, shape_gradients
+
+DOMAIN_ZONES = 1024
+STATUS, OPEN = 4, 2.0  # column of contact_state and its value for a gap, of every law that opens
+LOCAL_DAMPING = 0.8
+# Local damping raises the force that slows a node by 1.8, which shortens the step by 1/sqrt(1.8).
+STATIC_STEP_FACTOR = 0.7
+
+
+def geometry_arrays(model):
+    """Return what all stages share, and the `CriticalStep` behind its time step."""
+    mesh = model.mesh
+    limit = critical_step(model)
+    volume = tetrahedra.volumes(mesh.points, mesh.zones)
+    mass = model.zone_values("density") * volume
+    node_mass = node_sums(mesh.zones, mass + limit.added_mass, len(mesh.points))
+    drag = node_sums(mesh.zones, model.zone_damping("alpha") * mass, len(mesh.points))
+    contacts = _contacts(model)
+    arrays = {
+        "dt": model.step_factor * limit.dt,
+        **_domains(mesh, contacts["contact_node"]),
+        "zone_gradient": shape_gradients(mesh.points, mesh.zones),
+        "zone_volume": volume,
+        "zone_lambda": model.zone_values("first_lame"),
+        "zone_shear": model.zone_values("shear"),
+        "zone_beta": model.zone_damping("beta"),
+        "node_mass": node_mass,
+        "node_alpha": drag / node_mass,
+        **contacts,
+    }
+    return arrays, limit
+
+
+def _domains(mesh, contact_node):
+    """Cut the zones into domains of fixed size, with slots for the nodes of each."""
+    n_nodes, n_zones = len(mesh.points), len(mesh.zones)
+    starts = np.append(np.arange(0, n_zones, DOMAIN_ZONES), n_zones)
+    domain = np.arange(n_zones) // DOMAIN_ZONES
+    keys = domain[:, None].astype(np.int64) * n_nodes + mesh.zones
+    slots, place = np.unique(keys, return_inverse=True)
+    slot_start = np.searchsorted(slots, np.arange(len(starts)) * n_nodes)
+    slot_node = slots % n_nodes
+    part_node = np.concatenate([slot_node, contact_node.ravel()])
+    order = np.argsort(part_node, kind="stable")
+    return {
+        "domain_zone_start": starts.astype(np.int32),
+        "domain_slot_start": slot_start.astype(np.int32),
+        "slot_node": slot_node.astype(np.int32),
+        "zone_slot": (place.reshape(-1, 4) - slot_start[domain][:, None]).astype(np.int32),
+        "node_part": order.astype(np.int32),
+        "node_start": np.searchsorted(part_node[order], np.arange(n_nodes + 1)).astype(np.int32),
+    }
+
+
+def _contacts(model):
+    """Contacts with the laws and properties of their joints."""
+    contacts = model.mesh.contacts
+    by_name = {joint.surface: joint for joint in model.joints}
+    joints = [by_name[name] for name in contacts.names] if contacts is not None else []
+    if not joints:
+        return _no_contact()
+    table = np.zeros((len(joints), N_JOINT_PROPERTIES))
+    for row, joint in zip(table, joints, strict=True):
+        row[: len(joint.properties)] = list(joint.properties.values())
+    pressure = np.array([joint.insitu_pressure for joint in joints])[contacts.joint]
+    return {
+        "joint_law": np.array([JOINT_LAWS[joint.law].number for joint in joints], dtype=np.int32),
+        "joint_property": table,
+        "contact_node": np.stack([contacts.minus, contacts.plus], axis=1).astype(np.int32),
+        "contact_normal": contacts.normal,
+        "contact_area": contacts.area,
+        "contact_joint": contacts.joint.astype(np.int32),
+        "contact_initial": -pressure[:, None] * contacts.normal,
+    }
+
+
+def _no_contact():
+    """One contact of no area, of a node with itself: the core takes no empty tables."""
+    return {
+        "joint_law": np.zeros(1, dtype=np.int32),
+        "joint_property": np.ones((1, N_JOINT_PROPERTIES)),
+        "contact_node": np.zeros((1, 2), dtype=np.int32),
+        "contact_normal": np.array([[1.0, 0.0, 0.0]]),
+        "contact_area": np.zeros(1),
+        "contact_joint": np.zeros(1, dtype=np.int32),
+        "contact_initial": np.zeros((1, 3)),
+    }
+
+
+def dynamic_arrays(model, geometry, n_steps):
+    """Return loads, dashpots, prescribed motion and receivers of the dynamic stage."""
+    loads = model_loads(model, lambda surface: surface_impedance(model, surface))
+    conditions = dynamic_conditions(model, geometry, loads)
+    node, weight = np.zeros((0, 4), dtype=np.int32), np.zeros((0, 4))
+    if model.receivers:
+        zone, weight = locate(model.mesh, [receiver.position for receiver in model.receivers])
+        node = model.mesh.zones[zone]
+    return {
+        "local_damping": 0.0,
+        "node_load": np.zeros_like(model.mesh.points),
+        **conditions,
+        **loads.arrays(geometry["dt"] * np.arange(n_steps)),
+        "receiver_node": node,
+        "receiver_weight": weight,
+    }
+
+
+def static_arrays(model, geometry):
+    """Return weight, in-situ stress and rollers of the static stage, and the scale of forces."""
+    node_load, contact_initial, scale = static_loads(model, geometry)
+    arrays = {
+        "dt": geometry["dt"] * min(1.0, STATIC_STEP_FACTOR / model.step_factor),
+        "local_damping": LOCAL_DAMPING,
+        "node_load": node_load,
+        "contact_initial": contact_initial,
+        **static_conditions(model, geometry),
+        "receiver_node": np.zeros((0, 4), dtype=np.int32),
+        "receiver_weight": np.zeros((0, 4)),
+    }
+    return arrays, scale
+
+
+def still_loads(n_steps):
+    """Return the arrays of no load at all over ``n_steps``."""
+    return Loads().arrays(np.zeros(n_steps))
+
+
+def initial_state(constants):
+    """Return the state at rest: no displacement, tractions at their initial values."""
+    n_nodes, n_contacts = len(constants["node_mass"]), len(constants["contact_area"])
+    return {
+        "displacement": np.zeros((n_nodes, 3)),
+        "velocity": np.zeros((n_nodes, 3)),
+        "contact_traction": constants["contact_initial"].copy(),
+        "contact_state": np.zeros((n_contacts, N_JOINT_STATE)),
+        "contact_stored": _stored_energy(constants),
+        "contact_dissipated": np.zeros(n_contacts),
+        "sums": np.zeros(N_SUMS),
+    }
+
+
+def after_static(constants, static, settled):
+    """Start the dynamic stage from the tractions and joint states at the end of the static one.
+
+    An open contact keeps its gap: its initial traction is the tension that its springs would
+    have, balanced by a constant load, so it closes where it did before.
+
+    Parameters
+    ----------
+    constants : dict
+        Of the dynamic stage.
+    static, settled : dict
+        Constants and final state of the static stage.
+
+    Returns
+    -------
+    constants, state : dict
+    """
+    normal, area = static["contact_normal"], static["contact_area"]
+    minus, plus = static["contact_node"].T
+    jump = settled["displacement"][plus] - settled["displacement"][minus]
+    kn = static["joint_property"][static["contact_joint"], 0]
+    tension = np.einsum("ij,ij->i", static["contact_initial"] + kn[:, None] * jump, normal)
+    is_open = (settled["contact_state"][:, STATUS] == OPEN)[:, None]
+    virtual = np.where(is_open, tension[:, None] * normal, 0.0)
+    initial = settled["contact_traction"] + virtual
+    load = np.zeros_like(settled["displacement"])
+    np.add.at(load, minus, area[:, None] * virtual)
+    np.add.at(load, plus, -area[:, None] * virtual)
+    constants = {**constants, "contact_initial": initial, "node_load": load}
+    state = initial_state({**constants, "contact_initial": settled["contact_traction"]})
+    state["contact_state"] = settled["contact_state"].copy()
+    state["contact_state"][:, :3] = 0.0
+    return constants, state
+
+
+def _stored_energy(constants):
+    """Return the energy per area in the springs under the initial traction, (n_contacts,) J/m2."""
+    traction = constants["contact_initial"]
+    kn, ks = constants["joint_property"][constants["contact_joint"], :2].T
+    normal = np.einsum("ij,ij->i", traction, constants["contact_normal"])
+    shear = np.maximum(np.einsum("ij,ij->i", traction, traction) - normal**2, 0.0)
+    return 0.5 * (normal**2 / kn + shear / ks)

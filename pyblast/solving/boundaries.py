@@ -1,0 +1,120 @@
+"""Conditions on the outer surfaces of a model."""
+
+from dataclasses import dataclass
+
+from ..errors import InputError
+from ..motion.seismogram import GEOGRAPHIC, Seismogram
+
+
+@dataclass(frozen=True)
+class Viscous:
+    """Quiet surface: dashpots with the impedances of P and S waves; Lysmer & Kuhlemeyer (1969).
+
+    In the static stage it stands on rollers; in the dynamic stage the static reactions remain.
+    """
+
+    surface: str
+
+
+@dataclass(frozen=True)
+class Roller:
+    """No motion along the normal of a surface.
+
+    Parameters
+    ----------
+    surface : str
+    dynamic : bool
+        Also in the dynamic stage. Together with `Viscous` on the same surface this is the literal
+        reading of "viscous and fixed in normal direction": the normal dashpot then does nothing.
+    """
+
+    surface: str
+    dynamic: bool = True
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """No motion on a surface, in both stages.
+
+    Parameters
+    ----------
+    surface : str
+    components : tuple of str
+        Which of east, north, vertical are held; a column that holds all but one carries S waves.
+
+    Raises
+    ------
+    InputError
+        If a component is unknown or none is named.
+    """
+
+    surface: str
+    components: tuple[str, ...] = GEOGRAPHIC
+
+    def __post_init__(self):
+        """Refuse components that are none."""
+        object.__setattr__(self, "components", tuple(self.components))
+        if not self.components or not set(self.components) <= set(GEOGRAPHIC):
+            raise InputError(
+                f"boundaries.{self.surface}.components: must be some of {', '.join(GEOGRAPHIC)}, "
+                f"got {', '.join(map(str, self.components)) or 'none'}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class StressInput:
+    """Traction history on a surface, from the particle velocity that is wanted behind it.
+
+    Parameters
+    ----------
+    surface : str
+    seismogram : Seismogram
+        East, north and vertical particle velocity, m/s.
+    doubled : bool or None
+        Traction ``2 rho c v`` instead of ``rho c v``, because dashpots of the same surface take
+        one half. None: doubled where the surface is also viscous. Eq. (6), (7) of Babanouri et
+        al. (2013); theory.md (4.3).
+    """
+
+    surface: str
+    seismogram: Seismogram
+    doubled: bool | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class VelocityInput:
+    """Particle velocity prescribed on a surface; refused where the surface is viscous.
+
+    Parameters
+    ----------
+    surface : str
+    seismogram : Seismogram
+        East, north and vertical particle velocity, m/s.
+    """
+
+    surface: str
+    seismogram: Seismogram
+
+
+def check_boundaries(boundaries, surfaces):
+    """Refuse boundaries on unknown surfaces and those that exclude one another.
+
+    Raises
+    ------
+    InputError
+    """
+    viscous = {b.surface for b in boundaries if isinstance(b, Viscous)}
+    for boundary in boundaries:
+        kind, surface = type(boundary).__name__, boundary.surface
+        if surface not in surfaces:
+            raise InputError(
+                f"boundaries.{surface}: no such surface; there are {', '.join(surfaces)}"
+            )
+        if isinstance(boundary, VelocityInput) and surface in viscous:
+            raise InputError(
+                f"boundaries.{surface}: a velocity can't be prescribed on a viscous surface: its "
+                "dashpots would act on a motion that is fixed anyway and reflect waves from inside; "
+                "use StressInput, which turns the same velocity into stress"
+            )
+        if isinstance(boundary, Fixed) and surface in viscous:
+            raise InputError(f"boundaries.{surface}: {kind} and Viscous exclude one another")

@@ -1,0 +1,87 @@
+"""Stress before the blast: overburden, horizontal ratio, and its share in joints."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..meshing import tetrahedra
+from .stability import node_sums
+
+BINS = 200
+
+
+def overburden_stress(model):
+    """Return the stress (n_zones, 6) in Pa of the weight above; xx yy zz yz zx xy.
+
+    Notes
+    -----
+    The weight above a zone is that of the mean ground at each level, from the zone up to the
+    surface "top" above it; what this leaves out of balance, the static stage removes.
+    """
+    mesh = model.mesh
+    centres = mesh.points[mesh.zones].mean(axis=1)
+    volume = tetrahedra.volumes(mesh.points, mesh.zones)
+    low, high = mesh.points[:, 2].min(), mesh.points[:, 2].max()
+    levels = np.linspace(low, high, BINS + 1)
+    weight = np.histogram(centres[:, 2], levels, weights=volume * model.zone_values("density"))[0]
+    space = np.histogram(centres[:, 2], levels, weights=volume)[0]
+    filled = space > 0.0
+    density = np.interp(np.arange(BINS), np.flatnonzero(filled), (weight[filled] / space[filled]))
+    column = np.append(0.0, np.cumsum(density * np.diff(levels)))
+    top = np.full(len(centres), high)
+    if "top" in mesh.surfaces:
+        surface = mesh.points[np.unique(mesh.surfaces["top"])]
+        top = surface[cKDTree(surface[:, :2]).query(centres[:, :2])[1], 2]
+    above = np.interp(top, levels, column) - np.interp(centres[:, 2], levels, column)
+    vertical = -model.insitu.gravity * np.maximum(above, 0.0)
+    stress = np.zeros((len(centres), 6))
+    stress[:, :2] = model.insitu.horizontal_ratio * vertical[:, None]
+    stress[:, 2] = vertical
+    return stress
+
+
+def corner_forces(stress, gradient, volume):
+    """Return the forces (n_zones, 4, 3) in N that stresses put on the corners of their zones."""
+    tensor = stress[:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]
+    force = -volume[:, None, None] * np.einsum("zij,zkj->zki", tensor, gradient)
+    return np.concatenate([-force.sum(axis=1, keepdims=True), force], axis=1)
+
+
+def joint_tractions(mesh, stress):
+    """Return the traction (n_contacts, 3) in Pa of the mean stress around each contact."""
+    if mesh.contacts is None:
+        return np.zeros((0, 3))
+    volume = tetrahedra.volumes(mesh.points, mesh.zones)
+    n_nodes = len(mesh.points)
+    mean = np.stack(
+        [node_sums(mesh.zones, volume * stress[:, k], n_nodes) for k in range(6)], axis=1
+    )
+    both = mean[mesh.contacts.minus] + mean[mesh.contacts.plus]
+    space = node_sums(mesh.zones, volume, n_nodes)
+    both /= (space[mesh.contacts.minus] + space[mesh.contacts.plus])[:, None]
+    tensor = both[:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]
+    return np.einsum("cij,cj->ci", tensor, mesh.contacts.normal)
+
+
+def static_loads(model, geometry):
+    """Return nodal loads, joint tractions and the size of the forces that must balance.
+
+    Returns
+    -------
+    node_load : (n_nodes, 3) float64, N
+    contact_initial : (n_contacts, 3) float64, Pa
+    scale : float, N
+        Sum of the corner forces of the in-situ stress.
+    """
+    mesh = model.mesh
+    stress = overburden_stress(model)
+    corner = corner_forces(stress, geometry["zone_gradient"], geometry["zone_volume"])
+    load = np.zeros_like(mesh.points)
+    np.add.at(load, mesh.zones, corner)
+    mass = model.zone_values("density") * geometry["zone_volume"]
+    load[:, 2] -= model.insitu.gravity * node_sums(mesh.zones, mass, len(load))
+    traction = joint_tractions(mesh, stress)
+    if mesh.contacts is not None:
+        force = mesh.contacts.area[:, None] * traction
+        np.add.at(load, mesh.contacts.minus, force)
+        np.add.at(load, mesh.contacts.plus, -force)
+    return load, traction, float(np.linalg.norm(corner, axis=2).sum())

@@ -1,0 +1,126 @@
+"""The border to Fortran: the only importer of ``_core``; indices, views, tables of laws."""
+
+import os
+from typing import NamedTuple
+
+import numpy as np
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+from .. import _core
+
+ENERGIES = (
+    "kinetic",
+    "strain",
+    "joint_stored",
+    "joint_dissipated",
+    "damping",
+    "dashpots",
+    "input",
+    "insitu",
+    "unbalanced",
+)
+N_SUMS = int(_core.pyblast_kinds.n_sums)
+N_JOINT_STATE = int(_core.pyblast_kinds.n_joint_state)
+N_JOINT_PROPERTIES = int(_core.pyblast_kinds.n_joint_properties)
+INDEX_ENDINGS = ("_node", "_slot", "_part", "_joint", "_law", "_history", "_start")
+STATE = (
+    "displacement",
+    "velocity",
+    "contact_traction",
+    "contact_state",
+    "contact_stored",
+    "contact_dissipated",
+    "sums",
+)
+
+
+class JointLaw(NamedTuple):
+    """Name, number (from 0), properties and state names of a joint law, as Fortran tells them."""
+
+    name: str
+    number: int
+    properties: tuple[str, ...]
+    state: tuple[str, ...]
+
+
+def _joint_laws():
+    """Read the table of joint laws from the core."""
+    table = {}
+    for number in range(int(_core.pyblast_kinds.n_joint_laws)):
+        text = _core.pyblast_joint_laws.joint_law_signature(number + 1).decode()
+        name, rest = text.split(":")
+        properties, state = rest.split("|")
+        table[name] = JointLaw(name, number, tuple(properties.split()), tuple(state.split()))
+    return table
+
+
+JOINT_LAWS = _joint_laws()
+
+
+def numbered(arrays):
+    """Return arrays as the core and its files hold them, axes still in Python's order.
+
+    Parameters
+    ----------
+    arrays : dict of str to numpy array or number
+        Float arrays float64, indices int32 from 0 (-1 where there is none).
+
+    Returns
+    -------
+    dict
+        The same names; indices count from 1. An empty array becomes one row of zeros, which
+        loads, dashpots and the like can bear: f2py takes no empty arrays.
+    """
+    table = {}
+    for name, value in arrays.items():
+        if isinstance(value, np.ndarray):
+            if not value.size:
+                value = np.zeros((1, *value.shape[1:]), dtype=value.dtype)
+            if name.endswith(INDEX_ENDINGS):
+                value = value + np.int32(1)
+            value = np.ascontiguousarray(value)
+        table[name] = value
+    return table
+
+
+def to_fortran(arrays):
+    """Return the views that the kernels take: `numbered`, axes reversed without a copy."""
+    return {
+        name: value.T if isinstance(value, np.ndarray) else value
+        for name, value in numbered(arrays).items()
+    }
+
+
+def advance(constants, state, first_step, n_steps, ledger_every):
+    """March ``n_steps``; the arrays of ``state`` change in place.
+
+    Parameters
+    ----------
+    constants : dict
+        From `to_fortran`.
+    state : dict of str to numpy array
+        The names of `STATE`, C-contiguous.
+    first_step, n_steps, ledger_every : int
+
+    Returns
+    -------
+    motion : (n_done, n_receivers, 3) float64, m/s
+    energy : (n_lines, n_energies) float64, J
+    failed : int or None
+        Node of the largest velocity, from 0, where the march stopped early.
+    """
+    last = first_step + n_steps
+    n_lines = -(-last // ledger_every) - -(-first_step // ledger_every)
+    motion = np.zeros((n_steps, constants["receiver_node"].shape[1], 3))
+    energy = np.zeros((n_lines, len(ENERGIES)))
+    info, where = _core.pyblast_solver.advance(
+        first_step=first_step,
+        ledger_every=ledger_every,
+        motion=motion.T,
+        energy=energy.T,
+        **constants,
+        **{name: state[name].T for name in STATE},
+    )
+    if info < 0:
+        return motion[:-info], energy, where - 1
+    return motion, energy, None

@@ -1,0 +1,127 @@
+"""Loads of the dynamic stage: nodal forces that follow histories."""
+
+import numpy as np
+
+from ..errors import InputError
+from ..meshing.mesh import locate
+from ..motion.seismogram import GEOGRAPHIC
+from .boundaries import StressInput, VelocityInput
+from .sources import Hole, PointForce, TimeFunction
+from .stability import shape_gradients
+
+
+class Loads:
+    """A growing list of nodal loads and of the histories that they follow."""
+
+    def __init__(self):
+        """Start empty."""
+        self._nodes, self._vectors, self._numbers, self._histories = [], [], [], []
+
+    def add_history(self, function, offset=0.0):
+        """Add a function of time, read at step times plus an offset in s; return its number."""
+        self._histories.append((function, offset))
+        return len(self._histories) - 1
+
+    def add(self, nodes, vectors, number):
+        """Add forces ``vectors`` (n, 3) per unit of a history at ``nodes`` (n,)."""
+        self._nodes.append(np.asarray(nodes))
+        self._vectors.append(np.asarray(vectors, dtype=float))
+        self._numbers.append(np.full(len(nodes), number))
+
+    def arrays(self, times):
+        """Return the kernel's arrays, histories read at ``times`` (n_total,)."""
+        none = np.zeros(0)
+        amplitude = [function(times + offset) for function, offset in self._histories]
+        return {
+            "load_node": np.concatenate([none, *self._nodes]).astype(np.int32),
+            "load_vector": np.concatenate([np.zeros((0, 3)), *self._vectors]),
+            "load_history": np.concatenate([none, *self._numbers]).astype(np.int32),
+            "history": np.stack(amplitude or [np.zeros(len(times))], axis=1),
+        }
+
+
+def model_loads(model, impedance):
+    """Collect the loads of stress inputs and sources.
+
+    Parameters
+    ----------
+    model : Model
+    impedance : callable
+        Surface name to dict of node to (3, 3) impedance in N s/m.
+
+    Returns
+    -------
+    Loads
+    """
+    loads = Loads()
+    for boundary in model.boundaries:
+        if isinstance(boundary, StressInput):
+            matrices = impedance(boundary.surface)
+            nodes = np.fromiter(matrices, dtype=int)
+            stack = np.stack(list(matrices.values())) * (2.0 if model.doubles(boundary) else 1.0)
+            for axis, function in enumerate(components(boundary)):
+                loads.add(nodes, stack[:, :, axis], loads.add_history(function))
+    for source in model.sources:
+        if isinstance(source, Hole):
+            _add_hole(loads, model, source)
+        elif isinstance(source, PointForce):
+            zone, weight = locate(model.mesh, source.position)
+            vectors = weight[0][:, None] * np.asarray(source.direction, dtype=float)
+            loads.add(model.mesh.zones[zone[0]], vectors, loads.add_history(source.history))
+    return loads
+
+
+def components(boundary):
+    """Return the three components of an input's seismogram as functions of time.
+
+    Raises
+    ------
+    InputError
+        If the seismogram is not east, north, vertical or lacks a component.
+    """
+    record = boundary.seismogram
+    where = f"boundaries.{boundary.surface}.seismogram"
+    if tuple(record.components) != GEOGRAPHIC:
+        raise InputError(
+            f"{where}: needs components {', '.join(GEOGRAPHIC)}, got "
+            f"{', '.join(record.components)}; rotate it first"
+        )
+    if not record.present.all():
+        missing = record.components[int(record.present.argmin())]
+        raise InputError(f"{where}: component {missing} was not recorded; give all three")
+    return [TimeFunction(record.velocity[:, k], record.dt, record.start) for k in range(3)]
+
+
+def add_velocity_input(loads, boundary: VelocityInput, dt):
+    """Add the histories of a prescribed velocity; it is that of the end of each step."""
+    return [loads.add_history(function, 0.5 * dt) for function in components(boundary)]
+
+
+def _add_hole(loads, model, hole):
+    """Add the moment of a hole, ``f_a = M grad N_a`` in its zones; theory.md (5.2)."""
+    mesh = model.mesh
+    zones, shares = _zones_of_hole(mesh, np.asarray(hole.position, dtype=float), hole.spread)
+    gradient = shape_gradients(mesh.points, mesh.zones[zones])
+    every = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
+    moment = hole.moment_rate.integral()
+    number = loads.add_history(moment, -hole.time)
+    scale = hole.charge**hole.exponent
+    vectors = (scale * shares[:, None, None] * every).reshape(-1, 3)
+    loads.add(mesh.zones[zones].ravel(), vectors, number)
+
+
+def _zones_of_hole(mesh, position, spread):
+    """Return zones and their shares of a source: sum one, first moment at its place."""
+    zone, _ = locate(mesh, position)
+    if spread <= 0.0:
+        return zone, np.ones(1)
+    centres = mesh.points[mesh.zones].mean(axis=1) - position
+    distance = np.linalg.norm(centres, axis=1)
+    near = np.flatnonzero(distance < spread)
+    if len(near) < 8:
+        return zone, np.ones(1)
+    sides = mesh.points[mesh.zones[near, 1:]] - mesh.points[mesh.zones[near, :1]]
+    weight = np.abs(np.linalg.det(sides)) * (1.0 - (distance[near] / spread) ** 2) ** 2
+    basis = np.concatenate([np.ones((len(near), 1)), centres[near] / spread], axis=1)
+    moments = basis.T @ (weight[:, None] * basis)
+    return near, weight * (basis @ np.linalg.solve(moments, np.array([1.0, 0.0, 0.0, 0.0])))

@@ -1,0 +1,195 @@
+"""Model: everything that is fixed during a run."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..meshing.mesh import Mesh, edge_lengths
+from .boundaries import Viscous, check_boundaries
+from .joints import Joint
+from .materials import Damping, Material
+from .ordering import renumbered
+
+
+@dataclass(frozen=True)
+class Receiver:
+    """A place where motion is wanted.
+
+    Parameters
+    ----------
+    name : str
+    position : (3,) float, m
+    azimuth : float or None, rad
+        Direction of the longitudinal component, clockwise from north; None keeps east and north.
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    azimuth: float | None = None
+
+
+@dataclass(frozen=True)
+class InSitu:
+    """Stress before the blast: weight of the ground and horizontal over vertical stress.
+
+    Parameters
+    ----------
+    gravity : float, m/s2
+    horizontal_ratio : float
+        Both horizontal stresses over the vertical one.
+    """
+
+    gravity: float = 9.81
+    horizontal_ratio: float = 0.5
+
+
+@dataclass(frozen=True)
+class Rim:
+    """Ground outside a box that damps what leaves it, for sources inside the model.
+
+    Parameters
+    ----------
+    box : ((x0, x1), (y0, y1), (z0, z1)), m
+        What lies inside is not touched; above the box nothing is.
+    width : float, m
+        From the box to the end of the mesh.
+
+    Notes
+    -----
+    Mass damping ``3 cs/width (d/width)^2`` at distance d: an S wave that crosses the rim and comes
+    back loses a factor e; more would turn low frequencies back. theory.md (4.5).
+    """
+
+    box: tuple
+    width: float
+
+    def alpha(self, places, speed):
+        """Return the mass damping (n,) in 1/s at places (n, 3) with S speeds (n,)."""
+        low, high = np.asarray(self.box, dtype=float).T
+        outside = np.maximum(0.0, np.maximum(low - places, places - high))
+        outside[:, 2] = np.maximum(0.0, low[2] - places[:, 2])
+        depth = np.minimum(1.0, np.linalg.norm(outside, axis=1) / self.width)
+        return 3.0 * speed / self.width * depth**2
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Blocks, joints, boundaries, sources and receivers.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Split along the surfaces of ``joints``; it is renumbered along a space-filling curve.
+    materials : dict of str to Material
+        One for each group of the mesh.
+    joints : sequence of Joint
+    boundaries : sequence of boundary conditions
+    damping : Damping or dict of str to Damping, optional
+    sources : sequence of Hole or PointForce
+    receivers : sequence of Receiver
+    rim : Rim, optional
+    insitu : InSitu, optional
+        Brings a static stage before the dynamic one.
+    added_mass : float
+        Largest share of the mass that may be added to zones that would shorten the time step.
+    step_factor : float
+        Time step over the critical one.
+
+    Raises
+    ------
+    InputError
+        If parts do not fit together: the message names the part.
+    """
+
+    mesh: Mesh
+    materials: dict[str, Material]
+    joints: tuple[Joint, ...] = ()
+    boundaries: tuple = ()
+    damping: Damping | dict[str, Damping] | None = None
+    sources: tuple = ()
+    receivers: tuple[Receiver, ...] = ()
+    rim: Rim | None = None
+    insitu: InSitu | None = None
+    added_mass: float = 0.0
+    step_factor: float = 0.8
+    _ordered: bool = field(default=False, repr=False)
+
+    def __post_init__(self):
+        """Refuse parts that do not fit; put nodes and zones in an order near in memory."""
+        for name in ("joints", "boundaries", "sources", "receivers"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        self._check_materials()
+        self._check_joints()
+        check_boundaries(self.boundaries, self.mesh.surfaces)
+        if len({r.name for r in self.receivers}) < len(self.receivers):
+            raise InputError("receivers: two receivers have the same name; rename one")
+        if not 0.0 < self.step_factor <= 1.0:
+            raise InputError(f"step_factor: must lie in 0 to 1, got {self.step_factor:g}")
+        if not 0.0 <= self.added_mass <= 0.1:
+            raise InputError(f"added_mass: must lie in 0 to 0.1, got {self.added_mass:g}")
+        if not self._ordered:
+            object.__setattr__(self, "mesh", renumbered(self.mesh))
+            object.__setattr__(self, "_ordered", True)
+
+    def _check_materials(self):
+        """Every group needs a material and, where damping is by group, a damping."""
+        for group in self.mesh.groups:
+            if group not in self.materials:
+                raise InputError(f"materials.{group}: missing; the mesh has a group of that name")
+            if isinstance(self.damping, dict) and group not in self.damping:
+                raise InputError(f"damping.{group}: missing; the mesh has a group of that name")
+
+    def _check_joints(self):
+        """Joints and split surfaces must be the same set."""
+        split = self.mesh.contacts.names if self.mesh.contacts is not None else ()
+        given = [joint.surface for joint in self.joints]
+        for name in given:
+            if name not in split or given.count(name) > 1:
+                raise InputError(
+                    f"joints.{name}: must be one split surface of the mesh, split are "
+                    f"{', '.join(split) or 'none'}"
+                )
+        for name in split:
+            if name not in given:
+                raise InputError(f"joints.{name}: the mesh is split there, but no joint is given")
+
+    def with_joint(self, surface, **properties):
+        """Return the model with some properties of one joint changed (SI)."""
+        joints = tuple(
+            replace(j, properties={**j.properties, **properties}) if j.surface == surface else j
+            for j in self.joints
+        )
+        return replace(self, joints=joints)
+
+    def zone_values(self, name):
+        """Return a property of the materials for every zone, (n_zones,) float64."""
+        values = [float(getattr(self.materials[group], name)) for group in self.mesh.groups]
+        return np.array(values)[self.mesh.zone_group]
+
+    def zone_damping(self, name):
+        """Return ``alpha`` (1/s) or ``beta`` (s) of the damping for every zone, (n_zones,)."""
+        values = np.zeros(len(self.mesh.zones))
+        if self.damping is not None:
+            by_group = isinstance(self.damping, dict)
+            parts = [self.damping[g] if by_group else self.damping for g in self.mesh.groups]
+            values += np.array([getattr(part, name) for part in parts])[self.mesh.zone_group]
+        if self.rim is not None and name == "alpha":
+            centres = self.mesh.points[self.mesh.zones].mean(axis=1)
+            values += self.rim.alpha(centres, self.zone_values("cs"))
+        return values
+
+    def highest_frequency(self, edges_per_wavelength=10.0):
+        """Return the frequency in Hz that each group carries: Cs over 10 mean edges, eq. (1)."""
+        edge = edge_lengths(self.mesh).mean(axis=1)
+        mean = np.bincount(self.mesh.zone_group, edge) / np.bincount(self.mesh.zone_group)
+        return {
+            group: self.materials[group].cs / (edges_per_wavelength * mean[number])
+            for number, group in enumerate(self.mesh.groups)
+        }
+
+    def doubles(self, boundary):
+        """Tell whether a stress input is doubled: by its own word, or because of dashpots."""
+        if boundary.doubled is not None:
+            return boundary.doubled
+        return Viscous(boundary.surface) in self.boundaries

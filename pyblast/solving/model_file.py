@@ -1,0 +1,155 @@
+"""Named arrays in HDF5 files: model files, checkpoints, results; written whole or not at all."""
+
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..errors import InputError, ReadError
+
+SCHEMA = 1
+MAX_BYTES = 16 * 2**30
+_FILTERS = {"gzip", "shuffle", "fletcher32", None}
+
+
+def write_arrays(path, groups, attributes):
+    """Write groups of named arrays beside the target, flush, then rename.
+
+    Parameters
+    ----------
+    path : path
+    groups : dict of str to dict of str to numpy array or number
+    attributes : dict of str to str, int or float
+    """
+    path = Path(path)
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with h5py.File(beside, "w", libver=("earliest", "v110")) as file:
+            file["march/schema"] = np.int32(SCHEMA)
+            for name, value in attributes.items():
+                file.attrs[name] = value
+            for group, arrays in groups.items():
+                for name, value in arrays.items():
+                    file.create_dataset(f"{group}/{name}", data=value)
+            file.flush()
+        with beside.open("rb") as file:
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except OSError as error:
+        raise ReadError(f"{path}: can't be written ({error.strerror or error})") from None
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def read_arrays(path):
+    """Read all groups of arrays and the attributes of a file.
+
+    Returns
+    -------
+    groups : dict of str to dict of str to numpy array
+    attributes : dict
+
+    Raises
+    ------
+    ReadError
+        If the file is no HDF5, is of another schema, or holds links to other places.
+    """
+    path = Path(path)
+    try:
+        with h5py.File(path, "r") as file:
+            groups = {name: _read_group(path, file, name) for name in file}
+            schema = groups.get("march", {}).get("schema", "none")
+            if not np.array_equal(schema, SCHEMA):
+                raise ReadError(f"{path}: schema must be {SCHEMA}, got {schema}")
+            return groups, dict(file.attrs)
+    except (OSError, KeyError, RuntimeError, ValueError) as error:
+        if isinstance(error, ReadError):
+            raise
+        raise ReadError(f"{path}: not a whole HDF5 file of pyblast ({error})") from None
+
+
+def _read_group(path, file, name):
+    """Read the arrays of one group; refuse links that lead outside and sizes beyond the cap."""
+    _refuse_link(path, file, name)
+    group = file[name]
+    if not isinstance(group, h5py.Group):
+        raise ReadError(f"{path}: '{name}' must be a group of arrays")
+    arrays = {}
+    for key in group:
+        _refuse_link(path, group, key)
+        data = group[key]
+        if not isinstance(data, h5py.Dataset) or data.external is not None or data.is_virtual:
+            raise ReadError(f"{path}: '{name}/{key}' must be an array held in the file itself")
+        if data.nbytes > MAX_BYTES or data.compression not in _FILTERS:
+            raise ReadError(f"{path}: '{name}/{key}' is too large or packed oddly")
+        arrays[key] = data[()]
+    return arrays
+
+
+def _refuse_link(path, group, key):
+    """Refuse soft and external links."""
+    if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+        raise ReadError(f"{path}: '{key}' is a link to another place; copy the array into the file")
+
+
+def write_model(path, constants, state, march, input_hash):
+    """Write a model file for the program ``pyblast-run``.
+
+    Parameters
+    ----------
+    path : path
+    constants, state : dict of str to numpy array
+        As ``kernels.numbered`` gives them.
+    march : dict of str to int
+        ``n_steps`` and ``ledger_every``.
+    input_hash : str
+    """
+    march = {name: np.int32(value) for name, value in march.items()}
+    groups = {"arrays": constants, "state": state, "march": march}
+    write_arrays(path, groups, {"kind": "model", "input_sha256": input_hash})
+
+
+def write_checkpoint(path, input_hash, step, state, records, snapshots):
+    """Write everything that a run needs to go on; snapshots by step."""
+    groups = {
+        "state": state,
+        "records": records,
+        "snapshots": {str(at): velocity for at, velocity in snapshots.items()},
+    }
+    write_arrays(path, groups, {"kind": "checkpoint", "input_sha256": input_hash, "step": step})
+
+
+def read_checkpoint(path, input_hash, state, records):
+    """Read a checkpoint of the model with this hash; the arrays given show the shapes wanted.
+
+    Returns
+    -------
+    step : int
+    state, records : dict of str to numpy array
+    snapshots : dict of int to numpy array
+
+    Raises
+    ------
+    InputError
+        If it belongs to another model.
+    ReadError
+        If something is missing or has another shape.
+    """
+    groups, attributes = read_arrays(path)
+    if attributes.get("kind") != "checkpoint":
+        raise ReadError(f"{path}: not a checkpoint")
+    if attributes.get("input_sha256") != input_hash:
+        raise InputError(f"{path}: checkpoint of another model or duration; start afresh")
+    found = []
+    for group, wanted in (("state", state), ("records", records)):
+        arrays = groups.get(group, {})
+        for name, array in wanted.items():
+            value = arrays.get(name)
+            if value is None or value.shape != array.shape or value.dtype != array.dtype:
+                raise ReadError(
+                    f"{path}: '{group}/{name}' is missing or has a wrong shape; start afresh"
+                )
+        found.append({name: np.ascontiguousarray(arrays[name]) for name in wanted})
+    snapshots = {int(at): velocity for at, velocity in groups.get("snapshots", {}).items()}
+    return int(attributes["step"]), *found, snapshots

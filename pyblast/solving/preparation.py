@@ -1,0 +1,130 @@
+"""From a model to arrays at rest under its in-situ stress, ready to march."""
+
+import logging
+import math
+import time
+from collections.abc import Callable
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from ..errors import InputError, SolverError
+from . import assembly, kernels
+from .model import Model
+from .model_file import write_model
+from .provenance import fingerprint
+from .stability import CriticalStep
+
+LEDGER_EVERY = 20
+CHUNK_SECONDS = 0.05
+STATIC_ROUND = 100
+STATIC_TOLERANCE = 1e-5
+STATIC_STEPS = 40_000
+log = logging.getLogger(__name__)
+
+
+class Chunks:
+    """How many steps take about `CHUNK_SECONDS`, learnt as the march goes."""
+
+    def __init__(self, steps):
+        self.steps = steps
+
+    @contextmanager
+    def timed(self, steps):
+        """Time one chunk of some steps and choose the length of the next."""
+        began = time.perf_counter()
+        yield
+        took = max(time.perf_counter() - began, 1e-4)
+        self.steps = max(1, min(4 * self.steps, int(steps * CHUNK_SECONDS / took)))
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A model turned into arrays, ready to march.
+
+    Parameters
+    ----------
+    constants : dict
+        Kernel arguments in Python's order, indices from 0.
+    state : dict
+        Arrays that change, named as in ``kernels.STATE``.
+    n_steps : int
+    limit : CriticalStep
+    static : dict
+        ``steps`` and ``unbalanced`` of the static stage; empty where there was none.
+    fingerprint : str
+        SHA-256 of all constants and of the state.
+    """
+
+    constants: dict
+    state: dict
+    n_steps: int
+    limit: CriticalStep
+    static: dict
+    fingerprint: str
+
+
+def prepare(model: Model, duration: float, progress: Callable | None = None) -> Prepared:
+    """Assemble the arrays of a model and bring it to rest under its in-situ stress.
+
+    Parameters
+    ----------
+    model : Model
+    duration : float, s
+    progress : callable, optional
+        Called with (stage, done, total) between chunks.
+
+    Raises
+    ------
+    InputError
+        If the duration is not positive.
+    SolverError
+        If the static stage does not come to rest.
+    """
+    if not (math.isfinite(duration) and duration > 0.0):
+        raise InputError(f"duration: must be positive, got {duration:g} s")
+    geometry, limit = assembly.geometry_arrays(model)
+    n_steps = max(2, math.ceil(duration / geometry["dt"]))  # a seismogram has two samples
+    static, settled = {}, None
+    if model.insitu is not None and model.mesh.contacts is not None:
+        static, settled = _equilibrate(model, geometry, progress)
+    constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps)}
+    state = assembly.initial_state(constants)
+    if settled is not None:
+        constants, state = assembly.after_static(constants, *settled)
+    return Prepared(constants, state, n_steps, limit, static, fingerprint(constants, state))
+
+
+def _equilibrate(model, geometry, progress):
+    """Relax to equilibrium; return a report, and the arrays and the state at rest."""
+    arrays, scale = assembly.static_arrays(model, geometry)
+    constants = {**geometry, **arrays, **assembly.still_loads(STATIC_STEPS)}
+    state = assembly.initial_state(constants)
+    views = kernels.to_fortran(constants)
+    step, unbalanced, chunks = 0, 1.0, Chunks(1)
+    while unbalanced > STATIC_TOLERANCE or step % STATIC_ROUND:
+        if step >= STATIC_STEPS:
+            raise SolverError(
+                f"static stage: unbalanced force still {unbalanced:.1e} of the acting forces after "
+                f"{step} steps; a block may be free to fall, check supports and strengths"
+            )
+        # Only whole rounds may end the stage: else its last step would depend on the clock.
+        n_steps = min(chunks.steps, STATIC_ROUND - step % STATIC_ROUND)
+        with chunks.timed(n_steps):
+            _, energy, failed = kernels.advance(views, state, step, n_steps, LEDGER_EVERY)
+        step += n_steps
+        if failed is not None:
+            raise SolverError(f"static stage: the motion grew without limit at step {step}")
+        if len(energy):
+            unbalanced = float(energy[-1][kernels.ENERGIES.index("unbalanced")] / scale)
+        if progress is not None:
+            share = math.log(max(unbalanced, STATIC_TOLERANCE)) / math.log(STATIC_TOLERANCE)
+            progress("static", max(0.0, share), 1.0)
+    log.info("static stage: %d steps, unbalanced force %.1e", step, unbalanced)
+    return {"steps": step, "unbalanced": unbalanced}, (constants, state)
+
+
+def export(prepared: Prepared, path):
+    """Write a prepared model for the program ``pyblast-run``, which marches it to the same bits."""
+    march = {"n_steps": prepared.n_steps, "ledger_every": LEDGER_EVERY}
+    constants = kernels.numbered(prepared.constants)
+    write_model(path, constants, prepared.state, march, prepared.fingerprint)

@@ -1,0 +1,133 @@
+"""The longest stable time step, and what limits it; mass added to zones that would shorten it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..meshing import tetrahedra
+
+
+@dataclass(frozen=True)
+class CriticalStep:
+    """A safe bound of the longest stable step.
+
+    Parameters
+    ----------
+    dt : float, s
+    undamped : float, s
+        The same without stiffness damping.
+    limited_by : str
+        The part that sets it.
+    added_mass : (n_zones,) float64, kg
+        What selective mass scaling put on.
+    """
+
+    dt: float
+    undamped: float
+    limited_by: str
+    added_mass: np.ndarray
+
+
+def zone_frequencies(points, zones, first_lame, shear, density):
+    """Return the square of each zone's largest angular frequency, (n_zones,) 1/s2.
+
+    Notes
+    -----
+    With S = sum of g g^T over the shape gradients g, eigenvalues s1 >= s2 >= s3, it is
+    ``4/rho max(eig(2 mu diag(s) + lambda r r^T), mu (s1 + s2))``, r = sqrt(s): exact for an
+    isotropic tetrahedron with a quarter of its mass at each node; theory.md (2.12).
+    """
+    gradient = shape_gradients(points, zones)
+    every = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
+    s = np.maximum(np.linalg.eigvalsh(np.einsum("zai,zaj->zij", every, every)), 0.0)
+    root = np.sqrt(s)
+    matrix = first_lame[:, None, None] * root[:, :, None] * root[:, None, :]
+    matrix[:, range(3), range(3)] += 2.0 * shear[:, None] * s
+    largest = np.maximum(np.linalg.eigvalsh(matrix)[:, -1], shear * (s[:, 1] + s[:, 2]))
+    return 4.0 * largest / density
+
+
+def shape_gradients(points, zones):
+    """Return the gradients of shape functions 2 to 4, (n_zones, 3, 3) 1/m, last axis x y z."""
+    sides = points[zones[:, 1:]] - points[zones[:, :1]]
+    return np.swapaxes(np.linalg.inv(sides), 1, 2)
+
+
+def node_sums(zones, values, n_nodes):
+    """Give a quarter of a value of each zone to each of its nodes, (n_nodes,)."""
+    return np.bincount(zones.ravel(), np.repeat(0.25 * values, 4), minlength=n_nodes)
+
+
+def critical_step(model):
+    """Bound the longest stable step of a model from zones, contacts and damping together.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    CriticalStep
+
+    Notes
+    -----
+    For a step T every node lends its contacts the share ``phi = T^2 d / (2 m)`` of its mass, d
+    being the stiffness of its springs: no contact then limits the step (Anderson & Morley 1985).
+    Its zones keep the rest (Irons & Treharne 1971) and take added mass where they need it. The
+    step is the longest whose added mass stays within its share: theory.md (2.13).
+    """
+    mesh = model.mesh
+    density = model.zone_values("density")
+    moduli = model.zone_values("first_lame"), model.zone_values("shear")
+    zone = zone_frequencies(mesh.points, mesh.zones, *moduli, density)
+    beta = model.zone_damping("beta")
+    mass = density * tetrahedra.volumes(mesh.points, mesh.zones)
+    node_mass = node_sums(mesh.zones, mass, len(mesh.points))
+    spring = (2.0 * contact_stiffness(model) / node_mass)[mesh.zones].max(axis=1)
+
+    def needs(dt, beta):
+        """Mass over its own that each zone needs for a step."""
+        free = np.maximum(1.0 - spring * dt**2 / 4.0, 1e-12)
+        return zone * (dt**2 / 4.0 + dt * beta / 2.0) / free
+
+    def longest(beta, share):
+        """Bisect for the step whose added mass stays within a share."""
+        low, high = 0.0, 2.0 / np.sqrt(zone.min())
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            added = float(mass @ np.maximum(0.0, needs(middle, beta) - 1.0))
+            low, high = (middle, high) if added <= share * mass.sum() else (low, middle)
+        return low
+
+    dt = longest(beta, model.added_mass)
+    need = needs(dt, beta)
+    undamped = longest(0.0 * beta, model.added_mass)
+    limited_by = _limit(model, int(need.argmax()), need.max() > 1.0 + 1e-9, spring * dt**2 / 4.0)
+    return CriticalStep(dt, undamped, limited_by, mass * np.maximum(0.0, need - 1.0))
+
+
+def contact_stiffness(model):
+    """Sum the larger spring stiffness of the contacts of each node, (n_nodes,) N/m."""
+    total = np.zeros(len(model.mesh.points))
+    contacts = model.mesh.contacts
+    if contacts is None:
+        return total
+    by_name = {joint.surface: joint.properties for joint in model.joints}
+    largest = np.array([max(by_name[n]["kn"], by_name[n]["ks"]) for n in contacts.names])
+    spring = contacts.area * largest[contacts.joint]
+    for side in (contacts.minus, contacts.plus):
+        total += np.bincount(side, spring, minlength=len(total))
+    return total
+
+
+def _limit(model, worst, scaled, share):
+    """Describe the zone that sets the step, or the joint whose contacts have most of its mass."""
+    mesh = model.mesh
+    x, y, z = mesh.points[mesh.zones[worst]].mean(axis=0)
+    what = f"a zone of '{mesh.groups[mesh.zone_group[worst]]}'"
+    if share[worst] > 0.5:
+        pairs = np.stack([mesh.contacts.minus, mesh.contacts.plus])
+        contact = int(np.isin(pairs, mesh.zones[worst]).any(axis=0).argmax())
+        what = f"a contact of joint '{mesh.contacts.names[mesh.contacts.joint[contact]]}'"
+    note = " and others as short, after adding mass" if scaled else ""
+    return f"{what} at ({x:.1f}, {y:.1f}, {z:.1f}) m{note}"
