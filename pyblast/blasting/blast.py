@@ -164,9 +164,15 @@ class Blast:
 
     @property
     def centres(self):
-        """Middle of each charge, (n_holes, 3) m: of its deck where given, else of the hole."""
+        """Middle of each charge, (n_holes, 3) m.
+
+        That of its deck where given; else of the column that the charge fills above the toe; of
+        the whole hole where the diameter is unknown.
+        """
         length = np.maximum(self.length, 1e-12)
-        middle = np.where(np.isnan(self.deck).any(axis=1), 0.5, self.deck.mean(axis=1) / length)
+        filled = np.clip(np.nan_to_num(self.charge_length / length, nan=1.0), 0.0, 1.0)
+        middle = self.deck.mean(axis=1) / length
+        middle = np.where(np.isnan(self.deck).any(axis=1), 1.0 - 0.5 * filled, middle)
         return self.collar + middle[:, None] * (self.toe - self.collar)
 
     @property

@@ -95,7 +95,7 @@ def take_census(project, measure=False) -> Census:
 def _groups(model, mass):
     """Count each material."""
     mesh = model.mesh
-    edge = tetrahedra.edge_lengths(mesh.points, mesh.zones).mean(axis=1)
+    edges = model.mean_edges()
     quality = tetrahedra.mean_ratio(mesh.points, mesh.zones)
     found = []
     for number, name in enumerate(mesh.groups):
@@ -108,9 +108,9 @@ def _groups(model, mass):
                     int(mine.sum()),
                     float(mass[mine].sum() / material.density),
                     float(mass[mine].sum()),
-                    float(edge[mine].mean()),
+                    float(edges[name]),
                     float(quality[mine].min()),
-                    carried_frequency(material.cs, float(edge[mine].mean())),
+                    carried_frequency(material.cs, float(edges[name])),
                 )
             )
     return tuple(found)

@@ -113,7 +113,7 @@ def check_boundaries(boundaries, surfaces):
         if isinstance(boundary, VelocityInput) and surface in viscous:
             raise InputError(
                 f"boundaries.{surface}: a velocity can't be prescribed on a viscous surface: its "
-                "dashpots would act on a motion that is fixed anyway and reflect waves from inside; "
+                "dashpots would act on a motion that is fixed anyway and reflect waves; "
                 "use StressInput, which turns the same velocity into stress"
             )
         if isinstance(boundary, Fixed) and surface in viscous:

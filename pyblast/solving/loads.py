@@ -4,10 +4,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..meshing.mesh import locate
+from ..meshing.tetrahedra import edge_lengths
 from ..motion.seismogram import GEOGRAPHIC
 from .boundaries import StressInput, VelocityInput
 from .sources import Hole, PointForce, TimeFunction
 from .stability import shape_gradients
+
+FEWEST_ZONES = 8  # that a source is spread over
 
 
 class Loads:
@@ -113,13 +116,15 @@ def _add_hole(loads, model, hole):
 def _zones_of_hole(mesh, position, spread):
     """Return zones and their shares of a source: sum one, first moment at its place."""
     zone, _ = locate(mesh, position)
+    if spread is None:
+        spread = edge_lengths(mesh.points, mesh.zones[zone]).mean()
     if spread <= 0.0:
         return zone, np.ones(1)
     centres = mesh.points[mesh.zones].mean(axis=1) - position
     distance = np.linalg.norm(centres, axis=1)
+    if len(distance) >= FEWEST_ZONES:
+        spread = max(spread, 1.2 * np.partition(distance, FEWEST_ZONES - 1)[FEWEST_ZONES - 1])
     near = np.flatnonzero(distance < spread)
-    if len(near) < 8:
-        return zone, np.ones(1)
     sides = mesh.points[mesh.zones[near, 1:]] - mesh.points[mesh.zones[near, :1]]
     weight = np.abs(np.linalg.det(sides)) * (1.0 - (distance[near] / spread) ** 2) ** 2
     basis = np.concatenate([np.ones((len(near), 1)), centres[near] / spread], axis=1)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..errors import InputError
-from ..meshing.mesh import Mesh, edge_lengths
+from ..meshing.mesh import Mesh, edge_lengths, volumes
 from .boundaries import Viscous, check_boundaries
 from .joints import Joint
 from .materials import Damping, Material
@@ -179,13 +179,18 @@ class Model:
             values += self.rim.alpha(centres, self.zone_values("cs"))
         return values
 
+    def mean_edges(self):
+        """Return the mean edge of each group in m, by volume: small zones do not flatter it."""
+        edge, volume = edge_lengths(self.mesh).mean(axis=1), volumes(self.mesh)
+        group = self.mesh.zone_group
+        mean = np.bincount(group, edge * volume) / np.bincount(group, volume)
+        return dict(zip(self.mesh.groups, mean, strict=True))
+
     def highest_frequency(self, edges_per_wavelength=10.0):
         """Return the frequency in Hz that each group carries: Cs over 10 mean edges, eq. (1)."""
-        edge = edge_lengths(self.mesh).mean(axis=1)
-        mean = np.bincount(self.mesh.zone_group, edge) / np.bincount(self.mesh.zone_group)
         return {
-            group: self.materials[group].cs / (edges_per_wavelength * mean[number])
-            for number, group in enumerate(self.mesh.groups)
+            group: self.materials[group].cs / (edges_per_wavelength * edge)
+            for group, edge in self.mean_edges().items()
         }
 
     def doubles(self, boundary):

@@ -67,9 +67,9 @@ class Hole:
         Of 1 kg, N m/s.
     exponent : float
         Of the charge.
-    spread : float, m
-        Radius over which the source is spread so that the mesh does not print through; 0 puts
-        it into one zone.
+    spread : float or None, m
+        Radius over which the source is spread so that the mesh does not print through; None
+        takes one mean edge of the zone around it, 0 puts it into that zone alone.
     """
 
     position: np.ndarray
@@ -77,7 +77,7 @@ class Hole:
     time: float
     moment_rate: TimeFunction
     exponent: float = 1.0
-    spread: float = 0.0
+    spread: float | None = None
 
     def __post_init__(self):
         """Refuse charges and times that are none."""
