@@ -181,3 +181,11 @@ def test_a_wrong_blast_is_refused(changes, message):
 def test_a_wrong_firing_is_refused(times, scales, message):
     with pytest.raises(InputError, match=message):
         Firing(times, scales)
+
+
+def test_a_charge_sits_on_the_toe_and_its_middle_follows():
+    length = 10.0
+    mass_per_metre = 850.0 * np.pi / 4.0 * 0.1**2
+    blast = Blast("B", [[0, 0, 0]], [[0, 0, -length]], [4.0 * mass_per_metre], [0.0], [0.1])
+
+    assert blast.centres[0] == pytest.approx([0.0, 0.0, -8.0])
