@@ -1,0 +1,1 @@
+"""Closed forms and independent solutions that the rungs are measured against."""
