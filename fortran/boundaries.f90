@@ -7,44 +7,69 @@ module pyblast_boundaries
 
 contains
 
-    pure subroutine load_forces(n_nodes, n_loads, n_histories, load_node, load_vector, &
-                                load_history, amplitude, velocity, force, power)
+    pure subroutine load_forces(n_nodes, n_loads, n_histories, n_total, step, load_node, &
+                                load_vector, load_history, load_delay, history, velocity, &
+                                load_amplitude, force, power)
         !! Add every load, its vector times the present amplitude of its history, and tell its power.
         !! Stress on faces, holes and point forces all arrive here; theory.md (4.3), (5.1).
-        integer, intent(in) :: n_nodes, n_loads, n_histories
+        integer, intent(in) :: n_nodes, n_loads, n_histories, n_total
+        integer, intent(in) :: step                           !! from 1
         integer, intent(in) :: load_node(n_loads)             !! from 1
         real(dp), intent(in) :: load_vector(3, n_loads)       !! force per unit of the history
         integer, intent(in) :: load_history(n_loads)          !! from 1
-        real(dp), intent(in) :: amplitude(n_histories)
+        real(dp), intent(in) :: load_delay(n_loads)           !! steps behind its history
+        real(dp), intent(in) :: history(n_histories, n_total)
         real(dp), intent(in) :: velocity(3, n_nodes)          !! [m/s]
+        real(dp), intent(inout) :: load_amplitude(n_loads)    !! of this step
         real(dp), intent(inout) :: force(3, n_nodes)          !! [N]
         real(dp), intent(out) :: power                        !! [W]
         integer :: k
 
         do k = 1, n_loads
-            force(:, load_node(k)) = force(:, load_node(k)) &
-                + load_vector(:, k)*amplitude(load_history(k))
+            load_amplitude(k) = delayed(n_histories, n_total, history, load_history(k), step, &
+                                        load_delay(k))
+            force(:, load_node(k)) = force(:, load_node(k)) + load_vector(:, k)*load_amplitude(k)
         end do
-        call load_power(n_nodes, n_loads, n_histories, load_node, load_vector, load_history, &
-                        amplitude, velocity, power)
+        power = load_power(n_nodes, n_loads, load_node, load_vector, load_amplitude, velocity)
     end subroutine load_forces
 
-    pure subroutine load_power(n_nodes, n_loads, n_histories, load_node, load_vector, &
-                               load_history, amplitude, velocity, power)
+    pure function delayed(n_histories, n_total, history, row, step, delay) result(amplitude)
+        !! A history some steps ago, by a cubic through four samples; nothing before the first.
+        integer, intent(in) :: n_histories, n_total, row, step
+        real(dp), intent(in) :: history(n_histories, n_total), delay
+        real(dp) :: amplitude, x, weight(4)
+        integer :: first, i, k
+
+        first = step - floor(delay)
+        x = delay - floor(delay)
+        if (.not. x > 0.0_dp) then
+            amplitude = 0.0_dp
+            if (first >= 1) amplitude = history(row, first)
+            return
+        end if
+        weight = [-x*(1.0_dp - x)*(2.0_dp - x)/6.0_dp, (1.0_dp - x**2)*(2.0_dp - x)/2.0_dp, &
+                  x*(1.0_dp + x)*(2.0_dp - x)/2.0_dp, -x*(1.0_dp - x**2)/6.0_dp]
+        amplitude = 0.0_dp
+        do k = 1, 4
+            i = min(first + 2 - k, n_total)
+            if (i >= 1) amplitude = amplitude + weight(k)*history(row, i)
+        end do
+    end function delayed
+
+    pure function load_power(n_nodes, n_loads, load_node, load_vector, load_amplitude, &
+                             velocity) result(power)
         !! Power of all loads on the given velocity; arguments as in load_forces.
-        integer, intent(in) :: n_nodes, n_loads, n_histories
-        integer, intent(in) :: load_node(n_loads), load_history(n_loads)
-        real(dp), intent(in) :: load_vector(3, n_loads), amplitude(n_histories)
+        integer, intent(in) :: n_nodes, n_loads, load_node(n_loads)
+        real(dp), intent(in) :: load_vector(3, n_loads), load_amplitude(n_loads)
         real(dp), intent(in) :: velocity(3, n_nodes)
-        real(dp), intent(out) :: power                        !! [W]
+        real(dp) :: power                                     !! [W]
         integer :: k
 
         power = 0.0_dp
         do k = 1, n_loads
-            power = power + amplitude(load_history(k)) &
-                *dot_product(load_vector(:, k), velocity(:, load_node(k)))
+            power = power + load_amplitude(k)*dot_product(load_vector(:, k), velocity(:, load_node(k)))
         end do
-    end subroutine load_power
+    end function load_power
 
     pure subroutine viscous_forces(n_nodes, n_dashpots, dt, node_mass, node_alpha, dashpot_node, &
                                    dashpot_impedance, dashpot_inverse, velocity, force, &

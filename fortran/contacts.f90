@@ -4,7 +4,7 @@ module pyblast_contacts
     use pyblast_joint_laws, only : joint_traction
     implicit none
     private
-    public :: contact_forces
+    public :: contact_forces, stored_at_rest
 
 contains
 
@@ -42,8 +42,9 @@ contains
                 step = dt*(velocity(:, plus) - velocity(:, minus))
             end associate
             j = contact_joint(c)
-            call joint_traction(joint_law(j), joint_property(:, j), contact_initial(:, c), &
-                                contact_normal(:, c), jump, contact_state(:, c), traction, stored)
+            call joint_traction(joint_law(j), joint_property(:, j), dt, contact_initial(:, c), &
+                                contact_normal(:, c), jump, step, contact_state(:, c), traction, &
+                                stored)
             contact_dissipated(c) = contact_dissipated(c) + contact_stored(c) - stored &
                 + 0.5_dp*dot_product(contact_traction(:, c) + traction, step)
             contact_traction(:, c) = traction
@@ -53,5 +54,27 @@ contains
         end do
         !$omp end parallel do
     end subroutine contact_forces
+
+    subroutine stored_at_rest(n_contacts, n_joints, contact_normal, contact_joint, joint_law, &
+                              joint_property, contact_initial, contact_state, contact_stored)
+        !! Energy that the contacts hold before anything moves; arguments as in contact_forces.
+        integer, intent(in) :: n_contacts, n_joints, contact_joint(n_contacts), joint_law(n_joints)
+        real(dp), intent(in) :: contact_normal(3, n_contacts)
+        real(dp), intent(in) :: joint_property(n_joint_properties, n_joints)
+        real(dp), intent(in) :: contact_initial(3, n_contacts)
+        real(dp), intent(in) :: contact_state(n_joint_state, n_contacts)
+        real(dp), intent(out) :: contact_stored(n_contacts)                    !! [J/m2]
+        real(dp) :: state(n_joint_state), traction(3), none(3)
+        integer :: c, j
+
+        none = 0.0_dp
+        do c = 1, n_contacts
+            j = contact_joint(c)
+            state = contact_state(:, c)
+            call joint_traction(joint_law(j), joint_property(:, j), 0.0_dp, contact_initial(:, c), &
+                                contact_normal(:, c), none, none, state, traction, &
+                                contact_stored(c))
+        end do
+    end subroutine stored_at_rest
 
 end module pyblast_contacts

@@ -6,14 +6,14 @@ module pyblast_joint_laws
     use pyblast_kinds, only : dp, n_joint_properties, n_joint_state
     implicit none
     private
-    public :: joint_law_signature, joint_traction
+    public :: joint_bound, joint_law_signature, joint_traction
 
 contains
 
     pure subroutine joint_law_signature(law, signature)
         !! Say name, properties and state of a law: the table that Python, files and messages use.
         integer, intent(in) :: law                     !! from 1
-        character(len=160), intent(out) :: signature   !! "name: properties | state"
+        character(len=400), intent(out) :: signature   !! "name: properties | state"
 
         select case (law)
         case (1)
@@ -26,13 +26,30 @@ contains
         end select
     end subroutine joint_law_signature
 
-    pure subroutine joint_traction(law, property, initial, normal, jump, state, traction, stored)
+    pure subroutine joint_bound(law, property, stiffness, viscosity)
+        !! Tell the largest tangent stiffness that a law can have, and its viscosity: the time step.
+        integer, intent(in) :: law
+        real(dp), intent(in) :: property(n_joint_properties)
+        real(dp), intent(out) :: stiffness             !! [Pa/m]
+        real(dp), intent(out) :: viscosity             !! [Pa s/m]
+
+        select case (law)
+        case default
+            stiffness = maxval(property(1:2))
+            viscosity = 0.0_dp
+        end select
+    end subroutine joint_bound
+
+    pure subroutine joint_traction(law, property, dt, initial, normal, jump, step, state, &
+                                   traction, stored)
         !! Traction of one contact by its law.
         integer, intent(in) :: law
         real(dp), intent(in) :: property(n_joint_properties)
+        real(dp), intent(in) :: dt                     !! time step [s]
         real(dp), intent(in) :: initial(3)             !! traction at zero jump [Pa]
         real(dp), intent(in) :: normal(3)              !! unit, from minus to plus
         real(dp), intent(in) :: jump(3)                !! displacement of plus less minus [m]
+        real(dp), intent(in) :: step(3)                !! how the jump grew since the last step [m]
         real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: traction(3)           !! on the minus side [Pa]
         real(dp), intent(out) :: stored                !! recoverable energy [J/m2]

@@ -8,12 +8,16 @@ module pyblast_kinds
     integer, parameter :: dp = kind(1.0d0)
 
     integer, parameter, public :: n_joint_laws = 2
-    integer, parameter, public :: n_joint_properties = 8
-    integer, parameter, public :: n_joint_state = 5
+    integer, parameter, public :: n_joint_properties = 12
+    integer, parameter, public :: n_joint_state = 10
 
-    integer, parameter, public :: n_energies = 9
-        !! ledger columns: kinetic, strain, joint stored, joint dissipated, damping, dashpots,
-        !! input, in-situ work [J], sum of unbalanced force [N]
+    integer, parameter, public :: n_zone_laws = 1
+    integer, parameter, public :: n_zone_properties = 24
+    integer, parameter, public :: n_zone_state = 24
+
+    integer, parameter, public :: n_energies = 10
+        !! ledger columns: kinetic, strain, joint stored, joint dissipated, zone dissipated,
+        !! damping, dashpots, input, in-situ work [J], sum of unbalanced force [N]
     integer, parameter, public :: n_sums = 7
         !! running: damping, dashpots, input, stiffness damping; fixed at the start: stored in
         !! joints, in motion and strain; largest energy put in so far

@@ -12,13 +12,15 @@ contains
 
     pure subroutine write_ledger(n_contacts, n_domains, n_blocks, dt, contact_area, &
                                  contact_stored, contact_dissipated, domain_strain, &
-                                 domain_damping, block_energy, before, insitu, sums, line)
+                                 domain_lost, domain_damping, block_energy, before, insitu, &
+                                 sums, line)
         !! One line of the ledger in the middle of a step, exact for linear models; theory.md (2.7).
         integer, intent(in) :: n_contacts, n_domains, n_blocks
         real(dp), intent(in) :: dt
         real(dp), intent(in) :: contact_area(n_contacts)
         real(dp), intent(in) :: contact_stored(n_contacts), contact_dissipated(n_contacts)
-        real(dp), intent(in) :: domain_strain(n_domains), domain_damping(n_domains)
+        real(dp), intent(in) :: domain_strain(n_domains), domain_lost(n_domains)
+        real(dp), intent(in) :: domain_damping(n_domains)
         real(dp), intent(in) :: block_energy(5, n_blocks)   !! as move_nodes gives it
         real(dp), intent(in) :: before(3)      !! half-step work: damping, dashpots, input [J]
         real(dp), intent(in) :: insitu         !! [J]
@@ -29,11 +31,12 @@ contains
         line(2) = sum(domain_strain)
         line(3) = sum(contact_area*contact_stored)
         line(4) = sum(contact_area*contact_dissipated)
-        line(5) = sums(1) + before(1) + sums(4) + 0.75_dp*dt*sum(domain_damping)
-        line(6) = sums(2) + before(2)
-        line(7) = sums(3) + before(3)
-        line(8) = insitu
-        line(9) = sum(block_energy(5, :))
+        line(5) = sum(domain_lost)
+        line(6) = sums(1) + before(1) + sums(4) + 0.75_dp*dt*sum(domain_damping)
+        line(7) = sums(2) + before(2)
+        line(8) = sums(3) + before(3)
+        line(9) = insitu
+        line(10) = sum(block_energy(5, :))
     end subroutine write_ledger
 
     pure function insitu_work(n_nodes, n_contacts, node_load, contact_node, contact_area, &
@@ -77,7 +80,7 @@ contains
             sums(5) = line(3)
             sums(6) = kinetic + line(2)
         end if
-        sums(7) = max(sums(7), sums(6) + line(7) + line(8) + max(0.0_dp, coming))
+        sums(7) = max(sums(7), sums(6) + line(8) + line(9) + max(0.0_dp, coming))
         energy = kinetic + line(2) + line(3) - sums(5)
         alarm = .not. energy <= growth_limit*sums(7) + tiny(energy)
     end subroutine grows

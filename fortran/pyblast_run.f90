@@ -3,7 +3,8 @@ program pyblast_run
     use, intrinsic :: iso_c_binding, only : c_char, c_int, c_null_char
     use, intrinsic :: iso_fortran_env, only : error_unit, output_unit
     use hdf5, only : hid_t
-    use pyblast_kinds, only : dp, n_energies, n_joint_laws, n_joint_properties, n_joint_state, n_sums
+    use pyblast_kinds, only : dp, n_energies, n_joint_laws, n_joint_properties, n_joint_state, n_sums, &
+        n_zone_laws, n_zone_properties, n_zone_state
     use pyblast_model_file
     use pyblast_solver, only : advance
     implicit none
@@ -18,13 +19,15 @@ program pyblast_run
     real(dp), allocatable :: zone_gradient(:, :, :), zone_volume(:), zone_lambda(:), zone_shear(:)
     real(dp), allocatable :: zone_beta(:), node_mass(:), node_alpha(:), node_load(:, :)
     real(dp), allocatable :: contact_normal(:, :), contact_area(:), contact_initial(:, :)
-    real(dp), allocatable :: joint_property(:, :), load_vector(:, :), history(:, :)
+    real(dp), allocatable :: joint_property(:, :), load_vector(:, :), load_delay(:), history(:, :)
+    real(dp), allocatable :: set_property(:, :), row_initial(:, :), row_state(:, :), row_lost(:)
     real(dp), allocatable :: dashpot_impedance(:, :, :), dashpot_inverse(:, :, :)
     real(dp), allocatable :: fixed_direction(:, :), receiver_weight(:, :)
     real(dp), allocatable :: displacement(:, :), velocity(:, :), contact_traction(:, :)
     real(dp), allocatable :: contact_state(:, :), contact_stored(:), contact_dissipated(:), sums(:)
     real(dp), allocatable :: motion(:, :, :), energy(:, :)
     integer, allocatable :: domain_zone_start(:), domain_slot_start(:), slot_node(:)
+    integer, allocatable :: zone_set(:), zone_row(:), zone_patch(:), set_law(:)
     integer, allocatable :: zone_slot(:, :), node_start(:), node_part(:), contact_node(:, :)
     integer, allocatable :: contact_joint(:), joint_law(:), load_node(:), load_history(:)
     integer, allocatable :: dashpot_node(:), fixed_node(:), fixed_history(:), receiver_node(:, :)
@@ -79,6 +82,12 @@ contains
         call read_array(file, "arrays/zone_lambda", zone_lambda, message)
         call read_array(file, "arrays/zone_shear", zone_shear, message)
         call read_array(file, "arrays/zone_beta", zone_beta, message)
+        call read_array(file, "arrays/zone_set", zone_set, message)
+        call read_array(file, "arrays/zone_row", zone_row, message)
+        call read_array(file, "arrays/zone_patch", zone_patch, message)
+        call read_array(file, "arrays/set_law", set_law, message)
+        call read_array(file, "arrays/set_property", set_property, message)
+        call read_array(file, "arrays/row_initial", row_initial, message)
         call read_array(file, "arrays/node_start", node_start, message)
         call read_array(file, "arrays/node_part", node_part, message)
         call read_array(file, "arrays/node_mass", node_mass, message)
@@ -94,6 +103,7 @@ contains
         call read_array(file, "arrays/load_node", load_node, message)
         call read_array(file, "arrays/load_vector", load_vector, message)
         call read_array(file, "arrays/load_history", load_history, message)
+        call read_array(file, "arrays/load_delay", load_delay, message)
         call read_array(file, "arrays/history", history, message)
         call read_array(file, "arrays/dashpot_node", dashpot_node, message)
         call read_array(file, "arrays/dashpot_impedance", dashpot_impedance, message)
@@ -105,6 +115,8 @@ contains
         call read_array(file, "arrays/receiver_weight", receiver_weight, message)
         call read_array(file, "state/displacement", displacement, message)
         call read_array(file, "state/velocity", velocity, message)
+        call read_array(file, "state/row_state", row_state, message)
+        call read_array(file, "state/row_lost", row_lost, message)
         call read_array(file, "state/contact_traction", contact_traction, message)
         call read_array(file, "state/contact_state", contact_state, message)
         call read_array(file, "state/contact_stored", contact_stored, message)
@@ -124,7 +136,10 @@ contains
         if (n_steps < 1 .or. ledger_every < 1) message = "'march' needs positive numbers"
         if (.not. (dt > 0.0_dp .and. dt < huge(dt))) message = "'arrays/dt' must be positive"
         call want("zones", [size(zone_slot), size(zone_gradient), size(zone_lambda), &
-                            size(zone_shear), size(zone_beta)], [4, 9, 1, 1, 1]*zones)
+                            size(zone_shear), size(zone_beta), size(zone_set), size(zone_row), &
+                            size(zone_patch)], [4, 9, 1, 1, 1, 1, 1, 1]*zones)
+        call want("zone laws", [size(set_property), size(row_state), size(row_initial)], &
+                  [n_zone_properties*size(set_law), n_zone_state*size(row_lost), 6*size(row_lost)])
         call want("nodes", [size(node_alpha), size(node_load), size(node_start), &
                             size(displacement), size(velocity)], &
                   [nodes, 3*nodes, nodes + 1, 3*nodes, 3*nodes])
@@ -134,7 +149,8 @@ contains
                                size(contact_dissipated)], &
                   [2, 3, 1, 3, 3, n_joint_state, 1, 1]*contacts)
         call want("joints", [size(joint_property)], [n_joint_properties*size(joint_law)])
-        call want("loads", [size(load_vector), size(load_history)], [3, 1]*size(load_node))
+        call want("loads", [size(load_vector), size(load_history), size(load_delay)], &
+                  [3, 1, 1]*size(load_node))
         call want("dashpots", [size(dashpot_impedance), size(dashpot_inverse)], &
                   [9, 9]*size(dashpot_node))
         call want("fixed", [size(fixed_direction), size(fixed_history)], [3, 1]*size(fixed_node))
@@ -151,6 +167,11 @@ contains
         call within("contact_node", reshape(contact_node, [size(contact_node)]), 1, nodes)
         call within("contact_joint", contact_joint, 1, size(joint_law))
         call within("joint_law", joint_law, 1, n_joint_laws)
+        call within("zone_set", zone_set, 1, size(set_law))
+        call within("zone_row", zone_row, 0, size(row_lost))
+        call within("zone_patch", zone_patch, 0, zones)
+        call within("set_law", set_law, 1, n_zone_laws)
+        if (minval(load_delay) < 0.0_dp) message = "'arrays/load_delay' must not be negative"
         call within("load_node", load_node, 1, nodes)
         call within("load_history", load_history, 1, size(history, 1))
         call within("dashpot_node", dashpot_node, 1, nodes)
@@ -211,21 +232,23 @@ contains
             lines = (done + ledger_every - 1)/ledger_every
             next = (done + chunk + ledger_every - 1)/ledger_every
             call advance(size(node_mass), size(zone_volume), size(domain_zone_start) - 1, &
-                         size(slot_node), size(node_part), size(contact_area), &
+                         size(slot_node), size(set_law), size(row_lost), size(node_part), &
+                         size(contact_area), &
                          size(joint_law), size(load_node), size(history, 1), &
                          size(dashpot_node), size(fixed_node), size(receiver_node, 2), &
                          n_steps, chunk, next - lines, done, ledger_every, dt, local_damping, &
                          domain_zone_start, domain_slot_start, slot_node, zone_slot, &
                          zone_gradient, zone_volume, zone_lambda, zone_shear, zone_beta, &
+                         zone_set, zone_row, zone_patch, set_law, set_property, row_initial, &
                          node_start, node_part, node_mass, node_alpha, node_load, &
                          contact_node, contact_normal, contact_area, contact_joint, &
                          contact_initial, joint_law, joint_property, &
-                         load_node, load_vector, load_history, history, &
+                         load_node, load_vector, load_history, load_delay, history, &
                          dashpot_node, dashpot_impedance, dashpot_inverse, &
                          fixed_node, fixed_direction, fixed_history, &
                          receiver_node, receiver_weight, &
-                         displacement, velocity, contact_traction, contact_state, &
-                         contact_stored, contact_dissipated, sums, &
+                         displacement, velocity, row_state, row_lost, contact_traction, &
+                         contact_state, contact_stored, contact_dissipated, sums, &
                          motion(:, :, done + 1:done + chunk), energy(:, lines + 1:next), &
                          info, where)
             if (info < 0) then
@@ -252,6 +275,8 @@ contains
         call write_array(file, "records/energy", energy, message)
         call write_array(file, "state/displacement", displacement, message)
         call write_array(file, "state/velocity", velocity, message)
+        call write_array(file, "state/row_state", row_state, message)
+        call write_array(file, "state/row_lost", row_lost, message)
         call write_array(file, "state/contact_traction", contact_traction, message)
         call write_array(file, "state/contact_state", contact_state, message)
         call write_array(file, "state/contact_stored", contact_stored, message)

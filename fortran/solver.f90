@@ -1,7 +1,8 @@
 module pyblast_solver
     !! The march through time: the only place that orders the kernels.
     use, intrinsic :: ieee_arithmetic, only : ieee_is_nan
-    use pyblast_kinds, only : dp, n_energies, n_joint_properties, n_joint_state, n_sums
+    use pyblast_kinds, only : dp, n_energies, n_joint_properties, n_joint_state, n_sums, &
+        n_zone_properties, n_zone_state
     use pyblast_zones, only : zone_forces
     use pyblast_contacts, only : contact_forces
     use pyblast_boundaries, only : load_forces, load_power, reaction_forces, viscous_forces
@@ -13,25 +14,27 @@ module pyblast_solver
 
 contains
 
-    subroutine advance(n_nodes, n_zones, n_domains, n_slots, n_parts, n_contacts, n_joints, &
-                       n_loads, n_histories, n_dashpots, n_fixed, n_receivers, n_total, &
+    subroutine advance(n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_parts, &
+                       n_contacts, n_joints, n_loads, n_histories, n_dashpots, n_fixed, n_receivers, n_total, &
                        n_steps, n_ledger, first_step, ledger_every, dt, local_damping, &
                        domain_zone_start, domain_slot_start, slot_node, zone_slot, &
                        zone_gradient, zone_volume, zone_lambda, zone_shear, zone_beta, &
+                       zone_set, zone_row, zone_patch, set_law, set_property, row_initial, &
                        node_start, node_part, node_mass, node_alpha, node_load, &
                        contact_node, contact_normal, contact_area, contact_joint, &
                        contact_initial, joint_law, joint_property, &
-                       load_node, load_vector, load_history, history, &
+                       load_node, load_vector, load_history, load_delay, history, &
                        dashpot_node, dashpot_impedance, dashpot_inverse, &
                        fixed_node, fixed_direction, fixed_history, &
                        receiver_node, receiver_weight, &
-                       displacement, velocity, contact_traction, contact_state, &
-                       contact_stored, contact_dissipated, sums, &
+                       displacement, velocity, row_state, row_lost, contact_traction, &
+                       contact_state, contact_stored, contact_dissipated, sums, &
                        motion, energy, info, where)
         !! March n_steps from first_step; stop early when the motion is no longer finite.
         !! Arguments without a note are those of the kernels that use them.
-        integer, intent(in) :: n_nodes, n_zones, n_domains, n_slots, n_parts, n_contacts
-        integer, intent(in) :: n_joints, n_loads, n_histories, n_dashpots, n_fixed, n_receivers
+        integer, intent(in) :: n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_parts
+        integer, intent(in) :: n_contacts, n_joints, n_loads, n_histories, n_dashpots, n_fixed
+        integer, intent(in) :: n_receivers
         integer, intent(in) :: n_total                       !! steps that the histories cover
         integer, intent(in) :: n_steps                       !! steps of this call
         integer, intent(in) :: n_ledger                      !! ledger lines of this call
@@ -42,6 +45,9 @@ contains
         integer, intent(in) :: slot_node(n_slots), zone_slot(4, n_zones)
         real(dp), intent(in) :: zone_gradient(3, 3, n_zones), zone_volume(n_zones)
         real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), zone_beta(n_zones)
+        integer, intent(in) :: zone_set(n_zones), zone_row(n_zones), zone_patch(n_zones)
+        integer, intent(in) :: set_law(n_sets)
+        real(dp), intent(in) :: set_property(n_zone_properties, n_sets), row_initial(6, n_rows)
         integer, intent(in) :: node_start(n_nodes + 1), node_part(n_parts)
         real(dp), intent(in) :: node_mass(n_nodes), node_alpha(n_nodes), node_load(3, n_nodes)
         integer, intent(in) :: contact_node(2, n_contacts), contact_joint(n_contacts)
@@ -50,7 +56,7 @@ contains
         integer, intent(in) :: joint_law(n_joints)
         real(dp), intent(in) :: joint_property(n_joint_properties, n_joints)
         integer, intent(in) :: load_node(n_loads), load_history(n_loads)
-        real(dp), intent(in) :: load_vector(3, n_loads)
+        real(dp), intent(in) :: load_vector(3, n_loads), load_delay(n_loads)
         real(dp), intent(in) :: history(n_histories, n_total)  !! amplitude at each step
         integer, intent(in) :: dashpot_node(n_dashpots)
         real(dp), intent(in) :: dashpot_impedance(3, 3, n_dashpots)
@@ -60,6 +66,7 @@ contains
         integer, intent(in) :: receiver_node(4, n_receivers)
         real(dp), intent(in) :: receiver_weight(4, n_receivers)
         real(dp), intent(inout) :: displacement(3, n_nodes), velocity(3, n_nodes)
+        real(dp), intent(inout) :: row_state(n_zone_state, n_rows), row_lost(n_rows)
         real(dp), intent(inout) :: contact_traction(3, n_contacts)
         real(dp), intent(inout) :: contact_state(n_joint_state, n_contacts)
         real(dp), intent(inout) :: contact_stored(n_contacts), contact_dissipated(n_contacts)
@@ -70,23 +77,27 @@ contains
         integer, intent(out) :: where   !! node of the largest velocity after a failure
         !f2py threadsafe
         real(dp), allocatable :: force(:, :), part_force(:, :), block_energy(:, :)
-        real(dp), allocatable :: domain_strain(:), domain_damping(:)
+        real(dp), allocatable :: domain_strain(:), domain_lost(:), domain_insitu(:)
+        real(dp), allocatable :: domain_damping(:), load_amplitude(:)
         real(dp) :: before(3), after(3), insitu
         integer :: i, step, l, n_blocks
         logical :: alarm
 
         n_blocks = (n_nodes + block_size - 1)/block_size
         allocate (force(3, n_nodes), part_force(3, n_parts), block_energy(5, n_blocks))
-        allocate (domain_strain(n_domains), domain_damping(n_domains))
+        allocate (domain_strain(n_domains), domain_lost(n_domains), domain_insitu(n_domains))
+        allocate (domain_damping(n_domains), load_amplitude(n_loads))
         l = 0
         where = 0
         info = n_steps
         do i = 1, n_steps
             step = first_step + i
-            call zone_forces(n_nodes, n_zones, n_domains, n_slots, domain_zone_start, &
-                             domain_slot_start, slot_node, zone_slot, zone_gradient, &
-                             zone_volume, zone_lambda, zone_shear, zone_beta, displacement, &
-                             velocity, part_force, domain_strain, domain_damping)
+            call zone_forces(n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, dt, &
+                             domain_zone_start, domain_slot_start, slot_node, zone_slot, &
+                             zone_gradient, zone_volume, zone_lambda, zone_shear, zone_beta, &
+                             zone_set, zone_row, zone_patch, set_law, set_property, row_initial, &
+                             displacement, velocity, row_state, row_lost, part_force, &
+                             domain_strain, domain_lost, domain_insitu, domain_damping)
             call contact_forces(n_nodes, n_contacts, n_joints, dt, contact_node, &
                                 contact_normal, contact_area, contact_joint, joint_law, &
                                 joint_property, contact_initial, displacement, velocity, &
@@ -94,8 +105,9 @@ contains
                                 contact_dissipated, part_force(:, n_slots + 1:))
             call gather_forces(n_nodes, n_parts, node_start, node_part, part_force, node_load, &
                                force)
-            call load_forces(n_nodes, n_loads, n_histories, load_node, load_vector, &
-                             load_history, history(:, step), velocity, force, before(3))
+            call load_forces(n_nodes, n_loads, n_histories, n_total, step, load_node, &
+                             load_vector, load_history, load_delay, history, velocity, &
+                             load_amplitude, force, before(3))
             call viscous_forces(n_nodes, n_dashpots, dt, node_mass, node_alpha, dashpot_node, &
                                 dashpot_impedance, dashpot_inverse, velocity, force, &
                                 before(2), after(2))
@@ -105,12 +117,12 @@ contains
             before(3) = before(1) + 0.5_dp*dt*before(3)
             if (modulo(step - 1, ledger_every) == 0) &
                 insitu = insitu_work(n_nodes, n_contacts, node_load, contact_node, &
-                                     contact_area, contact_initial, displacement)
+                                     contact_area, contact_initial, displacement) &
+                    + sum(domain_insitu)
             call move_nodes(n_nodes, n_blocks, dt, local_damping, node_mass, node_alpha, force, &
                             displacement, velocity, block_energy)
-            call load_power(n_nodes, n_loads, n_histories, load_node, load_vector, &
-                            load_history, history(:, step), velocity, after(3))
-            after(3) = after(1) + 0.5_dp*dt*after(3)
+            after(3) = after(1) + 0.5_dp*dt*load_power(n_nodes, n_loads, load_node, &
+                                                       load_vector, load_amplitude, velocity)
             before(1) = sum(block_energy(3, :))
             after(1) = sum(block_energy(4, :))
             call record_motion(n_nodes, n_receivers, receiver_node, receiver_weight, velocity, &
@@ -120,8 +132,8 @@ contains
                 l = l + 1
                 call write_ledger(n_contacts, n_domains, n_blocks, dt, contact_area, &
                                   contact_stored, contact_dissipated, domain_strain, &
-                                  domain_damping, block_energy, before, insitu, sums, &
-                                  energy(:, l))
+                                  domain_lost, domain_damping, block_energy, before, insitu, &
+                                  sums, energy(:, l))
                 call grows(energy(:, l), sum(block_energy(2, :)), after(3), step == 1, sums, &
                            alarm)
                 if (alarm) then

@@ -3,20 +3,24 @@ module pyblast_zones
     !!
     !! A domain is a fixed number of neighbouring zones. It adds the forces of its zones into slots
     !! of its own, one for each of its nodes, so that no sum depends on the number of threads.
-    use pyblast_kinds, only : dp
+    use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
+    use pyblast_zone_laws, only : elastic_stress, work, zone_stress
     implicit none
     private
     public :: zone_forces
 
 contains
 
-    subroutine zone_forces(n_nodes, n_zones, n_domains, n_slots, domain_zone_start, &
-                           domain_slot_start, slot_node, zone_slot, zone_gradient, zone_volume, &
-                           zone_lambda, zone_shear, zone_beta, displacement, velocity, &
-                           slot_force, domain_strain, domain_damping)
-        !! Forces of all zones into the slots, with the strain energy and the power of the
-        !! stiffness damping of each domain. Source: theory.md (2.1) to (2.4).
-        integer, intent(in) :: n_nodes, n_zones, n_domains, n_slots
+    subroutine zone_forces(n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, dt, &
+                           domain_zone_start, domain_slot_start, slot_node, zone_slot, &
+                           zone_gradient, zone_volume, zone_lambda, zone_shear, zone_beta, &
+                           zone_set, zone_row, zone_patch, set_law, set_property, row_initial, &
+                           displacement, velocity, row_state, row_lost, slot_force, &
+                           domain_strain, domain_lost, domain_insitu, domain_damping)
+        !! Forces of all zones into the slots, with the energies of each domain.
+        !! Source: theory.md (2.1) to (2.4).
+        integer, intent(in) :: n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows
+        real(dp), intent(in) :: dt                               !! time step [s]
         integer, intent(in) :: domain_zone_start(n_domains + 1)  !! from 1
         integer, intent(in) :: domain_slot_start(n_domains + 1)  !! from 1
         integer, intent(in) :: slot_node(n_slots)                !! from 1
@@ -26,10 +30,20 @@ contains
         real(dp), intent(in) :: zone_lambda(n_zones)             !! first Lame modulus [Pa]
         real(dp), intent(in) :: zone_shear(n_zones)              !! shear modulus [Pa]
         real(dp), intent(in) :: zone_beta(n_zones)               !! stiffness damping [s]
+        integer, intent(in) :: zone_set(n_zones)                 !! law and properties; from 1
+        integer, intent(in) :: zone_row(n_zones)                 !! its memory; 0 has none
+        integer, intent(in) :: zone_patch(n_zones)               !! shares its mean strain; or 0
+        integer, intent(in) :: set_law(n_sets)                   !! from 1
+        real(dp), intent(in) :: set_property(n_zone_properties, n_sets)
+        real(dp), intent(in) :: row_initial(6, n_rows)           !! stress at no strain [Pa]
         real(dp), intent(in) :: displacement(3, n_nodes)         !! [m]
         real(dp), intent(in) :: velocity(3, n_nodes)             !! half a step earlier [m/s]
+        real(dp), intent(inout) :: row_state(n_zone_state, n_rows)
+        real(dp), intent(inout) :: row_lost(n_rows)              !! dissipated so far [J/m3]
         real(dp), intent(inout) :: slot_force(3, n_slots)        !! [N]
         real(dp), intent(inout) :: domain_strain(n_domains)      !! [J]
+        real(dp), intent(inout) :: domain_lost(n_domains)        !! [J]
+        real(dp), intent(inout) :: domain_insitu(n_domains)      !! work of the initial stress [J]
         real(dp), intent(inout) :: domain_damping(n_domains)     !! [W]
         integer :: d, z1, z2, s1, s2
 
@@ -39,28 +53,40 @@ contains
             z2 = domain_zone_start(d + 1) - 1
             s1 = domain_slot_start(d)
             s2 = domain_slot_start(d + 1) - 1
-            call domain_forces(n_nodes, z2 - z1 + 1, s2 - s1 + 1, slot_node(s1:s2), &
-                               zone_slot(:, z1:z2), zone_gradient(:, :, z1:z2), &
+            call domain_forces(n_nodes, z2 - z1 + 1, s2 - s1 + 1, n_sets, n_rows, dt, &
+                               slot_node(s1:s2), zone_slot(:, z1:z2), zone_gradient(:, :, z1:z2), &
                                zone_volume(z1:z2), zone_lambda(z1:z2), zone_shear(z1:z2), &
-                               zone_beta(z1:z2), displacement, velocity, slot_force(:, s1:s2), &
-                               domain_strain(d), domain_damping(d))
+                               zone_beta(z1:z2), zone_set(z1:z2), zone_row(z1:z2), &
+                               zone_patch(z1:z2), set_law, set_property, row_initial, &
+                               displacement, velocity, row_state, row_lost, slot_force(:, s1:s2), &
+                               domain_strain(d), domain_lost(d), domain_insitu(d), &
+                               domain_damping(d))
         end do
         !$omp end parallel do
     end subroutine zone_forces
 
-    pure subroutine domain_forces(n_nodes, n_zones, n_slots, slot_node, zone_slot, zone_gradient, &
-                                  zone_volume, zone_lambda, zone_shear, zone_beta, &
-                                  displacement, velocity, slot_force, strain_energy, damping_power)
+    pure subroutine domain_forces(n_nodes, n_zones, n_slots, n_sets, n_rows, dt, slot_node, &
+                                  zone_slot, zone_gradient, zone_volume, zone_lambda, &
+                                  zone_shear, zone_beta, zone_set, zone_row, zone_patch, &
+                                  set_law, set_property, row_initial, displacement, velocity, &
+                                  row_state, row_lost, slot_force, strain_energy, lost, &
+                                  insitu, damping_power)
         !! Forces of the zones of one domain into its own slots; arguments as in zone_forces.
-        integer, intent(in) :: n_nodes, n_zones, n_slots
+        integer, intent(in) :: n_nodes, n_zones, n_slots, n_sets, n_rows
+        real(dp), intent(in) :: dt
         integer, intent(in) :: slot_node(n_slots), zone_slot(4, n_zones)
         real(dp), intent(in) :: zone_gradient(3, 3, n_zones), zone_volume(n_zones)
         real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), zone_beta(n_zones)
+        integer, intent(in) :: zone_set(n_zones), zone_row(n_zones), zone_patch(n_zones)
+        integer, intent(in) :: set_law(n_sets)
+        real(dp), intent(in) :: set_property(n_zone_properties, n_sets), row_initial(6, n_rows)
         real(dp), intent(in) :: displacement(3, n_nodes), velocity(3, n_nodes)
-        real(dp), intent(inout) :: slot_force(3, n_slots), strain_energy, damping_power
+        real(dp), intent(inout) :: row_state(n_zone_state, n_rows), row_lost(n_rows)
+        real(dp), intent(inout) :: slot_force(3, n_slots), strain_energy, lost, insitu
+        real(dp), intent(inout) :: damping_power
         real(dp) :: u(3, n_slots), v(3, n_slots), strain(6), stress(6), rate(6), extra(6)
-        real(dp) :: corner_force(3, 4)
-        integer :: s, z, k
+        real(dp) :: corner_force(3, 4), stored
+        integer :: s, z, k, law, row
 
         do s = 1, n_slots
             u(:, s) = displacement(:, slot_node(s))
@@ -68,19 +94,36 @@ contains
         end do
         slot_force = 0.0_dp
         strain_energy = 0.0_dp
+        lost = 0.0_dp
+        insitu = 0.0_dp
         damping_power = 0.0_dp
 
         do z = 1, n_zones
-            strain = symmetric_gradient(u, zone_slot(:, z), zone_gradient(:, :, z), n_slots)
-            stress = hooke(zone_lambda(z), zone_shear(z), strain)
-            strain_energy = strain_energy + 0.5_dp*zone_volume(z)*work(stress, strain)
-            if (zone_beta(z) > 0.0_dp) then
-                rate = symmetric_gradient(v, zone_slot(:, z), zone_gradient(:, :, z), n_slots)
-                extra = zone_beta(z)*hooke(zone_lambda(z), zone_shear(z), rate)
-                damping_power = damping_power + zone_volume(z)*work(extra, rate)
-                stress = stress + extra
-            end if
-            corner_force = stress_on_corners(stress, zone_gradient(:, :, z), zone_volume(z))
+            law = set_law(zone_set(z))
+            row = zone_row(z)
+            associate (property => set_property(:, zone_set(z)), volume => zone_volume(z))
+                strain = symmetric_gradient(u, zone_slot(:, z), zone_gradient(:, :, z), n_slots)
+                if (row == 0) then
+                    stress = elastic_stress(law, property, zone_lambda(z), zone_shear(z), strain)
+                    strain_energy = strain_energy + 0.5_dp*volume*work(stress, strain)
+                else
+                    call zone_stress(law, property, zone_lambda(z), zone_shear(z), dt, &
+                                     row_initial(:, row), strain, row_state(:, row), stress, &
+                                     stored, row_lost(row))
+                    strain_energy = strain_energy + volume*stored
+                    lost = lost + volume*row_lost(row)
+                    insitu = insitu + volume*work(row_initial(:, row), strain)
+                    stress = stress - row_initial(:, row)
+                end if
+                if (zone_beta(z) > 0.0_dp) then
+                    rate = symmetric_gradient(v, zone_slot(:, z), zone_gradient(:, :, z), n_slots)
+                    extra = zone_beta(z)*elastic_stress(law, property, zone_lambda(z), &
+                                                        zone_shear(z), rate)
+                    damping_power = damping_power + volume*work(extra, rate)
+                    stress = stress + extra
+                end if
+                corner_force = stress_on_corners(stress, zone_gradient(:, :, z), volume)
+            end associate
             do k = 1, 4
                 s = zone_slot(k, z)
                 slot_force(:, s) = slot_force(:, s) + corner_force(:, k)
@@ -109,25 +152,6 @@ contains
                 + d(2, 1)*g(1, 1) + d(2, 2)*g(1, 2) + d(2, 3)*g(1, 3)
         end associate
     end function symmetric_gradient
-
-    pure function hooke(lambda, shear, strain) result(stress)
-        !! Isotropic elasticity; theory.md (2.2).
-        real(dp), intent(in) :: lambda, shear, strain(6)
-        real(dp) :: stress(6), volumetric
-
-        volumetric = lambda*(strain(1) + strain(2) + strain(3))
-        stress(1:3) = volumetric + 2.0_dp*shear*strain(1:3)
-        stress(4:6) = shear*strain(4:6)
-    end function hooke
-
-    pure function work(stress, strain) result(density)
-        !! Stress times strain, engineering shears.
-        real(dp), intent(in) :: stress(6), strain(6)
-        real(dp) :: density
-
-        density = stress(1)*strain(1) + stress(2)*strain(2) + stress(3)*strain(3) &
-            + stress(4)*strain(4) + stress(5)*strain(5) + stress(6)*strain(6)
-    end function work
 
     pure function stress_on_corners(stress, gradient, volume) result(force)
         !! f_a = -V stress . grad N_a; the four forces add up to nothing; theory.md (2.3).

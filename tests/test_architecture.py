@@ -23,6 +23,7 @@ ONE_ROOM = {
 ORDER = [
     "kinds",
     "joint_laws",
+    "zone_laws",
     "zones",
     "contacts",
     "boundaries",

@@ -309,9 +309,8 @@ def test_a_still_model_stays_still_and_balances():
 
 def test_balance_error_is_the_gap_over_what_was_put_in():
     zero = np.zeros(2)
-    energy = dict.fromkeys(
-        ("strain", "joint_stored", "joint_dissipated", "damping", "dashpots", "insitu"), zero
-    )
+    names = "strain joint_stored joint_dissipated zone_dissipated damping dashpots insitu"
+    energy = dict.fromkeys(names.split(), zero)
     energy |= {"kinetic": np.array([0.0, 3.0]), "input": np.array([0.0, 4.0])}
 
     assert solver.balance_error(energy) == pytest.approx(0.25)

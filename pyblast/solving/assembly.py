@@ -6,7 +6,17 @@ from ..meshing import tetrahedra
 from ..meshing.mesh import locate
 from .conditions import dynamic_conditions, static_conditions, surface_impedance
 from .insitu import static_loads
-from .kernels import JOINT_LAWS, N_JOINT_PROPERTIES, N_JOINT_STATE, N_SUMS
+from .kernels import (
+    JOINT_LAWS,
+    N_JOINT_PROPERTIES,
+    N_JOINT_STATE,
+    N_SUMS,
+    N_ZONE_PROPERTIES,
+    N_ZONE_STATE,
+    ZONE_LAWS,
+    property_row,
+    stored_at_rest,
+)
 from .loads import Loads, model_loads
 from .stability import critical_step, node_sums, shape_gradients
 
@@ -32,9 +42,9 @@ def geometry_arrays(model):
         **_domains(mesh, contacts["contact_node"]),
         "zone_gradient": shape_gradients(mesh.points, mesh.zones),
         "zone_volume": volume,
-        "zone_lambda": model.zone_values("first_lame"),
-        "zone_shear": model.zone_values("shear"),
+        **dict(zip(("zone_lambda", "zone_shear"), model.zone_moduli(), strict=True)),
         "zone_beta": model.zone_damping("beta"),
+        **zone_laws(model),
         "node_mass": node_mass,
         "node_alpha": drag / node_mass,
         **contacts,
@@ -63,6 +73,26 @@ def _domains(mesh, contact_node):
     }
 
 
+def zone_laws(model):
+    """Return the laws of the zones, and a row of memory for each zone whose law remembers."""
+    materials = [model.materials[group] for group in model.mesh.groups]
+    laws = [ZONE_LAWS[material.law.name] for material in materials]
+    rows = [
+        property_row(law, material.law.properties(material), N_ZONE_PROPERTIES)
+        for law, material in zip(laws, materials, strict=True)
+    ]
+    remembers = np.array([bool(law.state) for law in laws])[model.mesh.zone_group]
+    row = np.where(remembers, np.cumsum(remembers) - 1, -1).astype(np.int32)
+    return {
+        "zone_set": model.mesh.zone_group.astype(np.int32),
+        "zone_row": row,
+        "zone_patch": np.full(len(row), -1, dtype=np.int32),
+        "set_law": np.array([law.number for law in laws], dtype=np.int32),
+        "set_property": np.array(rows),
+        "row_initial": np.zeros((max(1, int(remembers.sum())), 6)),
+    }
+
+
 def _contacts(model):
     """Contacts with the laws and properties of their joints."""
     contacts = model.mesh.contacts
@@ -70,13 +100,15 @@ def _contacts(model):
     joints = [by_name[name] for name in contacts.names] if contacts is not None else []
     if not joints:
         return _no_contact()
-    table = np.zeros((len(joints), N_JOINT_PROPERTIES))
-    for row, joint in zip(table, joints, strict=True):
-        row[: len(joint.properties)] = list(joint.properties.values())
+    laws = [JOINT_LAWS[joint.law] for joint in joints]
+    table = [
+        property_row(law, joint.properties, N_JOINT_PROPERTIES)
+        for law, joint in zip(laws, joints, strict=True)
+    ]
     pressure = np.array([joint.insitu_pressure for joint in joints])[contacts.joint]
     return {
-        "joint_law": np.array([JOINT_LAWS[joint.law].number for joint in joints], dtype=np.int32),
-        "joint_property": table,
+        "joint_law": np.array([law.number for law in laws], dtype=np.int32),
+        "joint_property": np.array(table),
         "contact_node": np.stack([contacts.minus, contacts.plus], axis=1).astype(np.int32),
         "contact_normal": contacts.normal,
         "contact_area": contacts.area,
@@ -138,15 +170,20 @@ def still_loads(n_steps):
     return Loads().arrays(np.zeros(n_steps))
 
 
-def initial_state(constants):
-    """Return the state at rest: no displacement, tractions at their initial values."""
+def initial_state(constants, contact_state=None):
+    """Return the state at rest: no displacement, tractions and stresses at their initial values."""
     n_nodes, n_contacts = len(constants["node_mass"]), len(constants["contact_area"])
+    n_rows = len(constants["row_initial"])
+    if contact_state is None:
+        contact_state = np.zeros((n_contacts, N_JOINT_STATE))
     return {
         "displacement": np.zeros((n_nodes, 3)),
         "velocity": np.zeros((n_nodes, 3)),
+        "row_state": np.zeros((n_rows, N_ZONE_STATE)),
+        "row_lost": np.zeros(n_rows),
         "contact_traction": constants["contact_initial"].copy(),
-        "contact_state": np.zeros((n_contacts, N_JOINT_STATE)),
-        "contact_stored": _stored_energy(constants),
+        "contact_state": contact_state,
+        "contact_stored": stored_at_rest(constants, contact_state),
         "contact_dissipated": np.zeros(n_contacts),
         "sums": np.zeros(N_SUMS),
     }
@@ -181,16 +218,8 @@ def after_static(constants, static, settled):
     np.add.at(load, minus, area[:, None] * virtual)
     np.add.at(load, plus, -area[:, None] * virtual)
     constants = {**constants, "contact_initial": initial, "node_load": load}
-    state = initial_state({**constants, "contact_initial": settled["contact_traction"]})
-    state["contact_state"] = settled["contact_state"].copy()
-    state["contact_state"][:, :3] = 0.0
+    contact_state = settled["contact_state"].copy()
+    contact_state[:, :3] = 0.0
+    state = initial_state(constants, contact_state)
+    state["contact_traction"] = settled["contact_traction"].copy()
     return constants, state
-
-
-def _stored_energy(constants):
-    """Return the energy per area in the springs under the initial traction, (n_contacts,) J/m2."""
-    traction = constants["contact_initial"]
-    kn, ks = constants["joint_property"][constants["contact_joint"], :2].T
-    normal = np.einsum("ij,ij->i", traction, constants["contact_normal"])
-    shear = np.maximum(np.einsum("ij,ij->i", traction, traction) - normal**2, 0.0)
-    return 0.5 * (normal**2 / kn + shear / ks)

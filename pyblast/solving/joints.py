@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 from ..errors import InputError
-from .kernels import JOINT_LAWS
+from .kernels import JOINT_LAWS, N_JOINT_PROPERTIES, joint_bound, property_row
 
 PEAKS = {"cohesion_residual": "cohesion", "friction_residual": "friction"}
 
@@ -62,3 +62,8 @@ class Joint:
                 f"{where}.insitu_pressure: must not be negative, got {self.insitu_pressure:g} Pa"
             )
         object.__setattr__(self, "properties", {name: float(values[name]) for name in names})
+
+    def bound(self):
+        """Return the largest stiffness in Pa/m and the viscosity in Pa s/m of the law."""
+        law = JOINT_LAWS[self.law]
+        return joint_bound(law, property_row(law, self.properties, N_JOINT_PROPERTIES))

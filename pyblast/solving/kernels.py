@@ -13,6 +13,7 @@ ENERGIES = (
     "strain",
     "joint_stored",
     "joint_dissipated",
+    "zone_dissipated",
     "damping",
     "dashpots",
     "input",
@@ -22,10 +23,16 @@ ENERGIES = (
 N_SUMS = int(_core.pyblast_kinds.n_sums)
 N_JOINT_STATE = int(_core.pyblast_kinds.n_joint_state)
 N_JOINT_PROPERTIES = int(_core.pyblast_kinds.n_joint_properties)
-INDEX_ENDINGS = ("_node", "_slot", "_part", "_joint", "_law", "_history", "_start")
+N_ZONE_STATE = int(_core.pyblast_kinds.n_zone_state)
+N_ZONE_PROPERTIES = int(_core.pyblast_kinds.n_zone_properties)
+INDEX_ENDINGS = (
+    "_node", "_slot", "_part", "_joint", "_law", "_history", "_start", "_set", "_row", "_patch",
+)  # fmt: skip
 STATE = (
     "displacement",
     "velocity",
+    "row_state",
+    "row_lost",
     "contact_traction",
     "contact_state",
     "contact_stored",
@@ -34,8 +41,8 @@ STATE = (
 )
 
 
-class JointLaw(NamedTuple):
-    """Name, number (from 0), properties and state names of a joint law, as Fortran tells them."""
+class Law(NamedTuple):
+    """Name, number (from 0), properties and state names of a law, as Fortran tells them."""
 
     name: str
     number: int
@@ -43,18 +50,37 @@ class JointLaw(NamedTuple):
     state: tuple[str, ...]
 
 
-def _joint_laws():
-    """Read the table of joint laws from the core."""
+def _laws(signature, count):
+    """Read a table of laws from the core."""
     table = {}
-    for number in range(int(_core.pyblast_kinds.n_joint_laws)):
-        text = _core.pyblast_joint_laws.joint_law_signature(number + 1).decode()
-        name, rest = text.split(":")
+    for number in range(int(count)):
+        name, rest = signature(number + 1).decode().split(":")
         properties, state = rest.split("|")
-        table[name] = JointLaw(name, number, tuple(properties.split()), tuple(state.split()))
+        table[name] = Law(name, number, tuple(properties.split()), tuple(state.split()))
     return table
 
 
-JOINT_LAWS = _joint_laws()
+JOINT_LAWS = _laws(_core.pyblast_joint_laws.joint_law_signature, _core.pyblast_kinds.n_joint_laws)
+ZONE_LAWS = _laws(_core.pyblast_zone_laws.zone_law_signature, _core.pyblast_kinds.n_zone_laws)
+
+
+def property_row(law, properties, width):
+    """Return the properties of a law in the order of its signature, zeros after, (width,)."""
+    row = np.zeros(width)
+    row[: len(law.properties)] = [properties[name] for name in law.properties]
+    return row
+
+
+def joint_bound(law, row):
+    """Return the largest stiffness in Pa/m and the viscosity in Pa s/m of a joint's properties."""
+    return _core.pyblast_joint_laws.joint_bound(law.number + 1, row)
+
+
+def stored_at_rest(constants, state):
+    """Return the energy that the contacts hold before anything moves, (n_contacts,) J/m2."""
+    names = ("contact_normal", "contact_joint", "joint_law", "joint_property", "contact_initial")
+    views = to_fortran({name: constants[name] for name in names})
+    return _core.pyblast_contacts.stored_at_rest(**views, contact_state=state.T)
 
 
 def numbered(arrays):

@@ -19,26 +19,30 @@ class Loads:
     def __init__(self):
         """Start empty."""
         self._nodes, self._vectors, self._numbers, self._histories = [], [], [], []
+        self._delays = []
 
     def add_history(self, function, offset=0.0):
         """Add a function of time, read at step times plus an offset in s; return its number."""
         self._histories.append((function, offset))
         return len(self._histories) - 1
 
-    def add(self, nodes, vectors, number):
-        """Add forces ``vectors`` (n, 3) per unit of a history at ``nodes`` (n,)."""
+    def add(self, nodes, vectors, number, delays=0.0):
+        """Add forces ``vectors`` (n, 3) per unit of a history at ``nodes`` (n,), delays in s."""
         self._nodes.append(np.asarray(nodes))
         self._vectors.append(np.asarray(vectors, dtype=float))
         self._numbers.append(np.full(len(nodes), number))
+        self._delays.append(np.broadcast_to(np.asarray(delays, dtype=float), len(nodes)))
 
     def arrays(self, times):
         """Return the kernel's arrays, histories read at ``times`` (n_total,)."""
         none = np.zeros(0)
         amplitude = [function(times + offset) for function, offset in self._histories]
+        dt = times[1] - times[0]
         return {
             "load_node": np.concatenate([none, *self._nodes]).astype(np.int32),
             "load_vector": np.concatenate([np.zeros((0, 3)), *self._vectors]),
             "load_history": np.concatenate([none, *self._numbers]).astype(np.int32),
+            "load_delay": np.concatenate([none, *self._delays]) / dt,
             "history": np.stack(amplitude or [np.zeros(len(times))], axis=1),
         }
 

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from ..errors import InputError
+from .zone_laws import Elastic
 
 
 @dataclass(frozen=True)
@@ -18,6 +19,8 @@ class Material:
         Strength; not yet used by the zones, which are elastic, but by the checks.
     friction : float
         Tangent of the friction angle.
+    law : zone law, optional
+        How stress follows strain: one of ``pyblast.solving.zone_laws``.
 
     Raises
     ------
@@ -31,6 +34,7 @@ class Material:
     cohesion: float = math.inf
     friction: float = 0.0
     tension: float = math.inf
+    law: object = Elastic()
 
     def __post_init__(self):
         """Refuse values that are no material."""

@@ -167,6 +167,12 @@ class Model:
         values = [float(getattr(self.materials[group], name)) for group in self.mesh.groups]
         return np.array(values)[self.mesh.zone_group]
 
+    def zone_moduli(self):
+        """Return the Lame moduli of every zone under its law's fastest strain, (n_zones,) Pa."""
+        moduli = [self.materials[group] for group in self.mesh.groups]
+        moduli = np.array([material.law.moduli(material) for material in moduli])
+        return tuple(moduli[self.mesh.zone_group].T)
+
     def zone_damping(self, name):
         """Return ``alpha`` (1/s) or ``beta`` (s) of the damping for every zone, (n_zones,)."""
         values = np.zeros(len(self.mesh.zones))

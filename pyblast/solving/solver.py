@@ -198,7 +198,8 @@ class _March:
 
 def balance_error(energy):
     """Return the largest gap of a ledger over the largest energy put in; theory.md (2.8)."""
-    gained = sum(energy[n] for n in ("kinetic", "strain", "joint_stored", "joint_dissipated"))
+    gained = sum(energy[n] for n in ("kinetic", "strain", "joint_stored"))
+    gained += sum(energy[n] for n in ("joint_dissipated", "zone_dissipated"))
     gap = gained + energy["damping"] + energy["dashpots"] - energy["input"] - energy["insitu"]
     start = energy["kinetic"][0] + energy["strain"][0]
     largest = max(start + np.abs(energy["input"]).max(), start + np.abs(energy["insitu"]).max())

@@ -78,16 +78,21 @@ def critical_step(model):
     """
     mesh = model.mesh
     density = model.zone_values("density")
-    moduli = model.zone_values("first_lame"), model.zone_values("shear")
-    zone = zone_frequencies(mesh.points, mesh.zones, *moduli, density)
+    zone = zone_frequencies(mesh.points, mesh.zones, *model.zone_moduli(), density)
     beta = model.zone_damping("beta")
     mass = density * tetrahedra.volumes(mesh.points, mesh.zones)
     node_mass = node_sums(mesh.zones, mass, len(mesh.points))
-    spring = (2.0 * contact_stiffness(model) / node_mass)[mesh.zones].max(axis=1)
+    stiffness, viscosity = (
+        (2.0 * part / node_mass)[mesh.zones].max(axis=1) for part in contact_bounds(model)
+    )
+
+    def lent(dt):
+        """Share of its mass that each zone lends to contacts."""
+        return stiffness * dt**2 / 4.0 + viscosity * dt / 2.0
 
     def needs(dt, beta):
         """Mass over its own that each zone needs for a step."""
-        free = np.maximum(1.0 - spring * dt**2 / 4.0, 1e-12)
+        free = np.maximum(1.0 - lent(dt), 1e-12)
         return zone * (dt**2 / 4.0 + dt * beta / 2.0) / free
 
     def longest(beta, share):
@@ -102,21 +107,22 @@ def critical_step(model):
     dt = longest(beta, model.added_mass)
     need = needs(dt, beta)
     undamped = longest(0.0 * beta, model.added_mass)
-    limited_by = _limit(model, int(need.argmax()), need.max() > 1.0 + 1e-9, spring * dt**2 / 4.0)
+    limited_by = _limit(model, int(need.argmax()), need.max() > 1.0 + 1e-9, lent(dt))
     return CriticalStep(dt, undamped, limited_by, mass * np.maximum(0.0, need - 1.0))
 
 
-def contact_stiffness(model):
-    """Sum the larger spring stiffness of the contacts of each node, (n_nodes,) N/m."""
-    total = np.zeros(len(model.mesh.points))
+def contact_bounds(model):
+    """Sum the largest stiffness (N/m) and the viscosity (N s/m) of the contacts of each node."""
+    total = np.zeros((2, len(model.mesh.points)))
     contacts = model.mesh.contacts
     if contacts is None:
         return total
-    by_name = {joint.surface: joint.properties for joint in model.joints}
-    largest = np.array([max(by_name[n]["kn"], by_name[n]["ks"]) for n in contacts.names])
-    spring = contacts.area * largest[contacts.joint]
-    for side in (contacts.minus, contacts.plus):
-        total += np.bincount(side, spring, minlength=len(total))
+    by_name = {joint.surface: joint for joint in model.joints}
+    bounds = np.array([by_name[name].bound() for name in contacts.names])
+    for sums, bound in zip(total, bounds.T, strict=True):
+        spring = contacts.area * bound[contacts.joint]
+        for side in (contacts.minus, contacts.plus):
+            sums += np.bincount(side, spring, minlength=len(sums))
     return total
 
 

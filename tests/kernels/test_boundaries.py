@@ -130,13 +130,57 @@ def test_loads_follow_their_histories_and_tell_their_power():
     force = np.ones((2, 3))
 
     power = BORDER.load_forces(
+        step=1,
         load_node=[1, 2, 2],
         load_vector=vectors.T,
         load_history=[1, 1, 2],
-        amplitude=[10.0, 100.0],
+        load_delay=[0.0, 0.0, 0.0],
+        history=[[10.0], [100.0]],
         velocity=velocity.T,
+        load_amplitude=np.zeros(3),
         force=force.T,
     )
 
     assert force == pytest.approx(np.array([[11.0, 1.0, 1.0], [1.0, 21.0, 301.0]]))
     assert power == pytest.approx(10.0 * 1.0 + 20.0 * 5.0 + 300.0 * 6.0)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.25, 1.0, 3.5, 6.75])
+def test_a_delayed_load_follows_a_cubic_history_exactly(delay):
+    steps = np.arange(40.0)
+    history = 2.0 - 0.3 * steps + 0.02 * steps**2 - 1e-3 * steps**3
+    amplitude = np.zeros(1)
+
+    BORDER.load_forces(
+        step=21,
+        load_node=[1],
+        load_vector=np.ones((3, 1)),
+        load_history=[1],
+        load_delay=[delay],
+        history=history[None],
+        velocity=np.zeros((3, 1), order="F"),
+        load_amplitude=amplitude,
+        force=np.zeros((3, 1), order="F"),
+    )
+
+    x = 20.0 - delay
+    assert amplitude[0] == pytest.approx(2.0 - 0.3 * x + 0.02 * x**2 - 1e-3 * x**3, rel=1e-12)
+
+
+@pytest.mark.parametrize("delay", [5.0, 7.5])
+def test_nothing_arrives_before_its_delay(delay):
+    amplitude = np.ones(1)
+
+    BORDER.load_forces(
+        step=4,
+        load_node=[1],
+        load_vector=np.ones((3, 1)),
+        load_history=[1],
+        load_delay=[delay],
+        history=np.ones((1, 40)),
+        velocity=np.zeros((3, 1), order="F"),
+        load_amplitude=amplitude,
+        force=np.zeros((3, 1), order="F"),
+    )
+
+    assert amplitude[0] == 0.0

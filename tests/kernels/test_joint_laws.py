@@ -10,6 +10,7 @@ from pyblast.solving import kernels
 from pyblast.solving.kernels import JOINT_LAWS, N_JOINT_PROPERTIES, N_JOINT_STATE
 
 KN, KS = 2.0e9, 0.8e9
+DT = 1e-4
 COHESION, FRICTION, TENSION = 3.0e5, 0.6, 2.0e5
 STRENGTH = {"cohesion": COHESION, "friction": FRICTION, "tension": TENSION}
 WEAKER = {"cohesion_residual": 1.0e5, "friction_residual": 0.4, "tension_residual": 0.0}
@@ -35,7 +36,8 @@ class Contact:
 
     def _law(self, jump):
         return kernels._core.pyblast_joint_laws.joint_traction(
-            self.number, self.property, self.initial, self.normal, jump, self.state
+            self.number, self.property, DT, self.initial, self.normal, jump, jump - self.jump,
+            self.state,
         )
 
     def move(self, *jump):

@@ -22,6 +22,12 @@ NEEDED = (
     "zone_lambda",
     "zone_shear",
     "zone_beta",
+    "zone_set",
+    "zone_row",
+    "zone_patch",
+    "set_law",
+    "set_property",
+    "row_initial",
 )
 DAMPING = {"rock": Damping(0.05, 30.0), "soil": Damping(0.1, 10.0)}
 
@@ -46,13 +52,19 @@ def forces(model, displacement, velocity):
     views = kernels.to_fortran({name: arrays[name] for name in NEEDED})
     slots = np.zeros((len(arrays["slot_node"]), 3))
     n_domains = len(arrays["domain_zone_start"]) - 1
-    energy, power = np.zeros(n_domains), np.zeros(n_domains)
+    energy, power, lost, insitu = np.zeros((4, n_domains))
+    n_rows = len(arrays["row_initial"])
     kernels._core.pyblast_zones.zone_forces(
         **views,
+        dt=arrays["dt"],
         displacement=displacement.T,
         velocity=velocity.T,
+        row_state=np.zeros((n_rows, kernels.N_ZONE_STATE)).T,
+        row_lost=np.zeros(n_rows),
         slot_force=slots.T,
         domain_strain=energy,
+        domain_lost=lost,
+        domain_insitu=insitu,
         domain_damping=power,
     )
     force = np.zeros_like(displacement)

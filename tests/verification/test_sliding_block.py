@@ -45,6 +45,7 @@ def pushed(model, duration, acceleration, rise=0.0):
         "load_node": np.flatnonzero(block).astype(np.int32),
         "load_vector": constants["node_mass"][block][:, None] * np.asarray(acceleration),
         "load_history": np.zeros(np.count_nonzero(block), dtype=np.int32),
+        "load_delay": np.zeros(np.count_nonzero(block)),
         "history": np.minimum(1.0, times / max(rise, 1e-9))[:, None],
     }
     prepared = replace(prepared, constants={**constants, **loads})

@@ -1,0 +1,80 @@
+module pyblast_zone_laws
+    !! Stress laws of zones: one number, one signature line and one routine for each law.
+    !!
+    !! Strains are xx yy zz and the engineering shears yz zx xy; tension is positive. A law that
+    !! remembers is total: it gives the whole stress, initial stress included.
+    use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
+    implicit none
+    private
+    public :: elastic_stress, work, zone_law_signature, zone_stress
+
+contains
+
+    pure subroutine zone_law_signature(law, signature)
+        !! Say name, properties and state of a law: the table that Python, files and messages use.
+        integer, intent(in) :: law                     !! from 1
+        character(len=400), intent(out) :: signature   !! "name: properties | state"
+
+        select case (law)
+        case (1)
+            signature = "elastic: |"
+        case default
+            signature = ""
+        end select
+    end subroutine zone_law_signature
+
+    pure function elastic_stress(law, property, lambda, shear, strain) result(stress)
+        !! Stress of the elastic part of a law, of a strain or of a strain rate.
+        integer, intent(in) :: law
+        real(dp), intent(in) :: property(n_zone_properties)
+        real(dp), intent(in) :: lambda, shear          !! Lame moduli [Pa]
+        real(dp), intent(in) :: strain(6)
+        real(dp) :: stress(6)
+
+        select case (law)
+        case default
+            stress = hooke(lambda, shear, strain)
+        end select
+    end function elastic_stress
+
+    pure subroutine zone_stress(law, property, lambda, shear, dt, initial, strain, state, stress, &
+                                stored, lost)
+        !! Stress of one zone by a law that remembers.
+        integer, intent(in) :: law
+        real(dp), intent(in) :: property(n_zone_properties)
+        real(dp), intent(in) :: lambda, shear          !! Lame moduli [Pa]
+        real(dp), intent(in) :: dt                     !! time step [s]
+        real(dp), intent(in) :: initial(6)             !! stress at no strain [Pa]
+        real(dp), intent(in) :: strain(6)
+        real(dp), intent(inout) :: state(n_zone_state)
+        real(dp), intent(out) :: stress(6)             !! [Pa]
+        real(dp), intent(out) :: stored                !! recoverable energy [J/m3]
+        real(dp), intent(inout) :: lost                !! dissipated so far [J/m3]
+
+        select case (law)
+        case default
+            stress = initial + elastic_stress(law, property, lambda, shear, strain)
+            stored = 0.5_dp*work(stress - initial, strain) + work(initial, strain)
+        end select
+    end subroutine zone_stress
+
+    pure function hooke(lambda, shear, strain) result(stress)
+        !! Isotropic elasticity; theory.md (2.2).
+        real(dp), intent(in) :: lambda, shear, strain(6)
+        real(dp) :: stress(6), volumetric
+
+        volumetric = lambda*(strain(1) + strain(2) + strain(3))
+        stress(1:3) = volumetric + 2.0_dp*shear*strain(1:3)
+        stress(4:6) = shear*strain(4:6)
+    end function hooke
+
+    pure function work(stress, strain) result(density)
+        !! Stress times strain, engineering shears.
+        real(dp), intent(in) :: stress(6), strain(6)
+        real(dp) :: density
+
+        density = stress(1)*strain(1) + stress(2)*strain(2) + stress(3)*strain(3) &
+            + stress(4)*strain(4) + stress(5)*strain(5) + stress(6)*strain(6)
+    end function work
+
+end module pyblast_zone_laws
