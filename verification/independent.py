@@ -1,0 +1,139 @@
+"""Sites recorded by an independent program, simulated with and without what they conceal.
+
+    python verification/independent.py [FOLDER OF CASES]
+
+Three models of each site: as it is believed; believed, with the physics that its truth file
+names; and with the true nuisances as well (velocities, stiffnesses, places, times), where only
+method and mesh differ. Rows that ``verification/independent.json`` has already are kept, so a
+study that was stopped goes on; delete the file to begin anew.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from verification.independent_cases import true_site, truth_of, with_effect
+
+from pyblast.motion.comparison import compare
+from pyblast.projects.site import read_site, site_mesh, site_model
+from pyblast.solving.solver import run
+
+ROOT = Path(__file__).resolve().parents[1]
+OUT = ROOT / "verification" / "independent.json"
+FIGURE = ROOT / "docs" / "figures" / "independent.png"
+BLASTS = {
+    "case-11": ("S1", "B2"),
+    "case-10": ("S1", "B2"),
+    "case-01": ("S1",),
+    "case-05": ("B2",),
+    "case-06": ("B2",),
+    "case-08": ("B2",),
+}
+EDGES = (12.0, 8.0, 5.5)
+MODELS = ("believed", "effect", "true")
+DURATION = 1.2
+
+
+def site_of(cases, case, model):
+    """Return a site as one of `MODELS` has it."""
+    site = read_site(cases / case)
+    truth = truth_of(cases, site)
+    if model == "true":
+        site = true_site(cases, site)
+    return site if model == "believed" else with_effect(site, truth)
+
+
+def measured(site, blast, edge):
+    """Run one blast on one mesh; return a row of results and the seismograms."""
+    done = run(site_model(site, blast, site_mesh(site, edge), edge), DURATION)
+    misfits = {
+        name: compare(
+            recording.seismogram, done.seismograms[name], site.band, time_frequency=False
+        ).total_waveform_misfit
+        for name, recording in site.records[blast].items()
+    }
+    row = {
+        "median": float(np.median(list(misfits.values()))),
+        "per_receiver": {name: round(value, 5) for name, value in misfits.items()},
+        "zones": len(done.prepared.constants["zone_volume"]),
+        "steps": done.prepared.n_steps,
+        "wall_s": round(done.wall_seconds, 1),
+        "balance_error": done.balance_error,
+    }
+    return row, done.seismograms
+
+
+def planned(cases):
+    """List what the study consists of."""
+    for case, blasts in BLASTS.items():
+        effects = truth_of(cases, read_site(cases / case))["effects"]
+        for blast in blasts:
+            for model in MODELS:
+                if model == "effect" and not effects:
+                    continue
+                for edge in EDGES:
+                    yield {"case": case, "blast": blast, "model": model, "edge_m": edge}
+
+
+def study(cases):
+    """Run what is missing; keep every row as soon as it is there."""
+    rows = json.loads(OUT.read_text()) if OUT.is_file() else []
+    known = {tuple(row[k] for k in ("case", "blast", "model", "edge_m")) for row in rows}
+    for what in planned(cases):
+        if tuple(what.values()) in known:
+            continue
+        site = site_of(cases, what["case"], what["model"])
+        truth = truth_of(cases, site)
+        row, _ = measured(site, what["blast"], what["edge_m"])
+        rows.append({
+            **what, "effects": truth["effects"], **row,
+            "independent_believed": truth["misfit_believed"][what["blast"]]["median"],
+            "noise_alone": truth["misfit_floor_true_no_noise"][what["blast"]]["median"],
+        })  # fmt: skip
+        beside = OUT.with_suffix(".part")
+        beside.write_text(json.dumps(rows, indent=1) + "\n")
+        beside.replace(OUT)
+        print(*what.values(), f"{row['median']:.4f}", f"{row['wall_s']} s", flush=True)
+    return rows
+
+
+def draw(rows, path):
+    """Draw misfit against edge for every case."""
+    figure, axes = plt.subplots(2, 4, figsize=(14, 6.5), sharex=True, layout="constrained")
+    keys = dict.fromkeys((r["case"], r["blast"]) for r in rows)
+    styles = {"believed": "ko-", "effect": "C0s-", "true": "C2^-"}
+    for axis, key in zip(axes.flat, keys, strict=True):
+        chosen = [r for r in rows if (r["case"], r["blast"]) == key]
+        for model, style in styles.items():
+            here = sorted((r["edge_m"], 100.0 * r["median"]) for r in chosen if r["model"] == model)
+            if here:
+                axis.loglog(*np.transpose(here), style, label=model)
+        for name, line in (("independent_believed", ":"), ("noise_alone", "--")):
+            axis.axhline(100.0 * chosen[0][name], color="0.5", ls=line, lw=0.9)
+        axis.set_title(f"{key[0]} {key[1]}: {', '.join(chosen[0]['effects']) or 'nothing hidden'}",
+                       fontsize=9)  # fmt: skip
+    axes[0, 0].legend(fontsize=8)
+    figure.supxlabel("edge of the cells [m]")
+    figure.supylabel("median misfit, 3-30 Hz [% of energy]")
+    figure.savefig(path, dpi=90)
+
+
+def main():
+    """Run the study, write its results and draw them."""
+    cases = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT.parent / "shared" / "cases"
+    if not (cases / "case-11" / "site.toml").is_file():
+        print(f"independent: skipped, no case folders in {cases}")
+        return
+    draw(study(cases), FIGURE)
+    print(f"independent: {OUT.name} and docs/figures/{FIGURE.name} written")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,132 @@
+"""Case folders of the independent program, and what their truth files say of them.
+
+Nothing in pyblast reads a truth file. The study uses them to switch on the physics that a case
+conceals with the parameters it was made with, and to take the nuisances away.
+"""
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+
+from pyblast.records.recordings import read_stations
+from pyblast.solving.joints import Joint
+from pyblast.solving.materials import Material
+
+STIFFEST = 400.0  # largest tangent of a closing joint over its initial stiffness
+
+
+def truth_of(cases, site):
+    """Return the truth file of a site as a table."""
+    return tomllib.loads((cases / "truth" / site.name / "truth.toml").read_text())
+
+
+def true_site(cases, site):
+    """Return a site with its true nuisances, and its records without noise."""
+    folder, nuisance = cases / "truth" / site.name, truth_of(cases, site)["nuisance"]
+    layers = tuple(
+        (name, thickness, Material.from_speeds(m.density * rho, m.cp * vp, m.cs * vs))
+        for (name, thickness, m), (rho, vp, vs) in zip(
+            site.layers, nuisance["material_factors_rho_vp_vs"], strict=True
+        )
+    )
+    joints = tuple(
+        replace(j, joint=replace(j.joint, properties={
+            "kn": j.joint.properties["kn"] * kn, "ks": j.joint.properties["ks"] * ks}))
+        for j, (kn, ks) in zip(site.joints, nuisance["joint_factors_kn_ks"], strict=True)
+    )  # fmt: skip
+    receivers = tuple(
+        replace(r, position=(r.position[0] + x, r.position[1] + y, min(0.0, r.position[2] + z)))
+        for r, (x, y, z) in zip(site.receivers, nuisance["receiver_offsets_m"], strict=True)
+    )
+    blasts, records = {}, {}
+    for name, blast in site.blasts.items():
+        times = blast.times + np.array(nuisance["hole_time_s"][name])
+        blasts[name] = replace(blast, times=np.maximum(times, 0.0))
+        zero = site.time_zeros[name]
+        records[name] = read_stations(folder / f"clean_{name}.mseed", time_zero=zero)
+    return replace(
+        site, layers=layers, joints=joints, receivers=receivers, blasts=blasts, records=records
+    )
+
+
+def with_effect(site, truth):
+    """Return a site with the physics that its truth file names, at the parameters given there."""
+    for effect in truth["effects"]:
+        site = EFFECTS[effect](site, truth["parameters"][effect], truth)
+    return site
+
+
+def _attenuation(site, parameters, truth):
+    """Give all ground constant Q."""
+    del truth
+    return replace(site, quality=(parameters["Qp"], parameters["Qs"]))
+
+
+def _soft_layer(site, parameters, truth):
+    """Put a slower layer of the same density on top."""
+    del truth
+    name, thickness, rock = site.layers[0]
+    factor, depth = parameters["factor"], parameters["thickness"]
+    soft = Material.from_speeds(rock.density, factor * rock.cp, factor * rock.cs)
+    rest = (name, None if thickness is None else thickness - depth, rock)
+    return replace(site, layers=(("soft", depth, soft), rest, *site.layers[1:]))
+
+
+def _closure(site, parameters, truth):
+    """Let the affected joint close as a hyperbola whose tangent at rest is its stiffness.
+
+    At rest it is closed by the share r of its largest closure: kni = kn (1 - r)^2 and
+    kni Vm = p0 (1 - r)/r.
+    """
+    r, pressure = parameters["r"], parameters["sn0"]
+
+    def closing(joint):
+        kn = joint.properties["kn"] * (1.0 - r) ** 2
+        properties = {
+            "kn": kn,
+            "ks": joint.properties["ks"],
+            "closure": pressure * (1.0 - r) / r / kn,
+            "kn_max": STIFFEST * kn,
+        }
+        return Joint(joint.surface, "closure", properties, pressure)
+
+    return _on_affected(site, truth, closing)
+
+
+def _slip(site, parameters, truth):
+    """Let the affected joint slip; it never opens, as in the program that made the records."""
+    friction = np.tan(np.radians(parameters["friction_deg"]))
+    strength = {
+        "cohesion": parameters["cohesion"],
+        "friction": friction,
+        "tension": 1e12,
+        "cohesion_residual": 0.0,
+        "friction_residual": parameters["residual"] * friction,
+        "tension_residual": 1e12,
+    }
+
+    def slipping(joint):
+        return Joint(
+            joint.surface, "coulomb", {**joint.properties, **strength}, parameters["sn0"]
+        )
+
+    return _on_affected(site, truth, slipping)
+
+
+def _on_affected(site, truth, change):
+    """Change the joints that the truth file calls affected."""
+    affected = truth["affected"]["joints"]
+    joints = tuple(
+        replace(j, joint=change(j.joint)) if j.joint.surface in affected else j
+        for j in site.joints
+    )
+    return replace(site, joints=joints)
+
+
+EFFECTS = {
+    "attenuation_Q": _attenuation,
+    "soft_surface_layer": _soft_layer,
+    "joint_nonlinear_closure": _closure,
+    "joint_slip": _slip,
+}
