@@ -19,11 +19,10 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from verification.independent_cases import true_site, truth_of, with_effect
-
 from pyblast.motion.comparison import compare
 from pyblast.projects.site import read_site, site_mesh, site_model
 from pyblast.solving.solver import run
+from verification.independent_cases import true_site, truth_of, with_effect
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "verification" / "independent.json"
