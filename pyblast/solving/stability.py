@@ -118,7 +118,7 @@ def contact_bounds(model):
     if contacts is None:
         return total
     by_name = {joint.surface: joint for joint in model.joints}
-    bounds = np.array([by_name[name].bound() for name in contacts.names])
+    bounds = np.array([by_name[name].bound() for name in contacts.names]).reshape(-1, 2)
     for sums, bound in zip(total, bounds.T, strict=True):
         spring = contacts.area * bound[contacts.joint]
         for side in (contacts.minus, contacts.plus):
