@@ -4,9 +4,11 @@ module pyblast_zone_laws
     !! Strains are xx yy zz and the engineering shears yz zx xy; tension is positive. A law that
     !! remembers is total: it gives the whole stress, initial stress included.
     use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
+    use pyblast_elasticity, only : hooke, work
+    use pyblast_viscoelastic_zones, only : viscoelastic
     implicit none
     private
-    public :: elastic_stress, work, zone_law_signature, zone_stress
+    public :: elastic_stress, zone_law_signature, zone_stress
 
 contains
 
@@ -18,6 +20,8 @@ contains
         select case (law)
         case (1)
             signature = "elastic: |"
+        case (2)
+            signature = "viscoelastic: rate_1 rate_2 rate_3 p_1 p_2 p_3 s_1 s_2 s_3 | strain memory"
         case default
             signature = ""
         end select
@@ -52,29 +56,13 @@ contains
         real(dp), intent(inout) :: lost                !! dissipated so far [J/m3]
 
         select case (law)
+        case (2)
+            call viscoelastic(property, lambda, shear, dt, initial, strain, state, stress, &
+                              stored, lost)
         case default
             stress = initial + elastic_stress(law, property, lambda, shear, strain)
             stored = 0.5_dp*work(stress - initial, strain) + work(initial, strain)
         end select
     end subroutine zone_stress
-
-    pure function hooke(lambda, shear, strain) result(stress)
-        !! Isotropic elasticity; theory.md (2.2).
-        real(dp), intent(in) :: lambda, shear, strain(6)
-        real(dp) :: stress(6), volumetric
-
-        volumetric = lambda*(strain(1) + strain(2) + strain(3))
-        stress(1:3) = volumetric + 2.0_dp*shear*strain(1:3)
-        stress(4:6) = shear*strain(4:6)
-    end function hooke
-
-    pure function work(stress, strain) result(density)
-        !! Stress times strain, engineering shears.
-        real(dp), intent(in) :: stress(6), strain(6)
-        real(dp) :: density
-
-        density = stress(1)*strain(1) + stress(2)*strain(2) + stress(3)*strain(3) &
-            + stress(4)*strain(4) + stress(5)*strain(5) + stress(6)*strain(6)
-    end function work
 
 end module pyblast_zone_laws

@@ -4,7 +4,8 @@ module pyblast_zones
     !! A domain is a fixed number of neighbouring zones. It adds the forces of its zones into slots
     !! of its own, one for each of its nodes, so that no sum depends on the number of threads.
     use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
-    use pyblast_zone_laws, only : elastic_stress, work, zone_stress
+    use pyblast_elasticity, only : work
+    use pyblast_zone_laws, only : elastic_stress, zone_stress
     implicit none
     private
     public :: zone_forces

@@ -23,6 +23,8 @@ ONE_ROOM = {
 ORDER = [
     "kinds",
     "joint_laws",
+    "elasticity",
+    "viscoelastic_zones",
     "zone_laws",
     "zones",
     "contacts",

@@ -12,15 +12,16 @@ from ..blasting.hole_tables import read_blast
 from ..errors import InputError, ReadError
 from ..meshing.mesh_builder import Layer, structured_box
 from ..records.recordings import Recording, read_stations
+from ..solving.attenuation import ConstantQ
 from ..solving.boundaries import Viscous
 from ..solving.joints import Joint
-from ..solving.materials import Damping, Material
+from ..solving.materials import Material
 from ..solving.model import Model, Receiver, Rim
 from ..solving.sources import Hole, TimeFunction
 
 GROWTH = 1.08
 PADDING = 220.0
-DAMPING_FREQUENCY = 12.0
+BEYOND_BAND = 3.0  # how far beyond the band of the records, both ways, a quality factor holds
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,15 +264,16 @@ def site_model(site, blast, mesh, spread, padding=PADDING) -> Model:
         Hole(place, charge, time, site.moment_rate, site.exponent, spread)
         for place, charge, time in zip(holes.centres, holes.charge, holes.times, strict=True)
     ]
-    damping = None
+    materials = {name: material for name, _, material in site.layers}
     if site.quality is not None:
-        damping = Damping(0.5 / site.quality[1], DAMPING_FREQUENCY)
+        low, high = site.band
+        law = ConstantQ(*site.quality, (low / BEYOND_BAND, high * BEYOND_BAND))
+        materials = {name: replace(m, law=law) for name, m in materials.items()}
     return Model(
         mesh,
-        {name: material for name, _, material in site.layers},
+        materials,
         joints=[j.joint for j in site.joints],
         boundaries=[Viscous(side) for side in ("west", "east", "south", "north", "bottom")],
-        damping=damping,
         rim=Rim(tuple(map(tuple, site.box)), padding),
         sources=sources,
         receivers=site.receivers,

@@ -76,10 +76,11 @@ def _domains(mesh, contact_node):
 def zone_laws(model):
     """Return the laws of the zones, and a row of memory for each zone whose law remembers."""
     materials = [model.materials[group] for group in model.mesh.groups]
-    laws = [ZONE_LAWS[material.law.name] for material in materials]
+    given = [model.law(group) for group in model.mesh.groups]
+    laws = [ZONE_LAWS[law.name] for law in given]
     rows = [
-        property_row(law, material.law.properties(material), N_ZONE_PROPERTIES)
-        for law, material in zip(laws, materials, strict=True)
+        property_row(law, one.properties(material), N_ZONE_PROPERTIES)
+        for law, one, material in zip(laws, given, materials, strict=True)
     ]
     remembers = np.array([bool(law.state) for law in laws])[model.mesh.zone_group]
     row = np.where(remembers, np.cumsum(remembers) - 1, -1).astype(np.int32)
@@ -151,9 +152,11 @@ def dynamic_arrays(model, geometry, n_steps):
 def static_arrays(model, geometry):
     """Return weight, in-situ stress and rollers of the static stage, and the scale of forces."""
     node_load, contact_initial, scale = static_loads(model, geometry)
+    fades = geometry["set_law"] == ZONE_LAWS["viscoelastic"].number
     arrays = {
         "dt": geometry["dt"] * min(1.0, STATIC_STEP_FACTOR / model.step_factor),
         "zone_beta": np.zeros_like(geometry["zone_beta"]),
+        "set_law": np.where(fades, ZONE_LAWS["elastic"].number, geometry["set_law"]).astype("i4"),
         "node_alpha": np.zeros_like(geometry["node_alpha"]),
         "local_damping": LOCAL_DAMPING,
         "node_load": node_load,

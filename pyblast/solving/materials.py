@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from ..errors import InputError
+from .attenuation import MaxwellDamping
 from .zone_laws import Elastic
 
 
@@ -102,6 +103,9 @@ class Damping:
     frequency : float, Hz
     mass, stiffness : bool
         Which parts act.
+    corner : float or None, Hz
+        Low-pass of the motion that the stiffness part sees: it then costs no time step and
+        fades above the corner, theory.md (2.18).
 
     Notes
     -----
@@ -112,6 +116,7 @@ class Damping:
     frequency: float
     mass: bool = True
     stiffness: bool = True
+    corner: float | None = None
 
     def __post_init__(self):
         """Refuse values that are no damping."""
@@ -119,6 +124,11 @@ class Damping:
             raise InputError(f"damping.ratio: must lie between 0 and 1, got {self.ratio:g}")
         if not (math.isfinite(self.frequency) and self.frequency > 0.0):
             raise InputError(f"damping.frequency: must be positive, got {self.frequency:g} Hz")
+        if self.corner is not None and not self.frequency < self.corner < math.inf:
+            raise InputError(
+                f"damping.corner: must exceed the central frequency of {self.frequency:g} Hz, "
+                f"got {self.corner:g} Hz"
+            )
 
     @property
     def alpha(self):
@@ -127,10 +137,22 @@ class Damping:
 
     @property
     def beta(self):
-        """Stiffness part [s]."""
+        """Stiffness part that acts on the motion itself [s]."""
+        return self._beta if self.corner is None else 0.0
+
+    @property
+    def _beta(self):
+        """Stiffness part, low-passed or not [s]."""
         return self.ratio / (2.0 * math.pi * self.frequency) if self.stiffness else 0.0
+
+    def law(self):
+        """Return the law of zones that low-passed stiffness damping makes."""
+        return MaxwellDamping(self._beta, self.corner)
 
     def ratio_at(self, frequency):
         """Share of critical damping at a frequency in Hz: theory.md (2.11)."""
         omega = 2.0 * math.pi * frequency
-        return 0.5 * (self.alpha / omega + self.beta * omega)
+        if self.corner is None:
+            return 0.5 * (self.alpha / omega + self.beta * omega)
+        share = self._beta * omega / (1.0 - 1j * frequency / self.corner)
+        return 0.5 * self.alpha / omega + 0.5 * share.real

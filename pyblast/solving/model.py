@@ -167,10 +167,24 @@ class Model:
         values = [float(getattr(self.materials[group], name)) for group in self.mesh.groups]
         return np.array(values)[self.mesh.zone_group]
 
+    def law(self, group):
+        """Return the law of the zones of a group: its material's, or that of its damping."""
+        law = self.materials[group].law
+        damping = self.damping[group] if isinstance(self.damping, dict) else self.damping
+        if damping is None or damping.corner is None:
+            return law
+        if law.name != "elastic":
+            raise InputError(
+                f"damping.{group}.corner: low-passed damping needs an elastic material, got "
+                f"'{law.name}'; leave the corner or that law out"
+            )
+        return damping.law()
+
     def zone_moduli(self):
         """Return the Lame moduli of every zone under its law's fastest strain, (n_zones,) Pa."""
-        moduli = [self.materials[group] for group in self.mesh.groups]
-        moduli = np.array([material.law.moduli(material) for material in moduli])
+        materials = [self.materials[group] for group in self.mesh.groups]
+        laws = [self.law(group) for group in self.mesh.groups]
+        moduli = np.array([law.moduli(m) for law, m in zip(laws, materials, strict=True)])
         return tuple(moduli[self.mesh.zone_group].T)
 
     def zone_damping(self, name):

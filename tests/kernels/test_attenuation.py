@@ -1,0 +1,115 @@
+"""The law that fades: its modulus, its energy, its time step."""
+
+import numpy as np
+import pytest
+
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.solving import kernels
+from pyblast.solving.attenuation import ConstantQ, MaxwellDamping
+from pyblast.solving.materials import Damping, Material
+from pyblast.solving.model import Model
+from pyblast.solving.stability import critical_step
+
+ROCK = Material.from_speeds(2700.0, 3000.0, 1700.0)
+LAW = kernels.ZONE_LAWS["viscoelastic"]
+
+
+class Zone:
+    """One zone led through strains."""
+
+    def __init__(self, law, dt, material=ROCK):
+        self.lambda_, self.shear = law.moduli(material)
+        properties = law.properties(material)
+        self.row = kernels.property_row(LAW, properties, kernels.N_ZONE_PROPERTIES)
+        self.state, self.lost, self.dt = np.zeros(kernels.N_ZONE_STATE), np.zeros(1), dt
+
+    def strain(self, strain):
+        stress, stored = kernels._core.pyblast_zone_laws.zone_stress(
+            LAW.number + 1, self.row, self.lambda_, self.shear, self.dt, np.zeros(6), strain,
+            self.state, self.lost,
+        )  # fmt: skip
+        return stress, stored
+
+
+@pytest.mark.parametrize("quality", [10.0, 30.0, 100.0])
+def test_q_holds_within_five_percent_over_two_decades(quality):
+    frequency = np.geomspace(1.0, 100.0, 100)
+
+    _, found = ConstantQ(100.0, quality).wave(quality, 1700.0, frequency)
+
+    assert 1.0 / found == pytest.approx(np.full(100, 1.0 / quality), rel=0.05)
+
+
+def test_speed_is_that_of_the_material_at_the_reference():
+    law = ConstantQ(60.0, 20.0, reference=8.0)
+
+    assert law.wave(20.0, 1700.0, 8.0)[0] == pytest.approx(1700.0, rel=1e-12)
+
+
+def test_speed_grows_with_frequency_as_kramers_and_kronig_ask():
+    speed = ConstantQ(60.0, 20.0).wave(20.0, 1700.0, np.array([5.0, 20.0]))[0]
+
+    assert speed[1] / speed[0] == pytest.approx(1.0 + np.log(4.0) / (np.pi * 20.0), rel=0.005)
+
+
+def test_a_driven_zone_answers_with_its_complex_modulus():
+    law, frequency, dt = ConstantQ(30.0, 15.0, reference=10.0), 12.0, 1e-4
+    zone = Zone(law, dt)
+    times = dt * np.arange(1, 60001)
+    shear = np.sin(2.0 * np.pi * frequency * times)
+    stress = np.array([zone.strain(s * np.eye(6)[5])[0][5] for s in shear])
+
+    late = slice(-int(round(10 / frequency / dt)), None)
+    wave = np.exp(2j * np.pi * frequency * times[late])
+    modulus = np.conj((stress[late] @ wave.conj()) / (shear[late] @ wave.conj()))
+    wanted = zone.shear * law.relative_modulus(15.0, frequency)
+
+    assert modulus == pytest.approx(wanted, rel=1e-4)
+
+
+def test_work_is_stored_or_lost_and_never_gained():
+    rng = np.random.default_rng(3)
+    zone = Zone(ConstantQ(25.0, 12.0), 1e-3)
+    before, stored_before, strain, work, lost = np.zeros(6), 0.0, np.zeros(6), 0.0, 0.0
+    for step in rng.normal(scale=1e-5, size=(3000, 6)):
+        stress, stored = zone.strain(strain + step)
+        work += 0.5 * (stress + before) @ step
+        before, strain = stress, strain + step
+        assert zone.lost[0] >= lost
+        assert stored >= 0.0
+        lost, stored_before = zone.lost[0], stored
+
+    assert work == pytest.approx(lost + stored_before, rel=1e-10)
+
+
+def test_constant_q_costs_next_to_no_time_step():
+    mesh = structured_box((2, 2, 2), (10.0, 10.0, 10.0))
+    with_q = Material.from_speeds(2700.0, 3000.0, 1700.0, law=ConstantQ(60.0, 30.0))
+
+    steps = [critical_step(Model(mesh, {"rock": m})).dt for m in (ROCK, with_q)]
+
+    assert 0.95 < steps[1] / steps[0] <= 1.0
+
+
+def test_low_passed_damping_costs_far_less_than_rayleigh():
+    mesh = structured_box((2, 2, 2), (10.0, 10.0, 10.0))
+    dampings = (None, Damping(0.05, 4.0), Damping(0.05, 4.0, corner=60.0))
+
+    free, plain, cheap = (
+        critical_step(Model(mesh, {"rock": ROCK}, damping=damping)).dt for damping in dampings
+    )
+
+    assert plain < 0.35 * free
+    assert cheap == pytest.approx(free / np.sqrt(1.0 + 0.05 * 60.0 / 4.0), rel=1e-6)
+
+
+def test_low_passed_damping_is_rayleigh_far_below_its_corner():
+    low = Damping(0.02, 4.0, corner=400.0)
+
+    assert low.ratio_at(4.0) == pytest.approx(Damping(0.02, 4.0).ratio_at(4.0), rel=1e-3)
+    assert isinstance(low.law(), MaxwellDamping)
+
+
+def test_a_compression_that_would_gain_energy_is_refused():
+    with pytest.raises(Exception, match="makes compression gain energy"):
+        ConstantQ(1000.0, 10.0).properties(ROCK)
