@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from pyblast.motion.comparison import compare
 from pyblast.projects.site import read_site, site_mesh, site_model
 from pyblast.solving.solver import run
-from verification.independent_cases import true_site, truth_of, with_effect
+from verification.independent_cases import effects_of, true_site, truth_of, with_effect
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "verification" / "independent.json"
@@ -72,7 +72,7 @@ def measured(site, blast, edge):
 def planned(cases):
     """List what the study consists of."""
     for case, blasts in BLASTS.items():
-        effects = truth_of(cases, read_site(cases / case))["effects"]
+        effects = effects_of(truth_of(cases, read_site(cases / case)))
         for blast in blasts:
             for model in MODELS:
                 if model == "effect" and not effects:
@@ -92,7 +92,7 @@ def study(cases):
         truth = truth_of(cases, site)
         row, _ = measured(site, what["blast"], what["edge_m"])
         rows.append({
-            **what, "effects": truth["effects"], **row,
+            **what, "effects": effects_of(truth), **row,
             "independent_believed": truth["misfit_believed"][what["blast"]]["median"],
             "noise_alone": truth["misfit_floor_true_no_noise"][what["blast"]]["median"],
         })  # fmt: skip

@@ -52,9 +52,14 @@ def true_site(cases, site):
 
 def with_effect(site, truth):
     """Return a site with the physics that its truth file names, at the parameters given there."""
-    for effect in truth["effects"]:
+    for effect in effects_of(truth):
         site = EFFECTS[effect](site, truth["parameters"][effect], truth)
     return site
+
+
+def effects_of(truth):
+    """Return the names of the effects of a case; none for a null."""
+    return [effect for effect in truth["effects"] if effect != "null"]
 
 
 def _attenuation(site, parameters, truth):
