@@ -153,9 +153,17 @@ def static_arrays(model, geometry):
     """Return weight, in-situ stress and rollers of the static stage, and the scale of forces."""
     node_load, contact_initial, scale = static_loads(model, geometry)
     fades = geometry["set_law"] == ZONE_LAWS["viscoelastic"].number
+    moduli = {
+        f"zone_{name}": np.where(fades[model.mesh.zone_group], model.zone_values(value), known)
+        for name, value, known in (
+            ("lambda", "first_lame", geometry["zone_lambda"]),
+            ("shear", "shear", geometry["zone_shear"]),
+        )
+    }
     arrays = {
         "dt": geometry["dt"] * min(1.0, STATIC_STEP_FACTOR / model.step_factor),
         "zone_beta": np.zeros_like(geometry["zone_beta"]),
+        **moduli,
         "set_law": np.where(fades, ZONE_LAWS["elastic"].number, geometry["set_law"]).astype("i4"),
         "node_alpha": np.zeros_like(geometry["node_alpha"]),
         "local_damping": LOCAL_DAMPING,

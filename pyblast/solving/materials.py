@@ -104,8 +104,8 @@ class Damping:
     mass, stiffness : bool
         Which parts act.
     corner : float or None, Hz
-        Low-pass of the motion that the stiffness part sees: it then costs no time step and
-        fades above the corner, theory.md (2.18).
+        Low-pass of the motion that the stiffness part sees: it then hardly shortens the time
+        step, and fades above the corner, theory.md (2.18); best at twice the band or more.
 
     Notes
     -----
@@ -145,14 +145,18 @@ class Damping:
         """Stiffness part, low-passed or not [s]."""
         return self.ratio / (2.0 * math.pi * self.frequency) if self.stiffness else 0.0
 
+    @property
+    def low_passed(self):
+        """Whether the stiffness part acts as a law of zones."""
+        return self.corner is not None and self._beta > 0.0
+
     def law(self):
         """Return the law of zones that low-passed stiffness damping makes."""
         return MaxwellDamping(self._beta, self.corner)
 
     def ratio_at(self, frequency):
-        """Share of critical damping at a frequency in Hz: theory.md (2.11)."""
+        """Share of critical damping at a frequency in Hz: theory.md (2.11), (2.18)."""
         omega = 2.0 * math.pi * frequency
-        if self.corner is None:
-            return 0.5 * (self.alpha / omega + self.beta * omega)
-        share = self._beta * omega / (1.0 - 1j * frequency / self.corner)
-        return 0.5 * self.alpha / omega + 0.5 * share.real
+        if self.low_passed:
+            return 0.5 * (self.alpha / omega - self.law().relative_modulus(frequency).imag)
+        return 0.5 * (self.alpha / omega + self.beta * omega)

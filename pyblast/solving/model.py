@@ -133,12 +133,13 @@ class Model:
             object.__setattr__(self, "_ordered", True)
 
     def _check_materials(self):
-        """Every group needs a material and, where damping is by group, a damping."""
+        """Every group needs a material that its law can take, and its damping if by group."""
         for group in self.mesh.groups:
             if group not in self.materials:
                 raise InputError(f"materials.{group}: missing; the mesh has a group of that name")
             if isinstance(self.damping, dict) and group not in self.damping:
                 raise InputError(f"damping.{group}: missing; the mesh has a group of that name")
+            self.law(group).properties(self.materials[group])
 
     def _check_joints(self):
         """Joints and split surfaces must be the same set."""
@@ -168,10 +169,16 @@ class Model:
         return np.array(values)[self.mesh.zone_group]
 
     def law(self, group):
-        """Return the law of the zones of a group: its material's, or that of its damping."""
+        """Return the law of the zones of a group: its material's, or that of its damping.
+
+        Raises
+        ------
+        InputError
+            If low-passed damping meets a material that is not elastic.
+        """
         law = self.materials[group].law
         damping = self.damping[group] if isinstance(self.damping, dict) else self.damping
-        if damping is None or damping.corner is None:
+        if damping is None or not damping.low_passed:
             return law
         if law.name != "elastic":
             raise InputError(
