@@ -59,7 +59,7 @@ def test_a_hole_spread_over_many_zones_radiates_as_a_point():
     mesh = structured_box((33, 26, 26), np.array([3.3, 2.6, 2.6]) * length, pattern="alternating")
     values, dt = PULSE.samples()
     place = np.array([0.8, 1.3, 1.3]) * length
-    receiver = Receiver("far", place + [far, 0.0, 0.0])
+    receiver = Receiver("far", place + np.array([far, 0.0, 0.0]))
     hole = Hole(place, 25.0, 0.0, TimeFunction(2e8 * values, dt), exponent=0.5, spread=1.5 * edge)
     model = Model(
         mesh,
