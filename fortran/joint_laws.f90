@@ -4,6 +4,9 @@ module pyblast_joint_laws
     !! Traction and jump are vectors in global axes; the normal points from the minus to the plus
     !! side; tension and opening are positive. A law is total in the jump: t = t0 + K (jump - slip).
     use pyblast_kinds, only : dp, n_joint_properties, n_joint_state
+    use pyblast_closing_joints, only : barton_bandis, closure
+    use pyblast_filled_joints, only : kelvin, maxwell, yielding
+    use pyblast_frictional_joints, only : coulomb, softening, stored_energy, stress_dependent
     implicit none
     private
     public :: joint_bound, joint_law_signature, joint_traction
@@ -20,7 +23,27 @@ contains
             signature = "elastic: kn ks |"
         case (2)
             signature = "coulomb: kn ks cohesion friction tension cohesion_residual " // &
-                "friction_residual tension_residual | slip_x slip_y slip_z failed status"
+                "friction_residual tension_residual dilation dilation_slip | " // &
+                "slip_x slip_y slip_z failed status dilated length"
+        case (3)
+            signature = "softening: kn ks cohesion friction friction_dynamic weakening_slip " // &
+                "tension | slip_x slip_y slip_z failed status length"
+        case (4)
+            signature = "closure: kn ks closure kn_max irrecoverable cohesion friction | " // &
+                "slip_x slip_y slip_z failed status peak rest started"
+        case (5)
+            signature = "barton_bandis: kn ks closure kn_max irrecoverable jrc jcs friction " // &
+                "peak_slip | slip_x slip_y slip_z failed status peak rest started dilated length"
+        case (6)
+            signature = "stress_dependent: kn ks pressure exponent kn_max cohesion friction | " // &
+                "slip_x slip_y slip_z failed status dilated length"
+        case (7)
+            signature = "kelvin: kn ks eta_n eta_s |"
+        case (8)
+            signature = "maxwell: kn ks eta_n eta_s | excess_x excess_y excess_z"
+        case (9)
+            signature = "yielding: kn ks friction friction_initial roughness | " // &
+                "excess_x excess_y excess_z way_x way_y way_z ratio worn"
         case default
             signature = ""
         end select
@@ -33,10 +56,15 @@ contains
         real(dp), intent(out) :: stiffness             !! [Pa/m]
         real(dp), intent(out) :: viscosity             !! [Pa s/m]
 
+        stiffness = maxval(property(1:2))
+        viscosity = 0.0_dp
         select case (law)
-        case default
-            stiffness = maxval(property(1:2))
-            viscosity = 0.0_dp
+        case (4, 5)
+            stiffness = max(property(4)/(1.0_dp - property(5)), property(2))
+        case (6)
+            stiffness = property(5)*max(1.0_dp, property(2)/property(1))
+        case (7)
+            viscosity = maxval(property(3:4))
         end select
     end subroutine joint_bound
 
@@ -57,6 +85,20 @@ contains
         select case (law)
         case (2)
             call coulomb(property, initial, normal, jump, state, traction, stored)
+        case (3)
+            call softening(property, initial, normal, jump, state, traction, stored)
+        case (4)
+            call closure(property, initial, normal, jump, state, traction, stored)
+        case (5)
+            call barton_bandis(property, initial, normal, jump, state, traction, stored)
+        case (6)
+            call stress_dependent(property, initial, normal, jump, state, traction, stored)
+        case (7)
+            call kelvin(property, dt, initial, normal, jump, step, traction, stored)
+        case (8)
+            call maxwell(property, dt, initial, normal, step, state, traction, stored)
+        case (9)
+            call yielding(property, initial, normal, jump, step, state, traction, stored)
         case default
             call elastic(property, initial, normal, jump, traction, stored)
         end select
@@ -74,61 +116,5 @@ contains
             stored = stored_energy(kn, ks, normal, traction)
         end associate
     end subroutine elastic
-
-    pure subroutine coulomb(property, initial, normal, jump, state, traction, stored)
-        !! Elastic until |shear| exceeds cohesion + pressure*friction or the normal traction exceeds
-        !! the tension cut-off; residual strength after first failure; theory.md (3.2) to (3.4).
-        real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3)
-        real(dp), intent(inout) :: state(n_joint_state)
-        real(dp), intent(out) :: traction(3), stored
-        real(dp) :: strength(3), tn, ts, initial_shear(3), shear_jump(3), shear(3)
-
-        associate (kn => property(1), ks => property(2), slip => state(1:3), failed => state(4), &
-                   status => state(5))
-            tn = dot_product(initial, normal)
-            initial_shear = initial - tn*normal
-            tn = tn + kn*dot_product(jump, normal)
-            shear_jump = jump - dot_product(jump, normal)*normal
-            shear = initial_shear + ks*(shear_jump - slip)
-            ts = norm2(shear)
-
-            strength = merge(property(6:8), property(3:5), failed > 0.0_dp)
-            status = 0.0_dp
-            if (tn > strength(3)) then
-                status = 2.0_dp
-            else if (ts > strength(1) + max(0.0_dp, -tn)*strength(2)) then
-                status = 1.0_dp
-            end if
-            if (status > 0.0_dp) then
-                failed = ior(nint(failed), nint(status))
-                strength = property(6:8)
-                if (tn > strength(3)) status = 2.0_dp
-            end if
-
-            if (status > 1.0_dp) then
-                failed = ior(nint(failed), 2)
-                slip = shear_jump + initial_shear/ks
-                traction = 0.0_dp
-            else
-                ts = min(1.0_dp, (strength(1) + max(0.0_dp, -tn)*strength(2)) &
-                         /max(ts, tiny(ts)))
-                if (status > 0.0_dp) then
-                    slip = slip + (1.0_dp - ts)*shear/ks
-                    shear = ts*shear
-                end if
-                traction = tn*normal + shear
-            end if
-            stored = stored_energy(kn, ks, normal, traction)
-        end associate
-    end subroutine coulomb
-
-    pure function stored_energy(kn, ks, normal, traction) result(energy)
-        !! Energy in the two springs of a contact, per area.
-        real(dp), intent(in) :: kn, ks, normal(3), traction(3)
-        real(dp) :: energy, tn
-
-        tn = dot_product(traction, normal)
-        energy = 0.5_dp*(tn**2/kn + max(0.0_dp, dot_product(traction, traction) - tn**2)/ks)
-    end function stored_energy
 
 end module pyblast_joint_laws

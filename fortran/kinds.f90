@@ -7,7 +7,7 @@ module pyblast_kinds
 
     integer, parameter :: dp = kind(1.0d0)
 
-    integer, parameter, public :: n_joint_laws = 2
+    integer, parameter, public :: n_joint_laws = 9
     integer, parameter, public :: n_joint_properties = 12
     integer, parameter, public :: n_joint_state = 10
 

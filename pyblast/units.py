@@ -8,6 +8,8 @@ FACTORS = {
     "gpa_per_m": 1e9,
     "mpa_per_m": 1e6,
     "pa_per_m": 1.0,
+    "mpa_s_per_m": 1e6,
+    "pa_s_per_m": 1.0,
     "kg_per_m3": 1.0,
     "m_per_s": 1.0,
     "mm_per_s": 1e-3,

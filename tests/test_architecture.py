@@ -22,6 +22,9 @@ ONE_ROOM = {
 }
 ORDER = [
     "kinds",
+    "frictional_joints",
+    "closing_joints",
+    "filled_joints",
     "joint_laws",
     "elasticity",
     "viscoelastic_zones",

@@ -30,13 +30,13 @@ def test_an_elastic_joint_needs_two_stiffnesses_only():
 
 
 def test_an_unknown_law_is_refused_with_those_that_are_known():
-    with pytest.raises(InputError, match=r"J\.law: must be one of elastic, coulomb, got mohr"):
+    with pytest.raises(InputError, match=r"J\.law: must be one of elastic, coulomb, .*, got mohr"):
         Joint("J", "mohr", STRONG)
 
 
 def test_an_unknown_property_is_refused():
-    with pytest.raises(InputError, match=r"joints\.J\.dilation: unknown to 'coulomb'; it has kn"):
-        Joint("J", "coulomb", {**STRONG, "dilation": 0.1})
+    with pytest.raises(InputError, match=r"joints\.J\.jrc: unknown to 'coulomb'; it has kn"):
+        Joint("J", "coulomb", {**STRONG, "jrc": 0.1})
 
 
 @pytest.mark.parametrize("name", STRONG)

@@ -1,8 +1,11 @@
 """What all tables of a project file share: strictness and ranges."""
 
+from contextlib import contextmanager
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from ..errors import InputError
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -34,3 +37,12 @@ class Section(BaseModel):
         missing = [key for key in begun[0] if getattr(self, key) is None]
         if missing:
             raise ValueError(f"{missing[0]} is missing beside {begun[0][0]}")
+
+
+@contextmanager
+def named_error(where):
+    """Put a place of the project file before the message of an `InputError`."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None

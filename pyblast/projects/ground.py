@@ -1,8 +1,5 @@
 """The ground of a project in SI: materials, joints, boundaries, mesh."""
 
-from contextlib import contextmanager
-from difflib import get_close_matches
-
 import numpy as np
 
 from ..errors import InputError
@@ -10,29 +7,11 @@ from ..meshing.mesh import Mesh
 from ..meshing.mesh_builder import Fault, JointSet, Layer, build_mesh, structured_box
 from ..meshing.mesh_import import read_mesh
 from ..solving.boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
-from ..solving.joints import Joint
-from ..solving.kernels import JOINT_LAWS
 from ..solving.materials import Damping, Material
 from ..solving.model import InSitu, Rim
-from ..units import split_key, to_si
+from ..units import to_si
 from .column_files import read_columns
-
-_UNITS = {
-    "kn": ("gpa_per_m", "mpa_per_m", "pa_per_m"),
-    "ks": ("gpa_per_m", "mpa_per_m", "pa_per_m"),
-    "friction": ("angle_deg",),
-    "friction_residual": ("angle_deg",),
-}
-_PRESSURES = ("kpa", "mpa", "pa")
-
-
-@contextmanager
-def named_error(where):
-    """Put a place of the project file before the message of an `InputError`."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+from .joint_keys import named_error
 
 
 def make_material(config):
@@ -45,44 +24,6 @@ def make_material(config):
     if "cp" in values:
         return Material.from_speeds(density, values.pop("cp"), values.pop("cs"), **values)
     return Material(density, **values)
-
-
-def make_joint(where, surface, config):
-    """Turn a `JointConfig` into the `Joint` of one surface.
-
-    Raises
-    ------
-    InputError
-        If the law is unknown, or a key is unknown, missing, without a unit or out of range.
-    """
-    if config.law not in JOINT_LAWS:
-        raise InputError(f"{where}.law: must be one of {', '.join(JOINT_LAWS)}, got {config.law!r}")
-    names = JOINT_LAWS[config.law].properties
-    properties = {}
-    for key, value in (config.model_extra or {}).items():
-        stem, unit = split_key(key)
-        wanted = _UNITS.get(stem, _PRESSURES)
-        if stem not in names or unit not in wanted:
-            raise InputError(f"{where}.{key}: unknown key; {_proposal(key, names)}")
-        if not value > 0.0 and stem in ("kn", "ks"):
-            raise InputError(f"{where}.{key}: must be positive, got {value:g}")
-        if value < 0.0:
-            raise InputError(f"{where}.{key}: must not be negative, got {value:g}")
-        with named_error(where):
-            properties[stem] = to_si(key, value)[1]
-    for name in names:
-        if name not in properties and not name.endswith("_residual"):
-            raise InputError(f"{where}.{name}_{_UNITS.get(name, _PRESSURES)[0]}: missing; add it")
-    pressure = to_si("pressure_kpa", config.insitu_pressure_kpa)[1]
-    return Joint(surface, config.law, properties, pressure)
-
-
-def _proposal(key, names):
-    """Propose the key that was probably meant."""
-    known = {name: f"{name}_{_UNITS.get(name, _PRESSURES)[0]}" for name in names}
-    stems = sorted((name for name in names if key.startswith(f"{name}_")), key=len)
-    near = [known[stems[-1]]] if stems else get_close_matches(key, known.values(), n=1)
-    return f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known.values())}"
 
 
 def make_damping(config):

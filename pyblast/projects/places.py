@@ -5,7 +5,7 @@ import numpy as np
 from ..errors import InputError
 from ..meshing.mesh import locate
 from ..solving.model import Receiver
-from .ground import named_error
+from .config_section import named_error
 
 
 def place_receivers(parts, mesh) -> tuple[Receiver, ...]:

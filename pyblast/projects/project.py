@@ -15,17 +15,16 @@ from ..solving.model import Model, Receiver, Rim
 from ..solving.sources import Hole, PointForce
 from .config import Config
 from .config_file import read_config
+from .config_section import named_error
 from .ground import (
     joint_of_surface,
     make_boundaries,
     make_damping,
     make_face_input,
     make_insitu,
-    make_joint,
     make_material,
     make_mesh,
     make_rim,
-    named_error,
     refuse_open_sides,
 )
 from .input_motion import (
@@ -38,6 +37,7 @@ from .input_motion import (
     read_motion,
     shifts_of,
 )
+from .joint_keys import make_joint
 from .places import check_rim, place_receivers
 from .source_input import Inside, hole_places, place_sources, read_inside
 

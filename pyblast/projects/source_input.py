@@ -13,7 +13,7 @@ from ..motion.seismogram import Seismogram
 from ..solving.sources import Hole, PointForce, TimeFunction
 from ..units import to_si
 from .column_files import read_time_function
-from .ground import named_error
+from .config_section import named_error
 from .places import on_ground, refuse_outside
 
 MOMENT_RATE_HEADS = ("time_s,moment_rate_per_kg_Nm_per_s",)

@@ -22,6 +22,7 @@ from .stability import critical_step, node_sums, shape_gradients
 
 DOMAIN_ZONES = 1024
 STATUS, OPEN = 4, 2.0  # column of contact_state and its value for a gap, of every law that opens
+RESET = ("slip_x", "slip_y", "slip_z", "excess_x", "excess_y", "excess_z", "dilated", "started")
 LOCAL_DAMPING = 0.8
 # Local damping raises the force that slows a node by 1.8, which shortens an elastic step by
 # 1/sqrt(1.8), but a step ruled by stiffness damping by 1/1.8: that damping is left out.
@@ -35,6 +36,7 @@ def geometry_arrays(model):
     volume = tetrahedra.volumes(mesh.points, mesh.zones)
     mass = model.zone_values("density") * volume
     node_mass = node_sums(mesh.zones, mass + limit.added_mass, len(mesh.points))
+    node_mass += _fill_mass(model)
     drag = node_sums(mesh.zones, model.zone_damping("alpha") * mass, len(mesh.points))
     contacts = _contacts(model)
     arrays = {
@@ -118,6 +120,19 @@ def _contacts(model):
     }
 
 
+def _fill_mass(model):
+    """Return the mass of fills on the nodes of their contacts, (n_nodes,) kg."""
+    total = np.zeros(len(model.mesh.points))
+    contacts = model.mesh.contacts
+    by_name = {joint.surface: joint.fill_mass for joint in model.joints}
+    if contacts is None or not any(by_name.values()):
+        return total
+    mass = 0.5 * contacts.area * np.array([by_name[n] for n in contacts.names])[contacts.joint]
+    for side in (contacts.minus, contacts.plus):
+        total += np.bincount(side, mass, minlength=len(total))
+    return total
+
+
 def _no_contact():
     """One contact of no area, of a node with itself: the core takes no empty tables."""
     return {
@@ -181,6 +196,17 @@ def still_loads(n_steps):
     return Loads().arrays(np.zeros(n_steps))
 
 
+def _carried_over(constants, contact_state):
+    """Return joint states without what belongs to the displacement that is set to zero."""
+    state = contact_state.copy()
+    law = constants["joint_law"][constants["contact_joint"]]
+    for number, one in enumerate(JOINT_LAWS.values()):
+        for column, name in enumerate(one.state):
+            if name in RESET:
+                state[law == number, column] = 0.0
+    return state
+
+
 def initial_state(constants, contact_state=None):
     """Return the state at rest: no displacement, tractions and stresses at their initial values."""
     n_nodes, n_contacts = len(constants["node_mass"]), len(constants["contact_area"])
@@ -222,15 +248,16 @@ def after_static(constants, static, settled):
     jump = settled["displacement"][plus] - settled["displacement"][minus]
     kn = static["joint_property"][static["contact_joint"], 0]
     tension = np.einsum("ij,ij->i", static["contact_initial"] + kn[:, None] * jump, normal)
-    is_open = (settled["contact_state"][:, STATUS] == OPEN)[:, None]
+    opens = np.array(["status" in law.state for law in JOINT_LAWS.values()])
+    opens = opens[static["joint_law"][static["contact_joint"]]]
+    is_open = ((settled["contact_state"][:, STATUS] == OPEN) & opens)[:, None]
     virtual = np.where(is_open, tension[:, None] * normal, 0.0)
     initial = settled["contact_traction"] + virtual
     load = np.zeros_like(settled["displacement"])
     np.add.at(load, minus, area[:, None] * virtual)
     np.add.at(load, plus, -area[:, None] * virtual)
     constants = {**constants, "contact_initial": initial, "node_load": load}
-    contact_state = settled["contact_state"].copy()
-    contact_state[:, :3] = 0.0
+    contact_state = _carried_over(constants, settled["contact_state"])
     state = initial_state(constants, contact_state)
     state["contact_traction"] = settled["contact_traction"].copy()
     return constants, state

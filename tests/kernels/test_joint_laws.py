@@ -14,16 +14,23 @@ DT = 1e-4
 COHESION, FRICTION, TENSION = 3.0e5, 0.6, 2.0e5
 STRENGTH = {"cohesion": COHESION, "friction": FRICTION, "tension": TENSION}
 WEAKER = {"cohesion_residual": 1.0e5, "friction_residual": 0.4, "tension_residual": 0.0}
+OTHERS = {
+    "dilation": 0.0, "dilation_slip": 0.0, "friction_dynamic": 0.4, "weakening_slip": 1e-3,
+    "closure": 1e-3, "kn_max": 50.0 * KN, "irrecoverable": 0.2, "jrc": 8.0, "jcs": 4e7,
+    "peak_slip": 2e-3, "pressure": 1e5, "exponent": 0.5, "eta_n": 4e5, "eta_s": 2e5,
+    "friction_initial": 0.9, "roughness": 2e-3,
+}  # fmt: skip
 SAME = {f"{name}_residual": value for name, value in STRENGTH.items()}
 NORMAL = np.array([0.0, 0.0, 1.0])
 ALL_LAWS = pytest.mark.parametrize("law", list(JOINT_LAWS))
+LINEAR_AT_FIRST = pytest.mark.parametrize("law", ["elastic", "coulomb", "softening"])
 
 
 class Contact:
     """One contact led through jumps; it keeps its state and adds up what it dissipates."""
 
     def __init__(self, law="coulomb", initial=(0.0, 0.0, 0.0), normal=NORMAL, **changed):
-        values = {"kn": KN, "ks": KS, **STRENGTH, **SAME, **changed}
+        values = {"kn": KN, "ks": KS, **STRENGTH, **SAME, **OTHERS, **changed}
         self.number = JOINT_LAWS[law].number + 1
         self.property = np.zeros(N_JOINT_PROPERTIES)
         names = JOINT_LAWS[law].properties
@@ -60,7 +67,7 @@ def cycles(seed, n_steps=4000, size=6e-4):
     return size * waves @ rng.normal(size=(5, 3))
 
 
-@ALL_LAWS
+@LINEAR_AT_FIRST
 def test_the_stiffness_is_the_one_given(law):
     traction = Contact(law).move(1e-5, -2e-5, -3e-5)
 
@@ -116,7 +123,7 @@ def test_the_elastic_law_dissipates_nothing():
     assert contact.dissipated == pytest.approx(0.0, abs=1e-9)
 
 
-@ALL_LAWS
+@LINEAR_AT_FIRST
 def test_stored_energy_is_that_of_the_two_springs(law):
     contact = Contact(law)
     contact.move(2e-5, 1e-5, -4e-5)

@@ -1,0 +1,140 @@
+module pyblast_frictional_joints
+    !! Joints that slip and open: Coulomb friction, slip weakening, stress-dependent stiffness.
+    use pyblast_kinds, only : dp, n_joint_properties, n_joint_state
+    implicit none
+    private
+    public :: coulomb, slide, softening, split, stored_energy, stress_dependent
+
+contains
+
+    pure subroutine coulomb(property, initial, normal, jump, state, traction, stored)
+        !! Elastic until |shear| exceeds cohesion + pressure*friction or the normal traction exceeds
+        !! the tension cut-off; residual strength after first failure, dilation while it slips, up
+        !! to a length of slip; theory.md (3.2) to (3.4), (3.6).
+        real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3)
+        real(dp), intent(inout) :: state(n_joint_state)
+        real(dp), intent(out) :: traction(3), stored
+        real(dp) :: strength(3), tn, shear(3), shear_jump(3), initial_shear(3), slid
+
+        associate (kn => property(1), ks => property(2), slip => state(1:3), failed => state(4), &
+                   status => state(5), dilated => state(6), length => state(7))
+            call split(initial, normal, tn, initial_shear)
+            shear_jump = jump - dot_product(jump, normal)*normal
+            tn = tn + kn*(dot_product(jump, normal) - dilated)
+            shear = initial_shear + ks*(shear_jump - slip)
+            strength = merge(property(6:8), property(3:5), failed > 0.0_dp)
+            status = 0.0_dp
+            if (tn > strength(3)) then
+                status = 2.0_dp
+            else if (norm2(shear) > strength(1) + max(0.0_dp, -tn)*strength(2)) then
+                status = 1.0_dp
+            end if
+            if (status > 0.0_dp) then
+                failed = ior(nint(failed), nint(status))
+                strength = property(6:8)
+                if (tn > strength(3)) status = 2.0_dp
+            end if
+            if (status > 1.0_dp) then
+                failed = ior(nint(failed), 2)
+                slip = shear_jump + initial_shear/ks
+                traction = 0.0_dp
+            else
+                slid = 0.0_dp
+                if (status > 0.0_dp) call slide(ks, strength(1) + max(0.0_dp, -tn)*strength(2), &
+                                                shear, slip, slid)
+                traction = tn*normal + shear
+                dilated = dilated + property(9)*min(slid, max(0.0_dp, property(10) - length))
+                length = length + slid
+            end if
+            stored = stored_energy(kn, ks, normal, traction)
+        end associate
+    end subroutine coulomb
+
+    pure subroutine softening(property, initial, normal, jump, state, traction, stored)
+        !! Coulomb strength that falls in proportion to slip, from cohesion and static friction to
+        !! dynamic friction alone; theory.md (3.7).
+        real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3)
+        real(dp), intent(inout) :: state(n_joint_state)
+        real(dp), intent(out) :: traction(3), stored
+        real(dp) :: tn, shear(3), shear_jump(3), initial_shear(3), slid, static, pressure, left
+
+        associate (kn => property(1), ks => property(2), slip => state(1:3), failed => state(4), &
+                   status => state(5), length => state(6))
+            call split(initial, normal, tn, initial_shear)
+            shear_jump = jump - dot_product(jump, normal)*normal
+            tn = tn + kn*dot_product(jump, normal)
+            shear = initial_shear + ks*(shear_jump - slip)
+            status = 0.0_dp
+            if (tn > merge(0.0_dp, property(7), failed > 0.0_dp)) then
+                status = 2.0_dp
+                failed = ior(nint(failed), 2)
+                slip = shear_jump + initial_shear/ks
+                traction = 0.0_dp
+            else
+                pressure = max(0.0_dp, -tn)
+                static = property(3) + pressure*property(4)
+                left = max(0.0_dp, 1.0_dp - length/property(6))
+                slid = 0.0_dp
+                call slide(ks, max(0.0_dp, pressure*property(5) &
+                                   + left*(static - pressure*property(5))), shear, slip, slid)
+                if (slid > 0.0_dp) status = 1.0_dp
+                failed = ior(nint(failed), nint(status))
+                length = length + slid
+                traction = tn*normal + shear
+            end if
+            stored = stored_energy(kn, ks, normal, traction)
+        end associate
+    end subroutine softening
+
+    pure subroutine stress_dependent(property, initial, normal, jump, state, traction, stored)
+        !! Coulomb with stiffness that follows the pressure before the blast; theory.md (3.8).
+        real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3)
+        real(dp), intent(inout) :: state(n_joint_state)
+        real(dp), intent(out) :: traction(3), stored
+        real(dp) :: like(n_joint_properties), share
+
+        share = max(0.0_dp, -dot_product(initial, normal))/property(3)
+        share = min(max(share**property(4), 1.0e-2_dp), property(5)/property(1))
+        like = 0.0_dp
+        like(1:2) = share*property(1:2)
+        like(3:4) = property(6:7)
+        like(6:7) = property(6:7)
+        call coulomb(like, initial, normal, jump, state, traction, stored)
+    end subroutine stress_dependent
+
+    pure subroutine slide(ks, strength, shear, slip, slid)
+        !! Bring shear back to its strength; what it exceeds becomes slip along it.
+        real(dp), intent(in) :: ks, strength
+        real(dp), intent(inout) :: shear(3), slip(3)
+        real(dp), intent(out) :: slid                  !! length of this slip [m]
+        real(dp) :: size, share
+
+        slid = 0.0_dp
+        size = norm2(shear)
+        if (size > strength) then
+            share = 1.0_dp - strength/size
+            slid = share*size/ks
+            slip = slip + share*shear/ks
+            shear = (1.0_dp - share)*shear
+        end if
+    end subroutine slide
+
+    pure subroutine split(vector, normal, along, across)
+        !! Part of a vector along the normal, and what is left.
+        real(dp), intent(in) :: vector(3), normal(3)
+        real(dp), intent(out) :: along, across(3)
+
+        along = dot_product(vector, normal)
+        across = vector - along*normal
+    end subroutine split
+
+    pure function stored_energy(kn, ks, normal, traction) result(energy)
+        !! Energy in the two springs of a contact, per area.
+        real(dp), intent(in) :: kn, ks, normal(3), traction(3)
+        real(dp) :: energy, tn
+
+        tn = dot_product(traction, normal)
+        energy = 0.5_dp*(tn**2/kn + max(0.0_dp, dot_product(traction, traction) - tn**2)/ks)
+    end function stored_energy
+
+end module pyblast_frictional_joints

@@ -1,0 +1,171 @@
+"""What each law of joints that is more than a spring does, against its own formula."""
+
+import math
+
+import numpy as np
+import pytest
+from test_joint_laws import FRICTION, KN, KS, Contact
+
+PRESSED = [0.0, 0.0, -2e5]
+VM = 1e-3
+
+
+def closing(initial=(0.0, 0.0, 0.0), **changed):
+    return Contact("closure", initial, **{"irrecoverable": 0.0, "cohesion": 1e9, **changed})
+
+
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.8])
+def test_closure_follows_the_hyperbola(share):
+    traction = closing().move(0.0, 0.0, -share * VM)
+
+    assert traction[2] == pytest.approx(-KN * share * VM / (1.0 - share), rel=1e-12)
+
+
+def test_the_tangent_at_an_insitu_pressure_is_that_of_bandis():
+    pressure, small = 5e5, 1e-10
+
+    change = closing([0.0, 0.0, -pressure]).move(0.0, 0.0, -small)[2] + pressure
+
+    assert -change / small == pytest.approx(KN * (1.0 + pressure / (KN * VM)) ** 2, rel=1e-5)
+
+
+def test_beyond_the_cap_closure_is_linear():
+    contact = closing(kn_max=25.0 * KN)
+    elbow = VM * (1.0 - 0.2)
+
+    one, two = (contact.move(0.0, 0.0, -(elbow + more))[2] for more in (1e-5, 3e-5))
+
+    assert (one - two) / 2e-5 == pytest.approx(25.0 * KN, rel=1e-9)
+
+
+def test_a_closing_joint_opens_when_its_closure_is_used_up():
+    contact = closing(PRESSED)
+    rest = VM * 2e5 / (KN * VM + 2e5)
+
+    assert contact.move(0.0, 0.0, 0.99 * rest)[2] < 0.0
+    assert not contact.move(0.0, 0.0, 1.01 * rest).any()
+
+
+@pytest.mark.parametrize("law", ["closure", "barton_bandis"])
+def test_without_irrecoverable_closure_a_normal_cycle_loses_nothing(law):
+    contact = Contact(law, PRESSED, irrecoverable=0.0)
+    for place in 5e-4 * np.sin(np.linspace(0.0, 2.0 * np.pi, 20001)):
+        contact.move(0.0, 0.0, place)
+
+    assert contact.dissipated == pytest.approx(0.0, abs=1e-3)
+
+
+def test_first_loading_leaves_closure_behind():
+    contact = closing(irrecoverable=0.3)
+    for place in np.linspace(0.0, -0.6e-3, 601):
+        contact.move(0.0, 0.0, place)
+
+    assert contact.move(0.0, 0.0, -0.3 * 0.6e-3 - 1e-9)[2] < 0.0
+    assert not contact.move(0.0, 0.0, -0.3 * 0.6e-3 + 1e-9).any()
+    assert contact.dissipated > 0.0
+
+
+def test_unloading_begins_where_loading_ended():
+    contact = closing(irrecoverable=0.3)
+    loaded = contact.move(0.0, 0.0, -0.6e-3)[2]
+
+    assert contact.move(0.0, 0.0, -0.6e-3 + 1e-12)[2] == pytest.approx(loaded, rel=1e-6)
+
+
+@pytest.mark.parametrize("pressure", [1e5, 1e6, 1e7])
+def test_rough_walls_have_bartons_strength(pressure):
+    contact = Contact("barton_bandis", [0.0, 0.0, -pressure], jrc=10.0, jcs=5e7)
+    angle = math.atan(FRICTION) + math.radians(10.0 * math.log10(5e7 / pressure))
+
+    traction = contact.move(5.0 * pressure / KS, 0.0, 0.0)
+
+    assert traction[0] == pytest.approx(pressure * math.tan(min(angle, math.radians(70.0))))
+
+
+def test_slip_wears_roughness_down():
+    contact = Contact("barton_bandis", [0.0, 0.0, -1e6], kn_max=KN * 1.0001)
+    strengths = [abs(contact.move(x, 0.0, 0.5 * x / 10)[0]) for x in np.linspace(0.0, 0.3, 3001)]
+
+    assert strengths[-1] < 0.9 * max(strengths)
+
+
+def test_a_slipping_rough_joint_dilates():
+    contact = Contact("barton_bandis", [0.0, 0.0, -1e6])
+    for x in np.linspace(0.0, 5e-3, 501):
+        traction = contact.move(x, 0.0, 0.0)
+
+    assert contact.says("dilated") > 0.0
+    assert traction[2] < -1e6
+
+
+def test_dilation_raises_pressure_up_to_its_limit():
+    contact = Contact(initial=PRESSED, dilation=0.1, dilation_slip=1e-3, cohesion=0.0,
+                      cohesion_residual=0.0)  # fmt: skip
+    for x in np.linspace(0.0, 2e-2, 4001):
+        traction = contact.move(x, 0.0, 0.0)
+
+    assert contact.says("dilated") == pytest.approx(0.1 * 1e-3, rel=1e-9)
+    assert traction[2] == pytest.approx(-2e5 - KN * 1e-4, rel=1e-9)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0, 3.0])
+def test_strength_falls_in_proportion_to_slip(share):
+    contact = Contact("softening", [0.0, 0.0, -1e6], cohesion=0.0, weakening_slip=1e-2)
+    for x in np.linspace(0.0, 1e6 * FRICTION / KS + share * 1e-2, 20001):
+        traction = contact.move(x, 0.0, 0.0)
+
+    slip = contact.says("length")
+    wanted = 1e6 * (FRICTION - (FRICTION - 0.4) * min(1.0, slip / 1e-2))
+    assert traction[0] == pytest.approx(wanted, rel=2e-4)
+
+
+@pytest.mark.parametrize("pressure", [1e4, 1e5, 4e5])
+def test_stiffness_is_a_power_of_the_pressure_before(pressure):
+    contact = Contact("stress_dependent", [0.0, 0.0, -pressure], cohesion=1e9)
+
+    change = contact.move(1e-6, 0.0, -1e-6) - contact.initial
+
+    stiffer = (pressure / 1e5) ** 0.5
+    assert change == pytest.approx([stiffer * KS * 1e-6, 0.0, -stiffer * KN * 1e-6], rel=1e-9)
+
+
+def test_a_kelvin_fill_adds_what_its_dashpots_take():
+    contact = Contact("kelvin")
+
+    traction = contact.move(1e-6, 0.0, -2e-6)
+
+    wanted = [KS * 1e-6 + 2e5 * 1e-6 / 1e-4, 0.0, -KN * 2e-6 - 4e5 * 2e-6 / 1e-4]
+    assert traction == pytest.approx(wanted, rel=1e-12)
+
+
+def test_a_maxwell_fill_relaxes_at_its_own_rate():
+    contact = Contact("maxwell")
+    contact.move(0.0, 0.0, -1e-6)
+    for _ in range(10):
+        traction = contact.move(0.0, 0.0, -1e-6)
+
+    x = 0.5e-4 * KN / 4e5
+    wanted = KN * 1e-6 / (1.0 + x) * ((1.0 - x) / (1.0 + x)) ** 10
+    assert -traction[2] == pytest.approx(wanted, rel=1e-9)
+    assert wanted == pytest.approx(KN * 1e-6 / (1.0 + x) * math.exp(-20.0 * x), rel=0.15)
+
+
+def test_a_yielding_joint_approaches_a_strength_that_wears_to_its_friction():
+    contact = Contact("yielding", [0.0, 0.0, -1e6])
+    for x in np.linspace(0.0, 5e-2, 20001):
+        traction = contact.move(x, 0.0, 0.0)
+
+    assert traction[0] == pytest.approx(FRICTION * 1e6, rel=0.01)
+    assert max(0.0, contact.says("worn")) == pytest.approx(
+        math.atan(0.9) - math.atan(FRICTION), rel=0.05
+    )
+
+
+def test_a_yielding_joint_is_stiff_again_right_after_a_reversal():
+    contact = Contact("yielding", [0.0, 0.0, -1e6])
+    for x in np.linspace(0.0, 2e-3, 2001):
+        traction = contact.move(x, 0.0, 0.0)
+
+    back = contact.move(2e-3 - 1e-7, 0.0, 0.0)
+
+    assert traction[0] - back[0] == pytest.approx(KS * 1e-7, rel=1e-3)
