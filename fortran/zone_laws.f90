@@ -6,6 +6,7 @@ module pyblast_zone_laws
     use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
     use pyblast_elasticity, only : hooke, work
     use pyblast_viscoelastic_zones, only : viscoelastic
+    use pyblast_anisotropic_zones, only : anisotropic
     implicit none
     private
     public :: elastic_stress, zone_law_signature, zone_stress
@@ -22,6 +23,9 @@ contains
             signature = "elastic: |"
         case (2)
             signature = "viscoelastic: rate_1 rate_2 rate_3 p_1 p_2 p_3 s_1 s_2 s_3 | strain memory"
+        case (3)
+            signature = "anisotropic: c11 c12 c13 c14 c15 c16 c22 c23 c24 c25 c26 c33 c34 c35 " &
+                // "c36 c44 c45 c46 c55 c56 c66 |"
         case default
             signature = ""
         end select
@@ -36,6 +40,8 @@ contains
         real(dp) :: stress(6)
 
         select case (law)
+        case (3)
+            stress = anisotropic(property, shear, strain)
         case default
             stress = hooke(lambda, shear, strain)
         end select

@@ -25,9 +25,11 @@ _HOMES = {
     "TimeFunction": "solving.sources",
     "VelocityInput": "solving.boundaries",
     "Viscous": "solving.boundaries",
+    "anisotropic": "solving.anisotropy",
     "build_mesh": "meshing.mesh_builder",
     "check": "projects.checks",
     "compare": "motion.comparison",
+    "jointed": "solving.anisotropy",
     "load_limits": "motion.limits",
     "load_project": "projects.project",
     "read_blast": "blasting.hole_tables",
@@ -38,6 +40,7 @@ _HOMES = {
     "run": "pipeline",
     "structured_box": "meshing.mesh_builder",
     "superpose": "blasting.superposition",
+    "transverse": "solving.anisotropy",
     "write_report": "reporting.report",
 }
 __all__ = sorted(_HOMES)

@@ -28,6 +28,7 @@ ORDER = [
     "joint_laws",
     "elasticity",
     "viscoelastic_zones",
+    "anisotropic_zones",
     "zone_laws",
     "zones",
     "contacts",

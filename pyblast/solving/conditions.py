@@ -4,6 +4,7 @@ import numpy as np
 
 from ..meshing.mesh import surface_areas, surface_zones
 from ..motion.seismogram import GEOGRAPHIC
+from .anisotropy import impedance
 from .boundaries import Fixed, Roller, VelocityInput, Viscous
 from .loads import add_velocity_input
 
@@ -14,7 +15,7 @@ def surface_impedance(model, surface):
     Returns
     -------
     dict of int to (3, 3) float64, N s/m
-        Source: Lysmer & Kuhlemeyer (1969); theory.md (4.1).
+        Source: Lysmer & Kuhlemeyer (1969); theory.md (4.1), anisotropic (2.23).
     """
     nodes, area, normal = surface_areas(model.mesh, surface)
     zone = np.repeat(surface_zones(model.mesh, surface), 3)
@@ -22,6 +23,12 @@ def surface_impedance(model, surface):
     z_p, z_s = (area * density * model.zone_values(speed)[zone] for speed in ("cp", "cs"))
     outer = normal[:, :, None] * normal[:, None, :]
     each = (z_p - z_s)[:, None, None] * outer + z_s[:, None, None] * np.eye(3)
+    for number, group in enumerate(model.mesh.groups):
+        law = model.law(group)
+        if law.name == "anisotropic":
+            here = model.mesh.zone_group[zone] == number
+            wave = impedance(density[here], law.stiffness, normal[here])
+            each[here] = area[here, None, None] * wave
     unique, place = np.unique(nodes, return_inverse=True)
     summed = np.zeros((len(unique), 3, 3))
     np.add.at(summed, place, each)
@@ -39,12 +46,12 @@ def dynamic_conditions(model, geometry, loads):
             _fix_axes(model, boundary, fixed)
         elif isinstance(boundary, Roller) and boundary.dynamic:
             _fix_normal(model, boundary, fixed)
-    impedance = {}
+    quiet = {}
     for boundary in model.boundaries:
         if isinstance(boundary, Viscous):
             for node, matrix in surface_impedance(model, boundary.surface).items():
-                impedance[node] = impedance.get(node, 0.0) + matrix
-    return {**_dashpot_arrays(impedance, fixed, geometry), **_fixed_arrays(fixed)}
+                quiet[node] = quiet.get(node, 0.0) + matrix
+    return {**_dashpot_arrays(quiet, fixed, geometry), **_fixed_arrays(fixed)}
 
 
 def static_conditions(model, geometry):
@@ -92,15 +99,15 @@ def _hold(fixed, node, direction):
         known.append((direction / np.linalg.norm(direction), -1))
 
 
-def _dashpot_arrays(impedance, fixed, geometry):
+def _dashpot_arrays(quiet, fixed, geometry):
     """Dashpots act only along directions that are free to move."""
-    nodes = np.array(sorted(impedance), dtype=np.int32)
+    nodes = np.array(sorted(quiet), dtype=np.int32)
     stack = np.zeros((len(nodes), 3, 3))
     for row, node in enumerate(nodes):
         free = np.eye(3)
         for direction, _ in fixed.get(int(node), ()):
             free = free - np.outer(direction, direction)
-        stack[row] = free @ impedance[int(node)] @ free
+        stack[row] = free @ quiet[int(node)] @ free
     half = 0.5 * geometry["dt"]
     inertia = geometry["node_mass"][nodes] * (1.0 + half * geometry["node_alpha"][nodes])
     return {
