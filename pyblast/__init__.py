@@ -4,6 +4,7 @@ from importlib import import_module
 
 _HOMES = {
     "Blast": "blasting.blast",
+    "ConstantQ": "solving.attenuation",
     "Damping": "solving.materials",
     "Firing": "blasting.blast",
     "Fixed": "solving.boundaries",

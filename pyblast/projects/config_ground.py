@@ -5,6 +5,7 @@ from typing import Annotated
 from pydantic import ConfigDict, Field, model_validator
 
 from .config_section import (
+    Band,
     Bearing,
     Box,
     Count,
@@ -15,6 +16,7 @@ from .config_section import (
     NotNegative,
     Point,
     Positive,
+    Quality,
     Section,
     Size,
 )
@@ -104,10 +106,18 @@ class DampingConfig(Section):
     frequency_hz: Positive
     mass: bool = True
     stiffness: bool = True
+    corner_hz: Positive | None = None
+
+    @model_validator(mode="after")
+    def _corner_above(self):
+        """Refuse a low-pass that would take what it shall damp."""
+        if self.corner_hz is not None and not self.corner_hz > self.frequency_hz:
+            raise ValueError(f"corner_hz must exceed frequency_hz, got {self.corner_hz:g}")
+        return self
 
 
 class MaterialConfig(Section):
-    """Density, two elastic constants in one of three ways, strength, damping of its own."""
+    """Density, two elastic constants in one of three ways, strength, quality, own damping."""
 
     density_kg_per_m3: Positive
     bulk_mpa: Positive | None = None
@@ -119,6 +129,10 @@ class MaterialConfig(Section):
     cohesion_kpa: NotNegative | None = None
     tension_kpa: NotNegative | None = None
     friction_angle_deg: FrictionAngle | None = None
+    qp: Quality | None = None
+    qs: Quality | None = None
+    quality_band_hz: Band | None = None
+    quality_reference_hz: Positive | None = None
     damping: DampingConfig | None = None
 
     @model_validator(mode="after")
@@ -126,6 +140,16 @@ class MaterialConfig(Section):
         """Ask for one pair of elastic constants."""
         speeds = "cp_m_per_s", "cs_m_per_s"
         self._one_of(("bulk_mpa", "shear_mpa"), ("young_mpa", "poisson"), speeds)
+        return self
+
+    @model_validator(mode="after")
+    def _both_qualities(self):
+        """Ask for both quality factors and the band in which they hold, or none of them."""
+        quality = "qp", "qs", "quality_band_hz"
+        if any(getattr(self, key) is not None for key in (*quality, "quality_reference_hz")):
+            missing = [key for key in quality if getattr(self, key) is None]
+            if missing:
+                raise ValueError(f"{missing[0]} is missing; qp, qs, quality_band_hz go together")
         return self
 
 

@@ -10,6 +10,7 @@ from ..errors import InputError
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+Quality = Annotated[float, Field(ge=2.0)]
 Count = Annotated[int, Field(ge=1)]
 Dip = Annotated[float, Field(ge=0.0, le=90.0)]
 Bearing = Annotated[float, Field(ge=-360.0, le=360.0)]

@@ -6,6 +6,7 @@ from ..errors import InputError
 from ..meshing.mesh import Mesh
 from ..meshing.mesh_builder import Fault, JointSet, Layer, build_mesh, structured_box
 from ..meshing.mesh_import import read_mesh
+from ..solving.attenuation import ConstantQ
 from ..solving.boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
 from ..solving.materials import Damping, Material
 from ..solving.model import InSitu, Rim
@@ -13,11 +14,16 @@ from ..units import to_si
 from .column_files import read_columns
 from .joint_keys import named_error
 
+QUALITY = ("qp", "qs", "quality_band_hz", "quality_reference_hz")
+
 
 def make_material(config):
     """Turn a `MaterialConfig` into a `Material`."""
-    given = config.model_dump(exclude={"damping"}, exclude_none=True)
+    given = config.model_dump(exclude={"damping", *QUALITY}, exclude_none=True)
     values = dict(to_si(key, value) for key, value in given.items())
+    if config.qp is not None:
+        qp, qs, band, reference = (getattr(config, key) for key in QUALITY)
+        values["law"] = ConstantQ(qp, qs, tuple(band), reference)
     density = values.pop("density")
     if "young" in values:
         return Material.from_young_poisson(density, values.pop("young"), **values)
@@ -44,7 +50,7 @@ def make_damping(config):
 
 def _damping(part):
     """Turn a `DampingConfig` into a `Damping`."""
-    return Damping(part.ratio, part.frequency_hz, part.mass, part.stiffness)
+    return Damping(part.ratio, part.frequency_hz, part.mass, part.stiffness, part.corner_hz)
 
 
 def make_rim(config):

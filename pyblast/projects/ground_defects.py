@@ -133,15 +133,20 @@ def rayleigh_price(damping, undamped_dt, group=""):
     """D16: Rayleigh damping away from its central frequency, and its price in time step."""
     if damping is None or damping.ratio == 0.0:
         return None
-    share = damping.beta / undamped_dt
-    factor = math.hypot(1.0, share) - share
+    if damping.low_passed:
+        factor = damping.law().step_factor
+        price = f", low-passed at {damping.corner:g} Hz, leaves {factor:.2f} of the step."
+    else:
+        share = damping.beta / undamped_dt
+        factor = math.hypot(1.0, share) - share
+        price = f" cuts the step of {1e3 * undamped_dt:.2g} ms to {factor:.2f} of it."
     ratios = {f: damping.ratio_at(f) for f in (1.0, 2.0, 4.0, 8.0, 20.0)}
     listed = ", ".join(f"{100 * r:.2f} % at {f:g} Hz" for f, r in ratios.items())
     return Finding(
         "D16",
         "Rayleigh damping holds at one frequency and costs time steps",
         f"{f'In {group!r} ' if group else ''}{listed}; rock damps nearly alike at all frequencies. "
-        f"Its stiffness part cuts the step of {1e3 * undamped_dt:.2g} ms to {factor:.2f} of it.",
+        f"Its stiffness part{price}",
         numbers={"factor": factor} | {f"ratio_{f:g}": r for f, r in ratios.items()},
     )
 

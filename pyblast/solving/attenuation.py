@@ -150,6 +150,11 @@ class MaxwellDamping:
         """Unrelaxed over relaxed modulus."""
         return 1.0 + self.beta * 2.0 * np.pi * self.corner
 
+    @property
+    def step_factor(self):
+        """What it leaves of the longest stable step."""
+        return self._stiffer**-0.5
+
     def relative_modulus(self, frequency):
         """Return the complex modulus over that of the material at frequencies in Hz."""
         share = 1.0 / (1.0 - 1j * np.asarray(frequency, dtype=float) / self.corner)

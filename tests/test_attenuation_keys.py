@@ -1,0 +1,68 @@
+"""Quality factors and low-passed damping in a project file."""
+
+import pytest
+from small_project import written
+
+from pyblast.errors import InputError
+from pyblast.projects.checks import check
+from pyblast.projects.project import load_project
+from pyblast.solving.attenuation import ConstantQ
+
+SOIL = "shear_mpa = 57.7"
+FADING = "shear_mpa = 57.7\nqp = 20\nqs = 10\nquality_band_hz = [1, 40]"
+CORNER = "frequency_hz = 4\ncorner_hz = 60"
+
+
+def test_quality_factors_make_a_material_that_fades(tmp_path):
+    project = load_project(written(tmp_path, (SOIL, FADING)))
+
+    assert project.materials["soil"].law == ConstantQ(20.0, 10.0, (1.0, 40.0))
+    assert project.materials["rock"].law.name == "elastic"
+
+
+def test_the_reference_of_the_speeds_can_be_given(tmp_path):
+    path = written(tmp_path, (SOIL, FADING + "\nquality_reference_hz = 4"))
+
+    assert load_project(path).materials["soil"].law.reference == 4.0
+
+
+def test_damping_takes_its_corner(tmp_path):
+    project = load_project(written(tmp_path, ("frequency_hz = 4", CORNER)))
+
+    assert project.model.damping.corner == 60.0
+    assert project.model.law("soil").name == "viscoelastic"
+
+
+def test_the_price_of_low_passed_damping_is_told(tmp_path):
+    project = load_project(written(tmp_path, ("frequency_hz = 4", CORNER)))
+
+    (found,) = (finding for finding in check(project).findings if finding.code == "D16")
+
+    assert "low-passed at 60 Hz, leaves 0.93 of the step" in found.text
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        (SOIL, SOIL + "\nqp = 20", "materials.soil: qs is missing; qp, qs, quality_band_hz"),
+        (SOIL, SOIL + "\nquality_reference_hz = 4", "materials.soil: qp is missing"),
+        (SOIL, FADING.replace("qs = 10", "qs = 1"), "materials.soil.qs: must be at least 2"),
+        (SOIL, FADING.replace("[1, 40]", "[40, 1]"), "two ascending frequencies"),
+        (SOIL, FADING.replace("qp = 20", "qp = 200"), "makes compression gain energy"),
+        ("frequency_hz = 4", "frequency_hz = 4\ncorner_hz = 3", "corner_hz must exceed"),
+    ],
+)
+def test_values_that_do_not_fit_are_refused_in_one_sentence(tmp_path, old, new, told):
+    with pytest.raises(InputError) as found:
+        _ = load_project(written(tmp_path, (old, new))).model
+
+    assert str(found.value).startswith("project.toml: ")
+    assert told in str(found.value)
+    assert "\n" not in str(found.value)
+
+
+def test_low_passed_damping_of_ground_that_fades_is_refused(tmp_path):
+    project = load_project(written(tmp_path, (SOIL, FADING), ("frequency_hz = 4", CORNER)))
+
+    with pytest.raises(InputError, match=r"damping\.soil\.corner: .* needs an elastic material"):
+        _ = project.model
