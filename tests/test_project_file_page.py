@@ -85,6 +85,7 @@ def test_units_are_those_of_the_key_names(name):
     signs = {"/": "_per_", "³": "3", "²": "2", "°": "deg"}
     for key, (unit, _) in DESCRIBED[name].items():
         text = unit.lower()
+        text = text.replace(" ", "_")
         for sign, word in signs.items():
             text = text.replace(sign, word)
         assert text == split_key(key)[1].replace("angle_deg", "deg"), key
