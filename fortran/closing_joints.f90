@@ -101,7 +101,8 @@ contains
     end function closed
 
     pure subroutine rub(ks, strength, initial, normal, jump, pressure, state, traction, stored, slid)
-        !! Shear under a pressure: nothing while open, else elastic up to the strength.
+        !! Shear under a pressure: elastic up to the strength, nothing while open; without a limit
+        !! of strength it stays elastic whatever the gap, as where closure alone is modelled.
         real(dp), intent(in) :: ks, strength, initial(3), normal(3), jump(3), pressure
         real(dp), intent(inout) :: state(n_joint_state), stored
         real(dp), intent(out) :: traction(3), slid
@@ -112,7 +113,7 @@ contains
         slid = 0.0_dp
         associate (slip => state(1:3), failed => state(4), status => state(5))
             status = 0.0_dp
-            if (pressure > 0.0_dp .or. along == 0.0_dp .and. tn == 0.0_dp) then
+            if (pressure > 0.0_dp .or. strength > huge(strength)) then
                 shear = shear + ks*(shear_jump - slip)
                 call slide(ks, strength, shear, slip, slid)
                 if (slid > 0.0_dp) status = 1.0_dp

@@ -46,6 +46,12 @@ def test_a_closing_joint_opens_when_its_closure_is_used_up():
     assert not contact.move(0.0, 0.0, 1.01 * rest).any()
 
 
+def test_without_a_strength_the_shear_spring_outlives_a_gap():
+    contact = closing(cohesion=math.inf)
+
+    assert contact.move(1e-6, 0.0, 1e-3) == pytest.approx([KS * 1e-6, 0.0, 0.0])
+
+
 @pytest.mark.parametrize("law", ["closure", "barton_bandis"])
 def test_without_irrecoverable_closure_a_normal_cycle_loses_nothing(law):
     contact = Contact(law, PRESSED, irrecoverable=0.0)
