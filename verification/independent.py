@@ -1,6 +1,6 @@
 """Sites recorded by an independent program, simulated with and without what they conceal.
 
-    python verification/independent.py [FOLDER OF CASES]
+    python -m verification.independent [FOLDER OF CASES]
 
 Three models of each site: as it is believed; believed, with the physics that its truth file
 names; and with the true nuisances as well (velocities, stiffnesses, places, times), where only
@@ -18,11 +18,11 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from pyblast.motion.comparison import compare
 from pyblast.projects.site import read_site, site_mesh, site_model
 from pyblast.solving.solver import run
-from verification.independent_cases import effects_of, true_site, truth_of, with_effect
+
+from .independent_cases import effects_of, true_site, truth_of, with_effect
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "verification" / "independent.json"

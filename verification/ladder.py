@@ -95,6 +95,8 @@ class Rung:
         Quantities whose order is judged; empty: all that have a tolerance.
     quick : bool
         Whether `./dev test` runs it, on its first mesh.
+    quick_tolerance : dict of str to float
+        What holds there for quantities that the first mesh can't bring within the tolerance.
     note : str
         What the reader of the table should know: which mesh meets the tolerance and why.
     """
@@ -110,6 +112,7 @@ class Rung:
     order: float | None = None
     ordered: tuple[str, ...] = ()
     quick: bool = False
+    quick_tolerance: dict[str, float] = field(default_factory=dict)
     note: str = ""
 
 
@@ -129,3 +132,52 @@ def observed_order(meshes, errors):
     if len(errors) < 2 or not (errors > 0.0).all():
         return float("nan")
     return float(-np.polyfit(np.log(meshes), np.log(errors), 1)[0])
+
+
+def judged(one, readings):
+    """Judge a rung from its readings on each mesh.
+
+    Parameters
+    ----------
+    one : Rung
+    readings : list of list of Reading
+        One list for each mesh, or one list where there is no mesh.
+
+    Returns
+    -------
+    list of dict
+        One row for each quantity that has a tolerance.
+    """
+    rows = []
+    for quantity, tolerance in one.tolerance.items():
+        found = [next(r for r in mesh if r.quantity == quantity) for mesh in readings]
+        errors = [r.error for r in found]
+        within = [bool(abs(error) <= tolerance) for error in errors]
+        order = observed_order(one.meshes, errors) if len(errors) > 1 else float("nan")
+        rows.append({
+            "quantity": quantity, "expected": found[-1].expected, "measured": found[-1].measured,
+            "error": errors, "tolerance": tolerance,
+            "order": None if np.isnan(order) else round(order, 2),
+            "met_on": _first_that_lasts(one.meshes or (None,), within),
+            "pass": within[-1] and _order_is_good(one, quantity, tolerance, errors, order),
+        })  # fmt: skip
+    return rows
+
+
+def _first_that_lasts(meshes, within):
+    """Return the first mesh from which on all are within the tolerance, or None."""
+    met = None
+    for mesh, good in zip(reversed(meshes), reversed(within), strict=False):
+        if not good:
+            break
+        met = mesh
+    return met
+
+
+def _order_is_good(one, quantity, tolerance, errors, order):
+    """Tell whether errors fall as fast as they should, or are too small for it to matter."""
+    if one.order is None or len(errors) < 2 or (one.ordered and quantity not in one.ordered):
+        return True
+    if max(map(abs, errors)) <= max(0.1 * tolerance, 1e-12):
+        return True
+    return bool(order >= one.order)

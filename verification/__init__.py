@@ -1,0 +1,1 @@
+"""What pyblast is measured against: the ladder, and an independent program."""

@@ -1,0 +1,107 @@
+"""The table of the ladder in docs/verification.md, and a figure for each rung."""
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+ROOT = Path(__file__).resolve().parents[1]
+FIGURES = ROOT / "docs" / "figures" / "ladder"
+PAGE = ROOT / "docs" / "verification.md"
+BEGIN = "<!-- ladder: from verification/results.json -->"
+END = "<!-- end of ladder -->"
+MOST_CURVES = 3
+
+
+def by_number(name):
+    """Sort 1 to 36, then L1 to L12."""
+    return (name.startswith("L"), int(name.lstrip("L")))
+
+
+def draw(name, result, curves):
+    """Draw what was expected and measured on the last mesh, and error against mesh."""
+    rows = [r for r in result.get("quantities", ()) if len(r["error"]) > 1]
+    shown = curves[:MOST_CURVES]
+    count = len(shown) + bool(rows)
+    if not count:
+        return
+    figure, axes = plt.subplots(1, count, figsize=(4.0 * count, 3.2), layout="constrained",
+                                squeeze=False)  # fmt: skip
+    for axis, curve in zip(axes[0], shown, strict=False):
+        few = len(curve.x) <= 40
+        axis.plot(curve.x, curve.expected, "k-", lw=2.2, alpha=0.45, label="expected")
+        axis.plot(curve.x, curve.measured, "C3o" if few else "C3-", ms=4, lw=0.9, label="measured")
+        axis.set_title(curve.label, fontsize=8)
+        axis.set_xlabel(curve.x_label, fontsize=8)
+        axis.set_ylabel(curve.y_label, fontsize=8)
+        axis.legend(fontsize=7)
+        axis.tick_params(labelsize=7)
+    if rows:
+        _draw_errors(axes[0, -1], result, rows)
+    FIGURES.mkdir(parents=True, exist_ok=True)
+    figure.savefig(FIGURES / f"{name}.png", dpi=80)
+    plt.close(figure)
+
+
+def _draw_errors(axis, result, rows):
+    """Draw errors against the mesh, with their tolerances."""
+    for number, row in enumerate(rows[:8]):
+        errors = np.maximum(np.abs(row["error"]), 1e-16)
+        axis.loglog(result["meshes"], errors, f"C{number}o-", ms=3, lw=1.0, label=row["quantity"])
+        axis.axhline(row["tolerance"], color=f"C{number}", lw=0.6, ls=":")
+    axis.set_xlabel(result["unit"], fontsize=8)
+    axis.set_ylabel("error; dotted: tolerance", fontsize=8)
+    axis.legend(fontsize=5)
+    axis.tick_params(labelsize=7)
+
+
+def write_table(results, problems):
+    """Put the table of all rungs between its two marks in the page."""
+    text = PAGE.read_text(encoding="utf-8")
+    before, rest = text.split(BEGIN)
+    after = rest.split(END)[1]
+    names = sorted({*problems, *results}, key=by_number)
+    passed = sum(bool(results.get(n, {}).get("pass")) for n in names)
+    lines = [
+        f"{passed} of {len(names)} rungs pass; R blocks a release, E gates the diagnosis, C comes "
+        "before a claim.",
+        "",
+        "| rung | problem | gate | quantity | error on each mesh | order | tolerance | |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name in names:
+        lines += _rows(name, results[name]) if name in results else [
+            f"| {name} | {problems[name]} | | not built | | | | – |"
+        ]  # fmt: skip
+    notes = [f"- **{n}** {results[n]['note']}" for n in names if results.get(n, {}).get("note")]
+    lines += ["", "Notes:", "", *notes, "", "### Figures", ""]
+    lines += [
+        f"**{n}** {results[n]['title']} ({results[n]['source']})\n\n"
+        f"![rung {n}](figures/ladder/{n}.png)\n"
+        for n in names
+        if n in results and (FIGURES / f"{n}.png").is_file()
+    ]
+    PAGE.write_text(before + BEGIN + "\n\n" + "\n".join(lines) + "\n" + END + after,
+                    encoding="utf-8")  # fmt: skip
+
+
+def _rows(name, result):
+    """Return the lines of one rung."""
+    if "failure" in result:
+        head = f"| {name} | {result['title']} | {result['gate']}"
+        return [f"{head} | {result['failure']} | | | | ✗ |"]
+    lines = []
+    meshes = ", ".join(f"{mesh:g}" for mesh in result["meshes"])
+    title = f"{result['title']}" + (f" ({meshes} {result['unit']})" if meshes else "")
+    for row in result["quantities"]:
+        errors = ", ".join(f"{error:+.2g}" for error in row["error"])
+        order = "" if row["order"] is None else f"{row['order']:.1f}"
+        mark = "✓" if row["pass"] else "✗"
+        head = f"| {name} | {title} | {result['gate']}" if not lines else "| | | "
+        lines.append(
+            f"{head} | {row['quantity']} | {errors} | {order} | {row['tolerance']:.2g} | {mark} |"
+        )
+    return lines
