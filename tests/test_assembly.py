@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from columns import ROCK
 
 from pyblast.meshing.mesh_builder import structured_box
 from pyblast.motion.seismogram import Seismogram
@@ -15,6 +14,7 @@ from pyblast.solving.materials import Damping
 from pyblast.solving.model import Model
 from pyblast.solving.preparation import prepare
 from pyblast.solving.sources import Hole, PointForce, TimeFunction
+from verification.columns import ROCK
 
 STEADY = TimeFunction(np.ones(10), 1e-3)
 SIZE = np.array([20.0, 15.0, 10.0])

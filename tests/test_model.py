@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from columns import ROCK
 
 from pyblast.errors import InputError
 from pyblast.meshing.mesh_builder import Layer, structured_box
@@ -15,6 +14,7 @@ from pyblast.solving.materials import Damping, Material
 from pyblast.solving.model import Model, Receiver, Rim
 from pyblast.solving.preparation import prepare
 from pyblast.solving.sources import Hole, TimeFunction
+from verification.columns import ROCK
 
 SOFT = Material.from_speeds(1800.0, 800.0, 170.0)
 ELASTIC = Joint("J", "elastic", {"kn": 1e9, "ks": 5e8})

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from columns import ROCK, ricker
 
 from pyblast.errors import InputError, ReadError, SolverError
 from pyblast.meshing.mesh_builder import structured_box
@@ -23,6 +22,7 @@ from pyblast.solving.model import InSitu, Model, Receiver
 from pyblast.solving.preparation import prepare
 from pyblast.solving.solver import run
 from pyblast.solving.sources import Hole, PointForce, TimeFunction
+from verification.columns import ROCK, ricker
 
 DT = 1e-3
 TIMES = np.arange(0.0, 0.1, DT)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reference
-from columns import ROCK, started
 
 from pyblast.errors import SolverError
 from pyblast.meshing.mesh import Mesh
@@ -17,6 +16,7 @@ from pyblast.solving.materials import Damping, Material
 from pyblast.solving.model import Model
 from pyblast.solving.preparation import prepare
 from pyblast.solving.solver import run
+from verification.columns import ROCK, started
 
 SOFT = Material.from_speeds(1800.0, 1500.0, 500.0)
 CROSS = {"J1": ("x", 1.0), "J2": ("y", 1.0)}

@@ -95,8 +95,6 @@ class Rung:
         Quantities whose order is judged; empty: all that have a tolerance.
     quick : bool
         Whether `./dev test` runs it, on its first mesh.
-    quick_tolerance : dict of str to float
-        What holds there for quantities that the first mesh can't bring within the tolerance.
     note : str
         What the reader of the table should know: which mesh meets the tolerance and why.
     """
@@ -112,7 +110,6 @@ class Rung:
     order: float | None = None
     ordered: tuple[str, ...] = ()
     quick: bool = False
-    quick_tolerance: dict[str, float] = field(default_factory=dict)
     note: str = ""
 
 

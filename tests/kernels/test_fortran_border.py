@@ -5,12 +5,12 @@ import re
 
 import numpy as np
 import pytest
-from columns import ROCK
 
 from pyblast.meshing.mesh_builder import structured_box
 from pyblast.solving import assembly, kernels
 from pyblast.solving.joints import Joint
 from pyblast.solving.model import Model, Receiver
+from verification.columns import ROCK
 
 CORE = kernels._core
 MODULES = [getattr(CORE, name) for name in dir(CORE) if name.startswith("pyblast_")]

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 import reference
-from columns import ROCK
 from scipy.spatial.transform import Rotation
 
 from pyblast.meshing.mesh_builder import Layer, structured_box
 from pyblast.solving import assembly, kernels
 from pyblast.solving.materials import Damping, Material
 from pyblast.solving.model import Model
+from verification.columns import ROCK
 
 SOFT = Material.from_speeds(1800.0, 1500.0, 600.0)
 NEEDED = (

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from columns import ROCK, ricker, started
 from scipy.spatial.transform import Rotation
 
 from pyblast.errors import InputError
@@ -16,6 +15,7 @@ from pyblast.solving.model import Model, Receiver
 from pyblast.solving.preparation import prepare
 from pyblast.solving.solver import run
 from pyblast.solving.stability import critical_step, model_frequencies
+from verification.columns import ROCK, ricker, started
 
 SIDES = ("west", "east", "south", "north", "bottom")
 MODULI = {

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from columns import ROCK, ricker
 from scipy.interpolate import CubicSpline
 
 from pyblast.meshing.mesh_builder import structured_box
@@ -11,6 +10,7 @@ from pyblast.solving.joints import Joint
 from pyblast.solving.model import Model, Receiver
 from pyblast.solving.solver import run
 from pyblast.solving.sources import PointForce, TimeFunction
+from verification.columns import ROCK, ricker
 
 TIMES = np.arange(0.0, 0.1, 5e-4)
 PULSE = TimeFunction(1e6 * ricker(TIMES, 40.0), 5e-4)

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from columns import AXIS, HELD, ROCK, SPEED, column_model, started
 from scipy.optimize import curve_fit
 
 from pyblast.meshing.mesh_builder import structured_box
 from pyblast.solving.boundaries import Fixed
 from pyblast.solving.materials import Damping
+from verification.columns import AXIS, HELD, ROCK, SPEED, column_model, started
 
 EDGE, N_EDGES = 5.0, 24
 CENTRAL = 25.0

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from columns import ROCK, pulse, ricker, started
 
 from pyblast.meshing.mesh_builder import structured_box
 from pyblast.motion.seismogram import Seismogram
@@ -12,6 +11,7 @@ from pyblast.solving.materials import Damping
 from pyblast.solving.model import Model
 from pyblast.solving.solver import prepare, run
 from pyblast.solving.sources import Hole, PointForce, TimeFunction
+from verification.columns import ROCK, pulse, ricker, started
 
 CLOSED = [Fixed("bottom"), Roller("south")]
 QUIET = [Viscous(side) for side in ("west", "east", "south", "north", "bottom")]

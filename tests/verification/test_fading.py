@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from columns import ROCK, ricker, started
 from scipy.spatial.transform import Rotation
 
 from pyblast.errors import InputError
@@ -18,6 +17,7 @@ from pyblast.solving.joints import Joint
 from pyblast.solving.materials import Damping
 from pyblast.solving.model import InSitu, Model, Receiver
 from pyblast.solving.solver import prepare, run
+from verification.columns import ROCK, ricker, started
 
 SIDES = ("west", "east", "south", "north", "bottom")
 TIMES = np.arange(0.0, 0.1, 5e-4)

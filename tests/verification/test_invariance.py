@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from columns import ROCK, ricker
 from scipy.spatial.transform import Rotation
 
 from pyblast.meshing.mesh import Mesh
@@ -14,6 +13,7 @@ from pyblast.solving.materials import Damping
 from pyblast.solving.model import Model, Receiver
 from pyblast.solving.solver import run
 from pyblast.solving.sources import Hole, PointForce, TimeFunction
+from verification.columns import ROCK, ricker
 
 SIDES = ("west", "east", "south", "north", "bottom")
 WEAK = {"kn": 2e9, "ks": 1e9, "cohesion": 0.0, "friction": 0.4, "tension": 0.0}

@@ -4,9 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
-from columns import IMPEDANCE, SPEED, column, driven, order, spectrum
 
 from pyblast.solving.joints import Joint
+from verification.columns import IMPEDANCE, SPEED, column, driven, order, spectrum
 
 FREQUENCY = 20.0
 BAND = np.array([8.0, 13.0, 20.0])

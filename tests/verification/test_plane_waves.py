@@ -2,7 +2,10 @@
 
 import numpy as np
 import pytest
-from columns import (
+
+from pyblast.solving.boundaries import Fixed, StressInput, Viscous
+from pyblast.solving.solver import prepare, run
+from verification.columns import (
     AXIS,
     SPEED,
     column,
@@ -15,9 +18,6 @@ from columns import (
     spectrum,
     started,
 )
-
-from pyblast.solving.boundaries import Fixed, StressInput, Viscous
-from pyblast.solving.solver import prepare, run
 
 FREQUENCY = 20.0
 WAVES = pytest.mark.parametrize("wave", ["P", "S"])

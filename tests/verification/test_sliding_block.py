@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from columns import ROCK
 
 from pyblast.meshing.mesh_builder import structured_box
 from pyblast.solving.boundaries import Fixed
 from pyblast.solving.joints import Joint
 from pyblast.solving.model import Model, Receiver
 from pyblast.solving.solver import prepare, run
+from verification.columns import ROCK
 
 GRAVITY = 9.81
 KN, KS = 2e9, 1e9

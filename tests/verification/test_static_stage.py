@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from columns import ROCK, ricker
 
 from pyblast.errors import SolverError
 from pyblast.meshing.mesh_builder import Layer, structured_box
@@ -16,6 +15,7 @@ from pyblast.solving.materials import Material
 from pyblast.solving.model import InSitu, Model, Receiver
 from pyblast.solving.solver import prepare, run
 from pyblast.solving.sources import PointForce, TimeFunction
+from verification.columns import ROCK, ricker
 
 GRAVITY = 9.81
 SIDES = ("west", "east", "south", "north")

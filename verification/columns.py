@@ -1,4 +1,4 @@
-"""Columns of rock in which P or S waves travel along x: models and pulses that tests share."""
+"""Columns of rock in which P or S waves travel along x, for rungs and tests."""
 
 from dataclasses import replace
 
@@ -20,6 +20,7 @@ HELD = {"P": ("north", "vertical"), "S": ("east", "vertical")}
 
 
 def guides(wave):
+    """Return the boundaries that let a column move along one axis only."""
     return [Fixed(side, HELD[wave]) for side in ("south", "north", "bottom", "top")]
 
 
@@ -31,6 +32,7 @@ def column(n_edges, edge, planes=None):
 
 
 def column_model(mesh, wave, ends=(), **parts):
+    """Return the model of a column with receivers on its axis and guides on its sides."""
     places = parts.pop("receivers_at", ())
     axis = 0.5 * mesh.points[:, 1:].max(axis=0)
     receivers = [Receiver(f"{place:g}", (place, *axis)) for place in places]
@@ -46,6 +48,7 @@ def ricker(times, frequency):
 
 
 def pulse(frequency, wave, amplitude=1.0):
+    """Return a Ricker pulse of particle velocity in m/s as a seismogram."""
     times = np.arange(0.0, 3.0 / frequency, 0.01 / frequency)
     velocity = np.zeros((len(times), 3))
     velocity[:, AXIS[wave]] = amplitude * ricker(times, frequency)
@@ -73,6 +76,7 @@ def started(model, duration, displacement, velocity):
 
 
 def misfit(found, wanted):
+    """Return the norm of the difference over that of what is wanted."""
     return float(np.linalg.norm(found - wanted) / np.linalg.norm(wanted))
 
 
