@@ -3,7 +3,9 @@
 from importlib import import_module
 
 _HOMES = {
+    "AirBlast": "solving.pressures",
     "Blast": "blasting.blast",
+    "Column": "solving.charges",
     "ConstantQ": "solving.attenuation",
     "Damping": "solving.materials",
     "Firing": "blasting.blast",
@@ -15,7 +17,9 @@ _HOMES = {
     "Material": "solving.materials",
     "Mesh": "meshing.mesh",
     "Model": "solving.model",
+    "MomentTensor": "solving.charges",
     "PointForce": "solving.sources",
+    "Pressure": "solving.pressures",
     "Project": "projects.project",
     "PyblastError": "errors",
     "Receiver": "solving.model",

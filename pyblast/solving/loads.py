@@ -3,10 +3,12 @@
 import numpy as np
 
 from ..errors import InputError
-from ..meshing.mesh import locate
+from ..meshing.mesh import locate, surface_areas
 from ..meshing.tetrahedra import edge_lengths
 from ..motion.seismogram import GEOGRAPHIC
 from .boundaries import StressInput, VelocityInput
+from .charges import Column, MomentTensor
+from .pressures import AirBlast, Pressure
 from .sources import Hole, PointForce, TimeFunction
 from .stability import shape_gradients
 
@@ -69,12 +71,7 @@ def model_loads(model, impedance):
             for axis, function in enumerate(components(boundary)):
                 loads.add(nodes, stack[:, :, axis], loads.add_history(function))
     for source in model.sources:
-        if isinstance(source, Hole):
-            _add_hole(loads, model, source)
-        elif isinstance(source, PointForce):
-            zone, weight = locate(model.mesh, source.position)
-            vectors = weight[0][:, None] * np.asarray(source.direction, dtype=float)
-            loads.add(model.mesh.zones[zone[0]], vectors, loads.add_history(source.history))
+        ADDERS[type(source)](loads, model, source)
     return loads
 
 
@@ -104,20 +101,67 @@ def add_velocity_input(loads, boundary: VelocityInput, dt):
     return [loads.add_history(function, 0.5 * dt) for function in components(boundary)]
 
 
+def _add_force(loads, model, source):
+    """Add a point force, shared by the nodes of its zone; theory.md (5.3)."""
+    zone, weight = locate(model.mesh, source.position)
+    vectors = weight[0][:, None] * np.asarray(source.direction, dtype=float)
+    loads.add(model.mesh.zones[zone[0]], vectors, loads.add_history(source.history))
+
+
 def _add_hole(loads, model, hole):
-    """Add the moment of a hole, ``f_a = M grad N_a`` in its zones; theory.md (5.2)."""
-    mesh = model.mesh
-    zones, shares = _zones_of_hole(mesh, np.asarray(hole.position, dtype=float), hole.spread)
+    """Add a hole as an isotropic moment; theory.md (5.2)."""
+    number = loads.add_history(hole.moment_rate.integral(), -hole.time)
+    tensor = hole.charge**hole.exponent * np.eye(3)
+    _add_moment(loads, model.mesh, hole.position, tensor, hole.spread, number)
+
+
+def _add_tensor(loads, model, source):
+    """Add a moment tensor; theory.md (5.8)."""
+    number = loads.add_history(source.moment_rate.integral(), -source.time)
+    _add_moment(loads, model.mesh, source.position, source.tensor, source.spread, number)
+
+
+def _add_column(loads, model, column):
+    """Add the points of a column, each as late as detonation reaches it; theory.md (5.9)."""
+    mesh, ends = model.mesh, np.array([column.primed, column.end], dtype=float)
+    zones, _ = locate(mesh, np.linspace(*ends, 20))
+    material = model.materials[mesh.groups[mesh.zone_group[zones[10]]]]
+    edge = edge_lengths(mesh.points, mesh.zones[zones]).mean()
+    count = column.sources or int(np.ceil(np.linalg.norm(ends[1] - ends[0]) / edge))
+    tensor = column.charge**column.exponent / count * column.tensor(material)
+    number = loads.add_history(column.moment_rate.integral(), -column.time)
+    for place, delay in zip(*column.points(count), strict=True):
+        _add_moment(loads, mesh, place, tensor, None, number, delay)
+
+
+def _add_moment(loads, mesh, position, tensor, spread, number, delay=0.0):
+    """Add forces ``f_a = M grad N_a`` in the zones around a place."""
+    zones, shares = _zones_of_source(mesh, np.asarray(position, dtype=float), spread)
     gradient = shape_gradients(mesh.points, mesh.zones[zones])
     every = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
-    moment = hole.moment_rate.integral()
-    number = loads.add_history(moment, -hole.time)
-    scale = hole.charge**hole.exponent
-    vectors = (scale * shares[:, None, None] * every).reshape(-1, 3)
-    loads.add(mesh.zones[zones].ravel(), vectors, number)
+    vectors = (shares[:, None, None] * (every @ tensor)).reshape(-1, 3)
+    loads.add(mesh.zones[zones].ravel(), vectors, number, delay)
 
 
-def _zones_of_hole(mesh, position, spread):
+def _add_pressure(loads, model, source):
+    """Add a pressure to the nodes of a surface, each at its own time; theory.md (5.10), (5.11)."""
+    nodes, area, normal = surface_areas(model.mesh, source.surface)
+    share, delay = source.at(model.mesh.points[nodes])
+    number = loads.add_history(source.history)
+    loads.add(nodes, -(share * area)[:, None] * normal, number, delay)
+
+
+ADDERS = {
+    Hole: _add_hole,
+    PointForce: _add_force,
+    MomentTensor: _add_tensor,
+    Column: _add_column,
+    Pressure: _add_pressure,
+    AirBlast: _add_pressure,
+}
+
+
+def _zones_of_source(mesh, position, spread):
     """Return zones and their shares of a source: sum one, first moment at its place."""
     zone, _ = locate(mesh, position)
     if spread is None:
