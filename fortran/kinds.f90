@@ -11,7 +11,7 @@ module pyblast_kinds
     integer, parameter, public :: n_joint_properties = 12
     integer, parameter, public :: n_joint_state = 10
 
-    integer, parameter, public :: n_zone_laws = 3
+    integer, parameter, public :: n_zone_laws = 4
     integer, parameter, public :: n_zone_properties = 24
     integer, parameter, public :: n_zone_state = 24
     integer, parameter, public :: n_mechanisms = 3     !! of a viscoelastic zone

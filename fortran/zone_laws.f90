@@ -7,6 +7,7 @@ module pyblast_zone_laws
     use pyblast_elasticity, only : hooke, work
     use pyblast_viscoelastic_zones, only : viscoelastic
     use pyblast_anisotropic_zones, only : anisotropic
+    use pyblast_plastic_zones, only : mohr_coulomb
     implicit none
     private
     public :: elastic_stress, zone_law_signature, zone_stress
@@ -26,6 +27,10 @@ contains
         case (3)
             signature = "anisotropic: c11 c12 c13 c14 c15 c16 c22 c23 c24 c25 c26 c33 c34 c35 " &
                 // "c36 c44 c45 c46 c55 c56 c66 |"
+        case (4)
+            signature = "mohr-coulomb: cohesion friction dilation tension cohesion_residual " &
+                // "friction_residual dilation_residual tension_residual shear_strain " &
+                // "tensile_strain | excess plastic_strain plastic_shear plastic_tension"
         case default
             signature = ""
         end select
@@ -65,6 +70,8 @@ contains
         case (2)
             call viscoelastic(property, lambda, shear, dt, initial, strain, state, stress, &
                               stored, lost)
+        case (4)
+            call mohr_coulomb(property, lambda, shear, initial, strain, state, stress, stored, lost)
         case default
             stress = initial + elastic_stress(law, property, lambda, shear, strain)
             stored = 0.5_dp*work(stress - initial, strain) + work(initial, strain)

@@ -86,8 +86,10 @@ contains
         real(dp), intent(inout) :: slot_force(3, n_slots), strain_energy, lost, insitu
         real(dp), intent(inout) :: damping_power
         real(dp) :: u(3, n_slots), v(3, n_slots), strain(6), stress(6), rate(6), extra(6)
-        real(dp) :: corner_force(3, 4), stored
-        integer :: s, z, k, law, row
+        real(dp) :: corner_force(3, 4), stored, mean
+        real(dp) :: patch_volume(n_zones), patch_dilation(n_zones), patch_stress(n_zones)
+        integer :: s, z, k, law, row, patch
+        logical :: patched
 
         do s = 1, n_slots
             u(:, s) = displacement(:, slot_node(s))
@@ -98,12 +100,21 @@ contains
         lost = 0.0_dp
         insitu = 0.0_dp
         damping_power = 0.0_dp
+        patched = any(zone_patch > 0)
+        if (patched) then
+            call mean_dilation(n_zones, n_slots, u, zone_slot, zone_gradient, zone_volume, &
+                               zone_patch, patch_volume, patch_dilation)
+            patch_stress = 0.0_dp
+        end if
 
         do z = 1, n_zones
             law = set_law(zone_set(z))
             row = zone_row(z)
+            patch = zone_patch(z)
             associate (property => set_property(:, zone_set(z)), volume => zone_volume(z))
                 strain = symmetric_gradient(u, zone_slot(:, z), zone_gradient(:, :, z), n_slots)
+                if (patch > 0) strain(1:3) = strain(1:3) &
+                    + (patch_dilation(patch) - (strain(1) + strain(2) + strain(3)))/3.0_dp
                 if (row == 0) then
                     stress = elastic_stress(law, property, zone_lambda(z), zone_shear(z), strain)
                     strain_energy = strain_energy + 0.5_dp*volume*work(stress, strain)
@@ -115,6 +126,11 @@ contains
                     lost = lost + volume*row_lost(row)
                     insitu = insitu + volume*work(row_initial(:, row), strain)
                     stress = stress - row_initial(:, row)
+                end if
+                if (patch > 0) then
+                    mean = (stress(1) + stress(2) + stress(3))/3.0_dp
+                    patch_stress(patch) = patch_stress(patch) + volume*mean
+                    stress(1:3) = stress(1:3) - mean
                 end if
                 if (zone_beta(z) > 0.0_dp) then
                     rate = symmetric_gradient(v, zone_slot(:, z), zone_gradient(:, :, z), n_slots)
@@ -130,7 +146,44 @@ contains
                 slot_force(:, s) = slot_force(:, s) + corner_force(:, k)
             end do
         end do
+        if (.not. patched) return
+        do z = 1, n_zones
+            if (zone_patch(z) == 0) cycle
+            stress = 0.0_dp
+            stress(1:3) = patch_stress(zone_patch(z))/patch_volume(zone_patch(z))
+            corner_force = stress_on_corners(stress, zone_gradient(:, :, z), zone_volume(z))
+            do k = 1, 4
+                s = zone_slot(k, z)
+                slot_force(:, s) = slot_force(:, s) + corner_force(:, k)
+            end do
+        end do
     end subroutine domain_forces
+
+    pure subroutine mean_dilation(n_zones, n_slots, u, zone_slot, zone_gradient, zone_volume, &
+                                  zone_patch, patch_volume, patch_dilation)
+        !! Volume and mean volumetric strain of patches; theory.md (2.32).
+        integer, intent(in) :: n_zones, n_slots
+        real(dp), intent(in) :: u(3, n_slots)                 !! [m]
+        integer, intent(in) :: zone_slot(4, n_zones)
+        real(dp), intent(in) :: zone_gradient(3, 3, n_zones), zone_volume(n_zones)
+        integer, intent(in) :: zone_patch(n_zones)
+        real(dp), intent(out) :: patch_volume(n_zones)        !! [m3]
+        real(dp), intent(out) :: patch_dilation(n_zones)
+        real(dp) :: strain(6)
+        integer :: z, p
+
+        patch_volume = 0.0_dp
+        patch_dilation = 0.0_dp
+        do z = 1, n_zones
+            p = zone_patch(z)
+            if (p == 0) cycle
+            strain = symmetric_gradient(u, zone_slot(:, z), zone_gradient(:, :, z), n_slots)
+            patch_volume(p) = patch_volume(p) + zone_volume(z)
+            patch_dilation(p) = patch_dilation(p) &
+                + zone_volume(z)*(strain(1) + strain(2) + strain(3))
+        end do
+        where (patch_volume > 0.0_dp) patch_dilation = patch_dilation/patch_volume
+    end subroutine mean_dilation
 
     pure function symmetric_gradient(motion, slot, gradient, n_slots) result(strain)
         !! xx yy zz and the engineering shears yz zx xy; theory.md (2.1).

@@ -17,6 +17,7 @@ _HOMES = {
     "Material": "solving.materials",
     "Mesh": "meshing.mesh",
     "Model": "solving.model",
+    "MohrCoulomb": "solving.plasticity",
     "MomentTensor": "solving.charges",
     "PointForce": "solving.sources",
     "Pressure": "solving.pressures",

@@ -29,6 +29,8 @@ ORDER = [
     "elasticity",
     "viscoelastic_zones",
     "anisotropic_zones",
+    "principal_stresses",
+    "plastic_zones",
     "zone_laws",
     "zones",
     "contacts",

@@ -8,12 +8,14 @@ import h5py
 import numpy as np
 import pytest
 
-from pyblast.meshing.mesh_builder import structured_box
+from pyblast.meshing.mesh_builder import Layer, structured_box
 from pyblast.motion.seismogram import Seismogram
+from pyblast.solving.anisotropy import jointed
 from pyblast.solving.boundaries import StressInput, Viscous
 from pyblast.solving.joints import Joint
 from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import Model, Receiver
+from pyblast.solving.model import InSitu, Model, Receiver
+from pyblast.solving.plasticity import MohrCoulomb
 from pyblast.solving.preparation import export, prepare
 from pyblast.solving.solver import run
 
@@ -75,6 +77,35 @@ def test_the_program_marches_to_the_same_bits_as_python(model, exported, tmp_pat
     for name, value in here.state.items():
         assert np.array_equal(state[name], value), name
     assert here.state["contact_state"][:, 3].max() > 0.0
+
+
+def test_yielding_and_anisotropic_ground_marches_to_the_same_bits(tmp_path):
+    mesh = structured_box(
+        (6, 4, 4), (30.0, 20.0, 20.0), layers=[Layer("weak", 10.0), Layer("schist")]
+    )
+    weak = Material(
+        2500.0, 2e10, 1e10, cohesion=1e6, friction=0.5, tension=5e5, law=MohrCoulomb(0.1)
+    )
+    time = np.arange(0.0, 0.05, 1e-3)
+    push = Seismogram(np.outer(np.sin(np.pi * time / 0.05) ** 2, [1.0, 0.5, 0.2]), 1e-3)
+    model = Model(
+        mesh,
+        {"weak": weak, "schist": jointed(ROCK, (1.0, 0.0, 1.0), 2.0, 5e9, 2e9)},
+        boundaries=[*map(Viscous, ("west", "east", "bottom")), StressInput("west", push)],
+        receivers=[Receiver("A", (25.0, 5.0, 18.0))],
+        insitu=InSitu(9.81, 0.3),
+    )
+    prepared = prepare(model, 0.05)
+    export(prepared, tmp_path / "model.h5")
+    here = run(model, 0.05, prepared=prepared)
+
+    done = march(tmp_path / "model.h5", tmp_path / "result.h5")
+
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "result.h5") as file:
+        for name, value in here.state.items():
+            assert np.array_equal(file[f"state/{name}"][()], value), name
+    assert here.state["row_state"][:, 12].max() > 0.0
 
 
 def cut(file):

@@ -1,11 +1,14 @@
 """From a model to the arrays that the kernels take; every name is that of a kernel argument."""
 
+from itertools import pairwise
+
 import numpy as np
 
 from ..meshing import tetrahedra
 from ..meshing.mesh import locate
+from ..meshing.patches import MOST
 from .conditions import dynamic_conditions, static_conditions, surface_impedance
-from .insitu import static_loads
+from .insitu import insitu_stress, static_loads
 from .kernels import (
     JOINT_LAWS,
     N_JOINT_PROPERTIES,
@@ -19,6 +22,7 @@ from .kernels import (
 )
 from .loads import Loads, model_loads
 from .stability import critical_step, node_sums, shape_gradients
+from .yielding import settled_rows, stressed_rows
 
 DOMAIN_ZONES = 1024
 STATUS, OPEN = 4, 2.0  # column of contact_state and its value for a gap, of every law that opens
@@ -39,14 +43,17 @@ def geometry_arrays(model):
     node_mass += _fill_mass(model)
     drag = node_sums(mesh.zones, model.zone_damping("alpha") * mass, len(mesh.points))
     contacts = _contacts(model)
+    patch = model.patches() if model.yielding().any() else np.full(len(mesh.zones), -1)
+    starts = _domain_starts(patch)
     arrays = {
-        "dt": model.step_factor * limit.dt,
-        **_domains(mesh, contacts["contact_node"]),
+        "dt": model.step_factor * limit.dt * _damped_share(model),
+        **_domains(mesh, starts, contacts["contact_node"]),
         "zone_gradient": shape_gradients(mesh.points, mesh.zones),
         "zone_volume": volume,
         **dict(zip(("zone_lambda", "zone_shear"), model.zone_moduli(), strict=True)),
         "zone_beta": model.zone_damping("beta"),
         **zone_laws(model),
+        "zone_patch": _patch_numbers(patch, starts),
         "node_mass": node_mass,
         "node_alpha": drag / node_mass,
         **contacts,
@@ -54,11 +61,35 @@ def geometry_arrays(model):
     return arrays, limit
 
 
-def _domains(mesh, contact_node):
-    """Cut the zones into domains of fixed size, with slots for the nodes of each."""
+def _damped_share(model):
+    """Return what local damping, which raises the force that slows a node, leaves of a step."""
+    raised = 1.0 + model.local_damping
+    return 1.0 / (raised if model.zone_damping("beta").any() else np.sqrt(raised))
+
+
+def _domain_starts(patch):
+    """Cut the zones into domains of like size, between patches where that is near."""
+    n_zones = len(patch)
+    cuts = np.arange(0, n_zones, DOMAIN_ZONES)
+    for k, cut in enumerate(cuts[1:], start=1):
+        within = patch[cut - MOST : cut] == patch[cut]
+        cuts[k] -= np.count_nonzero(within) if patch[cut] >= 0 else 0
+    return np.append(cuts, n_zones)
+
+
+def _patch_numbers(patch, starts):
+    """Count the patches within each domain, -1 where there is none; a cut one becomes two."""
+    numbers = np.full(len(patch), -1, dtype=np.int32)
+    for low, high in pairwise(starts):
+        there = low + np.flatnonzero(patch[low:high] >= 0)
+        numbers[there] = np.unique(patch[there], return_inverse=True)[1]
+    return numbers
+
+
+def _domains(mesh, starts, contact_node):
+    """Give each domain of zones slots for its nodes."""
     n_nodes, n_zones = len(mesh.points), len(mesh.zones)
-    starts = np.append(np.arange(0, n_zones, DOMAIN_ZONES), n_zones)
-    domain = np.arange(n_zones) // DOMAIN_ZONES
+    domain = np.searchsorted(starts, np.arange(n_zones), side="right") - 1
     keys = domain[:, None].astype(np.int64) * n_nodes + mesh.zones
     slots, place = np.unique(keys, return_inverse=True)
     slot_start = np.searchsorted(slots, np.arange(len(starts)) * n_nodes)
@@ -89,7 +120,6 @@ def zone_laws(model):
     return {
         "zone_set": model.mesh.zone_group.astype(np.int32),
         "zone_row": row,
-        "zone_patch": np.full(len(row), -1, dtype=np.int32),
         "set_law": np.array([law.number for law in laws], dtype=np.int32),
         "set_property": np.array(rows),
         "row_initial": np.zeros((max(1, int(remembers.sum())), 6)),
@@ -155,7 +185,7 @@ def dynamic_arrays(model, geometry, n_steps):
         zone, weight = locate(model.mesh, [receiver.position for receiver in model.receivers])
         node = model.mesh.zones[zone]
     return {
-        "local_damping": 0.0,
+        "local_damping": model.local_damping,
         "node_load": np.zeros_like(model.mesh.points),
         **conditions,
         **loads.arrays(geometry["dt"] * np.arange(n_steps)),
@@ -179,6 +209,7 @@ def static_arrays(model, geometry):
         "dt": geometry["dt"] * min(1.0, STATIC_STEP_FACTOR / model.step_factor),
         "zone_beta": np.zeros_like(geometry["zone_beta"]),
         **moduli,
+        "row_initial": stressed_rows(geometry, insitu_stress(model)),
         "set_law": np.where(fades, ZONE_LAWS["elastic"].number, geometry["set_law"]).astype("i4"),
         "node_alpha": np.zeros_like(geometry["node_alpha"]),
         "local_damping": LOCAL_DAMPING,
@@ -230,7 +261,8 @@ def after_static(constants, static, settled):
     """Start the dynamic stage from the tractions and joint states at the end of the static one.
 
     An open contact keeps its gap: its initial traction is the tension that its springs would
-    have, balanced by a constant load, so it closes where it did before.
+    have, balanced by a constant load, so it closes where it did before. A zone that can yield
+    starts from its settled stress, strained no more but as hardened or softened as it is.
 
     Parameters
     ----------
@@ -256,8 +288,11 @@ def after_static(constants, static, settled):
     load = np.zeros_like(settled["displacement"])
     np.add.at(load, minus, area[:, None] * virtual)
     np.add.at(load, plus, -area[:, None] * virtual)
-    constants = {**constants, "contact_initial": initial, "node_load": load}
+    stress, memory = settled_rows(constants, static, settled)
+    begun = {"contact_initial": initial, "node_load": load, "row_initial": stress}
+    constants = {**constants, **begun}
     contact_state = _carried_over(constants, settled["contact_state"])
     state = initial_state(constants, contact_state)
     state["contact_traction"] = settled["contact_traction"].copy()
+    state["row_state"] = memory
     return constants, state

@@ -1,4 +1,4 @@
-"""Stress before the blast: overburden, horizontal ratio, and its share in joints."""
+"""Stress before the blast: overburden, horizontal ratio, uniform part, its share in joints."""
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -39,6 +39,11 @@ def overburden_stress(model):
     return stress
 
 
+def insitu_stress(model):
+    """Return the stress (n_zones, 6) in Pa before anything moves: overburden and uniform part."""
+    return overburden_stress(model) + np.asarray(model.insitu.stress, dtype=float)
+
+
 def corner_forces(stress, gradient, volume):
     """Return the forces (n_zones, 4, 3) in N that stresses put on the corners of their zones."""
     tensor = stress[:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]
@@ -48,8 +53,6 @@ def corner_forces(stress, gradient, volume):
 
 def joint_tractions(mesh, stress):
     """Return the traction (n_contacts, 3) in Pa of the mean stress around each contact."""
-    if mesh.contacts is None:
-        return np.zeros((0, 3))
     volume = tetrahedra.volumes(mesh.points, mesh.zones)
     n_nodes = len(mesh.points)
     mean = np.stack(
@@ -73,14 +76,15 @@ def static_loads(model, geometry):
         Sum of the corner forces of the in-situ stress.
     """
     mesh = model.mesh
-    stress = overburden_stress(model)
+    stress = insitu_stress(model)
     corner = corner_forces(stress, geometry["zone_gradient"], geometry["zone_volume"])
     load = np.zeros_like(mesh.points)
     np.add.at(load, mesh.zones, corner)
     mass = model.zone_values("density") * geometry["zone_volume"]
     load[:, 2] -= model.insitu.gravity * node_sums(mesh.zones, mass, len(load))
-    traction = joint_tractions(mesh, stress)
+    traction = geometry["contact_initial"]
     if mesh.contacts is not None:
+        traction = joint_tractions(mesh, stress)
         force = mesh.contacts.area[:, None] * traction
         np.add.at(load, mesh.contacts.minus, force)
         np.add.at(load, mesh.contacts.plus, -force)

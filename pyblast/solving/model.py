@@ -6,6 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..meshing.mesh import Mesh, edge_lengths, volumes
+from ..meshing.patches import make_patches
 from .boundaries import Viscous, check_boundaries
 from .joints import Joint
 from .materials import Damping, Material
@@ -31,17 +32,33 @@ class Receiver:
 
 @dataclass(frozen=True)
 class InSitu:
-    """Stress before the blast: weight of the ground and horizontal over vertical stress.
+    """Stress before the blast: weight of the ground, horizontal over vertical stress, and more.
 
     Parameters
     ----------
     gravity : float, m/s2
     horizontal_ratio : float
         Both horizontal stresses over the vertical one.
+    stress : tuple of 6 float, Pa
+        Uniform stress beside that of the weight: xx yy zz yz zx xy, tension positive.
+
+    Raises
+    ------
+    InputError
+        If the stress is not six finite numbers.
     """
 
     gravity: float = 9.81
     horizontal_ratio: float = 0.5
+    stress: tuple[float, ...] = (0.0,) * 6
+
+    def __post_init__(self):
+        """Refuse a stress that is none."""
+        object.__setattr__(self, "stress", tuple(map(float, self.stress)))
+        if len(self.stress) != 6 or not np.isfinite(self.stress).all():
+            raise InputError(
+                f"insitu.stress: must be six finite numbers xx yy zz yz zx xy, got {self.stress}"
+            )
 
 
 @dataclass(frozen=True)
@@ -95,6 +112,9 @@ class Model:
         Largest share of the mass that may be added to zones that would shorten the time step.
     step_factor : float
         Time step over the critical one.
+    local_damping : float
+        Share of the force on each node that acts against its motion. Only for slow loading to
+        failure, where waves are not wanted: 0.8 brings rest soonest.
 
     Raises
     ------
@@ -113,6 +133,7 @@ class Model:
     insitu: InSitu | None = None
     added_mass: float = 0.0
     step_factor: float = 0.8
+    local_damping: float = 0.0
     _ordered: bool = field(default=False, repr=False)
 
     def __post_init__(self):
@@ -128,8 +149,11 @@ class Model:
             raise InputError(f"step_factor: must lie in 0 to 1, got {self.step_factor:g}")
         if not 0.0 <= self.added_mass <= 0.1:
             raise InputError(f"added_mass: must lie in 0 to 0.1, got {self.added_mass:g}")
+        if not 0.0 <= self.local_damping < 1.0:
+            raise InputError(f"local_damping: must lie in 0 to 1, got {self.local_damping:g}")
         if not self._ordered:
-            object.__setattr__(self, "mesh", renumbered(self.mesh))
+            patch = self.patches() if self.yielding().any() else None
+            object.__setattr__(self, "mesh", renumbered(self.mesh, patch))
             object.__setattr__(self, "_ordered", True)
 
     def _check_materials(self):
@@ -186,6 +210,15 @@ class Model:
                 f"'{law.name}'; leave the corner or that law out"
             )
         return damping.law()
+
+    def yielding(self):
+        """Tell for every zone whether its law can yield, (n_zones,) bool."""
+        yields = [self.law(group).name == "mohr-coulomb" for group in self.mesh.groups]
+        return np.array(yields)[self.mesh.zone_group]
+
+    def patches(self):
+        """Return the patch of every zone, (n_zones,) from 0, -1 where its law can not yield."""
+        return make_patches(self.mesh, self.yielding())
 
     def zone_moduli(self):
         """Return the Lame moduli of every zone under its law's fastest strain, (n_zones,) Pa."""

@@ -20,8 +20,14 @@ def morton_keys(places):
     return keys
 
 
-def renumbered(mesh):
+def renumbered(mesh, patch=None):
     """Return the same mesh with nodes and zones in Morton order (1966).
+
+    Parameters
+    ----------
+    mesh : Mesh
+    patch : (n_zones,) int64, optional
+        Patch of each zone, -1 where there is none; the zones of a patch stay together.
 
     Notes
     -----
@@ -32,6 +38,8 @@ def renumbered(mesh):
     new[node_order] = np.arange(len(node_order), dtype=np.int32)
     centres = mesh.points[mesh.zones].mean(axis=1)
     zone_order = np.argsort(morton_keys(centres), kind="stable")
+    if patch is not None:
+        zone_order = np.lexsort((patch, morton_keys(_patch_centres(centres, patch))))
     contacts = mesh.contacts
     if contacts is not None:
         order = np.argsort(new[contacts.minus], kind="stable")
@@ -51,3 +59,11 @@ def renumbered(mesh):
         surfaces={name: new[faces] for name, faces in mesh.surfaces.items()},
         contacts=contacts,
     )
+
+
+def _patch_centres(centres, patch):
+    """Return for each zone the mean centre (n, 3) of its patch, its own where there is none."""
+    together = patch >= 0
+    count = np.bincount(patch[together])
+    means = [np.bincount(patch[together], column[together]) / count for column in centres.T]
+    return np.where(together[:, None], np.stack(means, axis=1)[patch], centres)

@@ -18,6 +18,7 @@ LEDGER_EVERY = 20
 CHUNK_SECONDS = 0.05
 STATIC_ROUND = 100
 STATIC_TOLERANCE = 1e-5
+YIELDING_TOLERANCE = 1e-6  # what yields creeps to rest, and keeps the stress that it came to
 STATIC_STEPS = 40_000
 log = logging.getLogger(__name__)
 
@@ -85,7 +86,7 @@ def prepare(model: Model, duration: float, progress: Callable | None = None) -> 
     geometry, limit = assembly.geometry_arrays(model)
     n_steps = max(2, math.ceil(duration / geometry["dt"]))  # a seismogram has two samples
     static, settled = {}, None
-    if model.insitu is not None and model.mesh.contacts is not None:
+    if model.insitu is not None and (model.mesh.contacts is not None or model.yielding().any()):
         static, settled = _equilibrate(model, geometry, progress)
     constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps)}
     state = assembly.initial_state(constants)
@@ -101,7 +102,8 @@ def _equilibrate(model, geometry, progress):
     state = assembly.initial_state(constants)
     views = kernels.to_fortran(constants)
     step, unbalanced, chunks = 0, 1.0, Chunks(1)
-    while unbalanced > STATIC_TOLERANCE or step % STATIC_ROUND:
+    tolerance = YIELDING_TOLERANCE if model.yielding().any() else STATIC_TOLERANCE
+    while unbalanced > tolerance or step % STATIC_ROUND:
         if step >= STATIC_STEPS:
             raise SolverError(
                 f"static stage: unbalanced force still {unbalanced:.1e} of the acting forces after "
@@ -117,7 +119,7 @@ def _equilibrate(model, geometry, progress):
         if len(energy):
             unbalanced = float(energy[-1][kernels.ENERGIES.index("unbalanced")] / scale)
         if progress is not None:
-            share = math.log(max(unbalanced, STATIC_TOLERANCE)) / math.log(STATIC_TOLERANCE)
+            share = math.log(max(unbalanced, tolerance)) / math.log(tolerance)
             progress("static", max(0.0, share), 1.0)
     log.info("static stage: %d steps, unbalanced force %.1e", step, unbalanced)
     return {"steps": step, "unbalanced": unbalanced}, (constants, state)
