@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from columns import ROCK, ricker, started
 from scipy.spatial.transform import Rotation
 
 from pyblast.errors import InputError
@@ -20,6 +19,7 @@ from pyblast.solving.plasticity import MohrCoulomb
 from pyblast.solving.preparation import prepare
 from pyblast.solving.solver import run
 from pyblast.solving.yielding import yield_states
+from verification.columns import ROCK, ricker, started
 from verification.solutions.plasticity import triaxial_strength
 
 SIDES = ("west", "east", "south", "north", "bottom")
