@@ -125,8 +125,9 @@ def _set_sizes(gmsh, boxes, edge):
     numbers = []
     for limits, inside, distance in boxes:
         number = fields.add("Box")
-        values = dict(zip(("XMin", "XMax", "YMin", "YMax", "ZMin", "ZMax"), np.ravel(limits),
-                          strict=True))
+        values = dict(
+            zip(("XMin", "XMax", "YMin", "YMax", "ZMin", "ZMax"), np.ravel(limits), strict=True)
+        )
         values |= {"VIn": inside, "VOut": edge, "Thickness": distance}
         for key, value in values.items():
             fields.setNumber(number, key, value)

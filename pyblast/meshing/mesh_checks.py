@@ -210,7 +210,5 @@ def _can_leave(joints, surface):
     joints = joints / np.linalg.norm(joints, axis=1)[:, None]
     joints = np.unique(joints.round(6), axis=0)
     out = surface.sum(axis=0) / np.linalg.norm(surface.sum(axis=0))
-    found = linprog(
-        -out, A_ub=joints, b_ub=np.full(len(joints), 1e-9), bounds=[(-1.0, 1.0)] * 3
-    )
+    found = linprog(-out, A_ub=joints, b_ub=np.full(len(joints), 1e-9), bounds=[(-1.0, 1.0)] * 3)
     return bool(found.status == 0 and -found.fun > 1e-3)

@@ -178,9 +178,7 @@ class Project:
         for part in self.config.receivers:
             if part.recorded is not None:
                 with named_error(f"{self.path.name}: receivers.{part.name}.recorded"):
-                    found[part.name] = like_simulated(
-                        part, read_motion(part.recorded, self.folder)
-                    )
+                    found[part.name] = like_simulated(part, read_motion(part.recorded, self.folder))
         return found
 
     @cached_property

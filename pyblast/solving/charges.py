@@ -41,9 +41,7 @@ class MomentTensor:
         if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
             raise InputError("moment tensor: must be three rows of three finite numbers")
         if not np.allclose(tensor, tensor.T, atol=1e-9 * max(np.abs(tensor).max(), 1e-300)):
-            raise InputError(
-                "moment tensor: must be symmetric, or it would turn rock"
-            )
+            raise InputError("moment tensor: must be symmetric, or it would turn rock")
         object.__setattr__(self, "tensor", tensor)
 
 

@@ -1,7 +1,7 @@
 """What rock and soil are made of: elastic moduli, strength, damping."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..errors import InputError
 from .attenuation import MaxwellDamping
@@ -90,6 +90,34 @@ class Material:
     def poisson(self):
         """Poisson's ratio."""
         return (3.0 * self.bulk - 2.0 * self.shear) / (2.0 * (3.0 * self.bulk + self.shear))
+
+
+def saturated_rock(dry, porosity, solid_bulk, fluid_bulk=2.2e9, fluid_density=1000.0):
+    """Return a material with its pores full of a fluid; theory.md (1.9).
+
+    Parameters
+    ----------
+    dry : Material
+    porosity : float
+    solid_bulk, fluid_bulk : float, Pa
+    fluid_density : float, kg/m3
+
+    Raises
+    ------
+    InputError
+        If the porosity is none, or the solid not stiffer than the dry rock.
+    """
+    if not 0.0 < porosity < 1.0:
+        raise InputError(f"material.porosity: must lie between 0 and 1, got {porosity:g}")
+    if not dry.bulk < solid_bulk:
+        raise InputError(
+            f"material.solid_bulk: must exceed that of the dry rock, {dry.bulk:g} Pa, got "
+            f"{solid_bulk:g} Pa"
+        )
+    share = dry.bulk / solid_bulk
+    pores = porosity / fluid_bulk + (1.0 - porosity) / solid_bulk - share / solid_bulk
+    bulk = dry.bulk + (1.0 - share) ** 2 / pores
+    return replace(dry, density=dry.density + porosity * fluid_density, bulk=bulk)
 
 
 @dataclass(frozen=True)

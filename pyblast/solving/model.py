@@ -106,6 +106,8 @@ class Model:
     sources : sequence of Hole or PointForce
     receivers : sequence of Receiver
     rim : Rim, optional
+    ground : sequence of Gradient, DamagedZone or Heterogeneity
+        Factors on the speeds of the materials.
     insitu : InSitu, optional
         Brings a static stage before the dynamic one.
     added_mass : float
@@ -130,6 +132,7 @@ class Model:
     sources: tuple = ()
     receivers: tuple[Receiver, ...] = ()
     rim: Rim | None = None
+    ground: tuple = ()
     insitu: InSitu | None = None
     added_mass: float = 0.0
     step_factor: float = 0.8
@@ -138,7 +141,7 @@ class Model:
 
     def __post_init__(self):
         """Refuse parts that do not fit; put nodes and zones in an order near in memory."""
-        for name in ("joints", "boundaries", "sources", "receivers"):
+        for name in ("joints", "boundaries", "sources", "receivers", "ground"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         self._check_materials()
         self._check_joints()
@@ -190,7 +193,16 @@ class Model:
     def zone_values(self, name):
         """Return a property of the materials for every zone, (n_zones,) float64."""
         values = [float(getattr(self.materials[group], name)) for group in self.mesh.groups]
-        return np.array(values)[self.mesh.zone_group]
+        power = {"density": 0.0, "cp": 1.0, "cs": 1.0}.get(name, 2.0)
+        return np.array(values)[self.mesh.zone_group] * self.speed_factor() ** power
+
+    def speed_factor(self):
+        """Return the factor of the fields of the ground on wave speeds, (n_zones,) or 1."""
+        if not self.ground:
+            return np.float64(1.0)
+        centres = self.mesh.points[self.mesh.zones].mean(axis=1)
+        edges = edge_lengths(self.mesh).mean(axis=1)
+        return np.prod([field.factor(centres, edges) for field in self.ground], axis=0)
 
     def law(self, group):
         """Return the law of the zones of a group: its material's, or that of its damping.
@@ -225,7 +237,7 @@ class Model:
         materials = [self.materials[group] for group in self.mesh.groups]
         laws = [self.law(group) for group in self.mesh.groups]
         moduli = np.array([law.moduli(m) for law, m in zip(laws, materials, strict=True)])
-        return tuple(moduli[self.mesh.zone_group].T)
+        return tuple(moduli[self.mesh.zone_group].T * self.speed_factor() ** 2)
 
     def zone_damping(self, name):
         """Return ``alpha`` (1/s) or ``beta`` (s) of the damping for every zone, (n_zones,)."""
