@@ -116,8 +116,42 @@ class DampingConfig(Section):
         return self
 
 
+class YieldingConfig(Section):
+    """Mohr-Coulomb ground: flow and softening beside the strength of the material."""
+
+    dilation_angle_deg: FrictionAngle = 0.0
+    cohesion_residual_kpa: NotNegative | None = None
+    friction_residual_angle_deg: FrictionAngle | None = None
+    dilation_residual_angle_deg: FrictionAngle | None = None
+    tension_residual_kpa: NotNegative | None = None
+    shear_strain_percent: NotNegative = 0.0
+    tensile_strain_percent: NotNegative = 0.0
+
+
+class TransverseConfig(Section):
+    """Elastic constants of ground that is isotropic in planes: schist, thin layers."""
+
+    dip_deg: Dip
+    dip_direction_deg: Bearing
+    young_mpa: Positive
+    young_normal_mpa: Positive
+    poisson: Annotated[float, Field(gt=-1.0, lt=1.0)]
+    poisson_normal: float
+    shear_normal_mpa: Positive
+
+
+class MediumJointsConfig(Section):
+    """Parallel joints that are not meshed but part of the stiffness of their rock."""
+
+    dip_deg: Dip
+    dip_direction_deg: Bearing
+    spacing_m: Positive
+    kn_gpa_per_m: Positive
+    ks_gpa_per_m: Positive
+
+
 class MaterialConfig(Section):
-    """Density, two elastic constants in one of three ways, strength, quality, own damping."""
+    """Density, elastic constants in one of four ways, strength, quality, own damping."""
 
     density_kg_per_m3: Positive
     bulk_mpa: Positive | None = None
@@ -134,12 +168,30 @@ class MaterialConfig(Section):
     quality_band_hz: Band | None = None
     quality_reference_hz: Positive | None = None
     damping: DampingConfig | None = None
+    yielding: YieldingConfig | None = None
+    transverse: TransverseConfig | None = None
+    joints: list[MediumJointsConfig] = Field([])
 
     @model_validator(mode="after")
     def _two_constants(self):
-        """Ask for one pair of elastic constants."""
+        """Ask for one pair of elastic constants, or those of transverse ground."""
         speeds = "cp_m_per_s", "cs_m_per_s"
-        self._one_of(("bulk_mpa", "shear_mpa"), ("young_mpa", "poisson"), speeds)
+        self._one_of(("bulk_mpa", "shear_mpa"), ("young_mpa", "poisson"), speeds, ("transverse",))
+        return self
+
+    @model_validator(mode="after")
+    def _one_law(self):
+        """Refuse two laws for the same zones; ask for the strength of ground that yields."""
+        laws = {
+            "qp": self.qp is not None,
+            "yielding": self.yielding is not None,
+            "transverse or joints": self.transverse is not None or bool(self.joints),
+        }
+        given = [name for name, wanted in laws.items() if wanted]
+        if len(given) > 1:
+            raise ValueError(f"{given[0]} and {given[1]} exclude one another; keep one")
+        if self.yielding is not None and self.cohesion_kpa is None:
+            raise ValueError("cohesion_kpa is missing beside yielding")
         return self
 
     @model_validator(mode="after")
@@ -190,6 +242,7 @@ class InSituConfig(Section):
 
     gravity_m_per_s2: NotNegative = 9.81
     horizontal_ratio: NotNegative = 0.5
+    stress_mpa: Annotated[list[float], Field(min_length=6, max_length=6)] = Field([0.0] * 6)
 
 
 class RimConfig(Section):

@@ -3,33 +3,58 @@
 import numpy as np
 
 from ..errors import InputError
+from ..meshing.geology import upward_normal
 from ..meshing.mesh import Mesh
 from ..meshing.mesh_builder import Fault, JointSet, Layer, build_mesh, structured_box
 from ..meshing.mesh_import import read_mesh
+from ..solving.anisotropy import jointed, transverse
 from ..solving.attenuation import ConstantQ
 from ..solving.boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
 from ..solving.materials import Damping, Material
 from ..solving.model import InSitu, Rim
+from ..solving.plasticity import MohrCoulomb
 from ..units import to_si
 from .column_files import read_columns
 from .joint_keys import named_error
 
+LAWS = ("yielding", "transverse", "joints")
 QUALITY = ("qp", "qs", "quality_band_hz", "quality_reference_hz")
 
 
 def make_material(config):
     """Turn a `MaterialConfig` into a `Material`."""
-    given = config.model_dump(exclude={"damping", *QUALITY}, exclude_none=True)
+    given = config.model_dump(exclude={"damping", *LAWS, *QUALITY}, exclude_none=True)
     values = dict(to_si(key, value) for key, value in given.items())
     if config.qp is not None:
         qp, qs, band, reference = (getattr(config, key) for key in QUALITY)
         values["law"] = ConstantQ(qp, qs, tuple(band), reference)
+    if config.yielding is not None:
+        flow = config.yielding.model_dump(exclude_none=True)
+        values["law"] = MohrCoulomb(**dict(to_si(key, value) for key, value in flow.items()))
+    material = _elastic(config, values)
+    for part in config.joints:
+        across, stiffness = _planes(part)
+        material = jointed(material, across, **stiffness)
+    return material
+
+
+def _elastic(config, values):
+    """Make a material of one of the four ways to give elastic constants."""
     density = values.pop("density")
+    if config.transverse is not None:
+        across, moduli = _planes(config.transverse)
+        return transverse(density, across, **moduli, **values)
     if "young" in values:
         return Material.from_young_poisson(density, values.pop("young"), **values)
     if "cp" in values:
         return Material.from_speeds(density, values.pop("cp"), values.pop("cs"), **values)
     return Material(density, **values)
+
+
+def _planes(part):
+    """Return the normal of dipping planes and the rest of what is said about them, in SI."""
+    values = dict(to_si(key, value) for key, value in part.model_dump().items())
+    return upward_normal(values.pop("dip"), values.pop("dip_direction")), values
 
 
 def make_damping(config):
@@ -68,7 +93,8 @@ def make_insitu(config):
     """Turn an `InSituConfig` or None into an `InSitu` or None."""
     if config is None:
         return None
-    return InSitu(config.gravity_m_per_s2, config.horizontal_ratio)
+    stress = to_si("stress_mpa", config.stress_mpa)[1]
+    return InSitu(config.gravity_m_per_s2, config.horizontal_ratio, tuple(stress))
 
 
 def make_boundaries(config, face=None):

@@ -108,7 +108,9 @@ def anisotropic(density, stiffness, **strength):
     return Material(density, bulk, shear, law=law, **strength)
 
 
-def transverse(density, normal, *, young, young_normal, poisson, poisson_normal, shear_normal):
+def transverse(
+    density, normal, *, young, young_normal, poisson, poisson_normal, shear_normal, **strength
+):
     """Make a material that is isotropic in the planes across a normal.
 
     Parameters
@@ -121,6 +123,8 @@ def transverse(density, normal, *, young, young_normal, poisson, poisson_normal,
         Shrinkage in the planes by tension in them; by tension along the normal.
     shear_normal : float, Pa
         Shear modulus of planes that slide on one another.
+    **strength
+        Cohesion, friction, tension of `Material`.
 
     Raises
     ------
@@ -149,7 +153,7 @@ def transverse(density, normal, *, young, young_normal, poisson, poisson_normal,
             "1 - poisson"
         )
     stiffness = turned_stiffness(np.linalg.inv(compliance), axes_with_normal(normal))
-    return anisotropic(density, stiffness)
+    return anisotropic(density, stiffness, **strength)
 
 
 def jointed(material, normal, spacing, kn, ks):

@@ -17,7 +17,7 @@ class Material:
     density : float, kg/m3
     bulk, shear : float, Pa
     cohesion, tension : float, Pa
-        Strength; not yet used by the zones, which are elastic, but by the checks.
+        Strength; of the checks, and of zones whose law yields.
     friction : float
         Tangent of the friction angle.
     law : zone law, optional

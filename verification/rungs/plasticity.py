@@ -222,8 +222,8 @@ def pressed(cells, *, patches, settlement=0.15, crossings=20.0):
     ordered=("bearing pressure over the bare width",),
     note=(
         "the motion of the strip falls to nothing over the cell beside it, half of which counts as "
-        "width: over the bare width the error is of first order, over that width it is about 1 % on "
-        "every mesh and falls slowly; single zones lock, their pressure rises without end"
+        "width: over the bare width the error is of first order, over that width it is 1 % on the "
+        "coarsest mesh and falls slowly; single zones lock, their pressure rises without end"
     ),
 )
 def strip_footing(cells):

@@ -1,0 +1,88 @@
+"""Laws of zones in a project file: ground that yields, layered and jointed ground, its stress."""
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from pyblast.projects.config_ground import InSituConfig, MaterialConfig
+from pyblast.projects.ground import make_insitu, make_material
+from pyblast.solving.anisotropy import jointed, transverse
+from pyblast.solving.materials import Material
+
+ROCK = {"density_kg_per_m3": 2700.0, "cp_m_per_s": 4000.0, "cs_m_per_s": 2300.0}
+STRONG = {"cohesion_kpa": 500.0, "friction_angle_deg": 30.0, "tension_kpa": 100.0}
+PLANES = {"dip_deg": 30.0, "dip_direction_deg": 90.0}
+SETS = {**PLANES, "spacing_m": 4.0, "kn_gpa_per_m": 2.0, "ks_gpa_per_m": 1.0}
+SCHIST = {
+    **PLANES, "young_mpa": 60e3, "young_normal_mpa": 30e3, "poisson": 0.2, "poisson_normal": 0.15,
+    "shear_normal_mpa": 12e3,
+}  # fmt: skip
+NORMAL = (0.5, 0.0, np.sqrt(0.75))
+
+
+def material(**keys):
+    return make_material(MaterialConfig(**ROCK, **keys))
+
+
+def test_an_empty_table_lets_ground_yield_at_its_strength():
+    found = material(**STRONG, yielding={})
+
+    row = found.law.properties(found)
+    assert found.law.name == "mohr-coulomb"
+    assert row["cohesion"] == row["cohesion_residual"] == pytest.approx(5e5)
+    assert row["friction"] == pytest.approx(np.tan(np.radians(30.0)))
+    assert row["dilation"] == 0.0
+
+
+def test_residuals_and_strains_are_turned_into_si():
+    soft = {
+        "dilation_angle_deg": 10.0, "cohesion_residual_kpa": 50.0, "tension_residual_kpa": 0.0,
+        "friction_residual_angle_deg": 25.0, "dilation_residual_angle_deg": 0.0,
+        "shear_strain_percent": 2.0, "tensile_strain_percent": 0.1,
+    }  # fmt: skip
+    found = material(**STRONG, yielding=soft)
+
+    row = found.law.properties(found)
+    assert row["dilation"] == pytest.approx(np.tan(np.radians(10.0)))
+    assert row["friction_residual"] == pytest.approx(np.tan(np.radians(25.0)))
+    wanted = pytest.approx([5e4, 0.0, 0.02, 0.001])
+    names = ("cohesion_residual", "tension_residual", "shear_strain", "tensile_strain")
+    assert [row[name] for name in names] == wanted
+
+
+def test_joints_make_the_rock_a_softer_medium():
+    found = material(joints=[SETS])
+
+    wanted = jointed(Material.from_speeds(2700.0, 4000.0, 2300.0), NORMAL, 4.0, 2e9, 1e9)
+    assert found.law.stiffness == pytest.approx(wanted.law.stiffness, rel=1e-9, abs=1.0)
+
+
+def test_transverse_ground_needs_no_other_constants():
+    found = make_material(MaterialConfig(density_kg_per_m3=2700.0, transverse=SCHIST, **STRONG))
+
+    wanted = transverse(
+        2700.0, NORMAL, young=60e9, young_normal=30e9, poisson=0.2, poisson_normal=0.15,
+        shear_normal=12e9,
+    )  # fmt: skip
+    assert found.law.stiffness == pytest.approx(wanted.law.stiffness, rel=1e-9, abs=1.0)
+    assert found.cohesion == pytest.approx(5e5)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({**STRONG, "yielding": {}, "joints": [SETS]}, "exclude one another"),
+        ({"yielding": {}}, "cohesion_kpa is missing beside yielding"),
+        ({"transverse": SCHIST}, "give one of"),
+    ],
+)
+def test_laws_that_do_not_go_together_are_refused(keys, message):
+    with pytest.raises(ValidationError, match=message):
+        material(**keys)
+
+
+def test_uniform_stress_stands_beside_the_overburden():
+    insitu = make_insitu(InSituConfig(stress_mpa=[-3.0, -2.0, 0.0, 0.0, 0.0, 0.5]))
+
+    assert insitu.stress == pytest.approx((-3e6, -2e6, 0.0, 0.0, 0.0, 5e5))
+    assert insitu.gravity == 9.81
