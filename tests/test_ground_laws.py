@@ -4,14 +4,21 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from pyblast.projects.config_ground import InSituConfig, MaterialConfig
-from pyblast.projects.ground import make_insitu, make_material
+from pyblast.projects.config_ground import (
+    BoundariesConfig,
+    InSituConfig,
+    MaterialConfig,
+    MeshConfig,
+)
+from pyblast.projects.ground import jointed_media, make_boundaries, make_insitu, make_material
 from pyblast.solving.anisotropy import jointed, transverse
+from pyblast.solving.joints import Joint
 from pyblast.solving.materials import Material
 
 ROCK = {"density_kg_per_m3": 2700.0, "cp_m_per_s": 4000.0, "cs_m_per_s": 2300.0}
 STRONG = {"cohesion_kpa": 500.0, "friction_angle_deg": 30.0, "tension_kpa": 100.0}
 PLANES = {"dip_deg": 30.0, "dip_direction_deg": 90.0}
+UPRIGHT = {"dip_deg": 90.0, "dip_direction_deg": 0.0}
 SETS = {**PLANES, "spacing_m": 4.0, "kn_gpa_per_m": 2.0, "ks_gpa_per_m": 1.0}
 SCHIST = {
     **PLANES, "young_mpa": 60e3, "young_normal_mpa": 30e3, "poisson": 0.2, "poisson_normal": 0.15,
@@ -79,6 +86,35 @@ def test_transverse_ground_needs_no_other_constants():
 def test_laws_that_do_not_go_together_are_refused(keys, message):
     with pytest.raises(ValidationError, match=message):
         material(**keys)
+
+
+def test_joint_sets_make_a_medium_of_the_layers_that_they_cut():
+    mesh = MeshConfig(
+        size_m=[100.0, 100.0, 50.0], edge_m=10.0,
+        layers=[{"material": "soil", "thickness_m": 10.0}, {"material": "rock"}],
+        joint_sets=[
+            {"name": "J1", **PLANES, "spacing_m": 4.0, "regions": ["rock"]},
+            {"name": "J2", **UPRIGHT, "spacing_m": 8.0, "persistence": 0.5, "regions": ["rock"]},
+        ],
+    )  # fmt: skip
+    joints = [Joint(name, "elastic", {"kn": 2e9, "ks": 1e9}) for name in ("J1", "J2")]
+    rock = Material.from_speeds(2700.0, 4000.0, 2300.0)
+
+    media = jointed_media(mesh, {"soil": rock, "rock": rock}, joints)
+
+    wanted = jointed(jointed(rock, NORMAL, 4.0, 2e9, 1e9), (0.0, 1.0, 0.0), 8.0, 4e9, 2e9)
+    assert list(media) == ["rock"]
+    found = media["rock"].law.stiffness
+    assert found == pytest.approx(wanted.law.stiffness, rel=1e-9, abs=1.0)
+
+
+@pytest.mark.parametrize("jointed_faces", [False, True])
+def test_faces_know_of_joints_where_that_is_asked_for(jointed_faces):
+    config = BoundariesConfig(viscous=["west"], jointed_faces=jointed_faces)
+
+    (face,) = make_boundaries(config, None, {"rock": "a medium"})
+
+    assert face.media == ({"rock": "a medium"} if jointed_faces else {})
 
 
 def test_uniform_stress_stands_beside_the_overburden():

@@ -198,6 +198,8 @@ def _quiet_defects(project):
         share = (direction @ receiver.position - way.min()) / np.ptp(way)
         left = face_defects.drained(entry, drag, share)
         yield face_defects.draining_sides(sides, left, receiver.name)
+    if project.config.boundaries.jointed_faces:
+        return
     by_surface = {joint.surface: joint.properties for joint in project.joints}
     for group, material in face_materials(project).items():
         sets = [

@@ -223,6 +223,7 @@ class BoundariesConfig(Section):
     fixed: list[Name] = Field([])
     free: list[Name] = Field([])
     viscous_and_fixed: bool = False
+    jointed_faces: bool = False
 
     @model_validator(mode="after")
     def _once(self):

@@ -130,7 +130,8 @@ def jointed_face(group, material, joint_sets, direction):
         f"Waves much longer than the spacing run at {ratio_p:.2f} (P) and {ratio_s:.2f} (S) of the "
         f"speed of the intact rock, but stress input and dashpots take that of the intact rock: "
         f"the motion that enters is {100 * excess[0]:.0f} % (P) and up to {100 * excess[1]:.0f} % "
-        "(S) larger than asked for, and as much of the amplitude comes back from quiet faces.",
+        "(S) larger than asked for, and as much of the amplitude comes back from quiet faces; "
+        "boundaries.jointed_faces = true lets the faces know of the joints.",
         numbers={"speed_p": ratio_p, "speed_s": ratio_s, "excess_p": excess[0],
                  "excess_s": excess[1]},
     )  # fmt: skip

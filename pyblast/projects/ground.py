@@ -1,5 +1,7 @@
 """The ground of a project in SI: materials, joints, boundaries, mesh."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..errors import InputError
@@ -13,6 +15,7 @@ from ..solving.boundaries import Fixed, Roller, StressInput, VelocityInput, Visc
 from ..solving.materials import Damping, Material
 from ..solving.model import InSitu, Rim
 from ..solving.plasticity import MohrCoulomb
+from ..solving.zone_laws import Elastic
 from ..units import to_si
 from .column_files import read_columns
 from .joint_keys import named_error
@@ -97,7 +100,7 @@ def make_insitu(config):
     return InSitu(config.gravity_m_per_s2, config.horizontal_ratio, tuple(stress))
 
 
-def make_boundaries(config, face=None):
+def make_boundaries(config, face=None, media=None):
     """Turn a `BoundariesConfig` into boundaries.
 
     Parameters
@@ -105,13 +108,43 @@ def make_boundaries(config, face=None):
     config : BoundariesConfig
     face : str, optional
         Input face; the literal "viscous and fixed" leaves it free to move.
+    media : dict of str to Material, optional
+        Of `jointed_media`, for faces that shall know of joints.
     """
-    boundaries = [Viscous(name) for name in config.viscous]
+    media = media if config.jointed_faces else None
+    boundaries = [Viscous(name, media or {}) for name in config.viscous]
     boundaries += [Roller(name) for name in config.roller]
     boundaries += [Fixed(name) for name in config.fixed]
     if config.viscous_and_fixed:
         boundaries += [Roller(name) for name in config.viscous if name != face]
     return boundaries
+
+
+def jointed_media(config, materials, joints):
+    """Return the medium that each layer with joint sets is for long waves.
+
+    Parameters
+    ----------
+    config : MeshConfig
+    materials : dict of str to Material
+    joints : sequence of Joint
+
+    Returns
+    -------
+    dict of str to Material
+        By layer; rock bridges take their share of the area off the compliance.
+    """
+    by_surface = {joint.surface: joint.properties for joint in joints}
+    media = {}
+    for part in config.joint_sets:
+        across = upward_normal(*_angles(part))
+        kn, ks = (by_surface[part.name][name] / part.persistence for name in ("kn", "ks"))
+        for group in part.regions or [layer.material for layer in config.layers]:
+            rock = media.get(group, materials[group])
+            if rock.law.name != "anisotropic":
+                rock = replace(rock, law=Elastic())
+            media[group] = jointed(rock, across, part.spacing_m, kn, ks)
+    return media
 
 
 def make_face_input(config, motion):

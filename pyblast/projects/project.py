@@ -18,6 +18,7 @@ from .config_file import read_config
 from .config_section import named_error
 from .ground import (
     joint_of_surface,
+    jointed_media,
     make_boundaries,
     make_damping,
     make_face_input,
@@ -186,7 +187,8 @@ class Project:
         """Model with all that enters; its time 0 is `lead` before the first firing."""
         config, mesh = self.config, self.mesh
         face = None if self.input is None else config.input.face
-        boundaries = make_boundaries(config.boundaries, face)
+        media = jointed_media(config.mesh, self.materials, self.joints)
+        boundaries = make_boundaries(config.boundaries, face, media)
         if face is not None:
             boundaries.append(make_face_input(config.input, self.input.motion.shifted(self.lead)))
         parts = {"sources": self.sources, "receivers": self.receivers, "rim": self.rim}

@@ -1,6 +1,6 @@
 """Conditions on the outer surfaces of a model."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ..errors import InputError
 from ..motion.seismogram import GEOGRAPHIC, Seismogram
@@ -11,9 +11,17 @@ class Viscous:
     """Quiet surface: dashpots with the impedances of P and S waves; Lysmer & Kuhlemeyer (1969).
 
     In the static stage it stands on rollers; in the dynamic stage the static reactions remain.
+
+    Parameters
+    ----------
+    surface : str
+    media : dict of str to Material
+        What waves meet behind the zones of a group, where it is not their own material: rock with
+        meshed joints is a softer medium, `jointed`. Stress input through the surface takes it too.
     """
 
     surface: str
+    media: dict = field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True)

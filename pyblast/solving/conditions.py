@@ -12,10 +12,12 @@ from .loads import add_velocity_input
 def surface_impedance(model, surface):
     """Sum area (rho cp n n + rho cs (I - n n)) over the faces around each node of a surface.
 
+    Zones of anisotropic ground, or with an anisotropic medium behind them, have that of (2.23).
+
     Returns
     -------
     dict of int to (3, 3) float64, N s/m
-        Source: Lysmer & Kuhlemeyer (1969); theory.md (4.1), anisotropic (2.23).
+        Source: Lysmer & Kuhlemeyer (1969); theory.md (4.1), (2.23).
     """
     nodes, area, normal = surface_areas(model.mesh, surface)
     zone = np.repeat(surface_zones(model.mesh, surface), 3)
@@ -23,12 +25,18 @@ def surface_impedance(model, surface):
     z_p, z_s = (area * density * model.zone_values(speed)[zone] for speed in ("cp", "cs"))
     outer = normal[:, :, None] * normal[:, None, :]
     each = (z_p - z_s)[:, None, None] * outer + z_s[:, None, None] * np.eye(3)
+    scale = model.zone_moduli()[1][zone]
+    media = {}
+    for boundary in model.boundaries:
+        if isinstance(boundary, Viscous) and boundary.surface == surface:
+            media = boundary.media
     for number, group in enumerate(model.mesh.groups):
-        law = model.law(group)
-        if law.name == "anisotropic":
+        medium = media.get(group, model.materials[group])
+        if medium.law.name == "anisotropic":
             here = model.mesh.zone_group[zone] == number
-            wave = impedance(density[here], law.stiffness, normal[here])
-            each[here] = area[here, None, None] * wave
+            factor = area[here] * np.sqrt(scale[here] / model.materials[group].shear)
+            wave = impedance(density[here], medium.law.stiffness, normal[here])
+            each[here] = factor[:, None, None] * wave
     unique, place = np.unique(nodes, return_inverse=True)
     summed = np.zeros((len(unique), 3, 3))
     np.add.at(summed, place, each)

@@ -269,4 +269,5 @@ class Model:
         """Tell whether a stress input is doubled: by its own word, or because of dashpots."""
         if boundary.doubled is not None:
             return boundary.doubled
-        return Viscous(boundary.surface) in self.boundaries
+        viscous = [one.surface for one in self.boundaries if isinstance(one, Viscous)]
+        return boundary.surface in viscous

@@ -11,6 +11,7 @@ from pyblast.motion.seismogram import Seismogram
 from pyblast.solving import anisotropy
 from pyblast.solving.anisotropy import Anisotropic, anisotropic, jointed, transverse
 from pyblast.solving.boundaries import StressInput, Viscous
+from pyblast.solving.conditions import surface_impedance
 from pyblast.solving.model import Model, Receiver
 from pyblast.solving.preparation import prepare
 from pyblast.solving.solver import run
@@ -173,6 +174,26 @@ def test_impedance_of_isotropic_ground_is_that_of_its_two_waves():
     outer = np.outer(n, n)
     wanted = ROCK.density * (ROCK.cp * outer + ROCK.cs * (np.eye(3) - outer))
     assert found == pytest.approx(wanted, rel=1e-9, abs=1e-3)
+
+
+class Slow:
+    """A field of the ground that slows all waves alike."""
+
+    def factor(self, places, edges):
+        del edges
+        return np.full(len(places), 0.8)
+
+
+def test_fields_of_the_ground_scale_the_whole_stiffness():
+    parts = {"materials": {"rock": schist((0.3, 0.2, 1.0))}, "boundaries": [Viscous("west")]}
+
+    whole, slow = (Model(crooked(), **parts, ground=ground) for ground in ((), (Slow(),)))
+
+    for model, factor in ((whole, 1.0), (slow, 0.8)):
+        assert model_frequencies(model) == pytest.approx(factor**2 * model_frequencies(whole))
+        found = next(iter(surface_impedance(model, "west").values()))
+        wanted = next(iter(surface_impedance(whole, "west").values()))
+        assert found == pytest.approx(factor * wanted)
 
 
 def test_stiffness_that_stores_no_energy_is_refused():

@@ -213,6 +213,26 @@ def test_ground_that_its_weight_breaks_keeps_its_damage_but_not_its_strain():
     assert np.abs(result.state["velocity"]).max() < 1e-4
 
 
+def test_yielding_blocks_on_a_joint_settle_and_stay_at_rest():
+    loose = replace(WEAK, cohesion=1e4, friction=0.8, tension=0.0, law=MohrCoulomb())
+    mesh = structured_box((2, 2, 8), (10.0, 10.0, 40.0), planes={"J": ("z", 20.0)}).split(["J"])
+    strong = {"kn": 1e9, "ks": 5e8, "cohesion": 1e7, "friction": 0.7, "tension": 1e6}
+    model = Model(
+        mesh, {"rock": loose}, joints=[Joint("J", "coulomb", strong)],
+        boundaries=[Fixed("bottom"), *map(Roller, SIDES[:4])], insitu=InSitu(9.81, 0.15),
+    )  # fmt: skip
+
+    prepared = prepare(model, 0.05)
+    result = run(model, 0.05, prepared=prepared)
+
+    _, _, plastic = yield_states(prepared.constants, prepared.state)
+    pressure = -prepared.constants["contact_initial"][:, 2]
+    assert plastic[:, 0].max() > 0.0
+    mean = np.average(pressure, weights=model.mesh.contacts.area)
+    assert mean == pytest.approx(ROCK.density * 9.81 * 20.0, rel=1e-3)
+    assert np.abs(result.state["velocity"]).max() < 1e-4
+
+
 def test_uniform_stress_is_what_held_ground_starts_from():
     stress = (-3e6, -2e6, -1e6, 0.0, 0.2e6, 0.0)
     every = [Fixed(side) for side in (*SIDES, "top")]
