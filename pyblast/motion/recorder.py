@@ -138,7 +138,8 @@ def step(time, size, corner, damping=0.7, component=2):
         own = 2.0 * np.pi * corner
         turn = own * np.sqrt(1.0 - damping**2)
         velocity = seismogram.velocity.copy()
-        velocity[:, component] += size * np.exp(-damping * own * after) * np.sin(turn * after) / turn
+        fade = np.exp(-damping * own * after)
+        velocity[:, component] += size * fade * np.sin(turn * after) / turn
         return replace(seismogram, velocity=velocity)
 
     return operate
