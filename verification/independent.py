@@ -26,6 +26,8 @@ from .independent_cases import effects_of, true_site, truth_of, with_effect
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "verification" / "independent.json"
+PAGE = ROOT / "docs" / "verification.md"
+BEGIN, END = "<!-- cases: from verification/independent.json -->", "<!-- end of cases -->"
 FIGURE = ROOT / "docs" / "figures" / "independent.png"
 BLASTS = {
     "case-11": ("S1", "B2"),
@@ -124,13 +126,44 @@ def draw(rows, path):
     figure.savefig(path, dpi=90)
 
 
+def write_table(rows):
+    """Put the table of misfits between its two marks in the page."""
+    lines = [
+        "| case, blast | hidden | model | 12 m | 8 m | 5.5 m | theirs, believed | noise alone |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for case, blasts in BLASTS.items():
+        for blast in blasts:
+            for model in MODELS:
+                here = {r["edge_m"]: r for r in rows
+                        if (r["case"], r["blast"], r["model"]) == (case, blast, model)}  # fmt: skip
+                if not here:
+                    continue
+                one = next(iter(here.values()))
+                first = model == "believed"
+                cells = [f"{100 * here[e]['median']:.1f}" if e in here else "–" for e in EDGES]
+                lines.append("| " + " | ".join([
+                    f"{case}, {blast}" if first else "",
+                    (", ".join(one["effects"]) or "nothing") if first else "",
+                    model, *cells,
+                    f"{100 * one['independent_believed']:.1f}" if first else "",
+                    f"{100 * one['noise_alone']:.2f}" if first else "",
+                ]) + " |")  # fmt: skip
+    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+    after = rest.split(END)[1]
+    table = "\n".join(lines)
+    PAGE.write_text(f"{before}{BEGIN}\n\n{table}\n\n{END}{after}", encoding="utf-8")
+
+
 def main():
     """Run the study, write its results and draw them."""
     cases = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT.parent / "shared" / "cases"
     if not (cases / "case-11" / "site.toml").is_file():
         print(f"independent: skipped, no case folders in {cases}")
         return
-    draw(study(cases), FIGURE)
+    rows = study(cases)
+    draw(rows, FIGURE)
+    write_table(rows)
     print(f"independent: {OUT.name} and docs/figures/{FIGURE.name} written")
 
 
