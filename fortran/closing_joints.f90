@@ -15,7 +15,7 @@ contains
     pure subroutine closure(property, initial, normal, jump, state, traction, stored)
         !! Hyperbola of closure and Coulomb strength without residual; theory.md (3.9) to (3.12).
         !! Property: kn ks closure kn_max irrecoverable cohesion friction.
-        !! State: slip, failed, status, peak, rest, started.
+        !! State: slip, failed, status, gap, peak, rest, started.
         real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3)
         real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: traction(3), stored
@@ -29,13 +29,13 @@ contains
     pure subroutine barton_bandis(property, initial, normal, jump, state, traction, stored)
         !! Hyperbola of closure with the strength of rough walls; theory.md (3.13), (3.14).
         !! Property: kn ks closure kn_max irrecoverable jrc jcs friction peak_slip.
-        !! State: slip, failed, status, peak, rest, started, dilated, length.
+        !! State: slip, failed, status, gap, peak, rest, started, dilated, length.
         real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3)
         real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: traction(3), stored
         real(dp) :: pressure, slid, rough
 
-        associate (dilated => state(9), length => state(10))
+        associate (dilated => state(10), length => state(11))
             call press(property, initial, normal, jump, dilated, state, pressure, stored)
             rough = 0.0_dp
             if (pressure > 0.0_dp) rough = property(6)*mobilisation(length/property(9)) &
@@ -55,8 +55,8 @@ contains
         real(dp), intent(out) :: pressure, stored
         real(dp) :: elbow, lost, width, ku, v, y
 
-        associate (kn => property(1), vm => property(3), kn_max => property(4), peak => state(6), &
-                   rest => state(7), started => state(8))
+        associate (kn => property(1), vm => property(3), kn_max => property(4), gap => state(6), &
+                   peak => state(7), rest => state(8), started => state(9))
             elbow = vm*(1.0_dp - sqrt(kn/kn_max))
             if (.not. started > 0.0_dp) then
                 rest = closed(property, elbow, peak, -dot_product(initial, normal))
@@ -68,6 +68,7 @@ contains
             width = vm - lost
             ku = kn*vm/(width*(1.0_dp - property(5)))
             y = min(max(0.0_dp, v - lost), elbow - lost)/width
+            gap = max(0.0_dp, lost - v)
             pressure = ku*width*y/(1.0_dp - y)
             stored = ku*width**2*(-log(1.0_dp - y) - y)
             if (v > elbow) then

@@ -10,11 +10,12 @@ module pyblast_filled_joints
 
 contains
 
-    pure subroutine kelvin(property, dt, initial, normal, jump, step, traction, stored)
-        !! A spring and a dashpot side by side; theory.md (3.15).
-        !! Property: kn ks eta_n eta_s.
+    pure subroutine kelvin(property, dt, initial, normal, jump, step, state, traction, stored)
+        !! A spring and a dashpot side by side, its rate foreseen from the last two steps;
+        !! theory.md (3.15). Property: kn ks eta_n eta_s. State: rate of the last step.
         real(dp), intent(in) :: property(n_joint_properties), dt, initial(3), normal(3), jump(3)
         real(dp), intent(in) :: step(3)
+        real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: traction(3), stored
         real(dp) :: opening, shear(3), rate, shear_rate(3)
 
@@ -22,15 +23,17 @@ contains
         traction = initial + property(1)*opening*normal + property(2)*shear
         stored = stored_energy(property(1), property(2), normal, traction)
         if (dt > 0.0_dp) then
-            call split(step/dt, normal, rate, shear_rate)
+            call split(1.5_dp*step/dt - 0.5_dp*state(1:3), normal, rate, shear_rate)
+            state(1:3) = step/dt
             traction = traction + property(3)*rate*normal + property(4)*shear_rate
         end if
     end subroutine kelvin
 
-    pure subroutine maxwell(property, dt, initial, normal, step, state, traction, stored)
+    pure subroutine maxwell(property, dt, initial, normal, jump, step, state, traction, stored)
         !! A spring and a dashpot in a row, by the trapezoidal rule; theory.md (3.16).
         !! Property: kn ks eta_n eta_s. State: traction in excess of the initial one.
-        real(dp), intent(in) :: property(n_joint_properties), dt, initial(3), normal(3), step(3)
+        real(dp), intent(in) :: property(n_joint_properties), dt, initial(3), normal(3), jump(3)
+        real(dp), intent(in) :: step(3)
         real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: traction(3), stored
         real(dp) :: tn, ts(3), opening, shear(3), x(2)
@@ -42,24 +45,28 @@ contains
         ts = ((1.0_dp - x(2))*ts + property(2)*shear)/(1.0_dp + x(2))
         state(1:3) = tn*normal + ts
         traction = initial + state(1:3)
-        stored = stored_energy(property(1), property(2), normal, state(1:3))
+        stored = stored_energy(property(1), property(2), normal, state(1:3)) &
+            + dot_product(initial, jump)
     end subroutine maxwell
 
     pure subroutine yielding(property, initial, normal, jump, step, state, traction, stored)
         !! Continuously yielding joint: shear approaches a strength that slip wears down;
         !! theory.md (3.17) to (3.19). Property: kn ks friction friction_initial roughness.
-        !! State: shear in excess of the initial one, last direction, ratio at reversal, worn.
+        !! State: shear in excess of the initial one, worn, status, gap, last direction, ratio at
+        !! reversal.
         real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3), step(3)
         real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: traction(3), stored
         real(dp) :: tn, shear(3), start(3), opening, along(3), strength, way, factor, size
 
-        associate (kn => property(1), ks => property(2), excess => state(1:3), &
-                   direction => state(4:6), ratio => state(7), worn => state(8))
+        associate (kn => property(1), ks => property(2), excess => state(1:3), worn => state(4), &
+                   status => state(5), gap => state(6), direction => state(7:9), ratio => state(10))
             call split(initial, normal, tn, start)
             tn = tn + kn*dot_product(jump, normal)
             call split(step, normal, opening, along)
-            if (tn > 0.0_dp) then
+            gap = max(0.0_dp, tn/kn)
+            status = merge(2.0_dp, 1.0_dp, gap > 0.0_dp)
+            if (gap > 0.0_dp) then
                 excess = -start
                 traction = 0.0_dp
                 stored = 0.0_dp

@@ -9,15 +9,15 @@ contains
 
     pure subroutine coulomb(property, initial, normal, jump, state, traction, stored)
         !! Elastic until |shear| exceeds cohesion + pressure*friction or the normal traction exceeds
-        !! the tension cut-off; residual strength after first failure, dilation while it slips, up
-        !! to a length of slip; theory.md (3.2) to (3.4), (3.6).
+        !! the tension cut-off; residual strength after first failure, dilation while it slips
+        !! under pressure, up to a length of slip; theory.md (3.2) to (3.4), (3.6).
         real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3)
         real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: traction(3), stored
-        real(dp) :: strength(3), tn, shear(3), shear_jump(3), initial_shear(3), slid
+        real(dp) :: strength(3), tn, shear(3), shear_jump(3), initial_shear(3), slid, rise
 
         associate (kn => property(1), ks => property(2), slip => state(1:3), failed => state(4), &
-                   status => state(5), dilated => state(6), length => state(7))
+                   status => state(5), gap => state(6), dilated => state(7), length => state(8))
             call split(initial, normal, tn, initial_shear)
             shear_jump = jump - dot_product(jump, normal)*normal
             tn = tn + kn*(dot_product(jump, normal) - dilated)
@@ -34,17 +34,25 @@ contains
                 strength = property(6:8)
                 if (tn > strength(3)) status = 2.0_dp
             end if
+            gap = 0.0_dp
             if (status > 1.0_dp) then
                 failed = ior(nint(failed), 2)
                 slip = shear_jump + initial_shear/ks
+                gap = tn/kn
                 traction = 0.0_dp
             else
-                slid = 0.0_dp
-                if (status > 0.0_dp) call slide(ks, strength(1) + max(0.0_dp, -tn)*strength(2), &
-                                                shear, slip, slid)
+                if (status > 0.0_dp) then
+                    rise = 0.0_dp
+                    if (tn < 0.0_dp .and. length < property(10)) rise = kn*property(9)
+                    slid = max(0.0_dp, norm2(shear) - strength(1) - max(0.0_dp, -tn)*strength(2)) &
+                        /(ks + rise*strength(2))
+                    rise = rise*min(slid, max(0.0_dp, property(10) - length))
+                    tn = tn - rise
+                    dilated = dilated + rise/kn
+                    call slide(ks, strength(1) + max(0.0_dp, -tn)*strength(2), shear, slip, slid)
+                    length = length + slid
+                end if
                 traction = tn*normal + shear
-                dilated = dilated + property(9)*min(slid, max(0.0_dp, property(10) - length))
-                length = length + slid
             end if
             stored = stored_energy(kn, ks, normal, traction)
         end associate
@@ -53,33 +61,43 @@ contains
     pure subroutine softening(property, initial, normal, jump, state, traction, stored)
         !! Coulomb strength that falls in proportion to slip, from cohesion and static friction to
         !! dynamic friction alone; theory.md (3.7).
+        !!
+        !! Slip and strength of a step are solved together. A spring softer than the weakening
+        !! can't follow it: the strength then falls to its end at once.
         real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3)
         real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: traction(3), stored
-        real(dp) :: tn, shear(3), shear_jump(3), initial_shear(3), slid, static, pressure, left
+        real(dp) :: tn, shear(3), shear_jump(3), initial_shear(3), slid, pressure, last, drop, left
+        real(dp) :: excess
 
         associate (kn => property(1), ks => property(2), slip => state(1:3), failed => state(4), &
-                   status => state(5), length => state(6))
+                   status => state(5), gap => state(6), length => state(7))
             call split(initial, normal, tn, initial_shear)
             shear_jump = jump - dot_product(jump, normal)*normal
             tn = tn + kn*dot_product(jump, normal)
             shear = initial_shear + ks*(shear_jump - slip)
             status = 0.0_dp
+            gap = 0.0_dp
             if (tn > merge(0.0_dp, property(7), failed > 0.0_dp)) then
                 status = 2.0_dp
                 failed = ior(nint(failed), 2)
                 slip = shear_jump + initial_shear/ks
+                length = max(length, property(6))
+                gap = tn/kn
                 traction = 0.0_dp
             else
                 pressure = max(0.0_dp, -tn)
-                static = property(3) + pressure*property(4)
-                left = max(0.0_dp, 1.0_dp - length/property(6))
-                slid = 0.0_dp
-                call slide(ks, max(0.0_dp, pressure*property(5) &
-                                   + left*(static - pressure*property(5))), shear, slip, slid)
-                if (slid > 0.0_dp) status = 1.0_dp
+                last = pressure*property(5)
+                drop = (property(3) + pressure*property(4) - last)/property(6)
+                left = max(0.0_dp, property(6) - length)
+                excess = norm2(shear) - last - drop*left
+                if (excess > 0.0_dp) then
+                    status = 1.0_dp
+                    if (excess < (ks - drop)*left) last = norm2(shear) - ks*excess/(ks - drop)
+                    call slide(ks, last, shear, slip, slid)
+                    length = length + slid
+                end if
                 failed = ior(nint(failed), nint(status))
-                length = length + slid
                 traction = tn*normal + shear
             end if
             stored = stored_energy(kn, ks, normal, traction)
@@ -87,19 +105,22 @@ contains
     end subroutine softening
 
     pure subroutine stress_dependent(property, initial, normal, jump, state, traction, stored)
-        !! Coulomb with stiffness that follows the pressure before the blast; theory.md (3.8).
+        !! Coulomb with stiffness that follows the pressure before the blast; an initial tension
+        !! stands for a gap of t0/kn; theory.md (3.8).
         real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3)
         real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: traction(3), stored
-        real(dp) :: like(n_joint_properties), share
+        real(dp) :: like(n_joint_properties), share, tn, start(3)
 
-        share = max(0.0_dp, -dot_product(initial, normal))/property(3)
+        call split(initial, normal, tn, start)
+        share = max(0.0_dp, -tn)/property(3)
         share = min(max(share**property(4), 1.0e-2_dp), property(5)/property(1))
         like = 0.0_dp
         like(1:2) = share*property(1:2)
         like(3:4) = property(6:7)
         like(6:7) = property(6:7)
-        call coulomb(like, initial, normal, jump, state, traction, stored)
+        start = initial + (share - 1.0_dp)*max(0.0_dp, tn)*normal
+        call coulomb(like, start, normal, jump, state, traction, stored)
     end subroutine stress_dependent
 
     pure subroutine slide(ks, strength, shear, slip, slid)

@@ -3,6 +3,8 @@ module pyblast_joint_laws
     !!
     !! Traction and jump are vectors in global axes; the normal points from the minus to the plus
     !! side; tension and opening are positive. A law is total in the jump: t = t0 + K (jump - slip).
+    !! Of every law that opens, the fifth state says whether it slips (1) or is open (2), the sixth
+    !! how wide it is open [m].
     use pyblast_kinds, only : dp, n_joint_properties, n_joint_state
     use pyblast_closing_joints, only : barton_bandis, closure
     use pyblast_filled_joints, only : kelvin, maxwell, yielding
@@ -24,26 +26,26 @@ contains
         case (2)
             signature = "coulomb: kn ks cohesion friction tension cohesion_residual " // &
                 "friction_residual tension_residual dilation dilation_slip | " // &
-                "slip_x slip_y slip_z failed status dilated length"
+                "slip_x slip_y slip_z failed status gap dilated length"
         case (3)
             signature = "softening: kn ks cohesion friction friction_dynamic weakening_slip " // &
-                "tension | slip_x slip_y slip_z failed status length"
+                "tension | slip_x slip_y slip_z failed status gap length"
         case (4)
             signature = "closure: kn ks closure kn_max irrecoverable cohesion friction | " // &
-                "slip_x slip_y slip_z failed status peak rest started"
+                "slip_x slip_y slip_z failed status gap peak rest started"
         case (5)
             signature = "barton_bandis: kn ks closure kn_max irrecoverable jrc jcs friction " // &
-                "peak_slip | slip_x slip_y slip_z failed status peak rest started dilated length"
+                "peak_slip | slip_x slip_y slip_z failed status gap peak rest started dilated length"
         case (6)
             signature = "stress_dependent: kn ks pressure exponent kn_max cohesion friction | " // &
-                "slip_x slip_y slip_z failed status dilated length"
+                "slip_x slip_y slip_z failed status gap dilated length"
         case (7)
-            signature = "kelvin: kn ks eta_n eta_s |"
+            signature = "kelvin: kn ks eta_n eta_s | rate_x rate_y rate_z"
         case (8)
             signature = "maxwell: kn ks eta_n eta_s | excess_x excess_y excess_z"
         case (9)
             signature = "yielding: kn ks friction friction_initial roughness | " // &
-                "excess_x excess_y excess_z way_x way_y way_z ratio worn"
+                "excess_x excess_y excess_z worn status gap way_x way_y way_z ratio"
         case default
             signature = ""
         end select
@@ -51,6 +53,7 @@ contains
 
     pure subroutine joint_bound(law, property, stiffness, viscosity)
         !! Tell the largest tangent stiffness that a law can have, and its viscosity: the time step.
+        !! A Kelvin fill shortens the step as twice its viscosity, for it foresees its rate.
         integer, intent(in) :: law
         real(dp), intent(in) :: property(n_joint_properties)
         real(dp), intent(out) :: stiffness             !! [Pa/m]
@@ -64,7 +67,7 @@ contains
         case (6)
             stiffness = property(5)*max(1.0_dp, property(2)/property(1))
         case (7)
-            viscosity = maxval(property(3:4))
+            viscosity = 2.0_dp*maxval(property(3:4))
         end select
     end subroutine joint_bound
 
@@ -94,9 +97,9 @@ contains
         case (6)
             call stress_dependent(property, initial, normal, jump, state, traction, stored)
         case (7)
-            call kelvin(property, dt, initial, normal, jump, step, traction, stored)
+            call kelvin(property, dt, initial, normal, jump, step, state, traction, stored)
         case (8)
-            call maxwell(property, dt, initial, normal, step, state, traction, stored)
+            call maxwell(property, dt, initial, normal, jump, step, state, traction, stored)
         case (9)
             call yielding(property, initial, normal, jump, step, state, traction, stored)
         case default

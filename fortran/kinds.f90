@@ -9,7 +9,7 @@ module pyblast_kinds
 
     integer, parameter, public :: n_joint_laws = 9
     integer, parameter, public :: n_joint_properties = 12
-    integer, parameter, public :: n_joint_state = 10
+    integer, parameter, public :: n_joint_state = 12
 
     integer, parameter, public :: n_zone_laws = 4
     integer, parameter, public :: n_zone_properties = 24

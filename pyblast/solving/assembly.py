@@ -25,8 +25,11 @@ from .stability import critical_step, node_sums, shape_gradients
 from .yielding import settled_rows, stressed_rows
 
 DOMAIN_ZONES = 1024
-STATUS, OPEN = 4, 2.0  # column of contact_state and its value for a gap, of every law that opens
-RESET = ("slip_x", "slip_y", "slip_z", "excess_x", "excess_y", "excess_z", "dilated", "started")
+GAP = 5  # column of contact_state of every law that opens, m
+RESET = (
+    *("slip_x", "slip_y", "slip_z", "excess_x", "excess_y", "excess_z"),
+    *("rate_x", "rate_y", "rate_z", "dilated", "started"),
+)
 LOCAL_DAMPING = 0.8
 # Local damping raises the force that slows a node by 1.8, which shortens an elastic step by
 # 1/sqrt(1.8), but a step ruled by stiffness damping by 1/1.8: that damping is left out.
@@ -197,6 +200,8 @@ def dynamic_arrays(model, geometry, n_steps):
 def static_arrays(model, geometry):
     """Return weight, in-situ stress and rollers of the static stage, and the scale of forces."""
     node_load, contact_initial, scale = static_loads(model, geometry)
+    joint_law = geometry["joint_law"]
+    flows = joint_law == JOINT_LAWS["maxwell"].number  # it would never come to rest
     fades = geometry["set_law"] == ZONE_LAWS["viscoelastic"].number
     moduli = {
         f"zone_{name}": np.where(fades[model.mesh.zone_group], model.zone_values(value), known)
@@ -211,6 +216,7 @@ def static_arrays(model, geometry):
         **moduli,
         "row_initial": stressed_rows(geometry, insitu_stress(model)),
         "set_law": np.where(fades, ZONE_LAWS["elastic"].number, geometry["set_law"]).astype("i4"),
+        "joint_law": np.where(flows, JOINT_LAWS["elastic"].number, joint_law).astype("i4"),
         "node_alpha": np.zeros_like(geometry["node_alpha"]),
         "local_damping": LOCAL_DAMPING,
         "node_load": node_load,
@@ -260,9 +266,9 @@ def initial_state(constants, contact_state=None):
 def after_static(constants, static, settled):
     """Start the dynamic stage from the tractions and joint states at the end of the static one.
 
-    An open contact keeps its gap: its initial traction is the tension that its springs would
-    have, balanced by a constant load, so it closes where it did before. A zone that can yield
-    starts from its settled stress, strained no more but as hardened or softened as it is.
+    An open contact keeps its gap: its initial traction is the tension that a spring of its
+    ``kn`` would have, balanced by a constant load, so it closes where it did before. A zone that
+    can yield starts from its settled stress, strained no more but as hardened or softened as it is.
 
     Parameters
     ----------
@@ -277,13 +283,10 @@ def after_static(constants, static, settled):
     """
     normal, area = static["contact_normal"], static["contact_area"]
     minus, plus = static["contact_node"].T
-    jump = settled["displacement"][plus] - settled["displacement"][minus]
     kn = static["joint_property"][static["contact_joint"], 0]
-    tension = np.einsum("ij,ij->i", static["contact_initial"] + kn[:, None] * jump, normal)
-    opens = np.array(["status" in law.state for law in JOINT_LAWS.values()])
-    opens = opens[static["joint_law"][static["contact_joint"]]]
-    is_open = ((settled["contact_state"][:, STATUS] == OPEN) & opens)[:, None]
-    virtual = np.where(is_open, tension[:, None] * normal, 0.0)
+    opens = np.array(["gap" in law.state for law in JOINT_LAWS.values()])
+    opens = opens[constants["joint_law"][static["contact_joint"]]]
+    virtual = (opens * kn * settled["contact_state"][:, GAP])[:, None] * normal
     initial = settled["contact_traction"] + virtual
     load = np.zeros_like(settled["displacement"])
     np.add.at(load, minus, area[:, None] * virtual)

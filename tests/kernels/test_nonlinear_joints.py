@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from test_joint_laws import FRICTION, KN, KS, Contact
+from contact import FRICTION, KN, KS, Contact
 
 PRESSED = [0.0, 0.0, -2e5]
 VM = 1e-3
@@ -135,13 +135,25 @@ def test_stiffness_is_a_power_of_the_pressure_before(pressure):
     assert change == pytest.approx([stiffer * KS * 1e-6, 0.0, -stiffer * KN * 1e-6], rel=1e-9)
 
 
-def test_a_kelvin_fill_adds_what_its_dashpots_take():
+def test_a_kelvin_fill_at_a_steady_rate_adds_what_its_dashpots_take():
     contact = Contact("kelvin")
+    contact.move(1e-6, 0.0, -2e-6)
 
-    traction = contact.move(1e-6, 0.0, -2e-6)
+    traction = contact.move(2e-6, 0.0, -4e-6)
 
-    wanted = [KS * 1e-6 + 2e5 * 1e-6 / 1e-4, 0.0, -KN * 2e-6 - 4e5 * 2e-6 / 1e-4]
+    wanted = [KS * 2e-6 + 2e5 * 1e-6 / 1e-4, 0.0, -KN * 4e-6 - 4e5 * 2e-6 / 1e-4]
     assert traction == pytest.approx(wanted, rel=1e-12)
+
+
+def test_a_kelvin_fill_feels_the_rate_of_the_moment_not_of_half_a_step_ago():
+    contact, omega = Contact("kelvin"), 300.0
+    times = 1e-4 * np.arange(400)
+    place = 1e-5 * np.sin(omega * times)
+
+    found = np.array([contact.move(0.0, 0.0, x)[2] for x in place])
+
+    wanted = KN * place + 4e5 * 1e-5 * omega * np.cos(omega * times)
+    assert np.abs(found - wanted)[2:].max() < 1e-3 * np.abs(wanted).max()
 
 
 def test_a_maxwell_fill_relaxes_at_its_own_rate():

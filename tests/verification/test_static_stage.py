@@ -151,7 +151,7 @@ def test_a_gap_that_the_static_stage_leaves_must_close_before_the_joint_presses(
     gap = 1e-3
     upper = geometry["contact_node"][:, 1]
     settled["displacement"][upper, 2] += gap
-    settled["contact_state"][:, 4] = 2.0
+    settled["contact_state"][:, 4:6] = 2.0, gap
     settled["contact_traction"][:] = 0.0
     static = {**geometry, "contact_initial": np.zeros_like(geometry["contact_initial"])}
 
