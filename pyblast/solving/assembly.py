@@ -9,6 +9,7 @@ from ..meshing.mesh import locate
 from ..meshing.patches import MOST
 from .conditions import dynamic_conditions, static_conditions, surface_impedance
 from .insitu import insitu_stress, static_loads
+from .joints import carried_over
 from .kernels import (
     JOINT_LAWS,
     N_JOINT_PROPERTIES,
@@ -26,10 +27,6 @@ from .yielding import settled_rows, stressed_rows
 
 DOMAIN_ZONES = 1024
 GAP = 5  # column of contact_state of every law that opens, m
-RESET = (
-    *("slip_x", "slip_y", "slip_z", "excess_x", "excess_y", "excess_z"),
-    *("rate_x", "rate_y", "rate_z", "dilated", "started"),
-)
 LOCAL_DAMPING = 0.8
 # Local damping raises the force that slows a node by 1.8, which shortens an elastic step by
 # 1/sqrt(1.8), but a step ruled by stiffness damping by 1/1.8: that damping is left out.
@@ -233,17 +230,6 @@ def still_loads(n_steps):
     return Loads().arrays(np.zeros(n_steps))
 
 
-def _carried_over(constants, contact_state):
-    """Return joint states without what belongs to the displacement that is set to zero."""
-    state = contact_state.copy()
-    law = constants["joint_law"][constants["contact_joint"]]
-    for number, one in enumerate(JOINT_LAWS.values()):
-        for column, name in enumerate(one.state):
-            if name in RESET:
-                state[law == number, column] = 0.0
-    return state
-
-
 def initial_state(constants, contact_state=None):
     """Return the state at rest: no displacement, tractions and stresses at their initial values."""
     n_nodes, n_contacts = len(constants["node_mass"]), len(constants["contact_area"])
@@ -284,9 +270,9 @@ def after_static(constants, static, settled):
     normal, area = static["contact_normal"], static["contact_area"]
     minus, plus = static["contact_node"].T
     kn = static["joint_property"][static["contact_joint"], 0]
-    opens = np.array(["gap" in law.state for law in JOINT_LAWS.values()])
-    opens = opens[constants["joint_law"][static["contact_joint"]]]
-    virtual = (opens * kn * settled["contact_state"][:, GAP])[:, None] * normal
+    law = constants["joint_law"][static["contact_joint"]]
+    opens = np.array(["gap" in one.state for one in JOINT_LAWS.values()])
+    virtual = (opens[law] * kn * settled["contact_state"][:, GAP])[:, None] * normal
     initial = settled["contact_traction"] + virtual
     load = np.zeros_like(settled["displacement"])
     np.add.at(load, minus, area[:, None] * virtual)
@@ -294,7 +280,7 @@ def after_static(constants, static, settled):
     stress, memory = settled_rows(constants, static, settled)
     begun = {"contact_initial": initial, "node_load": load, "row_initial": stress}
     constants = {**constants, **begun}
-    contact_state = _carried_over(constants, settled["contact_state"])
+    contact_state = carried_over(law, settled["contact_state"])
     state = initial_state(constants, contact_state)
     state["contact_traction"] = settled["contact_traction"].copy()
     state["row_state"] = memory

@@ -3,6 +3,8 @@
 import math
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from ..errors import InputError
 from .kernels import JOINT_LAWS, N_JOINT_PROPERTIES, joint_bound, property_row
 
@@ -22,6 +24,11 @@ STIFFEST = {"closure": 100.0, "barton_bandis": 100.0, "stress_dependent": 10.0}
 POSITIVE = (
     "kn", "ks", "closure", "weakening_slip", "jcs", "peak_slip", "pressure", "roughness",
 )  # fmt: skip
+# States that belong to the displacement, which a stage begins anew.
+RESET = (
+    *("slip_x", "slip_y", "slip_z", "excess_x", "excess_y", "excess_z"),
+    *("rate_x", "rate_y", "rate_z", "dilated", "started"),
+)
 
 
 def may_be_left_out(law):
@@ -160,3 +167,18 @@ def saturated(joint, aperture, fluid_bulk=2.2e9):
         raise InputError(f"joints.{joint.surface}.aperture: must be positive, got {aperture:g} m")
     kn = joint.properties["kn"] + fluid_bulk / aperture
     return replace(joint, properties={**joint.properties, "kn": kn})
+
+
+def carried_over(law, contact_state):
+    """Return joint states (n_contacts, n_state) for a stage that begins at no displacement.
+
+    Parameters
+    ----------
+    law : (n_contacts,) int
+        Number of each contact's law, from 0.
+    contact_state : (n_contacts, n_state) float64
+    """
+    anew = np.zeros((len(JOINT_LAWS), contact_state.shape[1]), dtype=bool)
+    for one in JOINT_LAWS.values():
+        anew[one.number, : len(one.state)] = np.isin(one.state, RESET)
+    return np.where(anew[law], 0.0, contact_state)
