@@ -6,6 +6,7 @@ vary as e^(i k x - i omega t).
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.special import jv
@@ -58,7 +59,7 @@ def cut(beds, depths):
     for bed in beds:
         bottom = top + bed.thickness
         stops = [top, *sorted(d for d in set(depths) if top < d < bottom), bottom]
-        for low, high in zip(stops, stops[1:], strict=False):
+        for low, high in pairwise(stops):
             pieces.append(Bed(high - low, bed.density, bed.p_modulus, bed.shear))
         top = bottom
     return pieces

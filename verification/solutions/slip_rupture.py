@@ -124,7 +124,8 @@ def rupture(material, law, loaded, fault, cell, shape, duration, passed, courant
     material : Material
     law : Weakening
     loaded : callable
-        ``loaded(x, z)``: shear stress along x before the rupture, averaged over cells, Pa.
+        ``loaded(x, z)``: shear stress along x before the rupture, averaged over cells, Pa,
+        at places that broadcast.
     fault : (2,) float, m
         Half lengths along x and z; outside nothing slips.
     cell : float, m
@@ -156,7 +157,7 @@ def rupture(material, law, loaded, fault, cell, shape, duration, passed, courant
     weights *= material.shear / material.cs
     weights[:, :, 0] = 0.0
     damping = 0.5 * material.shear / material.cs
-    stress = np.stack([loaded(x, z), np.zeros(shape)])
+    stress = np.stack([loaded(x[:, None], z[None, :]), np.zeros(shape)])
     history = np.empty((n_steps, 2, len(k)))
     slip, path = np.zeros((2, *shape)), np.zeros(shape)
     start = np.full(shape, np.inf)
