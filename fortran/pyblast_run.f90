@@ -193,8 +193,9 @@ contains
                 message = "'arrays/domain_zone_start' does not ascend"
                 return
             end if
-            if (maxval(zone_slot(:, first:last)) > domain_slot_start(d + 1) - domain_slot_start(d)) &
-                message = "'arrays/zone_slot' points outside its domain"
+            if (maxval(zone_slot(:, first:last)) > domain_slot_start(d + 1) - domain_slot_start(d) &
+                .or. maxval(zone_patch(first:last)) > last - first + 1) &
+                message = "'arrays/zone_slot' or 'zone_patch' points outside its domain"
         end do
         if (domain_zone_start(1) /= 1 .or. domain_zone_start(d) /= size(zone_volume) + 1 .or. &
             any(node_start(2:) < node_start(:size(node_start) - 1))) &

@@ -26,10 +26,10 @@ ROCK = Material.from_speeds(2700.0, 4000.0, 2300.0)
 JOINTS_PER_WAVE, LENGTH, SHARE = 15, 100.0, 0.53  # share: speed over that of the intact rock
 
 
-def mesh_speeds(per_wavelength, direction):
+def mesh_speeds(material, per_wavelength, direction):
     """Return the three speeds (3,) that a grid of cubes of one metre gives plane waves."""
     mesh = structured_box((4, 4, 4), (4.0, 4.0, 4.0))
-    prepared = prepare(Model(mesh, {"rock": SCHIST}, _ordered=True), 1e-3)
+    prepared = prepare(Model(mesh, {"rock": material}, _ordered=True), 1e-3)
     views = kernels.to_fortran(prepared.constants)
     middle = int(np.flatnonzero((mesh.points == 2.0).all(axis=1))[0])
     wave = 2.0 * np.pi / per_wavelength * direction
@@ -122,7 +122,7 @@ def anisotropic_ground(per_wavelength):
     for direction in DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1)[:, None]:
         moduli = np.linalg.eigvalsh(christoffel(SCHIST.law.stiffness, direction))
         exact.append(np.sqrt(moduli / SCHIST.density))
-        found.append(mesh_speeds(per_wavelength, direction))
+        found.append(mesh_speeds(SCHIST, per_wavelength, direction))
     found, exact = np.array(found), np.array(exact)
     error = np.abs(found / exact - 1.0)
     fast, (row, wave) = error[:, 2].argmax(), np.unravel_index(error[:, :2].argmax(), (8, 2))

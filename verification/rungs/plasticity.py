@@ -65,7 +65,6 @@ def sampled(material, strains, confining):
     source="sigma_1 = sigma_3 N + 2 c sqrt(N); dilation slope of the flow rule",
     gate="C",
     tolerance={"strength": 1e-3, "residual strength": 1e-3, "dilation slope": 1e-3},
-    quick=True,
 )
 def triaxial():
     """Strength before and after softening, and how the sides move while it yields."""
