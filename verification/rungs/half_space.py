@@ -17,6 +17,7 @@ from verification.solutions.half_space import bound_frequency, bound_mode, surfa
 ROCK = Material.from_speeds(2500.0, 2000.0 * np.sqrt(3.0), 2000.0)
 FREQUENCY, DURATION = 20.0, 0.26
 WAVELENGTH = ROCK.cs / FREQUENCY
+PLACES = (WAVELENGTH, 2.0 * WAVELENGTH)
 WEST, EAST, DEPTH = -450.0, 700.0, 450.0
 DT = 5e-4
 TIMES = np.arange(0.0, 0.30, DT)
@@ -25,9 +26,9 @@ STIFFNESS = {"symmetric": 0.1, "antisymmetric": 0.03}
 SLAB = [Fixed(side, ("north",)) for side in ("south", "north")]
 
 
-def pulse_spectrum(omega):
-    """Return the transform of the pulse at complex frequencies, by its own samples."""
-    return np.exp(1j * np.outer(omega, TIMES)) @ ricker(TIMES, FREQUENCY) * DT
+def transform(values):
+    """Return the transform of samples at `TIMES` as a function of complex frequencies."""
+    return lambda omega: np.exp(1j * np.outer(omega, TIMES)) @ values * DT
 
 
 def slab(n, sources_of, places):
@@ -39,7 +40,8 @@ def slab(n, sources_of, places):
     axes[0] -= axes[0][np.argmin(np.abs(axes[0]))]
     receivers = [Receiver(f"{x:g}", (x, 0.5 * edge, -1e-6)) for x in places]
     model = Model(
-        structured_box(*axes), {"rock": ROCK}, sources=sources_of(edge), receivers=receivers,
+        structured_box(*axes, pattern="alternating"), {"rock": ROCK}, receivers=receivers,
+        sources=sources_of(edge),
         boundaries=[*SLAB, *map(Viscous, ("west", "east", "bottom"))],
     )  # fmt: skip
     return run(model, DURATION).seismograms
@@ -67,22 +69,31 @@ def compared(n, places, sources_of, wanted_of, what):
     "Lamb: line load on a half space",
     source="Lamb (1904), by discrete wave numbers (Bouchon 1981)",
     gate="E",
-    tolerance={f"{name}, {r:g} wavelengths": 0.12 for name in ("along", "down") for r in (1, 2)},
+    tolerance={
+        **{f"{name}, {r:g} wavelengths": 0.12 for name in ("along", "down") for r in (1, 2)},
+        **{f"motion, {r:g} wavelengths": 0.12 for r in (1, 2)},
+    },
     meshes=(10.0, 15.0, 22.5),
     unit="edges per S wavelength",
     order=1.8,
-    note="Largest difference over the largest velocity at the place.",
+    ordered=tuple(f"motion, {r:g} wavelengths" for r in (1, 2)),
+    note="Along and down: largest difference over the largest velocity at the place; motion: norm of "
+    "the difference over that of the motion. The force is the integral of a Ricker pulse, for a "
+    "motion of the frequency that is counted. At one wavelength the order stays at 1.6: the motion "
+    "under a line load is singular. Cubes of five tetrahedra; of six they give 29 %, order one.",
 )
 def lamb(n):
     """Push on the surface along a line."""
-    history = TimeFunction(1e6 * ricker(TIMES, FREQUENCY), DT)
+    force = 1e8 * np.cumsum(ricker(TIMES, FREQUENCY)) * DT
+    history = TimeFunction(force, DT)
 
     def sources(edge):
         down = np.array([0.0, 0.0, -0.5 * edge])
         return [PointForce(np.array([0.0, y, 0.0]), down, history) for y in (0.0, edge)]
 
-    return compared(n, (WAVELENGTH, 2.0 * WAVELENGTH), sources, lambda x: surface_motion(
-        lambda w: 1e6 * pulse_spectrum(w), TIMES, x, ROCK), "Lamb")  # fmt: skip
+    readings, curves = compared(n, PLACES, sources, lambda x: surface_motion(
+        transform(force), TIMES, x, ROCK), "Lamb")  # fmt: skip
+    return readings + norms(curves), curves
 
 
 @rung(
@@ -90,23 +101,35 @@ def lamb(n):
     "Garvin: buried line explosion",
     source="Garvin (1956), by discrete wave numbers (Bouchon 1981)",
     gate="C",
-    tolerance={f"{name}, {r:g} wavelengths": 0.1 for name in ("along", "down") for r in (1, 2)},
+    tolerance={f"motion, {r:g} wavelengths": 0.1 for r in (1, 2)},
     meshes=(10.0, 15.0, 22.5),
     unit="edges per S wavelength",
     order=1.8,
-    note="Half a wavelength deep; largest difference over the largest velocity at the place.",
+    note="Half a wavelength deep; norm of the difference over that of the motion.",
 )
 def garvin(n):
     """Explode along a line under the surface."""
     depth = 0.5 * WAVELENGTH
-    rate = TimeFunction(np.gradient(1e8 * ricker(TIMES, FREQUENCY), DT), DT)
+    moment = 1e8 * ricker(TIMES, FREQUENCY)
+    rate = TimeFunction(np.gradient(moment, DT), DT)
 
     def sources(edge):
         place = np.array([0.0, 0.5 * edge, -depth])
         return [Hole(place, edge, 0.0, rate)]
 
-    return compared(n, (WAVELENGTH, 2.0 * WAVELENGTH), sources, lambda x: surface_motion(
-        lambda w: 1e8 * pulse_spectrum(w), TIMES, x, ROCK, depth), "Garvin")  # fmt: skip
+    readings, curves = compared(n, PLACES, sources, lambda x: surface_motion(
+        transform(moment), TIMES, x, ROCK, depth), "Garvin")  # fmt: skip
+    return readings + norms(curves), curves
+
+
+def norms(curves):
+    """Return the norm of the difference of both components over that of the motion, by place."""
+    readings = []
+    for r, pair in ((1, curves[:2]), (2, curves[2:])):
+        wanted = np.concatenate([curve.expected for curve in pair])
+        found = np.concatenate([curve.measured for curve in pair])
+        readings.append(Reading.norm(f"motion, {r} wavelengths", wanted, found))
+    return readings
 
 
 def swinging(n, kind, stiffness):
