@@ -16,7 +16,13 @@ from .projects.result import Result, read_result, seismogram_heads, write_result
 from .projects.summary import source_tables, summarise
 from .records.recordings import read_recording
 from .reporting.report import write_report
-from .reporting.vtk_file import write_joints, write_motion, write_zones, zone_fields
+from .reporting.vtk_file import (
+    write_joints,
+    write_motion,
+    write_zones,
+    yield_fields,
+    zone_fields,
+)
 from .solving import preparation, solver
 
 CHECKPOINT = "checkpoint.h5"
@@ -174,7 +180,8 @@ def write_outcome(outcome, model):
     write_summary(folder / "summary.json", outcome.result.summary)
     mesh = model.mesh
     moved = {"displacement": run_.state["displacement"]}
-    write_zones(folder / "zones.vtu", mesh.points, mesh.zones, zone_fields(model), moved)
+    fields = {**zone_fields(model), **yield_fields(run_)}
+    write_zones(folder / "zones.vtu", mesh.points, mesh.zones, fields, moved)
     if mesh.contacts is not None:
         write_joints(folder / "joints.vtu", mesh, run_.state["displacement"])
     write_motion(folder, mesh.points, mesh.zones, run_.snapshots)

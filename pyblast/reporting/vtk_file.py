@@ -8,6 +8,7 @@ import numpy as np
 from ..meshing import tetrahedra
 from ..projects.census import carried_frequency
 from ..projects.result import write_text
+from ..solving.yielding import yield_states
 
 
 def zone_fields(model):
@@ -18,6 +19,24 @@ def zone_fields(model):
         "group": mesh.zone_group.astype(np.int32),
         "block": mesh.blocks().astype(np.int32),
         "f_max": carried_frequency(model.zone_values("cs"), edge),
+    }
+
+
+def yield_fields(run):
+    """Return stress (Pa) and plastic strains of zones that can yield, nan elsewhere; else none.
+
+    The stress has ParaView's order xx yy zz xy yz zx.
+    """
+    constants = run.prepared.constants
+    zone, stress, plastic = yield_states(constants, run.state)
+    if not len(zone):
+        return {}
+    values = np.full((len(constants["zone_volume"]), 8), np.nan)
+    values[zone] = np.hstack([stress, plastic])
+    return {
+        "stress": values[:, [0, 1, 2, 5, 3, 4]],
+        "plastic_shear": values[:, 6],
+        "plastic_tension": values[:, 7],
     }
 
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import meshio
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -11,6 +12,7 @@ from pyblast.meshing.mesh import Mesh
 from pyblast.meshing.mesh_builder import Layer, structured_box
 from pyblast.meshing.patches import MOST
 from pyblast.motion.seismogram import Seismogram
+from pyblast.reporting.vtk_file import write_zones, yield_fields
 from pyblast.solving import assembly, kernels
 from pyblast.solving.boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
 from pyblast.solving.joints import Joint
@@ -228,6 +230,18 @@ def test_ground_that_its_weight_breaks_keeps_its_damage_but_not_its_strain():
     limit = triaxial_strength(-stress[:, :2].max(axis=1), 1e4, 0.8)
     assert (-stress[:, 2] <= limit + 1e-3 * np.abs(stress[:, 2])).all()
     assert np.abs(result.state["velocity"]).max() < 1e-4
+
+
+def test_zones_for_paraview_show_where_ground_yielded(tmp_path):
+    result = shaken()
+    mesh = crooked()
+
+    fields = yield_fields(result)
+    write_zones(tmp_path / "zones.vtu", mesh.points, mesh.zones, fields)
+
+    found = meshio.read(tmp_path / "zones.vtu").cell_data
+    assert found["plastic_shear"][0].max() > 0.0
+    assert found["stress"][0].shape == (len(mesh.zones), 6)
 
 
 def test_yielding_blocks_on_a_joint_settle_and_stay_at_rest():
