@@ -4,7 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from contact import COHESION, FRICTION, KN, KS, TENSION, WEAKER, Contact, cycles
+
+from verification.contact import COHESION, FRICTION, KN, KS, TENSION, WEAKER, Contact, cycles
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from contact import KN, KS, NORMAL, TENSION, WEAKER, Contact, cycles
 from scipy.spatial.transform import Rotation
 
 from pyblast.solving.kernels import JOINT_LAWS
+from verification.contact import KN, KS, NORMAL, TENSION, WEAKER, Contact, cycles
 
 ALL_LAWS = pytest.mark.parametrize("law", list(JOINT_LAWS))
 OPENING = [name for name, law in JOINT_LAWS.items() if "gap" in law.state]

@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from contact import FRICTION, KN, KS, Contact
+
+from verification.contact import FRICTION, KN, KS, Contact
 
 PRESSED = [0.0, 0.0, -2e5]
 VM = 1e-3

@@ -42,6 +42,7 @@ class Contact:
         )
 
     def move(self, *jump):
+        """Move to a jump (3,) in m; return the traction (3,) in Pa."""
         jump = np.asarray(jump if len(jump) == 3 else jump[0], dtype=float)
         traction, stored = self._law(jump)
         work = 0.5 * (self.traction + traction) @ (jump - self.jump)
@@ -50,6 +51,7 @@ class Contact:
         return traction
 
     def says(self, name):
+        """Return one number of the state."""
         return self.state[self.names.index(name)]
 
 
