@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from pyblast.meshing.mesh import surface_areas
 from pyblast.meshing.mesh_builder import structured_box
 from pyblast.solving.boundaries import Fixed, Roller, Viscous
 from pyblast.solving.materials import Material
 from pyblast.solving.model import Model, Receiver
+from pyblast.solving.pressures import Pressure
 from pyblast.solving.solver import run
 from pyblast.solving.sources import Hole, PointForce, TimeFunction
 from verification.ladder import Curve, Reading, rung
@@ -135,19 +135,6 @@ def cavity_radii(n_edges):
     return CAVITY * np.arange(1.0, 10.0, 0.5 * np.pi / n_edges)
 
 
-def wall_forces(mesh, values, dt):
-    """Return the forces of a pressure on the faces of the cavity, node by node."""
-    nodes, area, normal = surface_areas(mesh, "cavity")
-    unique, place = np.unique(nodes, return_inverse=True)
-    vectors = np.zeros((len(unique), 3))
-    np.add.at(vectors, place, -area[:, None] * normal)
-    history = TimeFunction(values, dt)
-    return [
-        PointForce(mesh.points[node], vector, history)
-        for node, vector in zip(unique, vectors, strict=True)
-    ]
-
-
 @rung(
     "18",
     "Spherical cavity under pressure",
@@ -171,7 +158,7 @@ def spherical_cavity(n_edges):
         mesh,
         {"rock": ROCK},
         boundaries=[*map(Roller, ("west", "south", "bottom")), Viscous("outside")],
-        sources=wall_forces(mesh, PRESSURE * values, dt),
+        sources=[Pressure("cavity", TimeFunction(PRESSURE * values, dt))],
         receivers=[Receiver(f"{r:g} {k}", r * CAVITY * ray) for r in SHELLS for k, ray in RAYS],
     )
     records = run(model, 16.0 * CAVITY / ROCK.cp).seismograms
