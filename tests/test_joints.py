@@ -5,7 +5,7 @@ import math
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.solving.joints import Joint
+from pyblast.solving.joints import Joint, saturated
 from pyblast.solving.kernels import JOINT_LAWS
 
 STRONG = {"kn": 1e9, "ks": 5e8, "cohesion": 1e5, "friction": 0.6, "tension": 2e4}
@@ -60,3 +60,34 @@ def test_an_impossible_property_is_refused(name, value):
 def test_an_impossible_pressure_before_the_blast_is_refused(pressure):
     with pytest.raises(InputError, match=r"joints\.J\.insitu_pressure: must not be negative"):
         Joint("J", "coulomb", STRONG, insitu_pressure=pressure)
+
+
+def test_dilation_needs_the_slip_at_which_it_ends():
+    with pytest.raises(InputError, match=r"J\.dilation_slip: missing beside dilation"):
+        Joint("J", "coulomb", {**STRONG, "dilation": 0.1})
+
+
+def test_dilation_above_friction_would_create_energy_and_is_refused():
+    with pytest.raises(InputError, match=r"J\.dilation: must not exceed friction_residual of 0.6"):
+        Joint("J", "coulomb", {**STRONG, "dilation": 0.7, "dilation_slip": 1e-2})
+
+
+def test_a_joint_cannot_weaken_to_more_than_it_had():
+    weak = {"kn": 1e9, "ks": 1e9, "friction": 0.6, "weakening_slip": 1e-3, "friction_dynamic": 0.7}
+
+    with pytest.raises(InputError, match=r"J\.friction_dynamic: must not exceed friction of 0.6"):
+        Joint("J", "softening", weak)
+
+
+def test_water_stiffens_a_joint_against_closing_only():
+    joint = saturated(Joint("J", "coulomb", STRONG), 5e-4)
+
+    assert joint.properties["kn"] == pytest.approx(1e9 + 2.2e9 / 5e-4)
+    assert joint.properties["ks"] == STRONG["ks"]
+
+
+def test_a_fluid_in_a_joint_that_stiffens_by_itself_is_refused():
+    closing = Joint("J", "closure", {"kn": 1e9, "ks": 1e9, "closure": 1e-3})
+
+    with pytest.raises(InputError, match=r"J\.law: 'closure' has no stiffness of its own"):
+        saturated(closing, 5e-4)

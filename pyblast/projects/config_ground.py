@@ -213,6 +213,16 @@ class JointConfig(Section):
     law: Name = "coulomb"
     insitu_pressure_kpa: NotNegative = 0.0
     infill_mm: Infill | None = None
+    fill_density_kg_per_m3: Positive | None = None
+    fill_thickness_mm: Positive | None = None
+    water_aperture_mm: Positive | None = None
+
+    @model_validator(mode="after")
+    def _both(self):
+        """Ask for both numbers of a heavy fill."""
+        if (self.fill_density_kg_per_m3 is None) != (self.fill_thickness_mm is None):
+            raise ValueError("fill_density_kg_per_m3 and fill_thickness_mm go together")
+        return self
 
 
 class BoundariesConfig(Section):

@@ -3,7 +3,7 @@
 from difflib import get_close_matches
 
 from ..errors import InputError
-from ..solving.joints import POSITIVE, Joint, may_be_left_out
+from ..solving.joints import POSITIVE, Joint, may_be_left_out, saturated
 from ..solving.kernels import JOINT_LAWS
 from ..units import split_key, to_si
 from .config_section import named_error
@@ -50,7 +50,13 @@ def make_joint(where, surface, config):
         if name not in properties and name not in may_be_left_out(config.law):
             raise InputError(f"{where}.{_key(name)}: missing; add it")
     pressure = to_si("pressure_kpa", config.insitu_pressure_kpa)[1]
-    return Joint(surface, config.law, properties, pressure)
+    mass = 0.0
+    if config.fill_density_kg_per_m3 is not None:
+        mass = config.fill_density_kg_per_m3 * to_si("fill_mm", config.fill_thickness_mm)[1]
+    joint = Joint(surface, config.law, properties, pressure, mass)
+    if config.water_aperture_mm is None:
+        return joint
+    return saturated(joint, to_si("aperture_mm", config.water_aperture_mm)[1])
 
 
 def _key(name):

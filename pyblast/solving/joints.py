@@ -29,6 +29,9 @@ RESET = (
     *("slip_x", "slip_y", "slip_z", "excess_x", "excess_y", "excess_z"),
     *("rate_x", "rate_y", "rate_z", "dilated", "started"),
 )
+# Tangents of which the first may not exceed the second: energy would come from nowhere, or
+# weakening would strengthen.
+NOT_ABOVE = (("dilation", "friction_residual"), ("friction_dynamic", "friction"))
 
 
 def may_be_left_out(law):
@@ -132,6 +135,15 @@ def _check_together(where, law, values):
         raise InputError(
             f"{where}.irrecoverable: must lie in 0 to 0.9, got {values['irrecoverable']:g}"
         )
+    if values.get("dilation", 0.0) > 0.0 and values["dilation_slip"] == 0.0:
+        raise InputError(
+            f"{where}.dilation_slip: missing beside dilation; give the slip at which it ends"
+        )
+    for low, high in NOT_ABOVE:
+        if low in values and values[low] > values[high]:
+            raise InputError(
+                f"{where}.{low}: must not exceed {high} of {values[high]:g}, got {values[low]:g}"
+            )
     if law == "yielding" and values["friction_initial"] < values["friction"]:
         raise InputError(
             f"{where}.friction_initial: must not be below friction of {values['friction']:g}, "
@@ -162,7 +174,17 @@ def saturated(joint, aperture, fluid_bulk=2.2e9):
     """Return a joint whose aperture in m is full of a fluid: kn grows by its bulk over aperture.
 
     Shear stiffness and strength stay; theory.md (3.21).
+
+    Raises
+    ------
+    InputError
+        If the aperture is not positive, or the stiffness of the law follows the pressure.
     """
+    if joint.law in STIFFEST:
+        raise InputError(
+            f"joints.{joint.surface}.law: '{joint.law}' has no stiffness of its own that a fluid "
+            "could add to; use 'elastic' or 'coulomb'"
+        )
     if not aperture > 0.0:
         raise InputError(f"joints.{joint.surface}.aperture: must be positive, got {aperture:g} m")
     kn = joint.properties["kn"] + fluid_bulk / aperture

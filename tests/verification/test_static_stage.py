@@ -162,3 +162,54 @@ def test_a_gap_that_the_static_stage_leaves_must_close_before_the_joint_presses(
         trial["displacement"][upper, 2] -= share * gap
         kernels.advance(kernels.to_fortran(constants), trial, 0, 1, 1)
         assert np.all((trial["contact_traction"][:, 2] < 0.0) == presses)
+
+
+LAWS = {
+    "coulomb": WEAK,
+    "softening": {"kn": 1e9, "ks": 5e8, "friction": 0.7, "friction_dynamic": 0.5,
+                  "weakening_slip": 1e-3},
+    "closure": {"kn": 1e9, "ks": 5e8, "closure": 2e-3, "friction": 0.7, "cohesion": 0.0,
+                "irrecoverable": 0.2},
+    "barton_bandis": {"kn": 1e9, "ks": 5e8, "closure": 2e-3, "friction": 0.6, "jrc": 8.0,
+                      "jcs": 5e7, "peak_slip": 1e-2},
+    "stress_dependent": {"kn": 1e9, "ks": 5e8, "pressure": 1e6, "exponent": 0.5},
+    "kelvin": {"kn": 1e9, "ks": 5e8, "eta_n": 1e6, "eta_s": 1e6},
+    "maxwell": {"kn": 1e9, "ks": 5e8, "eta_n": 1e6, "eta_s": 1e6},
+    "yielding": {"kn": 1e9, "ks": 5e8, "friction": 0.6, "friction_initial": 0.8,
+                 "roughness": 1e-3},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_joint_of_any_law_starts_its_stage_at_rest_under_the_weight_above(law):
+    model = replace(hill({"J": ("z", 50.0)}), joints=[Joint("J", law, LAWS[law])])
+
+    pressure, _, prepared = joint_traction(model)
+    result = run(model, 0.1, prepared=prepared)
+
+    assert pressure == pytest.approx(-ROCK.density * GRAVITY * 50.0, rel=1e-3)
+    assert np.abs(result.state["velocity"]).max() < 1e-11
+
+
+@pytest.mark.parametrize("law", [law for law in LAWS if "gap" in kernels.JOINT_LAWS[law].state])
+def test_a_gap_outlives_the_static_stage_under_any_law(law):
+    joint = Joint("J", law, LAWS[law], insitu_pressure=1e6)
+    model = replace(hill({"J": ("z", 50.0)}), joints=[joint], insitu=None)
+    prepared = prepare(model, 0.01)
+    upper = prepared.constants["contact_node"][:, 1]
+
+    def moved(constants, state, rise):
+        trial = {name: value.copy() for name, value in state.items()}
+        trial["displacement"][upper, 2] += rise
+        kernels.advance(kernels.to_fortran(constants), trial, 0, 1, 1)
+        return trial
+
+    lifted = moved(prepared.constants, prepared.state, 5e-3)
+    settled = {**lifted, "displacement": np.zeros_like(lifted["displacement"])}
+    constants, state = after_static(prepared.constants, prepared.constants, settled)
+    gap = lifted["contact_state"][0, 5]
+
+    assert gap > 1e-3
+    for share, presses in ((0.99, False), (1.01, True)):
+        closed = moved(constants, state, -share * gap)
+        assert np.all((closed["contact_traction"][:, 2] < 0.0) == presses)
