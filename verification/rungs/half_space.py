@@ -77,7 +77,7 @@ def compared(n, places, sources_of, wanted_of, what):
     unit="edges per S wavelength",
     order=1.8,
     ordered=tuple(f"motion, {r:g} wavelengths" for r in (1, 2)),
-    note="Along and down: largest difference over the largest velocity at the place; motion: norm of "
+    note="Along and down: largest difference over the largest velocity there; motion: norm of "
     "the difference over that of the motion. The force is the integral of a Ricker pulse, for a "
     "motion of the frequency that is counted. At one wavelength the order stays at 1.6: the motion "
     "under a line load is singular. Cubes of five tetrahedra; of six they give 29 %, order one.",
