@@ -110,7 +110,7 @@ def draw(rows, path):
     figure, axes = plt.subplots(2, 4, figsize=(14, 6.5), sharex=True, layout="constrained")
     keys = dict.fromkeys((r["case"], r["blast"]) for r in rows)
     styles = {"believed": "ko-", "effect": "C0s-", "true": "C2^-"}
-    for axis, key in zip(axes.flat, keys, strict=True):
+    for axis, key in zip(axes.flat, keys, strict=False):
         chosen = [r for r in rows if (r["case"], r["blast"]) == key]
         for model, style in styles.items():
             here = sorted((r["edge_m"], 100.0 * r["median"]) for r in chosen if r["model"] == model)
