@@ -20,15 +20,19 @@ SAME = {f"{name}_residual": value for name, value in STRENGTH.items()}
 NORMAL = np.array([0.0, 0.0, 1.0])
 
 
+def properties(law, **changed):
+    """Return properties that suit a law, those of `Joint`, some changed."""
+    values = {"kn": KN, "ks": KS, **STRENGTH, **SAME, **OTHERS, **changed}
+    return {name: values[name] for name in JOINT_LAWS[law].properties}
+
+
 class Contact:
     """One contact led through jumps; it keeps its state and adds up what it dissipates."""
 
     def __init__(self, law="coulomb", initial=(0.0, 0.0, 0.0), normal=NORMAL, **changed):
-        values = {"kn": KN, "ks": KS, **STRENGTH, **SAME, **OTHERS, **changed}
         self.number = JOINT_LAWS[law].number + 1
-        self.property = np.zeros(N_JOINT_PROPERTIES)
-        names = JOINT_LAWS[law].properties
-        self.property[: len(names)] = [values[name] for name in names]
+        given = properties(law, **changed)
+        self.property = kernels.property_row(JOINT_LAWS[law], given, N_JOINT_PROPERTIES)
         self.initial, self.normal = np.asarray(initial, dtype=float), np.asarray(normal)
         self.state = np.zeros(N_JOINT_STATE)
         self.names = JOINT_LAWS[law].state

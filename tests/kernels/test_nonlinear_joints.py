@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from verification.contact import FRICTION, KN, KS, Contact
+from verification.contact import DT, FRICTION, KN, KS, Contact
 
 PRESSED = [0.0, 0.0, -2e5]
 VM = 1e-3
@@ -155,6 +155,18 @@ def test_a_kelvin_fill_feels_the_rate_of_the_moment_not_of_half_a_step_ago():
 
     wanted = KN * place + 4e5 * 1e-5 * omega * np.cos(omega * times)
     assert np.abs(found - wanted)[2:].max() < 1e-3 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize(("share", "stable"), [(0.97, True), (1.03, False)])
+def test_a_kelvin_fill_is_stable_up_to_its_bound(share, stable):
+    contact, viscosity = Contact("kelvin"), 2.0 * 4e5  # twice its own, as the bound has it
+    mass = (KN * DT**2 + 2.0 * viscosity * DT) / 4.0 / share
+    place, velocity = 0.0, 1e-9
+    for _ in range(2000):
+        place += DT * velocity
+        velocity -= DT / mass * contact.move(0.0, 0.0, place)[2]
+
+    assert (abs(velocity) < 1e-8) == stable
 
 
 def test_a_maxwell_fill_relaxes_at_its_own_rate():

@@ -16,6 +16,7 @@ from pyblast.solving.model import InSitu, Model, Receiver
 from pyblast.solving.solver import prepare, run
 from pyblast.solving.sources import PointForce, TimeFunction
 from verification.columns import ROCK, ricker
+from verification.contact import properties
 
 GRAVITY = 9.81
 SIDES = ("west", "east", "south", "north")
@@ -164,25 +165,12 @@ def test_a_gap_that_the_static_stage_leaves_must_close_before_the_joint_presses(
         assert np.all((trial["contact_traction"][:, 2] < 0.0) == presses)
 
 
-LAWS = {
-    "coulomb": WEAK,
-    "softening": {"kn": 1e9, "ks": 5e8, "friction": 0.7, "friction_dynamic": 0.5,
-                  "weakening_slip": 1e-3},
-    "closure": {"kn": 1e9, "ks": 5e8, "closure": 2e-3, "friction": 0.7, "cohesion": 0.0,
-                "irrecoverable": 0.2},
-    "barton_bandis": {"kn": 1e9, "ks": 5e8, "closure": 2e-3, "friction": 0.6, "jrc": 8.0,
-                      "jcs": 5e7, "peak_slip": 1e-2},
-    "stress_dependent": {"kn": 1e9, "ks": 5e8, "pressure": 1e6, "exponent": 0.5},
-    "kelvin": {"kn": 1e9, "ks": 5e8, "eta_n": 1e6, "eta_s": 1e6},
-    "maxwell": {"kn": 1e9, "ks": 5e8, "eta_n": 1e6, "eta_s": 1e6},
-    "yielding": {"kn": 1e9, "ks": 5e8, "friction": 0.6, "friction_initial": 0.8,
-                 "roughness": 1e-3},
-}  # fmt: skip
+LAWS = list(kernels.JOINT_LAWS)
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_a_joint_of_any_law_starts_its_stage_at_rest_under_the_weight_above(law):
-    model = replace(hill({"J": ("z", 50.0)}), joints=[Joint("J", law, LAWS[law])])
+    model = replace(hill({"J": ("z", 50.0)}), joints=[Joint("J", law, properties(law))])
 
     pressure, _, prepared = joint_traction(model)
     result = run(model, 0.1, prepared=prepared)
@@ -193,7 +181,7 @@ def test_a_joint_of_any_law_starts_its_stage_at_rest_under_the_weight_above(law)
 
 @pytest.mark.parametrize("law", [law for law in LAWS if "gap" in kernels.JOINT_LAWS[law].state])
 def test_a_gap_outlives_the_static_stage_under_any_law(law):
-    joint = Joint("J", law, LAWS[law], insitu_pressure=1e6)
+    joint = Joint("J", law, properties(law), insitu_pressure=1e6)
     model = replace(hill({"J": ("z", 50.0)}), joints=[joint], insitu=None)
     prepared = prepare(model, 0.01)
     upper = prepared.constants["contact_node"][:, 1]
