@@ -120,6 +120,8 @@ def draw(rows, path):
             axis.axhline(100.0 * chosen[0][name], color="0.5", ls=line, lw=0.9)
         axis.set_title(f"{key[0]} {key[1]}: {', '.join(chosen[0]['effects']) or 'nothing hidden'}",
                        fontsize=9)  # fmt: skip
+    for axis in list(axes.flat)[len(keys):]:
+        axis.remove()
     axes[0, 0].legend(fontsize=8)
     figure.supxlabel("edge of the cells [m]")
     figure.supylabel("median misfit, 3-30 Hz [% of energy]")
