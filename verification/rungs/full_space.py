@@ -100,7 +100,8 @@ def transform(times, values, frequencies):
     quick=True,
     note="amplitude and speed at the dominant frequency; band: L2 norm of the difference over that "
     "of the closed form, from 0.3 to 1.0 of the dominant frequency, phase and amplitude together "
-    "after three wavelengths",
+    "after three wavelengths, met at 22.5; the amplitude of the explosion from 15 on. That of the "
+    "force stays 1 to 1.5 % low on the finer meshes, the window and the sides account for 0.5 %",
 )
 def point_sources(per_wavelength):
     """Compare with the closed forms at three wavelengths."""
