@@ -73,14 +73,16 @@ def compared(n, places, sources_of, wanted_of, what):
         **{f"{name}, {r:g} wavelengths": 0.12 for name in ("along", "down") for r in (1, 2)},
         **{f"motion, {r:g} wavelengths": 0.12 for r in (1, 2)},
     },
-    meshes=(10.0, 15.0, 22.5),
+    meshes=(10.0, 15.0, 20.0, 30.0, 45.0),
     unit="edges per S wavelength",
     order=1.8,
     ordered=tuple(f"motion, {r:g} wavelengths" for r in (1, 2)),
     note="Along and down: largest difference over the largest velocity there; motion: norm of "
-    "the difference over that of the motion. The force is the integral of a Ricker pulse, for a "
-    "motion of the frequency that is counted. At one wavelength the order stays at 1.6: the motion "
-    "under a line load is singular. Cubes of five tetrahedra; of six they give 29 %, order one.",
+    "the difference over that of the motion. 15 edges meet 12 %. The order is 1.7 up to 20 edges "
+    "at one wavelength and rises to 2.0 at 45. The force is the integral of a Ricker pulse, for a "
+    "motion of the frequency that is counted. Receivers are on nodes at every mesh: between them "
+    "they read every other node, which at 22.5 edges cost 0.6 %, and the order. Cubes of five "
+    "tetrahedra; of six they give 29 %, order one.",
 )
 def lamb(n):
     """Push on the surface along a line."""
