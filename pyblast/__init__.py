@@ -22,6 +22,7 @@ _HOMES = {
     "Model": "solving.model",
     "MohrCoulomb": "solving.plasticity",
     "MomentTensor": "solving.charges",
+    "PlaneWave": "solving.plane_waves",
     "PointForce": "solving.sources",
     "Pressure": "solving.pressures",
     "Project": "projects.project",

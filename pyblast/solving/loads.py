@@ -8,6 +8,7 @@ from ..meshing.tetrahedra import edge_lengths
 from ..motion.seismogram import GEOGRAPHIC
 from .boundaries import StressInput, VelocityInput
 from .charges import Column, MomentTensor
+from .plane_waves import PlaneWave, add_plane_wave
 from .pressures import AirBlast, Pressure
 from .sources import Hole, PointForce, TimeFunction
 from .stability import shape_gradients
@@ -71,7 +72,10 @@ def model_loads(model, impedance):
             for axis, function in enumerate(components(boundary)):
                 loads.add(nodes, stack[:, :, axis], loads.add_history(function))
     for source in model.sources:
-        ADDERS[type(source)](loads, model, source)
+        if isinstance(source, PlaneWave):
+            add_plane_wave(loads, model, source, impedance)
+        else:
+            ADDERS[type(source)](loads, model, source)
     return loads
 
 
