@@ -13,7 +13,7 @@ from pyblast.errors import InputError, ReadError
 from pyblast.meshing.mesh import edge_lengths, locate
 from pyblast.projects.census import central_frequency, input_band
 from pyblast.projects.checks import check
-from pyblast.projects.config import ChargedHoleConfig, HolesInsideConfig
+from pyblast.projects.config_sources import ChargedHoleConfig, HolesInsideConfig
 from pyblast.projects.project import load_project
 from pyblast.projects.source_input import make_moment_rate
 from pyblast.solving.boundaries import StressInput, VelocityInput
@@ -197,7 +197,7 @@ def test_what_can_not_be_is_refused_in_one_sentence(tmp_path, change, told):
 
 
 def test_a_blast_that_does_not_enter_is_refused(tmp_path):
-    with pytest.raises(InputError, match=r"blast: needs \[signature\] or \[holes_inside\]"):
+    with pytest.raises(InputError, match=r"blast: needs \[signature\], \[holes_inside\] or"):
         hit(tmp_path, ("[[receivers]]", "[blast]\nfile = 'a.csv'\n[[receivers]]"))
 
 

@@ -164,16 +164,27 @@ class Blast:
 
     @property
     def centres(self):
-        """Middle of each charge, (n_holes, 3) m.
+        """Middle of each charge, (n_holes, 3) m."""
+        middle = self._charged_share().mean(axis=1)
+        return self.collar + middle[:, None] * (self.toe - self.collar)
 
-        That of its deck where given; else of the column that the charge fills above the toe; of
+    @property
+    def columns(self):
+        """Upper and lower end of each charge, (n_holes, 2, 3) m.
+
+        Those of its deck where given; else of the column that the charge fills above the toe; of
         the whole hole where the diameter is unknown.
         """
+        way = (self.toe - self.collar)[:, None, :]
+        return self.collar[:, None, :] + self._charged_share()[:, :, None] * way
+
+    def _charged_share(self):
+        """Return where each charge begins and ends, (n_holes, 2), shares of the hole."""
         length = np.maximum(self.length, 1e-12)
         filled = np.clip(np.nan_to_num(self.charge_length / length, nan=1.0), 0.0, 1.0)
-        middle = self.deck.mean(axis=1) / length
-        middle = np.where(np.isnan(self.deck).any(axis=1), 1.0 - 0.5 * filled, middle)
-        return self.collar + middle[:, None] * (self.toe - self.collar)
+        above_toe = np.column_stack([1.0 - filled, np.ones_like(filled)])
+        no_deck = np.isnan(self.deck).any(axis=1, keepdims=True)
+        return np.where(no_deck, above_toe, self.deck / length[:, None])
 
     @property
     def charge_length(self):

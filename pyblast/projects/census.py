@@ -152,10 +152,10 @@ def input_band(project):
     """Return the highest frequency in Hz of what enters: the low-pass, or 95 % of the energy."""
     low_pass = None if project.input is None else project.config.input.low_pass_hz
     tops = [] if low_pass is None else [low_pass]
-    return max(tops + [_top(motion) for motion in project.motions[len(tops) :]])
+    return max(tops + [highest_frequency(motion) for motion in project.motions[len(tops) :]])
 
 
-def _top(motion):
+def highest_frequency(motion):
     """Return the frequency in Hz below which 95 % of the energy of a motion lies."""
     velocity = np.nan_to_num(motion.velocity)
     power = (np.abs(np.fft.rfft(velocity, axis=0)) ** 2).sum(axis=1)

@@ -5,14 +5,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..meshing import tetrahedra
-from ..meshing.mesh import surface_areas, surface_zones
+from ..meshing.mesh import edge_lengths, surface_areas, surface_zones
 from ..solving.boundaries import Roller, Viscous
 from ..solving.conditions import surface_impedance
 from ..units import to_si
 from . import face_defects, ground_defects, load_defects
-from .census import Census, central_frequency, input_band, receiver_groups, take_census
+from .census import (
+    Census,
+    central_frequency,
+    highest_frequency,
+    input_band,
+    receiver_groups,
+    take_census,
+)
 from .findings import Finding
 from .ground import joint_of_surface
+from .source_input import shape
 
 
 @dataclass(frozen=True)
@@ -123,7 +131,7 @@ def source_material(project):
 
 
 def _load_defects(project):
-    """D3, D4, D6, D7, D17, D20 to D22: firing, filter, face, strength, charge, rim."""
+    """D3, D4, D6, D7, D17, D20 to D22, D25: firing, filter, face, strength, charge, rim, air."""
     blast, band = project.config.blast, input_band(project)
     if blast is not None:
         yield load_defects.firing_comb(project.firing, central_frequency(project), band)
@@ -135,6 +143,12 @@ def _load_defects(project):
         yield from _face_defects(project, band)
     if project.inside.moment_rate is not None:
         yield load_defects.nothing_damps(project.rim)
+    air, pulse = project.config.air_blast, project.inside.air_pulse
+    if air is not None:
+        mesh = project.mesh
+        edge = edge_lengths(mesh)[surface_zones(mesh, air.surface)].mean()
+        top = highest_frequency(shape(pulse, pulse.values))
+        yield load_defects.short_air_waves(air.surface, float(edge), air.speed_m_per_s, top)
 
 
 def _face_defects(project, band):

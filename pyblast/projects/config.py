@@ -13,6 +13,7 @@ from .config_ground import (
     MeshConfig,
     RimConfig,
 )
+from .config_ground_fields import GroundConfig
 from .config_section import (
     Band,
     Bearing,
@@ -23,6 +24,13 @@ from .config_section import (
     Point,
     Positive,
     Section,
+)
+from .config_sources import (
+    AirBlastConfig,
+    HolesInsideConfig,
+    MomentTensorConfig,
+    PointForceConfig,
+    PressureConfig,
 )
 
 
@@ -114,45 +122,6 @@ class InputConfig(Section):
     distance_m: Positive | None = None
 
 
-class ChargedHoleConfig(Section):
-    """The moment of a charged hole in closed form."""
-
-    material: Name
-    charge_kg: Positive
-    radius_m: Positive
-    pressure_mpa: Positive
-    peak_time_ms: Positive
-
-
-class HolesInsideConfig(Section):
-    """The holes of the blast as isotropic sources inside the model."""
-
-    moment_rate_file: str | None = None
-    charged_hole: ChargedHoleConfig | None = None
-    spread_m: NotNegative | None = None
-
-    @model_validator(mode="after")
-    def _one_moment(self):
-        """Ask for one of the two."""
-        self._one_of(("moment_rate_file",), ("charged_hole",))
-        return self
-
-
-class PointForceConfig(Section):
-    """A force at a point; without height it acts on the surface "top"."""
-
-    position_m: Place
-    direction: Point
-    file: str
-
-    @model_validator(mode="after")
-    def _somewhere(self):
-        """Refuse a direction without length."""
-        if not any(self.direction):
-            raise ValueError("direction must not be [0, 0, 0]")
-        return self
-
-
 class ReceiverConfig(Section):
     """A place where motion is wanted; without height it stands on the surface "top"."""
 
@@ -168,6 +137,7 @@ class RunConfig(Section):
     duration_s: Positive
     added_mass: Annotated[float, Field(ge=0.0, le=0.1)] = 0.005
     step_factor: Annotated[float, Field(gt=0.0, le=1.0)] = 0.8
+    local_damping: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     snapshots_s: list[NotNegative] = Field([])
     compare_band_hz: Band | None = None
 
@@ -180,6 +150,7 @@ class Config(Section):
     mesh: MeshConfig
     materials: dict[Name, MaterialConfig]
     joints: dict[Name, JointConfig] = Field({})
+    ground: GroundConfig = GroundConfig()
     boundaries: BoundariesConfig = BoundariesConfig()
     damping: DampingConfig | None = None
     rim: RimConfig | None = None
@@ -189,6 +160,9 @@ class Config(Section):
     input: InputConfig = InputConfig()
     holes_inside: HolesInsideConfig | None = None
     point_forces: list[PointForceConfig] = Field([])
+    moment_tensors: list[MomentTensorConfig] = Field([])
+    pressures: list[PressureConfig] = Field([])
+    air_blast: AirBlastConfig | None = None
     receivers: list[ReceiverConfig] = Field([])
     run: RunConfig
 
@@ -196,14 +170,22 @@ class Config(Section):
     def _what_enters(self):
         """Ask for something that moves the ground, and refuse tables that would do nothing."""
         holes, face = self.holes_inside is not None, self.signature is not None
-        if not (holes or face or self.point_forces):
-            raise ValueError("signature: missing; add it, or [holes_inside], or [[point_forces]]")
+        air = self.air_blast is not None
+        if not (holes or face or air or self.point_forces or self.moment_tensors or self.pressures):
+            raise ValueError(
+                "signature: missing; add it, or [holes_inside], [[point_forces]], "
+                "[[moment_tensors]], [[pressures]] or [air_blast]"
+            )
         if holes and face:
             raise ValueError("holes_inside: the blast enters twice; leave out [signature]")
         if holes and self.blast is None:
             raise ValueError("holes_inside: needs [blast] with places, charges and firing times")
-        if self.blast is not None and not (holes or face):
-            raise ValueError("blast: needs [signature] or [holes_inside] to enter the model")
+        if air and self.blast is None:
+            raise ValueError("air_blast: needs [blast] with collars and firing times")
+        if self.blast is not None and not (holes or face or air):
+            raise ValueError(
+                "blast: needs [signature], [holes_inside] or [air_blast] to enter the model"
+            )
         if "input" in self.model_fields_set and not face:
             raise ValueError("input: needs [signature]; nothing else enters through a face")
         if holes and self.blast.reference_charge_kg is not None:
@@ -215,6 +197,19 @@ class Config(Section):
             raise ValueError(
                 "blast.wave_speed_m_per_s: a recorded signature does not say where hole and "
                 "instrument stood, so no travel times follow; leave it out"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _known_damage(self):
+        """Ask for the holes that damage the ground, and for the material of what is damaged."""
+        zone = self.ground.damaged_zone
+        if zone is not None and self.blast is None:
+            raise ValueError("ground.damaged_zone: needs [blast] with the holes around which it is")
+        if zone is not None and zone.material not in (None, *self.materials):
+            raise ValueError(
+                f"ground.damaged_zone.material: must be one of {', '.join(self.materials)}, "
+                f"got {zone.material!r}"
             )
         return self
 

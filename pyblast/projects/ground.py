@@ -13,7 +13,7 @@ from ..solving.anisotropy import jointed, transverse
 from ..solving.attenuation import ConstantQ
 from ..solving.boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
 from ..solving.materials import Damping, Material
-from ..solving.model import InSitu, Rim
+from ..solving.model import InSitu
 from ..solving.plasticity import MohrCoulomb
 from ..solving.zone_laws import Elastic
 from ..units import to_si
@@ -79,17 +79,6 @@ def make_damping(config):
 def _damping(part):
     """Turn a `DampingConfig` into a `Damping`."""
     return Damping(part.ratio, part.frequency_hz, part.mass, part.stiffness, part.corner_hz)
-
-
-def make_rim(config):
-    """Return the rim of a `Config`: its own, or the padding around sources inside, or None."""
-    if config.rim is not None:
-        return Rim(tuple(map(tuple, config.rim.box_m)), config.rim.width_m)
-    mesh = config.mesh
-    if mesh.padding_m is None or not (config.holes_inside or config.point_forces):
-        return None
-    ends = zip(mesh.origin_m, mesh.size_m, strict=True)
-    return Rim(tuple((low, low + size) for low, size in ends), mesh.padding_m)
 
 
 def make_insitu(config):

@@ -1,4 +1,4 @@
-"""Defects of blast, firing and load that show before a run: D3 to D22."""
+"""Defects of blast, firing and load that show before a run: D3 to D25."""
 
 import math
 
@@ -183,6 +183,22 @@ def nothing_damps(rim):
         "Only dashpots take the waves of holes inside",
         "They absorb well only what comes above about 30 degrees of incidence, and waves from a "
         "hole graze the sides; give mesh.padding_m, or [rim] with a box and a width.",
+    )
+
+
+def short_air_waves(surface, edge, speed, band):
+    """D25: zones under an air blast that are too long for its waves; None where they are not."""
+    carried = speed / (10.0 * edge)
+    if carried >= band:
+        return None
+    return Finding(
+        "D25",
+        "The mesh does not carry the air blast",
+        f"Edges of {edge:.3g} m at '{surface}' carry {carried:.3g} Hz at {speed:g} m/s, the pulse "
+        f"has {band:.3g} Hz; what the ground does under it is then too small or scattered. Edges "
+        f"there must be at most {speed / (10.0 * band):.2g} m.",
+        True,
+        {"carried": carried, "needed_edge": speed / (10.0 * band)},
     )
 
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..meshing.mesh import locate
-from ..solving.model import Receiver
+from ..solving.model import Receiver, Rim
 from .config_section import named_error
 
 
@@ -81,6 +81,18 @@ def refuse_outside(mesh, places):
         for name, place in places.items():
             with named_error(name):
                 locate(mesh, place)
+
+
+def make_rim(config):
+    """Return the rim of a `Config`: its own, or the padding around sources inside, or None."""
+    if config.rim is not None:
+        return Rim(tuple(map(tuple, config.rim.box_m)), config.rim.width_m)
+    mesh = config.mesh
+    inside = config.holes_inside or config.point_forces or config.moment_tensors
+    if mesh.padding_m is None or not inside:
+        return None
+    ends = zip(mesh.origin_m, mesh.size_m, strict=True)
+    return Rim(tuple((low, low + size) for low, size in ends), mesh.padding_m)
 
 
 def check_rim(rim, mesh, places):

@@ -12,7 +12,6 @@ from ..motion.seismogram import Seismogram
 from ..solving.joints import Joint
 from ..solving.materials import Material
 from ..solving.model import Model, Receiver, Rim
-from ..solving.sources import Hole, PointForce
 from .config import Config
 from .config_file import read_config
 from .config_section import named_error
@@ -25,9 +24,9 @@ from .ground import (
     make_insitu,
     make_material,
     make_mesh,
-    make_rim,
     refuse_open_sides,
 )
+from .ground_fields import make_fields, with_damaged_material
 from .input_motion import (
     InputMotion,
     like_simulated,
@@ -39,8 +38,9 @@ from .input_motion import (
     shifts_of,
 )
 from .joint_keys import make_joint
-from .places import check_rim, place_receivers
-from .source_input import Inside, hole_places, place_sources, read_inside
+from .places import check_rim, make_rim, place_receivers
+from .source_input import Inside, read_inside
+from .source_places import hole_places, place_sources
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,13 +117,13 @@ class Project:
 
     @cached_property
     def inside(self) -> Inside:
-        """What shakes the model from inside: moment rate of the holes, point forces."""
+        """What shakes the model beside a motion on a face: histories of all sources."""
         with named_error(self.path.name):
             return read_inside(self.config, self.firing, self.materials, self.folder)
 
     @cached_property
     def motions(self) -> tuple[Seismogram, ...]:
-        """What enters, for its frequencies: through a face, from holes inside, from forces."""
+        """What enters, for its frequencies: through a face, from each kind of source."""
         face = () if self.input is None else (self.input.motion,)
         return (*face, *self.inside.motions)
 
@@ -142,9 +142,10 @@ class Project:
     def mesh(self) -> Mesh:
         """Mesh, split along its joints."""
         with named_error(self.path.name):
-            return make_mesh(self.config.mesh, self.materials, self.folder).split(
+            mesh = make_mesh(self.config.mesh, self.materials, self.folder).split(
                 [joint.surface for joint in self.joints]
             )
+            return with_damaged_material(self.config.ground, self.blast, mesh)
 
     @cached_property
     def receivers(self) -> tuple[Receiver, ...]:
@@ -154,8 +155,8 @@ class Project:
             return place_receivers(self.config.receivers, mesh)
 
     @cached_property
-    def sources(self) -> tuple[Hole | PointForce, ...]:
-        """Holes inside and point forces; their time 0 is `lead` before the first firing."""
+    def sources(self) -> tuple:
+        """All sources in the mesh; their time 0 is `lead` before the first firing."""
         parts = self.inside, self.config, self.blast, self.mesh, self.lead
         with named_error(self.path.name):
             return place_sources(*parts)
@@ -193,7 +194,7 @@ class Project:
             boundaries.append(make_face_input(config.input, self.input.motion.shifted(self.lead)))
         parts = {"sources": self.sources, "receivers": self.receivers, "rim": self.rim}
         with named_error(self.path.name):
-            if self.inside.moment_rate is not None:
+            if config.holes_inside or config.moment_tensors:
                 refuse_open_sides(config.boundaries, mesh)
             return Model(
                 mesh=mesh,
@@ -201,9 +202,11 @@ class Project:
                 joints=self.joints,
                 boundaries=boundaries,
                 damping=make_damping(config),
+                ground=make_fields(config.ground, self.blast, mesh),
                 insitu=make_insitu(config.insitu),
                 added_mass=config.run.added_mass,
                 step_factor=config.run.step_factor,
+                local_damping=config.run.local_damping,
                 **parts,
             )
 
@@ -216,7 +219,10 @@ class Project:
             names += [config.blast.file, config.blast.mapping]
         if config.holes_inside is not None:
             names.append(config.holes_inside.moment_rate_file)
-        names += [part.file for part in config.point_forces]
+        if config.air_blast is not None:
+            names.append(config.air_blast.file)
+        several = config.point_forces, config.moment_tensors, config.pressures
+        names += [part.file for parts in several for part in parts]
         records = [part.recorded for part in (config.signature, *config.receivers) if part]
         names += [name for r in records if r is not None for name in (r.file, r.mapping)]
         contents = {name: (self.folder / name).read_bytes() for name in names if name is not None}

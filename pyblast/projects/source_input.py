@@ -1,6 +1,6 @@
-"""What shakes a project from inside: holes as isotropic sources and point forces, in SI."""
+"""What shakes a project beside a motion on a face: histories of all sources, in SI."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,16 +8,18 @@ from ..blasting.blast import Firing
 from ..blasting.signatures import SmoothPulse, cavity_moment
 from ..blasting.superposition import superpose
 from ..errors import InputError
-from ..meshing.mesh import edge_lengths, locate
 from ..motion.seismogram import Seismogram
-from ..solving.sources import Hole, PointForce, TimeFunction
+from ..solving.sources import TimeFunction
 from ..units import to_si
 from .column_files import read_time_function
 from .config_section import named_error
-from .places import on_ground, refuse_outside
 
 MOMENT_RATE_HEADS = ("time_s,moment_rate_per_kg_Nm_per_s",)
 FORCE_HEADS = ("time_s,force_n", "time_s,force_kn")
+TENSOR_HEADS = ("time_s,moment_rate_Nm_per_s",)
+PRESSURE_HEADS = ("time_s,pressure_pa", "time_s,pressure_kpa", "time_s,pressure_mpa")
+SAMPLES_PER_DURATION = 100
+DURATIONS = 8
 SAMPLES_PER_PEAK_TIME = 200
 PEAK_TIMES = 10
 
@@ -52,94 +54,109 @@ def make_moment_rate(config, exponent, materials, folder) -> TimeFunction:
     return TimeFunction(np.gradient(moment, dt) / hole.charge_kg**exponent, dt)
 
 
+def make_air_pulse(config, folder) -> TimeFunction:
+    """Turn an `AirBlastConfig` into the overpressure in Pa at the reference distance.
+
+    Notes
+    -----
+    ``p = P (1 - t/T) exp(-t/T)`` without a file, Friedlander (1946): theory.md (5.12).
+    """
+    if config.file is not None:
+        return read_time_function(folder / config.file, PRESSURE_HEADS)
+    duration = to_si("duration_ms", config.duration_ms)[1]
+    share = np.arange(DURATIONS * SAMPLES_PER_DURATION + 1) / SAMPLES_PER_DURATION
+    peak = to_si("pressure_kpa", config.pressure_kpa)[1]
+    return TimeFunction(peak * (1.0 - share) * np.exp(-share), duration / SAMPLES_PER_DURATION)
+
+
 @dataclass(frozen=True, eq=False)
 class Inside:
-    """What shakes a project from inside; zero time is the first firing.
+    """What shakes a project beside a motion on a face; zero time is the first firing.
 
     Parameters
     ----------
     firing : Firing
-        Scales refer to 1 kg.
+        Scales of holes inside refer to 1 kg.
     moment_rate : TimeFunction or None
         Of 1 kg, N m/s; None without holes inside.
     forces : tuple of TimeFunction
         N, one for each point force.
+    tensors : tuple of TimeFunction
+        N m/s, one for each moment tensor.
+    pressures : tuple of TimeFunction
+        Pa, one for each pressure on a surface.
+    air_pulse : TimeFunction or None
+        Pa, at the reference distance after its arrival there.
     """
 
     firing: Firing
     moment_rate: TimeFunction | None
     forces: tuple[TimeFunction, ...]
+    tensors: tuple[TimeFunction, ...]
+    pressures: tuple[TimeFunction, ...]
+    air_pulse: TimeFunction | None
+
+    @property
+    def named(self) -> dict[str, TimeFunction]:
+        """Every history by a name."""
+        several = {"force": self.forces, "tensor": self.tensors, "pressure": self.pressures}
+        single = {"moment_rate": self.moment_rate, "air_blast": self.air_pulse}
+        return {
+            **{f"{name}_{n + 1}": one for name in several for n, one in enumerate(several[name])},
+            **{name: one for name, one in single.items() if one is not None},
+        }
 
     @property
     def start(self) -> float:
         """Time of whatever begins first [s], at most 0."""
-        starts = [0.0, *(force.start for force in self.forces)]
-        if self.moment_rate is not None:
-            first = float(self.firing.times.min())
-            starts += [first, first + self.moment_rate.start]
+        starts = [0.0, *(one.start for one in (*self.forces, *self.tensors, *self.pressures))]
+        first = float(self.firing.times.min())
+        for history in (self.moment_rate, self.air_pulse):
+            if history is not None:
+                starts += [first, first + history.start]
         return min(starts)
 
     @property
     def motions(self) -> tuple[Seismogram, ...]:
-        """Shapes of the far motion, to see its frequencies: of all holes, of each force."""
-        holes = () if self.moment_rate is None else (radiated(self.moment_rate),)
+        """Shapes of the far motion, to see its frequencies: of all holes, of each other source."""
+        fired = []
+        if self.moment_rate is not None:
+            fired.append(radiated(self.moment_rate))
+        if self.air_pulse is not None:
+            fired.append(shape(self.air_pulse, self.air_pulse.values))
         return (
-            *(superpose(hole, self.firing) for hole in holes),
-            *(radiated(force) for force in self.forces),
+            *(superpose(one, self.firing) for one in fired),
+            *(radiated(one) for one in (*self.forces, *self.tensors)),
+            *(shape(one, one.values) for one in self.pressures),
         )
 
 
 def read_inside(config, firing, materials, folder) -> Inside:
-    """Read what the `Config` of a project puts inside the model."""
-    rate = None
+    """Read the histories of all sources of the `Config` of a project."""
+    rate = air = None
     if config.holes_inside is not None:
         exponent = config.blast.charge_exponent
         with named_error("holes_inside"):
             rate = make_moment_rate(config.holes_inside, exponent, materials, folder)
-    forces = (read_time_function(folder / part.file, FORCE_HEADS) for part in config.point_forces)
-    return Inside(firing, rate, tuple(forces))
-
-
-def hole_places(blast):
-    """Return the centres of the charges by the names of their holes."""
-    names = (f"blast: hole {name}" for name in blast.hole_ids)
-    return dict(zip(names, blast.centres, strict=True))
-
-
-def place_sources(inside, config, blast, mesh, lead) -> tuple[Hole | PointForce, ...]:
-    """Put holes and point forces into the mesh; their time 0 is ``lead`` s before the firing.
-
-    Raises
-    ------
-    InputError
-        If one lies outside of the mesh or a hole has no charge; it is named.
-    """
-    sources = []
-    if inside.moment_rate is not None:
-        refuse_outside(mesh, hole_places(blast))
-        spread, exponent = config.holes_inside.spread_m, config.blast.charge_exponent
-        if spread is None:
-            zone, _ = locate(mesh, blast.centres)
-            spread = float(edge_lengths(mesh)[zone].mean())
-        times = inside.firing.times + lead
-        charges = zip(hole_places(blast).items(), blast.charge, times, strict=True)
-        for (name, place), charge, time in charges:
-            with named_error(name):
-                sources.append(Hole(place, charge, time, inside.moment_rate, exponent, spread))
-    for number, (part, history) in enumerate(zip(config.point_forces, inside.forces, strict=True)):
-        with named_error(f"point_forces[{number + 1}]"):
-            place = np.array(on_ground(mesh, part.position_m))
-        refuse_outside(mesh, {f"point_forces[{number + 1}]": place})
-        along = np.array(part.direction) / np.linalg.norm(part.direction)
-        sources.append(PointForce(place, along, replace(history, start=history.start + lead)))
-    return tuple(sources)
+    if config.air_blast is not None:
+        air = make_air_pulse(config.air_blast, folder)
+    several = (
+        tuple(read_time_function(folder / part.file, heads) for part in parts)
+        for parts, heads in (
+            (config.point_forces, FORCE_HEADS),
+            (config.moment_tensors, TENSOR_HEADS),
+            (config.pressures, PRESSURE_HEADS),
+        )
+    )
+    return Inside(firing, rate, *several, air)
 
 
 def radiated(function) -> Seismogram:
-    """Return the shape of the far motion of a source: the slope of its moment rate or force.
+    """Return the shape of the far motion of a source: the slope of its moment rate or force."""
+    return shape(function, np.gradient(function.values, function.dt))
 
-    Only its frequencies mean something; the one column that is there has no scale.
-    """
-    slope = np.gradient(function.values, function.dt)
-    missing = np.full_like(slope, np.nan)
-    return Seismogram(np.column_stack([slope, missing, missing]), function.dt, function.start)
+
+def shape(function, values) -> Seismogram:
+    """Return values (n,) at the times of a function as a motion of one column without a scale."""
+    missing = np.full_like(values, np.nan)
+    return Seismogram(np.column_stack([values, missing, missing]), function.dt, function.start)

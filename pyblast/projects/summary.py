@@ -6,8 +6,9 @@ from dataclasses import asdict
 import numpy as np
 
 from ..motion.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
+from ..solving.charges import Column, MomentTensor
 from ..solving.provenance import versions
-from ..solving.sources import Hole
+from ..solving.sources import Hole, PointForce
 from .census import input_band
 from .ground import joint_of_surface
 
@@ -122,32 +123,39 @@ def input_table(project):
 
 
 def source_tables(project):
-    """Return time in s and moment rate of 1 kg in N m/s, or force in N, of all sources inside."""
-    functions = {f"force_{n + 1}": force for n, force in enumerate(project.inside.forces)}
-    if project.inside.moment_rate is not None:
-        functions["moment_rate"] = project.inside.moment_rate
+    """Return time in s and moment rate in N m/s, force in N or pressure in Pa of all sources."""
     return {
         name: np.column_stack([f.start + f.dt * np.arange(len(f.values)), f.values])
-        for name, f in functions.items()
+        for name, f in project.inside.named.items()
     }
 
 
 def source_summary(project):
-    """Return place, charge and time of holes inside, place and direction of forces, the rim."""
-    holes = [source for source in project.sources if isinstance(source, Hole)]
-    forces = [source for source in project.sources if not isinstance(source, Hole)]
-    config, rim = project.config.holes_inside, project.rim
+    """Return place, charge and time of holes, place of other sources, the air blast, the rim."""
+    holes = [source for source in project.sources if isinstance(source, (Hole, Column))]
+    config, rim, air = project.config.holes_inside, project.rim, project.config.air_blast
+    centres = [] if not holes else project.blast.centres
     return {
         "holes": [
-            {"position": s.position, "charge": s.charge, "time": s.time - project.lead}
-            for s in holes
+            {"position": place, "charge": s.charge, "time": s.time - project.lead}
+            for place, s in zip(centres, holes, strict=True)
         ],
         "moment_rate": config and (config.moment_rate_file or "closed form of a charged hole"),
         "exponent": holes[0].exponent if holes else None,
-        "spread": holes[0].spread if holes else None,
-        "forces": [{"position": s.position, "direction": s.direction} for s in forces],
+        "spread": getattr(holes[0], "spread", None) if holes else None,
+        "detonation": config and config.detonation_m_per_s,
+        "forces": [
+            {"position": s.position, "direction": s.direction}
+            for s in project.sources if isinstance(s, PointForce)
+        ],
+        "tensors": [
+            {"position": s.position, "tensor": s.tensor}
+            for s in project.sources if isinstance(s, MomentTensor)
+        ],
+        "pressures": [part.surface for part in project.config.pressures],
+        "air_blast": air and {"surface": air.surface, "speed": air.speed_m_per_s},
         "rim": None if rim is None else {"box": rim.box, "width": rim.width},
-    }
+    }  # fmt: skip
 
 
 def motion_table(seismogram):

@@ -19,6 +19,9 @@ GROUND = ("#cdb58c", "#8fa3ad", "#5b6570", "#a7b08a", "#b48a78", "#7a8fb0")
 INK, RECORDED, SIMULATED, FAULT = "#2b2b2b", "#2b2b2b", "#c2410c", "#b91c1c"
 LETTERS = {"longitudinal": "L", "transverse": "T", "vertical": "V", "east": "E", "north": "N"}
 PAPER_ORDER = ("transverse", "north", "vertical", "longitudinal", "east")
+SOURCE_UNITS = {
+    "moment": "N m/s, 1 kg", "force": "N", "tensor": "N m/s", "pressure": "Pa", "air": "Pa",
+}  # fmt: skip
 DPI = 110
 _ABOVE = {
     "loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "ncol": 2, "fontsize": 7, "frameon": False,
@@ -90,7 +93,7 @@ def source_figure(histories, top):
     Parameters
     ----------
     histories : dict of str to (n, 2) float64
-        Time in s, and moment rate in N m/s or force in N.
+        Time in s, and moment rate in N m/s, force in N or pressure in Pa.
     top : float, Hz
     """
     figure = _figure(9.6, 2.4 * len(histories))
@@ -102,7 +105,7 @@ def source_figure(histories, top):
         frequency = np.fft.rfftfreq(8 * len(slope), time[1] - time[0])
         row[0].plot(time, value, color=FAULT, lw=1.1)
         row[1].plot(frequency, spectrum / spectrum.max(), color=FAULT, lw=1.1)
-        row[0].set_ylabel("moment rate, 1 kg  N m/s" if name == "moment_rate" else f"{name}  N")
+        row[0].set_ylabel(f"{name}  {SOURCE_UNITS[name.rpartition('_')[0]]}")
         row[1].set_ylabel("share of the peak")
         row[1].set_xlim(0.0, top)
         for axis in row:
@@ -179,9 +182,10 @@ def _draw_receivers(axes, summary, points):
             name, (x, z), xytext=(0, 7), textcoords="offset points", fontsize=8, ha="center"
         )
     sources = summary["sources"]
-    for number, table in enumerate((*sources["holes"], *sources["forces"])):
+    inside = (*sources["holes"], *sources["forces"], *sources["tensors"])
+    for number, table in enumerate(inside):
         x, _, z = table["position"]
-        label = "hole or force" if number == 0 else None
+        label = "source" if number == 0 else None
         axes.plot(x, z, "*", color=FAULT, mec="white", mew=0.5, ms=9, label=label)
     if summary["input"] is not None and summary["input"]["face"] == "west":
         low, high = points.min(axis=0), points.max(axis=0)

@@ -11,6 +11,7 @@ from ..projects.result import Result, plain, write_text
 from . import figures
 
 SPECTRUM_TOP = 40.0
+SOURCES = {"forces": "point forces", "tensors": "moment tensors", "pressures": "pressed surfaces"}
 
 
 def write_report(path, result: Result):
@@ -105,17 +106,26 @@ def _source_figures(result, top):
         return
     words = []
     if table["holes"]:
+        extent = (
+            f"columns that detonate at {table['detonation']:g} m/s"
+            if table["detonation"]
+            else f"each spread over {table['spread']:.3g} m"
+        )
         words.append(
             f"{len(table['holes'])} holes inside the model, M = M(1 kg) W^{table['exponent']:g}, "
-            f"{table['moment_rate']}, each spread over {table['spread']:.3g} m"
+            f"{table['moment_rate']}, {extent}"
         )
-    if table["forces"]:
-        words.append(f"point forces: {len(table['forces'])}")
+    for name in ("forces", "tensors", "pressures"):
+        if table[name]:
+            words.append(f"{SOURCES[name]}: {len(table[name])}")
+    if table["air_blast"]:
+        air = table["air_blast"]
+        words.append(f"air blast over '{air['surface']}' at {air['speed']:g} m/s")
     yield (
         "Sources",
         f"{'; '.join(words)}. Left the history, right the spectrum of its slope, which has the "
         "shape of the far motion.",
-        ("blast", "holes_inside", "point_forces"),
+        ("blast", "holes_inside", "point_forces", "moment_tensors", "pressures", "air_blast"),
         figures.source_figure(histories, top),
     )
 

@@ -139,14 +139,14 @@ class Heterogeneity:
 def damaged_group(mesh: Mesh, zone: DamagedZone, radius: float, name="damaged") -> Mesh:
     """Return a mesh whose zones within a radius in m of the holes are a group of their own.
 
-    The group can then have a material with its own speeds and quality.
+    The group can then have a material with its own speeds and quality; it may be there already.
     """
-    centres = mesh.points[mesh.zones].mean(axis=1)
-    group = mesh.zone_group.copy()
-    group[zone.distance(centres) <= radius] = len(mesh.groups)
-    if not (group == len(mesh.groups)).any():
+    near = zone.distance(mesh.points[mesh.zones].mean(axis=1)) <= radius
+    if not near.any():
         raise InputError(f"damaged zone.radius: no zone lies within {radius:g} m of a hole")
-    return replace(mesh, zone_group=group, groups=(*mesh.groups, name))
+    groups = mesh.groups if name in mesh.groups else (*mesh.groups, name)
+    group = np.where(near, groups.index(name), mesh.zone_group).astype(mesh.zone_group.dtype)
+    return replace(mesh, zone_group=group, groups=groups)
 
 
 def _check(what, share, length):

@@ -149,10 +149,12 @@ def _add_moment(loads, mesh, position, tensor, spread, number, delay=0.0):
 
 def _add_pressure(loads, model, source):
     """Add a pressure to the nodes of a surface, each at its own time; theory.md (5.10), (5.11)."""
-    nodes, area, normal = surface_areas(model.mesh, source.surface)
+    corners, area, normal = surface_areas(model.mesh, source.surface)
+    nodes, place = np.unique(corners, return_inverse=True)
+    vectors = np.zeros((len(nodes), 3))
+    np.add.at(vectors, place, -area[:, None] * normal)
     share, delay = source.at(model.mesh.points[nodes])
-    number = loads.add_history(source.history)
-    loads.add(nodes, -(share * area)[:, None] * normal, number, delay)
+    loads.add(nodes, share[:, None] * vectors, loads.add_history(source.history), delay)
 
 
 ADDERS = {
