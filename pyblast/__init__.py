@@ -39,6 +39,7 @@ _HOMES = {
     "build_mesh": "meshing.mesh_builder",
     "check": "projects.checks",
     "compare": "motion.comparison",
+    "gradient": "solving.gradients",
     "jointed": "solving.anisotropy",
     "load_limits": "motion.limits",
     "load_project": "projects.project",
@@ -50,6 +51,8 @@ _HOMES = {
     "run": "pipeline",
     "structured_box": "meshing.mesh_builder",
     "superpose": "blasting.superposition",
+    "tangents": "solving.born",
+    "track": "solving.tracks",
     "transverse": "solving.anisotropy",
     "write_report": "reporting.report",
 }

@@ -1,0 +1,193 @@
+"""What may change in a linear model at first order, and the refusal of models that are not."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import InputError
+from .assembly import initial_state
+from .boundaries import StressInput, Viscous
+from .conditions import surface_impedance
+from .kernels import JOINT_LAWS
+
+LINEAR_JOINTS = ("elastic", "kelvin")
+STICKING_JOINTS = ("coulomb", "softening")  # linear as long as no contact slips or opens
+LINEAR_ZONES = ("elastic", "viscoelastic")
+SLIP, FAILED, STATUS = slice(0, 3), 3, 4  # columns of the state of joints that slip
+STEP = 1e-3  # of speeds; impedances are linear in them
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change of stiffness, contact by contact, zone by zone, face by face.
+
+    Parameters
+    ----------
+    kn, ks : (n_contacts,) float64, Pa/m
+    p_modulus, s_modulus : (n_zones,) float64, Pa
+        Of the stiffest answer of the zone's law: rho cp^2 and rho cs^2, unrelaxed.
+    impedance : list of (n_face_nodes, 3, 3) float64, N s/m
+        At the nodes of each of `faces`.
+    """
+
+    kn: np.ndarray
+    ks: np.ndarray
+    p_modulus: np.ndarray
+    s_modulus: np.ndarray
+    impedance: list
+
+
+def refuse_nonlinear(model):
+    """Refuse models whose motion is not proportional to what drives them.
+
+    Raises
+    ------
+    InputError
+        With the part that is to blame.
+    """
+    for joint in model.joints:
+        if joint.law not in LINEAR_JOINTS + STICKING_JOINTS:
+            raise InputError(
+                f"joints.{joint.surface}.law: gradients need a stiffness that does not change, "
+                f"got '{joint.law}'; take one of {', '.join(LINEAR_JOINTS + STICKING_JOINTS)}"
+            )
+    for group in model.mesh.groups:
+        law = model.law(group).name
+        if law not in LINEAR_ZONES:
+            raise InputError(
+                f"materials.{group}: gradients need isotropic ground, elastic or fading, got "
+                f"'{law}'; take another law there"
+            )
+    if model.local_damping:
+        raise InputError(
+            "local_damping: gradients need damping in proportion to motion, got "
+            f"{model.local_damping:g}; set it to zero"
+        )
+
+
+def refuse_slip(model, prepared, state):
+    """Refuse a run at whose end contacts have slipped or opened.
+
+    Raises
+    ------
+    InputError
+        With the joint and the count.
+    """
+    law = prepared.constants["joint_law"]
+    begun, ended = prepared.state["contact_state"], state["contact_state"]
+    moved = (ended[:, SLIP] != 0.0).any(axis=1) | (ended[:, STATUS] > 0.0)
+    moved |= ended[:, FAILED] > begun[:, FAILED]
+    for number, joint in enumerate(by_number(model)):
+        here = prepared.constants["contact_joint"] == number
+        if law[number] in [JOINT_LAWS[name].number for name in STICKING_JOINTS]:
+            count = np.count_nonzero(moved & here)
+            if count:
+                raise InputError(
+                    f"joints.{joint.surface}: {count} of {np.count_nonzero(here)} contacts slip "
+                    "or open in this run, where gradients do not hold; take the law 'elastic' or "
+                    "a weaker load"
+                )
+
+
+def by_number(model):
+    """Return the joints in the order of the contacts' numbers."""
+    table = {joint.surface: joint for joint in model.joints}
+    names = model.mesh.contacts.names if model.mesh.contacts is not None else ()
+    return [table[name] for name in names]
+
+
+def at_rest(constants):
+    """Return constants and state of the same linear model with nothing that drives it."""
+    number = {name: law.number for name, law in JOINT_LAWS.items()}
+    sticking = np.isin(constants["joint_law"], [number[name] for name in STICKING_JOINTS])
+    quiet = {
+        **constants,
+        "joint_law": np.where(sticking, number["elastic"], constants["joint_law"]).astype("i4"),
+        **{n: np.zeros_like(constants[n]) for n in ("contact_initial", "node_load", "row_initial")},
+        "fixed_history": np.full_like(constants["fixed_history"], -1),
+    }
+    return quiet, initial_state(quiet)
+
+
+def faces(model):
+    """Return the boundaries whose forces follow the speeds of the ground behind them."""
+    return [one for one in model.boundaries if isinstance(one, (Viscous, StressInput))]
+
+
+def face_nodes(model, boundary):
+    """Return the nodes (n,) of a face, ascending."""
+    return np.unique(model.mesh.surfaces[boundary.surface])
+
+
+def difference(model, changed):
+    """Return the `Change` from one model to another with the same mesh, masses and loads.
+
+    Moduli and stiffness are taken as they are, so a change of moduli is exact to all orders.
+
+    Raises
+    ------
+    InputError
+        If anything else than the stiffness of joints and the moduli of materials differs.
+    """
+    _refuse_others(model, changed)
+    stiffness = [_stiffness(one) for one in (model, changed)]
+    moduli = [one.zone_moduli() for one in (model, changed)]
+    (lame, shear) = (moduli[1][k] - moduli[0][k] for k in range(2))
+    walls = [[_impedance(one, face) for face in faces(one)] for one in (model, changed)]
+    impedance = [after - before for before, after in zip(*walls, strict=True)]
+    kn, ks = (stiffness[1] - stiffness[0]).T
+    return Change(kn, ks, lame + 2.0 * shear, shear, impedance)
+
+
+def _stiffness(model):
+    """Return kn and ks of every contact, (n_contacts, 2) Pa/m."""
+    if model.mesh.contacts is None:
+        return np.zeros((0, 2))
+    table = [[joint.properties[name] for name in ("kn", "ks")] for joint in by_number(model)]
+    return np.array(table)[model.mesh.contacts.joint]
+
+
+def _impedance(model, boundary):
+    """Return the impedance (n_nodes, 3, 3) at the nodes of a face, ascending."""
+    known = surface_impedance(model, boundary.surface)
+    return np.array([known[int(node)] for node in face_nodes(model, boundary)])
+
+
+def _refuse_others(model, changed):
+    """Refuse a changed model that differs in more than stiffness."""
+    unlike = [
+        name
+        for name in ("mesh", "boundaries", "damping", "sources", "rim", "ground")
+        if getattr(model, name) is not getattr(changed, name)
+        and getattr(model, name) != getattr(changed, name)
+    ]
+    unlike += [
+        f"materials.{g}"
+        for g in model.mesh.groups
+        if (model.materials[g].density, model.materials[g].law)
+        != (changed.materials[g].density, changed.materials[g].law)
+    ]
+    unlike += [
+        f"joints.{one.surface}"
+        for one, other in zip(by_number(model), by_number(changed), strict=True)
+        if _beside_stiffness(one) != _beside_stiffness(other)
+    ]
+    if unlike:
+        raise InputError(
+            f"{unlike[0]}: a gradient knows changes of kn, ks and of moduli only; "
+            "leave the rest of the changed model as it is"
+        )
+
+
+def _beside_stiffness(joint):
+    """Return what a change must leave of a joint."""
+    rest = {n: value for n, value in joint.properties.items() if n not in ("kn", "ks")}
+    return joint.law, rest, joint.fill_mass
+
+
+def with_speeds(model, group, cp=1.0, cs=1.0):
+    """Return the model with the speeds of a group multiplied; density stays."""
+    old = model.materials[group]
+    p, shear = old.density * (cp * old.cp) ** 2, old.shear * cs**2
+    new = replace(old, bulk=p - 4.0 / 3.0 * shear, shear=shear)
+    return replace(model, materials={**model.materials, group: new})
