@@ -19,6 +19,7 @@ from pyblast.solving.joints import Joint
 from pyblast.solving.materials import Damping, Material
 from pyblast.solving.model import InSitu, Model, Receiver
 from pyblast.solving.perturbations import with_speeds
+from pyblast.solving.plane_waves import PlaneWave
 from pyblast.solving.preparation import prepare
 from pyblast.solving.solver import run
 from pyblast.solving.sources import Hole, TimeFunction
@@ -268,6 +269,20 @@ def test_changes_of_other_things_than_stiffness_are_refused(change, message):
 
     with pytest.raises(InputError, match=message):
         tangents(model, [change(model)], DURATION)
+
+
+def test_ground_that_a_plane_wave_follows_may_not_change_but_joints_may():
+    wave = PlaneWave("P", TimeFunction(ricker(TIMES, 50.0), TIMES[1]), 0.5, 0.3)
+    rock = {"rock": ROCK, "soil": ROCK}
+    model = jointed(sources=[wave], boundaries=list(map(Viscous, SIDES)), materials=rock)
+    known, values, derivative = tracked(model)
+
+    found = gradient(known, derivative)
+
+    wanted = np.sum(slope(model, "ks", known.prepared.constants["dt"]) * values)
+    assert relative(found, "ks") == pytest.approx(wanted, rel=2e-5)
+    with pytest.raises(InputError, match="sources: a PlaneWave follows the moduli"):
+        found.ground("rock")
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,10 @@ import numpy as np
 from ..errors import InputError
 from .assembly import initial_state
 from .boundaries import StressInput, Viscous
+from .charges import Column
 from .conditions import surface_impedance
 from .kernels import JOINT_LAWS
+from .plane_waves import PlaneWave
 
 LINEAR_JOINTS = ("elastic", "kelvin")
 STICKING_JOINTS = ("coulomb", "softening")  # linear as long as no contact slips or opens
@@ -127,12 +129,15 @@ def difference(model, changed):
     Raises
     ------
     InputError
-        If anything else than the stiffness of joints and the moduli of materials differs.
+        If anything else than the stiffness of joints and the moduli of materials differs, or
+        moduli where a source follows them.
     """
     _refuse_others(model, changed)
     stiffness = [_stiffness(one) for one in (model, changed)]
     moduli = [one.zone_moduli() for one in (model, changed)]
-    (lame, shear) = (moduli[1][k] - moduli[0][k] for k in range(2))
+    lame, shear = (moduli[1][k] - moduli[0][k] for k in range(2))
+    if lame.any() or shear.any():
+        _refuse_led(model)
     walls = [[_impedance(one, face) for face in faces(one)] for one in (model, changed)]
     impedance = [after - before for before, after in zip(*walls, strict=True)]
     kn, ks = (stiffness[1] - stiffness[0]).T
@@ -177,6 +182,16 @@ def _refuse_others(model, changed):
             f"{unlike[0]}: a gradient knows changes of kn, ks and of moduli only; "
             "leave the rest of the changed model as it is"
         )
+
+
+def _refuse_led(model):
+    """Refuse a change of the ground where sources follow it in ways that are not known here."""
+    for source in model.sources:
+        if isinstance(source, (Column, PlaneWave)):
+            raise InputError(
+                f"sources: a {type(source).__name__} follows the moduli of the ground, which "
+                "gradients do not know; change joints only, or use other sources"
+            )
 
 
 def _beside_stiffness(joint):
