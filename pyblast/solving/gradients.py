@@ -117,7 +117,8 @@ def gradient(run: Track, derivative: dict[str, np.ndarray]) -> Gradient:
     constants |= point_loads(nodes.ravel(), spread.reshape(len(force), -1, 3))
     watch = Watch(constants, state, run.nodes)
     products = _Products(run)
-    for first, count in stretches(prepared.n_steps, 6 * len(model.mesh.zones)):
+    values = 6 * len(model.mesh.zones if run.ground else run.nodes)
+    for first, count in stretches(prepared.n_steps, values):
         products.add(first, watch.go(first, count).after)
     return products.gradient()
 
