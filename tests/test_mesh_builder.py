@@ -5,6 +5,7 @@ from pyblast.errors import InputError
 from pyblast.meshing import mesh as meshes
 from pyblast.meshing import tetrahedra
 from pyblast.meshing.mesh_builder import Fault, JointSet, Layer, build_mesh, build_mesh_report
+from pyblast.meshing.smoothing import SLIVER, thinness
 
 pytest.importorskip("gmsh", exc_type=ImportError)
 
@@ -71,6 +72,14 @@ def test_joints_move_by_no_more_than_the_tolerance(jointed):
 
     assert report.largest <= 0.15 * 4.0
     assert report.refused == 0
+
+
+def test_repair_leaves_fewer_slivers_and_says_so(jointed):
+    mesh, report = jointed
+    thin = thinness(mesh.points, mesh.zones)
+
+    assert report.slivers[1] == np.count_nonzero(thin < SLIVER) < 0.5 * report.slivers[0]
+    assert report.thinnest[1] == thin.min() > report.thinnest[0]
 
 
 def test_contacts_of_a_built_mesh_cover_each_joint():

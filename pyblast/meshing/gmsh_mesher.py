@@ -1,21 +1,39 @@
 """Tetrahedra in cells through gmsh; the only importer of gmsh."""
 
 from contextlib import contextmanager
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import InputError
 from . import tetrahedra
 from .block_shapes import facets
+from .smoothing import SLIVER, smoothed, thinness
 
 _DELAUNAY = 1
 _GROWTH = 0.3
 # Degrees between facets that gmsh takes for overlapping; its 0.1 refuses thin wedges.
 _NARROWEST = 0.001
+_REPAIRS = 2
 
 
 class MeshingError(InputError):
     """The blocks are too thin somewhere for gmsh to fill them."""
+
+
+@dataclass(frozen=True)
+class Slivers:
+    """Zones whose smallest altitude is below a tenth of their longest edge.
+
+    Parameters
+    ----------
+    count : int
+    thinnest : float
+        Smallest altitude over longest edge among all zones.
+    """
+
+    count: int
+    thinnest: float
 
 
 @contextmanager
@@ -54,6 +72,7 @@ def mesh_cells(cells, boxes, edge, optimize):
     edge : float, m
         Outside all boxes.
     optimize : bool
+        Repair thin zones: swap faces, and slide nodes within the faces of their cells.
 
     Returns
     -------
@@ -61,6 +80,7 @@ def mesh_cells(cells, boxes, edge, optimize):
     zones : (n_zones, 4) int64
     zone_cell : (n_zones,) int64
     surfaces : dict of str to (n, 3) int64
+    slivers : tuple of 2 Slivers, before and after repair
 
     Raises
     ------
@@ -72,17 +92,28 @@ def mesh_cells(cells, boxes, edge, optimize):
     with _gmsh() as gmsh:
         patches = _add_geometry(gmsh, cells)
         _set_sizes(gmsh, boxes, edge)
-        try:
+        with _explained():
             gmsh.model.mesh.generate(3)
-            if optimize:
+        before = _count_slivers(*_read(gmsh, len(cells.faces))[1:3])
+        for _ in range(_REPAIRS if optimize else 0):
+            with _explained():
                 gmsh.model.mesh.optimize("")
-        except Exception as error:
-            reason = str(error).splitlines()[0] if str(error) else "no reason given"
-            raise MeshingError(
-                f"build_mesh: gmsh could not fill the blocks ({reason}); change the edge, or move "
-                "a joint that nearly touches another"
-            ) from None
-        return _collect(gmsh, cells, patches)
+            _smooth(gmsh, len(cells.faces), patches)
+        points, zones, cell, surfaces = _collect(gmsh, cells, patches)
+        return points, zones, cell, surfaces, (before, _count_slivers(points, zones))
+
+
+@contextmanager
+def _explained():
+    """Say what to do where gmsh fails."""
+    try:
+        yield
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else "no reason given"
+        raise MeshingError(
+            f"build_mesh: gmsh could not fill the blocks ({reason}); change the edge, or move "
+            "a joint that nearly touches another"
+        ) from None
 
 
 def _add_geometry(gmsh, cells):
@@ -142,11 +173,25 @@ def growth_distance(inside, outside):
     return max(abs(outside - inside) / _GROWTH, 1e-3)
 
 
-def _collect(gmsh, cells, patches):
-    """Read zones and surfaces back, nodes numbered from 0 without gaps."""
+def _smooth(gmsh, n_cells, patches):
+    """Slide the nodes of thin zones; the patches of the geometry stay what they are."""
+    used, points, zones, _ = _read(gmsh, n_cells)
+    triangles = [np.searchsorted(used, _elements(gmsh, 2, p, 3)) for face in patches for p in face]
+    moved = smoothed(points, zones, triangles)
+    for row in np.flatnonzero((moved != points).any(axis=1)):
+        gmsh.model.mesh.setNode(int(used[row]), moved[row], [])
+
+
+def _count_slivers(points, zones):
+    """Count thin zones."""
+    thin = thinness(points, zones)
+    return Slivers(int(np.count_nonzero(thin < SLIVER)), float(thin.min()))
+
+
+def _read(gmsh, n_cells):
+    """Return gmsh's node numbers, points, zones of positive volume, and zones of each cell."""
     tags, places, _ = gmsh.model.mesh.getNodes()
-    count = len(cells.faces)
-    parts = [_elements(gmsh, 3, cell + 1, 4) for cell in range(count)]
+    parts = [_elements(gmsh, 3, cell + 1, 4) for cell in range(n_cells)]
     zones = np.concatenate(parts)
     used = np.unique(zones)
     row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
@@ -155,6 +200,12 @@ def _collect(gmsh, cells, patches):
     zones = np.searchsorted(used, zones)
     turned = tetrahedra.volumes(points, zones) < 0.0
     zones[turned] = zones[turned][:, [0, 2, 1, 3]]
+    return used, points, zones, [len(part) for part in parts]
+
+
+def _collect(gmsh, cells, patches):
+    """Read zones and surfaces back, nodes numbered from 0 without gaps."""
+    used, points, zones, counts = _read(gmsh, len(cells.faces))
     surfaces = {}
     for tag, patch in zip(cells.tags, patches, strict=True):
         if tag:
@@ -163,7 +214,7 @@ def _collect(gmsh, cells, patches):
     surfaces = {
         name: np.searchsorted(used, np.concatenate(found)) for name, found in surfaces.items()
     }
-    return points, zones, np.repeat(np.arange(count), [len(part) for part in parts]), surfaces
+    return points, zones, np.repeat(np.arange(len(counts)), counts), surfaces
 
 
 def _elements(gmsh, dimension, tag, width):

@@ -65,7 +65,7 @@ def build_mesh_report(
     seed : int
         Chooses which facets of joints that are not persistent stay rock.
     optimize : bool
-        Improve the worst zones.
+        Repair thin zones; joints and layers stay where they are.
 
     Returns
     -------
@@ -91,11 +91,13 @@ def build_mesh_report(
         _weld_shares(cells, sets, seed)
         return cells, report, *mesh_cells(cells, regions, outside, optimize)
 
-    cells, report, points, zones, cell, surfaces = _with_retries(fill)
+    cells, report, points, zones, cell, surfaces, slivers = _with_retries(fill)
     if surface is not None:
         points = _draped(points, np.asarray(surface, float), box[2, 0] - margin, box[2, 1])
     names = list(dict.fromkeys(layer.name for layer in layers))
     number = np.array([names.index(layer.name) for layer in layers])
+    count, thinnest = zip(*((s.count, s.thinnest) for s in slivers), strict=True)
+    report = replace(report, slivers=count, thinnest=thinnest)
     _announce(report, len(zones))
     zone_group = number[np.array(cells.kinds)[cell] % len(layers)]
     return Mesh(points, zones, zone_group, tuple(names), surfaces), report
@@ -210,11 +212,14 @@ def _draped(points, surface, low, high):
 def _announce(report, n_zones):
     """Log what was cut; warn where a joint is not whole."""
     _LOG.info(
-        "%d zones in %d blocks; joints moved at %d corners by %.2g m at most",
+        "%d zones in %d blocks; joints moved at %d corners by %.2g m at most; of %d slivers %d are "
+        "left, the thinnest zone went from %.2g to %.2g of its edge",
         n_zones,
         report.cells,
         report.bent,
         report.largest,
+        *report.slivers,
+        *report.thinnest,
     )
     if report.refused:
         warnings.warn(

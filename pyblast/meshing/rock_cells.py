@@ -18,7 +18,7 @@ _INSIDE = 1e-6
 
 @dataclass(frozen=True)
 class CutReport:
-    """How far joints were moved so that no slivers are left over.
+    """How far joints were moved so that few slivers are left over, and what repair made of those.
 
     Parameters
     ----------
@@ -26,6 +26,10 @@ class CutReport:
     bent : int, places where a joint was moved
     largest, mean : float, m, how far
     refused : int, cells that a joint should cut and could not
+    slivers : tuple of 2 int
+        Zones whose smallest altitude is below a tenth of their longest edge, before and after.
+    thinnest : tuple of 2 float
+        Smallest such ratio, before and after.
     """
 
     cells: int
@@ -33,6 +37,8 @@ class CutReport:
     largest: float
     mean: float
     refused: int
+    slivers: tuple[int, int] = (0, 0)
+    thinnest: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass

@@ -1,0 +1,68 @@
+"""Repair of thin zones: they get thicker, and nothing that was mapped moves."""
+
+import numpy as np
+import pytest
+
+from pyblast.meshing import tetrahedra
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.meshing.smoothing import free_ways, smoothed, thinness
+
+SIDES = ("west", "east", "south", "north", "bottom", "top")
+
+
+def crooked():
+    """Return a grid with inner nodes, and nodes of its top within the top, pushed aside."""
+    mesh = structured_box((4, 4, 4), (4.0, 4.0, 4.0))
+    points = mesh.points.copy()
+    inner = ((points > 0.0) & (points < 4.0)).all(axis=1)
+    rng = np.random.default_rng(0)
+    points[inner] += rng.uniform(-0.25, 0.25, (inner.sum(), 3))
+    lid = (points[:, 2] == 4.0) & ((points[:, :2] > 0.0) & (points[:, :2] < 4.0)).all(axis=1)
+    points[lid, :2] += rng.uniform(-0.25, 0.25, (lid.sum(), 2))
+    assert tetrahedra.volumes(points, mesh.zones).min() > 0.0
+    return points, mesh.zones, [mesh.surfaces[name] for name in SIDES]
+
+
+def test_the_thinnest_zones_get_thicker():
+    points, zones, patches = crooked()
+
+    before, after = thinness(points, zones), thinness(smoothed(points, zones, patches), zones)
+
+    assert after.min() > 2.0 * before.min()
+    assert np.percentile(after, 5) > 1.5 * np.percentile(before, 5)
+
+
+def test_no_zone_is_turned_inside_out():
+    points, zones, patches = crooked()
+
+    assert tetrahedra.volumes(smoothed(points, zones, patches), zones).min() > 0.0
+
+
+def test_nodes_stay_on_their_faces_lines_and_corners():
+    points, zones, patches = crooked()
+
+    moved = smoothed(points, zones, patches)
+
+    for axis in range(3):
+        for level in (0.0, 4.0):
+            there = points[:, axis] == level
+            assert moved[there, axis] == pytest.approx(level, abs=1e-12)
+    corner = ((points == 0.0) | (points == 4.0)).all(axis=1)
+    assert (moved[corner] == points[corner]).all()
+    assert (moved != points).any()
+
+
+def test_a_node_is_free_in_the_ways_that_all_its_patches_share():
+    points, _, patches = crooked()
+
+    freedom = np.trace(free_ways(points, patches), axis1=1, axis2=2)
+
+    faces = ((points == 0.0) | (points == 4.0)).sum(axis=1)
+    assert freedom == pytest.approx(3.0 - faces, abs=1e-12)
+
+
+def test_a_good_mesh_is_left_alone():
+    mesh = structured_box((3, 3, 3), (3.0, 3.0, 3.0))
+    patches = [mesh.surfaces[name] for name in SIDES]
+
+    assert (smoothed(mesh.points, mesh.zones, patches) == mesh.points).all()
