@@ -57,7 +57,8 @@ contains
         real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3), step(3)
         real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: traction(3), stored
-        real(dp) :: tn, shear(3), start(3), opening, along(3), strength, way, factor, size
+        real(dp) :: tn, shear(3), start(3), opening, along(3), strength, way, factor, far
+        real(dp) :: size
 
         associate (kn => property(1), ks => property(2), excess => state(1:3), worn => state(4), &
                    status => state(5), gap => state(6), direction => state(7:9), ratio => state(10))
@@ -80,7 +81,8 @@ contains
                     ratio = min(largest_ratio, dot_product(shear, along)/way/strength)
                 direction = along/way
                 factor = (1.0_dp - dot_product(shear, direction)/strength)/(1.0_dp - ratio)
-                factor = min(1.0_dp, max(0.0_dp, factor))
+                far = ks*way/(strength*(1.0_dp - ratio))
+                factor = min(1.0_dp, max(0.0_dp, factor))*(1.0_dp - exp(-far))/far
                 shear = shear + factor*ks*along
                 worn = worn + (atan(property(4)) - worn - atan(property(3))) &
                     *(1.0_dp - exp(-(1.0_dp - factor)*way/property(5)))

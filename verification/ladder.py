@@ -75,7 +75,7 @@ class Rung:
     Parameters
     ----------
     number : str
-        "1" to "36", or "L1" to "L12" for law checks.
+        "1" to "36", or "L1" and on for law checks.
     title : str
     source : str
         Where the expected answer comes from.

@@ -144,15 +144,26 @@ def fills(n):
 SHARES = (0.9, 0.7, 0.5, 0.3, 0.1)
 
 
-def slipping(n, share):
-    """Return T, R, A of a nearly rigid Coulomb plane, and one period of the wave behind it."""
+NEARLY_RIGID = IMPEDANCE["S"] * OMEGA / 0.02  # Pa/m
+
+
+def harmonic():
+    """Return samples and step of a wave that grows to an amplitude of 1 in two periods."""
     times = np.arange(0.0, 9.0 / FREQUENCY, 0.005 / FREQUENCY)
     ramp = np.sin(0.5 * np.pi * np.minimum(1.0, 0.5 * FREQUENCY * times)) ** 2
-    stiffness = IMPEDANCE["S"] * OMEGA / 0.02
+    return ramp * np.sin(OMEGA * times), times[1]
+
+
+def coulomb_plane(share):
+    """Return a nearly rigid plane whose strength is a share of the stress of the wave."""
     strength = {"cohesion": share * IMPEDANCE["S"], "friction": 0.0, "tension": 1e12}
-    law = {"kn": stiffness, "ks": stiffness, **strength, "tension_residual": 1e12}
-    joint, wave = Joint("J", "coulomb", law), ramp * np.sin(OMEGA * times)
-    motion = crossed("S", n, wave, times[1], joint, 7.9)
+    law = {"kn": NEARLY_RIGID, "ks": NEARLY_RIGID, **strength, "tension_residual": 1e12}
+    return Joint("J", "coulomb", law)
+
+
+def slipping(n, joint):
+    """Return T, R, A of a joint under a harmonic wave, and one period of the wave behind it."""
+    motion = crossed("S", n, *harmonic(), joint, 7.9)
     phase = np.linspace(6.8, 7.8, 400, endpoint=False) / FREQUENCY
     (front, behind), (given_front, given) = (
         [np.interp(phase, *record) for record in motion[there]] for there in (True, False)
@@ -184,7 +195,7 @@ def friction(n):
     """Measure what passes, returns and is lost at a plane that slips."""
     n, readings, curves = round(n), [], []
     for share in SHARES:
-        found, phase, behind, given = slipping(n, share)
+        found, phase, behind, given = slipping(n, coulomb_plane(share))
         for what, wanted, value in zip("TRA", past_friction(share), found, strict=True):
             readings.append(Reading.relative(f"{what} at strength {share:g}", wanted, value))
         curves.append(Curve(f"strength {share:g} of the stress", 1e3 * phase,
@@ -197,14 +208,18 @@ GAMMAS = (0.2, 1.0, 2.0)
 TONES = {"T at the dominant frequency": 1.0, "T at twice it": 2.0}
 
 
-def closing(n, gamma):
-    """Return times, wanted and found velocity behind a closing joint of a half-sine push."""
+def closing(n, gamma, law="closure", pressed=0.0, **walls):
+    """Return times, wanted and found velocity behind a closing joint, and the half-sine push.
+
+    ``pressed`` is the pressure before it over k Vm, ``walls`` what the law needs beside closure.
+    """
     z, dt = IMPEDANCE["P"], 0.0025 / FREQUENCY
     times = np.arange(0.0, 4.0 / FREQUENCY, dt)
     k = 0.35 * z * OMEGA
-    law = {"kn": k, "ks": k, "closure": z / (k * gamma)}
+    properties = {"kn": k, "ks": k, "closure": z / (k * gamma), **walls}
+    pressure = pressed * z / gamma
     values = np.where(times < 0.5 / FREQUENCY, np.sin(OMEGA * times), 0.0)
-    motion = crossed("P", n, values, dt, Joint("J", "closure", law), 6.0)
+    motion = crossed("P", n, values, dt, Joint("J", law, properties, pressure), 6.0)
     t, found = motion[True][1]
     start = 3.0 / FREQUENCY
 
@@ -212,7 +227,7 @@ def closing(n, gamma):
         after = time - start
         return np.sin(OMEGA * after) if 0.0 < after < 0.5 / FREQUENCY else 0.0
 
-    wanted = past_closure(t, push, z, k, law["closure"])
+    wanted = past_closure(t, push, z, k, properties["closure"], pressure)
     return t, wanted, found, np.array([push(time) for time in t])
 
 

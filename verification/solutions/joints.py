@@ -53,8 +53,8 @@ def past_friction(share):
     return np.sqrt([passed, back, 1.0 - passed - back])
 
 
-def past_closure(times, incident, impedance, stiffness, closure):
-    """Return the velocity (n,) behind a closing joint that starts without pressure.
+def past_closure(times, incident, impedance, stiffness, closure, pressure=0.0):
+    """Return the velocity (n,) behind a closing joint.
 
     Parameters
     ----------
@@ -63,14 +63,16 @@ def past_closure(times, incident, impedance, stiffness, closure):
         Velocity in m/s of the incident wave, positive in compression.
     impedance, stiffness, closure : float
         Pa s/m, initial in Pa/m, largest in m.
+    pressure : float, Pa
+        Before the wave.
 
     Notes
     -----
-    ``dv/dt = 2 k/z (1 + z v/(k Vm))^2 (v_I - v)``.
+    ``dv/dt = 2 k/z (1 + (p + z v)/(k Vm))^2 (v_I - v)``.
     """
 
     def rate(t, v):
-        stiffer = (1.0 + impedance * v / (stiffness * closure)) ** 2
+        stiffer = (1.0 + (pressure + impedance * v) / (stiffness * closure)) ** 2
         return 2.0 * stiffness / impedance * stiffer * (incident(t) - v)
 
     found = solve_ivp(rate, times[[0, -1]], [0.0], t_eval=times, rtol=1e-8, atol=1e-12,
