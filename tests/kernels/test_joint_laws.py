@@ -1,5 +1,7 @@
 """Laws of nature that every joint law keeps: rung L12 in the small."""
 
+import copy
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -41,10 +43,11 @@ def test_a_law_does_not_depend_on_the_axes(law, seed):
 
 
 @ALL_LAWS
+@pytest.mark.parametrize("pressure", [0.0, 1e5, 3e6])
 @pytest.mark.parametrize("seed", range(6))
-def test_a_law_never_gives_energy_back_over_a_cycle(law, seed):
-    contact = Contact(law, **WEAKER)
-    for jump in cycles(seed):
+def test_a_law_never_gives_energy_back_over_a_cycle(law, pressure, seed):
+    contact = Contact(law, (0.2 * pressure, 0.0, -pressure), **WEAKER)
+    for jump in cycles(seed, 1500):
         contact.move(jump)
 
     assert contact.dissipated >= -1e-9
@@ -79,8 +82,11 @@ def test_an_open_joint_carries_nothing(law, seed):
 
 
 @ALL_LAWS
-def test_the_same_path_gives_the_same_bits(law):
-    one, two = Contact(law, **WEAKER), Contact(law, **WEAKER)
+def test_a_contact_goes_on_from_what_it_keeps_with_the_same_bits(law):
+    one, path = Contact(law, **WEAKER), cycles(3, 300)
+    for jump in path[:150]:
+        one.move(jump)
+    two = copy.deepcopy(one)
 
-    for jump in cycles(3, 300):
+    for jump in path[150:]:
         assert one.move(jump).tobytes() == two.move(jump).tobytes()
