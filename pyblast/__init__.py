@@ -11,6 +11,7 @@ _HOMES = {
     "Damping": "solving.materials",
     "Firing": "blasting.blast",
     "Fixed": "solving.boundaries",
+    "FreeField": "solving.boundaries",
     "Gradient": "solving.ground_fields",
     "Heterogeneity": "solving.ground_fields",
     "Hole": "solving.sources",

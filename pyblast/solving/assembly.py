@@ -176,9 +176,14 @@ def _no_contact():
     }
 
 
-def dynamic_arrays(model, geometry, n_steps):
-    """Return loads, dashpots, prescribed motion and receivers of the dynamic stage."""
+def dynamic_arrays(model, geometry, n_steps, sides=()):
+    """Return loads, dashpots, prescribed motion and receivers of the dynamic stage.
+
+    ``sides`` holds (nodes, forces, TimeFunction) of free-field sides.
+    """
     loads = model_loads(model, lambda surface: surface_impedance(model, surface))
+    for nodes, forces, history in sides:
+        loads.add(nodes, forces, loads.add_history(history))
     conditions = dynamic_conditions(model, geometry, loads)
     node, weight = np.zeros((0, 4), dtype=np.int32), np.zeros((0, 4))
     if model.receivers:

@@ -69,6 +69,21 @@ class Fixed:
             )
 
 
+@dataclass(frozen=True)
+class FreeField:
+    """A viscous side that sees columns of the ground beside the model move; theory.md (4.8).
+
+    For input from below: each column has the layers and the height of the ground where it stands
+    and is marched before the model. The surface is a vertical plane and also `Viscous`.
+
+    Parameters
+    ----------
+    surface : str
+    """
+
+    surface: str
+
+
 @dataclass(frozen=True, eq=False)
 class StressInput:
     """Traction history on a surface, from the particle velocity that is wanted behind it.
@@ -123,6 +138,11 @@ def check_boundaries(boundaries, surfaces):
                 f"boundaries.{surface}: a velocity can't be prescribed on a viscous surface: its "
                 "dashpots would act on a motion that is fixed anyway and reflect waves; "
                 "use StressInput, which turns the same velocity into stress"
+            )
+        if isinstance(boundary, FreeField) and surface not in viscous:
+            raise InputError(
+                f"boundaries.{surface}: FreeField needs the dashpots of a viscous surface; add "
+                f"Viscous({surface!r})"
             )
         if isinstance(boundary, Fixed) and surface in viscous:
             raise InputError(f"boundaries.{surface}: {kind} and Viscous exclude one another")

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from ..errors import InputError, SolverError
 from . import assembly, kernels
+from .free_field import side_loads
 from .model import Model
 from .model_file import write_model
 from .provenance import fingerprint
@@ -88,11 +89,22 @@ def prepare(model: Model, duration: float, progress: Callable | None = None) -> 
     static, settled = {}, None
     if model.insitu is not None and (model.mesh.contacts is not None or model.yielding().any()):
         static, settled = _equilibrate(model, geometry, progress)
-    constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps)}
+    sides = side_loads(model, geometry["dt"], n_steps * geometry["dt"], _marched)
+    constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps, sides)}
     state = assembly.initial_state(constants)
     if settled is not None:
         constants, state = assembly.after_static(constants, *settled)
     return Prepared(constants, state, n_steps, limit, static, fingerprint(constants, state))
+
+
+def _marched(model, duration):
+    """March a column; return the motion of its receivers and the constants of the kernels."""
+    prepared = prepare(model, duration)
+    views, state = kernels.to_fortran(prepared.constants), prepared.state
+    motion, _, failed = kernels.advance(views, state, 0, prepared.n_steps, LEDGER_EVERY)
+    if failed is not None:
+        raise SolverError("free-field column: the motion grew without limit; check the input")
+    return motion, prepared.constants
 
 
 def _equilibrate(model, geometry, progress):
