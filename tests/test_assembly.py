@@ -1,5 +1,7 @@
 """Kernel arrays of a model: masses, parts of nodes, loads, dashpots, prescribed motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -86,6 +88,18 @@ def test_a_pressure_before_the_blast_is_the_traction_of_contacts_at_rest():
     assert arrays["contact_initial"] == pytest.approx(-3e5 * arrays["contact_normal"])
     state = assembly.initial_state(arrays)
     assert state["contact_stored"] == pytest.approx(0.5 * 3e5**2 / 1e9)
+
+
+def test_a_shear_before_the_blast_acts_in_the_plane_of_its_joint_only():
+    body = model(split=True)
+    stressed = replace(body.joints[0], insitu_shear=(9e5, 2e5, -1e5))
+    arrays, _ = assembly.geometry_arrays(replace(body, joints=[stressed]))
+
+    normal = arrays["contact_normal"]
+    assert arrays["contact_initial"] == pytest.approx(-3e5 * normal + np.array([0.0, 2e5, -1e5]))
+    state = assembly.initial_state(arrays)
+    at_rest = 0.5 * 3e5**2 / 1e9 + 0.5 * (2e5**2 + 1e5**2) / 5e8
+    assert state["contact_stored"] == pytest.approx(at_rest)
 
 
 def test_the_impedance_of_a_surface_is_its_area_times_that_of_each_wave():

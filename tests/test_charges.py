@@ -100,11 +100,37 @@ def test_a_pressure_is_its_force_on_the_surface():
 
 
 def test_a_running_pressure_arrives_later_farther_away():
-    start = np.array([20.0, 20.0, 40.0])
+    start = np.array([-40.0, 20.0, 40.0])
     mesh, load = arrays(Pressure("top", TimeFunction(np.ones(50), 0.01), start, 2000.0))
 
-    distance = np.linalg.norm(mesh.points[load["load_node"]] - start, axis=1)
-    assert load["load_delay"] * DT == pytest.approx(distance / 2000.0)
+    share = np.linalg.norm(load["load_vector"], axis=1)
+    nodes, place = np.unique(load["load_node"], return_inverse=True)
+    mean = np.bincount(place, share * load["load_delay"]) / np.bincount(place, share)
+    distance = np.linalg.norm(mesh.points[nodes] - start, axis=1)
+    within = (mesh.points[nodes, :2] % 40.0).all(axis=1)
+    # A node stands for the middle of its faces, which is beside it at the rim only; the hat of a
+    # node is 0.4 % farther where fronts are curved.
+    assert mean[within] * DT == pytest.approx(distance[within] / 2000.0, rel=0.004)
+
+
+def test_a_passing_pressure_comes_at_a_node_as_its_mean_over_the_hat_of_the_node():
+    start, speed, edge = np.array([-1e6, 20.0, 40.0]), 340.0, 5.0
+    mesh, load = arrays(Pressure("top", TimeFunction(np.ones(50), 0.01), start, speed))
+    middle = np.flatnonzero(np.abs(mesh.points - [20.0, 20.0, 40.0]).max(axis=1) < 1e-9)[0]
+
+    mine = load["load_node"] == middle
+    share = load["load_vector"][mine, 2] / load["load_vector"][mine, 2].sum()
+    delay = DT * load["load_delay"][mine]
+    mean = share @ delay
+
+    def passed(wavenumber):
+        return share @ np.cos(wavenumber * speed * (delay - mean))
+
+    # The hat of a row of squares passes sinc^2(kh/2) of a wave; three times follow it to kh = 3.
+    for phase in (0.5, 1.0, 2.0, 3.0):
+        exact = np.sinc(0.5 * phase / np.pi) ** 2
+        assert passed(phase / edge) == pytest.approx(exact, abs=0.06)
+    assert passed(1.0 / edge) == pytest.approx(np.sinc(0.5 / np.pi) ** 2, abs=0.02)
 
 
 def test_an_air_blast_decays_and_lags_with_distance():
@@ -114,8 +140,9 @@ def test_an_air_blast_decays_and_lags_with_distance():
 
     distance = np.linalg.norm(mesh.points[load["load_node"]] - place, axis=1)
     area = np.linalg.norm(load["load_vector"], axis=1) * (distance / 10.0) ** 1.2
-    assert area.sum() == pytest.approx(1600.0)
-    assert load["load_delay"] * DT == pytest.approx(0.05 + distance / 340.0)
+    assert area.sum() == pytest.approx(1600.0, rel=0.002)
+    # Three times for each node, at most two thirds of an edge beside its own.
+    assert load["load_delay"] * DT == pytest.approx(0.05 + distance / 340.0, rel=0.04)
     assert (load["load_vector"][:, 2] < 0.0).all()
 
 

@@ -113,7 +113,7 @@ def test_d7_stress_per_velocity_of_three_materials():
 
 
 def test_d8_the_fault_is_a_low_pass():
-    finding = ground_defects.fault_low_pass("F1", FAULT, "schist", SCHIST, 4.0, 20.0)
+    finding = ground_defects.fault_low_pass("F1", FAULT.tangents(0.0), "schist", SCHIST, 4.0, 20.0)
 
     assert finding.numbers["corner_p"] == pytest.approx(4.4, abs=0.05)
     assert finding.numbers["corner_s"] == pytest.approx(1.8, abs=0.05)
@@ -123,10 +123,31 @@ def test_d8_the_fault_is_a_low_pass():
 
 
 def test_d9_sensitivity_of_amplitude_to_stiffness():
-    finding = ground_defects.fault_low_pass("F1", FAULT, "schist", SCHIST, 4.0, 20.0)
+    finding = ground_defects.fault_low_pass("F1", FAULT.tangents(0.0), "schist", SCHIST, 4.0, 20.0)
 
     assert finding.numbers["gain_s"] == pytest.approx(0.08, abs=0.005)
     assert finding.numbers["gain_p"] == pytest.approx(0.04, abs=0.005)
+
+
+def test_d8_a_closing_fault_passes_what_its_tangent_under_the_pressure_passes(tmp_path):
+    closing = 'law = "closure"\nclosure_mm = 1\ninsitu_pressure_kpa = 400'
+    changes = [
+        ('law = "coulomb"', closing), ("cohesion_kpa = 20\nfric", "fric"),
+        ("tension_kpa = 0", ""), (', "joints.F1.cohesion_kpa"', ""),
+    ]  # fmt: skip
+    found = [
+        next(
+            f
+            for f in check(load_project(written(tmp_path, *some)), False).findings
+            if f.code == "D8"
+        )
+        for some in ([], changes)
+    ]
+
+    stiffer = (1.0 + 400e3 / (0.114e9 * 1e-3)) ** 2
+    corners = [f.numbers["corner_p"] for f in found]
+    assert corners[1] == pytest.approx(stiffer * corners[0])
+    assert found[0].numbers["corner_s"] == pytest.approx(found[1].numbers["corner_s"])
 
 
 @pytest.mark.parametrize(
@@ -139,7 +160,7 @@ def test_d9_sensitivity_of_amplitude_to_stiffness():
     ],
 )
 def test_d11_joints_delay_but_do_not_weaken(rock, stiff, spacing, speeds, least):
-    finding = ground_defects.jointed_speeds("J", stiff, spacing, "rock", rock, 4.0)
+    finding = ground_defects.jointed_speeds("J", stiff.tangents(0.0), spacing, "rock", rock, 4.0)
 
     assert min(finding.numbers["t_p"], finding.numbers["t_s"]) >= least - 5e-4
     found = finding.numbers["speed_p"], finding.numbers["speed_s"]

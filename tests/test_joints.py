@@ -91,3 +91,25 @@ def test_a_fluid_in_a_joint_that_stiffens_by_itself_is_refused():
 
     with pytest.raises(InputError, match=r"J\.law: 'closure' has no stiffness of its own"):
         saturated(closing, 5e-4)
+
+
+def test_a_closing_joint_is_as_stiff_as_the_pressure_makes_it():
+    joint = Joint("J", "closure", {"kn": 1e9, "ks": 5e8, "closure": 1e-3})
+
+    assert joint.tangents(0.0) == (1e9, 5e8)
+    assert joint.tangents(1e6) == pytest.approx((4e9, 5e8))
+    assert joint.tangents(1e9) == pytest.approx((100e9, 5e8))
+
+
+def test_a_joint_stiffens_with_a_power_of_the_pressure():
+    properties = {"kn": 1e9, "ks": 5e8, "pressure": 1e5, "exponent": 0.5}
+    joint = Joint("J", "stress_dependent", properties)
+
+    assert joint.tangents(4e5) == pytest.approx((2e9, 1e9))
+    assert joint.tangents(1e9) == pytest.approx((10e9, 5e9))
+    assert joint.tangents(-1e5) == pytest.approx((1e7, 5e6))
+
+
+def test_an_impossible_shear_before_the_blast_is_refused():
+    with pytest.raises(InputError, match=r"joints\.J\.insitu_shear: must be three finite numbers"):
+        Joint("J", "coulomb", STRONG, insitu_shear=(1.0, math.nan, 0.0))

@@ -11,7 +11,7 @@ from pyblast.motion.seismogram import Seismogram
 from pyblast.solving.boundaries import Fixed, StressInput, VelocityInput, Viscous
 from pyblast.solving.joints import Joint
 from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import Model, Receiver, Rim
+from pyblast.solving.model import InSitu, Model, Receiver, Rim
 from pyblast.solving.preparation import prepare
 from pyblast.solving.sources import Hole, TimeFunction
 from verification.columns import ROCK
@@ -174,6 +174,39 @@ def test_the_highest_frequency_is_ten_edges_per_s_wave():
     edge = np.array([5.0, 5.0, 5.0, 5.0 * 2**0.5, 5.0 * 2**0.5, 5.0 * 3**0.5]).mean()
     assert frequencies["soil"] == pytest.approx(SOFT.cs / (10.0 * edge), rel=0.01)
     assert frequencies["rock"] == pytest.approx(ROCK.cs / (10.0 * edge), rel=0.01)
+
+
+@pytest.mark.parametrize("gravity", [-1.0, np.nan, np.inf])
+def test_an_impossible_gravity_is_refused(gravity):
+    with pytest.raises(InputError, match=r"insitu\.gravity: must not be negative, got"):
+        InSitu(gravity)
+
+
+def test_a_negative_ratio_of_stresses_is_refused():
+    with pytest.raises(InputError, match=r"insitu\.horizontal_ratio: must not be negative, got -1"):
+        InSitu(horizontal_ratio=-1.0)
+
+
+@pytest.mark.parametrize("width", [0.0, -5.0, np.nan, np.inf])
+def test_a_rim_without_width_is_refused(width):
+    with pytest.raises(InputError, match=r"rim\.width: must be positive, got"):
+        Rim(((0.0, 1.0), (0.0, 1.0), (0.0, 1.0)), width)
+
+
+def test_a_rim_around_nothing_is_refused():
+    with pytest.raises(InputError, match=r"rim\.box: must be three ascending pairs"):
+        Rim(((0.0, 1.0), (2.0, 1.0), (0.0, 1.0)), 5.0)
+
+
+def test_surfaces_that_meet_are_moved_alike_or_refused():
+    other = Seismogram(np.ones((10, 3)), 1e-3)
+    west = VelocityInput("west", SHAKING)
+
+    with pytest.raises(InputError, match=r"boundaries\.south: meets 'west' at 5 nodes"):
+        Model(box(), {"rock": ROCK}, boundaries=[west, VelocityInput("south", other)])
+
+    for moved in (VelocityInput("south", SHAKING), VelocityInput("east", other)):
+        assert Model(box(), {"rock": ROCK}, boundaries=[west, moved])
 
 
 def test_a_rim_damps_outside_its_box_only():

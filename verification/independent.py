@@ -10,6 +10,7 @@ study that was stopped goes on; delete the file to begin anew.
 
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
@@ -22,7 +23,14 @@ from pyblast.motion.comparison import compare
 from pyblast.projects.site import read_site, site_mesh, site_model
 from pyblast.solving.solver import run
 
-from .independent_cases import effects_of, true_site, truth_of, with_effect
+from .independent_cases import (
+    air_blasts,
+    effects_of,
+    true_site,
+    truth_of,
+    with_effect,
+    with_open_ground,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "verification" / "independent.json"
@@ -36,6 +44,7 @@ BLASTS = {
     "case-05": ("B2",),
     "case-06": ("B2",),
     "case-08": ("B2",),
+    "case-12": ("S1", "B2"),
 }
 EDGES = (12.0, 8.0, 5.5)
 MODELS = ("believed", "effect", "true")
@@ -51,9 +60,11 @@ def site_of(cases, case, model):
     return site if model == "believed" else with_effect(site, truth)
 
 
-def measured(site, blast, edge):
-    """Run one blast on one mesh; return a row of results and the seismograms."""
-    done = run(site_model(site, blast, site_mesh(site, edge), edge), DURATION)
+def measured(site, blast, edge, air=()):
+    """Run one blast on one mesh, with air blasts; return a row of results and the seismograms."""
+    mesh = with_open_ground(site_mesh(site, edge), site.box)
+    model = site_model(site, blast, mesh, edge)
+    done = run(replace(model, sources=(*model.sources, *air)), DURATION)
     misfits = {
         name: compare(
             recording.seismogram, done.seismograms[name], site.band, time_frequency=False
@@ -92,7 +103,8 @@ def study(cases):
             continue
         site = site_of(cases, what["case"], what["model"])
         truth = truth_of(cases, site)
-        row, _ = measured(site, what["blast"], what["edge_m"])
+        air = () if what["model"] == "believed" else air_blasts(site, what["blast"], truth)
+        row, _ = measured(site, what["blast"], what["edge_m"], air)
         rows.append({
             **what, "effects": effects_of(truth), **row,
             "independent_believed": truth["misfit_believed"][what["blast"]]["median"],
@@ -120,7 +132,7 @@ def draw(rows, path):
             axis.axhline(100.0 * chosen[0][name], color="0.5", ls=line, lw=0.9)
         axis.set_title(f"{key[0]} {key[1]}: {', '.join(chosen[0]['effects']) or 'nothing hidden'}",
                        fontsize=9)  # fmt: skip
-    for axis in list(axes.flat)[len(keys):]:
+    for axis in list(axes.flat)[len(keys) :]:
         axis.remove()
     axes[0, 0].legend(fontsize=8)
     figure.supxlabel("edge of the cells [m]")

@@ -12,7 +12,11 @@ import numpy as np
 from pyblast.records.recordings import read_stations
 from pyblast.solving.joints import Joint
 from pyblast.solving.materials import Material
+from pyblast.solving.pressures import AirBlast
+from pyblast.solving.sources import TimeFunction
 
+OPEN = "open ground"
+AIR_STEP = 0.05  # of the air pulse, in its s
 STIFFEST = 400.0  # largest tangent of a closing joint over its initial stiffness
 
 
@@ -112,19 +116,63 @@ def _slip(site, parameters, truth):
     }
 
     def slipping(joint):
-        return Joint(
-            joint.surface, "coulomb", {**joint.properties, **strength}, parameters["sn0"]
-        )
+        return Joint(joint.surface, "coulomb", {**joint.properties, **strength}, parameters["sn0"])
 
     return _on_affected(site, truth, slipping)
+
+
+def _air_blast(site, parameters, truth):
+    """Leave the site: the air blast is a source, see `air_blasts`."""
+    del parameters, truth
+    return site
+
+
+def air_blasts(site, blast, truth):
+    """Return the air blasts of the holes of a blast; none where the case has none.
+
+    The truth file gives P1_Pa, an exponent and s, not the pulse. It was read off the noise-free
+    record of the single hole, where the ground is at rest before the air arrives: 340 m/s from the
+    point above the hole, the slope of a Gaussian -x exp(-x^2/2), x = (t - 3s)/s, pressure first,
+    and about P1/r from the nearest receiver on. Within that distance nothing is known; P1/r there
+    would send a surface wave that the records do not have, so the pressure does not grow. Off B1
+    follows that the exponent is that of the charge over the one of S1. No level was fitted.
+    """
+    if "air_blast" not in effects_of(truth):
+        return ()
+    parameters, holes = truth["parameters"]["air_blast"], site.blasts[blast]
+    single, spread = site.blasts["S1"].charge[0], parameters["s"]
+    x = np.arange(0.0, 10.0, AIR_STEP) - 3.0
+    above = (*site.blasts["S1"].centres[0, :2], 0.0)
+    nearest = min(np.linalg.norm(np.subtract(r.position, above)) for r in site.receivers)
+    pulse = -parameters["P1_Pa"] / nearest * x * np.exp(-0.5 * x**2)
+    strengths = (holes.charge / single) ** parameters["exponent"]
+    return tuple(
+        AirBlast(
+            OPEN,
+            (centre[0], centre[1], 0.0),
+            TimeFunction(strength * pulse, AIR_STEP * spread),
+            nearest,
+            time=time,
+        )
+        for centre, strength, time in zip(holes.centres, strengths, holes.times, strict=True)
+    )
+
+
+def with_open_ground(mesh, box):
+    """Return a mesh with a surface for the air: the top of a box (3, 2) in m.
+
+    The cells beyond the box are longer than the waves of the air and would send them back.
+    """
+    middle = mesh.points[mesh.surfaces["top"]].mean(axis=1)[:, :2]
+    inside = ((middle > box[:2, 0]) & (middle < box[:2, 1])).all(axis=1)
+    return replace(mesh, surfaces={**mesh.surfaces, OPEN: mesh.surfaces["top"][inside]})
 
 
 def _on_affected(site, truth, change):
     """Change the joints that the truth file calls affected."""
     affected = truth["affected"]["joints"]
     joints = tuple(
-        replace(j, joint=change(j.joint)) if j.joint.surface in affected else j
-        for j in site.joints
+        replace(j, joint=change(j.joint)) if j.joint.surface in affected else j for j in site.joints
     )
     return replace(site, joints=joints)
 
@@ -134,4 +182,5 @@ EFFECTS = {
     "soft_surface_layer": _soft_layer,
     "joint_nonlinear_closure": _closure,
     "joint_slip": _slip,
+    "air_blast": _air_blast,
 }

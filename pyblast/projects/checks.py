@@ -8,6 +8,7 @@ from ..meshing import tetrahedra
 from ..meshing.mesh import edge_lengths, surface_areas, surface_zones
 from ..solving.boundaries import Roller, Viscous
 from ..solving.conditions import surface_impedance
+from ..solving.insitu import joint_pressures
 from ..units import to_si
 from . import face_defects, ground_defects, load_defects
 from .census import (
@@ -235,13 +236,17 @@ def _joint_defects(project, census):
     """D8, D11, D18: faults and joint sets."""
     centre, band = central_frequency(project), input_band(project)
     by_surface = {joint.surface: joint for joint in project.joints}
+    pressures = joint_pressures(project.model)
+    stiffness = {name: one.tangents(pressures[name]) for name, one in by_surface.items()}
     rocks, entries, alike = _stiff(project, census), joint_of_surface(project.config.mesh), {}
     for name in project.faults:
         alike.setdefault(entries[name], []).append(name)
     for entry, faults in alike.items():
         names, joint = ", ".join(faults), by_surface[faults[0]]
         for group, material in rocks.items():
-            yield ground_defects.fault_low_pass(names, joint, group, material, centre, band)
+            yield ground_defects.fault_low_pass(
+                names, stiffness[faults[0]], group, material, centre, band
+            )
         infill = project.config.joints[entry].infill_mm
         if infill is not None:
             thickness = [1e-3 * value for value in infill]
@@ -249,7 +254,7 @@ def _joint_defects(project, census):
     for part in project.config.mesh.joint_sets:
         for group in part.regions or rocks:
             yield ground_defects.jointed_speeds(
-                part.name, by_surface[part.name], part.spacing_m, group,
+                part.name, stiffness[part.name], part.spacing_m, group,
                 project.materials[group], centre,
             )  # fmt: skip
 

@@ -212,6 +212,7 @@ class JointConfig(Section):
     __pydantic_extra__: dict[str, float]
     law: Name = "coulomb"
     insitu_pressure_kpa: NotNegative = 0.0
+    insitu_shear_kpa: Point = Field([0.0, 0.0, 0.0])
     infill_mm: Infill | None = None
     fill_density_kg_per_m3: Positive | None = None
     fill_thickness_mm: Positive | None = None

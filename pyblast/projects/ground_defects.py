@@ -63,10 +63,13 @@ def transmission(stiffness, impedance, frequency):
     return 1.0 / math.hypot(1.0, math.pi * frequency * impedance / stiffness)
 
 
-def fault_low_pass(name, joint, group, material, frequency, band):
-    """D8 and D9: a fault that itself is a low-pass; None where it passes the band."""
+def fault_low_pass(name, stiffness, group, material, frequency, band):
+    """D8 and D9: a fault that itself is a low-pass; None where it passes the band.
+
+    The stiffness is the tangent one, kn and ks in Pa/m, under the pressure before the blast.
+    """
     z_p, z_s = material.density * material.cp, material.density * material.cs
-    kn, ks = joint.properties["kn"], joint.properties["ks"]
+    kn, ks = stiffness
     corners = kn / (math.pi * z_p), ks / (math.pi * z_s)
     if min(corners) > band:
         return None
@@ -89,9 +92,9 @@ def fault_low_pass(name, joint, group, material, frequency, band):
     )  # fmt: skip
 
 
-def jointed_speeds(name, joint, spacing, group, material, frequency):
-    """D11: a joint set delays waves but hardly weakens them."""
-    kn, ks = joint.properties["kn"], joint.properties["ks"]
+def jointed_speeds(name, stiffness, spacing, group, material, frequency):
+    """D11: a joint set delays waves but hardly weakens them; stiffness as of `fault_low_pass`."""
+    kn, ks = stiffness
     passed = (
         transmission(kn, material.density * material.cp, frequency),
         transmission(ks, material.density * material.cs, frequency),

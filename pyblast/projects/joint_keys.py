@@ -53,7 +53,8 @@ def make_joint(where, surface, config):
     mass = 0.0
     if config.fill_density_kg_per_m3 is not None:
         mass = config.fill_density_kg_per_m3 * to_si("fill_mm", config.fill_thickness_mm)[1]
-    joint = Joint(surface, config.law, properties, pressure, mass)
+    shear = tuple(to_si("shear_kpa", config.insitu_shear_kpa)[1])
+    joint = Joint(surface, config.law, properties, pressure, shear, mass)
     if config.water_aperture_mm is None:
         return joint
     return saturated(joint, to_si("aperture_mm", config.water_aperture_mm)[1])

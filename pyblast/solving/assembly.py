@@ -139,6 +139,8 @@ def _contacts(model):
         for law, joint in zip(laws, joints, strict=True)
     ]
     pressure = np.array([joint.insitu_pressure for joint in joints])[contacts.joint]
+    shear = np.array([joint.insitu_shear for joint in joints])[contacts.joint]
+    shear -= np.einsum("ci,ci->c", shear, contacts.normal)[:, None] * contacts.normal
     return {
         "joint_law": np.array([law.number for law in laws], dtype=np.int32),
         "joint_property": np.array(table),
@@ -146,7 +148,7 @@ def _contacts(model):
         "contact_normal": contacts.normal,
         "contact_area": contacts.area,
         "contact_joint": contacts.joint.astype(np.int32),
-        "contact_initial": -pressure[:, None] * contacts.normal,
+        "contact_initial": shear - pressure[:, None] * contacts.normal,
     }
 
 

@@ -1,6 +1,9 @@
 """Conditions on the outer surfaces of a model."""
 
 from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
 
 from ..errors import InputError
 from ..motion.seismogram import GEOGRAPHIC, Seismogram
@@ -108,6 +111,8 @@ class StressInput:
 class VelocityInput:
     """Particle velocity prescribed on a surface; refused where the surface is viscous.
 
+    Two surfaces that meet take one seismogram, or their common nodes had two velocities.
+
     Parameters
     ----------
     surface : str
@@ -121,6 +126,12 @@ class VelocityInput:
 
 def check_boundaries(boundaries, surfaces):
     """Refuse boundaries on unknown surfaces and those that exclude one another.
+
+    Parameters
+    ----------
+    boundaries : sequence of boundary conditions
+    surfaces : dict of str to (n, 3) int
+        Triangles by node.
 
     Raises
     ------
@@ -146,3 +157,19 @@ def check_boundaries(boundaries, surfaces):
             )
         if isinstance(boundary, Fixed) and surface in viscous:
             raise InputError(f"boundaries.{surface}: {kind} and Viscous exclude one another")
+    moved = [b for b in boundaries if isinstance(b, VelocityInput)]
+    for first, second in combinations(moved, 2):
+        shared = np.intersect1d(surfaces[first.surface], surfaces[second.surface])
+        if len(shared) and not _alike(first.seismogram, second.seismogram):
+            raise InputError(
+                f"boundaries.{second.surface}: meets '{first.surface}' at {len(shared)} nodes, "
+                "which would have to follow two velocities; give both surfaces the same seismogram "
+                "or one of them no velocity"
+            )
+
+
+def _alike(first, second):
+    """Tell whether two seismograms move a node alike."""
+    return (first.dt, first.start) == (second.dt, second.start) and np.array_equal(
+        first.velocity, second.velocity
+    )

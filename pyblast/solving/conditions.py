@@ -74,7 +74,7 @@ def static_conditions(model, geometry):
 
 
 def _move_all(model, boundary, fixed, histories):
-    """Prescribe all three axes at the nodes of a surface that no other input moves already."""
+    """Prescribe all three axes at the nodes of a surface; where two meet they move alike."""
     for node in np.unique(model.mesh.surfaces[boundary.surface]):
         if int(node) not in fixed:
             fixed[int(node)] = list(zip(np.eye(3), histories, strict=True))

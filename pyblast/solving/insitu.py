@@ -65,6 +65,19 @@ def joint_tractions(mesh, stress):
     return np.einsum("cij,cj->ci", tensor, mesh.contacts.normal)
 
 
+def joint_pressures(model):
+    """Return the mean normal pressure in Pa on each joint before the blast, by its surface."""
+    pressures = {joint.surface: joint.insitu_pressure for joint in model.joints}
+    contacts = model.mesh.contacts
+    if model.insitu is None or contacts is None:
+        return pressures
+    traction = joint_tractions(model.mesh, insitu_stress(model))
+    normal = -np.einsum("ci,ci->c", traction, contacts.normal)
+    area = np.bincount(contacts.joint, contacts.area, len(contacts.names))
+    mean = np.bincount(contacts.joint, contacts.area * normal, len(contacts.names)) / area
+    return dict(zip(contacts.names, map(float, mean), strict=True))
+
+
 def static_loads(model, geometry):
     """Return nodal loads, joint tractions and the size of the forces that must balance.
 

@@ -56,6 +56,9 @@ class Joint:
         these two do not slip.
     insitu_pressure : float, Pa
         Normal pressure before the blast; a static stage replaces it.
+    insitu_shear : (3,) float, Pa
+        Shear traction before the blast that the side ahead of the normal pulls the other with;
+        only its part in the plane counts, and a static stage replaces it.
     fill_mass : float, kg/m2
         Mass of a fill per area, half of it on each side; see `thick_fill`.
 
@@ -69,6 +72,7 @@ class Joint:
     law: str
     properties: dict[str, float] = field(hash=False)
     insitu_pressure: float = 0.0
+    insitu_shear: tuple[float, float, float] = (0.0, 0.0, 0.0)
     fill_mass: float = 0.0
 
     def __post_init__(self):
@@ -96,6 +100,11 @@ class Joint:
             raise InputError(
                 f"{where}.fill_mass: must not be negative, got {self.fill_mass:g} kg/m2"
             )
+        object.__setattr__(self, "insitu_shear", tuple(map(float, self.insitu_shear)))
+        if len(self.insitu_shear) != 3 or not all(map(math.isfinite, self.insitu_shear)):
+            raise InputError(
+                f"{where}.insitu_shear: must be three finite numbers, got {self.insitu_shear}"
+            )
         object.__setattr__(self, "properties", {name: float(values[name]) for name in names})
 
     def _filled_in(self, names):
@@ -109,6 +118,22 @@ class Joint:
         if self.law in STIFFEST and "kn" in self.properties:
             values["kn_max"] = STIFFEST[self.law] * self.properties["kn"]
         return values | self.properties
+
+    def tangents(self, pressure):
+        """Return what small waves meet under a pressure in Pa: kn and ks in Pa/m.
+
+        Theory.md (3.8), (3.10); of a closing joint on its way of loading.
+        """
+        kn, ks = self.properties["kn"], self.properties["ks"]
+        pressure = max(0.0, pressure)
+        if self.law == "stress_dependent":
+            share = (pressure / self.properties["pressure"]) ** self.properties["exponent"]
+            share = min(max(share, 0.01), self.properties["kn_max"] / kn)
+            return share * kn, share * ks
+        if "closure" in self.properties:
+            stiffer = kn * (1.0 + pressure / (kn * self.properties["closure"])) ** 2
+            return min(stiffer, self.properties["kn_max"]), ks
+        return kn, ks
 
     def bound(self):
         """Return the largest stiffness in Pa/m and the viscosity in Pa s/m of the law."""
@@ -167,7 +192,8 @@ def thick_fill(surface, density, cp, cs, thickness, insitu_pressure=0.0):
     insitu_pressure : float, Pa
     """
     stiffness = {"kn": density * cp**2 / thickness, "ks": density * cs**2 / thickness}
-    return Joint(surface, "elastic", stiffness, insitu_pressure, density * thickness)
+    mass = density * thickness
+    return Joint(surface, "elastic", stiffness, insitu_pressure, fill_mass=mass)
 
 
 def saturated(joint, aperture, fluid_bulk=2.2e9):

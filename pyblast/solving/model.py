@@ -45,7 +45,7 @@ class InSitu:
     Raises
     ------
     InputError
-        If the stress is not six finite numbers.
+        If the stress is not six finite numbers, or gravity or the ratio is negative.
     """
 
     gravity: float = 9.81
@@ -54,6 +54,10 @@ class InSitu:
 
     def __post_init__(self):
         """Refuse a stress that is none."""
+        for name, unit in (("gravity", " m/s2"), ("horizontal_ratio", "")):
+            value = getattr(self, name)
+            if not 0.0 <= value < np.inf:
+                raise InputError(f"insitu.{name}: must not be negative, got {value:g}{unit}")
         object.__setattr__(self, "stress", tuple(map(float, self.stress)))
         if len(self.stress) != 6 or not np.isfinite(self.stress).all():
             raise InputError(
@@ -76,10 +80,23 @@ class Rim:
     -----
     Mass damping ``3 cs/width (d/width)^2`` at distance d: an S wave that crosses the rim and comes
     back loses a factor e; more would turn low frequencies back. theory.md (4.5).
+
+    Raises
+    ------
+    InputError
+        If the width is not positive or the box ends before it begins.
     """
 
     box: tuple
     width: float
+
+    def __post_init__(self):
+        """Refuse what is no rim."""
+        box = np.asarray(self.box, dtype=float)
+        if box.shape != (3, 2) or not (box[:, 0] < box[:, 1]).all():
+            raise InputError(f"rim.box: must be three ascending pairs, got {self.box}")
+        if not 0.0 < self.width < np.inf:
+            raise InputError(f"rim.width: must be positive, got {self.width:g} m")
 
     def alpha(self, places, speed):
         """Return the mass damping (n,) in 1/s at places (n, 3) with S speeds (n,)."""

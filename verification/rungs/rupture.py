@@ -12,7 +12,6 @@ from pyblast.solving.boundaries import Fixed, Roller, Viscous
 from pyblast.solving.joints import Joint
 from pyblast.solving.materials import Material
 from pyblast.solving.model import Model, Receiver, Rim
-from pyblast.solving.preparation import prepare
 from pyblast.solving.solver import run
 from verification.ladder import Curve, Reading, rung
 from verification.solutions.slip_rupture import Weakening, rupture
@@ -56,18 +55,21 @@ def reference():
 def fault_model(edge, places):
     """Model a quarter of the ground around a fault in the plane y = 0, with receivers beside it.
 
-    Mirrored at x = 0, where slip along x is even, and at z = 0.
+    Mirrored at x = 0, where slip along x is even, and at z = 0. The nucleus is a surface of its
+    own, under more shear.
     """
     wide, high = FAULT
     grid = [
-        graded_axis((0.0, wide + BESIDE), (wide,), edge, 0.0, AROUND),
+        graded_axis((0.0, wide + BESIDE), (HALF, wide), edge, 0.0, AROUND),
         graded_axis((-BESIDE, BESIDE), (0.0,), edge, AROUND, AROUND),
-        graded_axis((0.0, high + BESIDE), (high,), edge, 0.0, AROUND),
+        graded_axis((0.0, high + BESIDE), (HALF, high), edge, 0.0, AROUND),
     ]
     mesh = structured_box(*grid, planes={"fault": ("y", 0.0)}, pattern="alternating")
-    middle = mesh.points[mesh.surfaces["fault"]].mean(axis=1)
-    on_fault = mesh.surfaces["fault"][(middle[:, 0] < wide) & (middle[:, 2] < high)]
-    mesh = replace(mesh, surfaces={**mesh.surfaces, "fault": on_fault}).split(["fault"])
+    plane = mesh.surfaces["fault"]
+    x, _, z = mesh.points[plane].mean(axis=1).T
+    nucleus = (x < HALF) & (z < HALF)
+    parts = {"fault": plane[(x < wide) & (z < high) & ~nucleus], "nucleus": plane[nucleus]}
+    mesh = replace(mesh, surfaces={**mesh.surfaces, **parts}).split([*parts])
     stiffness = STIFFNESS * ROCK.shear / edge
     properties = {
         "kn": stiffness,
@@ -81,7 +83,10 @@ def fault_model(edge, places):
     return Model(
         mesh,
         {"rock": ROCK},
-        joints=[Joint("fault", "softening", properties, insitu_pressure=LAW.pressure)],
+        joints=[
+            Joint(name, "softening", properties, LAW.pressure, (shear, 0.0, 0.0))
+            for name, shear in (("fault", AT_REST), ("nucleus", NUCLEUS))
+        ],
         boundaries=[
             Fixed("west", ("north", "vertical")),
             Roller("bottom"),
@@ -93,19 +98,6 @@ def fault_model(edge, places):
             for side, away in sides.items()
             for n, (x, z) in enumerate(places)
         ],
-    )
-
-
-def stressed(model, edge):
-    """Prepare a model whose contacts carry the shear stress before the rupture."""
-    prepared = prepare(model, DURATION)
-    initial = prepared.constants["contact_initial"].copy()
-    x, _, z = model.mesh.points[prepared.constants["contact_node"][:, 0]].T
-    initial[:, 0] += loaded(edge)(x, z)
-    return replace(
-        prepared,
-        constants={**prepared.constants, "contact_initial": initial},
-        state={**prepared.state, "contact_traction": initial.copy()},
     )
 
 
@@ -138,7 +130,7 @@ def rupture_of_a_fault(per_zone):
     away = (x > 1.5 * HALF) | (z > 1.5 * HALF)
     places = np.column_stack([x[away], z[away]])
     model = fault_model(edge, places)
-    records = run(model, DURATION, prepared=stressed(model, edge)).seismograms
+    records = run(model, DURATION).seismograms
     found = []
     for n in range(len(places)):
         plus, minus = records[f"north {n}"], records[f"south {n}"]
