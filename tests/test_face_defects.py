@@ -46,9 +46,9 @@ def test_a_quiet_side_drains_a_long_wave_as_foretold():
 
 
 def test_d23_is_said_only_where_sides_take_much():
-    assert draining_sides(("south",), np.array([0.9, 0.8, 0.8]), "R") is None
-    assert draining_sides((), np.array([1.0, 0.1, 0.1]), "R") is None
-    assert "north" in draining_sides(("north",), np.array([0.5, 0.1, 0.2]), "R").text
+    assert draining_sides(("south",), np.array([0.9, 0.8, 0.8]), "R", True) is None
+    assert draining_sides((), np.array([1.0, 0.1, 0.1]), "R", False) is None
+    assert "north" in draining_sides(("north",), np.array([0.5, 0.1, 0.2]), "R", False).text
 
 
 def test_rock_without_joints_keeps_its_stiffness():

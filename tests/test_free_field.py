@@ -22,6 +22,7 @@ from pyblast import (
     Viscous,
     jointed,
     structured_box,
+    tangents,
 )
 from pyblast.meshing.geology import Layer
 from pyblast.solving.free_field import _Side
@@ -245,3 +246,11 @@ def test_a_side_above_the_base_is_refused():
 
     with pytest.raises(InputError, match="must reach down to the level of the input"):
         refused(mesh=replace(mesh, surfaces=surfaces))
+
+
+def test_slopes_with_respect_to_speeds_that_columns_follow_are_refused():
+    model = slab(free("west", "east"), receivers=[Receiver("top", (0.0, 1.0, 40.0))])
+    stiffer = replace(model, materials={**MATERIALS, "rock": replace(ROCK, bulk=1.01 * ROCK.bulk)})
+
+    with pytest.raises(InputError, match="a FreeField follows the moduli"):
+        tangents(model, [stiffer], 0.01)

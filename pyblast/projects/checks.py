@@ -204,15 +204,17 @@ def _quiet_defects(project):
         return
     model, face = project.model, project.config.input.face
     direction = -_mean_normal(model.mesh, face)
-    viscous = {b.surface for b in model.boundaries if isinstance(b, Viscous)} - {face}
-    sides = [n for n in sorted(viscous) if abs(_mean_normal(model.mesh, n) @ direction) < 0.7]
+    blind = {*project.config.boundaries.viscous} - {face}
+    if project.config.input.enters_as == "plane_wave":
+        blind = set()
+    sides = [n for n in sorted(blind) if abs(_mean_normal(model.mesh, n) @ direction) < 0.7]
     entry = sum(surface_impedance(model, face).values())
     drag = sum((sum(surface_impedance(model, n).values()) for n in sides), np.zeros((3, 3)))
     way = model.mesh.points @ direction
     for receiver in project.receivers:
         share = (direction @ receiver.position - way.min()) / np.ptp(way)
         left = face_defects.drained(entry, drag, share)
-        yield face_defects.draining_sides(sides, left, receiver.name)
+        yield face_defects.draining_sides(sides, left, receiver.name, direction[2] > 0.7)
     if project.config.boundaries.jointed_faces:
         return
     by_surface = {joint.surface: joint.properties for joint in project.joints}

@@ -18,6 +18,7 @@ from .config_section import (
     Band,
     Bearing,
     Count,
+    Inclination,
     Name,
     NotNegative,
     Place,
@@ -117,9 +118,26 @@ class InputConfig(Section):
     """Where and how the motion of a signature enters the model."""
 
     face: Name = "west"
-    enters_as: Literal["stress", "velocity"] = "stress"
+    enters_as: Literal["stress", "velocity", "plane_wave"] = "stress"
+    wave: Literal["P", "SV", "SH"] | None = None
+    azimuth_deg: Bearing | None = None
+    inclination_deg: Inclination | None = None
+    free_surface: Name = "top"
     low_pass_hz: Positive | None = 20.0
     distance_m: Positive | None = None
+
+    @model_validator(mode="after")
+    def _plane_wave(self):
+        """Ask for all that says what a plane wave is, and refuse it beside another input."""
+        needed = ("wave", "azimuth_deg", "inclination_deg")
+        if self.enters_as == "plane_wave":
+            for key in needed:
+                if getattr(self, key) is None:
+                    raise ValueError(f"{key} is missing beside enters_as = 'plane_wave'")
+        for key in (*needed, "free_surface"):
+            if self.enters_as != "plane_wave" and key in self.model_fields_set:
+                raise ValueError(f"{key} needs enters_as = 'plane_wave'; leave it out")
+        return self
 
 
 class ReceiverConfig(Section):
@@ -210,6 +228,22 @@ class Config(Section):
             raise ValueError(
                 f"ground.damaged_zone.material: must be one of {', '.join(self.materials)}, "
                 f"got {zone.material!r}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _free_field(self):
+        """Refuse free-field sides that no input from below would reach."""
+        if not self.boundaries.free_field:
+            return self
+        if self.signature is None:
+            raise ValueError(
+                "boundaries.free_field: needs [signature] that enters from below; for sources "
+                "inside viscous sides do"
+            )
+        if self.input.enters_as == "plane_wave":
+            raise ValueError(
+                "boundaries.free_field: all viscous sides see a plane wave; move these to viscous"
             )
         return self
 

@@ -230,6 +230,7 @@ class BoundariesConfig(Section):
     """Which outer surface has which condition."""
 
     viscous: list[Name] = Field([])
+    free_field: list[Name] = Field([])
     roller: list[Name] = Field([])
     fixed: list[Name] = Field([])
     free: list[Name] = Field([])
@@ -239,7 +240,7 @@ class BoundariesConfig(Section):
     @model_validator(mode="after")
     def _once(self):
         """Refuse a surface that stands in two lists."""
-        every = [*self.viscous, *self.roller, *self.fixed, *self.free]
+        every = [*self.viscous, *self.free_field, *self.roller, *self.fixed, *self.free]
         for name in every:
             if every.count(name) > 1:
                 raise ValueError(

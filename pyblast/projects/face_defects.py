@@ -33,7 +33,7 @@ def drained(face, sides, share):
     return np.exp(-0.5 * share * np.diag(sides) / np.diag(face))
 
 
-def draining_sides(surfaces, left, receiver):
+def draining_sides(surfaces, left, receiver, from_below):
     """D23: quiet sides along the way of a plane wave; None where they take little.
 
     Parameters
@@ -43,16 +43,24 @@ def draining_sides(surfaces, left, receiver):
         Of `drained`, east, north, vertical.
     receiver : str
         Where.
+    from_below : bool
+        Whether the wave runs up: free-field sides are then the cure.
     """
     if not len(surfaces) or min(left) > LITTLE:
         return None
     listed = "/".join(f"{100.0 * value:.2g}" for value in left)
+    cure = (
+        "make it wider, compare with rollers on these sides, or let the wave come from below, "
+        "where boundaries.free_field keeps it"
+    )
+    if from_below:
+        cure = "name these sides in boundaries.free_field, so that they see the ground beside move"
     return Finding(
         "D23",
         "Quiet sides drain the wave that runs along them",
         f"The dashpots on {', '.join(surfaces)} leave as little as {listed} % of a long wave "
         f"(east/north/vertical) on its way to {receiver}, where the width of the model then sets "
-        "the amplitude; make it wider, or compare with rollers on these sides.",
+        f"the amplitude; {cure}.",
         numbers=dict(zip(("east", "north", "vertical"), map(float, left), strict=True)),
     )
 

@@ -11,7 +11,7 @@ from ..meshing.mesh_builder import Fault, JointSet, Layer, build_mesh, structure
 from ..meshing.mesh_import import read_mesh
 from ..solving.anisotropy import jointed, transverse
 from ..solving.attenuation import ConstantQ
-from ..solving.boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
+from ..solving.boundaries import Fixed, FreeField, Roller, Viscous
 from ..solving.materials import Damping, Material
 from ..solving.model import InSitu
 from ..solving.plasticity import MohrCoulomb
@@ -101,7 +101,8 @@ def make_boundaries(config, face=None, media=None):
         Of `jointed_media`, for faces that shall know of joints.
     """
     media = media if config.jointed_faces else None
-    boundaries = [Viscous(name, media or {}) for name in config.viscous]
+    boundaries = [Viscous(name, media or {}) for name in (*config.viscous, *config.free_field)]
+    boundaries += [FreeField(name) for name in config.free_field]
     boundaries += [Roller(name) for name in config.roller]
     boundaries += [Fixed(name) for name in config.fixed]
     if config.viscous_and_fixed:
@@ -136,12 +137,6 @@ def jointed_media(config, materials, joints):
     return media
 
 
-def make_face_input(config, motion):
-    """Turn an `InputConfig` into the boundary through which a motion enters."""
-    kind = {"stress": StressInput, "velocity": VelocityInput}[config.enters_as]
-    return kind(config.face, motion)
-
-
 def refuse_open_sides(config, mesh):
     """Refuse sides that would send the waves of holes inside back without anyone wanting it.
 
@@ -155,7 +150,14 @@ def refuse_open_sides(config, mesh):
     ------
     InputError
     """
-    named = {*config.viscous, *config.roller, *config.fixed, *config.free, "top"}
+    named = {
+        *config.viscous,
+        *config.free_field,
+        *config.roller,
+        *config.fixed,
+        *config.free,
+        "top",
+    }
     joints = () if mesh.contacts is None else mesh.contacts.names
     for surface in mesh.surfaces:
         if surface not in named and surface not in joints:

@@ -18,6 +18,9 @@ from ..errors import InputError
 from ..motion.seismogram import GEOGRAPHIC, Seismogram
 from ..motion.spectra import LowPassed, lowpass
 from ..records.recordings import read_recording
+from ..solving.boundaries import StressInput, VelocityInput
+from ..solving.plane_waves import PlaneWave, polarisation
+from ..solving.sources import TimeFunction
 from ..units import to_si
 
 QUIET_CYCLES = 3.0
@@ -170,6 +173,25 @@ def make_input(signature, firing, low_pass, shifts=None) -> InputMotion:
         start=superposed.start - quiet * superposed.dt,
     )
     return InputMotion(signature, firing, padded, lowpass(padded, low_pass))
+
+
+def make_entry(config, motion):
+    """Return the boundaries and the sources by which a motion enters through a face.
+
+    A plane wave is what the motion does along its polarisation.
+
+    Parameters
+    ----------
+    config : InputConfig
+    motion : Seismogram
+    """
+    if config.enters_as != "plane_wave":
+        kind = {"stress": StressInput, "velocity": VelocityInput}[config.enters_as]
+        return [kind(config.face, motion)], []
+    angles = [to_si(key, getattr(config, key))[1] for key in ("azimuth_deg", "inclination_deg")]
+    along = motion.velocity @ polarisation(config.wave, *angles)
+    history = TimeFunction(along, motion.dt, motion.start)
+    return [], [PlaneWave(config.wave, history, *angles, free_surface=config.free_surface)]
 
 
 def shifts_of(config, blast, receiver, reference):

@@ -20,7 +20,6 @@ from .ground import (
     jointed_media,
     make_boundaries,
     make_damping,
-    make_face_input,
     make_insitu,
     make_material,
     make_mesh,
@@ -31,6 +30,7 @@ from .input_motion import (
     InputMotion,
     like_simulated,
     make_blast,
+    make_entry,
     make_firing,
     make_input,
     make_signature,
@@ -190,9 +190,10 @@ class Project:
         face = None if self.input is None else config.input.face
         media = jointed_media(config.mesh, self.materials, self.joints)
         boundaries = make_boundaries(config.boundaries, face, media)
+        entries, waves = [], []
         if face is not None:
-            boundaries.append(make_face_input(config.input, self.input.motion.shifted(self.lead)))
-        parts = {"sources": self.sources, "receivers": self.receivers, "rim": self.rim}
+            entries, waves = make_entry(config.input, self.input.motion.shifted(self.lead))
+        parts = {"sources": (*self.sources, *waves), "receivers": self.receivers, "rim": self.rim}
         with named_error(self.path.name):
             if config.holes_inside or config.moment_tensors:
                 refuse_open_sides(config.boundaries, mesh)
@@ -200,7 +201,7 @@ class Project:
                 mesh=mesh,
                 materials=self.materials,
                 joints=self.joints,
-                boundaries=boundaries,
+                boundaries=[*boundaries, *entries],
                 damping=make_damping(config),
                 ground=make_fields(config.ground, self.blast, mesh),
                 insitu=make_insitu(config.insitu),

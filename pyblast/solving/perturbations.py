@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from .assembly import initial_state
-from .boundaries import StressInput, Viscous
+from .boundaries import FreeField, StressInput, Viscous
 from .charges import Column
 from .conditions import surface_impedance
 from .kernels import JOINT_LAWS
@@ -185,11 +185,11 @@ def _refuse_others(model, changed):
 
 
 def _refuse_led(model):
-    """Refuse a change of the ground where sources follow it in ways that are not known here."""
-    for source in model.sources:
-        if isinstance(source, (Column, PlaneWave)):
+    """Refuse a change of the ground where loads follow it in ways that are not known here."""
+    for load in (*model.sources, *model.boundaries):
+        if isinstance(load, (Column, PlaneWave, FreeField)):
             raise InputError(
-                f"sources: a {type(source).__name__} follows the moduli of the ground, which "
+                f"sources: a {type(load).__name__} follows the moduli of the ground, which "
                 "gradients do not know; change joints only, or use other sources"
             )
 

@@ -66,19 +66,20 @@ class PlaneWave:
     @property
     def direction(self):
         """Unit vector (3,) along the path."""
-        across = math.sin(self.inclination)
-        return np.array([
-            across * math.sin(self.azimuth), across * math.cos(self.azimuth),
-            math.cos(self.inclination),
-        ])  # fmt: skip
+        return polarisation("P", self.azimuth, self.inclination)
 
     @property
     def polarisation(self):
         """Unit vector (3,) along which positive velocity points."""
-        right = np.array([math.cos(self.azimuth), -math.sin(self.azimuth), 0.0])
-        if self.wave == "SH":
-            return right
-        return self.direction if self.wave == "P" else np.cross(self.direction, right)
+        return polarisation(self.wave, self.azimuth, self.inclination)
+
+
+def polarisation(wave, azimuth, inclination):
+    """Return the unit vector (3,) of a wave's positive velocity; arguments as in `PlaneWave`."""
+    across = math.sin(inclination)
+    path = [across * math.sin(azimuth), across * math.cos(azimuth), math.cos(inclination)]
+    right = [math.cos(azimuth), -math.sin(azimuth), 0.0]
+    return np.array({"P": path, "SH": right, "SV": np.cross(path, right)}[wave])
 
 
 def add_plane_wave(loads, model, wave, impedance):
