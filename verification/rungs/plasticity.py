@@ -25,6 +25,7 @@ from verification.solutions.plasticity import (
 )
 
 CONFINING, COHESION, FRICTION, DILATION = 2e6, 1e6, np.tan(0.6), np.tan(0.2)
+GRADED = 0.4  # of the footing's half width: where cells are twice as long as beside its edge
 FAR, STRENGTH = 30e6, {"cohesion": 3.45e6, "friction": np.tan(np.radians(30.0))}
 
 
@@ -170,19 +171,30 @@ def ring_means(mesh, prepared):
     return [np.bincount(ring, volume * part) / whole for part in (distance, radial, hoop)]
 
 
-def half_strip(cells):
-    """Return ground of 4 by 2 half widths under half a strip, one zone thick, and its edge in m."""
-    edge = 1.0 / cells
-    mesh = structured_box((4 * cells, 1, 2 * cells), (4.0, edge, 2.0))
+def away(far, fineness):
+    """Return distances (n,) from 0 to ``far`` whose steps grow with the distance."""
+    count = round(fineness * np.log1p(far / GRADED))
+    return GRADED * np.expm1(np.linspace(0.0, np.log1p(far / GRADED), count + 1))
+
+
+def half_strip(fineness):
+    """Return ground of 4 by 2 half widths under half a strip, one zone thick, and its finest edge.
+
+    Cells are finest beside the edge of the strip, where the stress is singular.
+    """
+    inward, outward, down = (away(far, fineness) for far in (1.0, 3.0, 2.0))
+    edge = outward[1]
+    x = np.concatenate([1.0 - inward[::-1], 1.0 + outward[1:]])
+    mesh = structured_box(x, np.array([0.0, edge]), 2.0 - down[::-1])
     top = mesh.surfaces["top"]
     under = mesh.points[top][:, :, 0].max(axis=1) < 1.0 + 0.1 * edge
     surfaces = {**mesh.surfaces, "footing": top[under]}
     return Mesh(mesh.points, mesh.zones, mesh.zone_group, mesh.groups, surfaces), edge
 
 
-def pressed(cells, *, patches, settlement=0.15, crossings=20.0):
+def pressed(fineness, *, patches, settlement=0.15, crossings=20.0):
     """Press the footing down slowly; return settlement and mean pressure (n,) over cohesion."""
-    mesh, edge = half_strip(cells)
+    mesh, edge = half_strip(fineness)
     soil = Material.from_young_poisson(2000.0, 50e6, 0.3, cohesion=1e5, law=MohrCoulomb())
     duration = crossings * 4.0 / soil.cs
     times = np.linspace(0.0, duration, 401)
@@ -214,30 +226,24 @@ def pressed(cells, *, patches, settlement=0.15, crossings=20.0):
     "Strip footing on ground without weight or friction",
     source="Prandtl (1921): (2 + pi) c",
     gate="C",
-    tolerance={"bearing pressure": 0.03, "bearing pressure over the bare width": 0.05},
-    meshes=(6, 9, 14),
-    unit="cells under half the strip",
+    tolerance={"bearing pressure": 0.03},
+    meshes=(4, 6, 9),
+    unit="cells over a length that grows e-fold from 0.4 half widths beside the strip's edge",
     order=0.9,
-    ordered=("bearing pressure over the bare width",),
-    note=(
-        "the motion of the strip falls to nothing over the cell beside it, half of which counts as "
-        "width: over the bare width the error is of first order, over that width it is 1 % on the "
-        "coarsest mesh and falls slowly; single zones lock, their pressure rises without end"
-    ),
+    note="The motion of the strip falls to nothing over the cell beside it, of 0.11, 0.07 and 0.05 "
+    "half widths; half of it counts as width, without which the pressure is 10, 7 and 5 % too "
+    "high, of first order by that alone. Even cells of 1/6 to 1/14 give 1.1 to 0.8 % too much, "
+    "which falls with order 0.3 only: well within the tolerance, but no study. Single zones, in "
+    "the last figure and pressed four times as fast, lock: their pressure rises without end.",
 )
-def strip_footing(cells):
+def strip_footing(fineness):
     """Bearing pressure with patches, and without them to show that single zones lock."""
-    settled, pressure = pressed(cells, patches=True)
-    _, locked = pressed(cells, patches=False)
+    settled, pressure = pressed(fineness, patches=True)
+    _, locked = pressed(fineness, patches=False, crossings=5.0)
     wanted = strip_strength(1.0)
     exact = np.full(len(settled), wanted)
     readings = [
         Reading.relative("bearing pressure", wanted, pressure[-5:].mean()),
-        Reading.relative(
-            "bearing pressure over the bare width",
-            wanted,
-            pressure[-5:].mean() * (1.0 + 0.5 / cells),
-        ),
         Reading.relative("bearing pressure without patches", wanted, locked[-5:].mean()),
     ]
     return readings, [

@@ -121,7 +121,8 @@ def crossing(times, slip):
     order=0.9,
     note="rms over the fault beyond the nucleus, over the mean; when slip reaches a tenth of the "
     "weakening slip; a quarter of the ground, mirrored; met from 3.1 edges on. The independent "
-    "solution, in cells of 100 m, moves by 0.3 % from cells of 150 m",
+    "solution, in cells of 100 m, moves by 0.3 % from cells of 150 m. TPV5 is not run: see Not "
+    "verified",
 )
 def rupture_of_a_fault(per_zone):
     """Compare when the fault breaks with an independent solution."""
