@@ -80,11 +80,6 @@ def misfit(found, wanted):
     return float(np.linalg.norm(found - wanted) / np.linalg.norm(wanted))
 
 
-def order(errors, edges):
-    """Return the slope of log error over log edge, coarsest and finest mesh."""
-    return float(np.log(errors[0] / errors[-1]) / np.log(edges[0] / edges[-1]))
-
-
 def spectrum(times, values, frequencies):
     """Return the Fourier transform (n_frequencies,) of samples at evenly spaced times."""
     waves = np.exp(-2j * np.pi * np.outer(frequencies, times))
