@@ -10,6 +10,7 @@ import pytest
 
 from pyblast.meshing.mesh_builder import Layer, structured_box
 from pyblast.motion.seismogram import Seismogram
+from pyblast.solving import kernels
 from pyblast.solving.anisotropy import jointed
 from pyblast.solving.boundaries import StressInput, Viscous
 from pyblast.solving.joints import Joint
@@ -18,6 +19,8 @@ from pyblast.solving.model import InSitu, Model, Receiver
 from pyblast.solving.plasticity import MohrCoulomb
 from pyblast.solving.preparation import export, prepare
 from pyblast.solving.solver import run
+from verification.contact import properties
+from verification.zone import MATERIALS
 
 PROGRAM = resources.files("pyblast") / "bin" / "pyblast-run"
 ROCK = Material.from_speeds(2660.0, 3078.0, 1645.0)
@@ -106,6 +109,42 @@ def test_yielding_and_anisotropic_ground_marches_to_the_same_bits(tmp_path):
         for name, value in here.state.items():
             assert np.array_equal(file[f"state/{name}"][()], value), name
     assert here.state["row_state"][:, 12].max() > 0.0
+
+
+def test_all_laws_of_zones_and_joints_together_march_to_the_same_bits(tmp_path):
+    names = list(MATERIALS)
+    layers = [*(Layer(name, 4.0) for name in names[:-1]), Layer(names[-1])]
+    laws = list(kernels.JOINT_LAWS)
+    planes = {law: ("x", 8.0 * (n + 1)) for n, law in enumerate(laws)}
+    edges = np.arange(0.0, 8.0 * len(laws) + 9.0, 4.0)
+    mesh = structured_box(edges, [0.0, 4.0], np.arange(-16.0, 1.0, 4.0), layers=layers, planes=planes)
+    time = np.arange(0.0, 0.05, 1e-3)
+    push = Seismogram(np.outer(np.sin(np.pi * time / 0.025) ** 3, [2.0, 1.0, 0.5]), 1e-3)
+    model = Model(
+        mesh.split(laws),
+        MATERIALS,
+        joints=[Joint(law, law, properties(law), 3e5, (0.0, 1e4, 0.0), 10.0) for law in laws],
+        boundaries=[Viscous("west"), Viscous("east"), StressInput("west", push)],
+        receivers=[Receiver("A", (edges[-1] - 2.0, 2.0, -2.0))],
+    )
+    prepared = prepare(model, 0.1)
+    export(prepared, tmp_path / "model.h5")
+    here = run(model, 0.1, prepared=prepared)
+
+    done = march(tmp_path / "model.h5", tmp_path / "result.h5")
+
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "result.h5") as file:
+        assert np.array_equal(file["records/motion"][:, 0], here.seismograms["A"].velocity)
+        for name, value in here.state.items():
+            assert np.array_equal(file[f"state/{name}"][()], value), name
+    moved = here.state["contact_traction"] != prepared.constants["contact_initial"]
+    assert moved.any(axis=1).all()
+    for law in kernels.JOINT_LAWS.values():
+        mine = prepared.constants["joint_law"][prepared.constants["contact_joint"]] == law.number
+        remembered = here.state["contact_state"][mine][:, : len(law.state)]
+        assert remembered.any() or not law.state, law.name
+    assert here.state["row_state"].any(axis=1).all()
 
 
 def cut(file):
