@@ -211,6 +211,11 @@ def test_a_wave_of_an_unknown_kind_is_refused():
         PlaneWave("S", PULSE)
 
 
+def test_a_wave_that_would_be_in_the_model_already_is_refused():
+    with pytest.raises(InputError, match=r"plane_wave\.history: must begin at 0 or later"):
+        PlaneWave("P", replace(PULSE, start=-0.1))
+
+
 def test_an_inclination_beyond_straight_down_is_refused():
     with pytest.raises(InputError, match=r"plane_wave\.inclination: must lie in 0 to pi"):
         PlaneWave("P", PULSE, inclination=4.0)

@@ -297,5 +297,5 @@ def test_a_velocity_on_a_viscous_face_is_refused_with_the_reason(tmp_path):
 def test_an_unknown_way_to_enter_is_refused(tmp_path):
     path = written(tmp_path, ("low_pass_hz = 20", 'low_pass_hz = 20\nenters_as = "force"'))
 
-    with pytest.raises(InputError, match=r"input\.enters_as: must be 'stress', .* 'plane_wave', got"):
+    with pytest.raises(InputError, match=r"input\.enters_as: must be 'stress', .* 'plane_wave'"):
         load_project(path)

@@ -37,7 +37,7 @@ class PlaneWave:
     Raises
     ------
     InputError
-        If the wave is unknown or an angle is none.
+        If the wave is unknown, begins before the run, or an angle is none.
 
     Notes
     -----
@@ -56,6 +56,11 @@ class PlaneWave:
         object.__setattr__(self, "surfaces", tuple(self.surfaces))
         if self.wave not in ("P", "SV", "SH"):
             raise InputError(f"plane_wave.wave: must be P, SV or SH, got {self.wave!r}")
+        if self.history.start < 0.0:
+            raise InputError(
+                f"plane_wave.history: must begin at 0 or later, when it meets the model, got "
+                f"{self.history.start:g} s; shift it"
+            )
         if not math.isfinite(self.azimuth):
             raise InputError(f"plane_wave.azimuth: must be finite, got {self.azimuth:g} rad")
         if not 0.0 <= self.inclination <= math.pi:
