@@ -11,16 +11,15 @@ module pyblast_kinds
     integer, parameter, public :: n_joint_properties = 12
     integer, parameter, public :: n_joint_state = 12
 
-    integer, parameter, public :: n_zone_laws = 4
+    integer, parameter, public :: n_zone_laws = 3
     integer, parameter, public :: n_zone_properties = 24
-    integer, parameter, public :: n_zone_state = 24
-    integer, parameter, public :: n_mechanisms = 3     !! of a viscoelastic zone
+    integer, parameter, public :: n_zone_state = 14
 
     integer, parameter, public :: n_energies = 10
         !! ledger columns: kinetic, strain, joint stored, joint dissipated, zone dissipated,
         !! damping, dashpots, input, in-situ work [J], sum of unbalanced force [N]
-    integer, parameter, public :: n_sums = 7
-        !! running: damping, dashpots, input, stiffness damping; fixed at the start: stored in
-        !! joints, in motion and strain; largest energy put in so far
+    integer, parameter, public :: n_sums = 8
+        !! running: damping, dashpots, input, work on zones; fixed at the start: stored in joints,
+        !! in motion and strain, work on zones not found in them; largest energy put in so far
 
 end module pyblast_kinds

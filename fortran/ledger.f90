@@ -10,32 +10,37 @@ module pyblast_ledger
 
 contains
 
-    pure subroutine write_ledger(n_contacts, n_domains, n_blocks, dt, contact_area, &
+    pure subroutine write_ledger(n_contacts, n_domains, n_blocks, first, damped, contact_area, &
                                  contact_stored, contact_dissipated, domain_strain, &
-                                 domain_lost, domain_damping, block_energy, before, insitu, &
+                                 domain_lost, domain_insitu, block_energy, before, insitu, &
                                  sums, line)
         !! One line of the ledger in the middle of a step, exact for linear models; theory.md (2.7).
         integer, intent(in) :: n_contacts, n_domains, n_blocks
-        real(dp), intent(in) :: dt
+        logical, intent(in) :: first           !! whether this is the first line of the run
+        logical, intent(in) :: damped          !! whether zones lose energy without yielding
         real(dp), intent(in) :: contact_area(n_contacts)
         real(dp), intent(in) :: contact_stored(n_contacts), contact_dissipated(n_contacts)
         real(dp), intent(in) :: domain_strain(n_domains), domain_lost(n_domains)
-        real(dp), intent(in) :: domain_damping(n_domains)
+        real(dp), intent(in) :: domain_insitu(n_domains)
         real(dp), intent(in) :: block_energy(5, n_blocks)   !! as move_nodes gives it
-        real(dp), intent(in) :: before(3)      !! half-step work: damping, dashpots, input [J]
-        real(dp), intent(in) :: insitu         !! [J]
-        real(dp), intent(in) :: sums(n_sums)
+        real(dp), intent(in) :: before(4)      !! half-step work: damping, dashpots, input, on zones
+        real(dp), intent(in) :: insitu         !! of loads and contacts [J]
+        real(dp), intent(inout) :: sums(n_sums)
         real(dp), intent(out) :: line(n_energies)
+        real(dp) :: faded
 
         line(1) = sum(block_energy(1, :))
         line(2) = sum(domain_strain)
         line(3) = sum(contact_area*contact_stored)
         line(4) = sum(contact_area*contact_dissipated)
         line(5) = sum(domain_lost)
-        line(6) = sums(1) + before(1) + sums(4) + 0.75_dp*dt*sum(domain_damping)
+        faded = sums(4) + before(4) - line(2) - line(5) + sum(domain_insitu)
+        if (first) sums(7) = faded
+        line(6) = sums(1) + before(1)
+        if (damped) line(6) = line(6) + faded - sums(7)
         line(7) = sums(2) + before(2)
         line(8) = sums(3) + before(3)
-        line(9) = insitu
+        line(9) = insitu + sum(domain_insitu)
         line(10) = sum(block_energy(5, :))
     end subroutine write_ledger
 
@@ -56,14 +61,12 @@ contains
         end do
     end function insitu_work
 
-    pure subroutine add_work(n_domains, dt, domain_damping, before, after, sums)
+    pure subroutine add_work(before, after, sums)
         !! Carry the work of a whole step forward.
-        integer, intent(in) :: n_domains
-        real(dp), intent(in) :: dt, domain_damping(n_domains), before(3), after(3)
+        real(dp), intent(in) :: before(4), after(4)
         real(dp), intent(inout) :: sums(n_sums)
 
-        sums(1:3) = sums(1:3) + before + after
-        sums(4) = sums(4) + dt*sum(domain_damping)
+        sums(1:4) = sums(1:4) + before + after
     end subroutine add_work
 
     pure subroutine grows(line, kinetic, coming, first, sums, alarm)
@@ -80,9 +83,9 @@ contains
             sums(5) = line(3)
             sums(6) = kinetic + line(2)
         end if
-        sums(7) = max(sums(7), sums(6) + line(8) + line(9) + max(0.0_dp, coming))
+        sums(8) = max(sums(8), sums(6) + line(8) + line(9) + max(0.0_dp, coming))
         energy = kinetic + line(2) + line(3) - sums(5)
-        alarm = .not. energy <= growth_limit*sums(7) + tiny(energy)
+        alarm = .not. energy <= growth_limit*sums(8) + tiny(energy)
     end subroutine grows
 
 end module pyblast_ledger

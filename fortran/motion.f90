@@ -3,7 +3,7 @@ module pyblast_motion
     use pyblast_kinds, only : dp
     implicit none
     private
-    public :: gather_forces, move_nodes, record_motion
+    public :: gather_forces, move_nodes, record_motion, remember
 
     integer, parameter, public :: block_size = 1024   !! nodes whose energies are added together
 
@@ -29,14 +29,15 @@ contains
         !$omp end parallel do
     end subroutine gather_forces
 
-    subroutine move_nodes(n_nodes, n_blocks, dt, local_damping, node_mass, node_alpha, force, &
-                          displacement, velocity, block_energy)
+    subroutine move_nodes(n_nodes, n_blocks, dt, tell, local_damping, node_mass, node_alpha, &
+                          force, displacement, velocity, block_energy)
         !! Central differences with mass damping at the mean velocity; theory.md (2.5), (2.6).
         !!
         !! block_energy adds, for each block of nodes, m v_old.v_new/2; m (v_old.v_old +
         !! v_new.v_new)/4; the energy that damping takes on the old and on the new velocity; |force|.
         integer, intent(in) :: n_nodes, n_blocks
         real(dp), intent(in) :: dt                             !! [s]
+        logical, intent(in) :: tell                            !! whether all energies are wanted
         real(dp), intent(in) :: local_damping                  !! share of the force; 0 in dynamics
         real(dp), intent(in) :: node_mass(n_nodes)             !! [kg]
         real(dp), intent(in) :: node_alpha(n_nodes)            !! mass damping [1/s]
@@ -44,30 +45,91 @@ contains
         real(dp), intent(inout) :: displacement(3, n_nodes)    !! [m]
         real(dp), intent(inout) :: velocity(3, n_nodes)        !! [m/s]
         real(dp), intent(inout) :: block_energy(5, n_blocks)   !! [J]
-        real(dp) :: old(3), new(3), drag(3), a
-        integer :: b, n
+        integer :: b, first, last
 
-        !$omp parallel do schedule(static) private(n, old, new, drag, a)
+        !$omp parallel do schedule(static) private(first, last)
         do b = 1, n_blocks
-            block_energy(:, b) = 0.0_dp
-            do n = (b - 1)*block_size + 1, min(b*block_size, n_nodes)
-                old = velocity(:, n)
-                drag = local_damping*merge(sign(1.0_dp, old), 0.0_dp, abs(old) > 0.0_dp)*abs(force(:, n))
-                a = 0.5_dp*dt*node_alpha(n)
-                new = ((1.0_dp - a)*old + dt*(force(:, n) - drag)/node_mass(n))/(1.0_dp + a)
-                drag = 0.5_dp*dt*drag + 0.5_dp*a*node_mass(n)*(old + new)
-                velocity(:, n) = new
-                displacement(:, n) = displacement(:, n) + dt*new
-                block_energy(1, b) = block_energy(1, b) + 0.5_dp*node_mass(n)*dot_product(old, new)
-                block_energy(2, b) = block_energy(2, b) &
-                    + 0.25_dp*node_mass(n)*(dot_product(old, old) + dot_product(new, new))
-                block_energy(3, b) = block_energy(3, b) + dot_product(drag, old)
-                block_energy(4, b) = block_energy(4, b) + dot_product(drag, new)
-                block_energy(5, b) = block_energy(5, b) + norm2(force(:, n))
-            end do
+            first = (b - 1)*block_size + 1
+            last = min(b*block_size, n_nodes)
+            if (tell .or. local_damping > 0.0_dp .or. any(node_alpha(first:last) > 0.0_dp)) then
+                call move_damped(last - first + 1, dt, local_damping, node_mass(first:last), &
+                                 node_alpha(first:last), force(:, first:last), &
+                                 displacement(:, first:last), velocity(:, first:last), &
+                                 block_energy(:, b))
+            else
+                block_energy(:, b) = 0.0_dp
+                call move_free(last - first + 1, dt, node_mass(first:last), &
+                               force(:, first:last), displacement(:, first:last), &
+                               velocity(:, first:last))
+            end if
         end do
         !$omp end parallel do
     end subroutine move_nodes
+
+    pure subroutine move_free(n_nodes, dt, node_mass, force, displacement, velocity)
+        !! Move nodes that nothing damps: the bits of move_damped, without the energies.
+        integer, intent(in) :: n_nodes
+        real(dp), intent(in) :: dt, node_mass(n_nodes), force(3, n_nodes)
+        real(dp), intent(inout) :: displacement(3, n_nodes), velocity(3, n_nodes)
+        integer :: n
+
+        do n = 1, n_nodes
+            velocity(:, n) = velocity(:, n) + dt*force(:, n)/node_mass(n)
+            displacement(:, n) = displacement(:, n) + dt*velocity(:, n)
+        end do
+    end subroutine move_free
+
+    pure subroutine move_damped(n_nodes, dt, local_damping, node_mass, node_alpha, force, &
+                                displacement, velocity, energy)
+        !! Move nodes and add up their energies; arguments as in move_nodes.
+        integer, intent(in) :: n_nodes
+        real(dp), intent(in) :: dt, local_damping, node_mass(n_nodes), node_alpha(n_nodes)
+        real(dp), intent(in) :: force(3, n_nodes)
+        real(dp), intent(inout) :: displacement(3, n_nodes), velocity(3, n_nodes)
+        real(dp), intent(out) :: energy(5)
+        real(dp) :: old(3), new(3), drag(3), a
+        integer :: n
+
+        energy = 0.0_dp
+        do n = 1, n_nodes
+            old = velocity(:, n)
+            drag = local_damping*merge(sign(1.0_dp, old), 0.0_dp, abs(old) > 0.0_dp)*abs(force(:, n))
+            a = 0.5_dp*dt*node_alpha(n)
+            new = ((1.0_dp - a)*old + dt*(force(:, n) - drag)/node_mass(n))/(1.0_dp + a)
+            drag = 0.5_dp*dt*drag + 0.5_dp*a*node_mass(n)*(old + new)
+            velocity(:, n) = new
+            displacement(:, n) = displacement(:, n) + dt*new
+            energy(1) = energy(1) + 0.5_dp*node_mass(n)*dot_product(old, new)
+            energy(2) = energy(2) &
+                + 0.25_dp*node_mass(n)*(dot_product(old, old) + dot_product(new, new))
+            energy(3) = energy(3) + dot_product(drag, old)
+            energy(4) = energy(4) + dot_product(drag, new)
+            energy(5) = energy(5) + norm2(force(:, n))
+        end do
+    end subroutine move_damped
+
+    subroutine remember(n_nodes, n_memories, dt, memory_rate, displacement, velocity, memory)
+        !! Let each memory follow the displacement at its rate, by the trapezoidal rule; (2.17).
+        integer, intent(in) :: n_nodes, n_memories
+        real(dp), intent(in) :: dt                                !! [s]
+        real(dp), intent(in) :: memory_rate(n_memories)           !! [1/s]; 0 is none
+        real(dp), intent(in) :: displacement(3, n_nodes)          !! after the step [m]
+        real(dp), intent(in) :: velocity(3, n_nodes)              !! of the step [m/s]
+        real(dp), intent(inout) :: memory(3, n_memories, n_nodes) !! [m]
+        real(dp) :: both(3), share(n_memories)
+        integer :: n, k
+
+        if (.not. any(memory_rate > 0.0_dp)) return
+        share = 0.5_dp*dt*memory_rate/(1.0_dp + 0.5_dp*dt*memory_rate)
+        !$omp parallel do schedule(static) private(k, both)
+        do n = 1, n_nodes
+            both = 2.0_dp*displacement(:, n) - dt*velocity(:, n)
+            do k = 1, n_memories
+                memory(:, k, n) = memory(:, k, n) + share(k)*(both - 2.0_dp*memory(:, k, n))
+            end do
+        end do
+        !$omp end parallel do
+    end subroutine remember
 
     pure subroutine record_motion(n_nodes, n_receivers, receiver_node, receiver_weight, velocity, &
                                   motion)

@@ -6,6 +6,7 @@ program pyblast_run
     use pyblast_kinds, only : dp, n_energies, n_joint_laws, n_joint_properties, n_joint_state, n_sums, &
         n_zone_laws, n_zone_properties, n_zone_state
     use pyblast_model_file
+    use pyblast_model_checks, only : check_domains, want, within
     use pyblast_solver, only : advance
     implicit none
 
@@ -16,8 +17,8 @@ program pyblast_run
         end function c_rename
     end interface
 
-    real(dp), allocatable :: zone_gradient(:, :, :), zone_volume(:), zone_lambda(:), zone_shear(:)
-    real(dp), allocatable :: zone_beta(:), node_mass(:), node_alpha(:), node_load(:, :)
+    real(dp), allocatable :: slot_place(:, :), zone_lambda(:), zone_shear(:), set_beta(:)
+    real(dp), allocatable :: set_branch(:, :, :), memory_rate(:), memory(:, :, :), node_mass(:), node_alpha(:), node_load(:, :)
     real(dp), allocatable :: contact_normal(:, :), contact_area(:), contact_initial(:, :)
     real(dp), allocatable :: joint_property(:, :), load_vector(:, :), load_delay(:), history(:, :)
     real(dp), allocatable :: set_property(:, :), row_initial(:, :), row_state(:, :), row_lost(:)
@@ -27,7 +28,7 @@ program pyblast_run
     real(dp), allocatable :: contact_state(:, :), contact_stored(:), contact_dissipated(:), sums(:)
     real(dp), allocatable :: motion(:, :, :), energy(:, :)
     integer, allocatable :: domain_zone_start(:), domain_slot_start(:), slot_node(:)
-    integer, allocatable :: zone_set(:), zone_row(:), zone_patch(:), set_law(:)
+    integer, allocatable :: domain_set(:), zone_row(:), zone_patch(:), set_law(:)
     integer, allocatable :: zone_slot(:, :), node_start(:), node_part(:), contact_node(:, :)
     integer, allocatable :: contact_joint(:), joint_law(:), load_node(:), load_history(:)
     integer, allocatable :: dashpot_node(:), fixed_node(:), fixed_history(:), receiver_node(:, :)
@@ -75,19 +76,20 @@ contains
         call read_array(file, "arrays/local_damping", local_damping, message)
         call read_array(file, "arrays/domain_zone_start", domain_zone_start, message)
         call read_array(file, "arrays/domain_slot_start", domain_slot_start, message)
+        call read_array(file, "arrays/domain_set", domain_set, message)
         call read_array(file, "arrays/slot_node", slot_node, message)
+        call read_array(file, "arrays/slot_place", slot_place, message)
         call read_array(file, "arrays/zone_slot", zone_slot, message)
-        call read_array(file, "arrays/zone_gradient", zone_gradient, message)
-        call read_array(file, "arrays/zone_volume", zone_volume, message)
         call read_array(file, "arrays/zone_lambda", zone_lambda, message)
         call read_array(file, "arrays/zone_shear", zone_shear, message)
-        call read_array(file, "arrays/zone_beta", zone_beta, message)
-        call read_array(file, "arrays/zone_set", zone_set, message)
         call read_array(file, "arrays/zone_row", zone_row, message)
         call read_array(file, "arrays/zone_patch", zone_patch, message)
         call read_array(file, "arrays/set_law", set_law, message)
         call read_array(file, "arrays/set_property", set_property, message)
+        call read_array(file, "arrays/set_beta", set_beta, message)
+        call read_array(file, "arrays/set_branch", set_branch, message)
         call read_array(file, "arrays/row_initial", row_initial, message)
+        call read_array(file, "arrays/memory_rate", memory_rate, message)
         call read_array(file, "arrays/node_start", node_start, message)
         call read_array(file, "arrays/node_part", node_part, message)
         call read_array(file, "arrays/node_mass", node_mass, message)
@@ -115,6 +117,7 @@ contains
         call read_array(file, "arrays/receiver_weight", receiver_weight, message)
         call read_array(file, "state/displacement", displacement, message)
         call read_array(file, "state/velocity", velocity, message)
+        call read_array(file, "state/memory", memory, message)
         call read_array(file, "state/row_state", row_state, message)
         call read_array(file, "state/row_lost", row_lost, message)
         call read_array(file, "state/contact_traction", contact_traction, message)
@@ -129,97 +132,62 @@ contains
         integer :: nodes, zones, slots, contacts
 
         nodes = size(node_mass)
-        zones = size(zone_volume)
+        zones = size(zone_lambda)
         slots = size(slot_node)
         contacts = size(contact_area)
         if (schema /= 1) message = "the schema is not 1"
         if (n_steps < 1 .or. ledger_every < 1) message = "'march' needs positive numbers"
         if (.not. (dt > 0.0_dp .and. dt < huge(dt))) message = "'arrays/dt' must be positive"
-        call want("zones", [size(zone_slot), size(zone_gradient), size(zone_lambda), &
-                            size(zone_shear), size(zone_beta), size(zone_set), size(zone_row), &
-                            size(zone_patch)], [4, 9, 1, 1, 1, 1, 1, 1]*zones)
-        call want("zone laws", [size(set_property), size(row_state), size(row_initial)], &
-                  [n_zone_properties*size(set_law), n_zone_state*size(row_lost), 6*size(row_lost)])
+        call want("zones", [size(zone_slot), size(zone_shear), size(zone_row), size(zone_patch)], &
+                  [4, 1, 1, 1]*zones, message)
+        call want("zone laws", [size(set_property), size(set_beta), size(set_branch), &
+                                size(row_state), size(row_initial)], &
+                  [[n_zone_properties, 1, 2*size(memory_rate)]*size(set_law), &
+                   [n_zone_state, 6]*size(row_lost)], message)
+        call want("slots", [size(slot_place), size(domain_set)], &
+                  [3*slots, size(domain_zone_start) - 1], message)
         call want("nodes", [size(node_alpha), size(node_load), size(node_start), &
-                            size(displacement), size(velocity)], &
-                  [nodes, 3*nodes, nodes + 1, 3*nodes, 3*nodes])
+                            size(displacement), size(velocity), size(memory)], &
+                  [nodes, 3*nodes, nodes + 1, [3, 3, 3*size(memory_rate)]*nodes], message)
         call want("contacts", [size(contact_node), size(contact_normal), size(contact_joint), &
                                size(contact_initial), size(contact_traction), &
                                size(contact_state), size(contact_stored), &
                                size(contact_dissipated)], &
-                  [2, 3, 1, 3, 3, n_joint_state, 1, 1]*contacts)
-        call want("joints", [size(joint_property)], [n_joint_properties*size(joint_law)])
+                  [2, 3, 1, 3, 3, n_joint_state, 1, 1]*contacts, message)
+        call want("joints", [size(joint_property)], [n_joint_properties*size(joint_law)], message)
         call want("loads", [size(load_vector), size(load_history), size(load_delay)], &
-                  [3, 1, 1]*size(load_node))
+                  [3, 1, 1]*size(load_node), message)
         call want("dashpots", [size(dashpot_impedance), size(dashpot_inverse)], &
-                  [9, 9]*size(dashpot_node))
-        call want("fixed", [size(fixed_direction), size(fixed_history)], [3, 1]*size(fixed_node))
-        call want("receivers", [size(receiver_weight)], [size(receiver_node)])
+                  [9, 9]*size(dashpot_node), message)
+        call want("fixed", [size(fixed_direction), size(fixed_history)], [3, 1]*size(fixed_node), message)
+        call want("receivers", [size(receiver_weight)], [size(receiver_node)], message)
         call want("parts", [size(node_part), size(sums), size(history, 2), &
                             size(domain_slot_start)], &
-                  [slots + 2*contacts, n_sums, n_steps, size(domain_zone_start)])
-        call within("slot_node", slot_node, 1, nodes)
-        call within("zone_slot", reshape(zone_slot, [size(zone_slot)]), 1, slots)
-        call within("node_part", node_part, 1, slots + 2*contacts)
-        call within("node_start", node_start, 1, size(node_part) + 1)
-        call within("domain_zone_start", domain_zone_start, 1, zones + 1)
-        call within("domain_slot_start", domain_slot_start, 1, slots + 1)
-        call within("contact_node", reshape(contact_node, [size(contact_node)]), 1, nodes)
-        call within("contact_joint", contact_joint, 1, size(joint_law))
-        call within("joint_law", joint_law, 1, n_joint_laws)
-        call within("zone_set", zone_set, 1, size(set_law))
-        call within("zone_row", zone_row, 0, size(row_lost))
-        call within("zone_patch", zone_patch, 0, zones)
-        call within("set_law", set_law, 1, n_zone_laws)
+                  [slots + 2*contacts, n_sums, n_steps, size(domain_zone_start)], message)
+        call within("slot_node", slot_node, 1, nodes, message)
+        call within("zone_slot", reshape(zone_slot, [size(zone_slot)]), 1, slots, message)
+        call within("node_part", node_part, 1, slots + 2*contacts, message)
+        call within("node_start", node_start, 1, size(node_part) + 1, message)
+        call within("domain_zone_start", domain_zone_start, 1, zones + 1, message)
+        call within("domain_slot_start", domain_slot_start, 1, slots + 1, message)
+        call within("contact_node", reshape(contact_node, [size(contact_node)]), 1, nodes, message)
+        call within("contact_joint", contact_joint, 1, size(joint_law), message)
+        call within("joint_law", joint_law, 1, n_joint_laws, message)
+        call within("domain_set", domain_set, 1, size(set_law), message)
+        call within("zone_row", zone_row, 0, size(row_lost), message)
+        call within("zone_patch", zone_patch, 0, zones, message)
+        call within("set_law", set_law, 1, n_zone_laws, message)
         if (minval(load_delay) < 0.0_dp) message = "'arrays/load_delay' must not be negative"
-        call within("load_node", load_node, 1, nodes)
-        call within("load_history", load_history, 1, size(history, 1))
-        call within("dashpot_node", dashpot_node, 1, nodes)
-        call within("fixed_node", fixed_node, 1, nodes)
-        call within("fixed_history", fixed_history, 0, size(history, 1))
-        call within("receiver_node", reshape(receiver_node, [size(receiver_node)]), 1, nodes)
+        call within("load_node", load_node, 1, nodes, message)
+        call within("load_history", load_history, 1, size(history, 1), message)
+        call within("dashpot_node", dashpot_node, 1, nodes, message)
+        call within("fixed_node", fixed_node, 1, nodes, message)
+        call within("fixed_history", fixed_history, 0, size(history, 1), message)
+        call within("receiver_node", reshape(receiver_node, [size(receiver_node)]), 1, nodes, message)
         if (allocated(message)) return
-        call check_domains()
+        call check_domains(domain_zone_start, domain_slot_start, zone_slot, zone_patch, node_start, &
+                           message)
     end subroutine check_model
-
-    subroutine check_domains()
-        !! The slots of a zone must lie within its domain.
-        integer :: d, first, last
-
-        do d = 1, size(domain_zone_start) - 1
-            first = domain_zone_start(d)
-            last = domain_zone_start(d + 1) - 1
-            if (last < first .or. domain_slot_start(d + 1) < domain_slot_start(d)) then
-                message = "'arrays/domain_zone_start' does not ascend"
-                return
-            end if
-            if (maxval(zone_slot(:, first:last)) > domain_slot_start(d + 1) - domain_slot_start(d) &
-                .or. maxval(zone_patch(first:last)) > last - first + 1) &
-                message = "'arrays/zone_slot' or 'zone_patch' points outside its domain"
-        end do
-        if (domain_zone_start(1) /= 1 .or. domain_zone_start(d) /= size(zone_volume) + 1 .or. &
-            any(node_start(2:) < node_start(:size(node_start) - 1))) &
-            message = "'arrays/domain_zone_start' or 'node_start' does not cover everything"
-    end subroutine check_domains
-
-    subroutine want(what, found, expected)
-        !! Compare sizes of arrays that belong together.
-        character(len=*), intent(in) :: what
-        integer, intent(in) :: found(:), expected(:)
-
-        if (any(found /= expected) .and. .not. allocated(message)) &
-            message = "the arrays of the " // what // " do not have matching lengths"
-    end subroutine want
-
-    subroutine within(name, indices, low, high)
-        !! Check the range of indices.
-        character(len=*), intent(in) :: name
-        integer, intent(in) :: indices(:), low, high
-
-        if (allocated(message)) return
-        if (minval(indices) < low .or. maxval(indices) > high) &
-            message = "'arrays/" // name // "' points outside its table"
-    end subroutine within
 
     subroutine march()
         !! Take all steps, telling every tenth of the way.
@@ -232,15 +200,16 @@ contains
             chunk = min(max(1, n_steps/10), n_steps - done)
             lines = (done + ledger_every - 1)/ledger_every
             next = (done + chunk + ledger_every - 1)/ledger_every
-            call advance(size(node_mass), size(zone_volume), size(domain_zone_start) - 1, &
-                         size(slot_node), size(set_law), size(row_lost), size(node_part), &
+            call advance(size(node_mass), size(zone_lambda), size(domain_zone_start) - 1, &
+                         size(slot_node), size(set_law), size(row_lost), size(memory_rate), &
+                         size(node_part), &
                          size(contact_area), &
                          size(joint_law), size(load_node), size(history, 1), &
                          size(dashpot_node), size(fixed_node), size(receiver_node, 2), &
                          n_steps, chunk, next - lines, done, ledger_every, dt, local_damping, &
-                         domain_zone_start, domain_slot_start, slot_node, zone_slot, &
-                         zone_gradient, zone_volume, zone_lambda, zone_shear, zone_beta, &
-                         zone_set, zone_row, zone_patch, set_law, set_property, row_initial, &
+                         domain_zone_start, domain_slot_start, domain_set, slot_node, &
+                         slot_place, zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
+                         set_law, set_property, set_beta, set_branch, row_initial, memory_rate, &
                          node_start, node_part, node_mass, node_alpha, node_load, &
                          contact_node, contact_normal, contact_area, contact_joint, &
                          contact_initial, joint_law, joint_property, &
@@ -248,7 +217,7 @@ contains
                          dashpot_node, dashpot_impedance, dashpot_inverse, &
                          fixed_node, fixed_direction, fixed_history, &
                          receiver_node, receiver_weight, &
-                         displacement, velocity, row_state, row_lost, contact_traction, &
+                         displacement, velocity, memory, row_state, row_lost, contact_traction, &
                          contact_state, contact_stored, contact_dissipated, sums, &
                          motion(:, :, done + 1:done + chunk), energy(:, lines + 1:next), &
                          info, where)
@@ -276,6 +245,7 @@ contains
         call write_array(file, "records/energy", energy, message)
         call write_array(file, "state/displacement", displacement, message)
         call write_array(file, "state/velocity", velocity, message)
+        call write_array(file, "state/memory", memory, message)
         call write_array(file, "state/row_state", row_state, message)
         call write_array(file, "state/row_lost", row_lost, message)
         call write_array(file, "state/contact_traction", contact_traction, message)

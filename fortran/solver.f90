@@ -3,10 +3,11 @@ module pyblast_solver
     use, intrinsic :: ieee_arithmetic, only : ieee_is_nan
     use pyblast_kinds, only : dp, n_energies, n_joint_properties, n_joint_state, n_sums, &
         n_zone_properties, n_zone_state
-    use pyblast_zones, only : zone_forces
+    use pyblast_zones, only : slot_power, zone_forces
     use pyblast_contacts, only : contact_forces
     use pyblast_boundaries, only : load_forces, load_power, reaction_forces, viscous_forces
-    use pyblast_motion, only : block_size, gather_forces, move_nodes, record_motion
+    use pyblast_motion, only : block_size, gather_forces, move_nodes, record_motion, &
+        remember
     use pyblast_ledger, only : add_work, grows, insitu_work, write_ledger
     implicit none
     private
@@ -14,12 +15,12 @@ module pyblast_solver
 
 contains
 
-    subroutine advance(n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_parts, &
+    subroutine advance(n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_memories, n_parts, &
                        n_contacts, n_joints, n_loads, n_histories, n_dashpots, n_fixed, n_receivers, n_total, &
                        n_steps, n_ledger, first_step, ledger_every, dt, local_damping, &
-                       domain_zone_start, domain_slot_start, slot_node, zone_slot, &
-                       zone_gradient, zone_volume, zone_lambda, zone_shear, zone_beta, &
-                       zone_set, zone_row, zone_patch, set_law, set_property, row_initial, &
+                       domain_zone_start, domain_slot_start, domain_set, slot_node, slot_place, &
+                       zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, set_law, &
+                       set_property, set_beta, set_branch, row_initial, memory_rate, &
                        node_start, node_part, node_mass, node_alpha, node_load, &
                        contact_node, contact_normal, contact_area, contact_joint, &
                        contact_initial, joint_law, joint_property, &
@@ -27,12 +28,13 @@ contains
                        dashpot_node, dashpot_impedance, dashpot_inverse, &
                        fixed_node, fixed_direction, fixed_history, &
                        receiver_node, receiver_weight, &
-                       displacement, velocity, row_state, row_lost, contact_traction, &
+                       displacement, velocity, memory, row_state, row_lost, contact_traction, &
                        contact_state, contact_stored, contact_dissipated, sums, &
                        motion, energy, info, where)
         !! March n_steps from first_step; stop early when the motion is no longer finite.
         !! Arguments without a note are those of the kernels that use them.
         integer, intent(in) :: n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_parts
+        integer, intent(in) :: n_memories
         integer, intent(in) :: n_contacts, n_joints, n_loads, n_histories, n_dashpots, n_fixed
         integer, intent(in) :: n_receivers
         integer, intent(in) :: n_total                       !! steps that the histories cover
@@ -42,12 +44,12 @@ contains
         integer, intent(in) :: ledger_every                  !! steps between ledger lines
         real(dp), intent(in) :: dt, local_damping
         integer, intent(in) :: domain_zone_start(n_domains + 1), domain_slot_start(n_domains + 1)
-        integer, intent(in) :: slot_node(n_slots), zone_slot(4, n_zones)
-        real(dp), intent(in) :: zone_gradient(3, 3, n_zones), zone_volume(n_zones)
-        real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), zone_beta(n_zones)
-        integer, intent(in) :: zone_set(n_zones), zone_row(n_zones), zone_patch(n_zones)
-        integer, intent(in) :: set_law(n_sets)
-        real(dp), intent(in) :: set_property(n_zone_properties, n_sets), row_initial(6, n_rows)
+        integer, intent(in) :: domain_set(n_domains), slot_node(n_slots), zone_slot(n_zones, 4)
+        real(dp), intent(in) :: slot_place(3, n_slots), zone_lambda(n_zones), zone_shear(n_zones)
+        integer, intent(in) :: zone_row(n_zones), zone_patch(n_zones), set_law(n_sets)
+        real(dp), intent(in) :: set_property(n_zone_properties, n_sets), set_beta(n_sets)
+        real(dp), intent(in) :: set_branch(2, n_memories, n_sets), row_initial(6, n_rows)
+        real(dp), intent(in) :: memory_rate(n_memories)
         integer, intent(in) :: node_start(n_nodes + 1), node_part(n_parts)
         real(dp), intent(in) :: node_mass(n_nodes), node_alpha(n_nodes), node_load(3, n_nodes)
         integer, intent(in) :: contact_node(2, n_contacts), contact_joint(n_contacts)
@@ -66,6 +68,7 @@ contains
         integer, intent(in) :: receiver_node(4, n_receivers)
         real(dp), intent(in) :: receiver_weight(4, n_receivers)
         real(dp), intent(inout) :: displacement(3, n_nodes), velocity(3, n_nodes)
+        real(dp), intent(inout) :: memory(3, n_memories, n_nodes)
         real(dp), intent(inout) :: row_state(n_zone_state, n_rows), row_lost(n_rows)
         real(dp), intent(inout) :: contact_traction(3, n_contacts)
         real(dp), intent(inout) :: contact_state(n_joint_state, n_contacts)
@@ -78,26 +81,34 @@ contains
         !f2py threadsafe
         real(dp), allocatable :: force(:, :), part_force(:, :), block_energy(:, :)
         real(dp), allocatable :: domain_strain(:), domain_lost(:), domain_insitu(:)
-        real(dp), allocatable :: domain_damping(:), load_amplitude(:)
-        real(dp) :: before(3), after(3), insitu
+        real(dp), allocatable :: domain_power(:), load_amplitude(:)
+        real(dp) :: before(4), after(4), insitu
         integer :: i, step, l, n_blocks
-        logical :: alarm
+        logical :: alarm, damped, tell
 
         n_blocks = (n_nodes + block_size - 1)/block_size
         allocate (force(3, n_nodes), part_force(3, n_parts), block_energy(5, n_blocks))
         allocate (domain_strain(n_domains), domain_lost(n_domains), domain_insitu(n_domains))
-        allocate (domain_damping(n_domains), load_amplitude(n_loads))
+        allocate (domain_power(n_domains), load_amplitude(n_loads))
+        domain_lost = 0.0_dp
+        domain_insitu = 0.0_dp
+        before(4) = 0.0_dp
+        after(4) = 0.0_dp
+        damped = any(set_beta > 0.0_dp) .or. any(set_branch > 0.0_dp)
         l = 0
         where = 0
         info = n_steps
         do i = 1, n_steps
             step = first_step + i
-            call zone_forces(n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, dt, &
-                             domain_zone_start, domain_slot_start, slot_node, zone_slot, &
-                             zone_gradient, zone_volume, zone_lambda, zone_shear, zone_beta, &
-                             zone_set, zone_row, zone_patch, set_law, set_property, row_initial, &
-                             displacement, velocity, row_state, row_lost, part_force, &
-                             domain_strain, domain_lost, domain_insitu, domain_damping)
+            tell = modulo(step - 1, ledger_every) == 0
+            call zone_forces(n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_memories, &
+                             tell, domain_zone_start, domain_slot_start, domain_set, slot_node, &
+                             slot_place, zone_slot, zone_lambda, zone_shear, zone_row, &
+                             zone_patch, set_law, set_property, set_beta, set_branch, &
+                             row_initial, displacement, velocity, memory, row_state, row_lost, &
+                             part_force, domain_strain, domain_lost, domain_insitu)
+            if (damped) call slot_power(n_nodes, n_domains, n_slots, domain_slot_start, slot_node, &
+                                        part_force, velocity, domain_power, before(4))
             call contact_forces(n_nodes, n_contacts, n_joints, dt, contact_node, &
                                 contact_normal, contact_area, contact_joint, joint_law, &
                                 joint_property, contact_initial, displacement, velocity, &
@@ -115,25 +126,28 @@ contains
                                  fixed_node, fixed_direction, fixed_history, &
                                  history(:, step), velocity, force, before(1), after(1))
             before(3) = before(1) + 0.5_dp*dt*before(3)
-            if (modulo(step - 1, ledger_every) == 0) &
-                insitu = insitu_work(n_nodes, n_contacts, node_load, contact_node, &
-                                     contact_area, contact_initial, displacement) &
-                    + sum(domain_insitu)
-            call move_nodes(n_nodes, n_blocks, dt, local_damping, node_mass, node_alpha, force, &
-                            displacement, velocity, block_energy)
+            before(4) = 0.5_dp*dt*before(4)
+            if (tell) insitu = insitu_work(n_nodes, n_contacts, node_load, contact_node, &
+                                           contact_area, contact_initial, displacement)
+            call move_nodes(n_nodes, n_blocks, dt, tell, local_damping, node_mass, node_alpha, &
+                            force, displacement, velocity, block_energy)
             after(3) = after(1) + 0.5_dp*dt*load_power(n_nodes, n_loads, load_node, &
                                                        load_vector, load_amplitude, velocity)
+            if (damped) call slot_power(n_nodes, n_domains, n_slots, domain_slot_start, slot_node, &
+                                        part_force, velocity, domain_power, after(4))
+            after(4) = 0.5_dp*dt*after(4)
+            call remember(n_nodes, n_memories, dt, memory_rate, displacement, velocity, memory)
             before(1) = sum(block_energy(3, :))
             after(1) = sum(block_energy(4, :))
             call record_motion(n_nodes, n_receivers, receiver_node, receiver_weight, velocity, &
                                motion(:, :, i))
 
-            if (modulo(step - 1, ledger_every) == 0) then
+            if (tell) then
                 l = l + 1
-                call write_ledger(n_contacts, n_domains, n_blocks, dt, contact_area, &
-                                  contact_stored, contact_dissipated, domain_strain, &
-                                  domain_lost, domain_damping, block_energy, before, insitu, &
-                                  sums, energy(:, l))
+                call write_ledger(n_contacts, n_domains, n_blocks, step == 1, damped, &
+                                  contact_area, contact_stored, contact_dissipated, &
+                                  domain_strain, domain_lost, domain_insitu, block_energy, &
+                                  before, insitu, sums, energy(:, l))
                 call grows(energy(:, l), sum(block_energy(2, :)), after(3), step == 1, sums, &
                            alarm)
                 if (alarm) then
@@ -143,7 +157,7 @@ contains
                     return
                 end if
             end if
-            call add_work(n_domains, dt, domain_damping, before, after, sums)
+            call add_work(before, after, sums)
         end do
     end subroutine advance
 

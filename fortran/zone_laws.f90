@@ -5,12 +5,13 @@ module pyblast_zone_laws
     !! remembers is total: it gives the whole stress, initial stress included.
     use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
     use pyblast_elasticity, only : hooke, work
-    use pyblast_viscoelastic_zones, only : viscoelastic
     use pyblast_anisotropic_zones, only : anisotropic
     use pyblast_plastic_zones, only : mohr_coulomb
     implicit none
     private
     public :: elastic_stress, zone_law_signature, zone_stress
+
+    integer, parameter, public :: isotropic_law = 1   !! linear: computed by pyblast_linear_zones
 
 contains
 
@@ -23,11 +24,9 @@ contains
         case (1)
             signature = "elastic: |"
         case (2)
-            signature = "viscoelastic: rate_1 rate_2 rate_3 p_1 p_2 p_3 s_1 s_2 s_3 | strain memory"
-        case (3)
             signature = "anisotropic: c11 c12 c13 c14 c15 c16 c22 c23 c24 c25 c26 c33 c34 c35 " &
                 // "c36 c44 c45 c46 c55 c56 c66 |"
-        case (4)
+        case (3)
             signature = "mohr-coulomb: cohesion friction dilation tension cohesion_residual " &
                 // "friction_residual dilation_residual tension_residual shear_strain " &
                 // "tensile_strain | excess plastic_strain plastic_shear plastic_tension"
@@ -45,20 +44,19 @@ contains
         real(dp) :: stress(6)
 
         select case (law)
-        case (3)
+        case (2)
             stress = anisotropic(property, shear, strain)
         case default
             stress = hooke(lambda, shear, strain)
         end select
     end function elastic_stress
 
-    pure subroutine zone_stress(law, property, lambda, shear, dt, initial, strain, state, stress, &
+    pure subroutine zone_stress(law, property, lambda, shear, initial, strain, state, stress, &
                                 stored, lost)
         !! Stress of one zone by a law that remembers.
         integer, intent(in) :: law
         real(dp), intent(in) :: property(n_zone_properties)
         real(dp), intent(in) :: lambda, shear          !! Lame moduli [Pa]
-        real(dp), intent(in) :: dt                     !! time step [s]
         real(dp), intent(in) :: initial(6)             !! stress at no strain [Pa]
         real(dp), intent(in) :: strain(6)
         real(dp), intent(inout) :: state(n_zone_state)
@@ -67,10 +65,7 @@ contains
         real(dp), intent(inout) :: lost                !! dissipated so far [J/m3]
 
         select case (law)
-        case (2)
-            call viscoelastic(property, lambda, shear, dt, initial, strain, state, stress, &
-                              stored, lost)
-        case (4)
+        case (3)
             call mohr_coulomb(property, lambda, shear, initial, strain, state, stress, stored, lost)
         case default
             stress = initial + elastic_stress(law, property, lambda, shear, strain)

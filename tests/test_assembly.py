@@ -7,7 +7,7 @@ import pytest
 
 from pyblast.meshing.mesh_builder import structured_box
 from pyblast.motion.seismogram import Seismogram
-from pyblast.solving import assembly
+from pyblast.solving import assembly, domains
 from pyblast.solving.boundaries import Fixed, Roller, StressInput, Viscous
 from pyblast.solving.conditions import dynamic_conditions, static_conditions, surface_impedance
 from pyblast.solving.joints import Joint
@@ -60,7 +60,7 @@ def test_mass_damping_of_a_node_is_that_of_its_zones():
 
 @pytest.mark.parametrize("zones_per_domain", [7, 1024])
 def test_every_part_of_a_node_is_listed_once(zones_per_domain, monkeypatch):
-    monkeypatch.setattr(assembly, "DOMAIN_ZONES", zones_per_domain)
+    monkeypatch.setattr(domains, "DOMAIN_ZONES", zones_per_domain)
     body = model(split=True)
     arrays, _ = assembly.geometry_arrays(body)
 
@@ -73,12 +73,12 @@ def test_every_part_of_a_node_is_listed_once(zones_per_domain, monkeypatch):
 
 
 def test_slots_lead_back_to_the_nodes_of_each_zone(monkeypatch):
-    monkeypatch.setattr(assembly, "DOMAIN_ZONES", 7)
+    monkeypatch.setattr(domains, "DOMAIN_ZONES", 7)
     body = model()
     arrays, _ = assembly.geometry_arrays(body)
 
     domain = np.arange(len(body.mesh.zones)) // 7
-    slot = arrays["domain_slot_start"][domain][:, None] + arrays["zone_slot"]
+    slot = arrays["domain_slot_start"][domain][:, None] + arrays["zone_slot"].T
     assert np.array_equal(arrays["slot_node"][slot], body.mesh.zones)
 
 

@@ -74,7 +74,7 @@ def measured(site, blast, edge, air=()):
     row = {
         "median": float(np.median(list(misfits.values()))),
         "per_receiver": {name: round(value, 5) for name, value in misfits.items()},
-        "zones": len(done.prepared.constants["zone_volume"]),
+        "zones": len(done.prepared.constants["zone_row"]),
         "steps": done.prepared.n_steps,
         "wall_s": round(done.wall_seconds, 1),
         "balance_error": done.balance_error,

@@ -6,14 +6,12 @@ import numpy as np
 
 from pyblast.solving import kernels
 from pyblast.solving.anisotropy import jointed
-from pyblast.solving.attenuation import ConstantQ
 from pyblast.solving.materials import Material
 from pyblast.solving.plasticity import MohrCoulomb
 
 ROCK = Material.from_speeds(2600.0, 4000.0, 2300.0, cohesion=1e6, friction=0.5, tension=4e5)
 MATERIALS = {
     "elastic": ROCK,
-    "viscoelastic": replace(ROCK, law=ConstantQ(25.0, 12.0)),
     "anisotropic": jointed(ROCK, (1.0, 0.3, 0.5), 3.0, 1e10, 4e9),
     "mohr-coulomb": replace(ROCK, law=MohrCoulomb(0.2, cohesion_residual=3e5, shear_strain=2e-3)),
 }
@@ -36,7 +34,7 @@ class Zone:
 
     def _law(self, strain):
         return kernels._core.pyblast_zone_laws.zone_stress(
-            self.number, self.row, *self.moduli, 1e-3, self.initial, strain, self.state, self.lost
+            self.number, self.row, *self.moduli, self.initial, strain, self.state, self.lost
         )
 
     def strain(self, strain):

@@ -137,7 +137,7 @@ def rayleigh_price(damping, undamped_dt, group=""):
     if damping is None or damping.ratio == 0.0:
         return None
     if damping.low_passed:
-        factor = damping.law().step_factor
+        factor = damping.step_factor
         price = f", low-passed at {damping.corner:g} Hz, leaves {factor:.2f} of the step."
     else:
         share = damping.beta / undamped_dt

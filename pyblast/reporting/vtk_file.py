@@ -31,7 +31,7 @@ def yield_fields(run):
     zone, stress, plastic = yield_states(constants, run.state)
     if not len(zone):
         return {}
-    values = np.full((len(constants["zone_volume"]), 8), np.nan)
+    values = np.full((len(constants["zone_row"]), 8), np.nan)
     values[zone] = np.hstack([stress, plastic])
     return {
         "stress": values[:, [0, 1, 2, 5, 3, 4]],

@@ -33,6 +33,7 @@ class Anisotropic:
 
     stiffness: np.ndarray
     name: ClassVar[str] = "anisotropic"
+    branches: ClassVar[tuple] = ()
 
     def __post_init__(self):
         """Refuse a matrix that is no stiffness."""
@@ -205,8 +206,9 @@ def stiffness_of(material):
     """
     if material.law.name == "anisotropic":
         return material.law.stiffness
-    if material.law.name != "elastic":
-        raise InputError(f"jointed: the rock must be elastic, got '{material.law.name}'")
+    if material.law.name != "elastic" or material.law.branches:
+        law = type(material.law).__name__
+        raise InputError(f"jointed: the rock must be elastic, got the law {law}")
     lame, shear = material.first_lame, material.shear
     stiffness = np.diag([2.0 * shear] * 3 + [shear] * 3)
     stiffness[:3, :3] += lame

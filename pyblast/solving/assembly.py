@@ -1,13 +1,11 @@
 """From a model to the arrays that the kernels take; every name is that of a kernel argument."""
 
-from itertools import pairwise
-
 import numpy as np
 
 from ..meshing import tetrahedra
 from ..meshing.mesh import locate
-from ..meshing.patches import MOST
 from .conditions import dynamic_conditions, static_conditions, surface_impedance
+from .domains import domain_arrays
 from .insitu import insitu_stress, static_loads
 from .joints import carried_over
 from .kernels import (
@@ -22,10 +20,9 @@ from .kernels import (
     stored_at_rest,
 )
 from .loads import Loads, model_loads
-from .stability import critical_step, node_sums, shape_gradients
+from .stability import critical_step, node_sums
 from .yielding import settled_rows, stressed_rows
 
-DOMAIN_ZONES = 1024
 GAP = 5  # column of contact_state of every law that opens, m
 LOCAL_DAMPING = 0.8
 # Local damping raises the force that slows a node by 1.8, which shortens an elastic step by
@@ -44,16 +41,11 @@ def geometry_arrays(model):
     drag = node_sums(mesh.zones, model.zone_damping("alpha") * mass, len(mesh.points))
     contacts = _contacts(model)
     patch = model.patches() if model.yielding().any() else np.full(len(mesh.zones), -1)
-    starts = _domain_starts(patch)
     arrays = {
         "dt": model.step_factor * limit.dt * _damped_share(model),
-        **_domains(mesh, starts, contacts["contact_node"]),
-        "zone_gradient": shape_gradients(mesh.points, mesh.zones),
-        "zone_volume": volume,
+        **domain_arrays(mesh, patch, contacts["contact_node"]),
         **dict(zip(("zone_lambda", "zone_shear"), model.zone_moduli(), strict=True)),
-        "zone_beta": model.zone_damping("beta"),
         **zone_laws(model),
-        "zone_patch": _patch_numbers(patch, starts),
         "node_mass": node_mass,
         "node_alpha": drag / node_mass,
         **contacts,
@@ -64,50 +56,11 @@ def geometry_arrays(model):
 def _damped_share(model):
     """Return what local damping, which raises the force that slows a node, leaves of a step."""
     raised = 1.0 + model.local_damping
-    return 1.0 / (raised if model.zone_damping("beta").any() else np.sqrt(raised))
-
-
-def _domain_starts(patch):
-    """Cut the zones into domains of like size, between patches where that is near."""
-    n_zones = len(patch)
-    cuts = np.arange(0, n_zones, DOMAIN_ZONES)
-    for k, cut in enumerate(cuts[1:], start=1):
-        within = patch[cut - MOST : cut] == patch[cut]
-        cuts[k] -= np.count_nonzero(within) if patch[cut] >= 0 else 0
-    return np.append(cuts, n_zones)
-
-
-def _patch_numbers(patch, starts):
-    """Count the patches within each domain, -1 where there is none; a cut one becomes two."""
-    numbers = np.full(len(patch), -1, dtype=np.int32)
-    for low, high in pairwise(starts):
-        there = low + np.flatnonzero(patch[low:high] >= 0)
-        numbers[there] = np.unique(patch[there], return_inverse=True)[1]
-    return numbers
-
-
-def _domains(mesh, starts, contact_node):
-    """Give each domain of zones slots for its nodes."""
-    n_nodes, n_zones = len(mesh.points), len(mesh.zones)
-    domain = np.searchsorted(starts, np.arange(n_zones), side="right") - 1
-    keys = domain[:, None].astype(np.int64) * n_nodes + mesh.zones
-    slots, place = np.unique(keys, return_inverse=True)
-    slot_start = np.searchsorted(slots, np.arange(len(starts)) * n_nodes)
-    slot_node = slots % n_nodes
-    part_node = np.concatenate([slot_node, contact_node.ravel()])
-    order = np.argsort(part_node, kind="stable")
-    return {
-        "domain_zone_start": starts.astype(np.int32),
-        "domain_slot_start": slot_start.astype(np.int32),
-        "slot_node": slot_node.astype(np.int32),
-        "zone_slot": (place.reshape(-1, 4) - slot_start[domain][:, None]).astype(np.int32),
-        "node_part": order.astype(np.int32),
-        "node_start": np.searchsorted(part_node[order], np.arange(n_nodes + 1)).astype(np.int32),
-    }
+    return 1.0 / (raised if model.group_damping("beta").any() else np.sqrt(raised))
 
 
 def zone_laws(model):
-    """Return the laws of the zones, and a row of memory for each zone whose law remembers."""
+    """Return the laws and the damping of the sets of zones, one a group, and rows of memory."""
     materials = [model.materials[group] for group in model.mesh.groups]
     given = [model.law(group) for group in model.mesh.groups]
     laws = [ZONE_LAWS[law.name] for law in given]
@@ -118,12 +71,23 @@ def zone_laws(model):
     remembers = np.array([bool(law.state) for law in laws])[model.mesh.zone_group]
     row = np.where(remembers, np.cumsum(remembers) - 1, -1).astype(np.int32)
     return {
-        "zone_set": model.mesh.zone_group.astype(np.int32),
         "zone_row": row,
         "set_law": np.array([law.number for law in laws], dtype=np.int32),
         "set_property": np.array(rows),
+        "set_beta": model.group_damping("beta"),
+        **_branches([model.branches(group) for group in model.mesh.groups]),
         "row_initial": np.zeros((max(1, int(remembers.sum())), 6)),
     }
+
+
+def _branches(by_set):
+    """Return the distinct rates of what relaxes, and the stiffness of each set at each of them."""
+    rates = sorted({one.rate for branches in by_set for one in branches})
+    table = np.zeros((len(by_set), max(1, len(rates)), 2))
+    for number, branches in enumerate(by_set):
+        for one in branches:
+            table[number, rates.index(one.rate)] += one.shear, one.compression
+    return {"set_branch": table, "memory_rate": np.array(rates or [0.0])}
 
 
 def _contacts(model):
@@ -206,20 +170,14 @@ def static_arrays(model, geometry):
     node_load, contact_initial, scale = static_loads(model, geometry)
     joint_law = geometry["joint_law"]
     flows = joint_law == JOINT_LAWS["maxwell"].number  # it would never come to rest
-    fades = geometry["set_law"] == ZONE_LAWS["viscoelastic"].number
-    moduli = {
-        f"zone_{name}": np.where(fades[model.mesh.zone_group], model.zone_values(value), known)
-        for name, value, known in (
-            ("lambda", "first_lame", geometry["zone_lambda"]),
-            ("shear", "shear", geometry["zone_shear"]),
-        )
-    }
+    moduli = (model.zone_values("first_lame"), model.zone_values("shear"))
     arrays = {
         "dt": geometry["dt"] * min(1.0, STATIC_STEP_FACTOR / model.step_factor),
-        "zone_beta": np.zeros_like(geometry["zone_beta"]),
-        **moduli,
+        "set_beta": np.zeros_like(geometry["set_beta"]),
+        "set_branch": np.zeros_like(geometry["set_branch"]),
+        "memory_rate": np.zeros_like(geometry["memory_rate"]),
+        **dict(zip(("zone_lambda", "zone_shear"), moduli, strict=True)),
         "row_initial": stressed_rows(geometry, insitu_stress(model)),
-        "set_law": np.where(fades, ZONE_LAWS["elastic"].number, geometry["set_law"]).astype("i4"),
         "joint_law": np.where(flows, JOINT_LAWS["elastic"].number, joint_law).astype("i4"),
         "node_alpha": np.zeros_like(geometry["node_alpha"]),
         "local_damping": LOCAL_DAMPING,
@@ -246,6 +204,7 @@ def initial_state(constants, contact_state=None):
     return {
         "displacement": np.zeros((n_nodes, 3)),
         "velocity": np.zeros((n_nodes, 3)),
+        "memory": np.zeros((n_nodes, len(constants["memory_rate"]), 3)),
         "row_state": np.zeros((n_rows, N_ZONE_STATE)),
         "row_lost": np.zeros(n_rows),
         "contact_traction": constants["contact_initial"].copy(),

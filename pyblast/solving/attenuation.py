@@ -1,11 +1,8 @@
-"""Attenuation by memory: constant Q, and stiffness damping that costs no time step.
-
-Both are one law of zones, a generalised Maxwell body of three mechanisms.
-"""
+"""Attenuation by memory: springs that relax beside those that stay, and constant Q made of them."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -15,6 +12,27 @@ from ..errors import InputError
 MECHANISMS = 3
 FIT_POINTS = 60
 INSIDE = np.geomspace(0.5, 1.5, 12)  # first rate over the low end of the band
+
+
+class Branch(NamedTuple):
+    """Springs that relax, beside those that stay; theory.md (2.14).
+
+    Parameters
+    ----------
+    rate : float, 1/s
+    shear, compression : float
+        Stiffness over that of the springs that stay, for S and for P waves.
+    """
+
+    rate: float
+    shear: float
+    compression: float
+
+
+def relative_modulus(branches, frequency, wave="shear"):
+    """Return the complex modulus over the relaxed one at frequencies in Hz; theory.md (2.15)."""
+    lag = -2j * np.pi * np.asarray(frequency, dtype=float)
+    return 1.0 + sum(getattr(one, wave) * lag / (one.rate + lag) for one in branches)
 
 
 @dataclass(frozen=True)
@@ -44,7 +62,7 @@ class ConstantQ:
     qs: float
     band: tuple[float, float] = (1.0, 100.0)
     reference: float | None = None
-    name: ClassVar[str] = "viscoelastic"
+    name: ClassVar[str] = "elastic"
 
     def __post_init__(self):
         """Refuse values that are no quality and no band."""
@@ -73,7 +91,7 @@ class ConstantQ:
         """Return the largest relative error of 1/Q over the band with some rates."""
         frequency = np.geomspace(*self.band, FIT_POINTS)
         moduli = (
-            (quality, _relative_modulus(_shares(rates, self.band, quality), rates, frequency))
+            (quality, _fading(_shares(rates, self.band, quality), rates, frequency))
             for quality in (self.qp, self.qs)
         )
         return max(np.abs(1.0 + quality * m.imag / m.real).max() for quality, m in moduli)
@@ -85,14 +103,10 @@ class ConstantQ:
         """
         return _shares(self.rates, self.band, quality)
 
-    def relative_modulus(self, quality, frequency):
-        """Return the complex modulus over the unrelaxed one at frequencies in Hz; (2.15)."""
-        return _relative_modulus(self.shares(quality), self.rates, frequency)
-
     def wave(self, quality, speed, frequency):
         """Return phase speed in m/s and true quality of a wave, speed given at the reference."""
         stiffer = self._unrelaxed(quality)
-        modulus = self.relative_modulus(quality, frequency)
+        modulus = _fading(self.shares(quality), self.rates, frequency)
         return (
             speed * np.sqrt(stiffer) / (1.0 / np.sqrt(modulus)).real,
             -modulus.real / modulus.imag,
@@ -101,74 +115,41 @@ class ConstantQ:
     def _unrelaxed(self, quality):
         """Return the unrelaxed modulus over that of the speed at the reference."""
         reference = self.reference or np.sqrt(self.band[0] * self.band[1])
-        return float((1.0 / np.sqrt(self.relative_modulus(quality, reference))).real ** 2)
+        modulus = _fading(self.shares(quality), self.rates, reference)
+        return float((1.0 / np.sqrt(modulus)).real ** 2)
+
+    @property
+    def branches(self):
+        """What relaxes, for the kernel: one `Branch` a mechanism."""
+        p, s = (self.shares(quality) for quality in (self.qp, self.qs))
+        rows = zip(self.rates, s / (1.0 - s.sum()), p / (1.0 - p.sum()), strict=True)
+        return tuple(Branch(*map(float, row)) for row in rows)
 
     def moduli(self, material):
-        """Return the unrelaxed Lame moduli, Pa."""
-        shear = material.shear * self._unrelaxed(self.qs)
-        return material.density * material.cp**2 * self._unrelaxed(self.qp) - 2.0 * shear, shear
+        """Return the Lame moduli after everything has relaxed, Pa."""
+        stays = [1.0 - self.shares(quality).sum() for quality in (self.qp, self.qs)]
+        shear = material.shear * self._unrelaxed(self.qs) * stays[1]
+        p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp) * stays[0]
+        return p_wave - 2.0 * shear, shear
 
     def properties(self, material):
-        """Return rates and shares for the routine.
+        """Check that the law suits a material; its routine takes no properties.
 
         Raises
         ------
         InputError
             If the bulk modulus would gain energy, which Qp far above Qs asks for.
         """
-        lame, shear = self.moduli(material)
         p, s = self.shares(self.qp), self.shares(self.qs)
-        if ((lame + 2.0 * shear) * p < 4.0 / 3.0 * shear * s * (1.0 - 1e-9)).any():
+        p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp)
+        shear = material.shear * self._unrelaxed(self.qs)
+        if (p_wave * p < 4.0 / 3.0 * shear * s * (1.0 - 1e-9)).any():
             limit = 0.75 * (material.cp / material.cs) ** 2 * self.qs
             raise InputError(
                 f"material.qp: {self.qp:g} with qs {self.qs:g} makes compression gain energy; "
                 f"qp must stay clearly below 0.75 (cp/cs)^2 qs = {limit:.3g}"
             )
-        return _properties(self.rates, p, s)
-
-
-@dataclass(frozen=True)
-class MaxwellDamping:
-    """Stiffness damping of low-passed motion: one mechanism on top of the springs.
-
-    Parameters
-    ----------
-    beta : float, s
-    corner : float, Hz
-
-    Notes
-    -----
-    theory.md (2.18).
-    """
-
-    beta: float
-    corner: float
-    name: ClassVar[str] = "viscoelastic"
-
-    @property
-    def _stiffer(self):
-        """Unrelaxed over relaxed modulus."""
-        return 1.0 + self.beta * 2.0 * np.pi * self.corner
-
-    @property
-    def step_factor(self):
-        """What it leaves of the longest stable step."""
-        return self._stiffer**-0.5
-
-    def relative_modulus(self, frequency):
-        """Return the complex modulus over that of the material at frequencies in Hz."""
-        share = 1.0 / (1.0 - 1j * np.asarray(frequency, dtype=float) / self.corner)
-        return self._stiffer - (self._stiffer - 1.0) * share
-
-    def moduli(self, material):
-        """Return the unrelaxed Lame moduli, Pa."""
-        return material.first_lame * self._stiffer, material.shear * self._stiffer
-
-    def properties(self, material):
-        """Return rates and shares for the routine."""
-        del material
-        share = np.array([1.0 - 1.0 / self._stiffer, 0.0, 0.0])
-        return _properties(np.array([2.0 * np.pi * self.corner, 0.0, 0.0]), share, share)
+        return {}
 
 
 def _shares(rates, band, quality):
@@ -178,13 +159,7 @@ def _shares(rates, band, quality):
     return nnls(matrix, np.full(FIT_POINTS, 1.0 / quality))[0]
 
 
-def _relative_modulus(shares, rates, frequency):
+def _fading(shares, rates, frequency):
     """Return the complex modulus over the unrelaxed one at frequencies in Hz; (2.15)."""
     omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[..., None]
     return 1.0 - np.sum(shares * rates / (rates - 1j * omega), axis=-1)
-
-
-def _properties(rates, p, s):
-    """Name rates and shares as the signature of the law does."""
-    rows = {"rate": rates, "p": p, "s": s}
-    return {f"{name}_{k + 1}": row[k] for name, row in rows.items() for k in range(MECHANISMS)}

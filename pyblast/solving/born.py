@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..meshing.mesh import volumes
 from ..motion.seismogram import Seismogram
 from .boundaries import StressInput
 from .histories import Watch, point_loads, stretches
@@ -90,7 +91,7 @@ class _Push:
         for number in np.unique(mesh.zone_group[differs]):
             zones = np.flatnonzero(differs & (mesh.zone_group == number))
             matrix = strain_matrix(mesh, zones, self.nodes)
-            volume = constants["zone_volume"][zones]
+            volume = volumes(mesh)[zones]
             self._groups.append((zones, volume, matrix, Answer(constants, zones)))
 
     def force(self, stretch, nodes):

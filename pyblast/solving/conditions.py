@@ -25,7 +25,7 @@ def surface_impedance(model, surface):
     z_p, z_s = (area * density * model.zone_values(speed)[zone] for speed in ("cp", "cs"))
     outer = normal[:, :, None] * normal[:, None, :]
     each = (z_p - z_s)[:, None, None] * outer + z_s[:, None, None] * np.eye(3)
-    scale = model.zone_moduli()[1][zone]
+    faster = np.broadcast_to(model.speed_factor(), len(model.mesh.zones))[zone]
     media = {}
     for boundary in model.boundaries:
         if isinstance(boundary, Viscous) and boundary.surface == surface:
@@ -34,7 +34,7 @@ def surface_impedance(model, surface):
         medium = media.get(group, model.materials[group])
         if medium.law.name == "anisotropic":
             here = model.mesh.zone_group[zone] == number
-            factor = area[here] * np.sqrt(scale[here] / model.materials[group].shear)
+            factor = area[here] * faster[here]
             wave = impedance(density[here], medium.law.stiffness, normal[here])
             each[here] = factor[:, None, None] * wave
     unique, place = np.unique(nodes, return_inverse=True)

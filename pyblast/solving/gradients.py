@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..meshing.mesh import volumes
 from ..motion.seismogram import Seismogram
 from .boundaries import StressInput
 from .histories import Watch, point_loads, stretches
@@ -200,7 +201,7 @@ class _Products:
 
     def _add_strains(self, zones, p, s, motion):
         """Add products of dilations, and of what shears."""
-        volume = self._run.prepared.constants["zone_volume"][zones]
+        volume = volumes(self._run.model.mesh)[zones]
         p, s, motion = (each.reshape(len(zones), 6, -1) for each in (p, s, motion))
         dilation = motion[:, :3].sum(axis=1)
         self._p[zones] -= volume * np.sum(p[:, :3].sum(axis=1) * dilation, axis=1)

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..meshing import tetrahedra
-from .stability import node_sums
+from .stability import node_sums, shape_gradients
 
 BINS = 200
 
@@ -90,10 +90,11 @@ def static_loads(model, geometry):
     """
     mesh = model.mesh
     stress = insitu_stress(model)
-    corner = corner_forces(stress, geometry["zone_gradient"], geometry["zone_volume"])
+    volume = tetrahedra.volumes(mesh.points, mesh.zones)
+    corner = corner_forces(stress, shape_gradients(mesh.points, mesh.zones), volume)
     load = np.zeros_like(mesh.points)
     np.add.at(load, mesh.zones, corner)
-    mass = model.zone_values("density") * geometry["zone_volume"]
+    mass = model.zone_values("density") * volume
     load[:, 2] -= model.insitu.gravity * node_sums(mesh.zones, mass, len(load))
     traction = geometry["contact_initial"]
     if mesh.contacts is not None:

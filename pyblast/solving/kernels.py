@@ -31,6 +31,7 @@ INDEX_ENDINGS = (
 STATE = (
     "displacement",
     "velocity",
+    "memory",
     "row_state",
     "row_lost",
     "contact_traction",

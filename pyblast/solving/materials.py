@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, replace
 
 from ..errors import InputError
-from .attenuation import MaxwellDamping
+from .attenuation import Branch, relative_modulus
 from .zone_laws import Elastic
 
 
@@ -175,16 +175,26 @@ class Damping:
 
     @property
     def low_passed(self):
-        """Whether the stiffness part acts as a law of zones."""
+        """Whether the stiffness part acts on low-passed motion."""
         return self.corner is not None and self._beta > 0.0
 
-    def law(self):
-        """Return the law of zones that low-passed stiffness damping makes."""
-        return MaxwellDamping(self._beta, self.corner)
+    @property
+    def branches(self):
+        """What low-passed stiffness damping lets relax: theory.md (2.18)."""
+        if not self.low_passed:
+            return ()
+        rate = 2.0 * math.pi * self.corner
+        return (Branch(rate, self._beta * rate, self._beta * rate),)
+
+    @property
+    def step_factor(self):
+        """What low-passed stiffness damping leaves of the longest stable step."""
+        return (1.0 + sum(one.shear for one in self.branches)) ** -0.5
 
     def ratio_at(self, frequency):
         """Share of critical damping at a frequency in Hz: theory.md (2.11), (2.18)."""
         omega = 2.0 * math.pi * frequency
         if self.low_passed:
-            return 0.5 * (self.alpha / omega - self.law().relative_modulus(frequency).imag)
+            modulus = relative_modulus(self.branches, frequency)
+            return 0.5 * (self.alpha / omega - modulus.imag)
         return 0.5 * (self.alpha / omega + self.beta * omega)

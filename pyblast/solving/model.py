@@ -222,23 +222,13 @@ class Model:
         return np.prod([field.factor(centres, edges) for field in self.ground], axis=0)
 
     def law(self, group):
-        """Return the law of the zones of a group: its material's, or that of its damping.
+        """Return the law of the zones of a group."""
+        return self.materials[group].law
 
-        Raises
-        ------
-        InputError
-            If low-passed damping meets a material that is not elastic.
-        """
-        law = self.materials[group].law
+    def branches(self, group):
+        """Return what relaxes in the zones of a group, by its law and by its damping."""
         damping = self.damping[group] if isinstance(self.damping, dict) else self.damping
-        if damping is None or not damping.low_passed:
-            return law
-        if law.name != "elastic":
-            raise InputError(
-                f"damping.{group}.corner: low-passed damping needs an elastic material, got "
-                f"'{law.name}'; leave the corner or that law out"
-            )
-        return damping.law()
+        return self.law(group).branches + (damping.branches if damping is not None else ())
 
     def yielding(self):
         """Tell for every zone whether its law can yield, (n_zones,) bool."""
@@ -250,19 +240,32 @@ class Model:
         return make_patches(self.mesh, self.yielding())
 
     def zone_moduli(self):
-        """Return the Lame moduli of every zone under its law's fastest strain, (n_zones,) Pa."""
-        materials = [self.materials[group] for group in self.mesh.groups]
-        laws = [self.law(group) for group in self.mesh.groups]
-        moduli = np.array([law.moduli(m) for law, m in zip(laws, materials, strict=True)])
-        return tuple(moduli[self.mesh.zone_group].T * self.speed_factor() ** 2)
+        """Return the Lame moduli of every zone after everything has relaxed, (n_zones,) Pa."""
+        pairs = [self.law(group).moduli(self.materials[group]) for group in self.mesh.groups]
+        return tuple(np.array(pairs)[self.mesh.zone_group].T * self.speed_factor() ** 2)
+
+    def stiffest_moduli(self):
+        """Return the Lame moduli of every zone before anything relaxes, (n_zones,) Pa."""
+        lame, shear = self.zone_moduli()
+        every = [self.branches(group) for group in self.mesh.groups]
+        of_s, of_p = (
+            1.0 + np.array([sum(getattr(one, wave) for one in some) for some in every])
+            for wave in ("shear", "compression")
+        )
+        stiff = of_s[self.mesh.zone_group] * shear
+        return of_p[self.mesh.zone_group] * (lame + 2.0 * shear) - 2.0 * stiff, stiff
+
+    def group_damping(self, name):
+        """Return ``alpha`` (1/s) or ``beta`` (s) of the damping for every group, (n_groups,)."""
+        if self.damping is None:
+            return np.zeros(len(self.mesh.groups))
+        by_group = isinstance(self.damping, dict)
+        parts = [self.damping[g] if by_group else self.damping for g in self.mesh.groups]
+        return np.array([getattr(part, name) for part in parts])
 
     def zone_damping(self, name):
         """Return ``alpha`` (1/s) or ``beta`` (s) of the damping for every zone, (n_zones,)."""
-        values = np.zeros(len(self.mesh.zones))
-        if self.damping is not None:
-            by_group = isinstance(self.damping, dict)
-            parts = [self.damping[g] if by_group else self.damping for g in self.mesh.groups]
-            values += np.array([getattr(part, name) for part in parts])[self.mesh.zone_group]
+        values = self.group_damping(name)[self.mesh.zone_group]
         if self.rim is not None and name == "alpha":
             centres = self.mesh.points[self.mesh.zones].mean(axis=1)
             values += self.rim.alpha(centres, self.zone_values("cs"))

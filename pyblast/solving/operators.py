@@ -3,7 +3,6 @@
 import numpy as np
 from scipy import signal, sparse
 
-from .kernels import ZONE_LAWS
 from .stability import shape_gradients
 
 NORMAL = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
@@ -69,31 +68,30 @@ class Answer:
     """
 
     def __init__(self, constants, zones):
-        """Read stiffness damping, and the mechanisms of a law that fades."""
-        one = zones[0]
-        self._lag = constants["zone_beta"][one] / constants["dt"]
-        self._last, self._memory, self._mechanisms = None, None, []
-        number = constants["zone_set"][one]
-        if constants["set_law"][number] == ZONE_LAWS["viscoelastic"].number:
-            rate, p, s = constants["set_property"][number][:9].reshape(3, 3)
-            x = 0.5 * constants["dt"] * rate
-            self._mechanisms = [row for row in zip(x, p, s, strict=True) if row[0] > 0.0]
+        """Read stiffness damping, and what relaxes."""
+        domain = np.searchsorted(constants["domain_zone_start"], zones[0], side="right") - 1
+        number = constants["domain_set"][domain]
+        self._lag = constants["set_beta"][number] / constants["dt"]
+        self._last, self._memory = None, None
+        x = 0.5 * constants["dt"] * constants["memory_rate"]
+        rows = zip(x, *constants["set_branch"][number].T, strict=True)
+        self._branches = [row for row in rows if any(row[1:])]
 
     def __call__(self, motion):
         """Return what belongs to P and to S modulus, for the next motion (n, ...) in time."""
         if self._last is None:
             self._last = np.zeros_like(motion[:1])
-            self._memory = [np.zeros_like(motion[:1]) for _ in self._mechanisms]
+            self._memory = [np.zeros_like(motion[:1]) for _ in self._branches]
         earlier = np.concatenate([self._last, motion[:-1]])
         self._last = motion[-1:].copy()
         p = motion + self._lag * (motion - earlier)
-        s = p.copy() if self._mechanisms else p
-        for number, (x, share_p, share_s) in enumerate(self._mechanisms):
+        s = p.copy() if self._branches else p
+        for number, (x, of_s, of_p) in enumerate(self._branches):
             gain = x / (1.0 + x)
             faded, self._memory[number] = signal.lfilter(
                 [gain, gain], [1.0, -(1.0 - x) / (1.0 + x)], motion, axis=0,
                 zi=self._memory[number],
             )  # fmt: skip
-            p = p - share_p * faded
-            s = s - share_s * faded
+            p = p + of_p * (motion - faded)
+            s = s + of_s * (motion - faded)
         return p, s

@@ -21,7 +21,7 @@ def morton_keys(places):
 
 
 def renumbered(mesh, patch=None):
-    """Return the same mesh with nodes and zones in Morton order (1966).
+    """Return the same mesh with nodes and zones, group by group, in Morton order (1966).
 
     Parameters
     ----------
@@ -37,9 +37,11 @@ def renumbered(mesh, patch=None):
     new = np.empty(len(node_order), dtype=np.int32)
     new[node_order] = np.arange(len(node_order), dtype=np.int32)
     centres = mesh.points[mesh.zones].mean(axis=1)
-    zone_order = np.argsort(morton_keys(centres), kind="stable")
-    if patch is not None:
-        zone_order = np.lexsort((patch, morton_keys(_patch_centres(centres, patch))))
+    if patch is None:
+        zone_order = np.lexsort((morton_keys(centres), mesh.zone_group))
+    else:
+        together = morton_keys(_patch_centres(centres, patch))
+        zone_order = np.lexsort((patch, together, mesh.zone_group))
     contacts = mesh.contacts
     if contacts is not None:
         order = np.argsort(new[contacts.minus], kind="stable")

@@ -14,7 +14,7 @@ from .plane_waves import PlaneWave
 
 LINEAR_JOINTS = ("elastic", "kelvin")
 STICKING_JOINTS = ("coulomb", "softening")  # linear as long as no contact slips or opens
-LINEAR_ZONES = ("elastic", "viscoelastic")
+LINEAR_ZONES = ("elastic",)
 SLIP, FAILED, STATUS = slice(0, 3), 3, 4  # columns of the state of joints that slip
 STEP = 1e-3  # of speeds; impedances are linear in them
 
@@ -27,7 +27,7 @@ class Change:
     ----------
     kn, ks : (n_contacts,) float64, Pa/m
     p_modulus, s_modulus : (n_zones,) float64, Pa
-        Of the stiffest answer of the zone's law: rho cp^2 and rho cs^2, unrelaxed.
+        Moduli of P and S waves after everything has relaxed.
     impedance : list of (n_face_nodes, 3, 3) float64, N s/m
         At the nodes of each of `faces`.
     """

@@ -213,11 +213,11 @@ def _medium(model, surfaces):
     media = {b.surface: b.media for b in model.boundaries if isinstance(b, Viscous)}
     for group in {model.mesh.groups[n] for n in model.mesh.zone_group[zones]}:
         for surface in surfaces:
-            law = media[surface].get(group, model.materials[group]).law.name
-            if law not in ("elastic", "mohr-coulomb"):
+            law = media[surface].get(group, model.materials[group]).law
+            if law.name not in ("elastic", "mohr-coulomb") or law.branches:
                 raise InputError(
                     f"plane_wave: needs ground behind {surface!r} that is isotropic and does not "
-                    f"fade, got the law '{law}' of '{group}'"
+                    f"fade, got the law {type(law).__name__} of '{group}'"
                 )
     values = []
     for name, unit in (("density", "kg/m3"), ("cp", "m/s"), ("cs", "m/s")):

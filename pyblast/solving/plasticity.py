@@ -45,6 +45,7 @@ class MohrCoulomb:
     shear_strain: float = 0.0
     tensile_strain: float = 0.0
     name: ClassVar[str] = "mohr-coulomb"
+    branches: ClassVar[tuple] = ()
 
     def __post_init__(self):
         """Refuse values that are no strength."""

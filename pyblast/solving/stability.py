@@ -68,7 +68,7 @@ def anisotropic_frequencies(points, zones, stiffness, density):
 
 def model_frequencies(model):
     """Return the square of the largest angular frequency of each zone of a model, (n_zones,)."""
-    mesh, density, (lame, shear) = model.mesh, model.zone_values("density"), model.zone_moduli()
+    mesh, density, (lame, shear) = model.mesh, model.zone_values("density"), model.stiffest_moduli()
     squared = zone_frequencies(mesh.points, mesh.zones, lame, shear, density)
     for number, group in enumerate(mesh.groups):
         law = model.law(group)

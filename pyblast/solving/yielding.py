@@ -10,7 +10,7 @@ EXCESS, HARDENING = slice(0, 6), slice(12, 14)  # columns of row_state of a zone
 def can_yield(constants):
     """Tell for every zone whether its law is one that yields, (n_zones,) bool."""
     yields = constants["set_law"] == ZONE_LAWS["mohr-coulomb"].number
-    return yields[constants["zone_set"]]
+    return np.repeat(yields[constants["domain_set"]], np.diff(constants["domain_zone_start"]))
 
 
 def stressed_rows(constants, stress):

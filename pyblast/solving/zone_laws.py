@@ -13,6 +13,7 @@ class Elastic:
     """Isotropic linear elasticity; theory.md (2.2)."""
 
     name: ClassVar[str] = "elastic"
+    branches: ClassVar[tuple] = ()
 
     def properties(self, material):
         """Return the properties of the routine for a material."""

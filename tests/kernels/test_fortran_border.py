@@ -88,7 +88,7 @@ def test_an_empty_array_becomes_one_row_of_nothing():
     assert views["load_node"].tolist() == [1]
 
 
-@pytest.mark.parametrize("name", ["zone_gradient", "node_mass", "contact_normal", "history"])
+@pytest.mark.parametrize("name", ["slot_place", "node_mass", "contact_normal", "history"])
 def test_floats_are_double(name):
     assert constants()[name].dtype == np.float64
 

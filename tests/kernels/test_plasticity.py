@@ -40,7 +40,7 @@ class Zone:
 
     def strain(self, strain):
         return kernels._core.pyblast_zone_laws.zone_stress(
-            LAW.number + 1, self.row, *self.moduli, 1e-3, self.initial, strain, self.state,
+            LAW.number + 1, self.row, *self.moduli, self.initial, strain, self.state,
             self.lost,
         )  # fmt: skip
 

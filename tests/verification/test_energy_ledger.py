@@ -62,20 +62,10 @@ def test_a_prescribed_velocity_puts_in_what_is_found():
     assert result.balance_error < 1e-10
 
 
-def test_stiffness_damping_takes_what_is_missing_but_for_its_lag():
+def test_stiffness_damping_takes_what_is_missing():
     damping = Damping(0.05, 30.0)
 
     result = run(model(damping=damping, sources=[FORCE]), 0.2)
 
     assert result.energy["damping"][-1] > 0.5 * result.energy["input"][-1]
-    assert result.balance_error < 0.005  # measured 0.002 at 5 %
-
-
-def test_the_lag_of_stiffness_damping_shrinks_with_the_step():
-    damping = Damping(0.05, 30.0)
-    errors = [
-        run(model(damping=damping, sources=[FORCE], step_factor=factor), 0.1).balance_error
-        for factor in (0.8, 0.4)
-    ]
-
-    assert errors[1] < 0.3 * errors[0]
+    assert result.balance_error < 1e-10

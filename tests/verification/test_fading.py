@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pyblast.errors import InputError
 from pyblast.meshing.mesh import Mesh
 from pyblast.meshing.mesh_builder import Layer, structured_box
 from pyblast.motion.seismogram import Seismogram
 from pyblast.solving import kernels
+from pyblast.solving.anisotropy import jointed
 from pyblast.solving.attenuation import ConstantQ
 from pyblast.solving.boundaries import Fixed, StressInput, Viscous
 from pyblast.solving.joints import Joint
@@ -27,6 +27,11 @@ KINDS = {
     "constant Q": {"material": Q},
     "low-passed damping": {"damping": Damping(0.05, 20.0, corner=100.0)},
     "low-passed damping alone": {"damping": Damping(0.05, 20.0, mass=False, corner=100.0)},
+    "both": {"material": Q, "damping": Damping(0.05, 20.0, corner=100.0)},
+    "low-passed damping of jointed rock": {
+        "material": jointed(ROCK, (1.0, 0.0, 0.0), 2.0, 2e10, 1e10),
+        "damping": Damping(0.05, 20.0, corner=100.0),
+    },
 }
 EACH = pytest.mark.parametrize("kind", KINDS)
 
@@ -65,7 +70,7 @@ def shaken(kind, turn=None, **how):
 def test_the_ledger_closes_to_rounding(kind):
     result = shaken(kind)
 
-    assert result.energy["zone_dissipated"][-1] > 0.01 * result.energy["input"][-1]
+    assert result.energy["damping"][-1] > 0.01 * result.energy["input"][-1]
     assert result.balance_error < 1e-10
 
 
@@ -79,11 +84,11 @@ def test_energy_left_alone_only_falls(kind):
 
     held = energy["kinetic"] + energy["strain"]
     assert (np.diff(held) <= 1e-12 * held[0]).all()
-    assert (np.diff(energy["zone_dissipated"]) >= 0.0).all()
+    assert (np.diff(energy["damping"]) >= -1e-13 * held[0]).all()
     assert held[-1] < 0.7 * held[0]
 
 
-@EACH
+@pytest.mark.parametrize("kind", list(KINDS)[:-1])  # the last one has axes of its own
 def test_a_turned_model_gives_turned_seismograms(kind):
     turn = Rotation.random(rng=np.random.default_rng(1))
 
@@ -95,7 +100,7 @@ def test_a_turned_model_gives_turned_seismograms(kind):
 
 @EACH
 def test_an_interrupted_run_goes_on_with_the_same_bits(kind, tmp_path, monkeypatch):
-    monkeypatch.setattr("pyblast.solving.preparation.CHUNK_SECONDS", 0.005)
+    monkeypatch.setattr("pyblast.solving.preparation.CHUNK_SECONDS", 0.0)
     path = tmp_path / "checkpoint.h5"
 
     def stop(_, done, total):
@@ -114,7 +119,7 @@ def largest_root(model, dt):
     """Return the largest eigenvalue of the march from step to step, one unit state at a time."""
     prepared = prepare(model, 1e-3)
     views = kernels.to_fortran({**prepared.constants, "dt": dt})
-    names, columns = ("displacement", "velocity", "row_state"), []
+    names, columns = ("displacement", "velocity", "memory"), []
     for name in names:
         for place in range(prepared.state[name].size):
             state = {key: value.copy() for key, value in prepared.state.items()}
@@ -141,11 +146,11 @@ def small(material=ROCK, **parts):
 
 @pytest.mark.parametrize(
     "parts",
-    [{"material": replace(ROCK, law=ConstantQ(10.0, 10.0))}, *list(KINDS.values())[1:]],
+    [{"material": replace(ROCK, law=ConstantQ(10.0, 10.0))}, *list(KINDS.values())[1:3]],
 )
 def test_the_longest_stable_step_is_that_of_the_unrelaxed_springs(parts):
     fading = small(**parts)
-    before, after = (model.zone_moduli()[1][0] for model in (small(), fading))
+    before, after = (model.stiffest_moduli()[1][0] for model in (small(), fading))
 
     limit = longest() * np.sqrt(before / after)
 
@@ -170,16 +175,5 @@ def test_the_static_stage_knows_no_time(law):
     traction, contacts = prepared.constants["contact_initial"], model.mesh.contacts
     weight = 20.0**2 * 9.81 * 20.0 * ROCK.density
     assert traction[:, 2] @ contacts.area == pytest.approx(-weight, rel=1e-3)
-    assert not prepared.state["row_state"].any()
+    assert not prepared.state["memory"].any()
     assert not run(model, 0.01, prepared=prepared).energy["kinetic"].any()
-
-
-def test_low_passed_damping_of_a_material_that_fades_is_refused():
-    with pytest.raises(InputError, match=r"damping\.rock\.corner: .* got 'viscoelastic'"):
-        body(crooked(), Q, damping=Damping(0.05, 20.0, corner=100.0))
-
-
-def test_mass_damping_beside_a_material_that_fades_is_allowed():
-    model = body(crooked(), Q, damping=Damping(0.05, 20.0, stiffness=False, corner=100.0))
-
-    assert model.law("rock") is Q.law

@@ -8,7 +8,7 @@ from scipy.optimize import curve_fit
 
 from pyblast.meshing.mesh_builder import structured_box
 from pyblast.solving import kernels
-from pyblast.solving.attenuation import ConstantQ
+from pyblast.solving.attenuation import ConstantQ, relative_modulus
 from pyblast.solving.boundaries import Fixed, StressInput, Viscous
 from pyblast.solving.materials import Damping
 from pyblast.solving.model import Model
@@ -54,8 +54,9 @@ def travelled(wave, n):
 def body(wave, frequency):
     """Return the complex modulus in Pa of the fitted body."""
     lame, shear = LAW.moduli(ROCK)
-    unrelaxed = lame + 2.0 * shear if wave == "P" else shear
-    return unrelaxed * LAW.relative_modulus(QUALITY[wave], frequency)
+    if wave == "P":
+        return (lame + 2.0 * shear) * relative_modulus(LAW.branches, frequency, "compression")
+    return shear * relative_modulus(LAW.branches, frequency)
 
 
 def worst(quantity, expected, measured):
@@ -114,12 +115,13 @@ def two_decades():
     """Read how well three mechanisms follow 1/Q over two decades, no mesh involved."""
     law = ConstantQ(QUALITY["P"], QUALITY["S"], WIDE)
     frequency = np.geomspace(*WIDE, 200)
-    modulus = law.relative_modulus(QUALITY["S"], frequency)
+    modulus = relative_modulus(law.branches, frequency)
     inverse = np.full(200, 1.0 / QUALITY["S"])
     return worst("1/Q of the body over two decades", inverse, -modulus.imag / modulus.real)
 
 
 DAMPING = Damping(0.05, 10.0, corner=60.0)
+BETA = 0.05 / (2.0 * np.pi * 10.0)
 HALVES = (1, 2, 4)
 LENGTH = 2.0  # wavelengths of the highest standing wave
 
@@ -158,7 +160,7 @@ def grows(model, dt):
     """Tell whether any state of a small model grows from step to step."""
     prepared = prepare(model, 1e-3)
     views = kernels.to_fortran({**prepared.constants, "dt": dt})
-    names, columns = ("displacement", "velocity", "row_state"), []
+    names, columns = ("displacement", "velocity", "memory"), []
     for name in names:
         for place in range(prepared.state[name].size):
             state = {key: value.copy() for key, value in prepared.state.items()}
@@ -182,12 +184,11 @@ def longest_step(material=ROCK, **parts):
 @cache
 def step_readings():
     """Read the longest stable steps over the undamped one, no wave involved."""
-    share = DAMPING.law().beta * 2.0 * np.pi * DAMPING.corner
     plain = longest_step()
     return [
         Reading.relative(
             "longest stable step over the undamped one",
-            (1.0 + share) ** -0.5,
+            (1.0 + BETA * 2.0 * np.pi * DAMPING.corner) ** -0.5,
             longest_step(damping=DAMPING) / plain,
         ),
     ]
@@ -216,7 +217,7 @@ def low_passed_damping(n):
         frequency = 40.0 / LENGTH / 2.0 * np.array(HALVES)
         omega = 2.0 * np.pi * frequency
         wanted = np.array(
-            [damped_oscillator(w, DAMPING.alpha, DAMPING.law().beta, DAMPING.corner) for w in omega]
+            [damped_oscillator(w, DAMPING.alpha, BETA, DAMPING.corner) for w in omega]
         )
         natural, ratio, mesh = np.transpose([standing(wave, n, halves) for halves in HALVES])
         readings += [

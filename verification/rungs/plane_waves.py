@@ -108,17 +108,17 @@ def lattice_speeds(pattern, n, directions):
 
 def forces(constants, displacement):
     """Return the elastic forces (n_nodes, 3) of a displacement from the kernel."""
-    names = ("domain_zone_start domain_slot_start slot_node zone_slot zone_gradient zone_volume "
-             "zone_lambda zone_shear zone_beta zone_set zone_row zone_patch set_law set_property "
+    names = ("domain_zone_start domain_slot_start domain_set slot_node slot_place zone_slot "
+             "zone_lambda zone_shear zone_row zone_patch set_law set_property set_beta set_branch "
              "row_initial")  # fmt: skip
     views = kernels.to_fortran({name: constants[name] for name in names.split()})
-    slots = np.zeros((len(constants["slot_node"]), 3))
-    n_domains, n_rows = len(constants["domain_zone_start"]) - 1, len(constants["row_initial"])
+    slots, memory = np.zeros((len(constants["slot_node"]), 3)), np.zeros((len(displacement), 1, 3))
+    n_domains, n_rows = len(constants["domain_set"]), len(constants["row_initial"])
     kernels._core.pyblast_zones.zone_forces(
-        **views, dt=constants["dt"], displacement=displacement.T.copy(order="F"),
+        **views, tell=False, displacement=displacement.T.copy(order="F"), memory=memory.T,
         velocity=np.zeros_like(displacement).T, row_lost=np.zeros(n_rows), slot_force=slots.T,
         row_state=np.zeros((n_rows, kernels.N_ZONE_STATE)).T,
-        **{f"domain_{n}": np.zeros(n_domains) for n in ("strain", "lost", "insitu", "damping")},
+        **{f"domain_{n}": np.zeros(n_domains) for n in ("strain", "lost", "insitu")},
     )  # fmt: skip
     force = np.zeros_like(displacement)
     np.add.at(force, constants["slot_node"], slots)

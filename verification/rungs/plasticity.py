@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.meshing.mesh import Mesh
+from pyblast.meshing.mesh import Mesh, volumes
 from pyblast.meshing.mesh_builder import structured_box
 from pyblast.motion.seismogram import Seismogram
 from pyblast.solving import kernels
@@ -161,7 +161,7 @@ def ring_means(mesh, prepared):
     """Return distance, radial and hoop pressure (n_rings,): means over the rings of cells."""
     zone, stress, _ = yield_states(prepared.constants, prepared.state)
     x, y = mesh.points[mesh.zones].mean(axis=1)[zone, :2].T
-    volume, distance = prepared.constants["zone_volume"][zone], np.hypot(x, y)
+    volume, distance = volumes(mesh)[zone], np.hypot(x, y)
     c, s = x / distance, y / distance
     radial = -(stress[:, 0] * c**2 + stress[:, 1] * s**2 + 2.0 * stress[:, 5] * s * c)
     hoop = -(stress[:, 0] * s**2 + stress[:, 1] * c**2 - 2.0 * stress[:, 5] * s * c)

@@ -35,21 +35,25 @@ class Bed:
     def of(cls, thickness, material):
         """Make a bed of a material, elastic or of constant quality."""
         law, stiff = material.law, material.density * material.cp**2
-        if not hasattr(law, "shares"):
+        if not law.branches:
             return cls(
                 thickness, material.density, lambda _: stiff + 0j, lambda _: material.shear + 0j
             )
         lame, shear = law.moduli(material)
 
-        def modulus(unrelaxed, quality):
+        def modulus(relaxed, wave):
             def at(omega):
-                fading = law.rates / (law.rates - 1j * omega)
-                return unrelaxed * (1.0 - np.sum(law.shares(quality) * fading))
+                lag = -1j * omega
+                springs = ((getattr(one, wave), one.rate) for one in law.branches)
+                return relaxed * (1.0 + sum(stiff * lag / (rate + lag) for stiff, rate in springs))
 
             return at
 
         return cls(
-            thickness, material.density, modulus(lame + 2.0 * shear, law.qp), modulus(shear, law.qs)
+            thickness,
+            material.density,
+            modulus(lame + 2.0 * shear, "compression"),
+            modulus(shear, "shear"),
         )
 
 
