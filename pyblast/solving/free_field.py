@@ -217,7 +217,7 @@ def _refuse_ground(model, sides):
     for surface in sides:
         for group in np.unique(mesh.zone_group[surface_zones(mesh, surface)]):
             law = model.law(mesh.groups[group]).name
-            if law not in ("elastic", "viscoelastic"):
+            if law != "elastic":
                 raise InputError(
                     f"boundaries.free_field: columns can't follow the law '{law}' of "
                     f"{mesh.groups[group]!r} at {surface!r}; put elastic ground before the side"
