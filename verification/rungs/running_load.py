@@ -96,8 +96,8 @@ def load(times):
     "against the steady state; what the load sent out where it began is still 1 % of it. Motion: "
     "L2 norm of the difference over that of the motion, the beginning included, by discrete wave "
     "numbers. Slower than S waves the ground answers through a small difference: v/p needs 22.5 "
-    "edges there at its highest frequency (16 to its own length), 10 where the load is faster. The hats of "
-    "the nodes (5.13) take (k h)^2/12 from the load, 6 % at that frequency on 10 edges",
+    "edges there at its highest frequency (16 to its own length), 10 where the load is faster. The "
+    "hats of the nodes (5.13) take (k h)^2/12 from the load, 6 % at that frequency on 10 edges",
 )
 def air_blast(n):
     """Compare the velocity into the ground under the load with the steady state and in full."""
