@@ -79,11 +79,13 @@ def _table(*heads):
 
 def show_census(census):
     """Print counts, sizes, frequencies, time step and cost."""
-    table = _table("material", "zones", "volume m3", "mass t", "edge m", "quality", "carries Hz")
+    table = _table(
+        "material", "zones", "volume m3", "mass t", "edge m", "quality", "carries Hz", "added %"
+    )
     for g in census.groups:
         table.add_row(
             g.name, f"{g.zones}", f"{g.volume:.4g}", f"{1e-3 * g.mass:.4g}", f"{g.mean_edge:.3g}",
-            f"{g.smallest_quality:.2f}", f"{g.highest_frequency:.3g}",
+            f"{g.smallest_quality:.2f}", f"{g.highest_frequency:.3g}", f"{100 * g.added_share:.2g}",
         )  # fmt: skip
     _out.print(table)
     say(

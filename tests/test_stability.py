@@ -7,7 +7,7 @@ import pytest
 import reference
 
 from pyblast.errors import SolverError
-from pyblast.meshing.mesh import Mesh
+from pyblast.meshing.mesh import Mesh, volumes
 from pyblast.meshing.mesh_builder import Layer, structured_box
 from pyblast.solving import kernels, stability
 from pyblast.solving.boundaries import Viscous
@@ -80,7 +80,7 @@ CASES = {
     "stiffness damping": {"damping": {"rock": Damping(0.05, 60.0), "soil": Damping(0.01, 60.0)}},
     "joints and damping": {"stiffness": 3e10, "damping": Damping(0.03, 60.0)},
     "crooked joints, damping and added mass": {
-        "crook": 0.1,
+        "crook": 0.15,
         "stiffness": 3e10,
         "damping": Damping(0.03, 60.0),
         "added_mass": 0.05,
@@ -88,7 +88,13 @@ CASES = {
 }
 
 
-LEAST = {"crooked zones": 0.5, "stiffness damping": 0.5, "joints and damping": 0.55}
+# The part zone by zone is far from what neighbours hold together where the mesh is crooked.
+LEAST = {
+    "crooked zones": 0.5,
+    "stiffness damping": 0.5,
+    "joints and damping": 0.55,
+    "crooked joints, damping and added mass": 0.5,
+}
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -97,10 +103,7 @@ def test_the_bound_is_safe_and_near_the_true_limit(case):
 
     ratio = stability.critical_step(model).dt / true_limit(*probed(model))
 
-    least = {"crooked zones": 0.5, "stiffness damping": 0.5, "joints and damping": 0.55}.get(
-        case, 0.6
-    )
-    assert least < ratio <= 1.0 + 1e-4
+    assert LEAST.get(case, 0.6) < ratio <= 1.0 + 1e-4
 
 
 def test_the_undamped_limit_is_two_over_the_largest_frequency():
@@ -209,19 +212,56 @@ def test_stiffness_damping_shortens_the_step_by_the_formula():
     assert damped.undamped == pytest.approx(plain.dt)
 
 
-def test_added_mass_lengthens_the_step_within_its_share():
-    plain = stability.critical_step(small(0.1))
-    model = small(0.1, added_mass=0.05)
-    scaled = stability.critical_step(model)
+def with_a_sliver(share, n=8, **parts):
+    """Return a model of n x n x n cells, one inner node of which nearly lies in a face."""
+    layers = [Layer("soil", 3.0), Layer("rock")]
+    mesh = structured_box((n, n, n), (n, n, n), layers=layers)
+    points = mesh.points.copy()
+    points[np.argmax((points == 3.0).all(axis=1)), 0] += 0.97
+    mesh = replace(mesh, points=points)
+    return Model(mesh, {"rock": ROCK, "soil": SOFT}, added_mass=share, **parts)
 
-    mass = prepare(small(0.1), 1e-3).constants["node_mass"].sum()
-    assert scaled.dt > plain.dt
-    assert 0.0 < scaled.added_mass.sum() <= 0.05 * mass * (1.0 + 1e-9)
+
+def test_added_mass_lengthens_the_step_within_its_share_of_each_material():
+    plain, scaled = (stability.critical_step(with_a_sliver(share)) for share in (0.0, 0.005))
+    model = with_a_sliver(0.005)
+    rock = model.zone_values("cp") == ROCK.cp
+    mass = model.zone_values("density") * volumes(model.mesh)
+
+    assert scaled.dt > 7.0 * plain.dt == 7.0 * scaled.unscaled
+    assert scaled.added_share["rock"] == pytest.approx(
+        scaled.added_mass[rock].sum() / mass[rock].sum(), rel=1e-9
+    )
+    assert 0.0 < scaled.added_share["rock"] <= 0.005
+    assert scaled.added_share["soil"] == 0.0
     assert not plain.added_mass.any()
 
 
+def test_no_place_takes_more_than_twenty_shares():
+    model = with_a_sliver(0.0005, 16)
+    mass = model.zone_values("density") * volumes(model.mesh)
+    added = stability.critical_step(model).added_mass
+
+    places = np.arange(0, len(mass) - stability.PLACE, stability.PLACE)
+    share = np.add.reduceat(added, places) / np.add.reduceat(mass, places)
+    assert share.max() == pytest.approx(20 * 0.0005, rel=1e-6)
+    assert added.sum() < 0.0005 * mass.sum()
+
+
+def test_ground_that_is_fine_on_purpose_keeps_its_mass():
+    mesh = structured_box((16, 4, 4), (1.0, 1.0, 1.0))
+    points = mesh.points.copy()
+    points[:, 0] = 0.25 * (1.08 ** (16.0 * points[:, 0]) - 1.0)
+    graded = Model(replace(mesh, points=points), {"rock": ROCK}, added_mass=0.05)
+
+    limit = stability.critical_step(graded)
+
+    assert not limit.added_mass.any()
+    assert limit.dt == limit.unscaled
+
+
 def test_a_model_with_added_mass_is_stable_at_its_bound():
-    model = small(0.1, added_mass=0.05, step_factor=1.0)
+    model = with_a_sliver(0.005, step_factor=1.0)
 
     assert shaken(model, 2000).balance_error < 1e-8
 

@@ -16,7 +16,7 @@ EDGES_PER_WAVELENGTH = 10.0
 
 @dataclass(frozen=True)
 class GroupCensus:
-    """Counts and sizes of one material in the mesh; SI."""
+    """Counts, sizes and share of added mass of one material in the mesh; SI."""
 
     name: str
     zones: int
@@ -25,6 +25,7 @@ class GroupCensus:
     mean_edge: float
     smallest_quality: float
     highest_frequency: float
+    added_share: float
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def take_census(project, measure=False) -> Census:
     memory += state_bytes + 24 * n_steps * (1 + len(model.receivers))
     mass = model.zone_values("density") * tetrahedra.volumes(model.mesh.points, model.mesh.zones)
     return Census(
-        groups=_groups(model, mass),
+        groups=_groups(model, mass, limit.added_share),
         zones=len(model.mesh.zones),
         nodes=len(model.mesh.points),
         contacts=len(geometry["contact_area"]),
@@ -92,7 +93,7 @@ def take_census(project, measure=False) -> Census:
     )
 
 
-def _groups(model, mass):
+def _groups(model, mass, added_share):
     """Count each material."""
     mesh = model.mesh
     edges = model.mean_edges()
@@ -111,6 +112,7 @@ def _groups(model, mass):
                     float(edges[name]),
                     float(quality[mine].min()),
                     carried_frequency(material.cs, float(edges[name])),
+                    float(added_share[name]),
                 )
             )
     return tuple(found)

@@ -128,7 +128,8 @@ class Model:
     insitu : InSitu, optional
         Brings a static stage before the dynamic one.
     added_mass : float
-        Largest share of the mass that may be added to zones that would shorten the time step.
+        Largest share of the mass of each material that may be added to zones that would shorten
+        the time step.
     step_factor : float
         Time step over the critical one.
     local_damping : float
@@ -151,7 +152,7 @@ class Model:
     rim: Rim | None = None
     ground: tuple = ()
     insitu: InSitu | None = None
-    added_mass: float = 0.0
+    added_mass: float = 0.005
     step_factor: float = 0.8
     local_damping: float = 0.0
     _ordered: bool = field(default=False, repr=False)
