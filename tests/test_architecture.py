@@ -34,6 +34,8 @@ ORDER = [
     "linear_zones",
     "lawful_zones",
     "zones",
+    "quadratic_strains",
+    "quadratic_zones",
     "contacts",
     "boundaries",
     "motion",

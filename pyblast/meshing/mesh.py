@@ -225,12 +225,20 @@ def outer_faces(mesh: Mesh) -> np.ndarray:
     return tetrahedra.zone_faces(mesh.zones)[np.sort(single)]
 
 
-def surface_zones(mesh: Mesh, name: str) -> np.ndarray:
-    """Return the zone (n,) behind each triangle of a surface; on joints that of the minus side."""
+def surface_faces(mesh: Mesh, name: str) -> np.ndarray:
+    """Return the face ``4 zone + local`` (n,) of each triangle of a surface.
+
+    On joints it is that of the minus side.
+    """
     if name not in mesh.surfaces:
         raise InputError(f"mesh: no surface named {name!r}; there are {', '.join(mesh.surfaces)}")
     first, _, single, _ = mesh.paired_faces
-    return _surface_faces(mesh, name, np.concatenate([single, first])) // 4
+    return _surface_faces(mesh, name, np.concatenate([single, first]))
+
+
+def surface_zones(mesh: Mesh, name: str) -> np.ndarray:
+    """Return the zone (n,) behind each triangle of a surface; on joints that of the minus side."""
+    return surface_faces(mesh, name) // 4
 
 
 def surface_areas(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -120,11 +120,11 @@ def pair_nodes(points, zones, doubled, joint, minus, plus):
     vectors = tetrahedra.triangle_vectors(points, tetrahedra.zone_faces(zones)[minus])
     keys = np.column_stack([joint.repeat(3), minus_node, plus_node])
     apart = minus_node != plus_node
-    keys, area, normal = _merge(keys[apart], vectors.repeat(3, axis=0)[apart] / 3.0)
+    keys, area, normal = merge_pairs(keys[apart], vectors.repeat(3, axis=0)[apart] / 3.0)
     return keys[:, 0], keys[:, 1], keys[:, 2], normal, area
 
 
-def _merge(keys, vectors):
+def merge_pairs(keys, vectors):
     """Add area vectors (n, 3) of equal keys (n, k) unless their directions differ too much."""
     order = np.lexsort(keys.T[::-1])
     keys, vectors = keys[order], vectors[order]

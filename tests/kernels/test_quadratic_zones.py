@@ -1,0 +1,180 @@
+"""Quadratic zones: exact for quadratic motion, no force from rigid motion, lumped mass, order."""
+
+import numpy as np
+import pytest
+from test_zones import crooked
+
+from pyblast.meshing import elements, tetrahedra
+from pyblast.meshing.enrichment import enrich, node_sums
+from pyblast.meshing.grid import structured_box
+from pyblast.solving import kernels
+from pyblast.solving.quadratic_frequencies import quadratic_frequencies, zone_stiffness
+
+LAME, SHEAR = 3.0, 2.0
+
+
+def zone_arguments(quadratic, lame=LAME, shear=SHEAR):
+    n = len(quadratic.zone_nodes)
+    return {
+        "first": 1,
+        "last": n,
+        "zone_slot": np.asfortranarray(quadratic.zone_nodes + 1),
+        "zone_lambda": np.broadcast_to(lame, n).astype(float),
+        "zone_shear": np.broadcast_to(shear, n).astype(float),
+        "place": quadratic.points.T,
+    }
+
+
+def forces(quadratic, motion, swelling=None, **moduli):
+    """Return nodal forces (n_nodes, 3) of motions (n_nodes, 3)."""
+    force = np.zeros_like(motion)
+    kernels._core.pyblast_quadratic_zones.quadratic_forces(
+        **zone_arguments(quadratic, **moduli),
+        shearing=motion.T,
+        swelling=(motion if swelling is None else swelling).T,
+        alike=swelling is None,
+        force=force.T,
+    )
+    return force
+
+
+def energy(quadratic, motion, share=(1.0, 1.0), **moduli):
+    return kernels._core.pyblast_quadratic_zones.quadratic_energy(
+        **zone_arguments(quadratic, **moduli), field=motion.T, share=share
+    )
+
+
+def inner(quadratic):
+    high = quadratic.points.max(axis=0)
+    return ((quadratic.points > 1e-9) & (quadratic.points < high - 1e-9)).all(axis=1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_linear_motion_loads_no_inner_node(seed):
+    quadratic = enrich(crooked(seed))
+    gradient = np.random.default_rng(seed).normal(size=(3, 3))
+
+    force = forces(quadratic, quadratic.points @ gradient.T)
+
+    assert np.abs(force[inner(quadratic)]).max() < 1e-12 * np.abs(force).max()
+
+
+def test_quadratic_motion_stores_its_energy_exactly():
+    quadratic = enrich(crooked())
+    x, y, z = quadratic.points.T
+    a, b, c = quadratic.points.max(axis=0)
+
+    stored = energy(quadratic, np.stack([x**2, x * z, 0.0 * y], axis=1))
+
+    # Strain: xx = 2x, gamma_xy = z, gamma_yz = x.
+    exact = 0.5 * (LAME + 2.0 * SHEAR) * 4.0 * a**3 * b * c / 3.0
+    exact += 0.5 * SHEAR * (a * b * c**3 + a**3 * b * c) / 3.0
+    assert stored == pytest.approx(exact, rel=1e-12)
+
+
+def test_rigid_motion_loads_nothing():
+    quadratic = enrich(crooked())
+    turned = np.cross([0.3, -0.7, 0.2], quadratic.points) + np.array([5.0, 1.0, -2.0])
+    strained = forces(quadratic, quadratic.points * [1.0, 0.0, 0.0])
+
+    assert np.abs(forces(quadratic, turned)).max() < 1e-12 * np.abs(strained).max()
+
+
+def test_a_shift_however_long_leaves_no_force_at_all():
+    quadratic = enrich(crooked())
+
+    assert not forces(quadratic, np.full_like(quadratic.points, 1e6)).any()
+
+
+def test_forces_are_those_of_exact_integrals_of_any_motion():
+    mesh = crooked(3)
+    quadratic = enrich(mesh)
+    rng = np.random.default_rng(3)
+    lame, shear = rng.uniform(1.0, 2.0, size=(2, len(mesh.zones)))
+    motion = rng.normal(size=quadratic.points.shape)
+
+    root = np.sqrt(elements.VOLUME_SHARE)[:, None]
+    volume = tetrahedra.volumes(mesh.points, mesh.zones)[:, None, None]
+    local = (motion[quadratic.zone_nodes] * root).reshape(-1, 45, 1)
+    parts = zone_stiffness(mesh.points, mesh.zones, lame, shear) @ local
+    wanted = np.zeros_like(motion)
+    np.add.at(wanted, quadratic.zone_nodes, -volume * parts.reshape(-1, 15, 3) * root)
+
+    force = forces(quadratic, motion, lame=lame, shear=shear)
+    assert np.abs(force - wanted).max() < 1e-12 * np.abs(wanted).max()
+
+
+def test_forces_are_symmetric_and_do_the_work_of_the_energy():
+    quadratic = enrich(crooked(1))
+    one, other = np.random.default_rng(1).normal(size=(2, *quadratic.points.shape))
+
+    across = np.sum(one * forces(quadratic, other))
+
+    assert across == pytest.approx(np.sum(other * forces(quadratic, one)), rel=1e-12)
+    assert energy(quadratic, one) == pytest.approx(
+        -0.5 * np.sum(one * forces(quadratic, one)), rel=1e-12
+    )
+
+
+def test_swelling_and_shearing_may_be_those_of_two_fields():
+    quadratic = enrich(crooked(2))
+    one, other = np.random.default_rng(2).normal(size=(2, *quadratic.points.shape))
+    fluid = {"lame": LAME + 2.0 * SHEAR, "shear": 0.0}
+    solid = {"lame": -2.0 * SHEAR, "shear": SHEAR}
+
+    both = forces(quadratic, one, swelling=other)
+
+    parts = forces(quadratic, one, **solid) + forces(quadratic, other, **fluid)
+    assert np.abs(both - parts).max() < 1e-12 * np.abs(both).max()
+    assert energy(quadratic, one, share=(0.0, 0.5)) == pytest.approx(
+        0.5 * energy(quadratic, one, **fluid), rel=1e-12
+    )
+
+
+def test_any_part_of_the_zones_can_be_asked_for():
+    quadratic = enrich(crooked(4))
+    motion = np.random.default_rng(4).normal(size=quadratic.points.shape)
+    n, cut = len(quadratic.zone_nodes), 37
+
+    force = np.zeros_like(motion)
+    for first, last in ((1, cut), (cut + 1, n)):
+        arguments = {**zone_arguments(quadratic), "first": first, "last": last}
+        kernels._core.pyblast_quadratic_zones.quadratic_forces(
+            **arguments, shearing=motion.T, swelling=motion.T, alike=True, force=force.T
+        )
+
+    whole = forces(quadratic, motion)
+    assert np.abs(force - whole).max() < 1e-13 * np.abs(whole).max()
+
+
+def test_no_model_vibrates_faster_than_its_fastest_zone():
+    mesh = crooked(5)
+    quadratic = enrich(mesh)
+    one = np.ones(len(mesh.zones))
+    bound = quadratic_frequencies(mesh.points, mesh.zones, LAME * one, SHEAR * one, one).max()
+    mass = node_sums(quadratic, tetrahedra.volumes(mesh.points, mesh.zones))[:, None]
+
+    motion = np.random.default_rng(5).normal(size=quadratic.points.shape)
+    for _ in range(100):
+        motion /= np.linalg.norm(motion)
+        motion = -forces(quadratic, motion) / mass
+    assert 0.5 * bound < np.linalg.norm(motion) < bound
+
+
+def phase_error(n):
+    """Return the error of the squared frequency of a standing shear wave by Rayleigh's quotient."""
+    quadratic = enrich(structured_box((n, n, n), (1.0, 1.0, 1.0)))
+    mesh = quadratic.mesh
+    mass = node_sums(quadratic, tetrahedra.volumes(mesh.points, mesh.zones))[:, None]
+    x, y, z = np.pi * quadratic.points.T
+    form = (np.sin(x) * np.cos(y), -np.cos(x) * np.sin(y), 0.0 * z)
+    motion = np.stack(form, axis=1)
+    stiffness = -np.sum(motion * forces(quadratic, motion))
+    return stiffness / np.sum(mass * motion**2) / (SHEAR * 2.0 * np.pi**2) - 1.0
+
+
+def test_the_phase_error_falls_with_the_fourth_power_of_the_size():
+    coarse, fine = phase_error(3), phase_error(6)
+
+    assert 0.0 < fine < 3e-3
+    assert 3.4 < np.log2(coarse / fine) < 4.5
