@@ -12,7 +12,8 @@ from pyblast.solving.attenuation import ConstantQ
 
 SOIL = "shear_mpa = 57.7"
 FADING = "shear_mpa = 57.7\nqp = 20\nqs = 10\nquality_band_hz = [1, 40]"
-CORNER = "frequency_hz = 4\ncorner_hz = 60"
+CORNER = "frequency_hz = 4\ncorner_hz = 80"
+LAGGED = "frequency_hz = 4\nlagged = true"
 
 
 def test_quality_factors_make_a_material_that_fades(tmp_path):
@@ -31,12 +32,30 @@ def test_the_reference_of_the_speeds_can_be_given(tmp_path):
 def test_damping_takes_its_corner(tmp_path):
     project = load_project(written(tmp_path, ("frequency_hz = 4", CORNER)))
 
-    assert project.model.damping.corner == 60.0
-    assert [one.rate for one in project.model.branches("soil")] == pytest.approx([120.0 * np.pi])
+    assert project.model.damping.corner == 80.0
+    assert [one.rate for one in project.model.branches("soil")] == pytest.approx([160.0 * np.pi])
+
+
+def test_stiffness_damping_is_low_passed_unless_told_otherwise(tmp_path):
+    plain, lagged = (
+        load_project(written(tmp_path, *changes)).model.damping
+        for changes in ((), (("frequency_hz = 4", LAGGED),))
+    )
+
+    assert plain.corner == 60.0
+    assert plain.beta == 0.0
+    assert lagged.corner is None
+    assert lagged.beta == pytest.approx(0.0112 / (8.0 * np.pi))
+
+
+def test_mass_damping_alone_has_no_corner(tmp_path):
+    alone = written(tmp_path, ("frequency_hz = 4", "frequency_hz = 4\nstiffness = false"))
+
+    assert load_project(alone).model.damping.corner is None
 
 
 def test_the_price_of_low_passed_damping_is_told(tmp_path):
-    project = load_project(written(tmp_path, ("frequency_hz = 4", CORNER)))
+    project = load_project(written(tmp_path))
 
     (found,) = (finding for finding in check(project).findings if finding.code == "D16")
 
@@ -52,6 +71,7 @@ def test_the_price_of_low_passed_damping_is_told(tmp_path):
         (SOIL, FADING.replace("[1, 40]", "[40, 1]"), "two ascending frequencies"),
         (SOIL, FADING.replace("qp = 20", "qp = 200"), "makes compression gain energy"),
         ("frequency_hz = 4", "frequency_hz = 4\ncorner_hz = 3", "corner_hz must exceed"),
+        ("frequency_hz = 4", CORNER + "\nlagged = true", "give corner_hz or lagged = true"),
     ],
 )
 def test_values_that_do_not_fit_are_refused_in_one_sentence(tmp_path, old, new, told):

@@ -107,10 +107,13 @@ class DampingConfig(Section):
     mass: bool = True
     stiffness: bool = True
     corner_hz: Positive | None = None
+    lagged: bool = False
 
     @model_validator(mode="after")
     def _corner_above(self):
-        """Refuse a low-pass that would take what it shall damp."""
+        """Refuse a low-pass that would take what it shall damp, or that is asked for and not."""
+        if self.lagged and self.corner_hz is not None:
+            raise ValueError("give corner_hz or lagged = true, not both")
         if self.corner_hz is not None and not self.corner_hz > self.frequency_hz:
             raise ValueError(f"corner_hz must exceed frequency_hz, got {self.corner_hz:g}")
         return self

@@ -22,6 +22,7 @@ from .joint_keys import named_error
 
 LAWS = ("yielding", "transverse", "joints")
 QUALITY = ("qp", "qs", "quality_band_hz", "quality_reference_hz")
+CORNER = 15.0  # of the low-pass over the central frequency: leaves 0.756 of the step at 5 %
 
 
 def make_material(config):
@@ -77,8 +78,10 @@ def make_damping(config):
 
 
 def _damping(part):
-    """Turn a `DampingConfig` into a `Damping`."""
-    return Damping(part.ratio, part.frequency_hz, part.mass, part.stiffness, part.corner_hz)
+    """Turn a `DampingConfig` into a `Damping`, low-passed unless it asks for the lagged form."""
+    corner = part.corner_hz or CORNER * part.frequency_hz
+    low_pass = None if part.lagged or not part.stiffness else corner
+    return Damping(part.ratio, part.frequency_hz, part.mass, part.stiffness, low_pass)
 
 
 def make_insitu(config):

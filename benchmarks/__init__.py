@@ -1,0 +1,1 @@
+"""What the program costs, measured by commands that anyone can run."""

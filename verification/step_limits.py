@@ -1,0 +1,59 @@
+"""Where a model begins to grow: the top of its spectrum, and full runs on both sides of it."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from pyblast.errors import SolverError
+from pyblast.solving import kernels
+from pyblast.solving.preparation import prepare
+from pyblast.solving.solver import run
+
+ROUNDS = 3  # the answer of mass damping to a force depends a little on the step
+
+
+def true_limit(prepared, dt=None):
+    """Return the longest stable step of a linear model without lagged damping, s.
+
+    Parameters
+    ----------
+    prepared : Prepared
+    dt : float, s
+        Where to begin; that of the model by default.
+
+    Notes
+    -----
+    Two over the largest frequency of the assembled operator, by Lanczos iteration; the operator
+    is what one step of the kernels makes of a displacement, before anything has relaxed.
+    """
+    dt = prepared.constants["dt"] if dt is None else dt
+    root = np.sqrt(np.repeat(prepared.constants["node_mass"], 3))
+    for _ in range(ROUNDS):
+        views = kernels.to_fortran({**prepared.constants, "dt": dt})
+        drag = np.repeat(1.0 + 0.5 * dt * prepared.constants["node_alpha"], 3)
+
+        def answer(moved, views=views, drag=drag, dt=dt):
+            state = {name: value.copy() for name, value in prepared.state.items()}
+            state["displacement"][:] = (moved.ravel() / root).reshape(-1, 3)
+            kernels.advance(views, state, 0, 1, 10**6)
+            return -state["velocity"].ravel() * drag * root / dt
+
+        operator = LinearOperator((len(root),) * 2, matvec=answer, dtype=float)
+        largest = eigsh(operator, k=1, which="LA", tol=1e-6, return_eigenvectors=False)[0]
+        dt = 2.0 / np.sqrt(largest)
+    return float(dt)
+
+
+def lasts(model, dt, n_steps=4000):
+    """Tell whether a full run from random velocities at a step of dt lasts and calms down."""
+    prepared = prepare(model, 1e-3)
+    velocity = np.random.default_rng(0).normal(size=prepared.state["velocity"].shape)
+    constants = {**prepared.constants, "dt": dt, "history": np.zeros((n_steps, 1))}
+    state = {**prepared.state, "velocity": velocity}
+    begun = replace(prepared, constants=constants, state=state, n_steps=n_steps)
+    try:
+        kinetic = run(model, n_steps * dt, prepared=begun).energy["kinetic"]
+    except SolverError:
+        return False
+    return bool(kinetic[-20:].max() <= kinetic[0])
