@@ -38,6 +38,7 @@ _HOMES = {
     "Viscous": "solving.boundaries",
     "anisotropic": "solving.anisotropy",
     "build_mesh": "meshing.mesh_builder",
+    "cached_run": "ensembles.run_cache",
     "check": "projects.checks",
     "compare": "motion.comparison",
     "gradient": "solving.gradients",
@@ -50,11 +51,13 @@ _HOMES = {
     "read_recording": "records.recordings",
     "read_result": "projects.result",
     "run": "pipeline",
+    "run_all": "ensembles.many_runs",
     "structured_box": "meshing.mesh_builder",
     "superpose": "blasting.superposition",
     "tangents": "solving.born",
     "track": "solving.tracks",
     "transverse": "solving.anisotropy",
+    "workers": "ensembles.many_runs",
     "write_report": "reporting.report",
 }
 __all__ = sorted(_HOMES)

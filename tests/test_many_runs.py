@@ -1,0 +1,105 @@
+"""A kept run is the run; what is broken or foreign is left aside; many runs resume."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pyblast.ensembles.input_hash import input_hash
+from pyblast.ensembles.many_runs import run_all, workers
+from pyblast.ensembles.run_cache import Cache, cached_run
+from pyblast.errors import InputError
+from pyblast.meshing.mesh_builder import structured_box
+from pyblast.solving.boundaries import Viscous
+from pyblast.solving.model import Model, Receiver
+from pyblast.solving.solver import run
+from pyblast.solving.sources import Hole, TimeFunction
+from verification.columns import ROCK, ricker
+
+RATE = TimeFunction(1e8 * ricker(np.arange(0.0, 0.06, 5e-4), 50.0), 5e-4)
+DURATION = 0.02
+
+
+def small(charge=5.0):
+    mesh = structured_box((3, 3, 3), (15.0, 15.0, 15.0))
+    return Model(
+        mesh,
+        {"rock": ROCK},
+        boundaries=[Viscous("bottom"), Viscous("west")],
+        sources=[Hole(np.array([6.0, 7.0, 6.0]), charge, 0.0, RATE)],
+        receivers=[Receiver("house / east", (12.0, 8.0, 13.0), 0.4)],
+    )
+
+
+def same(one, other):
+    return np.array_equal(
+        one.seismograms["house / east"].velocity, other.seismograms["house / east"].velocity
+    )
+
+
+def test_a_kept_run_has_the_bits_of_the_run(tmp_path):
+    direct = run(small(), DURATION)
+    first, second = (cached_run(small(), DURATION, tmp_path) for _ in range(2))
+
+    assert (first.found, second.found) == (False, True)
+    assert same(first, direct)
+    assert same(second, direct)
+    assert second.energy.keys() == direct.energy.keys()
+    assert all(np.array_equal(second.energy[n], direct.energy[n]) for n in direct.energy)
+    head = second.seismograms["house / east"]
+    assert (head.components, head.dt, head.start) == (
+        direct.seismograms["house / east"].components, direct.dt, 0.5 * direct.dt,
+    )  # fmt: skip
+
+
+def test_another_input_is_another_run(tmp_path):
+    cached_run(small(), DURATION, tmp_path)
+    others = [
+        (small(5.0 + 1e-12), DURATION),
+        (small(), 0.021),
+        (replace(small(), step_factor=0.7), DURATION),
+    ]
+
+    assert not any(cached_run(*other, tmp_path).found for other in others)
+    cache = Cache(tmp_path)
+    assert len(cache) == 4
+    assert cache.size == sum(path.stat().st_size for path in tmp_path.iterdir())
+
+
+def test_broken_and_foreign_entries_are_left_aside_with_a_word(tmp_path, caplog):
+    wanted = cached_run(small(), DURATION, tmp_path)
+    (path,) = tmp_path.iterdir()
+    whole = path.read_bytes()
+    cached_run(small(6.0), DURATION, tmp_path)
+    (foreign,) = set(tmp_path.iterdir()) - {path}
+    turned = bytearray(whole)
+    turned[whole.index(wanted.seismograms["house / east"].velocity[50:].tobytes())] ^= 1
+    wrong = (whole[: len(whole) // 2], b"no file of ours", bytes(turned), foreign.read_bytes())
+
+    for content in wrong:
+        path.write_bytes(content)
+        caplog.clear()
+        with caplog.at_level(logging.WARNING):
+            again = cached_run(small(), DURATION, tmp_path)
+        assert not again.found
+        assert same(again, wanted)
+        assert "left aside" in caplog.text
+
+
+def test_what_has_no_content_to_compare_is_refused():
+    with pytest.raises(InputError, match=r"input\[0\]\.sources\[0\]\.moment_rate: a function"):
+        input_hash(replace(small(), sources=[replace(small().sources[0], moment_rate=lambda t: t)]))
+
+
+def test_a_pool_gives_the_bits_of_runs_one_by_one_and_resumes(tmp_path):
+    models = [small(charge) for charge in (1.0, 2.0, 3.0)]
+    cached_run(models[1], DURATION, tmp_path)
+    alone = run_all(models, DURATION)
+
+    with workers(2) as pool:
+        together = run_all(models, DURATION, folder=tmp_path, executor=pool)
+
+    assert [one.found for one in together] == [False, True, False]
+    assert all(same(*pair) for pair in zip(together, alone, strict=True))
+    assert all(one.found for one in run_all(models, DURATION, folder=tmp_path))
