@@ -1,12 +1,14 @@
 """Grids of boxes cut into tetrahedra."""
 
 from itertools import permutations
+from math import prod
 
 import numpy as np
 
 from ..errors import InputError
 from . import tetrahedra
 from .geology import Layer, layer_limits
+from .memory import GRID_BYTES, refuse_beyond_memory
 from .mesh import Mesh
 
 _SIDES = {"west": (0, 0), "east": (0, -1), "south": (1, 0), "north": (1, -1)} | {
@@ -41,11 +43,14 @@ def structured_box(*grid, group="rock", layers=None, planes=None, pattern="kuhn"
     Raises
     ------
     InputError
-        If coordinates do not ascend, or a plane or layer limit is not on the grid.
+        If coordinates do not ascend, a plane or layer limit is not on the grid, or the grid does
+        not fit into memory.
     """
     axes = _grid_axes(grid)
     if pattern not in ("kuhn", "alternating"):
         raise InputError(f"pattern: must be 'kuhn' or 'alternating', got {pattern!r}")
+    count = prod(len(axis) - 1 for axis in axes) * (6 if pattern == "kuhn" else 5)
+    refuse_beyond_memory(f"structured_box: a grid of {count} zones", count * GRID_BYTES)
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     points = np.swapaxes(points, 0, 2).reshape(-1, 3)
     zones = _grid_zones([len(axis) for axis in axes], pattern)

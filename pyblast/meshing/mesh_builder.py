@@ -12,6 +12,7 @@ from .block_shapes import area_vector
 from .geology import Fault, JointSet, Layer, layer_limits
 from .gmsh_mesher import MeshingError, growth_distance, mesh_cells
 from .grid import structured_box
+from .memory import MESHING_BYTES, ZONES_PER_CUBE, refuse_beyond_memory
 from .mesh import Mesh
 from .rock_cells import SIDES, CutReport, rock_cells
 
@@ -76,11 +77,13 @@ def build_mesh_report(
     Raises
     ------
     InputError
-        If a value is out of range, a region unknown, or gmsh missing or unable.
+        If a value is out of range, a region unknown, the mesh larger than the memory, or gmsh
+        missing or unable.
     """
     box = _checked_box(box)
     limits = layer_limits(layers, box[2, 1], box[2, 0])
     edges = _layer_edges(layers, edge)
+    _refuse_too_many(box, limits, edges)
     sets = _placed_sets(joint_sets, faults, layers, box)
     margin = _margin(padding, edges)
     tolerances = _TOLERANCE_SHARE * edges if tolerance is None else np.full(len(edges), tolerance)
@@ -128,6 +131,13 @@ def _layer_edges(layers, edge):
         if value is None or not value > 0.0:
             raise InputError(f"layer {layer.name!r}.edge: must be positive, got {value}")
     return np.array(edges, dtype=float)
+
+
+def _refuse_too_many(box, limits, edges):
+    """Refuse layers whose zones would not fit into memory, before any is made."""
+    area = np.prod(box[:2, 1] - box[:2, 0])
+    count = ZONES_PER_CUBE * float(np.sum(area * -np.diff(limits) / edges**3))
+    refuse_beyond_memory(f"build_mesh: a mesh of about {count:.2g} zones", count * MESHING_BYTES)
 
 
 def _margin(padding, edges):

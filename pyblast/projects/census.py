@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..meshing import tetrahedra
+from ..meshing.memory import marching_bytes
 from ..meshing.mesh import locate
 from ..motion.spectra import dominant_frequency
 from ..solving import assembly, preparation, solver
@@ -72,10 +73,7 @@ def take_census(project, measure=False) -> Census:
     """
     model = project.model
     geometry, limit = assembly.geometry_arrays(model)
-    state_bytes = 8 * (9 * len(model.mesh.points) + 16 * len(geometry["contact_area"]))
     n_steps = int(np.ceil(project.duration / geometry["dt"]))
-    memory = sum(a.nbytes for a in geometry.values() if isinstance(a, np.ndarray))
-    memory += state_bytes + 24 * n_steps * (1 + len(model.receivers))
     mass = model.zone_values("density") * tetrahedra.volumes(model.mesh.points, model.mesh.zones)
     return Census(
         groups=_groups(model, mass, limit.added_share),
@@ -88,7 +86,7 @@ def take_census(project, measure=False) -> Census:
         limited_by=limit.limited_by,
         added_mass=float(limit.added_mass.sum() / mass.sum()),
         steps=n_steps,
-        memory=float(2 * memory),
+        memory=marching_bytes(model.mesh, n_steps * (1 + len(model.receivers))),
         seconds=_measured(model, float(geometry["dt"]), n_steps) if measure else None,
     )
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from ..errors import InputError, SolverError
+from ..meshing.memory import marching_bytes, refuse_beyond_memory
 from . import assembly, kernels
 from .free_field import side_loads
 from .model import Model
@@ -78,14 +79,19 @@ def prepare(model: Model, duration: float, progress: Callable | None = None) -> 
     Raises
     ------
     InputError
-        If the duration is not positive.
+        If the duration is not positive, or the model does not fit into memory.
     SolverError
         If the static stage does not come to rest.
     """
     if not (math.isfinite(duration) and duration > 0.0):
         raise InputError(f"duration: must be positive, got {duration:g} s")
+    zones = f"model: {len(model.mesh.zones)} zones"
+    refuse_beyond_memory(zones, marching_bytes(model.mesh))
     geometry, limit = assembly.geometry_arrays(model)
     n_steps = max(2, math.ceil(duration / geometry["dt"]))  # a seismogram has two samples
+    n_samples = n_steps * (1 + len(model.receivers))
+    recorded = f"{zones} with {len(model.receivers)} receivers over {n_steps} steps"
+    refuse_beyond_memory(recorded, marching_bytes(model.mesh, n_samples))
     static, settled = {}, None
     if model.insitu is not None and (model.mesh.contacts is not None or model.yielding().any()):
         static, settled = _equilibrate(model, geometry, progress)
