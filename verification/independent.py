@@ -119,7 +119,7 @@ def study(cases):
 
 def draw(rows, path):
     """Draw misfit against edge for every case."""
-    figure, axes = plt.subplots(2, 4, figsize=(14, 6.5), sharex=True, layout="constrained")
+    figure, axes = plt.subplots(2, 5, figsize=(17, 6.5), sharex=True, layout="constrained")
     keys = dict.fromkeys((r["case"], r["blast"]) for r in rows)
     styles = {"believed": "ko-", "effect": "C0s-", "true": "C2^-"}
     for axis, key in zip(axes.flat, keys, strict=False):
@@ -132,9 +132,12 @@ def draw(rows, path):
             axis.axhline(100.0 * chosen[0][name], color="0.5", ls=line, lw=0.9)
         axis.set_title(f"{key[0]} {key[1]}: {', '.join(chosen[0]['effects']) or 'nothing hidden'}",
                        fontsize=9)  # fmt: skip
+        axis.set_xscale("log")
+        axis.set_xticks(EDGES, [f"{edge:g}" for edge in EDGES])
+        axis.set_xticks([], minor=True)
     for axis in list(axes.flat)[len(keys) :]:
         axis.remove()
-    axes[0, 0].legend(fontsize=8)
+    axes.flat[len(keys) - 1].legend(fontsize=8)
     figure.supxlabel("edge of the cells [m]")
     figure.supylabel("median misfit, 3-30 Hz [% of energy]")
     figure.savefig(path, dpi=90)
