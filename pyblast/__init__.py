@@ -42,6 +42,7 @@ _HOMES = {
     "check": "projects.checks",
     "compare": "motion.comparison",
     "gradient": "solving.gradients",
+    "greens_functions": "ensembles.banks",
     "jointed": "solving.anisotropy",
     "load_limits": "motion.limits",
     "load_project": "projects.project",
