@@ -1,6 +1,7 @@
 module pyblast_contacts
     !! Relative motion across joints, tractions by the law of each joint, forces on both sides.
     use pyblast_kinds, only : dp, n_joint_properties, n_joint_state
+    use pyblast_lanes, only : lanes
     use pyblast_joint_laws, only : joint_traction
     implicit none
     private
@@ -22,35 +23,37 @@ contains
         real(dp), intent(in) :: contact_normal(3, n_contacts)    !! unit, from minus to plus
         real(dp), intent(in) :: contact_area(n_contacts)         !! [m2]
         integer, intent(in) :: contact_joint(n_contacts)         !! from 1
-        integer, intent(in) :: joint_law(n_joints)               !! from 1
-        real(dp), intent(in) :: joint_property(n_joint_properties, n_joints)
-        real(dp), intent(in) :: contact_initial(3, n_contacts)   !! traction at zero jump [Pa]
-        real(dp), intent(in) :: displacement(3, n_nodes)         !! [m]
-        real(dp), intent(in) :: velocity(3, n_nodes)             !! half a step earlier [m/s]
-        real(dp), intent(inout) :: contact_traction(3, n_contacts)             !! [Pa]
-        real(dp), intent(inout) :: contact_state(n_joint_state, n_contacts)
-        real(dp), intent(inout) :: contact_stored(n_contacts)                  !! [J/m2]
-        real(dp), intent(inout) :: contact_dissipated(n_contacts)              !! [J/m2]
-        real(dp), intent(inout) :: contact_force(3, 2, n_contacts)             !! minus, plus [N]
+        integer, intent(in) :: joint_law(lanes, n_joints)        !! from 1
+        real(dp), intent(in) :: joint_property(n_joint_properties, lanes, n_joints)
+        real(dp), intent(in) :: contact_initial(3, lanes, n_contacts)  !! traction at no jump [Pa]
+        real(dp), intent(in) :: displacement(lanes, 3, n_nodes)  !! [m]
+        real(dp), intent(in) :: velocity(lanes, 3, n_nodes)      !! half a step earlier [m/s]
+        real(dp), intent(inout) :: contact_traction(3, lanes, n_contacts)      !! [Pa]
+        real(dp), intent(inout) :: contact_state(n_joint_state, lanes, n_contacts)
+        real(dp), intent(inout) :: contact_stored(lanes, n_contacts)           !! [J/m2]
+        real(dp), intent(inout) :: contact_dissipated(lanes, n_contacts)       !! [J/m2]
+        real(dp), intent(inout) :: contact_force(lanes, 3, 2, n_contacts)      !! minus, plus [N]
         real(dp) :: jump(3), step(3), traction(3), stored
-        integer :: c, j
+        integer :: c, j, l
 
-        !$omp parallel do schedule(static) private(j, jump, step, traction, stored)
+        !$omp parallel do schedule(static) private(j, l, jump, step, traction, stored)
         do c = 1, n_contacts
-            associate (minus => contact_node(1, c), plus => contact_node(2, c))
-                jump = displacement(:, plus) - displacement(:, minus)
-                step = dt*(velocity(:, plus) - velocity(:, minus))
-            end associate
             j = contact_joint(c)
-            call joint_traction(joint_law(j), joint_property(:, j), dt, contact_initial(:, c), &
-                                contact_normal(:, c), jump, step, contact_state(:, c), traction, &
-                                stored)
-            contact_dissipated(c) = contact_dissipated(c) + contact_stored(c) - stored &
-                + 0.5_dp*dot_product(contact_traction(:, c) + traction, step)
-            contact_traction(:, c) = traction
-            contact_stored(c) = stored
-            contact_force(:, 1, c) = contact_area(c)*(traction - contact_initial(:, c))
-            contact_force(:, 2, c) = -contact_force(:, 1, c)
+            do l = 1, lanes
+                associate (minus => contact_node(1, c), plus => contact_node(2, c))
+                    jump = displacement(l, :, plus) - displacement(l, :, minus)
+                    step = dt*(velocity(l, :, plus) - velocity(l, :, minus))
+                end associate
+                call joint_traction(joint_law(l, j), joint_property(:, l, j), dt, &
+                                    contact_initial(:, l, c), contact_normal(:, c), jump, step, &
+                                    contact_state(:, l, c), traction, stored)
+                contact_dissipated(l, c) = contact_dissipated(l, c) + contact_stored(l, c) - stored &
+                    + 0.5_dp*dot_product(contact_traction(:, l, c) + traction, step)
+                contact_traction(:, l, c) = traction
+                contact_stored(l, c) = stored
+                contact_force(l, :, 1, c) = contact_area(c)*(traction - contact_initial(:, l, c))
+                contact_force(l, :, 2, c) = -contact_force(l, :, 1, c)
+            end do
         end do
         !$omp end parallel do
     end subroutine contact_forces
@@ -58,22 +61,25 @@ contains
     subroutine stored_at_rest(n_contacts, n_joints, contact_normal, contact_joint, joint_law, &
                               joint_property, contact_initial, contact_state, contact_stored)
         !! Energy that the contacts hold before anything moves; arguments as in contact_forces.
-        integer, intent(in) :: n_contacts, n_joints, contact_joint(n_contacts), joint_law(n_joints)
+        integer, intent(in) :: n_contacts, n_joints, contact_joint(n_contacts)
+        integer, intent(in) :: joint_law(lanes, n_joints)
         real(dp), intent(in) :: contact_normal(3, n_contacts)
-        real(dp), intent(in) :: joint_property(n_joint_properties, n_joints)
-        real(dp), intent(in) :: contact_initial(3, n_contacts)
-        real(dp), intent(in) :: contact_state(n_joint_state, n_contacts)
-        real(dp), intent(out) :: contact_stored(n_contacts)                    !! [J/m2]
+        real(dp), intent(in) :: joint_property(n_joint_properties, lanes, n_joints)
+        real(dp), intent(in) :: contact_initial(3, lanes, n_contacts)
+        real(dp), intent(in) :: contact_state(n_joint_state, lanes, n_contacts)
+        real(dp), intent(out) :: contact_stored(lanes, n_contacts)             !! [J/m2]
         real(dp) :: state(n_joint_state), traction(3), none(3)
-        integer :: c, j
+        integer :: c, j, l
 
         none = 0.0_dp
         do c = 1, n_contacts
             j = contact_joint(c)
-            state = contact_state(:, c)
-            call joint_traction(joint_law(j), joint_property(:, j), 0.0_dp, contact_initial(:, c), &
-                                contact_normal(:, c), none, none, state, traction, &
-                                contact_stored(c))
+            do l = 1, lanes
+                state = contact_state(:, l, c)
+                call joint_traction(joint_law(l, j), joint_property(:, l, j), 0.0_dp, &
+                                    contact_initial(:, l, c), contact_normal(:, c), none, none, &
+                                    state, traction, contact_stored(l, c))
+            end do
         end do
     end subroutine stored_at_rest
 

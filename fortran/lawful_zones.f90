@@ -2,6 +2,7 @@ module pyblast_lawful_zones
     !! Constant-strain tetrahedra one by one, each by the law of its set: anisotropic, or yielding
     !! on patches that share their mean strain.
     use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
+    use pyblast_lanes, only : lanes
     use pyblast_elasticity, only : work
     use pyblast_principal_stresses, only : cross
     use pyblast_zone_laws, only : elastic_stress, zone_stress
@@ -11,22 +12,22 @@ module pyblast_lawful_zones
 
 contains
 
-    pure subroutine lawful_forces(n_zones, n_slots, n_rows, law, property, zone_slot, &
+    pure subroutine lawful_forces(n_zones, n_slots, n_rows, lane, law, property, zone_slot, &
                                   zone_lambda, zone_shear, zone_row, zone_patch, row_initial, &
                                   place, motion, damped, lag, row_state, row_lost, force, &
                                   strain_energy, lost, insitu)
         !! Add the corner forces of the zones of one domain, and tell their energies.
         !! Stress is that of the strain of `motion`, and of damping the elastic one of `lag`.
-        integer, intent(in) :: n_zones, n_slots, n_rows, law
+        integer, intent(in) :: n_zones, n_slots, n_rows, lane, law
         real(dp), intent(in) :: property(n_zone_properties)
         integer, intent(in) :: zone_slot(n_zones, 4)
         real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones)   !! [Pa]
         integer, intent(in) :: zone_row(n_zones)                !! its memory; 0 has none
         integer, intent(in) :: zone_patch(n_zones)              !! shares its mean strain; or 0
-        real(dp), intent(in) :: row_initial(6, n_rows)          !! stress at no strain [Pa]
+        real(dp), intent(in) :: row_initial(6, lanes, n_rows)   !! stress at no strain [Pa]
         real(dp), intent(in) :: place(3, n_slots), motion(3, n_slots), lag(3, n_slots)   !! [m]
         logical, intent(in) :: damped                           !! whether there is any lag
-        real(dp), intent(inout) :: row_state(n_zone_state, n_rows), row_lost(n_rows)
+        real(dp), intent(inout) :: row_state(n_zone_state, lanes, n_rows), row_lost(lanes, n_rows)
         real(dp), intent(inout) :: force(3, n_slots)            !! [N]
         real(dp), intent(out) :: strain_energy, lost, insitu    !! [J]
         real(dp) :: patch_volume(n_zones), patch_dilation(n_zones), patch_stress(n_zones)
@@ -51,12 +52,12 @@ contains
                 strain_energy = strain_energy + 0.5_dp*volume*work(stress, strain)
             else
                 call zone_stress(law, property, zone_lambda(z), zone_shear(z), &
-                                 row_initial(:, row), strain, row_state(:, row), stress, stored, &
-                                 row_lost(row))
+                                 row_initial(:, lane, row), strain, row_state(:, lane, row), &
+                                 stress, stored, row_lost(lane, row))
                 strain_energy = strain_energy + volume*stored
-                lost = lost + volume*row_lost(row)
-                insitu = insitu + volume*work(row_initial(:, row), strain)
-                stress = stress - row_initial(:, row)
+                lost = lost + volume*row_lost(lane, row)
+                insitu = insitu + volume*work(row_initial(:, lane, row), strain)
+                stress = stress - row_initial(:, lane, row)
             end if
             if (patch > 0) then
                 mean = (stress(1) + stress(2) + stress(3))/3.0_dp

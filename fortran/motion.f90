@@ -1,6 +1,7 @@
 module pyblast_motion
     !! Sum of the forces on a node in fixed order, and its step through time.
     use pyblast_kinds, only : dp
+    use pyblast_lanes, only : lanes
     implicit none
     private
     public :: gather_forces, move_nodes, record_motion, remember
@@ -14,16 +15,16 @@ contains
         integer, intent(in) :: n_nodes, n_parts
         integer, intent(in) :: node_start(n_nodes + 1)    !! from 1
         integer, intent(in) :: node_part(n_parts)         !! slot or side of a contact; from 1
-        real(dp), intent(in) :: part_force(3, n_parts)    !! [N]
-        real(dp), intent(in) :: node_load(3, n_nodes)     !! [N]
-        real(dp), intent(inout) :: force(3, n_nodes)      !! [N]
+        real(dp), intent(in) :: part_force(lanes, 3, n_parts)    !! [N]
+        real(dp), intent(in) :: node_load(lanes, 3, n_nodes)     !! [N]
+        real(dp), intent(inout) :: force(lanes, 3, n_nodes)      !! [N]
         integer :: n, k
 
         !$omp parallel do schedule(static) private(k)
         do n = 1, n_nodes
-            force(:, n) = node_load(:, n)
+            force(:, :, n) = node_load(:, :, n)
             do k = node_start(n), node_start(n + 1) - 1
-                force(:, n) = force(:, n) + part_force(:, node_part(k))
+                force(:, :, n) = force(:, :, n) + part_force(:, :, node_part(k))
             end do
         end do
         !$omp end parallel do
@@ -39,28 +40,28 @@ contains
         real(dp), intent(in) :: dt                             !! [s]
         logical, intent(in) :: tell                            !! whether all energies are wanted
         real(dp), intent(in) :: local_damping                  !! share of the force; 0 in dynamics
-        real(dp), intent(in) :: node_mass(n_nodes)             !! [kg]
-        real(dp), intent(in) :: node_alpha(n_nodes)            !! mass damping [1/s]
-        real(dp), intent(in) :: force(3, n_nodes)              !! [N]
-        real(dp), intent(inout) :: displacement(3, n_nodes)    !! [m]
-        real(dp), intent(inout) :: velocity(3, n_nodes)        !! [m/s]
-        real(dp), intent(inout) :: block_energy(5, n_blocks)   !! [J]
+        real(dp), intent(in) :: node_mass(lanes, n_nodes)      !! [kg]
+        real(dp), intent(in) :: node_alpha(lanes, n_nodes)     !! mass damping [1/s]
+        real(dp), intent(in) :: force(lanes, 3, n_nodes)       !! [N]
+        real(dp), intent(inout) :: displacement(lanes, 3, n_nodes)   !! [m]
+        real(dp), intent(inout) :: velocity(lanes, 3, n_nodes)       !! [m/s]
+        real(dp), intent(inout) :: block_energy(lanes, 5, n_blocks)  !! [J]
         integer :: b, first, last
 
         !$omp parallel do schedule(static) private(first, last)
         do b = 1, n_blocks
             first = (b - 1)*block_size + 1
             last = min(b*block_size, n_nodes)
-            if (tell .or. local_damping > 0.0_dp .or. any(node_alpha(first:last) > 0.0_dp)) then
-                call move_damped(last - first + 1, dt, local_damping, node_mass(first:last), &
-                                 node_alpha(first:last), force(:, first:last), &
-                                 displacement(:, first:last), velocity(:, first:last), &
-                                 block_energy(:, b))
+            if (tell .or. local_damping > 0.0_dp .or. any(node_alpha(:, first:last) > 0.0_dp)) then
+                call move_damped(last - first + 1, dt, local_damping, node_mass(:, first:last), &
+                                 node_alpha(:, first:last), force(:, :, first:last), &
+                                 displacement(:, :, first:last), velocity(:, :, first:last), &
+                                 block_energy(:, :, b))
             else
-                block_energy(:, b) = 0.0_dp
-                call move_free(last - first + 1, dt, node_mass(first:last), &
-                               force(:, first:last), displacement(:, first:last), &
-                               velocity(:, first:last))
+                block_energy(:, :, b) = 0.0_dp
+                call move_free(last - first + 1, dt, node_mass(:, first:last), &
+                               force(:, :, first:last), displacement(:, :, first:last), &
+                               velocity(:, :, first:last))
             end if
         end do
         !$omp end parallel do
@@ -69,13 +70,15 @@ contains
     pure subroutine move_free(n_nodes, dt, node_mass, force, displacement, velocity)
         !! Move nodes that nothing damps: the bits of move_damped, without the energies.
         integer, intent(in) :: n_nodes
-        real(dp), intent(in) :: dt, node_mass(n_nodes), force(3, n_nodes)
-        real(dp), intent(inout) :: displacement(3, n_nodes), velocity(3, n_nodes)
-        integer :: n
+        real(dp), intent(in) :: dt, node_mass(lanes, n_nodes), force(lanes, 3, n_nodes)
+        real(dp), intent(inout) :: displacement(lanes, 3, n_nodes), velocity(lanes, 3, n_nodes)
+        integer :: n, k
 
         do n = 1, n_nodes
-            velocity(:, n) = velocity(:, n) + dt*force(:, n)/node_mass(n)
-            displacement(:, n) = displacement(:, n) + dt*velocity(:, n)
+            do k = 1, 3
+                velocity(:, k, n) = velocity(:, k, n) + dt*force(:, k, n)/node_mass(:, n)
+                displacement(:, k, n) = displacement(:, k, n) + dt*velocity(:, k, n)
+            end do
         end do
     end subroutine move_free
 
@@ -83,28 +86,33 @@ contains
                                 displacement, velocity, energy)
         !! Move nodes and add up their energies; arguments as in move_nodes.
         integer, intent(in) :: n_nodes
-        real(dp), intent(in) :: dt, local_damping, node_mass(n_nodes), node_alpha(n_nodes)
-        real(dp), intent(in) :: force(3, n_nodes)
-        real(dp), intent(inout) :: displacement(3, n_nodes), velocity(3, n_nodes)
-        real(dp), intent(out) :: energy(5)
-        real(dp) :: old(3), new(3), drag(3), a
-        integer :: n
+        real(dp), intent(in) :: dt, local_damping
+        real(dp), intent(in) :: node_mass(lanes, n_nodes), node_alpha(lanes, n_nodes)
+        real(dp), intent(in) :: force(lanes, 3, n_nodes)
+        real(dp), intent(inout) :: displacement(lanes, 3, n_nodes), velocity(lanes, 3, n_nodes)
+        real(dp), intent(out) :: energy(lanes, 5)
+        real(dp) :: old(lanes), new(lanes), drag(lanes), a(lanes), pull(lanes)
+        integer :: n, k
 
         energy = 0.0_dp
         do n = 1, n_nodes
-            old = velocity(:, n)
-            drag = local_damping*merge(sign(1.0_dp, old), 0.0_dp, abs(old) > 0.0_dp)*abs(force(:, n))
-            a = 0.5_dp*dt*node_alpha(n)
-            new = ((1.0_dp - a)*old + dt*(force(:, n) - drag)/node_mass(n))/(1.0_dp + a)
-            drag = 0.5_dp*dt*drag + 0.5_dp*a*node_mass(n)*(old + new)
-            velocity(:, n) = new
-            displacement(:, n) = displacement(:, n) + dt*new
-            energy(1) = energy(1) + 0.5_dp*node_mass(n)*dot_product(old, new)
-            energy(2) = energy(2) &
-                + 0.25_dp*node_mass(n)*(dot_product(old, old) + dot_product(new, new))
-            energy(3) = energy(3) + dot_product(drag, old)
-            energy(4) = energy(4) + dot_product(drag, new)
-            energy(5) = energy(5) + norm2(force(:, n))
+            a = 0.5_dp*dt*node_alpha(:, n)
+            pull = 0.0_dp
+            do k = 1, 3
+                old = velocity(:, k, n)
+                drag = local_damping*merge(sign(1.0_dp, old), 0.0_dp, abs(old) > 0.0_dp) &
+                    *abs(force(:, k, n))
+                new = ((1.0_dp - a)*old + dt*(force(:, k, n) - drag)/node_mass(:, n))/(1.0_dp + a)
+                drag = 0.5_dp*dt*drag + 0.5_dp*a*node_mass(:, n)*(old + new)
+                velocity(:, k, n) = new
+                displacement(:, k, n) = displacement(:, k, n) + dt*new
+                energy(:, 1) = energy(:, 1) + 0.5_dp*node_mass(:, n)*old*new
+                energy(:, 2) = energy(:, 2) + 0.25_dp*node_mass(:, n)*(old**2 + new**2)
+                energy(:, 3) = energy(:, 3) + drag*old
+                energy(:, 4) = energy(:, 4) + drag*new
+                pull = pull + force(:, k, n)**2
+            end do
+            energy(:, 5) = energy(:, 5) + sqrt(pull)
         end do
     end subroutine move_damped
 
@@ -113,19 +121,20 @@ contains
         integer, intent(in) :: n_nodes, n_memories
         real(dp), intent(in) :: dt                                !! [s]
         real(dp), intent(in) :: memory_rate(n_memories)           !! [1/s]; 0 is none
-        real(dp), intent(in) :: displacement(3, n_nodes)          !! after the step [m]
-        real(dp), intent(in) :: velocity(3, n_nodes)              !! of the step [m/s]
-        real(dp), intent(inout) :: memory(3, n_memories, n_nodes) !! [m]
-        real(dp) :: both(3), share(n_memories)
+        real(dp), intent(in) :: displacement(lanes, 3, n_nodes)   !! after the step [m]
+        real(dp), intent(in) :: velocity(lanes, 3, n_nodes)       !! of the step [m/s]
+        real(dp), intent(inout) :: memory(lanes, 3, n_memories, n_nodes)   !! [m]
+        real(dp) :: both(lanes, 3), share(n_memories)
         integer :: n, k
 
         if (.not. any(memory_rate > 0.0_dp)) return
         share = 0.5_dp*dt*memory_rate/(1.0_dp + 0.5_dp*dt*memory_rate)
         !$omp parallel do schedule(static) private(k, both)
         do n = 1, n_nodes
-            both = 2.0_dp*displacement(:, n) - dt*velocity(:, n)
+            both = 2.0_dp*displacement(:, :, n) - dt*velocity(:, :, n)
             do k = 1, n_memories
-                memory(:, k, n) = memory(:, k, n) + share(k)*(both - 2.0_dp*memory(:, k, n))
+                memory(:, :, k, n) = memory(:, :, k, n) &
+                    + share(k)*(both - 2.0_dp*memory(:, :, k, n))
             end do
         end do
         !$omp end parallel do
@@ -137,15 +146,15 @@ contains
         integer, intent(in) :: n_nodes, n_receivers
         integer, intent(in) :: receiver_node(4, n_receivers)       !! from 1
         real(dp), intent(in) :: receiver_weight(4, n_receivers)    !! add up to one
-        real(dp), intent(in) :: velocity(3, n_nodes)               !! [m/s]
-        real(dp), intent(out) :: motion(3, n_receivers)            !! [m/s]
+        real(dp), intent(in) :: velocity(lanes, 3, n_nodes)        !! [m/s]
+        real(dp), intent(out) :: motion(lanes, 3, n_receivers)     !! [m/s]
         integer :: r, k
 
         do r = 1, n_receivers
-            motion(:, r) = 0.0_dp
+            motion(:, :, r) = 0.0_dp
             do k = 1, 4
-                motion(:, r) = motion(:, r) &
-                    + receiver_weight(k, r)*velocity(:, receiver_node(k, r))
+                motion(:, :, r) = motion(:, :, r) &
+                    + receiver_weight(k, r)*velocity(:, :, receiver_node(k, r))
             end do
         end do
     end subroutine record_motion

@@ -32,6 +32,7 @@ program pyblast_run
     integer, allocatable :: zone_slot(:, :), node_start(:), node_part(:), contact_node(:, :)
     integer, allocatable :: contact_joint(:), joint_law(:), load_node(:), load_history(:)
     integer, allocatable :: dashpot_node(:), fixed_node(:), fixed_history(:), receiver_node(:, :)
+    integer, allocatable :: load_lane(:)
     real(dp) :: dt, local_damping
     integer :: n_steps, ledger_every, schema
     character(len=:), allocatable :: model, result, message
@@ -106,6 +107,7 @@ contains
         call read_array(file, "arrays/load_vector", load_vector, message)
         call read_array(file, "arrays/load_history", load_history, message)
         call read_array(file, "arrays/load_delay", load_delay, message)
+        call read_array(file, "arrays/load_lane", load_lane, message)
         call read_array(file, "arrays/history", history, message)
         call read_array(file, "arrays/dashpot_node", dashpot_node, message)
         call read_array(file, "arrays/dashpot_impedance", dashpot_impedance, message)
@@ -155,8 +157,8 @@ contains
                                size(contact_dissipated)], &
                   [2, 3, 1, 3, 3, n_joint_state, 1, 1]*contacts, message)
         call want("joints", [size(joint_property)], [n_joint_properties*size(joint_law)], message)
-        call want("loads", [size(load_vector), size(load_history), size(load_delay)], &
-                  [3, 1, 1]*size(load_node), message)
+        call want("loads", [size(load_vector), size(load_history), size(load_delay), &
+                            size(load_lane)], [3, 1, 1, 1]*size(load_node), message)
         call want("dashpots", [size(dashpot_impedance), size(dashpot_inverse)], &
                   [9, 9]*size(dashpot_node), message)
         call want("fixed", [size(fixed_direction), size(fixed_history)], [3, 1]*size(fixed_node), message)
@@ -179,6 +181,7 @@ contains
         call within("set_law", set_law, 1, n_zone_laws, message)
         if (minval(load_delay) < 0.0_dp) message = "'arrays/load_delay' must not be negative"
         call within("load_node", load_node, 1, nodes, message)
+        call within("load_lane", load_lane, 0, 1, message)
         call within("load_history", load_history, 1, size(history, 1), message)
         call within("dashpot_node", dashpot_node, 1, nodes, message)
         call within("fixed_node", fixed_node, 1, nodes, message)
@@ -191,7 +194,7 @@ contains
 
     subroutine march()
         !! Take all steps, telling every tenth of the way.
-        integer :: done, chunk, lines, next, info, where
+        integer :: done, chunk, lines, next, info, where, lane
 
         lines = (n_steps + ledger_every - 1)/ledger_every
         allocate (motion(3, size(receiver_node, 2), n_steps), energy(n_energies, lines))
@@ -213,14 +216,14 @@ contains
                          node_start, node_part, node_mass, node_alpha, node_load, &
                          contact_node, contact_normal, contact_area, contact_joint, &
                          contact_initial, joint_law, joint_property, &
-                         load_node, load_vector, load_history, load_delay, history, &
+                         load_node, load_vector, load_history, load_delay, load_lane, history, &
                          dashpot_node, dashpot_impedance, dashpot_inverse, &
                          fixed_node, fixed_direction, fixed_history, &
                          receiver_node, receiver_weight, &
                          displacement, velocity, memory, row_state, row_lost, contact_traction, &
                          contact_state, contact_stored, contact_dissipated, sums, &
                          motion(:, :, done + 1:done + chunk), energy(:, lines + 1:next), &
-                         info, where)
+                         info, where, lane)
             if (info < 0) then
                 message = "the energy is not finite or exceeds five times what was put in"
                 return

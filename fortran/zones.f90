@@ -5,7 +5,9 @@ module pyblast_zones
     !! adds the forces of its zones into slots of its own, one for each of its nodes, so that no sum
     !! depends on the number of threads.
     use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
+    use pyblast_lanes, only : lanes
     use pyblast_linear_zones, only : linear_energy, linear_forces
+    use pyblast_lane_zones, only : lane_forces
     use pyblast_lawful_zones, only : lawful_forces
     use pyblast_zone_laws, only : isotropic_law
     implicit none
@@ -35,20 +37,21 @@ contains
         integer, intent(in) :: zone_row(n_zones)                 !! its memory; 0 has none
         integer, intent(in) :: zone_patch(n_zones)               !! shares its mean strain; or 0
         integer, intent(in) :: set_law(n_sets)                   !! from 1
-        real(dp), intent(in) :: set_property(n_zone_properties, n_sets)
-        real(dp), intent(in) :: set_beta(n_sets)                 !! stiffness damping [s]
-        real(dp), intent(in) :: set_branch(2, n_memories, n_sets)
+        real(dp), intent(in) :: set_property(n_zone_properties, lanes, n_sets)
+        real(dp), intent(in) :: set_beta(lanes, n_sets)          !! stiffness damping [s]
+        real(dp), intent(in) :: set_branch(lanes, 2, n_memories, n_sets)
             !! springs that relax, over those that stay: of shear, of compression
-        real(dp), intent(in) :: row_initial(6, n_rows)           !! stress at no strain [Pa]
-        real(dp), intent(in) :: displacement(3, n_nodes)         !! [m]
-        real(dp), intent(in) :: velocity(3, n_nodes)             !! half a step earlier [m/s]
-        real(dp), intent(in) :: memory(3, n_memories, n_nodes)   !! displacement that lags [m]
-        real(dp), intent(inout) :: row_state(n_zone_state, n_rows)
-        real(dp), intent(inout) :: row_lost(n_rows)              !! dissipated so far [J/m3]
-        real(dp), intent(inout) :: slot_force(3, n_slots)        !! [N]
-        real(dp), intent(inout) :: domain_strain(n_domains)      !! [J]
-        real(dp), intent(inout) :: domain_lost(n_domains)        !! by yielding [J]
-        real(dp), intent(inout) :: domain_insitu(n_domains)      !! work of the initial stress [J]
+        real(dp), intent(in) :: row_initial(6, lanes, n_rows)    !! stress at no strain [Pa]
+        real(dp), intent(in) :: displacement(lanes, 3, n_nodes)  !! [m]
+        real(dp), intent(in) :: velocity(lanes, 3, n_nodes)      !! half a step earlier [m/s]
+        real(dp), intent(in) :: memory(lanes, 3, n_memories, n_nodes)   !! what lags behind [m]
+        real(dp), intent(inout) :: row_state(n_zone_state, lanes, n_rows)
+        real(dp), intent(inout) :: row_lost(lanes, n_rows)       !! dissipated so far [J/m3]
+        real(dp), intent(inout) :: slot_force(lanes, 3, n_slots) !! [N]
+        real(dp), intent(inout) :: domain_strain(lanes, n_domains)      !! [J]
+        real(dp), intent(inout) :: domain_lost(lanes, n_domains)        !! by yielding [J]
+        real(dp), intent(inout) :: domain_insitu(lanes, n_domains)
+            !! work of the initial stress [J]
         integer :: d, z1, z2, s1, s2, set
 
         !$omp parallel do schedule(dynamic) private(z1, z2, s1, s2, set)
@@ -61,10 +64,10 @@ contains
             call domain_forces(n_nodes, n_zones, s2 - s1 + 1, n_rows, n_memories, z1, z2, tell, &
                                slot_node(s1:s2), slot_place(:, s1:s2), zone_slot, zone_lambda, &
                                zone_shear, zone_row, zone_patch, set_law(set), &
-                               set_property(:, set), set_beta(set), set_branch(:, :, set), &
-                               row_initial, displacement, velocity, memory, row_state, row_lost, &
-                               slot_force(:, s1:s2), domain_strain(d), domain_lost(d), &
-                               domain_insitu(d))
+                               set_property(:, :, set), set_beta(:, set), &
+                               set_branch(:, :, :, set), row_initial, displacement, velocity, &
+                               memory, row_state, row_lost, slot_force(:, :, s1:s2), &
+                               domain_strain(:, d), domain_lost(:, d), domain_insitu(:, d))
         end do
         !$omp end parallel do
     end subroutine zone_forces
@@ -80,74 +83,119 @@ contains
         integer, intent(in) :: slot_node(n_slots), zone_slot(n_zones, 4)
         real(dp), intent(in) :: place(3, n_slots), zone_lambda(n_zones), zone_shear(n_zones)
         integer, intent(in) :: zone_row(n_zones), zone_patch(n_zones)
-        real(dp), intent(in) :: property(n_zone_properties), beta, branch(2, n_memories)
-        real(dp), intent(in) :: row_initial(6, n_rows), displacement(3, n_nodes)
-        real(dp), intent(in) :: velocity(3, n_nodes), memory(3, n_memories, n_nodes)
-        real(dp), intent(inout) :: row_state(n_zone_state, n_rows), row_lost(n_rows)
-        real(dp), intent(inout) :: force(3, n_slots), strain_energy, lost, insitu
-        real(dp) :: u(3, n_slots), lag(3, n_slots, 2)
-        integer :: s, k
-        logical :: damped, alike
+        real(dp), intent(in) :: property(n_zone_properties, lanes), beta(lanes)
+        real(dp), intent(in) :: branch(lanes, 2, n_memories), row_initial(6, lanes, n_rows)
+        real(dp), intent(in) :: displacement(lanes, 3, n_nodes), velocity(lanes, 3, n_nodes)
+        real(dp), intent(in) :: memory(lanes, 3, n_memories, n_nodes)
+        real(dp), intent(inout) :: row_state(n_zone_state, lanes, n_rows), row_lost(lanes, n_rows)
+        real(dp), intent(inout) :: force(lanes, 3, n_slots)
+        real(dp), intent(inout) :: strain_energy(lanes), lost(lanes), insitu(lanes)
+        real(dp) :: u(lanes, 3, n_slots), lag(lanes, 3, n_slots, 2), pull(3, n_slots)
+        integer :: s, l
+        logical :: damped
 
         do s = 1, n_slots
-            u(:, s) = displacement(:, slot_node(s))
+            u(:, :, s) = displacement(:, :, slot_node(s))
         end do
-        damped = beta > 0.0_dp .or. any(branch > 0.0_dp)
+        damped = any(beta > 0.0_dp) .or. any(branch > 0.0_dp)
         if (damped) call lags(n_nodes, n_slots, n_memories, slot_node, beta, branch, u, velocity, &
                               memory, lag)
         force = 0.0_dp
         if (law /= isotropic_law) then
-            call lawful_forces(last - first + 1, n_slots, n_rows, law, property, &
-                               zone_slot(first:last, :), zone_lambda(first:last), &
-                               zone_shear(first:last), zone_row(first:last), &
-                               zone_patch(first:last), row_initial, place, u, damped, &
-                               lag(:, :, 1), row_state, row_lost, force, strain_energy, lost, &
-                               insitu)
+            do l = 1, lanes
+                pull = 0.0_dp
+                call lawful_forces(last - first + 1, n_slots, n_rows, l, law, property(:, l), &
+                                   zone_slot(first:last, :), zone_lambda(first:last), &
+                                   zone_shear(first:last), zone_row(first:last), &
+                                   zone_patch(first:last), row_initial, place, u(l, :, :), &
+                                   damped, lag(l, :, :, 1), row_state, row_lost, pull, &
+                                   strain_energy(l), lost(l), insitu(l))
+                force(l, :, :) = pull
+            end do
             return
         end if
         if (damped) then
-            alike = .not. any(abs(branch(1, :) - branch(2, :)) > 0.0_dp)
-            call linear_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
-                               place, u + lag(:, :, 1), u + lag(:, :, 2), alike, force)
+            lag(:, :, :, 1) = lag(:, :, :, 1) + u
+            lag(:, :, :, 2) = lag(:, :, :, 2) + u
+            call push_zones(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
+                            place, lag(:, :, :, 1), lag(:, :, :, 2), &
+                            .not. any(abs(branch(:, 1, :) - branch(:, 2, :)) > 0.0_dp), force)
         else
-            call linear_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
-                               place, u, u, .true., force)
+            call push_zones(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
+                            place, u, u, .true., force)
         end if
-        if (.not. tell) return
-        strain_energy = linear_energy(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
-                                      zone_shear, place, u, [1.0_dp, 1.0_dp])
-        do k = 1, n_memories
-            if (.not. any(branch(:, k) > 0.0_dp)) cycle
-            strain_energy = strain_energy &
-                + linear_energy(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
-                                zone_shear, place, u - memory(:, k, slot_node), branch(:, k))
-        end do
+        if (tell) call hold_energy(n_nodes, n_zones, n_slots, n_memories, first, last, slot_node, &
+                                   zone_slot, zone_lambda, zone_shear, place, u, memory, branch, &
+                                   strain_energy)
     end subroutine domain_forces
+
+    pure subroutine push_zones(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
+                               place, shearing, swelling, alike, force)
+        !! Forces of linear zones, by zones side by side or by lanes side by side.
+        integer, intent(in) :: n_zones, n_slots, first, last, zone_slot(n_zones, 4)
+        real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), place(3, n_slots)
+        real(dp), intent(in) :: shearing(lanes, 3, n_slots), swelling(lanes, 3, n_slots)
+        logical, intent(in) :: alike
+        real(dp), intent(inout) :: force(lanes, 3, n_slots)
+
+        if (lanes == 1) then
+            call linear_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
+                               place, shearing, swelling, alike, force)
+        else
+            call lane_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
+                             place, shearing, swelling, alike, force)
+        end if
+    end subroutine push_zones
+
+    pure subroutine hold_energy(n_nodes, n_zones, n_slots, n_memories, first, last, slot_node, &
+                                zone_slot, zone_lambda, zone_shear, place, u, memory, branch, &
+                                energy)
+        !! Energy that linear zones hold in springs that stay and in those that relax; (2.17).
+        integer, intent(in) :: n_nodes, n_zones, n_slots, n_memories, first, last
+        integer, intent(in) :: slot_node(n_slots), zone_slot(n_zones, 4)
+        real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), place(3, n_slots)
+        real(dp), intent(in) :: u(lanes, 3, n_slots), memory(lanes, 3, n_memories, n_nodes)
+        real(dp), intent(in) :: branch(lanes, 2, n_memories)
+        real(dp), intent(out) :: energy(lanes)     !! [J]
+        integer :: l, k
+
+        do l = 1, lanes
+            energy(l) = linear_energy(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
+                                      zone_shear, place, u(l, :, :), [1.0_dp, 1.0_dp])
+            do k = 1, n_memories
+                if (.not. any(branch(l, :, k) > 0.0_dp)) cycle
+                energy(l) = energy(l) &
+                    + linear_energy(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
+                                    zone_shear, place, u(l, :, :) - memory(l, :, k, slot_node), &
+                                    branch(l, :, k))
+            end do
+        end do
+    end subroutine hold_energy
 
     pure subroutine lags(n_nodes, n_slots, n_memories, slot_node, beta, branch, u, velocity, &
                          memory, lag)
         !! What damping and memory add to the motion that shear and compression see; (2.14).
         integer, intent(in) :: n_nodes, n_slots, n_memories, slot_node(n_slots)
-        real(dp), intent(in) :: beta, branch(2, n_memories), u(3, n_slots)
-        real(dp), intent(in) :: velocity(3, n_nodes), memory(3, n_memories, n_nodes)
-        real(dp), intent(out) :: lag(3, n_slots, 2)
-        real(dp) :: behind(3)
-        integer :: s, k
+        real(dp), intent(in) :: beta(lanes), branch(lanes, 2, n_memories), u(lanes, 3, n_slots)
+        real(dp), intent(in) :: velocity(lanes, 3, n_nodes), memory(lanes, 3, n_memories, n_nodes)
+        real(dp), intent(out) :: lag(lanes, 3, n_slots, 2)
+        real(dp) :: behind(lanes)
+        integer :: s, k, i
 
-        if (beta > 0.0_dp) then
-            do s = 1, n_slots
-                lag(:, s, 1) = beta*velocity(:, slot_node(s))
+        do s = 1, n_slots
+            do i = 1, 3
+                lag(:, i, s, 1) = beta*velocity(:, i, slot_node(s))
             end do
-        else
-            lag(:, :, 1) = 0.0_dp
-        end if
-        lag(:, :, 2) = lag(:, :, 1)
+        end do
+        lag(:, :, :, 2) = lag(:, :, :, 1)
         do k = 1, n_memories
-            if (.not. any(branch(:, k) > 0.0_dp)) cycle
+            if (.not. any(branch(:, :, k) > 0.0_dp)) cycle
             do s = 1, n_slots
-                behind = u(:, s) - memory(:, k, slot_node(s))
-                lag(:, s, 1) = lag(:, s, 1) + branch(1, k)*behind
-                lag(:, s, 2) = lag(:, s, 2) + branch(2, k)*behind
+                do i = 1, 3
+                    behind = u(:, i, s) - memory(:, i, k, slot_node(s))
+                    lag(:, i, s, 1) = lag(:, i, s, 1) + branch(:, 1, k)*behind
+                    lag(:, i, s, 2) = lag(:, i, s, 2) + branch(:, 2, k)*behind
+                end do
             end do
         end do
     end subroutine lags
@@ -157,21 +205,23 @@ contains
         !! Power that the zones take from the motion of the nodes [W].
         integer, intent(in) :: n_nodes, n_domains, n_slots
         integer, intent(in) :: domain_slot_start(n_domains + 1), slot_node(n_slots)
-        real(dp), intent(in) :: slot_force(3, n_slots), velocity(3, n_nodes)
-        real(dp), intent(inout) :: domain_power(n_domains)
-        real(dp), intent(out) :: power
-        integer :: d, s
+        real(dp), intent(in) :: slot_force(lanes, 3, n_slots), velocity(lanes, 3, n_nodes)
+        real(dp), intent(inout) :: domain_power(lanes, n_domains)
+        real(dp), intent(out) :: power(lanes)
+        integer :: d, s, i
 
-        !$omp parallel do schedule(static) private(s)
+        !$omp parallel do schedule(static) private(s, i)
         do d = 1, n_domains
-            domain_power(d) = 0.0_dp
+            domain_power(:, d) = 0.0_dp
             do s = domain_slot_start(d), domain_slot_start(d + 1) - 1
-                domain_power(d) = domain_power(d) &
-                    - dot_product(slot_force(:, s), velocity(:, slot_node(s)))
+                do i = 1, 3
+                    domain_power(:, d) = domain_power(:, d) &
+                        - slot_force(:, i, s)*velocity(:, i, slot_node(s))
+                end do
             end do
         end do
         !$omp end parallel do
-        power = sum(domain_power)
+        power = sum(domain_power, 2)
     end subroutine slot_power
 
 end module pyblast_zones

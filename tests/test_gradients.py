@@ -59,6 +59,7 @@ def jointed(law="elastic", properties=STIFFNESS, **parts):
         "damping": Damping(0.02, 50.0),
         "sources": [Hole(np.array([8.0, 11.0, 6.0]), 20.0, 0.004, rate)],
         "receivers": [Receiver("A", (8.0, 11.0, 17.0)), Receiver("B", (24.0, 6.0, 15.0), 0.6)],
+        "added_mass": 0.0,  # which would follow the stiffness
     }
     return Model(crooked(), joints=[Joint("J", law, properties)], **{**known, **parts})
 

@@ -30,10 +30,19 @@ LOCAL_DAMPING = 0.8
 STATIC_STEP_FACTOR = 0.7
 
 
-def geometry_arrays(model):
-    """Return what all stages share, and the `CriticalStep` behind its time step."""
-    mesh = model.mesh
+def time_step(model):
+    """Return the time step of a model in s, and the `CriticalStep` behind it."""
     limit = critical_step(model)
+    return model.step_factor * limit.dt * _damped_share(model), limit
+
+
+def geometry_arrays(model, step=None):
+    """Return what all stages share, and the `CriticalStep` behind its time step.
+
+    ``step`` is what `time_step` gave, or the same with a shorter time step.
+    """
+    mesh = model.mesh
+    dt, limit = step or time_step(model)
     volume = tetrahedra.volumes(mesh.points, mesh.zones)
     mass = model.zone_values("density") * volume
     node_mass = node_sums(mesh.zones, mass + limit.added_mass, len(mesh.points))
@@ -42,7 +51,7 @@ def geometry_arrays(model):
     contacts = _contacts(model)
     patch = model.patches() if model.yielding().any() else np.full(len(mesh.zones), -1)
     arrays = {
-        "dt": model.step_factor * limit.dt * _damped_share(model),
+        "dt": dt,
         **domain_arrays(mesh, patch, contacts["contact_node"]),
         **dict(zip(("zone_lambda", "zone_shear"), model.zone_moduli(), strict=True)),
         **zone_laws(model),

@@ -107,5 +107,6 @@ def point_loads(node, history):
         "load_vector": np.tile(np.eye(3), (n, 1)),
         "load_history": np.arange(3 * n, dtype=np.int32),
         "load_delay": np.zeros(3 * n),
+        "load_lane": np.full(3 * n, -1, dtype=np.int32),
         "history": np.ascontiguousarray(history.reshape(n_total, 3 * n)),
     }

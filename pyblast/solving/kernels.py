@@ -1,4 +1,4 @@
-"""The border to Fortran: the only importer of ``_core``; indices, views, tables of laws."""
+"""The border to Fortran: the only importer of its cores; indices, views, lanes, tables of laws."""
 
 import os
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-from .. import _core
+from .. import _core, _core_batch
 
 ENERGIES = (
     "kinetic",
@@ -20,6 +20,7 @@ ENERGIES = (
     "insitu",
     "unbalanced",
 )
+LANES = int(_core_batch.pyblast_lanes.lanes)  # models that march side by side
 N_SUMS = int(_core.pyblast_kinds.n_sums)
 N_JOINT_STATE = int(_core.pyblast_kinds.n_joint_state)
 N_JOINT_PROPERTIES = int(_core.pyblast_kinds.n_joint_properties)
@@ -27,7 +28,27 @@ N_ZONE_STATE = int(_core.pyblast_kinds.n_zone_state)
 N_ZONE_PROPERTIES = int(_core.pyblast_kinds.n_zone_properties)
 INDEX_ENDINGS = (
     "_node", "_slot", "_part", "_joint", "_law", "_history", "_start", "_set", "_row", "_patch",
+    "_lane",
 )  # fmt: skip
+# Arrays that each lane has for itself, and at which axis the lanes are.
+LANE_AXIS = {
+    **dict.fromkeys(
+        (
+            "displacement", "velocity", "memory", "node_mass", "node_alpha", "node_load",
+            "fixed_history", "set_beta", "set_branch", "contact_stored", "contact_dissipated",
+            "row_lost", "joint_law", "motion",
+        ),
+        -1,
+    ),
+    **dict.fromkeys(
+        (
+            "contact_traction", "contact_state", "contact_initial", "row_state", "row_initial",
+            "joint_property", "set_property", "dashpot_inverse", "energy",
+        ),
+        1,
+    ),
+    "sums": 0,
+}  # fmt: skip
 STATE = (
     "displacement",
     "velocity",
@@ -81,7 +102,8 @@ def stored_at_rest(constants, state):
     """Return the energy that the contacts hold before anything moves, (n_contacts,) J/m2."""
     names = ("contact_normal", "contact_joint", "joint_law", "joint_property", "contact_initial")
     views = to_fortran({name: constants[name] for name in names})
-    return _core.pyblast_contacts.stored_at_rest(**views, contact_state=state.T)
+    found = _core.pyblast_contacts.stored_at_rest(**views, contact_state=state[:, None].T)
+    return found.T[..., 0]
 
 
 def numbered(arrays):
@@ -111,10 +133,27 @@ def numbered(arrays):
 
 
 def to_fortran(arrays):
-    """Return the views that the kernels take: `numbered`, axes reversed without a copy."""
+    """Return the views that the kernels take for one model: `numbered`, axes reversed, no copy."""
+    return _reversed(_one_lane(numbered(arrays)))
+
+
+def side_by_side(arrays):
+    """Return the views that the kernels take for `LANES` models, lanes stacked already."""
+    return _reversed(numbered(arrays))
+
+
+def _one_lane(arrays):
+    """Give arrays that each lane has for itself the axis of the lanes."""
     return {
-        name: value.T if isinstance(value, np.ndarray) else value
-        for name, value in numbered(arrays).items()
+        name: np.expand_dims(value, LANE_AXIS[name]) if name in LANE_AXIS else value
+        for name, value in arrays.items()
+    }
+
+
+def _reversed(arrays):
+    """Reverse the axes of arrays, as Fortran counts them."""
+    return {
+        name: value.T if isinstance(value, np.ndarray) else value for name, value in arrays.items()
     }
 
 
@@ -136,18 +175,39 @@ def advance(constants, state, first_step, n_steps, ledger_every):
     failed : int or None
         Node of the largest velocity, from 0, where the march stopped early.
     """
+    views = _reversed(_one_lane(state))
+    motion, energy, failed = _march(_core, constants, views, first_step, n_steps, ledger_every)
+    return motion[..., 0], energy[:, 0], None if failed is None else failed[0]
+
+
+def advance_all(constants, state, first_step, n_steps, ledger_every):
+    """March `LANES` models side by side; as `advance`, from `side_by_side` and with lanes.
+
+    Returns
+    -------
+    motion : (n_done, n_receivers, 3, LANES) float64, m/s
+    energy : (n_lines, LANES, n_energies) float64, J
+    failed : tuple of int or None
+        Node and lane where the march stopped early.
+    """
+    return _march(_core_batch, constants, _reversed(state), first_step, n_steps, ledger_every)
+
+
+def _march(core, constants, state, first_step, n_steps, ledger_every):
+    """March in one of the cores, with arrays that have lanes; as `advance`, lanes kept."""
+    lanes = int(core.pyblast_lanes.lanes)
     last = first_step + n_steps
     n_lines = -(-last // ledger_every) - -(-first_step // ledger_every)
-    motion = np.zeros((n_steps, constants["receiver_node"].shape[1], 3))
-    energy = np.zeros((n_lines, len(ENERGIES)))
-    info, where = _core.pyblast_solver.advance(
+    motion = np.zeros((n_steps, constants["receiver_node"].shape[1], 3, lanes))
+    energy = np.zeros((n_lines, lanes, len(ENERGIES)))
+    info, node, lane = core.pyblast_solver.advance(
         first_step=first_step,
         ledger_every=ledger_every,
         motion=motion.T,
         energy=energy.T,
         **constants,
-        **{name: state[name].T for name in STATE},
+        **{name: state[name] for name in STATE},
     )
     if info < 0:
-        return motion[:-info], energy, where - 1
+        return motion[:-info], energy, (node - 1, lane - 1)
     return motion, energy, None

@@ -152,7 +152,7 @@ class Model:
     rim: Rim | None = None
     ground: tuple = ()
     insitu: InSitu | None = None
-    added_mass: float = 0.005
+    added_mass: float = 0.0025
     step_factor: float = 0.8
     local_damping: float = 0.0
     _ordered: bool = field(default=False, repr=False)

@@ -86,7 +86,7 @@ def refuse_slip(model, prepared, state):
             if count:
                 raise InputError(
                     f"joints.{joint.surface}: {count} of {np.count_nonzero(here)} contacts slip "
-                    "or open in this run, where gradients do not hold; take the law 'elastic' or "
+                    "or open in this run, which is not linear then; take the law 'elastic' or "
                     "a weaker load"
                 )
 

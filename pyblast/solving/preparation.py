@@ -66,7 +66,9 @@ class Prepared:
     fingerprint: str
 
 
-def prepare(model: Model, duration: float, progress: Callable | None = None) -> Prepared:
+def prepare(
+    model: Model, duration: float, progress: Callable | None = None, step=None
+) -> Prepared:
     """Assemble the arrays of a model and bring it to rest under its in-situ stress.
 
     Parameters
@@ -75,6 +77,8 @@ def prepare(model: Model, duration: float, progress: Callable | None = None) -> 
     duration : float, s
     progress : callable, optional
         Called with (stage, done, total) between chunks.
+    step : tuple of float and CriticalStep, optional
+        What `assembly.time_step` gives for the model, its time step in s as it is or shortened.
 
     Raises
     ------
@@ -87,7 +91,7 @@ def prepare(model: Model, duration: float, progress: Callable | None = None) -> 
         raise InputError(f"duration: must be positive, got {duration:g} s")
     zones = f"model: {len(model.mesh.zones)} zones"
     refuse_beyond_memory(zones, marching_bytes(model.mesh))
-    geometry, limit = assembly.geometry_arrays(model)
+    geometry, limit = assembly.geometry_arrays(model, step)
     n_steps = max(2, math.ceil(duration / geometry["dt"]))  # a seismogram has two samples
     n_samples = n_steps * (1 + len(model.receivers))
     recorded = f"{zones} with {len(model.receivers)} receivers over {n_steps} steps"

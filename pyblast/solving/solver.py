@@ -148,22 +148,7 @@ class _March:
         self.energy[line : line + len(energy)] = energy
         self.step += len(motion)
         if failed is not None:
-            raise SolverError(self._failure(failed))
-
-    def _failure(self, node):
-        """Say when and where the march failed, and the likely cause."""
-        mesh, limit = self.model.mesh, self.prepared.limit
-        x, y, z = mesh.points[node]
-        zone = np.flatnonzero((mesh.zones == node).any(axis=1))[0]
-        group = mesh.groups[mesh.zone_group[zone]]
-        cause = "an input that is not finite or a load that grows"
-        if self.dt > limit.dt:
-            cause = f"a time step of {self.dt:.3g} s above the critical {limit.dt:.3g} s"
-        return (
-            f"the energy is not finite or exceeds five times what was put in at step {self.step} "
-            f"(t = {self.step * self.dt:.4g} s), largest velocity at ({x:.4g}, {y:.4g}, {z:.4g}) m "
-            f"in '{group}'; likely cause: {cause}"
-        )
+            raise SolverError(failure(self.model, self.prepared, self.step, failed))
 
     def save(self, path):
         """Write a checkpoint."""
@@ -180,20 +165,43 @@ class _March:
         self.motion, self.energy = records["motion"], records["energy"]
 
     def result(self, wall_seconds):
-        """Collect seismograms, ledger and provenance."""
-        seismograms = {}
-        for number, receiver in enumerate(self.model.receivers):
-            record = Seismogram(self.motion[:, number], self.dt, 0.5 * self.dt, receiver.name)
-            if receiver.azimuth is not None:
-                record = record.rotated(receiver.azimuth)
-            seismograms[receiver.name] = record
-        energy = dict(zip(kernels.ENERGIES, self.energy.T, strict=True))
-        energy["time"] = self.dt * LEDGER_EVERY * np.arange(len(self.energy))
-        return Run(
-            seismograms, energy, balance_error(energy), self.dt, self.state, self.prepared,
+        """Collect what the run gives."""
+        return collect(
+            self.model, self.prepared, self.motion, self.energy, self.state, wall_seconds,
             {step * self.dt: velocity for step, velocity in self.snapshots.items()},
-            versions(self.prepared.fingerprint), wall_seconds,
         )  # fmt: skip
+
+
+def collect(model, prepared, motion, energy, state, wall_seconds, snapshots):
+    """Return the `Run` of a model that was marched to its end."""
+    dt, seismograms = prepared.constants["dt"], {}
+    for number, receiver in enumerate(model.receivers):
+        record = Seismogram(motion[:, number], dt, 0.5 * dt, receiver.name)
+        if receiver.azimuth is not None:
+            record = record.rotated(receiver.azimuth)
+        seismograms[receiver.name] = record
+    ledger = dict(zip(kernels.ENERGIES, energy.T, strict=True))
+    ledger["time"] = dt * LEDGER_EVERY * np.arange(len(energy))
+    return Run(
+        seismograms, ledger, balance_error(ledger), dt, state, prepared, snapshots,
+        versions(prepared.fingerprint), wall_seconds,
+    )  # fmt: skip
+
+
+def failure(model, prepared, step, node):
+    """Say when and where a march failed, and the likely cause."""
+    mesh, limit, dt = model.mesh, prepared.limit, prepared.constants["dt"]
+    x, y, z = mesh.points[node]
+    zone = np.flatnonzero((mesh.zones == node).any(axis=1))[0]
+    group = mesh.groups[mesh.zone_group[zone]]
+    cause = "an input that is not finite or a load that grows"
+    if dt > limit.dt:
+        cause = f"a time step of {dt:.3g} s above the critical {limit.dt:.3g} s"
+    return (
+        f"the energy is not finite or exceeds five times what was put in at step {step} "
+        f"(t = {step * dt:.4g} s), largest velocity at ({x:.4g}, {y:.4g}, {z:.4g}) m "
+        f"in '{group}'; likely cause: {cause}"
+    )
 
 
 def balance_error(energy):

@@ -26,8 +26,8 @@ class Node:
         before, self.at = self.at, np.array([[place, 0.0, 0.0]])
         velocity = (self.at - before) / self.dt
         kernels._core.pyblast_motion.remember(
-            dt=self.dt, memory_rate=self.rate, displacement=self.at.T, velocity=velocity.T,
-            memory=self.memory.T,
+            dt=self.dt, memory_rate=self.rate, displacement=self.at[..., None].T,
+            velocity=velocity[..., None].T, memory=self.memory[..., None].T,
         )  # fmt: skip
         lag = place - self.memory[0, :, 0]
         return place + sum(one.shear * x for one, x in zip(self.branches, lag, strict=True))

@@ -18,18 +18,18 @@ def impedance(normal, area=2.0):
 def dashpot(velocity, matrix, force=(0.0, 0.0, 0.0), alpha=0.0):
     """Return the force that a dashpot adds to a node, and the energy it takes in the step."""
     inverse = np.linalg.inv(MASS * (1.0 + 0.5 * alpha * DT) * np.eye(3) + 0.5 * DT * matrix)
-    total = np.array([force], dtype=float)
+    total = np.array(force, dtype=float)
     before, after = BORDER.viscous_forces(
         dt=DT,
-        node_mass=[MASS],
-        node_alpha=[alpha],
+        node_mass=[[MASS]],
+        node_alpha=[[alpha]],
         dashpot_node=[1],
         dashpot_impedance=matrix[None].T,
-        dashpot_inverse=inverse[None].T,
-        velocity=np.array([velocity], dtype=float).T,
-        force=total.T,
+        dashpot_inverse=inverse[None, None].T,
+        velocity=np.array(velocity, dtype=float)[None, :, None].T,
+        force=total[None, :, None].T,
     )
-    return total[0] - force, before + after
+    return total - force, before[0] + after[0]
 
 
 def moved(velocity, force, alpha=0.0):
@@ -40,19 +40,19 @@ def moved(velocity, force, alpha=0.0):
 
 def reaction(velocity, direction, wanted=None, force=(0.0, 0.0, 0.0), alpha=0.0):
     """Return the reaction of a prescribed direction on a node, and the energy it puts in."""
-    total = np.array([force], dtype=float)
+    total = np.array(force, dtype=float)
     before, after = BORDER.reaction_forces(
         dt=DT,
-        node_mass=[MASS],
-        node_alpha=[alpha],
+        node_mass=[[MASS]],
+        node_alpha=[[alpha]],
         fixed_node=[1],
         fixed_direction=np.array([direction], dtype=float).T,
-        fixed_history=[0 if wanted is None else 1],
+        fixed_history=[[0 if wanted is None else 1]],
         amplitude=[0.0 if wanted is None else wanted],
-        velocity=np.array([velocity], dtype=float).T,
-        force=total.T,
+        velocity=np.array(velocity, dtype=float)[None, :, None].T,
+        force=total[None, :, None].T,
     )
-    return total[0] - force, before + after
+    return total - force, before[0] + after[0]
 
 
 @pytest.mark.parametrize("alpha", [0.0, 5.0])
@@ -135,14 +135,15 @@ def test_loads_follow_their_histories_and_tell_their_power():
         load_vector=vectors.T,
         load_history=[1, 1, 2],
         load_delay=[0.0, 0.0, 0.0],
+        load_lane=[0, 1, 0],
         history=[[10.0], [100.0]],
-        velocity=velocity.T,
+        velocity=velocity[..., None].T,
         load_amplitude=np.zeros(3),
-        force=force.T,
+        force=force[..., None].T,
     )
 
     assert force == pytest.approx(np.array([[11.0, 1.0, 1.0], [1.0, 21.0, 301.0]]))
-    assert power == pytest.approx(10.0 * 1.0 + 20.0 * 5.0 + 300.0 * 6.0)
+    assert power[0] == pytest.approx(10.0 * 1.0 + 20.0 * 5.0 + 300.0 * 6.0)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.25, 1.0, 3.5, 6.75])
@@ -157,10 +158,11 @@ def test_a_delayed_load_follows_a_cubic_history_exactly(delay):
         load_vector=np.ones((3, 1)),
         load_history=[1],
         load_delay=[delay],
+        load_lane=[0],
         history=history[None],
-        velocity=np.zeros((3, 1), order="F"),
+        velocity=np.zeros((1, 3, 1), order="F"),
         load_amplitude=amplitude,
-        force=np.zeros((3, 1), order="F"),
+        force=np.zeros((1, 3, 1), order="F"),
     )
 
     x = 20.0 - delay
@@ -177,10 +179,11 @@ def test_nothing_arrives_before_its_delay(delay):
         load_vector=np.ones((3, 1)),
         load_history=[1],
         load_delay=[delay],
+        load_lane=[0],
         history=np.ones((1, 40)),
-        velocity=np.zeros((3, 1), order="F"),
+        velocity=np.zeros((1, 3, 1), order="F"),
         load_amplitude=amplitude,
-        force=np.zeros((3, 1), order="F"),
+        force=np.zeros((1, 3, 1), order="F"),
     )
 
     assert amplitude[0] == 0.0

@@ -75,7 +75,7 @@ def test_arrays_cross_the_border_without_a_copy():
 def test_indices_count_from_one_in_fortran_and_minus_one_means_none():
     views = kernels.to_fortran({"fixed_history": np.array([-1, 0, 4], dtype=np.int32)})
 
-    assert views["fixed_history"].tolist() == [0, 1, 5]
+    assert views["fixed_history"].tolist() == [[0, 1, 5]]
 
 
 def test_an_empty_array_becomes_one_row_of_nothing():

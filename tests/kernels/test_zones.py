@@ -50,33 +50,35 @@ def forces(model, displacement, velocity):
     """Return nodal forces (n_nodes, 3), strain energy and the power of what damps."""
     arrays, _ = assembly.geometry_arrays(model)
     views = kernels.to_fortran({name: arrays[name] for name in NEEDED})
-    slots = np.zeros((len(arrays["slot_node"]), 3))
+    slots = np.zeros((len(arrays["slot_node"]), 3, 1))
     n_rows, n_domains = len(arrays["row_initial"]), len(arrays["domain_set"])
-    energy, lost, insitu, power = np.zeros((4, n_domains))
+    energy, lost, insitu, power = np.zeros((4, n_domains, 1))
     where = {"domain_slot_start": views["domain_slot_start"], "slot_node": views["slot_node"]}
 
     def taken(motion):
         kernels._core.pyblast_zones.zone_forces(
             **views,
+            **kernels.to_fortran({
+                "displacement": motion,
+                "velocity": velocity,
+                "memory": np.zeros((len(displacement), 1, 3)),
+                "row_state": np.zeros((n_rows, kernels.N_ZONE_STATE)),
+                "row_lost": np.zeros(n_rows),
+            }),
             tell=True,
-            displacement=motion.T,
-            velocity=velocity.T,
-            memory=np.zeros((len(displacement), 1, 3)).T,
-            row_state=np.zeros((n_rows, kernels.N_ZONE_STATE)).T,
-            row_lost=np.zeros(n_rows),
             slot_force=slots.T,
-            domain_strain=energy,
-            domain_lost=lost,
-            domain_insitu=insitu,
+            domain_strain=energy.T,
+            domain_lost=lost.T,
+            domain_insitu=insitu.T,
         )
         return kernels._core.pyblast_zones.slot_power(
-            **where, slot_force=slots.T, velocity=velocity.T, domain_power=power
-        )
+            **where, slot_force=slots.T, velocity=velocity[..., None].T, domain_power=power.T
+        )[0]
 
     damping = taken(0.0 * displacement)
     taken(displacement)
     force = np.zeros_like(displacement)
-    np.add.at(force, arrays["slot_node"], slots)
+    np.add.at(force, arrays["slot_node"], slots[..., 0])
     return force, energy.sum(), damping
 
 

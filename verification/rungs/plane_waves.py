@@ -112,16 +112,19 @@ def forces(constants, displacement):
              "zone_lambda zone_shear zone_row zone_patch set_law set_property set_beta set_branch "
              "row_initial")  # fmt: skip
     views = kernels.to_fortran({name: constants[name] for name in names.split()})
-    slots, memory = np.zeros((len(constants["slot_node"]), 3)), np.zeros((len(displacement), 1, 3))
     n_domains, n_rows = len(constants["domain_set"]), len(constants["row_initial"])
+    state = kernels.to_fortran({
+        "displacement": displacement, "velocity": np.zeros_like(displacement),
+        "memory": np.zeros((len(displacement), 1, 3)), "row_lost": np.zeros(n_rows),
+        "row_state": np.zeros((n_rows, kernels.N_ZONE_STATE)),
+    })  # fmt: skip
+    slots = np.zeros((len(constants["slot_node"]), 3, 1))
     kernels._core.pyblast_zones.zone_forces(
-        **views, tell=False, displacement=displacement.T.copy(order="F"), memory=memory.T,
-        velocity=np.zeros_like(displacement).T, row_lost=np.zeros(n_rows), slot_force=slots.T,
-        row_state=np.zeros((n_rows, kernels.N_ZONE_STATE)).T,
-        **{f"domain_{n}": np.zeros(n_domains) for n in ("strain", "lost", "insitu")},
+        **views, **state, tell=False, slot_force=slots.T,
+        **{f"domain_{n}": np.zeros((1, n_domains)) for n in ("strain", "lost", "insitu")},
     )  # fmt: skip
     force = np.zeros_like(displacement)
-    np.add.at(force, constants["slot_node"], slots)
+    np.add.at(force, constants["slot_node"], slots[..., 0])
     return force
 
 

@@ -1,0 +1,229 @@
+"""The runs behind stored Green's functions: one for each place, or three for each receiver."""
+
+import logging
+from concurrent.futures import Executor
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..meshing.mesh import locate
+from ..solving.charges import Column
+from ..solving.histories import Watch, stretches
+from ..solving.model import Model
+from ..solving.perturbations import STICKING_JOINTS, at_rest, refuse_slip
+from ..solving.preparation import prepare
+from ..solving.solver import run
+from ..solving.sources import PointForce
+from .greens import NEAR, GreensFunctions
+from .input_hash import input_hash
+from .run_cache import Cache
+from .unit_sources import (
+    NONE,
+    likeness,
+    loads,
+    place,
+    refuse_what_does_not_superpose,
+    unit_source,
+)
+
+TOGETHER = 8  # runs that share one preparation
+log = logging.getLogger(__name__)
+
+
+def greens_functions(
+    model: Model,
+    duration: float,
+    *,
+    within: float = 0.0,
+    side: str | None = None,
+    folder=None,
+    executor: Executor | None = None,
+) -> GreensFunctions:
+    """Run what is needed to superpose the blasts of a linear model.
+
+    Parameters
+    ----------
+    model : Model
+        Its sources tell the places; charges, times and histories count only for the proof below.
+    duration : float, s
+    within : float, m
+        Holes this near to another share its run; `cluster_error` says at which price.
+    side : str, optional
+        "source": a run for each place. "receiver": three for each receiver, by reciprocity. None
+        takes what needs fewer.
+    folder : path, optional
+        Where responses are kept and found.
+    executor : Executor, optional
+        As for `run_all`.
+
+    Returns
+    -------
+    GreensFunctions
+
+    Raises
+    ------
+    InputError
+        If the model does not superpose: it yields, closes, is driven by more than its holes, or
+        has joints with friction of which a contact slips or opens in a run of its own blast. That
+        run proves it for this blast only; a stronger one may still slip.
+
+    Notes
+    -----
+    The step of moment comes in a single time step: it holds all frequencies that a run can hold,
+    so that no time function lies outside and nothing is divided by a spectrum; theory.md (9.1) to
+    (9.3).
+    """
+    refuse_what_does_not_superpose(model)
+    if side not in (None, "source", "receiver"):
+        raise InputError(f'side: must be "source" or "receiver", got {side!r}')
+    units = tuple(unit_source(source) for source in _places(model.sources, within))
+    chosen, said = _choose(side, units, model.receivers)
+    proved = _prove_no_slip(model, duration, folder)
+    said = f"{said}; {proved}" if proved else said
+    log.info("stored responses: %s", said)
+    numbers = list(range(len(units) if chosen == "source" else 3 * len(model.receivers)))
+    still = replace(model, sources=units, insitu=None)
+    found = _collect(still, duration, chosen, numbers, folder, executor)
+    response = np.stack([arrays["response"] for arrays in found])
+    if chosen == "receiver":
+        response = response.reshape(len(model.receivers), 3, len(units), -1).transpose(2, 0, 1, 3)
+    dt = float(found[0]["dt"])
+    return GreensFunctions(
+        units, model.receivers, np.ascontiguousarray(response), dt, within, chosen, len(numbers),
+        said,
+    )  # fmt: skip
+
+
+def cluster_error(model: Model, within: float, highest: float) -> float:
+    """Return how far a source moved by ``within`` m may turn phases: 2 pi f d/cs, in rad.
+
+    At the highest frequency in Hz and with the slowest ground that holds a source; about the
+    largest relative error of the motion, where both waves arrive along the way it was moved.
+    """
+    zones, _ = locate(model.mesh, [place(source) for source in model.sources])
+    slowest = np.broadcast_to(model.zone_values("cs"), len(model.mesh.zones))[zones].min()
+    return float(2.0 * np.pi * highest * within / slowest)
+
+
+def _places(sources, within):
+    """Return one source for each place and shape; those within reach of one kept are left out."""
+    kept = []
+    for source in sources:
+        reached = [
+            likeness(one) == likeness(source)
+            and np.linalg.norm(place(one) - place(source)) <= within + NEAR
+            for one in kept
+        ]
+        if not any(reached):
+            kept.append(source)
+    return kept
+
+
+def _choose(side, units, receivers):
+    """Return the side with fewer runs, or the one wanted, and a sentence about it."""
+    n_source, n_receiver = len(units), 3 * len(receivers)
+    columns = any(isinstance(unit, Column) for unit in units)
+    if columns and side == "receiver":
+        raise InputError(
+            "side: columns are stored from their own side, points of theirs fire one after "
+            'another; take "source"'
+        )
+    fewer = "source" if columns or n_source <= n_receiver else "receiver"
+    chosen = side or fewer
+    reason = "wanted" if side else "columns need it" if columns else "fewer"
+    return chosen, (
+        f"{chosen} side ({reason}): {n_source} runs for {n_source} places, or {n_receiver} for "
+        f"{len(receivers)} receivers"
+    )
+
+
+def _prove_no_slip(model, duration, folder):
+    """Run the blast of a model with joints that may slip; say that none did."""
+    if not any(joint.law in STICKING_JOINTS for joint in model.joints):
+        return ""
+    key = input_hash("no slip", model, duration) if folder is not None else ""
+    cache = Cache(folder) if folder is not None else None
+    if cache is None or cache.get(key) is None:
+        made = run(model, duration)
+        refuse_slip(model, made.prepared, made.state)
+        if cache is not None:
+            cache.put(key, {"slipped": np.zeros(1, dtype=np.int32)})
+    return "no contact slips or opens in the run of the whole blast"
+
+
+def _collect(model, duration, side, numbers, folder, executor):
+    """Return the arrays of every run, those that are kept from the folder."""
+    found = {}
+    if folder is not None:
+        cache = Cache(folder)
+        found = {n: cache.get(_key(model, duration, side, n)) for n in numbers}
+    missing = [n for n in numbers if found.get(n) is None]
+    groups = [missing[n : n + TOGETHER] for n in range(0, len(missing), TOGETHER)]
+    if executor is None:
+        made = [_march_group(model, duration, side, group, folder) for group in groups]
+    else:
+        tasks = [executor.submit(_march_group, model, duration, side, g, folder) for g in groups]
+        made = [task.result() for task in tasks]
+    for group, arrays in zip(groups, made, strict=True):
+        found |= dict(zip(group, arrays, strict=True))
+    return [found[n] for n in numbers]
+
+
+def _key(model, duration, side, number):
+    """Return the hash of all that one run depends on."""
+    if side == "source":
+        return input_hash(side, replace(model, sources=[model.sources[number]]), duration)
+    receiver = model.receivers[number // 3]
+    at = np.asarray(receiver.position, dtype=float)
+    return input_hash(side, replace(model, receivers=()), at, number % 3, duration)
+
+
+def _march_group(model, duration, side, numbers, folder):
+    """March some runs of a bank on one preparation; keep each as it ends."""
+    prepared = prepare(model, duration)
+    march = _from_source if side == "source" else _from_receiver
+    made = []
+    for number in numbers:
+        response = march(model, prepared, number)
+        made.append({"response": response, "dt": np.array(prepared.constants["dt"])})
+        if folder is not None:
+            Cache(folder).put(_key(model, duration, side, number), made[-1])
+    return made
+
+
+def _from_source(model, prepared, number):
+    """Return the motion (n_receivers, 3, n_steps) after a unit step of one source."""
+    marched = _march(model, prepared, model.sources[number], np.zeros(0, dtype=int))
+    motion = np.concatenate([stretch.receivers for stretch in marched])
+    return motion[1:].transpose(1, 2, 0)
+
+
+def _from_receiver(model, prepared, number):
+    """Return what a unit step of each source does to one component, (n_sources, n_steps).
+
+    The motion of the nodes that a source loads, by a force at the receiver, times those loads;
+    theory.md (9.3).
+    """
+    each = [loads(model, source, 2, prepared.constants["dt"]) for source in model.sources]
+    nodes = np.unique(np.concatenate([one["load_node"] for one in each]))
+    table = np.zeros((len(each), len(nodes), 3))
+    for row, one in zip(table, each, strict=True):
+        np.add.at(row, np.searchsorted(nodes, one["load_node"]), one["load_vector"])
+    receiver, axis = divmod(number, 3)
+    force = PointForce(model.receivers[receiver].position, np.eye(3)[axis], NONE)
+    pieces = [
+        np.tensordot(table, stretch.after, axes=([1, 2], [1, 2]))
+        for stretch in _march(model, prepared, force, nodes)
+    ]
+    return np.concatenate(pieces, axis=1)[:, 1:]
+
+
+def _march(model, prepared, source, nodes):
+    """March one step more than a run, from rest and under one source; yield each `Stretch`."""
+    constants, state = at_rest(prepared.constants)
+    n_steps = prepared.n_steps + 1  # the step of moment comes with the second
+    constants |= loads(model, source, n_steps, constants["dt"])
+    watch = Watch(constants, state, nodes)
+    for first, count in stretches(n_steps, 3 * (len(nodes) + len(model.receivers))):
+        yield watch.go(first, count)
