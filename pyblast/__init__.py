@@ -51,6 +51,7 @@ _HOMES = {
     "read_mesh": "meshing.mesh_import",
     "read_recording": "records.recordings",
     "read_result": "projects.result",
+    "reduced": "reduction.reduced",
     "run": "pipeline",
     "run_all": "ensembles.many_runs",
     "run_many": "solving.batches",
