@@ -37,6 +37,7 @@ _HOMES = {
     "VelocityInput": "solving.boundaries",
     "Viscous": "solving.boundaries",
     "anisotropic": "solving.anisotropy",
+    "blast_spectra": "ensembles.scatter",
     "build_mesh": "meshing.mesh_builder",
     "cached_run": "ensembles.run_cache",
     "check": "projects.checks",

@@ -129,6 +129,8 @@ def test_holes_share_a_run_within_a_stated_part_of_the_wavelength():
     assert 1e-3 < error < bound
     with pytest.raises(InputError, match=r"sources\[0\]: .* nearest stored place .* add its place"):
         bank.blast([replace(near, position=near.position + 0.4)])
+    with pytest.raises(InputError, match=r"sources\[1\]: no Hole of this shape is stored"):
+        bank.blast([near, replace(near, spread=3.0)])
 
 
 def test_a_bank_is_resumed_from_what_is_kept(tmp_path):

@@ -72,10 +72,14 @@ class GreensFunctions:
         found = np.zeros(len(sources), dtype=int)
         for n, source in enumerate(sources):
             wanted = likeness(source)
-            fits = np.array([one == wanted for one in alike])
             away = np.linalg.norm(places - place(source), axis=1)
-            away[~fits] = np.inf
+            away[[one != wanted for one in alike]] = np.inf
             found[n] = away.argmin()
+            if np.isinf(away[found[n]]):
+                raise InputError(
+                    f"sources[{n}]: no {type(source).__name__} of this shape is stored anywhere; "
+                    "add one to the model of the bank"
+                )
             if away[found[n]] > self.within + NEAR:
                 raise InputError(
                     f"sources[{n}]: the nearest stored place of such a {type(source).__name__} "

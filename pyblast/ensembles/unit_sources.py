@@ -20,20 +20,28 @@ NONE = TimeFunction(np.zeros(1), 1.0)
 
 
 def unit_source(source):
-    """Return a source without its charge, firing time and history."""
+    """Return a source of size one without firing time and history."""
     if isinstance(source, CHARGES):
         return replace(source, charge=1.0, time=0.0, moment_rate=NONE, exponent=1.0)
     if isinstance(source, MomentTensor):
-        return replace(source, time=0.0, moment_rate=NONE)
-    return replace(source, history=NONE)
+        tensor = source.tensor / size(source)
+        return replace(source, tensor=tensor, time=0.0, moment_rate=NONE)
+    return replace(source, direction=np.asarray(source.direction) / size(source), history=NONE)
+
+
+def size(source):
+    """Return what multiplies the history: of a charge, the length of a tensor or a direction."""
+    if isinstance(source, CHARGES):
+        return source.charge**source.exponent
+    vector = source.tensor if isinstance(source, MomentTensor) else source.direction
+    return float(np.linalg.norm(vector)) or 1.0
 
 
 def history(source, times):
     """Return the moment (n,) in N m, or the force in N, at times (n,) as a run reads it."""
     if isinstance(source, PointForce):
-        return source.history(times)
-    moment = source.moment_rate.integral()(times - source.time)
-    return moment * source.charge**source.exponent if isinstance(source, CHARGES) else moment
+        return size(source) * source.history(times)
+    return size(source) * source.moment_rate.integral()(times - source.time)
 
 
 def place(source):
@@ -49,9 +57,10 @@ def likeness(source):
         way = np.round(np.subtract(source.end, source.primed), 9)
         return Column, *way, source.detonation_speed, source.sources
     if isinstance(source, PointForce):
-        return PointForce, *np.asarray(source.direction, dtype=float)
-    tensor = source.tensor if isinstance(source, MomentTensor) else np.eye(3)
-    return "moment", *tensor.ravel(), source.spread
+        return PointForce, *np.round(np.asarray(source.direction) / size(source), 9)
+    if isinstance(source, MomentTensor):
+        return MomentTensor, source.spread, *np.round(source.tensor / size(source), 9).ravel()
+    return Hole, source.spread
 
 
 def loads(model, source, n_steps, dt):
