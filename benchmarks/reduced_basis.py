@@ -18,7 +18,7 @@ from pyblast.meshing.mesh_builder import structured_box
 from pyblast.motion.seismogram import Seismogram
 from pyblast.reduction.projection import project, solve
 from pyblast.reduction.reduced import TOLERANCE, difference, reduced
-from pyblast.reduction.training import sample
+from pyblast.reduction.training import samples
 from pyblast.solving import kernels
 from pyblast.solving.boundaries import StressInput, Viscous
 from pyblast.solving.joints import Joint
@@ -75,12 +75,16 @@ def ranges(each):
 
 
 def errors(small, known):
-    """Return waveform and peak errors of the worst receiver of a run, and the residual."""
+    """Return waveform and peak errors of the worst receiver of a run, and the residual.
+
+    Peaks are those of each component, over the largest of the receiver.
+    """
     found = solve(small, known.values)
     motion = small.line.back(found.velocity).reshape(known.motion.shape)
     pairs = list(zip(*(np.swapaxes(one, 0, 1) for one in (known.motion, motion)), strict=True))
-    peaks = [np.abs(b).max(axis=0) / np.abs(a).max(axis=0) - 1.0 for a, b in pairs]
-    return max(difference(*pair) for pair in pairs), np.abs(peaks).max(), found.residual
+    peaks = [[np.abs(one).max(axis=0) for one in pair] for pair in pairs]
+    off = max(np.abs(b - a).max() / a.max() for a, b in peaks)
+    return max(difference(*pair) for pair in pairs), off, found.residual
 
 
 def full_seconds(family):
@@ -110,8 +114,8 @@ def study(cells, each, counts, store):
         model, ranges(each), DURATION, highest=HIGHEST, runs=max(counts), seed=SEED, store=store
     )
     family = learnt.family
-    unseen = [sample(family, one, store) for one in family.ranges.unseen(UNSEEN, SEED + 1)]
-    runs = [sample(family, one, store) for one in learnt.trained]
+    unseen = samples(family, family.ranges.unseen(UNSEEN, SEED + 1), store)
+    runs = samples(family, learnt.trained, store)
     rows = []
     for count in counts:
         small = project(family, [one.modes for one in runs[:count]], TOLERANCE, SEED)

@@ -166,6 +166,18 @@ def test_each_joint_and_group_varies_alone():
     assert (one.damping["rock"].ratio, one.damping["soil"].ratio) == (0.02, 0.04)
 
 
+def test_runs_side_by_side_teach_what_single_ones_do():
+    one = family(jointed(), Ranges(RANGES), 0.08, 300.0)
+    values = one.ranges.unseen(3, 4)
+
+    for together, value in zip(training.samples(one, values), values, strict=True):
+        alone = training.samples(one, [value])[0]
+
+        assert np.abs(together.motion - alone.motion).max() < 1e-12 * np.abs(alone.motion).max()
+        spread = [modes @ modes.T for modes in (together.modes, alone.modes)]
+        assert np.abs(spread[0] - spread[1]).max() < 1e-5 * np.abs(spread[1]).max()
+
+
 def test_a_run_in_store_is_not_made_again(tmp_path, monkeypatch):
     first = learnt(runs=2, store=tmp_path)
     monkeypatch.setattr(training, "_march", None)

@@ -14,7 +14,7 @@ from .family import Family, family
 from .projection import Projection, project, refuse_led, solve
 from .ranges import Ranges
 from .strength import Watched, refuse_slip, watched
-from .training import sample
+from .training import samples
 
 TOLERANCE = 1e-5  # of the largest size of motion: what the basis may leave out
 FIRST = 4  # runs before their error tells where the next should be
@@ -195,41 +195,31 @@ def reduced(
 
     Notes
     -----
-    The first runs stand at a Sobol sequence, each further one where the residual is largest.
+    The first runs stand at a Sobol sequence and march side by side with those that calibrate; each
+    further one stands where the residual is largest.
     """
     whole = family(model, Ranges(dict(ranges)), duration, highest)
     refuse_led(whole)
     for name, count in (("runs", runs), ("held_out", held_out)):
         if count < 1:
             raise InputError(f"reduced.{name}: must be at least 1, got {count}")
-    made = []
-
-    def learn(values):
-        made.append(sample(whole, values, store))
+    apart = whole.ranges.unseen(held_out, seed)
+    places = whole.ranges.learning(FIRST + runs + CANDIDATES, seed)
+    first = places[: min(runs, FIRST)]
+    found = samples(whole, first + apart, store)
+    learnt, kept = found[: len(first)], found[len(first) :]
+    projection = project(whole, [one.modes for one in learnt], tolerance, seed)
+    for left in range(runs - len(first), 0, -1):
         if progress is not None:
-            progress("runs", len(made), runs + held_out)
-        return made[-1]
-
-    projection = _learnt(whole, runs, tolerance, seed, learn)
-    kept = [learn(values) for values in whole.ranges.unseen(held_out, seed)]
-    known = [(one.values, solve(projection, one.values)) for one in made[:runs]]
+            progress("runs", runs + held_out - left, runs + held_out)
+        residual = [solve(projection, values).residual for values in places[FIRST:][:CANDIDATES]]
+        learnt += samples(whole, [places.pop(FIRST + int(np.argmax(residual)))], store)
+        projection = project(whole, [one.modes for one in learnt], tolerance, seed)
+    known = [(one.values, solve(projection, one.values)) for one in learnt]
     return Reduced(
-        projection, [values for values, _ in known], [one.seconds for one in made[:runs]],
+        projection, [values for values, _ in known], [one.seconds for one in learnt],
         _calibrated(projection, kept), watched(projection, known),
     )  # fmt: skip
-
-
-def _learnt(whole, runs, tolerance, seed, learn):
-    """Return what a family looks like after some runs, each where the last ones fall short."""
-    places = whole.ranges.learning(FIRST + runs + CANDIDATES, seed)
-    modes = [learn(values).modes for values in places[: min(runs, FIRST)]]
-    left = places[FIRST:]
-    projection = project(whole, modes, tolerance, seed)
-    while len(modes) < runs:
-        residual = [solve(projection, values).residual for values in left[:CANDIDATES]]
-        modes.append(learn(left.pop(int(np.argmax(residual)))).modes)
-        projection = project(whole, modes, tolerance, seed)
-    return projection
 
 
 def _calibrated(projection, samples):

@@ -9,10 +9,12 @@ from ..ensembles.input_hash import input_hash
 from ..ensembles.run_cache import Cache
 from ..errors import SolverError
 from ..solving import kernels
+from ..solving.batches import stacked
 from ..solving.preparation import LEDGER_EVERY
 from .basis import main_directions
 from .family import Family
 
+MOST_BYTES = 2e9  # of displacements kept while runs march side by side
 KEPT = 1e-6  # of the largest singular value of the motion of a run
 
 
@@ -37,15 +39,20 @@ class Sample:
     seconds: float
 
 
-def sample(family: Family, values, store=None) -> Sample:
-    """Run a model of a family, or read its run if it is in store.
+def samples(family: Family, values, store=None) -> list[Sample]:
+    """Run models of a family side by side, or read their runs if they are in store.
 
     Parameters
     ----------
     family : Family
-    values : dict of str to float
+    values : list of dict of str to float
     store : path, optional
         A folder, where a run is found by the hash of its input.
+
+    Returns
+    -------
+    list of Sample
+        In the order of the values.
 
     Raises
     ------
@@ -53,35 +60,58 @@ def sample(family: Family, values, store=None) -> Sample:
         If the motion grows without cause.
     """
     cache = Cache(store) if store is not None else None
-    key = ""
+    step = (family.dt, family.mass, family.n_steps, family.every, KEPT)
+    keys, known = [], [None] * len(values)
     if cache is not None:
-        step = (family.dt, family.mass, family.n_steps, family.every, KEPT)
-        key = input_hash("reduced", family.model(values), *step)
-        kept = cache.get(key)
-        if kept is not None:
-            return Sample(values, kept["modes"], kept["motion"], float(kept["seconds"]))
-    motion, snapshots, seconds = _march(family, family.prepared(values))
+        keys = [input_hash("reduced", family.model(one), *step) for one in values]
+        known = [cache.get(key) for key in keys]
+    missing = [k for k, one in enumerate(known) if one is None]
+    room = int(MOST_BYTES / (12 * len(family.mass) * -(-family.n_steps // family.every)))
+    side = max(1, min(kernels.LANES, room))
+    for first in range(0, len(missing), side):
+        some = missing[first : first + side]
+        for k, found in zip(some, _learnt(family, [values[k] for k in some]), strict=True):
+            known[k] = found
+            if cache is not None:
+                cache.put(keys[k], found)
+    return [
+        Sample(one, kept["modes"], kept["motion"], float(kept["seconds"]))
+        for one, kept in zip(values, known, strict=True)
+    ]
+
+
+def _learnt(family, values):
+    """March some models and return what is kept of each."""
     weight = np.repeat(np.sqrt(family.mass), 3).astype(np.float32)
-    found = Sample(values, main_directions(weight[:, None] * snapshots.T, KEPT), motion, seconds)
-    if cache is not None:
-        cache.put(key, {"modes": found.modes, "motion": motion, "seconds": np.array(seconds)})
-    return found
+    motions, snapshots, seconds = _march(family, [family.prepared(one) for one in values])
+    return [
+        {
+            "modes": main_directions(weight[:, None] * snapshots[..., lane].T, KEPT),
+            "motion": np.ascontiguousarray(motions[..., lane]),
+            "seconds": np.array(seconds / len(values)),
+        }
+        for lane in range(len(values))
+    ]
 
 
 def _march(family, prepared):
-    """Return the motion of the receivers, displacements (n, 3 n_nodes) float32, and seconds."""
-    constants = kernels.to_fortran(prepared.constants)
-    state = {name: value.copy() for name, value in prepared.state.items()}
-    n, every = family.n_steps, family.every
+    """Return motion of receivers, displacements (n, 3 n_nodes, n_models) float32, and seconds."""
+    count, n, every = len(prepared), family.n_steps, family.every
+    if count > 1:
+        constants, state = stacked([one.constants for one in prepared], [p.state for p in prepared])
+        views, advance = kernels.side_by_side(constants), kernels.advance_all
+    else:
+        state = {name: value.copy() for name, value in prepared[0].state.items()}
+        views, advance = kernels.to_fortran(prepared[0].constants), kernels.advance
     motion, snapshots, seconds = [], [], 0.0
     for first in range(0, n, every):
         began = time.perf_counter()
-        moved, _, failed = kernels.advance(
-            constants, state, first, min(every, n - first), LEDGER_EVERY
-        )
+        moved, _, failed = advance(views, state, first, min(every, n - first), LEDGER_EVERY)
         seconds += time.perf_counter() - began
         if failed is not None:
             raise SolverError(f"reduced: the motion grew without limit at step {first}")
-        motion.append(moved)
-        snapshots.append(state["displacement"].astype(np.float32).ravel())
+        motion.append(moved if count > 1 else moved[..., None])
+        there = state["displacement"] if count > 1 else state["displacement"][..., None]
+        there = np.moveaxis(there, kernels.LANE_AXIS["displacement"], -1) if count > 1 else there
+        snapshots.append(there.astype(np.float32).reshape(-1, there.shape[-1])[:, :count])
     return np.concatenate(motion), np.array(snapshots), seconds

@@ -68,7 +68,7 @@ def _side_by_side(models, duration):
         prepare(model, duration, step=(shortest, limit))
         for model, (_, limit) in zip(models, steps, strict=True)
     ]
-    constants, state = _stacked([one.constants for one in prepared], [p.state for p in prepared])
+    constants, state = stacked([one.constants for one in prepared], [p.state for p in prepared])
     motion, energy = _march(models, prepared, constants, state)
     wall = (time.perf_counter() - began) / len(models)
     runs = []
@@ -79,7 +79,7 @@ def _side_by_side(models, duration):
     return runs
 
 
-def _stacked(constants, states):
+def stacked(constants, states):
     """Put the arrays of models side by side, lane by lane; lanes that are left over stand still."""
     rates = sorted({rate for one in constants for rate in one["memory_rate"]})
     constants = [_at_rates(one, rates) for one in constants]
