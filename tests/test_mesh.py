@@ -26,7 +26,7 @@ def half_plane(mesh, name, keep):
     return Mesh(mesh.points, mesh.zones, mesh.zone_group, mesh.groups, {name: kept})
 
 
-@pytest.mark.parametrize("pattern", ["kuhn", "alternating"])
+@pytest.mark.parametrize("pattern", ["kuhn", "alternating", "centred"])
 @pytest.mark.parametrize("names", ["a", "ab", "abc"])
 def test_a_node_where_n_planes_cross_becomes_two_to_the_n_nodes(names, pattern):
     planes = {name: (axis, 2.0) for name, axis in zip(names, "xyz", strict=False)}
@@ -166,13 +166,25 @@ def test_a_place_far_outside_is_refused_by_name():
         meshes.locate(cross({}), [[1.0, 2.0, 9.0]])
 
 
-@pytest.mark.parametrize(("pattern", "per_box"), [("kuhn", 6), ("alternating", 5)])
+@pytest.mark.parametrize(("pattern", "per_box"), [("kuhn", 6), ("alternating", 5), ("centred", 12)])
 def test_a_grid_fills_its_box_with_positive_zones(pattern, per_box):
     mesh = structured_box((3, 2, 4), (3.0, 5.0, 2.0), pattern=pattern)
 
     assert len(mesh.zones) == 24 * per_box
     assert meshes.volumes(mesh).min() > 0.0
     assert meshes.volumes(mesh).sum() == pytest.approx(30.0, rel=1e-13)
+
+
+def test_centred_boxes_leave_layers_and_joints_on_their_planes():
+    layers, planes = [Layer("soil", 1.0), Layer("rock")], {"a": ("x", [1.0, 3.0])}
+    shape, size = (4, 3, 4), (4.0, 3.0, 4.0)
+
+    mesh = structured_box(shape, size, layers=layers, planes=planes, pattern="centred").split("a")
+
+    volume = np.bincount(mesh.zone_group, meshes.volumes(mesh))
+    assert volume == pytest.approx([12.0, 36.0], rel=1e-13)
+    assert joint_areas(mesh) == pytest.approx([24.0], rel=1e-13)
+    assert meshes.quality(mesh).min() > 0.75
 
 
 def test_grid_layers_are_listed_from_the_top_down():

@@ -16,6 +16,7 @@ _SIDES = {"west": (0, 0), "east": (0, -1), "south": (1, 0), "north": (1, -1)} | 
     "top": (2, -1),
 }
 _AXES = {"x": 0, "y": 1, "z": 2}
+_PER_BOX = {"kuhn": 6, "alternating": 5, "centred": 12}
 
 
 def structured_box(*grid, group="rock", layers=None, planes=None, pattern="kuhn") -> Mesh:
@@ -32,8 +33,10 @@ def structured_box(*grid, group="rock", layers=None, planes=None, pattern="kuhn"
         From the top down; their limits must be grid planes.
     planes : dict of str to (axis, place or places)
         Joint surfaces on grid planes, such as ``{"J1": ("x", 93.0)}``.
-    pattern : {"kuhn", "alternating"}
-        Six tetrahedra around the same diagonal of every box, or five, mirrored from box to box.
+    pattern : {"kuhn", "alternating", "centred"}
+        Six tetrahedra around the same diagonal of every box; or five, mirrored from box to box; or
+        twelve around a node in its centre, most of them reaching into the next box, which are the
+        nearest to regular.
 
     Returns
     -------
@@ -47,13 +50,21 @@ def structured_box(*grid, group="rock", layers=None, planes=None, pattern="kuhn"
         not fit into memory.
     """
     axes = _grid_axes(grid)
-    if pattern not in ("kuhn", "alternating"):
-        raise InputError(f"pattern: must be 'kuhn' or 'alternating', got {pattern!r}")
-    count = prod(len(axis) - 1 for axis in axes) * (6 if pattern == "kuhn" else 5)
+    if pattern not in _PER_BOX:
+        raise InputError(f"pattern: must be 'kuhn', 'alternating' or 'centred', got {pattern!r}")
+    count = prod(len(axis) - 1 for axis in axes) * _PER_BOX[pattern]
     refuse_beyond_memory(f"structured_box: a grid of {count} zones", count * GRID_BYTES)
+    layers = layers or [Layer(group)]
+    limits = layer_limits(layers, axes[2][-1], axes[2][0])
+    for layer, limit in zip(layers, limits[1:], strict=True):
+        _on_grid(axes[2], limit, layer.name)
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     points = np.swapaxes(points, 0, 2).reshape(-1, 3)
-    zones = _grid_zones([len(axis) for axis in axes], pattern)
+    if pattern == "centred":
+        cuts = [*(planes or {}).values(), ("z", limits)]
+        points, zones = _centred_zones(axes, points, cuts)
+    else:
+        zones = _grid_zones([len(axis) for axis in axes], pattern)
     faces = tetrahedra.zone_faces(zones)
     surfaces = {
         name: _plane_faces(points, faces, axis, axes[axis][end], end == 0)
@@ -66,10 +77,6 @@ def structured_box(*grid, group="rock", layers=None, planes=None, pattern="kuhn"
             for place in np.atleast_1d(places)
         ]
         surfaces[name] = np.concatenate(found)
-    layers = layers or [Layer(group)]
-    limits = layer_limits(layers, axes[2][-1], axes[2][0])
-    for layer, limit in zip(layers, limits[1:], strict=True):
-        _on_grid(axes[2], limit, layer.name)
     height = points[zones].mean(axis=1)[:, 2]
     zone_group = np.searchsorted(-limits[1:-1], -height)
     return Mesh(points, zones, zone_group, tuple(layer.name for layer in layers), surfaces)
@@ -136,3 +143,40 @@ def _kuhn_zones():
         middle = (1 << a, (1 << a) | (1 << b))
         zones.append([0, *(middle[::-1] if odd else middle), 7])
     return np.array(zones)
+
+
+def _centred_zones(axes, points, cuts):
+    """Return points with the centres of boxes, and the zones around faces between centres.
+
+    Four zones lie around each face between two boxes; a face of the outside, of a joint or of a
+    layer, given by (axis letter, places), has two on each side instead.
+    """
+    counts = np.array([len(axis) for axis in axes])
+    number = np.arange(counts.prod()).reshape(counts[::-1]).transpose(2, 1, 0)
+    centre = len(points) + np.arange((counts - 1).prod()).reshape(counts - 1)
+    middles = [0.5 * (axis[1:] + axis[:-1]) for axis in axes]
+    centres = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1).reshape(-1, 3)
+    zones = []
+    for axis in range(3):
+        corner = np.moveaxis(number, axis, 0)
+        box = np.moveaxis(centre, axis, 0)
+        face = [corner[:, :-1, :-1], corner[:, 1:, :-1], corner[:, 1:, 1:], corner[:, :-1, 1:]]
+        odd = np.indices(box.shape[1:]).sum(axis=0) % 2 == 1
+        turned = [np.where(odd, face[k], face[(k + 1) % 4]) for k in range(4)]
+        cut = np.isin(np.arange(counts[axis]), [0, counts[axis] - 1])
+        for letter, places in cuts:
+            if _AXES[letter] == axis:
+                cut |= np.abs(axes[axis][:, None] - np.atleast_1d(places)).min(axis=1) < 1e-9
+        inside = np.flatnonzero(~cut)
+        for k in range(4):
+            sides = (face[k][inside], face[(k + 1) % 4][inside])
+            zones.append(np.stack([box[inside - 1], box[inside], *sides], axis=-1))
+        for at, ahead in ((np.flatnonzero(cut)[1:], 1), (np.flatnonzero(cut)[:-1], 0)):
+            for others in ((1, 2), (2, 3)):
+                sides = [turned[0][at], *(turned[k][at] for k in others)]
+                zones.append(np.stack([box[at - ahead], *sides], axis=-1))
+    points = np.concatenate([points, centres])
+    zones = np.concatenate([part.reshape(-1, 4) for part in zones])
+    turned = tetrahedra.volumes(points, zones) < 0.0
+    zones[turned] = zones[turned][:, [0, 2, 1, 3]]
+    return points, zones
