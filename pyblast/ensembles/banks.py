@@ -9,14 +9,15 @@ import numpy as np
 from ..errors import InputError
 from ..meshing.mesh import locate
 from ..solving.charges import Column
-from ..solving.histories import Watch, stretches
+from ..solving.kernels import LANES
 from ..solving.model import Model
-from ..solving.perturbations import STICKING_JOINTS, at_rest, refuse_slip
+from ..solving.perturbations import STICKING_JOINTS, refuse_slip
 from ..solving.preparation import prepare
 from ..solving.solver import run
 from ..solving.sources import PointForce
 from .greens import NEAR, GreensFunctions
 from .input_hash import input_hash
+from .lanes import march_side_by_side
 from .run_cache import Cache
 from .unit_sources import (
     NONE,
@@ -27,7 +28,6 @@ from .unit_sources import (
     unit_source,
 )
 
-TOGETHER = 8  # runs that share one preparation
 log = logging.getLogger(__name__)
 
 
@@ -159,7 +159,7 @@ def _collect(model, duration, side, numbers, folder, executor):
         cache = Cache(folder)
         found = {n: cache.get(_key(model, duration, side, n)) for n in numbers}
     missing = [n for n in numbers if found.get(n) is None]
-    groups = [missing[n : n + TOGETHER] for n in range(0, len(missing), TOGETHER)]
+    groups = [missing[n : n + LANES] for n in range(0, len(missing), LANES)]
     if executor is None:
         made = [_march_group(model, duration, side, group, folder) for group in groups]
     else:
@@ -180,27 +180,25 @@ def _key(model, duration, side, number):
 
 
 def _march_group(model, duration, side, numbers, folder):
-    """March some runs of a bank on one preparation; keep each as it ends."""
+    """March some runs of a bank side by side; keep each."""
     prepared = prepare(model, duration)
-    march = _from_source if side == "source" else _from_receiver
-    made = []
-    for number in numbers:
-        response = march(model, prepared, number)
-        made.append({"response": response, "dt": np.array(prepared.constants["dt"])})
-        if folder is not None:
-            Cache(folder).put(_key(model, duration, side, number), made[-1])
+    march = _from_sources if side == "source" else _from_receivers
+    dt = np.array(prepared.constants["dt"])
+    made = [{"response": one, "dt": dt} for one in march(model, prepared, numbers)]
+    if folder is not None:
+        for number, arrays in zip(numbers, made, strict=True):
+            Cache(folder).put(_key(model, duration, side, number), arrays)
     return made
 
 
-def _from_source(model, prepared, number):
-    """Return the motion (n_receivers, 3, n_steps) after a unit step of one source."""
-    marched = _march(model, prepared, model.sources[number], np.zeros(0, dtype=int))
-    motion = np.concatenate([stretch.receivers for stretch in marched])
-    return motion[1:].transpose(1, 2, 0)
+def _from_sources(model, prepared, numbers):
+    """Return the motion (n_receivers, 3, n_steps) after a unit step of each source."""
+    motion = np.concatenate(list(_march(model, prepared, [model.sources[n] for n in numbers], [])))
+    return [np.ascontiguousarray(one) for one in motion[1:].transpose(3, 1, 2, 0)]
 
 
-def _from_receiver(model, prepared, number):
-    """Return what a unit step of each source does to one component, (n_sources, n_steps).
+def _from_receivers(model, prepared, numbers):
+    """Return what a unit step of each source does to some components, (n_sources, n_steps) each.
 
     The motion of the nodes that a source loads, by a force at the receiver, times those loads;
     theory.md (9.3).
@@ -210,20 +208,16 @@ def _from_receiver(model, prepared, number):
     table = np.zeros((len(each), len(nodes), 3))
     for row, one in zip(table, each, strict=True):
         np.add.at(row, np.searchsorted(nodes, one["load_node"]), one["load_vector"])
-    receiver, axis = divmod(number, 3)
-    force = PointForce(model.receivers[receiver].position, np.eye(3)[axis], NONE)
+    forces = [PointForce(model.receivers[n // 3].position, np.eye(3)[n % 3], NONE) for n in numbers]
     pieces = [
-        np.tensordot(table, stretch.after, axes=([1, 2], [1, 2]))
-        for stretch in _march(model, prepared, force, nodes)
+        np.tensordot(motion[:, len(model.receivers) :], table, axes=([1, 2], [1, 2]))
+        for motion in _march(model, prepared, forces, nodes)
     ]
-    return np.concatenate(pieces, axis=1)[:, 1:]
+    return [np.ascontiguousarray(one) for one in np.concatenate(pieces)[1:].transpose(1, 2, 0)]
 
 
-def _march(model, prepared, source, nodes):
-    """March one step more than a run, from rest and under one source; yield each `Stretch`."""
-    constants, state = at_rest(prepared.constants)
-    n_steps = prepared.n_steps + 1  # the step of moment comes with the second
-    constants |= loads(model, source, n_steps, constants["dt"])
-    watch = Watch(constants, state, nodes)
-    for first, count in stretches(n_steps, 3 * (len(nodes) + len(model.receivers))):
-        yield watch.go(first, count)
+def _march(model, prepared, sources, nodes):
+    """March one step more than a run under unit steps of sources, which come with the second."""
+    n_steps = prepared.n_steps + 1
+    each = [loads(model, source, n_steps, prepared.constants["dt"]) for source in sources]
+    return march_side_by_side(prepared, each, n_steps, np.array(nodes, dtype=int))
