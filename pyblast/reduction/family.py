@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
-from ..solving.assembly import dynamic_arrays, geometry_arrays, initial_state
+from ..solving.assembly import geometry_arrays, initial_state, time_step
 from ..solving.boundaries import VelocityInput
 from ..solving.kernels import JOINT_LAWS
 from ..solving.model import Model
 from ..solving.preparation import Prepared, prepare
-from ..solving.provenance import fingerprint
 from .ranges import Ranges
 
 STICKING = ("coulomb", "softening")  # linear as long as no contact slips or opens
@@ -28,7 +27,8 @@ class Family:
     ----------
     base : Model
     ranges : Ranges
-    dt : float, s
+    step : tuple of float and CriticalStep
+        Time step in s, and the limit that tells the added mass.
     mass : (n_nodes,) float64, kg
         With what was added for the sake of the step.
     n_steps : int
@@ -38,15 +38,20 @@ class Family:
 
     base: Model
     ranges: Ranges
-    dt: float
+    step: tuple
     mass: np.ndarray
     n_steps: int
     highest: float
 
     @property
+    def dt(self):
+        """Time step, s."""
+        return self.step[0]
+
+    @property
     def duration(self):
-        """Duration of a run, s."""
-        return self.n_steps * self.dt
+        """Duration that makes a run march ``n_steps``, s."""
+        return (self.n_steps - 0.5) * self.dt
 
     @property
     def every(self):
@@ -63,28 +68,18 @@ class Family:
         Without strength and in-situ stress, which do not change the motion until they are
         overcome.
         """
-        model = self.model(values)
-        geometry, limit = geometry_arrays(model)
-        drag = geometry["node_alpha"] * geometry["node_mass"]
-        law = np.where(np.isin(geometry["joint_law"], STUCK), STIFF, geometry["joint_law"])
-        geometry |= {
-            "dt": self.dt,
-            "node_mass": self.mass,
-            "node_alpha": drag / self.mass,
-            "joint_law": law.astype(np.int32),
-            "contact_initial": np.zeros_like(geometry["contact_initial"]),
+        found = prepare(replace(self.model(values), insitu=None), self.duration, step=self.step)
+        law = found.constants["joint_law"]
+        constants = {
+            **found.constants,
+            "joint_law": np.where(np.isin(law, STUCK), STIFF, law).astype(np.int32),
+            "contact_initial": np.zeros_like(found.constants["contact_initial"]),
         }
-        constants = {**geometry, **dynamic_arrays(model, geometry, self.n_steps)}
-        state = initial_state(constants)
-        return Prepared(constants, state, self.n_steps, limit, {}, fingerprint(constants, state))
+        return replace(found, constants=constants, state=initial_state(constants))
 
     def stressed(self, values) -> Prepared:
         """Return a model of the family with its strength and in-situ stress, ready to march."""
-        free, own = self.prepared(values), prepare(self.model(values), self.duration)
-        kept = ("joint_law", "contact_initial", "node_load", "row_initial")
-        constants = {**free.constants, **{name: own.constants[name] for name in kept}}
-        mark = fingerprint(constants, own.state)
-        return replace(own, constants=constants, n_steps=self.n_steps, fingerprint=mark)
+        return prepare(self.model(values), self.duration, step=self.step)
 
 
 def family(model: Model, ranges: Ranges, duration: float, highest: float) -> Family:
@@ -109,9 +104,10 @@ def family(model: Model, ranges: Ranges, duration: float, highest: float) -> Fam
     for name, value in (("duration", duration), ("highest", highest)):
         if not 0.0 < value < math.inf:
             raise InputError(f"reduced.{name}: must be positive, got {value:g}")
-    stiffest, _ = geometry_arrays(ranges.model(model, ranges.corner(1)))
-    dt, mass = stiffest["dt"], stiffest["node_mass"]
-    return Family(model, ranges, dt, mass, max(2, math.ceil(duration / dt)), highest)
+    stiffest = ranges.model(model, ranges.corner(1))
+    step = time_step(stiffest)
+    mass = geometry_arrays(stiffest, step)[0]["node_mass"]
+    return Family(model, ranges, step, mass, max(2, math.ceil(duration / step[0])), highest)
 
 
 def refuse_nonlinear(model):

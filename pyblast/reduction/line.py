@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
-REST = 0.3  # of the duration, added so that what the sources hold can fade out
+REST = 0.15  # of the duration, added so that what the sources hold can fade out
 WRAPPED = 1e-4  # what the end of a period leaves at its beginning
 TAPER = 1.25  # highest frequency solved over that of the motion
 

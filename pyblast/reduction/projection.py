@@ -151,13 +151,20 @@ def _terms(projection, values):
 
 
 def refuse_led(family):
-    """Refuse families whose sources follow what varies."""
+    """Refuse families that nothing moves, or whose sources follow what varies.
+
+    Raises
+    ------
+    InputError
+    """
     low, high = (family.prepared(family.ranges.corner(end)).constants for end in (0, 1))
     size = np.abs(high["load_vector"]).max(initial=0.0)
     if size * np.abs(high["history"]).max(initial=0.0) == 0.0:
         raise InputError("reduced: the model has no source that moves it; give it one")
-    if np.abs(low["load_vector"] - high["load_vector"]).max() > 1e-9 * size:
-        raise InputError(
-            "sources: one follows the damping that varies, which a reduced model does not know; "
-            "vary the joints only, or use other sources"
-        )
+    for name in ("load_vector", "load_delay", "history"):
+        least = 1e-9 * np.abs(high[name]).max(initial=0.0)
+        if low[name].shape != high[name].shape or (np.abs(low[name] - high[name]) > least).any():
+            raise InputError(
+                "reduced: a source or a free-field side follows the damping that varies, which a "
+                "reduced model does not know; vary the joints only, or drive it otherwise"
+            )
