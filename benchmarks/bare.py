@@ -12,10 +12,9 @@ import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from pyblast.meshing import tetrahedra
-from pyblast.meshing.enrichment import enrich, node_sums, shapes
 from pyblast.meshing.mesh import locate
+from pyblast.meshing.nodes import nodes_of
 from pyblast.solving.ordering import morton_keys, renumbered
-from pyblast.solving.stability import node_sums as corner_sums
 
 ROOT = Path(__file__).resolve().parents[1]
 KERNELS = ("kinds", "linear_zones", "quadratic_strains", "quadratic_zones")
@@ -148,9 +147,8 @@ def bare(mesh, rock, quadratic=False, gamma=0.0, stiffness=None):
     """
     mesh = renumbered(mesh)
     mass = rock.density * tetrahedra.volumes(mesh.points, mesh.zones)
-    held = enrich(mesh) if quadratic else mesh
-    zone_nodes = held.zone_nodes if quadratic else mesh.zones
-    total = node_sums(held, mass) if quadratic else corner_sums(mesh.zones, mass, len(mesh.points))
+    held = nodes_of(mesh, quadratic)
+    total = held.sums(mass)
     order = np.argsort(morton_keys(held.points), kind="stable")
     new = np.empty(len(order), dtype=np.int32)
     new[order] = np.arange(len(order), dtype=np.int32)
@@ -160,10 +158,7 @@ def bare(mesh, rock, quadratic=False, gamma=0.0, stiffness=None):
 
     def places(where):
         zone, weights = locate(mesh, where)
-        if not quadratic:
-            return new[mesh.zones[zone]], weights
-        nodes, values, _ = shapes(held, zone, weights)
-        return new[nodes], values
+        return new[held.zone_nodes[zone]], held.shapes(weights)
 
     links = np.zeros((0, 2), dtype=np.int32), np.zeros(0)
     if gamma:
@@ -175,5 +170,6 @@ def bare(mesh, rock, quadratic=False, gamma=0.0, stiffness=None):
         normal, (kn, ks) = np.abs(held.contacts.normal), stiffness
         springs = held.contacts.area[:, None] * (kn * normal + ks * (1.0 - normal))
         pairs = new[np.column_stack([held.contacts.minus, held.contacts.plus])], springs
-    return Bare(points, new[zone_nodes], total[order], fixed, rock.first_lame, rock.shear, links,
+    zone_nodes = new[held.zone_nodes]
+    return Bare(points, zone_nodes, total[order], fixed, rock.first_lame, rock.shear, links,
                 pairs, places)  # fmt: skip

@@ -17,7 +17,7 @@ module pyblast_kinds
 
     integer, parameter, public :: n_quadratic = 15         !! nodes of a quadratic zone
     integer, parameter, public :: n_quadratic_strains = 14
-    integer, parameter, public :: n_lanes = 16             !! quadratic zones side by side
+    integer, parameter, public :: n_abreast = 16             !! quadratic zones side by side
 
     integer, parameter, public :: n_energies = 10
         !! ledger columns: kinetic, strain, joint stored, joint dissipated, zone dissipated,

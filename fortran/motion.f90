@@ -140,19 +140,19 @@ contains
         !$omp end parallel do
     end subroutine remember
 
-    pure subroutine record_motion(n_nodes, n_receivers, receiver_node, receiver_weight, velocity, &
+    pure subroutine record_motion(n_nodes, n_corners, n_receivers, receiver_node, receiver_weight, velocity, &
                                   motion)
-        !! Velocity at points inside zones, linear between the four nodes.
-        integer, intent(in) :: n_nodes, n_receivers
-        integer, intent(in) :: receiver_node(4, n_receivers)       !! from 1
-        real(dp), intent(in) :: receiver_weight(4, n_receivers)    !! add up to one
+        !! Velocity at points inside zones, by their shape functions.
+        integer, intent(in) :: n_nodes, n_corners, n_receivers
+        integer, intent(in) :: receiver_node(n_corners, n_receivers)      !! from 1
+        real(dp), intent(in) :: receiver_weight(n_corners, n_receivers)   !! add up to one
         real(dp), intent(in) :: velocity(lanes, 3, n_nodes)        !! [m/s]
         real(dp), intent(out) :: motion(lanes, 3, n_receivers)     !! [m/s]
         integer :: r, k
 
         do r = 1, n_receivers
             motion(:, :, r) = 0.0_dp
-            do k = 1, 4
+            do k = 1, n_corners
                 motion(:, :, r) = motion(:, :, r) &
                     + receiver_weight(k, r)*velocity(:, :, receiver_node(k, r))
             end do

@@ -141,7 +141,7 @@ contains
         if (n_steps < 1 .or. ledger_every < 1) message = "'march' needs positive numbers"
         if (.not. (dt > 0.0_dp .and. dt < huge(dt))) message = "'arrays/dt' must be positive"
         call want("zones", [size(zone_slot), size(zone_shear), size(zone_row), size(zone_patch)], &
-                  [4, 1, 1, 1]*zones, message)
+                  [size(receiver_node, 1), 1, 1, 1]*zones, message)
         call want("zone laws", [size(set_property), size(set_beta), size(set_branch), &
                                 size(row_state), size(row_initial)], &
                   [[n_zone_properties, 1, 2*size(memory_rate)]*size(set_law), &
@@ -203,7 +203,7 @@ contains
             chunk = min(max(1, n_steps/10), n_steps - done)
             lines = (done + ledger_every - 1)/ledger_every
             next = (done + chunk + ledger_every - 1)/ledger_every
-            call advance(size(node_mass), size(zone_lambda), size(domain_zone_start) - 1, &
+            call advance(size(node_mass), size(zone_slot, 2), size(zone_lambda), size(domain_zone_start) - 1, &
                          size(slot_node), size(set_law), size(row_lost), size(memory_rate), &
                          size(node_part), &
                          size(contact_area), &

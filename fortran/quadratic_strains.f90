@@ -4,7 +4,7 @@ module pyblast_quadratic_strains
     !! Motion is kept as coefficients of the 15 products of barycentric coordinates, strain and
     !! stress as those of 14 of them. Most gradients of products are not there, so that this takes a
     !! third of the work of a sum over 14 points; theory.md (2.33) to (2.36).
-    use pyblast_kinds, only : dp, n_lanes, n_quadratic, n_quadratic_strains
+    use pyblast_kinds, only : dp, n_abreast, n_quadratic, n_quadratic_strains
     implicit none
     private
     public :: integrals, loads, strains, stresses, to_coefficients
@@ -16,8 +16,8 @@ contains
 
     pure subroutine to_coefficients(c)
         !! Coefficients in place of the motion of nodes, that of corner 1 being none: theory.md (2.33).
-        real(dp), intent(inout) :: c(n_lanes, 3, n_quadratic)
-        real(dp) :: corners(n_lanes, 3), edges(n_lanes, 3)
+        real(dp), intent(inout) :: c(n_abreast, 3, n_quadratic)
+        real(dp) :: corners(n_abreast, 3), edges(n_abreast, 3)
         integer :: a, l
 
         corners = c(:, :, 2) + c(:, :, 3) + c(:, :, 4)
@@ -36,8 +36,8 @@ contains
 
     pure subroutine strains(c, g, e)
         !! Strain as coefficients of the 4 coordinates, of their products: theory.md (2.34).
-        real(dp), intent(in) :: c(n_lanes, 3, n_quadratic), g(n_lanes, 3, 4)
-        real(dp), intent(out) :: e(n_lanes, 6, n_quadratic_strains)
+        real(dp), intent(in) :: c(n_abreast, 3, n_quadratic), g(n_abreast, 3, 4)
+        real(dp), intent(out) :: e(n_abreast, 6, n_quadratic_strains)
         integer :: a, i, j, k, l
 
         e = 0.0_dp
@@ -64,12 +64,12 @@ contains
 
     pure subroutine add_dyad(c, g, e)
         !! Add the strain of a motion c along a gradient g: xx yy zz and the shears yz zx xy.
-        real(dp), intent(in) :: c(n_lanes, 3), g(n_lanes, 3)
-        real(dp), intent(inout) :: e(n_lanes, 6)
+        real(dp), intent(in) :: c(n_abreast, 3), g(n_abreast, 3)
+        real(dp), intent(inout) :: e(n_abreast, 6)
         integer :: i
 
         !$omp simd
-        do i = 1, n_lanes
+        do i = 1, n_abreast
             e(i, 1) = e(i, 1) + c(i, 1)*g(i, 1)
             e(i, 2) = e(i, 2) + c(i, 2)*g(i, 2)
             e(i, 3) = e(i, 3) + c(i, 3)*g(i, 3)
@@ -81,9 +81,9 @@ contains
 
     pure subroutine stresses(lambda, mu, swelling, e)
         !! Stress in place of strain, from the dilation of another field; theory.md (2.14).
-        real(dp), intent(in) :: lambda(n_lanes), mu(n_lanes), swelling(n_lanes, n_quadratic_strains)
-        real(dp), intent(inout) :: e(n_lanes, 6, n_quadratic_strains)
-        real(dp) :: mean(n_lanes)
+        real(dp), intent(in) :: lambda(n_abreast), mu(n_abreast), swelling(n_abreast, n_quadratic_strains)
+        real(dp), intent(inout) :: e(n_abreast, 6, n_quadratic_strains)
+        real(dp) :: mean(n_abreast)
         integer :: a, j
 
         do a = 1, n_quadratic_strains
@@ -98,9 +98,9 @@ contains
 
     pure subroutine integrals(e, y)
         !! Integrals of stress times each of the 14 products, over six volumes: theory.md (2.35)
-        real(dp), intent(in) :: e(6*n_lanes, n_quadratic_strains)
-        real(dp), intent(out) :: y(6*n_lanes, n_quadratic_strains)
-        real(dp) :: near(6*n_lanes, 4), one(6*n_lanes), ones(6*n_lanes)
+        real(dp), intent(in) :: e(6*n_abreast, n_quadratic_strains)
+        real(dp), intent(out) :: y(6*n_abreast, n_quadratic_strains)
+        real(dp) :: near(6*n_abreast, 4), one(6*n_abreast), ones(6*n_abreast)
         integer :: a, b, k, l
 
         near(:, 1) = e(:, 5) + e(:, 6) + e(:, 7)
@@ -126,9 +126,9 @@ contains
 
     pure subroutine loads(g, e, f)
         !! Nodal forces of integrals of stress: theory.md (2.36).
-        real(dp), intent(in) :: g(n_lanes, 3, 4), e(n_lanes, 6, n_quadratic_strains)
-        real(dp), intent(out) :: f(n_lanes, 3, n_quadratic)
-        real(dp) :: total(n_lanes, 6)
+        real(dp), intent(in) :: g(n_abreast, 3, 4), e(n_abreast, 6, n_quadratic_strains)
+        real(dp), intent(out) :: f(n_abreast, 3, n_quadratic)
+        real(dp) :: total(n_abreast, 6)
         integer :: a, i, j, k, l
 
         f = 0.0_dp
@@ -152,12 +152,12 @@ contains
 
     pure subroutine add_traction(s, g, f)
         !! Add the product of a stress and a gradient.
-        real(dp), intent(in) :: s(n_lanes, 6), g(n_lanes, 3)
-        real(dp), intent(inout) :: f(n_lanes, 3)
+        real(dp), intent(in) :: s(n_abreast, 6), g(n_abreast, 3)
+        real(dp), intent(inout) :: f(n_abreast, 3)
         integer :: i
 
         !$omp simd
-        do i = 1, n_lanes
+        do i = 1, n_abreast
             f(i, 1) = f(i, 1) + s(i, 1)*g(i, 1) + s(i, 6)*g(i, 2) + s(i, 5)*g(i, 3)
             f(i, 2) = f(i, 2) + s(i, 6)*g(i, 1) + s(i, 2)*g(i, 2) + s(i, 4)*g(i, 3)
             f(i, 3) = f(i, 3) + s(i, 5)*g(i, 1) + s(i, 4)*g(i, 2) + s(i, 3)*g(i, 3)
@@ -166,7 +166,7 @@ contains
 
     pure subroutine to_nodes(f)
         !! Forces on nodes in place of forces on coefficients; those of corner 1 close the sum.
-        real(dp), intent(inout) :: f(n_lanes, 3, n_quadratic)
+        real(dp), intent(inout) :: f(n_abreast, 3, n_quadratic)
         integer :: a, j, l
 
         do l = 1, 4

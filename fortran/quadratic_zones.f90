@@ -3,7 +3,7 @@ module pyblast_quadratic_zones
     !!
     !! Nodes: 4 corners, middles of the edges 12 13 14 23 24 34, centroids of the faces opposite to
     !! corners 1 to 4, and of the zone. Sides are straight, moduli the same all over a zone.
-    use pyblast_kinds, only : dp, n_lanes, n_quadratic, n_quadratic_strains
+    use pyblast_kinds, only : dp, n_abreast, n_quadratic, n_quadratic_strains
     use pyblast_quadratic_strains, only : integrals, loads, strains, stresses, to_coefficients
     implicit none
     private
@@ -23,12 +23,12 @@ contains
         real(dp), intent(in) :: shearing(3, n_slots), swelling(3, n_slots)   !! [m]
         logical, intent(in) :: alike                             !! whether both fields are one
         real(dp), intent(inout) :: force(3, n_slots)             !! [N]
-        real(dp) :: g(n_lanes, 3, 4), volume6(n_lanes), lambda(n_lanes), mu(n_lanes)
-        real(dp) :: c(n_lanes, 3, n_quadratic), other(n_lanes, n_quadratic_strains)
-        real(dp), dimension(n_lanes, 6, n_quadratic_strains) :: e, y
-        integer :: slot(n_lanes, n_quadratic), z
+        real(dp) :: g(n_abreast, 3, 4), volume6(n_abreast), lambda(n_abreast), mu(n_abreast)
+        real(dp) :: c(n_abreast, 3, n_quadratic), other(n_abreast, n_quadratic_strains)
+        real(dp), dimension(n_abreast, 6, n_quadratic_strains) :: e, y
+        integer :: slot(n_abreast, n_quadratic), z
 
-        do z = first, last, n_lanes
+        do z = first, last, n_abreast
             call moduli(n_zones, z, last, zone_lambda, zone_shear, zone_slot, lambda, mu, slot)
             call gradients(n_slots, slot, place, g, volume6)
             if (.not. alike) then
@@ -44,7 +44,7 @@ contains
             call stresses(-volume6*lambda, -volume6*mu, other, e)
             call integrals(e, y)
             call loads(g, y, c)
-            call collect(min(n_lanes, last - z + 1), n_slots, slot, c, force)
+            call collect(min(n_abreast, last - z + 1), n_slots, slot, c, force)
         end do
     end subroutine quadratic_forces
 
@@ -56,14 +56,14 @@ contains
         real(dp), intent(in) :: place(3, n_slots), field(3, n_slots)
         real(dp), intent(in) :: share(2)              !! of shear modulus and of that of P waves
         real(dp) :: energy                            !! [J]
-        real(dp) :: g(n_lanes, 3, 4), volume6(n_lanes), lambda(n_lanes), mu(n_lanes)
-        real(dp) :: c(n_lanes, 3, n_quadratic)
-        real(dp), dimension(n_lanes, 6, n_quadratic_strains) :: e, s, y
-        integer :: slot(n_lanes, n_quadratic), z, n
+        real(dp) :: g(n_abreast, 3, 4), volume6(n_abreast), lambda(n_abreast), mu(n_abreast)
+        real(dp) :: c(n_abreast, 3, n_quadratic)
+        real(dp), dimension(n_abreast, 6, n_quadratic_strains) :: e, s, y
+        integer :: slot(n_abreast, n_quadratic), z, n
 
         energy = 0.0_dp
-        do z = first, last, n_lanes
-            n = min(n_lanes, last - z + 1)
+        do z = first, last, n_abreast
+            n = min(n_abreast, last - z + 1)
             call moduli(n_zones, z, last, zone_lambda, zone_shear, zone_slot, lambda, mu, slot)
             lambda = share(2)*(lambda + 2.0_dp*mu) - 2.0_dp*share(1)*mu
             mu = share(1)*mu
@@ -83,11 +83,11 @@ contains
         !! What belongs to the zones from z on; lanes beyond the last repeat it.
         integer, intent(in) :: n_zones, z, last, zone_slot(n_zones, 15)
         real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones)
-        real(dp), intent(out) :: lambda(n_lanes), mu(n_lanes)
-        integer, intent(out) :: slot(n_lanes, n_quadratic)
+        real(dp), intent(out) :: lambda(n_abreast), mu(n_abreast)
+        integer, intent(out) :: slot(n_abreast, n_quadratic)
         integer :: i, at
 
-        do i = 1, n_lanes
+        do i = 1, n_abreast
             at = min(z + i - 1, last)
             lambda(i) = zone_lambda(at)
             mu(i) = zone_shear(at)
@@ -97,14 +97,14 @@ contains
 
     pure subroutine gradients(n_slots, slot, place, g, volume6)
         !! Gradients of the barycentric coordinates, and six volumes.
-        integer, intent(in) :: n_slots, slot(n_lanes, n_quadratic)
+        integer, intent(in) :: n_slots, slot(n_abreast, n_quadratic)
         real(dp), intent(in) :: place(3, n_slots)
-        real(dp), intent(out) :: g(n_lanes, 3, 4)       !! [1/m]
-        real(dp), intent(out) :: volume6(n_lanes)       !! [m3]
+        real(dp), intent(out) :: g(n_abreast, 3, 4)       !! [1/m]
+        real(dp), intent(out) :: volume6(n_abreast)       !! [m3]
         real(dp) :: a(3), b(3), c(3)
         integer :: i
 
-        do i = 1, n_lanes
+        do i = 1, n_abreast
             a = place(:, slot(i, 2)) - place(:, slot(i, 1))
             b = place(:, slot(i, 3)) - place(:, slot(i, 1))
             c = place(:, slot(i, 4)) - place(:, slot(i, 1))
@@ -119,13 +119,13 @@ contains
 
     pure subroutine gather(n_slots, slot, field, c)
         !! Motion of the nodes less that of corner 1.
-        integer, intent(in) :: n_slots, slot(n_lanes, n_quadratic)
+        integer, intent(in) :: n_slots, slot(n_abreast, n_quadratic)
         real(dp), intent(in) :: field(3, n_slots)
-        real(dp), intent(out) :: c(n_lanes, 3, n_quadratic)
+        real(dp), intent(out) :: c(n_abreast, 3, n_quadratic)
         integer :: a, i
 
         do a = 1, n_quadratic
-            do i = 1, n_lanes
+            do i = 1, n_abreast
                 c(i, :, a) = field(:, slot(i, a)) - field(:, slot(i, 1))
             end do
         end do
@@ -133,8 +133,8 @@ contains
 
     pure subroutine collect(n, n_slots, slot, f, force)
         !! Add the forces of n zones into slots, zone by zone.
-        integer, intent(in) :: n, n_slots, slot(n_lanes, n_quadratic)
-        real(dp), intent(in) :: f(n_lanes, 3, n_quadratic)
+        integer, intent(in) :: n, n_slots, slot(n_abreast, n_quadratic)
+        real(dp), intent(in) :: f(n_abreast, 3, n_quadratic)
         real(dp), intent(inout) :: force(3, n_slots)
         integer :: a, i
 

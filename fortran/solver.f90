@@ -16,7 +16,7 @@ module pyblast_solver
 
 contains
 
-    subroutine advance(n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_memories, n_parts, &
+    subroutine advance(n_nodes, n_corners, n_zones, n_domains, n_slots, n_sets, n_rows, n_memories, n_parts, &
                        n_contacts, n_joints, n_loads, n_histories, n_dashpots, n_fixed, n_receivers, n_total, &
                        n_steps, n_ledger, first_step, ledger_every, dt, local_damping, &
                        domain_zone_start, domain_slot_start, domain_set, slot_node, slot_place, &
@@ -35,7 +35,7 @@ contains
         !! March n_steps from first_step; stop early when the motion is no longer finite.
         !! Arguments without a note are those of the kernels that use them.
         integer, intent(in) :: n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_parts
-        integer, intent(in) :: n_memories
+        integer, intent(in) :: n_memories, n_corners
         integer, intent(in) :: n_contacts, n_joints, n_loads, n_histories, n_dashpots, n_fixed
         integer, intent(in) :: n_receivers
         integer, intent(in) :: n_total                       !! steps that the histories cover
@@ -45,7 +45,7 @@ contains
         integer, intent(in) :: ledger_every                  !! steps between ledger lines
         real(dp), intent(in) :: dt, local_damping
         integer, intent(in) :: domain_zone_start(n_domains + 1), domain_slot_start(n_domains + 1)
-        integer, intent(in) :: domain_set(n_domains), slot_node(n_slots), zone_slot(n_zones, 4)
+        integer, intent(in) :: domain_set(n_domains), slot_node(n_slots), zone_slot(n_zones, n_corners)
         real(dp), intent(in) :: slot_place(3, n_slots), zone_lambda(n_zones), zone_shear(n_zones)
         integer, intent(in) :: zone_row(n_zones), zone_patch(n_zones), set_law(n_sets)
         real(dp), intent(in) :: set_property(n_zone_properties, lanes, n_sets)
@@ -67,8 +67,8 @@ contains
         real(dp), intent(in) :: dashpot_inverse(3, 3, lanes, n_dashpots)
         integer, intent(in) :: fixed_node(n_fixed), fixed_history(lanes, n_fixed)
         real(dp), intent(in) :: fixed_direction(3, n_fixed)
-        integer, intent(in) :: receiver_node(4, n_receivers)
-        real(dp), intent(in) :: receiver_weight(4, n_receivers)
+        integer, intent(in) :: receiver_node(n_corners, n_receivers)
+        real(dp), intent(in) :: receiver_weight(n_corners, n_receivers)
         real(dp), intent(inout) :: displacement(lanes, 3, n_nodes), velocity(lanes, 3, n_nodes)
         real(dp), intent(inout) :: memory(lanes, 3, n_memories, n_nodes)
         real(dp), intent(inout) :: row_state(n_zone_state, lanes, n_rows), row_lost(lanes, n_rows)
@@ -107,7 +107,7 @@ contains
         do i = 1, n_steps
             step = first_step + i
             tell = modulo(step - 1, ledger_every) == 0
-            call zone_forces(n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_memories, &
+            call zone_forces(n_nodes, n_corners, n_zones, n_domains, n_slots, n_sets, n_rows, n_memories, &
                              tell, domain_zone_start, domain_slot_start, domain_set, slot_node, &
                              slot_place, zone_slot, zone_lambda, zone_shear, zone_row, &
                              zone_patch, set_law, set_property, set_beta, set_branch, &
@@ -146,7 +146,7 @@ contains
             call remember(n_nodes, n_memories, dt, memory_rate, displacement, velocity, memory)
             before(:, 1) = sum(block_energy(:, 3, :), 2)
             after(:, 1) = sum(block_energy(:, 4, :), 2)
-            call record_motion(n_nodes, n_receivers, receiver_node, receiver_weight, velocity, &
+            call record_motion(n_nodes, n_corners, n_receivers, receiver_node, receiver_weight, velocity, &
                                motion(:, :, :, i))
 
             if (tell) then

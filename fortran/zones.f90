@@ -4,10 +4,11 @@ module pyblast_zones
     !! A domain is at most a fixed number of neighbouring zones of one set: one law, one damping. It
     !! adds the forces of its zones into slots of its own, one for each of its nodes, so that no sum
     !! depends on the number of threads.
-    use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
+    use pyblast_kinds, only : dp, n_quadratic, n_zone_properties, n_zone_state
     use pyblast_lanes, only : lanes
     use pyblast_linear_zones, only : linear_energy, linear_forces
     use pyblast_lane_zones, only : lane_forces
+    use pyblast_quadratic_zones, only : quadratic_energy, quadratic_forces
     use pyblast_lawful_zones, only : lawful_forces
     use pyblast_zone_laws, only : isotropic_law
     implicit none
@@ -16,7 +17,7 @@ module pyblast_zones
 
 contains
 
-    subroutine zone_forces(n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_memories, &
+    subroutine zone_forces(n_nodes, n_corners, n_zones, n_domains, n_slots, n_sets, n_rows, n_memories, &
                            tell, domain_zone_start, domain_slot_start, domain_set, slot_node, &
                            slot_place, zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
                            set_law, set_property, set_beta, set_branch, row_initial, &
@@ -24,14 +25,15 @@ contains
                            domain_strain, domain_lost, domain_insitu)
         !! Forces of all zones into the slots, with the energies of each domain.
         !! Source: theory.md (2.1) to (2.4), (2.14).
-        integer, intent(in) :: n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_memories
+        integer, intent(in) :: n_nodes, n_domains, n_slots, n_sets, n_rows, n_memories
+        integer, intent(in) :: n_corners, n_zones                !! 4 or 15 nodes a zone
         logical, intent(in) :: tell                              !! whether energies are wanted
         integer, intent(in) :: domain_zone_start(n_domains + 1)  !! from 1
         integer, intent(in) :: domain_slot_start(n_domains + 1)  !! from 1
         integer, intent(in) :: domain_set(n_domains)             !! law and damping; from 1
         integer, intent(in) :: slot_node(n_slots)                !! from 1
         real(dp), intent(in) :: slot_place(3, n_slots)           !! from a point of the domain [m]
-        integer, intent(in) :: zone_slot(n_zones, 4)             !! within the domain, from 1
+        integer, intent(in) :: zone_slot(n_zones, n_corners)     !! within the domain, from 1
         real(dp), intent(in) :: zone_lambda(n_zones)             !! first Lame modulus [Pa]
         real(dp), intent(in) :: zone_shear(n_zones)              !! shear modulus [Pa]
         integer, intent(in) :: zone_row(n_zones)                 !! its memory; 0 has none
@@ -61,7 +63,7 @@ contains
             s1 = domain_slot_start(d)
             s2 = domain_slot_start(d + 1) - 1
             set = domain_set(d)
-            call domain_forces(n_nodes, n_zones, s2 - s1 + 1, n_rows, n_memories, z1, z2, tell, &
+            call domain_forces(n_nodes, n_corners, n_zones, s2 - s1 + 1, n_rows, n_memories, z1, z2, tell, &
                                slot_node(s1:s2), slot_place(:, s1:s2), zone_slot, zone_lambda, &
                                zone_shear, zone_row, zone_patch, set_law(set), &
                                set_property(:, :, set), set_beta(:, set), &
@@ -72,15 +74,16 @@ contains
         !$omp end parallel do
     end subroutine zone_forces
 
-    pure subroutine domain_forces(n_nodes, n_zones, n_slots, n_rows, n_memories, first, last, &
+    pure subroutine domain_forces(n_nodes, n_corners, n_zones, n_slots, n_rows, n_memories, first, last, &
                                   tell, slot_node, place, zone_slot, zone_lambda, zone_shear, &
                                   zone_row, zone_patch, law, property, beta, branch, row_initial, &
                                   displacement, velocity, memory, row_state, row_lost, force, &
                                   strain_energy, lost, insitu)
         !! Forces of zones first to last, one domain; arguments as in zone_forces.
-        integer, intent(in) :: n_nodes, n_zones, n_slots, n_rows, n_memories, first, last, law
+        integer, intent(in) :: n_nodes, n_corners, n_zones, n_slots, n_rows, n_memories
+        integer, intent(in) :: first, last, law
         logical, intent(in) :: tell
-        integer, intent(in) :: slot_node(n_slots), zone_slot(n_zones, 4)
+        integer, intent(in) :: slot_node(n_slots), zone_slot(n_zones, n_corners)
         real(dp), intent(in) :: place(3, n_slots), zone_lambda(n_zones), zone_shear(n_zones)
         integer, intent(in) :: zone_row(n_zones), zone_patch(n_zones)
         real(dp), intent(in) :: property(n_zone_properties, lanes), beta(lanes)
@@ -105,7 +108,7 @@ contains
             do l = 1, lanes
                 pull = 0.0_dp
                 call lawful_forces(last - first + 1, n_slots, n_rows, l, law, property(:, l), &
-                                   zone_slot(first:last, :), zone_lambda(first:last), &
+                                   zone_slot(first:last, :4), zone_lambda(first:last), &
                                    zone_shear(first:last), zone_row(first:last), &
                                    zone_patch(first:last), row_initial, place, u(l, :, :), &
                                    damped, lag(l, :, :, 1), row_state, row_lost, pull, &
@@ -117,28 +120,39 @@ contains
         if (damped) then
             lag(:, :, :, 1) = lag(:, :, :, 1) + u
             lag(:, :, :, 2) = lag(:, :, :, 2) + u
-            call push_zones(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
+            call push_zones(n_corners, n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
                             place, lag(:, :, :, 1), lag(:, :, :, 2), &
                             .not. any(abs(branch(:, 1, :) - branch(:, 2, :)) > 0.0_dp), force)
         else
-            call push_zones(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
+            call push_zones(n_corners, n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
                             place, u, u, .true., force)
         end if
-        if (tell) call hold_energy(n_nodes, n_zones, n_slots, n_memories, first, last, slot_node, &
+        if (tell) call hold_energy(n_nodes, n_corners, n_zones, n_slots, n_memories, first, last, slot_node, &
                                    zone_slot, zone_lambda, zone_shear, place, u, memory, branch, &
                                    strain_energy)
     end subroutine domain_forces
 
-    pure subroutine push_zones(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
-                               place, shearing, swelling, alike, force)
+    pure subroutine push_zones(n_corners, n_zones, n_slots, first, last, zone_slot, zone_lambda, &
+                               zone_shear, place, shearing, swelling, alike, force)
         !! Forces of linear zones, by zones side by side or by lanes side by side.
-        integer, intent(in) :: n_zones, n_slots, first, last, zone_slot(n_zones, 4)
+        integer, intent(in) :: n_corners, n_zones, n_slots, first, last
+        integer, intent(in) :: zone_slot(n_zones, n_corners)
         real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), place(3, n_slots)
         real(dp), intent(in) :: shearing(lanes, 3, n_slots), swelling(lanes, 3, n_slots)
         logical, intent(in) :: alike
         real(dp), intent(inout) :: force(lanes, 3, n_slots)
+        real(dp) :: part(3, n_slots)
+        integer :: l
 
-        if (lanes == 1) then
+        if (n_corners == n_quadratic) then
+            do l = 1, lanes
+                part = 0.0_dp
+                call quadratic_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
+                                      zone_shear, place, shearing(l, :, :), swelling(l, :, :), &
+                                      alike, part)
+                force(l, :, :) = part
+            end do
+        else if (lanes == 1) then
             call linear_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
                                place, shearing, swelling, alike, force)
         else
@@ -147,12 +161,12 @@ contains
         end if
     end subroutine push_zones
 
-    pure subroutine hold_energy(n_nodes, n_zones, n_slots, n_memories, first, last, slot_node, &
+    pure subroutine hold_energy(n_nodes, n_corners, n_zones, n_slots, n_memories, first, last, slot_node, &
                                 zone_slot, zone_lambda, zone_shear, place, u, memory, branch, &
                                 energy)
         !! Energy that linear zones hold in springs that stay and in those that relax; (2.17).
-        integer, intent(in) :: n_nodes, n_zones, n_slots, n_memories, first, last
-        integer, intent(in) :: slot_node(n_slots), zone_slot(n_zones, 4)
+        integer, intent(in) :: n_nodes, n_corners, n_zones, n_slots, n_memories, first, last
+        integer, intent(in) :: slot_node(n_slots), zone_slot(n_zones, n_corners)
         real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), place(3, n_slots)
         real(dp), intent(in) :: u(lanes, 3, n_slots), memory(lanes, 3, n_memories, n_nodes)
         real(dp), intent(in) :: branch(lanes, 2, n_memories)
@@ -160,17 +174,35 @@ contains
         integer :: l, k
 
         do l = 1, lanes
-            energy(l) = linear_energy(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
-                                      zone_shear, place, u(l, :, :), [1.0_dp, 1.0_dp])
+            energy(l) = springs(n_corners, n_zones, n_slots, first, last, zone_slot, zone_lambda, &
+                                zone_shear, place, u(l, :, :), [1.0_dp, 1.0_dp])
             do k = 1, n_memories
                 if (.not. any(branch(l, :, k) > 0.0_dp)) cycle
                 energy(l) = energy(l) &
-                    + linear_energy(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
-                                    zone_shear, place, u(l, :, :) - memory(l, :, k, slot_node), &
-                                    branch(l, :, k))
+                    + springs(n_corners, n_zones, n_slots, first, last, zone_slot, zone_lambda, &
+                              zone_shear, place, u(l, :, :) - memory(l, :, k, slot_node), &
+                              branch(l, :, k))
             end do
         end do
     end subroutine hold_energy
+
+    pure function springs(n_corners, n_zones, n_slots, first, last, zone_slot, zone_lambda, &
+                          zone_shear, place, field, share) result(energy)
+        !! Energy of one field in springs that have a share of both moduli of the zones [J].
+        integer, intent(in) :: n_corners, n_zones, n_slots, first, last
+        integer, intent(in) :: zone_slot(n_zones, n_corners)
+        real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones)
+        real(dp), intent(in) :: place(3, n_slots), field(3, n_slots), share(2)
+        real(dp) :: energy
+
+        if (n_corners == n_quadratic) then
+            energy = quadratic_energy(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
+                                      zone_shear, place, field, share)
+        else
+            energy = linear_energy(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
+                                   zone_shear, place, field, share)
+        end if
+    end function springs
 
     pure subroutine lags(n_nodes, n_slots, n_memories, slot_node, beta, branch, u, velocity, &
                          memory, lag)

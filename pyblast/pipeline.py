@@ -144,7 +144,8 @@ def _conclude(project, checked, run_, folder):
         "simulated": simulated,
         "recorded": project.recorded,
     }
-    mesh, contacts = project.model.mesh, project.model.mesh.contacts
+    mesh, contacts = project.model.mesh, project.model.nodes.contacts
+    corners = len(mesh.points)
     arrays = {group: {n: s.velocity for n, s in g.items()} for group, g in groups.items()}
     arrays |= {
         "sources": source_tables(project),
@@ -153,7 +154,9 @@ def _conclude(project, checked, run_, folder):
         "zones": zone_fields(project.model),
         "energy": run_.energy,
         "state": run_.state,
-        "snapshots": {f"{t - project.lead:.6f}": v for t, v in run_.snapshots.items()},
+        "snapshots": {
+            f"{t - project.lead:.6f}": v[:corners] for t, v in run_.snapshots.items()
+        },
         "contacts": {} if contacts is None else {
             n: getattr(contacts, n) for n in ("joint", "minus", "plus", "normal", "area")
         },
@@ -178,13 +181,14 @@ def write_outcome(outcome, model):
     folder, run_ = outcome.folder, outcome.run
     write_result(folder / RESULT, outcome.result)
     write_summary(folder / "summary.json", outcome.result.summary)
-    mesh = model.mesh
-    moved = {"displacement": run_.state["displacement"]}
+    mesh, displacement = model.mesh, run_.state["displacement"][: len(model.mesh.points)]
+    moved = {"displacement": displacement}
     fields = {**zone_fields(model), **yield_fields(run_)}
     write_zones(folder / "zones.vtu", mesh.points, mesh.zones, fields, moved)
     if mesh.contacts is not None:
-        write_joints(folder / "joints.vtu", mesh, run_.state["displacement"])
-    write_motion(folder, mesh.points, mesh.zones, run_.snapshots)
+        write_joints(folder / "joints.vtu", mesh, displacement)
+    snapshots = {t: v[: len(mesh.points)] for t, v in run_.snapshots.items()}
+    write_motion(folder, mesh.points, mesh.zones, snapshots)
 
 
 def new_folder(output):

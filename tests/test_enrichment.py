@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from pyblast.meshing import elements, tetrahedra
-from pyblast.meshing.enrichment import enrich, node_sums, shapes, surface_areas
 from pyblast.meshing.grid import structured_box
 from pyblast.meshing.mesh import locate
+from pyblast.meshing.nodes import nodes_of
 
 
 def halves(planes, shape=(4, 4, 4)):
     """Return the quadratic mesh of a box of 4 m with joints on planes."""
-    return enrich(structured_box(shape, (4.0, 4.0, 4.0), planes=planes).split(list(planes)))
+    return nodes_of(structured_box(shape, (4.0, 4.0, 4.0), planes=planes).split(list(planes)), True)
 
 
 def slit(corners):
@@ -22,7 +22,7 @@ def slit(corners):
         axis=(1, 2)
     )
     mesh.surfaces["J"] = faces[inside][:corners]
-    return enrich(mesh.split(["J"]))
+    return nodes_of(mesh.split(["J"]), True)
 
 
 @pytest.mark.parametrize("linear", range(4))
@@ -59,7 +59,7 @@ def test_face_nodes_lie_on_their_face_with_edges_between_their_corners():
 def test_zones_share_the_nodes_of_edges_and_faces():
     mesh = structured_box((2, 2, 2), (2.0, 2.0, 2.0))
 
-    quadratic = enrich(mesh)
+    quadratic = nodes_of(mesh, True)
 
     edges = np.unique(np.sort(mesh.zones[:, tetrahedra.EDGES].reshape(-1, 2), axis=1), axis=0)
     faces = np.unique(np.sort(tetrahedra.zone_faces(mesh.zones), axis=1), axis=0)
@@ -74,9 +74,9 @@ def test_mass_and_areas_are_shared_out_whole():
     quadratic = halves({"J": ("x", 2.0)})
     volume = tetrahedra.volumes(quadratic.mesh.points, quadratic.mesh.zones)
 
-    _, area, normal = surface_areas(quadratic, "east")
+    _, area, normal = quadratic.surface_areas("east")
 
-    assert node_sums(quadratic, volume).sum() == pytest.approx(64.0)
+    assert quadratic.sums(volume).sum() == pytest.approx(64.0)
     assert area.sum() == pytest.approx(16.0)
     assert normal == pytest.approx(np.tile([1.0, 0.0, 0.0], (len(area), 1)))
 
@@ -133,7 +133,8 @@ def test_shapes_reproduce_quadratic_fields_and_their_gradients():
     places = np.random.default_rng(0).uniform(0.1, 3.9, size=(20, 3))
     zone, weights = locate(quadratic.mesh, places)
 
-    nodes, value, gradient = shapes(quadratic, zone, weights)
+    nodes = quadratic.zone_nodes[zone]
+    value, gradient = quadratic.shapes(weights), quadratic.slopes(zone, weights)
 
     x, y, z = quadratic.points[nodes].transpose(2, 0, 1)
     field = x * y - z**2 + 3.0 * x

@@ -52,7 +52,7 @@ def test_the_estimate_covers_what_a_run_takes():
     taken = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
 
-    assert 0.4 * taken < memory.marching_bytes(model.mesh, 1000) < 3.0 * taken
+    assert 0.4 * taken < memory.marching_bytes(model.nodes, 1000) < 3.0 * taken
 
 
 def test_a_model_that_does_not_fit_is_refused_with_both_numbers(machine):

@@ -71,6 +71,16 @@ def shape_slopes(weights):
 
 
 @cache
+def mean_slopes():
+    """Return the means (1, 15, 4) over a zone of the slopes of the shape functions."""
+    slopes = np.zeros((len(POWERS), 4))
+    for axis in range(4):
+        lower = np.maximum(POWERS - np.eye(4, dtype=int)[axis], 0)
+        slopes[:, axis] = POWERS[:, axis] * integral(lower)
+    return (_shape_table() @ slopes)[None]
+
+
+@cache
 def stiffness_table():
     """Return the means (4, 4, 15, 15) over a zone of products of the slopes of two functions.
 

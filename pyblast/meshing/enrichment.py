@@ -1,39 +1,14 @@
 """Meshes of quadratic zones: nodes on edges, on faces and in zones beside those at corners."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from . import tetrahedra
-from .elements import AREA_SHARE, FACE_NODES, NODES, VOLUME_SHARE, shape_slopes, shape_values
+from .elements import AREA_SHARE, FACE_NODES, NODES
 from .mesh import Contacts, Mesh, surface_faces
 from .splitting import components, merge_pairs
 
 
-@dataclass(frozen=True, eq=False)
-class QuadraticMesh:
-    """A mesh whose zones have 15 nodes each.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        The corners; they keep their numbers.
-    points : (n_nodes, 3) float64, m
-    zone_nodes : (n_zones, 15) int32
-        In the order of ``elements.NODES``.
-    surfaces : dict of str to (n, 7) int32
-        Nodes of the faces of outer surfaces, and of the minus side of joints.
-    contacts : Contacts or None
-    """
-
-    mesh: Mesh
-    points: np.ndarray
-    zone_nodes: np.ndarray
-    surfaces: dict[str, np.ndarray]
-    contacts: Contacts | None
-
-
-def enrich(mesh: Mesh) -> QuadraticMesh:
+def enrich(mesh: Mesh):
     """Put nodes on edges and faces and into zones, on both sides of joints.
 
     Corners of two zones at an edge share a node where the zones are connected around that edge
@@ -44,6 +19,16 @@ def enrich(mesh: Mesh) -> QuadraticMesh:
     ----------
     mesh : Mesh
         Split or without joints.
+
+    Returns
+    -------
+    points : (n_nodes, 3) float64, m
+        Corners first, in their order.
+    zone_nodes : (n_zones, 15) int32
+        In the order of ``elements.NODES``.
+    surfaces : dict of str to (n, 7) int32
+        Nodes of the faces of outer surfaces, and of the minus side of joints.
+    contacts : Contacts or None
     """
     first, second, joint, names = _shared_faces(mesh)
     welded = joint < 0
@@ -63,7 +48,7 @@ def enrich(mesh: Mesh) -> QuadraticMesh:
     if mesh.contacts is not None:
         split = ~welded
         contacts = _contacts(mesh, faces, names, joint[split], first[split], second[split])
-    return QuadraticMesh(mesh, points, zone_nodes, surfaces, contacts)
+    return points, zone_nodes, surfaces, contacts
 
 
 def _middles(mesh, weights):
@@ -121,48 +106,3 @@ def _contacts(mesh, faces, names, joint, minus, plus):
     keys, area, normal = merge_pairs(keys[apart], shares[apart])
     owner, one, other = keys.astype(np.int32).T
     return Contacts(owner, names, one, other, normal, area)
-
-
-def node_sums(quadratic: QuadraticMesh, values):
-    """Share a value of each zone (n_zones,) among its nodes as the lumped mass is, (n_nodes,)."""
-    shared = (np.asarray(values)[:, None] * VOLUME_SHARE).ravel()
-    return np.bincount(quadratic.zone_nodes.ravel(), shared, minlength=len(quadratic.points))
-
-
-def surface_areas(quadratic: QuadraticMesh, name: str):
-    """Share the area of a surface among its nodes.
-
-    Returns
-    -------
-    nodes : (7 n_faces,) int32, face by face
-    area : (7 n_faces,) float64, m2
-    normal : (7 n_faces, 3) float64, unit, out of the zone behind
-    """
-    nodes = quadratic.surfaces[name]
-    vectors = tetrahedra.triangle_vectors(quadratic.points, nodes[:, :3])
-    length = np.linalg.norm(vectors, axis=1)
-    normal = (vectors / length[:, None]).repeat(7, axis=0)
-    return nodes.ravel(), (length[:, None] * AREA_SHARE).ravel(), normal
-
-
-def shapes(quadratic: QuadraticMesh, zone, weights):
-    """Return nodes, shape functions and their gradients at places in zones.
-
-    Parameters
-    ----------
-    quadratic : QuadraticMesh
-    zone : (n,) int64
-    weights : (n, 4) float64
-        Barycentric coordinates, as ``mesh.locate`` finds them.
-
-    Returns
-    -------
-    nodes : (n, 15) int32
-    value : (n, 15) float64
-    gradient : (n, 15, 3) float64, 1/m
-    """
-    corners = quadratic.points[quadratic.mesh.zones[zone]]
-    inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1])
-    slopes = shape_slopes(weights)
-    gradient = (slopes[:, :, 1:] - slopes[:, :, :1]) @ np.swapaxes(inverse, 1, 2)
-    return quadratic.zone_nodes[zone], shape_values(weights), gradient

@@ -48,17 +48,17 @@ def _pages():
         return float("inf")
 
 
-def marching_bytes(mesh, n_samples=0):
+def marching_bytes(nodes, n_samples=0):
     """Return what assembly and march of a mesh take beside it, bytes.
 
     Parameters
     ----------
-    mesh : Mesh
+    nodes : Nodes
     n_samples : int
         Steps times receivers.
     """
-    n_contacts = 0 if mesh.contacts is None else len(mesh.contacts.area)
-    own = ZONE_BYTES * len(mesh.zones) + NODE_BYTES * len(mesh.points)
+    n_contacts = 0 if nodes.contacts is None else len(nodes.contacts.area)
+    own = ZONE_BYTES * len(nodes.zone_nodes) + NODE_BYTES * len(nodes.points)
     return own + CONTACT_BYTES * n_contacts + SAMPLE_BYTES * n_samples
 
 

@@ -153,3 +153,9 @@ def _refuse_outside(points, corners, places, weights, tolerance):
             f"point ({x:g}, {y:g}, {z:g}): must lie in the mesh, is {distance[outside[0]]:.3g} m "
             "outside; move it or enlarge the model"
         )
+
+
+def shape_gradients(points, zones):
+    """Return the gradients of shape functions 2 to 4, (n_zones, 3, 3) 1/m, last axis x y z."""
+    sides = points[zones[:, 1:]] - points[zones[:, :1]]
+    return np.swapaxes(np.linalg.inv(sides), 1, 2)

@@ -12,7 +12,6 @@ from ..motion.spectra import dominant_frequency
 from ..solving import assembly, preparation, solver
 
 TRIAL_STEPS = 40
-EDGES_PER_WAVELENGTH = 10.0
 
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ def take_census(project, measure=False) -> Census:
     return Census(
         groups=_groups(model, mass, limit.added_share),
         zones=len(model.mesh.zones),
-        nodes=len(model.mesh.points),
+        nodes=len(model.nodes.points),
         contacts=len(geometry["contact_area"]),
         blocks=int(model.mesh.blocks().max()) + 1,
         dt=float(geometry["dt"]),
@@ -86,7 +85,7 @@ def take_census(project, measure=False) -> Census:
         limited_by=limit.limited_by,
         added_mass=float(limit.added_mass.sum() / mass.sum()),
         steps=n_steps,
-        memory=marching_bytes(model.mesh, n_steps * (1 + len(model.receivers))),
+        memory=marching_bytes(model.nodes, n_steps * (1 + len(model.receivers))),
         seconds=_measured(model, float(geometry["dt"]), n_steps) if measure else None,
     )
 
@@ -109,14 +108,14 @@ def _groups(model, mass, added_share):
                     float(mass[mine].sum()),
                     float(edges[name]),
                     float(quality[mine].min()),
-                    carried_frequency(material.cs, float(edges[name])),
+                    carried_frequency(material.cs, float(edges[name]), model.edges_per_wavelength),
                     float(added_share[name]),
                 )
             )
     return tuple(found)
 
 
-def carried_frequency(speed, edge, edges_per_wavelength=EDGES_PER_WAVELENGTH):
+def carried_frequency(speed, edge, edges_per_wavelength=10.0):
     """Return the highest frequency in Hz that zones of an edge in m carry; eq. (1) of the paper."""
     return speed / (edges_per_wavelength * edge)
 

@@ -70,6 +70,7 @@ class MeshConfig(Section):
     joint_sets: list[JointSetConfig] = Field([])
     faults: list[FaultConfig] = Field([])
     tolerance_m: Positive | None = None
+    quadratic: bool = False
     padding_m: Positive | None = None
     padding_edge_m: Positive | None = None
     seed: Annotated[int, Field(ge=0)] = 0

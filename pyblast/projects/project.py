@@ -208,6 +208,7 @@ class Project:
                 added_mass=config.run.added_mass,
                 step_factor=config.run.step_factor,
                 local_damping=config.run.local_damping,
+                quadratic=config.mesh.quadratic,
                 **parts,
             )
 

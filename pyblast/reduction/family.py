@@ -118,6 +118,11 @@ def refuse_nonlinear(model):
     InputError
         With the part that is to blame.
     """
+    if model.quadratic:
+        raise InputError(
+            "model.quadratic: a reduced model needs zones of constant strain; leave quadratic out "
+            "and take shorter edges"
+        )
     for joint in model.joints:
         if joint.law not in ("elastic", *STICKING):
             raise InputError(

@@ -4,7 +4,6 @@ import numpy as np
 
 from ..meshing.tetrahedra import volumes
 from ..solving.operators import SHEAR, strain_matrix
-from ..solving.stability import node_sums
 
 CHUNK = 2048  # zones whose strains are formed at once
 
@@ -36,13 +35,13 @@ def seen(model, constants, left, right):
     heavy = model.zone_values("density") * volumes(mesh.points, mesh.zones)
     for number, group in enumerate(mesh.groups):
         here = np.where(mesh.zone_group == number, heavy, 0.0)
-        found["drag", group] = _weighted(left, right, node_sums(mesh.zones, here, len(mass)))
+        found["drag", group] = _weighted(left, right, model.nodes.sums(here))
         zones = np.flatnonzero(mesh.zone_group == number)
         found["p", group], found["s", group] = _stiffness(model, zones, left, right)
     if model.rim is not None:
         centres = mesh.points[mesh.zones].mean(axis=1)
         drag = heavy * model.rim.alpha(centres, model.zone_values("cs"))
-        found["rim",] = _weighted(left, right, node_sums(mesh.zones, drag, len(mass)))
+        found["rim",] = _weighted(left, right, model.nodes.sums(drag))
     if mesh.contacts is not None:
         found |= _joints(mesh.contacts, left, right)
     return found

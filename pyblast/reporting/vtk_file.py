@@ -18,7 +18,7 @@ def zone_fields(model):
     return {
         "group": mesh.zone_group.astype(np.int32),
         "block": mesh.blocks().astype(np.int32),
-        "f_max": carried_frequency(model.zone_values("cs"), edge),
+        "f_max": carried_frequency(model.zone_values("cs"), edge, model.edges_per_wavelength),
     }
 
 

@@ -20,7 +20,7 @@ from .kernels import (
     stored_at_rest,
 )
 from .loads import Loads, model_loads
-from .stability import critical_step, node_sums
+from .stability import critical_step
 from .yielding import settled_rows, stressed_rows
 
 GAP = 5  # column of contact_state of every law that opens, m
@@ -41,18 +41,18 @@ def geometry_arrays(model, step=None):
 
     ``step`` is what `time_step` gave, or the same with a shorter time step.
     """
-    mesh = model.mesh
+    mesh, nodes = model.mesh, model.nodes
     dt, limit = step or time_step(model)
     volume = tetrahedra.volumes(mesh.points, mesh.zones)
     mass = model.zone_values("density") * volume
-    node_mass = node_sums(mesh.zones, mass + limit.added_mass, len(mesh.points))
+    node_mass = nodes.sums(mass + limit.added_mass)
     node_mass += _fill_mass(model)
-    drag = node_sums(mesh.zones, model.zone_damping("alpha") * mass, len(mesh.points))
+    drag = nodes.sums(model.zone_damping("alpha") * mass)
     contacts = _contacts(model)
     patch = model.patches() if model.yielding().any() else np.full(len(mesh.zones), -1)
     arrays = {
         "dt": dt,
-        **domain_arrays(mesh, patch, contacts["contact_node"]),
+        **domain_arrays(nodes, patch, contacts["contact_node"]),
         **dict(zip(("zone_lambda", "zone_shear"), model.zone_moduli(), strict=True)),
         **zone_laws(model),
         "node_mass": node_mass,
@@ -101,7 +101,7 @@ def _branches(by_set):
 
 def _contacts(model):
     """Contacts with the laws and properties of their joints."""
-    contacts = model.mesh.contacts
+    contacts = model.nodes.contacts
     by_name = {joint.surface: joint for joint in model.joints}
     joints = [by_name[name] for name in contacts.names] if contacts is not None else []
     if not joints:
@@ -127,8 +127,8 @@ def _contacts(model):
 
 def _fill_mass(model):
     """Return the mass of fills on the nodes of their contacts, (n_nodes,) kg."""
-    total = np.zeros(len(model.mesh.points))
-    contacts = model.mesh.contacts
+    total = np.zeros(len(model.nodes.points))
+    contacts = model.nodes.contacts
     by_name = {joint.surface: joint.fill_mass for joint in model.joints}
     if contacts is None or not any(by_name.values()):
         return total
@@ -160,13 +160,15 @@ def dynamic_arrays(model, geometry, n_steps, sides=()):
     for nodes, forces, history in sides:
         loads.add(nodes, forces, loads.add_history(history))
     conditions = dynamic_conditions(model, geometry, loads)
-    node, weight = np.zeros((0, 4), dtype=np.int32), np.zeros((0, 4))
+    nodes = model.nodes
+    none = np.zeros((0, nodes.zone_nodes.shape[1]))
+    node, weight = none.astype(np.int32), none
     if model.receivers:
         zone, weight = locate(model.mesh, [receiver.position for receiver in model.receivers])
-        node = model.mesh.zones[zone]
+        node, weight = nodes.zone_nodes[zone], nodes.shapes(weight)
     return {
         "local_damping": model.local_damping,
-        "node_load": np.zeros_like(model.mesh.points),
+        "node_load": np.zeros_like(nodes.points),
         **conditions,
         **loads.arrays(geometry["dt"] * np.arange(n_steps)),
         "receiver_node": node,
@@ -193,8 +195,8 @@ def static_arrays(model, geometry):
         "node_load": node_load,
         "contact_initial": contact_initial,
         **static_conditions(model, geometry),
-        "receiver_node": np.zeros((0, 4), dtype=np.int32),
-        "receiver_weight": np.zeros((0, 4)),
+        "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),
+        "receiver_weight": np.zeros((0, model.nodes.zone_nodes.shape[1])),
     }
     return arrays, scale
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..meshing.mesh import surface_areas, surface_zones
+from ..meshing.mesh import surface_zones
 from ..motion.seismogram import GEOGRAPHIC
 from .anisotropy import impedance
 from .boundaries import Fixed, Roller, VelocityInput, Viscous
@@ -19,8 +19,9 @@ def surface_impedance(model, surface):
     dict of int to (3, 3) float64, N s/m
         Source: Lysmer & Kuhlemeyer (1969); theory.md (4.1), (2.23).
     """
-    nodes, area, normal = surface_areas(model.mesh, surface)
-    zone = np.repeat(surface_zones(model.mesh, surface), 3)
+    nodes, area, normal = model.nodes.surface_areas(surface)
+    behind = surface_zones(model.mesh, surface)
+    zone = np.repeat(behind, len(nodes) // len(behind))
     density = model.zone_values("density")[zone]
     z_p, z_s = (area * density * model.zone_values(speed)[zone] for speed in ("cp", "cs"))
     outer = normal[:, :, None] * normal[:, None, :]
@@ -75,7 +76,7 @@ def static_conditions(model, geometry):
 
 def _move_all(model, boundary, fixed, histories):
     """Prescribe all three axes at the nodes of a surface; where two meet they move alike."""
-    for node in np.unique(model.mesh.surfaces[boundary.surface]):
+    for node in np.unique(model.nodes.surfaces[boundary.surface]):
         if int(node) not in fixed:
             fixed[int(node)] = list(zip(np.eye(3), histories, strict=True))
 
@@ -83,14 +84,14 @@ def _move_all(model, boundary, fixed, histories):
 def _fix_axes(model, boundary, fixed):
     """Hold the named components at the nodes of a surface."""
     axes = [np.eye(3)[GEOGRAPHIC.index(name)] for name in boundary.components]
-    for node in np.unique(model.mesh.surfaces[boundary.surface]):
+    for node in np.unique(model.nodes.surfaces[boundary.surface]):
         for axis in axes:
             _hold(fixed, int(node), axis)
 
 
 def _fix_normal(model, boundary, fixed):
     """Hold the normal of a surface at its nodes."""
-    nodes, area, normal = surface_areas(model.mesh, boundary.surface)
+    nodes, area, normal = model.nodes.surface_areas(boundary.surface)
     unique, place = np.unique(nodes, return_inverse=True)
     mean = np.zeros((len(unique), 3))
     np.add.at(mean, place, area[:, None] * normal)

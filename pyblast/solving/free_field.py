@@ -209,6 +209,10 @@ def _inputs_from_below(model):
 def _refuse_ground(model, sides):
     """Refuse ground beside the sides that a column can't follow."""
     mesh = model.mesh
+    if model.quadratic:
+        raise InputError(
+            "boundaries.free_field: columns need zones of constant strain; leave quadratic out"
+        )
     if model.rim is not None or model.local_damping:
         raise InputError(
             "boundaries.free_field: a rim or local damping would damp the ground that the columns "

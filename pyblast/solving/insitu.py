@@ -4,7 +4,6 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ..meshing import tetrahedra
-from .stability import node_sums, shape_gradients
 
 BINS = 200
 
@@ -44,34 +43,33 @@ def insitu_stress(model):
     return overburden_stress(model) + np.asarray(model.insitu.stress, dtype=float)
 
 
-def corner_forces(stress, gradient, volume):
-    """Return the forces (n_zones, 4, 3) in N that stresses put on the corners of their zones."""
+def corner_forces(nodes, stress):
+    """Return the forces (n_zones, n, 3) in N of stresses on the nodes of their zones; (2.3)."""
     tensor = stress[:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]
-    force = -volume[:, None, None] * np.einsum("zij,zkj->zki", tensor, gradient)
-    return np.concatenate([-force.sum(axis=1, keepdims=True), force], axis=1)
+    gradient = nodes.mean_slopes(np.arange(len(stress)))
+    volume = tetrahedra.volumes(nodes.mesh.points, nodes.mesh.zones)
+    return -volume[:, None, None] * np.einsum("zij,zkj->zki", tensor, gradient)
 
 
-def joint_tractions(mesh, stress):
+def joint_tractions(nodes, stress):
     """Return the traction (n_contacts, 3) in Pa of the mean stress around each contact."""
-    volume = tetrahedra.volumes(mesh.points, mesh.zones)
-    n_nodes = len(mesh.points)
-    mean = np.stack(
-        [node_sums(mesh.zones, volume * stress[:, k], n_nodes) for k in range(6)], axis=1
-    )
-    both = mean[mesh.contacts.minus] + mean[mesh.contacts.plus]
-    space = node_sums(mesh.zones, volume, n_nodes)
-    both /= (space[mesh.contacts.minus] + space[mesh.contacts.plus])[:, None]
+    contacts = nodes.contacts
+    volume = tetrahedra.volumes(nodes.mesh.points, nodes.mesh.zones)
+    mean = np.stack([nodes.sums(volume * stress[:, k]) for k in range(6)], axis=1)
+    both = mean[contacts.minus] + mean[contacts.plus]
+    space = nodes.sums(volume)
+    both /= (space[contacts.minus] + space[contacts.plus])[:, None]
     tensor = both[:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]
-    return np.einsum("cij,cj->ci", tensor, mesh.contacts.normal)
+    return np.einsum("cij,cj->ci", tensor, contacts.normal)
 
 
 def joint_pressures(model):
     """Return the mean normal pressure in Pa on each joint before the blast, by its surface."""
     pressures = {joint.surface: joint.insitu_pressure for joint in model.joints}
-    contacts = model.mesh.contacts
+    contacts = model.nodes.contacts
     if model.insitu is None or contacts is None:
         return pressures
-    traction = joint_tractions(model.mesh, insitu_stress(model))
+    traction = joint_tractions(model.nodes, insitu_stress(model))
     normal = -np.einsum("ci,ci->c", traction, contacts.normal)
     area = np.bincount(contacts.joint, contacts.area, len(contacts.names))
     mean = np.bincount(contacts.joint, contacts.area * normal, len(contacts.names)) / area
@@ -88,18 +86,17 @@ def static_loads(model, geometry):
     scale : float, N
         Sum of the corner forces of the in-situ stress.
     """
-    mesh = model.mesh
+    nodes = model.nodes
     stress = insitu_stress(model)
-    volume = tetrahedra.volumes(mesh.points, mesh.zones)
-    corner = corner_forces(stress, shape_gradients(mesh.points, mesh.zones), volume)
-    load = np.zeros_like(mesh.points)
-    np.add.at(load, mesh.zones, corner)
-    mass = model.zone_values("density") * volume
-    load[:, 2] -= model.insitu.gravity * node_sums(mesh.zones, mass, len(load))
+    corner = corner_forces(nodes, stress)
+    load = np.zeros_like(nodes.points)
+    np.add.at(load, nodes.zone_nodes, corner)
+    mass = model.zone_values("density") * tetrahedra.volumes(model.mesh.points, model.mesh.zones)
+    load[:, 2] -= model.insitu.gravity * nodes.sums(mass)
     traction = geometry["contact_initial"]
-    if mesh.contacts is not None:
-        traction = joint_tractions(mesh, stress)
-        force = mesh.contacts.area[:, None] * traction
-        np.add.at(load, mesh.contacts.minus, force)
-        np.add.at(load, mesh.contacts.plus, -force)
+    if nodes.contacts is not None:
+        traction = joint_tractions(nodes, stress)
+        force = nodes.contacts.area[:, None] * traction
+        np.add.at(load, nodes.contacts.minus, force)
+        np.add.at(load, nodes.contacts.plus, -force)
     return load, traction, float(np.linalg.norm(corner, axis=2).sum())

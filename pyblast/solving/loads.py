@@ -11,7 +11,6 @@ from .charges import Column, MomentTensor
 from .plane_waves import PlaneWave, add_plane_wave
 from .pressures import AirBlast, Pressure
 from .sources import Hole, PointForce, TimeFunction
-from .stability import shape_gradients
 
 FEWEST_ZONES = 8  # that a source is spread over
 PRESSURE_CUTS = 3  # of each edge of a face that a pressure passes
@@ -111,22 +110,23 @@ def add_velocity_input(loads, boundary: VelocityInput, dt):
 
 def _add_force(loads, model, source):
     """Add a point force, shared by the nodes of its zone; theory.md (5.3)."""
+    nodes = model.nodes
     zone, weight = locate(model.mesh, source.position)
-    vectors = weight[0][:, None] * np.asarray(source.direction, dtype=float)
-    loads.add(model.mesh.zones[zone[0]], vectors, loads.add_history(source.history))
+    vectors = nodes.shapes(weight)[0][:, None] * np.asarray(source.direction, dtype=float)
+    loads.add(nodes.zone_nodes[zone[0]], vectors, loads.add_history(source.history))
 
 
 def _add_hole(loads, model, hole):
     """Add a hole as an isotropic moment; theory.md (5.2)."""
     number = loads.add_history(hole.moment_rate.integral(), -hole.time)
     tensor = hole.charge**hole.exponent * np.eye(3)
-    _add_moment(loads, model.mesh, hole.position, tensor, hole.spread, number)
+    _add_moment(loads, model.nodes, hole.position, tensor, hole.spread, number)
 
 
 def _add_tensor(loads, model, source):
     """Add a moment tensor; theory.md (5.8)."""
     number = loads.add_history(source.moment_rate.integral(), -source.time)
-    _add_moment(loads, model.mesh, source.position, source.tensor, source.spread, number)
+    _add_moment(loads, model.nodes, source.position, source.tensor, source.spread, number)
 
 
 def _add_column(loads, model, column):
@@ -139,20 +139,30 @@ def _add_column(loads, model, column):
     tensor = column.charge**column.exponent / count * column.tensor(material)
     number = loads.add_history(column.moment_rate.integral(), -column.time)
     for place, delay in zip(*column.points(count), strict=True):
-        _add_moment(loads, mesh, place, tensor, None, number, delay)
+        _add_moment(loads, model.nodes, place, tensor, None, number, delay)
 
 
-def _add_moment(loads, mesh, position, tensor, spread, number, delay=0.0):
-    """Add forces ``f_a = M grad N_a`` in the zones around a place."""
-    zones, shares = _zones_of_source(mesh, np.asarray(position, dtype=float), spread)
-    gradient = shape_gradients(mesh.points, mesh.zones[zones])
-    every = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
-    vectors = (shares[:, None, None] * (every @ tensor)).reshape(-1, 3)
-    loads.add(mesh.zones[zones].ravel(), vectors, number, delay)
+def _add_moment(loads, nodes, position, tensor, spread, number, delay=0.0):
+    """Add forces ``f_a = M grad N_a`` at a place, or over the zones around it."""
+    position = np.asarray(position, dtype=float)
+    if nodes.quadratic and not spread:  # such zones carry what a point sends out
+        zones, weight = locate(nodes.mesh, position)
+        gradient, shares = nodes.slopes(zones, weight), np.ones(1)
+    else:
+        zones, shares = _zones_of_source(nodes.mesh, position, spread)
+        gradient = nodes.mean_slopes(zones)
+    vectors = (shares[:, None, None] * (gradient @ tensor)).reshape(-1, 3)
+    loads.add(nodes.zone_nodes[zones].ravel(), vectors, number, delay)
 
 
 def _add_pressure(loads, model, source):
     """Add a pressure to the nodes of a surface as it passes; theory.md (5.10), (5.11), (5.13)."""
+    if model.quadratic:
+        nodes, area, normal = model.nodes.surface_areas(source.surface)
+        share, delay = source.at(model.nodes.points[nodes])
+        force = -(share * area)[:, None] * normal
+        loads.add(nodes, force, loads.add_history(source.history), delay)
+        return
     mesh, inner = model.mesh, _inner_points(PRESSURE_CUTS)
     triangles = mesh.surfaces[source.surface]
     _, area, normal = surface_areas(mesh, source.surface)

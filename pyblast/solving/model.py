@@ -1,16 +1,19 @@
 """Model: everything that is fixed during a run."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from ..errors import InputError
 from ..meshing.mesh import Mesh, edge_lengths, volumes
+from ..meshing.nodes import nodes_of
 from ..meshing.patches import make_patches
 from .boundaries import Viscous, check_boundaries
 from .joints import Joint
 from .materials import Damping, Material
 from .ordering import renumbered
+from .rim import Rim
 
 
 @dataclass(frozen=True)
@@ -65,48 +68,6 @@ class InSitu:
             )
 
 
-@dataclass(frozen=True)
-class Rim:
-    """Ground outside a box that damps what leaves it, for sources inside the model.
-
-    Parameters
-    ----------
-    box : ((x0, x1), (y0, y1), (z0, z1)), m
-        What lies inside is not touched; above the box nothing is.
-    width : float, m
-        From the box to the end of the mesh.
-
-    Notes
-    -----
-    Mass damping ``3 cs/width (d/width)^2`` at distance d: an S wave that crosses the rim and comes
-    back loses a factor e; more would turn low frequencies back. theory.md (4.5).
-
-    Raises
-    ------
-    InputError
-        If the width is not positive or the box ends before it begins.
-    """
-
-    box: tuple
-    width: float
-
-    def __post_init__(self):
-        """Refuse what is no rim."""
-        box = np.asarray(self.box, dtype=float)
-        if box.shape != (3, 2) or not (box[:, 0] < box[:, 1]).all():
-            raise InputError(f"rim.box: must be three ascending pairs, got {self.box}")
-        if not 0.0 < self.width < np.inf:
-            raise InputError(f"rim.width: must be positive, got {self.width:g} m")
-
-    def alpha(self, places, speed):
-        """Return the mass damping (n,) in 1/s at places (n, 3) with S speeds (n,)."""
-        low, high = np.asarray(self.box, dtype=float).T
-        outside = np.maximum(0.0, np.maximum(low - places, places - high))
-        outside[:, 2] = np.maximum(0.0, low[2] - places[:, 2])
-        depth = np.minimum(1.0, np.linalg.norm(outside, axis=1) / self.width)
-        return 3.0 * speed / self.width * depth**2
-
-
 @dataclass(frozen=True, eq=False)
 class Model:
     """Blocks, joints, boundaries, sources and receivers.
@@ -132,6 +93,9 @@ class Model:
         the time step.
     step_factor : float
         Time step over the critical one.
+    quadratic : bool
+        Zones of 15 nodes in place of 4: a wave then needs 2 to 3 edges a length instead of 10 or
+        more. Linear isotropic ground only, joints of any law; theory.md (2.33) to (2.38).
     local_damping : float
         Share of the force on each node that acts against its motion. Only for slow loading to
         failure, where waves are not wanted: 0.8 brings rest soonest.
@@ -155,6 +119,7 @@ class Model:
     added_mass: float = 0.0025
     step_factor: float = 0.8
     local_damping: float = 0.0
+    quadratic: bool = False
     _ordered: bool = field(default=False, repr=False)
 
     def __post_init__(self):
@@ -177,6 +142,11 @@ class Model:
             object.__setattr__(self, "mesh", renumbered(self.mesh, patch))
             object.__setattr__(self, "_ordered", True)
 
+    @cached_property
+    def nodes(self):
+        """The `Nodes` at which motion is kept."""
+        return nodes_of(self.mesh, self.quadratic)
+
     def _check_materials(self):
         """Every group needs a material that its law can take, and its damping if by group."""
         for group in self.mesh.groups:
@@ -185,6 +155,11 @@ class Model:
             if isinstance(self.damping, dict) and group not in self.damping:
                 raise InputError(f"damping.{group}: missing; the mesh has a group of that name")
             self.law(group).properties(self.materials[group])
+            if self.quadratic and self.law(group).name != "elastic":
+                raise InputError(
+                    f"model.quadratic: zones of '{group}' follow the law '{self.law(group).name}', "
+                    "which needs zones of constant strain; leave quadratic out"
+                )
 
     def _check_joints(self):
         """Joints and split surfaces must be the same set."""
@@ -279,10 +254,15 @@ class Model:
         mean = np.bincount(group, edge * volume) / np.bincount(group, volume)
         return dict(zip(self.mesh.groups, mean, strict=True))
 
-    def highest_frequency(self, edges_per_wavelength=10.0):
+    @property
+    def edges_per_wavelength(self):
+        """Edges that an S wave needs for an error of a few per cent: eq. (1), or a third of it."""
+        return 3.0 if self.quadratic else 10.0
+
+    def highest_frequency(self):
         """Return the frequency in Hz that each group carries: Cs over 10 mean edges, eq. (1)."""
         return {
-            group: self.materials[group].cs / (edges_per_wavelength * edge)
+            group: self.materials[group].cs / (self.edges_per_wavelength * edge)
             for group, edge in self.mean_edges().items()
         }
 

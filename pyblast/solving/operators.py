@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import signal, sparse
 
-from .stability import shape_gradients
+from ..meshing.tetrahedra import shape_gradients
 
 NORMAL = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 SHEAR = np.array([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])  # of xx yy zz and the engineering shears

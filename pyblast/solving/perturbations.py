@@ -47,6 +47,11 @@ def refuse_nonlinear(model):
     InputError
         With the part that is to blame.
     """
+    if model.quadratic:
+        raise InputError(
+            "model.quadratic: gradients need zones of constant strain; leave quadratic out and "
+            "take shorter edges"
+        )
     for joint in model.joints:
         if joint.law not in LINEAR_JOINTS + STICKING_JOINTS:
             raise InputError(

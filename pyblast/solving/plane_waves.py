@@ -107,19 +107,20 @@ def add_plane_wave(loads, model, wave, impedance):
     surfaces = _faces(model, wave)
     density, cp, cs = _medium(model, surfaces)
     trains = _trains(model, wave, cp, cs)
-    first = (model.mesh.points @ trains[0][0]).min()
+    points = model.nodes.points
+    first = (points @ trains[0][0]).min()
     number = loads.add_history(wave.history)
     lame, shear = density * (cp**2 - 2.0 * cs**2), density * cs**2
     for surface in surfaces:
         matrices = impedance(surface)
         nodes = np.fromiter(matrices, dtype=int)
-        corner, area, normal = surface_areas(model.mesh, surface)
+        corner, area, normal = model.nodes.surface_areas(surface)
         place = np.searchsorted(nodes, corner)
         for slowness, motion, lag in trains:
             force = np.stack(list(matrices.values())) @ motion
             traction = normal @ stress_of(slowness, motion, lame, shear)
             np.add.at(force, place, area[:, None] * traction)
-            delay = model.mesh.points[nodes] @ slowness + lag - first
+            delay = points[nodes] @ slowness + lag - first
             loads.add(nodes, force, number, delay)
 
 

@@ -90,12 +90,12 @@ def prepare(
     if not (math.isfinite(duration) and duration > 0.0):
         raise InputError(f"duration: must be positive, got {duration:g} s")
     zones = f"model: {len(model.mesh.zones)} zones"
-    refuse_beyond_memory(zones, marching_bytes(model.mesh))
+    refuse_beyond_memory(zones, marching_bytes(model.nodes))
     geometry, limit = assembly.geometry_arrays(model, step)
     n_steps = max(2, math.ceil(duration / geometry["dt"]))  # a seismogram has two samples
     n_samples = n_steps * (1 + len(model.receivers))
     recorded = f"{zones} with {len(model.receivers)} receivers over {n_steps} steps"
-    refuse_beyond_memory(recorded, marching_bytes(model.mesh, n_samples))
+    refuse_beyond_memory(recorded, marching_bytes(model.nodes, n_samples))
     static, settled = {}, None
     if model.insitu is not None and (model.mesh.contacts is not None or model.yielding().any()):
         static, settled = _equilibrate(model, geometry, progress)

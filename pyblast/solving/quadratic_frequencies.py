@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..meshing.elements import VOLUME_SHARE, stiffness_table
-from .stability import shape_gradients
+from ..meshing.tetrahedra import shape_gradients
 
 _CHUNK = 1000
 

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..meshing import tetrahedra
+from ..meshing.tetrahedra import shape_gradients
+from .quadratic_frequencies import quadratic_frequencies
 
 # Slivers shorten the step more than tenfold; ground that is fine on purpose shall keep its mass.
 WORTH = 1.5
@@ -80,6 +82,8 @@ def anisotropic_frequencies(points, zones, stiffness, density):
 def model_frequencies(model):
     """Return the square of the largest angular frequency of each zone of a model, (n_zones,)."""
     mesh, density, (lame, shear) = model.mesh, model.zone_values("density"), model.stiffest_moduli()
+    if model.quadratic:
+        return quadratic_frequencies(mesh.points, mesh.zones, lame, shear, density)
     squared = zone_frequencies(mesh.points, mesh.zones, lame, shear, density)
     for number, group in enumerate(mesh.groups):
         law = model.law(group)
@@ -90,17 +94,6 @@ def model_frequencies(model):
             zones = mesh.zones[here]
             squared[here] = anisotropic_frequencies(mesh.points, zones, stiffness, density[here])
     return squared
-
-
-def shape_gradients(points, zones):
-    """Return the gradients of shape functions 2 to 4, (n_zones, 3, 3) 1/m, last axis x y z."""
-    sides = points[zones[:, 1:]] - points[zones[:, :1]]
-    return np.swapaxes(np.linalg.inv(sides), 1, 2)
-
-
-def node_sums(zones, values, n_nodes):
-    """Give a quarter of a value of each zone to each of its nodes, (n_nodes,)."""
-    return np.bincount(zones.ravel(), np.repeat(0.25 * values, 4), minlength=n_nodes)
 
 
 def critical_step(model):
@@ -127,9 +120,10 @@ def critical_step(model):
     zone = model_frequencies(model)
     beta = model.zone_damping("beta")
     mass = density * tetrahedra.volumes(mesh.points, mesh.zones)
-    node_mass = node_sums(mesh.zones, mass, len(mesh.points))
+    nodes = model.nodes
+    node_mass = nodes.sums(mass)
     stiffness, viscosity = (
-        (2.0 * part / node_mass)[mesh.zones].max(axis=1) for part in contact_bounds(model)
+        (2.0 * part / node_mass)[nodes.zone_nodes].max(axis=1) for part in contact_bounds(model)
     )
 
     def lent(dt):
@@ -185,8 +179,8 @@ def _fits(mesh, added, mass, share):
 
 def contact_bounds(model):
     """Sum the largest stiffness (N/m) and the viscosity (N s/m) of the contacts of each node."""
-    total = np.zeros((2, len(model.mesh.points)))
-    contacts = model.mesh.contacts
+    total = np.zeros((2, len(model.nodes.points)))
+    contacts = model.nodes.contacts
     if contacts is None:
         return total
     by_name = {joint.surface: joint for joint in model.joints}
@@ -204,8 +198,9 @@ def _limit(model, worst, scaled, share):
     x, y, z = mesh.points[mesh.zones[worst]].mean(axis=0)
     what = f"a zone of '{mesh.groups[mesh.zone_group[worst]]}'"
     if share[worst] > 0.5:
-        pairs = np.stack([mesh.contacts.minus, mesh.contacts.plus])
-        contact = int(np.isin(pairs, mesh.zones[worst]).any(axis=0).argmax())
-        what = f"a contact of joint '{mesh.contacts.names[mesh.contacts.joint[contact]]}'"
+        contacts = model.nodes.contacts
+        pairs = np.stack([contacts.minus, contacts.plus])
+        contact = int(np.isin(pairs, model.nodes.zone_nodes[worst]).any(axis=0).argmax())
+        what = f"a contact of joint '{contacts.names[contacts.joint[contact]]}'"
     note = " and others as short, after adding mass" if scaled else ""
     return f"{what} at ({x:.1f}, {y:.1f}, {z:.1f}) m{note}"

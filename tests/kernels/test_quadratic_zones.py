@@ -5,8 +5,8 @@ import pytest
 from test_zones import crooked
 
 from pyblast.meshing import elements, tetrahedra
-from pyblast.meshing.enrichment import enrich, node_sums
 from pyblast.meshing.grid import structured_box
+from pyblast.meshing.nodes import nodes_of
 from pyblast.solving import kernels
 from pyblast.solving.quadratic_frequencies import quadratic_frequencies, zone_stiffness
 
@@ -51,7 +51,7 @@ def inner(quadratic):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_linear_motion_loads_no_inner_node(seed):
-    quadratic = enrich(crooked(seed))
+    quadratic = nodes_of(crooked(seed), True)
     gradient = np.random.default_rng(seed).normal(size=(3, 3))
 
     force = forces(quadratic, quadratic.points @ gradient.T)
@@ -60,7 +60,7 @@ def test_linear_motion_loads_no_inner_node(seed):
 
 
 def test_quadratic_motion_stores_its_energy_exactly():
-    quadratic = enrich(crooked())
+    quadratic = nodes_of(crooked(), True)
     x, y, z = quadratic.points.T
     a, b, c = quadratic.points.max(axis=0)
 
@@ -73,7 +73,7 @@ def test_quadratic_motion_stores_its_energy_exactly():
 
 
 def test_rigid_motion_loads_nothing():
-    quadratic = enrich(crooked())
+    quadratic = nodes_of(crooked(), True)
     turned = np.cross([0.3, -0.7, 0.2], quadratic.points) + np.array([5.0, 1.0, -2.0])
     strained = forces(quadratic, quadratic.points * [1.0, 0.0, 0.0])
 
@@ -81,14 +81,14 @@ def test_rigid_motion_loads_nothing():
 
 
 def test_a_shift_however_long_leaves_no_force_at_all():
-    quadratic = enrich(crooked())
+    quadratic = nodes_of(crooked(), True)
 
     assert not forces(quadratic, np.full_like(quadratic.points, 1e6)).any()
 
 
 def test_forces_are_those_of_exact_integrals_of_any_motion():
     mesh = crooked(3)
-    quadratic = enrich(mesh)
+    quadratic = nodes_of(mesh, True)
     rng = np.random.default_rng(3)
     lame, shear = rng.uniform(1.0, 2.0, size=(2, len(mesh.zones)))
     motion = rng.normal(size=quadratic.points.shape)
@@ -105,7 +105,7 @@ def test_forces_are_those_of_exact_integrals_of_any_motion():
 
 
 def test_forces_are_symmetric_and_do_the_work_of_the_energy():
-    quadratic = enrich(crooked(1))
+    quadratic = nodes_of(crooked(1), True)
     one, other = np.random.default_rng(1).normal(size=(2, *quadratic.points.shape))
 
     across = np.sum(one * forces(quadratic, other))
@@ -117,7 +117,7 @@ def test_forces_are_symmetric_and_do_the_work_of_the_energy():
 
 
 def test_swelling_and_shearing_may_be_those_of_two_fields():
-    quadratic = enrich(crooked(2))
+    quadratic = nodes_of(crooked(2), True)
     one, other = np.random.default_rng(2).normal(size=(2, *quadratic.points.shape))
     fluid = {"lame": LAME + 2.0 * SHEAR, "shear": 0.0}
     solid = {"lame": -2.0 * SHEAR, "shear": SHEAR}
@@ -132,7 +132,7 @@ def test_swelling_and_shearing_may_be_those_of_two_fields():
 
 
 def test_any_part_of_the_zones_can_be_asked_for():
-    quadratic = enrich(crooked(4))
+    quadratic = nodes_of(crooked(4), True)
     motion = np.random.default_rng(4).normal(size=quadratic.points.shape)
     n, cut = len(quadratic.zone_nodes), 37
 
@@ -149,10 +149,10 @@ def test_any_part_of_the_zones_can_be_asked_for():
 
 def test_no_model_vibrates_faster_than_its_fastest_zone():
     mesh = crooked(5)
-    quadratic = enrich(mesh)
+    quadratic = nodes_of(mesh, True)
     one = np.ones(len(mesh.zones))
     bound = quadratic_frequencies(mesh.points, mesh.zones, LAME * one, SHEAR * one, one).max()
-    mass = node_sums(quadratic, tetrahedra.volumes(mesh.points, mesh.zones))[:, None]
+    mass = quadratic.sums(tetrahedra.volumes(mesh.points, mesh.zones))[:, None]
 
     motion = np.random.default_rng(5).normal(size=quadratic.points.shape)
     for _ in range(100):
@@ -163,9 +163,9 @@ def test_no_model_vibrates_faster_than_its_fastest_zone():
 
 def phase_error(n):
     """Return the error of the squared frequency of a standing shear wave by Rayleigh's quotient."""
-    quadratic = enrich(structured_box((n, n, n), (1.0, 1.0, 1.0)))
+    quadratic = nodes_of(structured_box((n, n, n), (1.0, 1.0, 1.0)), True)
     mesh = quadratic.mesh
-    mass = node_sums(quadratic, tetrahedra.volumes(mesh.points, mesh.zones))[:, None]
+    mass = quadratic.sums(tetrahedra.volumes(mesh.points, mesh.zones))[:, None]
     x, y, z = np.pi * quadratic.points.T
     form = (np.sin(x) * np.cos(y), -np.cos(x) * np.sin(y), 0.0 * z)
     motion = np.stack(form, axis=1)

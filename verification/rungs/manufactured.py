@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from pyblast.meshing.mesh_builder import structured_box
+from pyblast.meshing.tetrahedra import shape_gradients
 from pyblast.solving.boundaries import Fixed
 from pyblast.solving.model import Model
 from pyblast.solving.preparation import prepare
 from pyblast.solving.solver import run
-from pyblast.solving.stability import shape_gradients
 from verification.columns import ROCK
 from verification.ladder import Curve, Reading, rung
 

@@ -1,0 +1,198 @@
+"""Whole models of quadratic zones: waves, joints, faces, energy, restart, static stage."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from pyblast.errors import InputError
+from pyblast.meshing.mesh import Mesh
+from pyblast.meshing.mesh_builder import Layer, structured_box
+from pyblast.motion.seismogram import Seismogram
+from pyblast.solving import kernels
+from pyblast.solving.anisotropy import jointed
+from pyblast.solving.attenuation import ConstantQ
+from pyblast.solving.batches import run_many
+from pyblast.solving.boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
+from pyblast.solving.joints import Joint
+from pyblast.solving.materials import Damping, Material
+from pyblast.solving.model import InSitu, Model, Receiver
+from pyblast.solving.preparation import prepare
+from pyblast.solving.solver import run
+from pyblast.solving.sources import Hole, PointForce, TimeFunction
+from verification.columns import AXIS, ROCK, SPEED, column, column_model, pulse, ricker, started
+
+SIDES = ("west", "east", "south", "north", "bottom")
+TIMES = np.arange(0.0, 0.1, 5e-4)
+COULOMB = {"kn": 4e9, "ks": 2e9, "cohesion": 0.0, "friction": 0.3, "tension": 0.0}
+SOIL = Material.from_speeds(1900.0, 1800.0, 900.0)
+
+
+def shaking(turn=None, size=1.0):
+    motion = ricker(TIMES, 40.0)[:, None] * [0.8 * size, 0.5 * size, -0.3 * size]
+    return Seismogram(motion if turn is None else turn.apply(motion), TIMES[1])
+
+
+def site(turn=None, **parts):
+    turn = turn or Rotation.identity()
+    mesh = structured_box((3, 2, 2), (30.0, 20.0, 20.0), planes={"J": ("x", 20.0)},
+                          layers=[Layer("soil", 10.0), Layer("rock")])  # fmt: skip
+    mesh = Mesh(turn.apply(mesh.points), mesh.zones, mesh.zone_group, mesh.groups, mesh.surfaces)
+    known = {
+        "materials": {"rock": ROCK, "soil": SOIL},
+        "joints": [Joint("J", "coulomb", COULOMB, insitu_pressure=2e4)],
+        "boundaries": [*map(Viscous, SIDES), StressInput("west", shaking(turn))],
+        "receivers": [Receiver("A", tuple(turn.apply([24.0, 9.0, 17.0])))],
+        "quadratic": True,
+    }
+    return Model(mesh.split(["J"]), **{**known, **parts})
+
+
+def travelled(wave, edges, quadratic):
+    """Return the error of a pulse after five wavelengths of a column, edges to a wavelength."""
+    edge = SPEED[wave] / 20.0 / edges
+    ends = [Viscous("west"), Viscous("east"), StressInput("west", pulse(20.0, wave))]
+    place = round(5 * edges) * edge
+    model = column_model(column(round(6 * edges), edge), wave, ends, receivers_at=[place])
+    (record,) = run(replace(model, quadratic=quadratic), 0.45).seismograms.values()
+    sent = pulse(20.0, wave)
+    wanted = np.interp(record.times - place / SPEED[wave], sent.times, sent.velocity[:, AXIS[wave]])
+    found = record.velocity[:, AXIS[wave]]
+    return np.linalg.norm(found - wanted) / np.linalg.norm(wanted)
+
+
+@pytest.mark.parametrize("wave", ["P", "S"])
+def test_three_edges_to_a_wavelength_carry_what_ten_of_constant_strain_do(wave):
+    assert travelled(wave, 3.0, True) < travelled(wave, 10.0, False)
+
+
+@pytest.mark.parametrize("parts", [{}, {"damping": Damping(0.03, 30.0)},
+                                   {"damping": Damping(0.03, 30.0, corner=120.0)}])  # fmt: skip
+def test_the_ledger_closes(parts):
+    linear = Joint("J", "elastic", {"kn": 4e9, "ks": 2e9})
+    rate = TimeFunction(1e8 * ricker(TIMES, 50.0), TIMES[1])
+    hole = Hole(np.array([8.0, 11.0, 6.0]), 20.0, 0.004, rate)
+    push = PointForce(np.array([11.0, 7.0, 13.0]), np.array([1.0, 2.0, 0.5]), rate)
+
+    result = run(site(joints=[linear], sources=[hole, push], **parts), 0.1)
+
+    assert result.energy["input"][-1] > 0.0
+    assert result.balance_error < 1e-10
+
+
+def test_slip_takes_energy_and_none_is_lost():
+    boundaries = [*map(Viscous, SIDES), StressInput("west", shaking(None, 5.0))]
+
+    result = run(site(boundaries=boundaries), 0.1)
+
+    assert result.energy["joint_dissipated"][-1] > 0.001 * result.energy["input"][-1]
+    assert result.balance_error < 0.01
+
+
+def test_a_turned_model_gives_turned_seismograms():
+    turn = Rotation.random(rng=np.random.default_rng(1))
+
+    straight, other = (run(site(t), 0.08).seismograms["A"] for t in (None, turn))
+
+    wanted = turn.apply(straight.velocity.copy())
+    assert other.velocity == pytest.approx(wanted, abs=1e-9 * straight.pvs)
+
+
+def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path, monkeypatch):
+    monkeypatch.setattr("pyblast.solving.preparation.CHUNK_SECONDS", 0.0)
+    path = tmp_path / "checkpoint.h5"
+
+    def stop(_, done, total):
+        if 0.3 * total < done < total:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run(site(), 0.05, progress=stop, checkpoint=path)
+
+    whole, resumed = run(site(), 0.05), run(site(), 0.05, resume=path)
+    for name in kernels.STATE:
+        assert np.array_equal(whole.state[name], resumed.state[name]), name
+
+
+def test_a_linear_joint_passes_what_theory_says():
+    kn, omega = 0.3 * ROCK.density * SPEED["P"] * 2.0 * np.pi * 20.0, 2.0 * np.pi * 20.0
+    edge = SPEED["P"] / 20.0 / 4.0
+    mesh = column(24, edge)
+    at = float(np.sort(np.unique(mesh.points[:, 0]))[12])
+    mesh = structured_box(
+        (24, 1, 1), (24 * edge, edge, edge), planes={"J": ("x", at)}
+    ).split(["J"])
+    ends = [Viscous("west"), Viscous("east"), StressInput("west", pulse(20.0, "P"))]
+    sides = [Roller(side) for side in ("south", "north", "bottom", "top")]
+    joint = Joint("J", "elastic", {"kn": kn, "ks": kn})
+    receiver = [Receiver("A", (18 * edge, 0.4 * edge, 0.6 * edge))]
+
+    def spectrum(model):
+        record = run(model, 0.45).seismograms["A"]
+        return record.velocity[:, 0] @ np.exp(-1j * omega * record.times) * record.dt
+
+    with_it = spectrum(Model(mesh, {"rock": ROCK}, joints=[joint], boundaries=[*ends, *sides],
+                             receivers=receiver, quadratic=True))  # fmt: skip
+    bonded = spectrum(Model(mesh, {"rock": ROCK}, boundaries=[*ends, *sides], receivers=receiver,
+                            joints=[Joint("J", "elastic", {"kn": 1e4 * kn, "ks": 1e4 * kn})],
+                            quadratic=True))  # fmt: skip
+
+    z = ROCK.density * SPEED["P"]
+    theory = 1.0 / abs(1.0 - 1j * omega * z / (2.0 * kn))
+    assert abs(with_it / bonded) == pytest.approx(theory, rel=0.01)
+
+
+def test_ground_at_rest_under_its_weight_stays_at_rest():
+    model = site(insitu=InSitu(), boundaries=[*map(Viscous, SIDES)],
+                 joints=[Joint("J", "coulomb", {**COULOMB, "friction": 0.7})])  # fmt: skip
+
+    prepared = prepare(model, 0.02)
+    still = run(model, 0.02, prepared=prepared)
+
+    assert prepared.static["unbalanced"] <= 1e-5
+    assert not still.energy["kinetic"].any()
+
+
+def test_a_free_body_keeps_its_energy_at_the_longest_step():
+    model = Model(structured_box((3, 2, 2), (30.0, 20.0, 20.0)), {"rock": ROCK}, quadratic=True,
+                  step_factor=1.0, added_mass=0.0)  # fmt: skip
+    velocity = np.random.default_rng(3).normal(size=model.nodes.points.shape)
+    dt = prepare(model, 1.0).constants["dt"]
+
+    energy = started(model, 2000 * dt, 0.0 * velocity, velocity).energy
+
+    held = energy["kinetic"] + energy["strain"]
+    assert held == pytest.approx(held[0], rel=1e-9)
+
+
+def test_prescribed_motion_and_fixed_faces_hold_every_node():
+    model = site(boundaries=[VelocityInput("west", shaking()), Fixed("bottom")])
+
+    result = run(model, 0.1)
+
+    low = model.nodes.points[:, 2] < 1e-9
+    off = np.setdiff1d(np.flatnonzero(low), np.unique(model.nodes.surfaces["west"]))
+    assert len(off) > len(model.mesh.points) // 10
+    assert not result.state["displacement"][off].any()
+
+
+def test_fading_ground_and_batches_take_them():
+    fading = replace(ROCK, law=ConstantQ(20.0, 10.0, (5.0, 100.0)))
+    one = site(materials={"rock": fading, "soil": SOIL})
+    models = [one, one.with_joint("J", ks=1e9)]
+
+    for model, found in zip(models, run_many(models, 0.06), strict=True):
+        own = run(model, 1e-3).dt
+        alone = run(replace(model, step_factor=model.step_factor * found.dt / own), 0.06)
+        record = alone.seismograms["A"]
+        assert found.seismograms["A"].velocity == pytest.approx(
+            record.velocity, abs=1e-9 * record.pvs
+        )
+
+
+def test_ground_of_another_law_is_refused():
+    rock = jointed(ROCK, (1.0, 0.0, 0.0), 2.0, 2e10, 1e10)
+
+    with pytest.raises(InputError, match=r"model\.quadratic: zones of 'rock' follow the law"):
+        site(materials={"rock": rock, "soil": SOIL})
