@@ -77,6 +77,11 @@ class Mesh:
             _refuse_indices(f"surfaces[{name!r}]", faces, len(self.points), "nodes")
 
     @cached_property
+    def surface_places(self):
+        """What `surface_faces` found already, by surface."""
+        return {}
+
+    @cached_property
     def paired_faces(self):
         """Which faces zones share; see ``tetrahedra.pair_faces``. Found once for each mesh."""
         return tetrahedra.pair_faces(self.zones, len(self.points))
@@ -169,14 +174,20 @@ def split_mesh(mesh: Mesh, names) -> Mesh:
 
 def _lookup(mesh, triangles, faces):
     """Return the position in ``faces`` (``4 zone + local``) of each triangle, -1 where none."""
-    if not len(faces):
-        return np.full(len(triangles), -1)
     n_nodes = len(mesh.points)
-    keys = tetrahedra.face_keys(tetrahedra.zone_faces(mesh.zones)[faces], n_nodes)
+    on = np.zeros(n_nodes, dtype=bool)
+    on[triangles] = True
+    marked = on[mesh.zones]
+    zone, local = np.divmod(faces, 4)
+    near = np.flatnonzero(marked.sum(axis=1)[zone] - marked[zone, local] == 3)
+    if not len(near):
+        return np.full(len(triangles), -1)
+    corners = mesh.zones[zone[near, None], tetrahedra.FACES[local[near]]]
+    keys = tetrahedra.face_keys(corners, n_nodes)
     wanted = tetrahedra.face_keys(triangles, n_nodes)
     order = np.argsort(keys, kind="stable")
-    at = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(faces) - 1)]
-    return np.where(keys[at] == wanted, at, -1)
+    at = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(near) - 1)]
+    return np.where(keys[at] == wanted, near[at], -1)
 
 
 def _facet_places(mesh, facets, joint, names, first):
@@ -232,8 +243,11 @@ def surface_faces(mesh: Mesh, name: str) -> np.ndarray:
     """
     if name not in mesh.surfaces:
         raise InputError(f"mesh: no surface named {name!r}; there are {', '.join(mesh.surfaces)}")
-    first, _, single, _ = mesh.paired_faces
-    return _surface_faces(mesh, name, np.concatenate([single, first]))
+    if name not in mesh.surface_places:
+        first, _, single, _ = mesh.paired_faces
+        faces = np.concatenate([single, first])
+        mesh.surface_places[name] = _surface_faces(mesh, name, faces)
+    return mesh.surface_places[name]
 
 
 def surface_zones(mesh: Mesh, name: str) -> np.ndarray:

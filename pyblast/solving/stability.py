@@ -1,6 +1,6 @@
 """The longest stable time step, and what limits it; mass added to zones that would shorten it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -126,55 +126,102 @@ def critical_step(model):
         (2.0 * part / node_mass)[nodes.zone_nodes].max(axis=1) for part in contact_bounds(model)
     )
 
-    def lent(dt):
-        """Share of its mass that each zone lends to contacts."""
-        return stiffness * dt**2 / 4.0 + viscosity * dt / 2.0
-
-    def needs(dt, beta):
-        """Mass over its own that each zone needs for a step."""
-        free = np.maximum(1.0 - lent(dt), 1e-12)
-        return zone * (dt**2 / 4.0 + dt * beta / 2.0) / free
-
-    def longest(beta, share):
-        """Bisect for the step whose added mass stays within a share."""
-        low, high = 0.0, 2.0 / np.sqrt(zone.min())
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            added = mass * np.maximum(0.0, needs(middle, beta) - 1.0)
-            fits = _fits(mesh, added, mass, share)
-            low, high = (middle, high) if fits else (low, middle)
-        return low
-
-    dt = unscaled = longest(beta, 0.0)
+    needs = _Needs(zone, beta, stiffness, viscosity)
+    search = _Search(needs, mass, _parts(mesh, mass))
+    dt = unscaled = search.longest(0.0)
     share = model.added_mass
-    if share > 0.0 and (scaled := longest(beta, share)) >= WORTH * unscaled:
+    worth = share > 0.0 and search.within(search.added(WORTH * unscaled), share)
+    if worth and (scaled := search.longest(share)) >= WORTH * unscaled:
         dt = scaled
     else:
         share = 0.0
-    need = needs(dt, beta)
+    undamped = dt
+    if beta.any():
+        undamped = replace(search, needs=replace(needs, beta=0.0 * beta)).longest(share)
+    need = needs(dt)
     added = mass * np.maximum(0.0, need - 1.0) if share else np.zeros_like(mass)
-    limited_by = _limit(model, int(need.argmax()), share > 0.0, lent(dt))
-    by_group = dict(zip(mesh.groups, _group_shares(mesh, added, mass).tolist(), strict=True))
-    return CriticalStep(dt, longest(0.0 * beta, share), limited_by, added, by_group, unscaled)
+    limited_by = _limit(model, int(need.argmax()), share > 0.0, needs.lent(dt))
+    part, own, _ = search.parts[0]
+    by_group = _shares(part, added, own).tolist()
+    shares = dict(zip(mesh.groups, by_group, strict=True))
+    return CriticalStep(dt, undamped, limited_by, added, shares, unscaled)
 
 
-def _shares(part, count, added, mass):
-    """Return added over own mass (count,) of parts of a model; ``part`` has one for each zone."""
-    added, mass = (np.bincount(part, kg, count) for kg in (added, mass))
-    return added / np.maximum(mass, np.finfo(float).tiny)
+@dataclass(frozen=True, eq=False)
+class _Needs:
+    """What zones need for a step: the mass that it asks for over what they have, (n_zones,)."""
+
+    zone: np.ndarray
+    beta: np.ndarray
+    stiffness: np.ndarray
+    viscosity: np.ndarray
+
+    def lent(self, dt):
+        """Share of its mass that each zone lends to contacts."""
+        return self.stiffness * dt**2 / 4.0 + self.viscosity * dt / 2.0
+
+    def __call__(self, dt):
+        """Mass over its own that each zone needs; it grows with the step."""
+        free = np.maximum(1.0 - self.lent(dt), 1e-12)
+        return self.zone * (dt**2 / 4.0 + dt * self.beta / 2.0) / free
+
+    def of(self, some):
+        """Return the same of some zones."""
+        return _Needs(*(part[some] for part in vars(self).values()))
 
 
-def _group_shares(mesh, added, mass):
-    """Return the share of added mass of each group, (n_groups,)."""
-    return _shares(mesh.zone_group, len(mesh.groups), added, mass)
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Bisection for the step whose added mass stays within a share of each part of a model.
+
+    ``parts`` holds the part of each zone, the mass of every part in kg, and how many shares it
+    may take.
+    """
+
+    needs: _Needs
+    mass: np.ndarray
+    parts: tuple
+
+    def longest(self, share):
+        """Return the longest step in s."""
+        low, high, left = 0.0, 2.0 / np.sqrt(self.needs.zone.min()), self
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            added = left.added(middle)
+            if left.within(added, share):
+                low = middle
+            else:  # what needs nothing now will need nothing for a shorter step
+                high, left = middle, left.of(np.flatnonzero(added))
+        return low
+
+    def added(self, dt):
+        """Return the mass that each zone takes for a step, (n_zones,) kg."""
+        return self.mass * np.maximum(0.0, self.needs(dt) - 1.0)
+
+    def within(self, added, share):
+        """Tell whether added mass stays within a share of each part."""
+        if not share:
+            return not added.any()
+        found = (_shares(part, added, own).max() <= most * share for part, own, most in self.parts)
+        return all(found)
+
+    def of(self, some):
+        """Return the same for some zones."""
+        parts = tuple((part[some], own, most) for part, own, most in self.parts)
+        return _Search(self.needs.of(some), self.mass[some], parts)
 
 
-def _fits(mesh, added, mass, share):
-    """Tell whether added mass stays within a share of each group, and 20 shares of any place."""
+def _parts(mesh, mass):
+    """Return the parts whose mass is limited: the groups, and places of zones that follow."""
     count = max(1, len(mass) // PLACE)
     place = np.minimum(np.arange(len(mass)) // PLACE, count - 1)
-    within = _group_shares(mesh, added, mass).max() <= share
-    return within and _shares(place, count, added, mass).max() <= IN_ONE_PLACE * share
+    limits = ((mesh.zone_group, len(mesh.groups), 1.0), (place, count, IN_ONE_PLACE))
+    return tuple((part, np.bincount(part, mass, count), most) for part, count, most in limits)
+
+
+def _shares(part, added, own):
+    """Return added over own mass of each part; ``part`` has one for each zone."""
+    return np.bincount(part, added, len(own)) / np.maximum(own, np.finfo(float).tiny)
 
 
 def contact_bounds(model):
