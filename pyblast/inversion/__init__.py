@@ -1,0 +1,1 @@
+"""Back-analysis: parameters of a project found from recorded motion."""
