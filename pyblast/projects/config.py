@@ -106,6 +106,7 @@ class SignatureConfig(Section):
 
     recorded: RecordingConfig | None = None
     cavity: CavityConfig | None = None
+    scale: Positive = 1.0
 
     @model_validator(mode="after")
     def _one_source(self):

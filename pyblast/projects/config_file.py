@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from ..errors import InputError, ReadError
 from .config import Config
+from .key_paths import value_at
 
 MAX_BYTES = 1_000_000
 VARIANT = "full"
@@ -50,7 +51,7 @@ def check_config(table, name="project.toml", full=False) -> Config:
     except (ValidationError, RecursionError) as error:
         raise InputError(f"{name}: {_sentence(error)}") from None
     for key in config.assumed:
-        if not _leads_somewhere(config, key):
+        if value_at(config, key) is None:
             raise InputError(f"{name}: assumed: {key!r} must name a key of this file")
     return config
 
@@ -185,21 +186,3 @@ def _section_in(annotation):
         if section is not None:
             return section
     return None
-
-
-def _leads_somewhere(config, key):
-    """Tell whether a dotted path such as ``joints.fault.kn_gpa_per_m`` names a value."""
-    here = config
-    for part in key.split("."):
-        if isinstance(here, list):
-            named = [
-                x for x in here if part in (getattr(x, "name", ""), getattr(x, "material", ""))
-            ]
-            here = named[0] if named else None
-        elif isinstance(here, dict):
-            here = here.get(part)
-        else:
-            here = getattr(here, part, None)
-        if here is None:
-            return False
-    return True

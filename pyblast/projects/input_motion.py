@@ -131,7 +131,13 @@ def cavity_pulse(config, material):
 
 
 def make_signature(config, materials, folder) -> Seismogram:
-    """Return the seismogram of a single hole, east, north, vertical; a record without its mean."""
+    """Return the seismogram of a single hole, east, north, vertical, times its scale."""
+    seismogram = _single_hole(config, materials, folder)
+    return replace(seismogram, velocity=config.scale * seismogram.velocity)
+
+
+def _single_hole(config, materials, folder):
+    """Return a record without its mean, or the closed form."""
     if config.recorded is not None:
         seismogram = read_motion(config.recorded, folder)
         if tuple(seismogram.components) != GEOGRAPHIC:
