@@ -1,11 +1,11 @@
 """Unknowns addressed by keys: values reach the model in SI, and wrong keys are refused."""
 
 import pytest
+from small_project import written
 
 from pyblast.errors import InputError
 from pyblast.inversion.parameters import Parameter, check_parameters, with_values
 from pyblast.projects.project import load_project
-from small_project import written
 
 KN = "joints.F1.kn_gpa_per_m"
 
