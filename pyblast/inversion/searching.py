@@ -23,12 +23,20 @@ class Problem:
         ``(m, n) -> (m,)`` misfits of points within the bounds, in their order. The m evaluations
         run side by side, so ask for many at once where a method allows it. Infinite where a point
         can't be evaluated. The same point always has the same misfit.
+    vectors : callable, optional
+        ``(m, n) -> (m,), (m, k)``: misfits as before and residuals, whose sum of squares falls as
+        the misfit does. Costs what misfits cost.
+    tangents : callable, optional
+        ``(n,) -> (k, n)``: derivatives of the residuals at a point by its n parameters. Costs n
+        evaluations.
     """
 
     low: np.ndarray
     high: np.ndarray
     log: np.ndarray
     evaluate: Callable[[np.ndarray], np.ndarray]
+    vectors: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
+    tangents: Callable[[np.ndarray], np.ndarray] | None = None
 
     def __post_init__(self):
         for name, kind in (("low", np.float64), ("high", np.float64), ("log", bool)):
