@@ -12,7 +12,7 @@ ROOT = np.sqrt(5.0)
 
 @dataclass(frozen=True, eq=False)
 class GaussianProcess:
-    """What was learnt from values at places, theory.md (11.3).
+    """What was learnt from values at places, theory.md (12.3).
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def learn(places, values, start) -> GaussianProcess:
 
     Notes
     -----
-    theory.md (11.4); Rasmussen & Williams (2006), chapter 5.
+    theory.md (12.4); Rasmussen & Williams (2006), chapter 5.
     """
     limits = [np.log(LENGTHS)] * places.shape[1] + [np.log(NOISE)]
     found = optimize.minimize(

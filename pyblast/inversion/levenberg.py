@@ -59,7 +59,7 @@ def levenberg_search(problem: Problem, budget: int, seed: int) -> Trace:
 
     Notes
     -----
-    theory.md (11.1), (11.2). The first start is the middle of the ranges, further ones follow a
+    theory.md (12.1), (12.2). The first start is the middle of the ranges, further ones follow a
     Sobol sequence.
     """
     if problem.vectors is None:

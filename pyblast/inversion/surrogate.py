@@ -33,7 +33,7 @@ def surrogate_search(problem: Problem, budget: int, seed: int) -> Trace:
 
     Notes
     -----
-    theory.md (11.3) to (11.6). Batches of eight: each place is chosen as if those before it had
+    theory.md (12.3) to (12.6). Batches of eight: each place is chosen as if those before it had
     been found to be as good as the best (Ginsbourger et al. 2010).
     """
     kept, rng = Evaluations(problem, budget), np.random.default_rng(seed)
@@ -85,6 +85,6 @@ def _batch(process, values, candidates):
 
 
 def _improvement(best, mean, deviation):
-    """Return the improvement on the best that is expected, theory.md (11.6)."""
+    """Return the improvement on the best that is expected, theory.md (12.6)."""
     z = (best - mean) / deviation
     return deviation * (z * norm.cdf(z) + norm.pdf(z))
