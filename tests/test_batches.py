@@ -97,6 +97,18 @@ def test_a_lane_knows_nothing_of_its_neighbours():
         assert name == "memory" or np.array_equal(pair[0].state[name], full[slow].state[name])
 
 
+def test_a_given_step_makes_a_model_move_alike_in_every_batch():
+    models = variants()[:4]
+    step = min((assembly.time_step(model) for model in models), key=lambda one: one[0])
+
+    together, alone_ = run_many(models, 0.05, step=step), run_many(models[1:2], 0.05, step=step)
+
+    assert {found.dt for found in [*together, *alone_]} == {step[0]}
+    for name, record in alone_[0].seismograms.items():
+        wanted = together[1].seismograms[name].velocity
+        assert record.velocity == pytest.approx(wanted, abs=1e-9 * record.pvs)
+
+
 def test_every_model_of_a_batch_keeps_its_ledger():
     for found in run_many(variants(), 0.1):
         assert found.balance_error < 0.01

@@ -13,7 +13,9 @@ from .solver import Run, collect, failure, run
 LOADS = ("load_node", "load_vector", "load_history", "load_delay", "load_lane")
 
 
-def run_many(models, duration: float, *, progress: Callable | None = None) -> list[Run]:
+def run_many(
+    models, duration: float, *, step=None, progress: Callable | None = None
+) -> list[Run]:
     """March many models; those that share mesh, ground and boundaries go side by side.
 
     Stiffness, strength and laws of joints, damping, strength of ground, sources, input and in-situ
@@ -24,6 +26,9 @@ def run_many(models, duration: float, *, progress: Callable | None = None) -> li
     models : sequence of Model
         Those that shall share a batch come from one by ``dataclasses.replace`` or ``with_joint``.
     duration : float, s
+    step : tuple of float and CriticalStep, optional
+        What `assembly.time_step` gives for the model that needs the shortest time step: all models
+        then march in it, with its masses, whichever batch they are in.
     progress : callable, optional
         Called with ("models", done, total) after each batch.
 
@@ -44,7 +49,10 @@ def run_many(models, duration: float, *, progress: Callable | None = None) -> li
         for first in range(0, len(group), kernels.LANES):
             members = group[first : first + kernels.LANES]
             some = [models[k] for k in members]
-            found = _side_by_side(some, duration) if len(some) > 1 else [run(*some, duration)]
+            if len(some) > 1:
+                found = _side_by_side(some, duration, step)
+            else:
+                found = [run(*some, duration, prepared=prepare(*some, duration, step=step))]
             runs.update(zip(members, found, strict=True))
             if progress is not None:
                 progress("models", len(runs), len(models))
@@ -59,10 +67,10 @@ def _over_one_mesh(models):
     return groups.values()
 
 
-def _side_by_side(models, duration):
+def _side_by_side(models, duration, step):
     """March up to `kernels.LANES` models together."""
     began = time.perf_counter()
-    steps = [assembly.time_step(model) for model in models]
+    steps = [step or assembly.time_step(model) for model in models]
     shortest = min(dt for dt, _ in steps)
     prepared = [
         prepare(model, duration, step=(shortest, limit))

@@ -1,0 +1,191 @@
+"""Evaluations of a search: run by any executor, each one logged, resumed with the same trace."""
+
+import json
+import logging
+import math
+import os
+from collections.abc import Callable
+from concurrent.futures import Executor
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import numpy as np
+
+from ..ensembles.input_hash import input_hash
+from ..errors import InputError, ReadError, SolverError
+from ..projects.result import plain
+from .forward import Target, evaluate
+from .searching import Problem
+
+KIND = "pyblast trials"
+log = logging.getLogger(__name__)
+
+
+class TrialLog:
+    """A file of JSON lines: what is searched, then one line for each evaluation.
+
+    Parameters
+    ----------
+    path : path
+    identity : dict
+        What the trials belong to; ``hash`` must agree when they are resumed.
+    resume : bool
+        Whether to read what is there. What a kill left of a line is cut off.
+
+    Attributes
+    ----------
+    rows : list of dict
+        ``number`` from 1, ``values``, ``misfit``, ``simulated``, ``wall_seconds``.
+    """
+
+    def __init__(self, path, identity, resume=False):
+        self.path, self.rows = Path(path), []
+        if resume:
+            self._read(identity)
+        else:
+            self._write("w", [{"kind": KIND, **identity}])
+
+    def add(self, rows):
+        """Append rows and see them on the disk."""
+        self._write("a", rows)
+        self.rows += rows
+
+    def _write(self, mode, rows):
+        text = "".join(json.dumps(plain(row), allow_nan=False) + "\n" for row in rows)
+        try:
+            with self.path.open(mode, encoding="utf-8") as file:
+                file.write(text)
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise ReadError(f"{self.path}: can't be written ({error.strerror})") from None
+
+    def _read(self, identity):
+        """Read the rows of an earlier search of the same kind."""
+        try:
+            data = self.path.read_bytes()
+        except OSError as error:
+            raise ReadError(f"{self.path}: can't be read ({error.strerror})") from None
+        whole = data[: data.rfind(b"\n") + 1]
+        try:
+            head, *rows = [json.loads(line) for line in whole.splitlines()]
+            found = head["hash"], head["kind"]
+            rows = [{**row, "misfit": _number(row["misfit"])} for row in rows]
+            numbers = [row["number"] for row in rows]
+        except (ValueError, KeyError, TypeError):
+            raise ReadError(f"{self.path}: is no log of trials; give another folder") from None
+        if numbers != list(range(1, len(rows) + 1)):
+            raise ReadError(f"{self.path}: its trials are not numbered from 1; lines are missing")
+        if found != (identity["hash"], KIND):
+            raise InputError(
+                f"{self.path}: belongs to another project, record, parameter or method; begin "
+                "anew without --resume"
+            )
+        if len(whole) < len(data):
+            with self.path.open("r+b") as file:
+                file.truncate(len(whole))
+        self.rows = rows
+
+
+class Trials:
+    """The evaluations of one search in their order.
+
+    Parameters
+    ----------
+    target : Target
+    trial_log : TrialLog
+    budget : int
+        Evaluations to come, for the progress.
+    executor : concurrent.futures.Executor, optional
+        None evaluates here, one batch after the other.
+    progress : callable, optional
+        Called with ("trials", done, total).
+    """
+
+    def __init__(self, target: Target, trial_log: TrialLog, budget: int, *,
+                 executor: Executor | None = None, progress: Callable | None = None):  # fmt: skip
+        self.target, self.log, self.budget = target, trial_log, budget
+        self.executor, self.progress = executor, progress or (lambda *_: None)
+        self.count = 0
+
+    def problem(self) -> Problem:
+        """Return the problem that a search is given."""
+        parts = [(one.low, one.high, one.log) for one in self.target.parameters]
+        return Problem(*zip(*parts, strict=True), self)
+
+    def __call__(self, points) -> np.ndarray:
+        """Return the misfits (m,) of points (m, n): from the log where they are, else from runs."""
+        points = np.atleast_2d(np.asarray(points, dtype=np.float64))
+        side = self.target.batch
+        jobs = [points[first : first + side] for first in range(0, len(points), side)]
+        begins = self.count + side * np.arange(len(jobs))
+        ready = [self._known(begin, job) for begin, job in zip(begins, jobs, strict=True)]
+        if self.executor is not None:
+            ready = [
+                self.executor.submit(evaluate, self.target, job) if rows is None else rows
+                for rows, job in zip(ready, jobs, strict=True)
+            ]
+        misfits = []
+        for begin, job, found in zip(begins, jobs, ready, strict=True):
+            rows = self._numbered(begin, job, self._finished(found, job))
+            self.log.add(rows[max(0, len(self.log.rows) - begin) :])
+            self.count += len(job)
+            self.progress("trials", self.count, max(self.budget, self.count))
+            misfits += [row["misfit"] for row in rows]
+        return np.array(misfits)
+
+    def _finished(self, found, job):
+        """Return the rows of a job: known, of a future, or made here."""
+        if found is None:
+            return evaluate(self.target, job)
+        if isinstance(found, list):
+            return found
+        try:
+            return found.result()
+        except BrokenProcessPool:
+            raise SolverError(
+                f"a worker was killed; {len(self.log.rows)} evaluations are kept in "
+                f"{self.log.path}, go on with --resume"
+            ) from None
+
+    def _known(self, begin, job):
+        """Return the rows of a job if all are in the log.
+
+        A batch that a kill cut in two is made again as a whole, so its bits are the same.
+        """
+        rows = self.log.rows[begin : begin + len(job)]
+        for row, point in zip(rows, job, strict=False):
+            if row["values"] != point.tolist():
+                raise InputError(
+                    f"{self.log.path}: trial {row['number']} is not what this search asks for; it "
+                    "was made by another version; begin anew without --resume"
+                )
+        return rows if len(rows) == len(job) else None
+
+    @staticmethod
+    def _numbered(begin, job, rows):
+        """Return rows with their numbers and values."""
+        return [
+            {"number": int(begin) + k, "values": point.tolist(), **row}
+            for k, (point, row) in enumerate(zip(job, rows, strict=True), start=1)
+        ]
+
+
+def identity(target: Target, method: str, seed: int) -> dict:
+    """Return what trials belong to: hash of project, records, parameters, method and seed.
+
+    The number of runs is left out, so a search can be resumed for more.
+    """
+    blasts = []
+    for project in target.projects:
+        config = project.config.model_dump(exclude={"back_analysis"})
+        files = {k: v for k, v in project.input_files.items() if k != project.path.name}
+        blasts.append([json.dumps(config, sort_keys=True), files])
+    parts = [[one.path, one.low, one.high, one.log] for one in target.parameters]
+    about = {"method": method, "seed": seed, "misfit": target.misfit, "parameters": parts}
+    return {**about, "hash": input_hash("trials", blasts, list(target.receivers), about)}
+
+
+def _number(misfit):
+    """Return a misfit read from JSON."""
+    return math.inf if misfit is None else float(misfit)
