@@ -19,7 +19,7 @@ from .parameters import Parameter, with_values
 
 # Larger values of these never allow a longer time step, and no other key matters to it.
 HELD = {"kn", "ks", "cohesion", "friction", "tension", "ratio"}
-WORTH_HOLDING = 0.5  # share of the step in the middle of the ranges
+WORTH_HOLDING = 0.5  # share of the longest step in the ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ def held_step(project: Project, parameters):
 
     With it the answer to a point does not depend on those that march beside it. None where models
     differ in more than stiffness, strength and damping, or where the shortest step would be half
-    of that in the middle or less: lagged damping.
+    of the longest or less: lagged damping.
     """
     stems = {split_key(parameter.path.split(".")[-1])[0] for parameter in parameters}
     if not (stems <= HELD and all(parameter.is_cheap for parameter in parameters)):
@@ -69,8 +69,8 @@ def held_step(project: Project, parameters):
     project.model  # noqa: B018  variants stand on the mesh of a model that is there
     ends = np.array([[one.low, one.high] for one in parameters])
     shortest = time_step(with_values(project, parameters, ends[:, 1]).model)
-    middle = time_step(with_values(project, parameters, ends.mean(axis=1)).model)
-    return shortest if shortest[0] > WORTH_HOLDING * middle[0] else None
+    longest = time_step(with_values(project, parameters, ends[:, 0]).model)
+    return shortest if shortest[0] > WORTH_HOLDING * longest[0] else None
 
 
 def simulate(project: Project, parameters, points, step=None) -> list[dict[str, Seismogram]]:
