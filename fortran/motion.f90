@@ -72,11 +72,13 @@ contains
         integer, intent(in) :: n_nodes
         real(dp), intent(in) :: dt, node_mass(lanes, n_nodes), force(lanes, 3, n_nodes)
         real(dp), intent(inout) :: displacement(lanes, 3, n_nodes), velocity(lanes, 3, n_nodes)
+        real(dp) :: step(lanes)
         integer :: n, k
 
         do n = 1, n_nodes
+            step = dt/node_mass(:, n)
             do k = 1, 3
-                velocity(:, k, n) = velocity(:, k, n) + dt*force(:, k, n)/node_mass(:, n)
+                velocity(:, k, n) = velocity(:, k, n) + (step*force(:, k, n))
                 displacement(:, k, n) = displacement(:, k, n) + dt*velocity(:, k, n)
             end do
         end do
@@ -91,29 +93,41 @@ contains
         real(dp), intent(in) :: force(lanes, 3, n_nodes)
         real(dp), intent(inout) :: displacement(lanes, 3, n_nodes), velocity(lanes, 3, n_nodes)
         real(dp), intent(out) :: energy(lanes, 5)
-        real(dp) :: old(lanes), new(lanes), drag(lanes), a(lanes), pull(lanes)
+        real(dp), dimension(lanes, 3) :: part1, part2, part3, part4
+        real(dp), dimension(lanes) :: old, new, drag, a, pull, step, mass, share
         integer :: n, k
 
-        energy = 0.0_dp
+        part1 = 0.0_dp
+        part2 = 0.0_dp
+        part3 = 0.0_dp
+        part4 = 0.0_dp
+        energy(:, 5) = 0.0_dp
         do n = 1, n_nodes
+            mass = node_mass(:, n)
             a = 0.5_dp*dt*node_alpha(:, n)
+            step = dt/mass
+            share = 1.0_dp/(1.0_dp + a)
             pull = 0.0_dp
             do k = 1, 3
                 old = velocity(:, k, n)
                 drag = local_damping*merge(sign(1.0_dp, old), 0.0_dp, abs(old) > 0.0_dp) &
                     *abs(force(:, k, n))
-                new = ((1.0_dp - a)*old + dt*(force(:, k, n) - drag)/node_mass(:, n))/(1.0_dp + a)
-                drag = 0.5_dp*dt*drag + 0.5_dp*a*node_mass(:, n)*(old + new)
+                new = ((1.0_dp - a)*old + (step*(force(:, k, n) - drag)))*share
+                drag = 0.5_dp*(dt*drag + a*mass*(old + new))
                 velocity(:, k, n) = new
                 displacement(:, k, n) = displacement(:, k, n) + dt*new
-                energy(:, 1) = energy(:, 1) + 0.5_dp*node_mass(:, n)*old*new
-                energy(:, 2) = energy(:, 2) + 0.25_dp*node_mass(:, n)*(old**2 + new**2)
-                energy(:, 3) = energy(:, 3) + drag*old
-                energy(:, 4) = energy(:, 4) + drag*new
+                part1(:, k) = part1(:, k) + mass*(old*new)
+                part2(:, k) = part2(:, k) + mass*(old**2 + new**2)
+                part3(:, k) = part3(:, k) + drag*old
+                part4(:, k) = part4(:, k) + drag*new
                 pull = pull + force(:, k, n)**2
             end do
             energy(:, 5) = energy(:, 5) + sqrt(pull)
         end do
+        energy(:, 1) = 0.5_dp*sum(part1, dim=2)
+        energy(:, 2) = 0.25_dp*sum(part2, dim=2)
+        energy(:, 3) = sum(part3, dim=2)
+        energy(:, 4) = sum(part4, dim=2)
     end subroutine move_damped
 
     subroutine remember(n_nodes, n_memories, dt, memory_rate, displacement, velocity, memory)
@@ -140,8 +154,8 @@ contains
         !$omp end parallel do
     end subroutine remember
 
-    pure subroutine record_motion(n_nodes, n_corners, n_receivers, receiver_node, receiver_weight, velocity, &
-                                  motion)
+    pure subroutine record_motion(n_nodes, n_corners, n_receivers, receiver_node, receiver_weight, &
+                                  velocity, motion)
         !! Velocity at points inside zones, by their shape functions.
         integer, intent(in) :: n_nodes, n_corners, n_receivers
         integer, intent(in) :: receiver_node(n_corners, n_receivers)      !! from 1
