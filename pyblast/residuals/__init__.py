@@ -1,0 +1,1 @@
+"""What the difference between recorded and simulated seismograms is worth."""
