@@ -37,6 +37,7 @@ _HOMES = {
     "VelocityInput": "solving.boundaries",
     "Viscous": "solving.boundaries",
     "anisotropic": "solving.anisotropy",
+    "band_functions": "residuals.band",
     "blast_spectra": "ensembles.scatter",
     "build_mesh": "meshing.mesh_builder",
     "cached_run": "ensembles.run_cache",
@@ -45,9 +46,12 @@ _HOMES = {
     "controlled_mean": "ensembles.control_variate",
     "gradient": "solving.gradients",
     "greens_functions": "ensembles.banks",
+    "infer_levels": "residuals.levels",
     "jointed": "solving.anisotropy",
     "load_limits": "motion.limits",
     "load_project": "projects.project",
+    "misfit": "residuals.misfits",
+    "noise_of": "residuals.noise",
     "read_blast": "blasting.hole_tables",
     "read_gather": "records.recordings",
     "read_mesh": "meshing.mesh_import",
@@ -65,6 +69,7 @@ _HOMES = {
     "transverse": "solving.anisotropy",
     "workers": "ensembles.many_runs",
     "write_report": "reporting.report",
+    "whitener": "residuals.whitening",
 }
 __all__ = sorted(_HOMES)
 

@@ -1,20 +1,14 @@
 """Recorded against simulated motion at one receiver: peaks, frequencies, durations, waveforms."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from obspy.signal import tf_misfit
-from scipy import signal
 
 from ..errors import InputError
 from .seismogram import Seismogram
 from .spectra import dominant_frequency, significant_duration, smoothed_spectrum
+from .time_frequency import envelope_and_phase, lag, wavelet_transform
 
-N_WAVELETS = 40
-WAVELET = 6.0
-TF_CYCLES = 3.0
-TF_TOP = 0.4
 SILENT = 1e-6
 
 
@@ -128,10 +122,11 @@ def compare(
     )
     lasted, lasts = significant_duration(simulated), significant_duration(recorded)
     pairs = zip(data.T, model.T, strict=True)
-    lag, correlation = np.transpose([_lag(*pair, recorded.dt) for pair in pairs])
+    late, correlation = np.transpose([lag(d[:, None], m[:, None], recorded.dt) for d, m in pairs])
     envelope, phase = np.full((2, 3), np.nan)
     for n in np.flatnonzero(both & time_frequency):
-        envelope[n], phase[n] = _time_frequency(data[:, n], model[:, n], recorded.dt, band)
+        transforms = (wavelet_transform(each[:, n], recorded.dt, band) for each in (data, model))
+        envelope[n], phase[n] = envelope_and_phase(*transforms)
     frequency, ratio = _spectral_ratio(recorded, simulated)
     return Comparison(
         components=recorded.components,
@@ -140,7 +135,7 @@ def compare(
         duration_deviation=np.where(both, _ratio(lasted, lasts) - 1.0, np.nan),
         residual_energy=np.sum((data - model) ** 2, axis=0),
         recorded_energy=np.sum(data**2, axis=0),
-        lag=lag,
+        lag=late,
         correlation=correlation,
         envelope_misfit=envelope,
         phase_misfit=phase,
@@ -187,34 +182,3 @@ def _aligned(recorded, simulated):
     if not same:
         simulated = simulated.sampled(recorded.start, recorded.dt, len(recorded.velocity))
     return recorded, simulated
-
-
-def _lag(data, model, dt):
-    """Lag of the largest cross-correlation [s], by a parabola, and that correlation."""
-    level = math.sqrt(np.sum(data**2) * np.sum(model**2))
-    if not level > 0.0:
-        return math.nan, math.nan
-    correlation = signal.correlate(model, data, mode="full", method="fft") / level
-    top = int(np.argmax(correlation))
-    move = 0.0
-    if 0 < top < len(correlation) - 1:
-        left, middle, right = correlation[top - 1 : top + 2]
-        bend = left - 2.0 * middle + right
-        move = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-    return (top + move - (len(data) - 1)) * dt, float(correlation[top])
-
-
-def _time_frequency(data, model, dt, band):
-    """Single-valued envelope and phase misfit, the record as reference.
-
-    Kristekova et al. (2009), table 1, on obspy's wavelet transform. The phase is that of a
-    product, not of obspy's quotient, which is undefined where the transform vanishes.
-    """
-    low, high = band or (TF_CYCLES / (dt * len(data)), TF_TOP / dt)
-    wanted, found = (
-        tf_misfit.cwt(column, dt, WAVELET, low, high, N_WAVELETS) for column in (data, model)
-    )
-    level = np.sum(np.abs(wanted) ** 2)
-    envelope = np.sum((np.abs(found) - np.abs(wanted)) ** 2)
-    phase = np.sum((np.abs(wanted) * np.angle(found * wanted.conj()) / np.pi) ** 2)
-    return math.sqrt(envelope / level), math.sqrt(phase / level)
