@@ -44,6 +44,7 @@ _HOMES = {
     "check": "projects.checks",
     "compare": "motion.comparison",
     "controlled_mean": "ensembles.control_variate",
+    "firing_times": "inversion.firing_times",
     "gradient": "solving.gradients",
     "greens_functions": "ensembles.banks",
     "infer_levels": "residuals.levels",

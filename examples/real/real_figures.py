@@ -92,3 +92,44 @@ def draw_gather(offsets, dt, recorded, simulated, quiet, breaks, head, misfit, b
     for name in ("wiggles", "spectra", "speeds"):
         axes[name].legend(fontsize=8, loc="lower right" if name == "wiggles" else "best")
     figure.savefig(FIGURES / "real_ground_point_force.png", dpi=75)
+
+
+def draw_firing_times(draws):
+    """Found against true delays, errors by hole, one unseen receiver, shares explained."""
+    figure, ((delays, errors), (time, shares)) = plt.subplots(
+        2, 2, figsize=(12, 8), layout="constrained"
+    )
+    both = [(draw, draw[half]) for draw in draws for half in (0, 1)]
+    away = 1e3 * np.array([draw["truth"] - draw["nominal"] for draw, _ in both])
+    found = 1e3 * np.array([half["times"] - draw["nominal"] for draw, half in both])
+    width = 1e3 * np.array([np.diff(half["intervals"])[:, 0] / 2 for _, half in both])
+    delays.errorbar(away.ravel(), found.ravel(), width.ravel(), fmt=".", ms=4, lw=0.5, color="C0",
+                    label="found, 90 % interval")  # fmt: skip
+    ends = np.array([away.min(), away.max()])
+    delays.plot(ends, ends, "k", lw=0.8, label="truth")
+    delays.plot(ends, 0.0 * ends, "C3--", lw=0.8, label="plan")
+    delays.set(xlabel="true time after the plan [ms]", ylabel="found time after the plan [ms]",
+               title="Firing times, all holes, draws and halves")  # fmt: skip
+    for gap, colour, label in ((away, "C3", "plan"), (found - away, "C0", "found")):
+        middle, high = np.percentile(np.abs(gap), [50, 90], axis=0)
+        errors.plot(np.arange(1, 13), middle, colour + "o-", label=f"{label}, median")
+        errors.plot(np.arange(1, 13), high, colour + "^:", label=f"{label}, 90 %")
+    errors.set(xlabel="hole", ylabel="error of the time [ms]", xticks=range(1, 13),
+               title="Errors by hole, two at each of six places", ylim=(0, 8.5))  # fmt: skip
+    draw, half = both[0]
+    receiver = half["held"][len(half["held"]) // 2]
+    seconds = draw["start"] + 1e-3 * np.arange(draw["recorded"].shape[1])
+    lines = (draw["recorded"], *half["guesses"]), ("k", "C3", "C0"), ("sum of 12 real hits",
+             "one hit, plan", "one hit, found times")  # fmt: skip
+    for motion, colour, label in zip(*lines, strict=True):
+        time.plot(seconds, 1e3 * motion[receiver], colour, lw=1.0, label=label)
+    time.set(xlabel="time after the first hole [s]", ylabel="geophone output [mV]", xlim=(0, 0.8),
+             title=f"Receiver at {2 * receiver} m, not used for the times")  # fmt: skip
+    share = np.array([half["explained"] for _, half in both])
+    shares.plot(share[:, 0], share[:, 1], "ko", ms=4)
+    shares.axline((0.0, 0.0), slope=1.0, color="0.6", lw=0.8)
+    shares.set(xlabel="by the plan", ylabel="by the found times and scales", ylim=(0, 1),
+               title="Share of the energy explained at unseen receivers")  # fmt: skip
+    for axis in (delays, errors, time):
+        axis.legend(fontsize=8)
+    figure.savefig(FIGURES / "real_firing_times.png", dpi=80)
