@@ -11,6 +11,7 @@ import pytest
 from pyblast.blasting.blast import Firing
 from pyblast.blasting.hole_tables import read_blast
 from pyblast.blasting.superposition import superpose
+from pyblast.inversion.firing_times import firing_times
 from pyblast.motion.comparison import compare
 from pyblast.motion.seismogram import Seismogram
 from pyblast.records.recordings import read_gather
@@ -92,6 +93,27 @@ def test_one_real_hit_predicts_the_sum_of_twelve_others_only_in_part(recordings)
 
     assert np.isnan(misfit[:2]).all()
     assert 0.02 < misfit[2] < 0.6
+
+
+def test_hidden_firing_times_are_found_from_real_hits(recordings):
+    channels, plan = range(0, 24, 3), 0.042 * np.arange(6)
+    delays = 1e-3 * np.array([4.0, -3.0, 5.0, -4.0, 2.0, -5.0])
+    known, other = (
+        [[hit(recordings, int(n) + k, c).bandpassed(10.0, 80.0) for c in channels]
+         for n in PLACES.values()] for k in (0, 1)
+    )  # fmt: skip
+    firing = Firing(0.02 + plan + delays, 1.0)
+    sums = [superpose(other[0][c], firing, signatures=[o[c] for o in other])
+            for c in range(len(channels))]  # fmt: skip
+    record = np.array([s.velocity[:, 2] for s in sums])
+    greens = np.array([[s.velocity[:, 2] for s in one] for one in known])
+    begin = 0.02 + known[0][0].start - sums[0].start
+
+    found = firing_times(greens, record, 1e-3, plan + begin, sigma=0.004)
+
+    errors = np.abs(found.times - begin - plan - delays)
+    assert np.median(errors) < 0.0008  # the triggers differ by 0 to 1.9 ms
+    assert found.misfit_after < 0.25 < 0.5 < found.misfit_before
 
 
 @pytest.mark.parametrize(
