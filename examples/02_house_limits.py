@@ -7,7 +7,7 @@ from matplotlib import pyplot as plt
 
 from pyblast.blasting.hole_tables import read_blast
 from pyblast.blasting.signatures import SmoothPulse, cavity_seismogram, pressure_for_peak
-from pyblast.blasting.signatures import scaled_distance_ppv as ppv_law
+from pyblast.blasting.site_law import scaled_distance_ppv as ppv_law
 from pyblast.blasting.superposition import superpose, travel_shifts
 from pyblast.motion.limits import load_limits
 from pyblast.motion.spectra import smoothed_spectrum, zero_crossing_frequency

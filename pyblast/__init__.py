@@ -45,6 +45,7 @@ _HOMES = {
     "compare": "motion.comparison",
     "controlled_mean": "ensembles.control_variate",
     "firing_times": "inversion.firing_times",
+    "fit_site_law": "blasting.site_law",
     "gradient": "solving.gradients",
     "greens_functions": "ensembles.banks",
     "infer_levels": "residuals.levels",

@@ -183,6 +183,31 @@ def report(
         console.say(f"written: {page}")
 
 
+@app.command()
+def sitelaw(
+    records: Annotated[
+        Path, typer.Argument(help="CSV with columns such as distance_m, charge_kg, ppv_mm_per_s.")
+    ],
+    charge_exponent: Annotated[
+        float, typer.Option(help="Scaled distance is distance / charge^this.")
+    ] = 0.5,
+    limit: Annotated[
+        float | None, typer.Option(help="Peak velocity in mm/s; print the charges that keep it.")
+    ] = None,
+):
+    """Fit peak velocity against scaled distance.
+
+    The charge is the largest within 8 ms. Prints the law with its 50 and 95 % lines, and refuses
+    records that do not support one.
+    """
+    with told():
+        from .blasting.site_law import fit_site_law
+        from .blasting.site_records import read_site_records
+
+        law = fit_site_law(*read_site_records(records), charge_exponent)
+        console.show_site_law(law, None if limit is None else 1e-3 * limit)
+
+
 def standalone():
     """Become the program ``pyblast-run``."""
     program = resources.files(__package__) / "bin" / "pyblast-run"

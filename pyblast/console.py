@@ -165,6 +165,35 @@ def show_outcome(outcome):
     say(f"report:  {outcome.folder / 'report.html'}")
 
 
+def show_site_law(law, limit=None):
+    """Print the law of a site, its lines, and the charges that keep a limit in m/s."""
+    low, high = law.beta_interval(0.9)
+    unit = f"kg^{law.charge_exponent:.3g}"
+    say(
+        f"PPV = {1e3 * law.k:.4g} SD^-{law.beta:.3f} mm/s with SD = R / W^{law.charge_exponent:.3g}"
+        f" in m/{unit}; 90 % interval of the exponent {low:.2f} to {high:.2f}"
+    )
+    say(
+        f"{law.n} records with SD of {law.reach[0]:.3g} to {law.reach[1]:.3g}; scatter s "
+        f"{law.s:.3f} in log10, r2 {law.r2:.2f}; parallel 95 % line of other programs "
+        f"{1e3 * law.k95:.4g} mm/s"
+    )
+    for note in law.notes:
+        say(f"- {note}")
+    table = _table(f"SD m/{unit}", "50 % mm/s", "95 % mm/s")
+    for scaled in np.geomspace(*law.reach, 7):
+        lines = (f"{1e3 * law.line(scaled, 1.0, share):.3g}" for share in (0.5, 0.95))
+        table.add_row(f"{scaled:.3g}", *lines)
+    _out.print(table)
+    if limit is not None:
+        scaled = law.largest_charge(1.0, limit) ** -law.charge_exponent
+        table = _table("distance m", f"charge kg in 8 ms for {1e3 * limit:g} mm/s, 95 %")
+        for distance in (50.0, 100.0, 200.0, 500.0, 1000.0):
+            charge = (distance / scaled) ** (1.0 / law.charge_exponent)
+            table.add_row(f"{distance:g}", f"{charge:.3g}")
+        _out.print(table)
+
+
 def _percent(values):
     """Show fractions as percent, leaving out those that are none."""
     return ", ".join("-" if np.isnan(v) else f"{100 * v:.2g} %" for v in values)

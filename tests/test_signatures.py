@@ -10,8 +10,8 @@ from pyblast.blasting.signatures import (
     cavity_seismogram,
     cavity_signature,
     pressure_for_peak,
-    scaled_distance_ppv,
 )
+from pyblast.blasting.site_law import scaled_distance_ppv
 from pyblast.errors import InputError
 
 DENSITY, CP, CS, RADIUS = 4500.0, 3393.9, 1813.5, 4.0

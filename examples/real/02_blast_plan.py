@@ -11,12 +11,8 @@ from matplotlib import pyplot as plt
 from real_line import FIGURES, hits_by_place, keep_results, recordings_folder, seismograms
 
 from pyblast.blasting.hole_tables import read_blast
-from pyblast.blasting.signatures import (
-    SmoothPulse,
-    cavity_seismogram,
-    pressure_for_peak,
-    scaled_distance_ppv,
-)  # fmt: skip
+from pyblast.blasting.signatures import SmoothPulse, cavity_seismogram, pressure_for_peak
+from pyblast.blasting.site_law import scaled_distance_ppv
 from pyblast.blasting.superposition import superpose, travel_shifts
 from pyblast.motion.seismogram import Seismogram
 from pyblast.motion.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency

@@ -207,7 +207,7 @@ def pressure_for_peak(density, cp, cs, radius, pulse, distance, peak):
     """Return the pulse with the pressure for which the velocity at ``distance`` peaks at ``peak``.
 
     Shape and radius stay as they are: both are assumptions, and so is the peak where it comes
-    from a scaled-distance law such as ``scaled_distance_ppv``.
+    from a scaled-distance law such as ``site_law.scaled_distance_ppv``.
 
     Parameters
     ----------
@@ -227,20 +227,6 @@ def pressure_for_peak(density, cp, cs, radius, pulse, distance, peak):
     dt = min(rise, radius / cs) / 50.0
     motion = cavity_response(density, cp, cs, radius, unit, distance, dt, duration)
     return replace(pulse, pressure=peak / float(np.max(np.abs(motion))))
-
-
-def scaled_distance_ppv(distance, charge, k=0.5, exponent=1.6):
-    """Return the PPV [m/s] of ``k (distance / sqrt(charge))^-exponent``, distance in m, kg.
-
-    The default k = 0.5 m/s and exponent 1.6 are those given with AS 2187.2 for hard rock and a
-    free face; assumed, not measured at any site of ours.
-    """
-    if not (distance > 0.0 and charge > 0.0):
-        raise InputError(
-            f"scaled_distance_ppv: distance and charge must be positive, got {distance:g} m, "
-            f"{charge:g} kg"
-        )
-    return k * (distance / math.sqrt(charge)) ** -exponent
 
 
 def cavity_moment(radius, pressure, cp, cs):

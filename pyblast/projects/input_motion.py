@@ -7,12 +7,8 @@ import numpy as np
 
 from ..blasting.blast import Blast, Firing
 from ..blasting.hole_tables import read_blast
-from ..blasting.signatures import (
-    SmoothPulse,
-    cavity_seismogram,
-    pressure_for_peak,
-    scaled_distance_ppv,
-)
+from ..blasting.signatures import SmoothPulse, cavity_seismogram, pressure_for_peak
+from ..blasting.site_law import scaled_distance_ppv
 from ..blasting.superposition import superpose, travel_shifts
 from ..errors import InputError
 from ..motion.seismogram import GEOGRAPHIC, Seismogram
