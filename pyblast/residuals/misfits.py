@@ -24,8 +24,7 @@ class Misfit:
     value : function of simulated (n_blasts, n_receivers, 3, n_samples), m/s, to float
         Zero where simulation and record agree.
     residuals : function of the same to (n,) float64, or None
-        What ``value`` is made of: its sum of squares is what least squares minimises, and it is
-        smooth enough for derivatives. None for misfits that have no sign.
+        What ``value`` is made of, with signs, for least squares. None where there are none.
     """
 
     name: str
