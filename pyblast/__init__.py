@@ -37,6 +37,7 @@ _HOMES = {
     "VelocityInput": "solving.boundaries",
     "Viscous": "solving.boundaries",
     "anisotropic": "solving.anisotropy",
+    "back_analyse": "back_analysis",
     "band_functions": "residuals.band",
     "blast_spectra": "ensembles.scatter",
     "build_mesh": "meshing.mesh_builder",

@@ -91,11 +91,14 @@ def check(project: ProjectFile, full: Full = False):
     code 3 where a result could not be trusted.
     """
     with told():
+        from .inversion.doubts import doubts
         from .projects.checks import check as look
         from .projects.project import load_project
 
-        found = look(load_project(project, full))
+        loaded = load_project(project, full)
+        found = look(loaded)
         console.show_check(found)
+        console.show_findings(doubts(loaded))
         if found.failed:
             raise typer.Exit(3)
 
@@ -206,6 +209,45 @@ def sitelaw(
 
         law = fit_site_law(*read_site_records(records), charge_exponent)
         console.show_site_law(law, None if limit is None else 1e-3 * limit)
+
+
+@app.command()
+def backanalyse(
+    project: ProjectFile,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the numbered searches [back_analysis beside it]."),
+    ] = None,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes, for methods that ask for many runs at once.")
+    ] = 1,
+    dask: Annotated[
+        str, typer.Option(help="Address of a dask scheduler whose workers run the models.")
+    ] = "",
+    full: Full = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where the last search was interrupted.")
+    ] = False,
+):
+    """Find unknowns of the ground from recorded blasts.
+
+    Searches the ranges of table [back_analysis], runs the best values in full, and says which
+    unknowns the records can't tell. Writes trials.jsonl, one line a run, back_analysis.json and
+    report.html. Ctrl-C keeps what was run.
+    """
+    with told():
+        from .back_analysis import back_analyse, slip_told
+        from .ensembles.many_runs import executor_of
+        from .inversion.doubts import doubts
+        from .projects.project import load_project
+
+        loaded = load_project(project, full)
+        console.show_findings(doubts(loaded))
+        with console.Progress() as progress, executor_of(workers, dask) as executor:
+            found, folder = back_analyse(
+                loaded, out, resume=resume, executor=executor, progress=progress
+            )
+        console.show_search(found, folder, slip_told(found))
 
 
 def standalone():

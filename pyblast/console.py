@@ -15,6 +15,7 @@ STAGES = {
     "check": "checks",
     "static": "static stage",
     "dynamic": "dynamic stage",
+    "trials": "runs of the search",
     "writing": "results and report",
 }
 _out = Console(highlight=False, soft_wrap=True)
@@ -105,7 +106,12 @@ def show_check(found):
     show_census(found.census)
     for note in found.notes:
         say(f"- {note}")
-    for finding in found.findings:
+    show_findings(found.findings)
+
+
+def show_findings(findings):
+    """Print what is doubtful, in words and numbers."""
+    for finding in findings:
         say(f"{finding.code}{' FAILS' if finding.failed else ''}: {finding.title}")
         say(f"    {finding.text}")
 
@@ -192,6 +198,33 @@ def show_site_law(law, limit=None):
             charge = (distance / scaled) ** (1.0 / law.charge_exponent)
             table.add_row(f"{distance:g}", f"{charge:.3g}")
         _out.print(table)
+
+
+def show_search(found, folder, lines):
+    """Print what a back-analysis found, how it fits, and what it can't tell."""
+    table = _table("unknown", "from", "to", "found")
+    for one in found.target.parameters:
+        value = f"{found.best[one.path]:.4g}"
+        table.add_row(
+            one.path, f"{one.low:g}", f"{one.high:g}",
+            "-" if one.path in found.insensitive else value,
+        )  # fmt: skip
+    _out.print(table)
+    for path, why in found.insensitive.items():
+        say(f"{path}: not identifiable: {why}")
+    for line in lines:
+        say(line)
+    for blast, one in found.confirmed.items():
+        for name, comparison in one.comparisons.items():
+            say(f"{blast}, {name}, recorded and simulated:")
+            show_comparison(comparison)
+    trace = found.trace
+    say(
+        f"misfit {trace.misfits[trace.best]:.3g} % in run {trace.best + 1} of "
+        f"{len(trace.misfits)}, {found.misfit:.3g} % in the full run that confirmed it"
+    )
+    say(f"results: {folder}")
+    say(f"report:  {folder / 'report.html'}")
 
 
 def _percent(values):

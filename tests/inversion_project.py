@@ -14,12 +14,12 @@ PARAMETERS = (
     Parameter("joints.F1.ks_gpa_per_m", 0.005, 0.1),
     Parameter("damping.ratio", 0.005, 0.05),
 )
-RECORDED = '\n[receivers.recorded]\nfile = "wall.csv"\nbearing_deg = 270\n\n[run]\n'
+RECORDED = '\n[receivers.recorded]\nfile = "wall.csv"\nbearing_deg = 90\n\n[run]\n'
 
 
-def twin_file(folder, section=""):
+def twin_file(folder, section="", changes=()):
     """Write a project whose record was made with its own values; return its path."""
-    path = written(folder, ("duration_s = 0.1", "duration_s = 0.4"))
+    path = written(folder, ("duration_s = 0.1", "duration_s = 0.4"), *changes)
     project = load_project(path)
     motion = simulate(project, (), [()])[0]["R1"]
     write_csv(folder / "wall.csv", replace(motion, label="R1"))

@@ -6,10 +6,12 @@ from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import get_context
 
+from ..errors import InputError
 from ..solving.model import Model
 from .run_cache import KeptRun, cached_run, find_run
 
 THREADS = "OMP_NUM_THREADS"
+DASK_SECONDS = 10.0
 
 
 def run_all(
@@ -49,6 +51,44 @@ def run_all(
         run if future is None else future.result()
         for run, future in zip(kept, waiting, strict=True)
     ]
+
+
+@contextmanager
+def executor_of(count=1, dask=""):
+    """Open what runs models: None for one worker, processes, or the workers of a dask scheduler.
+
+    Parameters
+    ----------
+    count : int
+        Processes; not used with dask.
+    dask : str
+        Address of a scheduler, such as ``tcp://host:8786``.
+
+    Raises
+    ------
+    InputError
+        If dask is not installed or nothing answers there.
+    """
+    if dask:
+        with _dask_client(dask) as client:
+            yield client.get_executor()
+    elif count > 1:
+        with workers(count) as pool:
+            yield pool
+    else:
+        yield None
+
+
+def _dask_client(address):
+    """Return a client of a dask scheduler."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError("--dask: dask is not installed; pip install 'pyblast[dask]'") from None
+    try:
+        return Client(address, timeout=DASK_SECONDS)
+    except (OSError, ValueError) as error:
+        raise InputError(f"--dask: no scheduler answers at {address} ({error})") from None
 
 
 @contextmanager

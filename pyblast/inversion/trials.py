@@ -158,7 +158,7 @@ class Trials:
             if row["values"] != point.tolist():
                 raise InputError(
                     f"{self.log.path}: trial {row['number']} is not what this search asks for; it "
-                    "was made by another version; begin anew without --resume"
+                    "had another number of runs or version; begin anew without --resume"
                 )
         return rows if len(rows) == len(job) else None
 

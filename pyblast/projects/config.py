@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from .config_back_analysis import BackAnalysisConfig
 from .config_ground import (
     BoundariesConfig,
     DampingConfig,
@@ -184,6 +185,7 @@ class Config(Section):
     air_blast: AirBlastConfig | None = None
     receivers: list[ReceiverConfig] = Field([])
     run: RunConfig
+    back_analysis: BackAnalysisConfig | None = None
 
     @model_validator(mode="after")
     def _what_enters(self):

@@ -31,8 +31,12 @@ def _names(entry):
 
 
 def number_paths(config):
-    """List the paths of all numbers of a `Config`, given or by default."""
-    return [path for path, value in _leaves(config, "") if type(value) in (int, float)]
+    """List the paths of all numbers of a `Config`, given or by default, that say what is run."""
+    return [
+        path
+        for path, value in _leaves(config, "")
+        if type(value) in (int, float) and not path.startswith("back_analysis.")
+    ]
 
 
 def _leaves(here, path):
@@ -90,9 +94,9 @@ def check_path(config, path):
     InputError
         With the path that was probably meant.
     """
-    if type(value_at(config, path)) in (int, float):
-        return
     known = number_paths(config)
+    if path in known:
+        return
     near = get_close_matches(path, known, n=1, cutoff=0.5)
     hint = f"did you mean {near[0]!r}?" if near else f"such as {known[0]!r}"
     raise InputError(f"{path!r} must name one number of the project file; {hint}")

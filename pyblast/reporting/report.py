@@ -5,7 +5,7 @@ from dataclasses import replace
 from importlib import resources
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from ..projects.result import Result, plain, write_text
 from . import figures
@@ -27,15 +27,23 @@ def write_report(path, result: Result):
 
 def render(result: Result) -> str:
     """Return the page as text; every name that users give is escaped."""
-    source = resources.files(__package__).joinpath("report.html").read_text(encoding="utf-8")
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
-    environment.filters |= {"number": number, "scaled": scaled, "angle": angle}
     result = replace(result, summary=plain(result.summary))
-    return environment.from_string(source).render(
+    return page("report.html").render(
         s=result.summary,
         figures=_figures(result),
         assumed=_assumed_under(result.summary["assumed"]),
     )
+
+
+def page(name):
+    """Return the template of a page, which escapes every name that users give."""
+    here = resources.files(__package__)
+    loader = FunctionLoader(lambda part: here.joinpath(part).read_text(encoding="utf-8"))
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    environment.filters |= {"number": number, "scaled": scaled, "angle": angle}
+    return environment.get_template(name)
 
 
 def _figures(result):

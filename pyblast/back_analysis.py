@@ -1,0 +1,160 @@
+"""The job from recorded motion to the values of unknowns: search, confirm, write, report."""
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from .errors import InputError, PyblastError
+from .inversion.back_analysis import BackAnalysis, confirm, make_target
+from .inversion.doubts import doubts
+from .inversion.methods import METHODS
+from .inversion.trials import TrialLog, Trials, identity
+from .pipeline import Interrupted, new_folder
+from .projects.project import Project, load_project
+from .projects.result import write_summary
+from .projects.summary import comparison_table, motion_table
+from .reporting.search_report import slip_lines, write_search_report
+from .solving.provenance import versions
+
+TRIALS = "trials.jsonl"
+RESULT = "back_analysis.json"
+
+
+def back_analyse(
+    project: Project | str | Path,
+    output=None,
+    *,
+    resume: bool = False,
+    full: bool = False,
+    executor: Executor | None = None,
+    progress: Callable | None = None,
+) -> tuple[BackAnalysis, Path]:
+    """Find the unknowns that table ``[back_analysis]`` of a project names.
+
+    Parameters
+    ----------
+    project : Project or path of a project file
+    output : path, optional
+        Folder that takes numbered folders, one per search; ``back_analysis`` beside the project
+        file by default. Earlier results stay.
+    resume : bool
+        Go on with the last search that was interrupted: its trace is the same.
+    full : bool
+        Take the table ``[full]`` of the project file.
+    executor : concurrent.futures.Executor, optional
+        Such as `workers`, or what ``dask.distributed.Client.get_executor`` returns. The answer
+        does not depend on it.
+    progress : callable, optional
+        Called with (stage, done, total).
+
+    Returns
+    -------
+    BackAnalysis
+    Path
+        Folder with ``trials.jsonl``, ``back_analysis.json`` and ``report.html``.
+
+    Raises
+    ------
+    InputError, ReadError
+        If the project or a file of it is wrong, or there is nothing to resume.
+    SolverError
+        If no point could be run, or a worker was lost.
+    """
+    if not isinstance(project, Project):
+        project = load_project(project, full)
+    tell = progress or (lambda *_: None)
+    tell("mesh", 0, 1)
+    target, table = make_target(project), project.config.back_analysis
+    findings = doubts(project)
+    output = project.folder / "back_analysis" if output is None else Path(output)
+    folder = _interrupted(output) if resume else new_folder(output)
+    kept = TrialLog(folder / TRIALS, identity(target, table.method, table.seed), resume)
+    trials = Trials(target, kept, table.runs, executor=executor, progress=progress)
+    try:
+        trace = METHODS[table.method](trials.problem(), table.runs, table.seed)
+        found = confirm(target, table.method, table.seed, trace, progress)
+    except KeyboardInterrupt:
+        raise Interrupted(
+            f"{len(kept.rows)} evaluations are kept in {kept.path}, go on with --resume"
+        ) from None
+    except PyblastError:
+        if not kept.rows and not resume:
+            kept.path.unlink()
+            folder.rmdir()
+        raise
+    tell("writing", 0, 1)
+    summary = summarise_search(found, findings, kept.rows)
+    write_summary(folder / RESULT, summary)
+    write_search_report(folder / "report.html", summary, found.confirmed)
+    return found, folder
+
+
+def _interrupted(output):
+    """Return the last folder with trials."""
+    found = sorted(output.glob(f"[0-9]*/{TRIALS}"))
+    if not found:
+        raise InputError(f"{output}: nothing to resume; no folder there holds {TRIALS}")
+    return found[-1].parent
+
+
+def summarise_search(found: BackAnalysis, findings, rows) -> dict:
+    """Return everything that the page of a back-analysis shows, as plain numbers and words."""
+    target, project, trace = found.target, found.target.projects[0], found.trace
+    return {
+        "title": project.title,
+        "assumed": list(project.config.assumed),
+        "method": found.method,
+        "misfit_name": target.misfit,
+        "seed": found.seed,
+        "runs": len(trace.misfits),
+        "best_run": trace.best + 1,
+        "best_misfit": float(trace.misfits[trace.best]),
+        "confirmed_misfit": found.misfit,
+        "accepted": int(trace.accepted.sum()),
+        "wall_seconds": sum(row["wall_seconds"] for row in rows),
+        "parameters": [
+            {
+                **asdict(one),
+                "best": found.best[one.path],
+                "bound": found.at_bound(one),
+                "insensitive": found.insensitive.get(one.path, ""),
+            }
+            for one in target.parameters
+        ],
+        "trace": {
+            "points": trace.points,
+            "misfits": trace.misfits,
+            "accepted": trace.accepted,
+        },
+        "blasts": {name: _blast_table(one) for name, one in found.confirmed.items()},
+        "findings": [asdict(finding) for finding in findings],
+        "files_sha256": project.input_files,
+        "provenance": versions(identity(target, found.method, found.seed)["hash"]),
+    }
+
+
+def slip_told(found: BackAnalysis) -> list[str]:
+    """Say of every blast and joint surface what slipped, and what it would take."""
+    tables = {name: _blast_table(one) for name, one in found.confirmed.items()}
+    return [line for name, table in tables.items() for line in slip_lines(name, table)]
+
+
+def _blast_table(confirmed):
+    """Return the comparisons and the slip of one blast."""
+    return {
+        "receivers": {
+            name: {
+                "recorded": motion_table(confirmed.recorded[name]),
+                "simulated": motion_table(confirmed.simulated[name]),
+                "comparison": comparison_table(comparison),
+                "first_slip_ppv": float(np.nanmax(confirmed.simulated[name].ppv))
+                * confirmed.factor,
+            }
+            for name, comparison in confirmed.comparisons.items()
+        },
+        "strength": {name: asdict(one) for name, one in confirmed.strength.items()},
+        "factor": confirmed.factor,
+    }

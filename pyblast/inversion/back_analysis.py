@@ -1,0 +1,183 @@
+"""Back-analysis: from recorded motion to the values of unknowns, confirmed by a full run."""
+
+import math
+from dataclasses import dataclass
+
+from ..errors import InputError
+from ..motion.comparison import Comparison, compare
+from ..motion.seismogram import Seismogram
+from ..projects.census import input_band
+from ..projects.config_section import named_error
+from ..projects.ground import joint_of_surface
+from ..projects.project import Project
+from ..units import split_key
+from .blasts import blasts_of
+from .forward import Target, band_of, held_step, misfit_of
+from .methods import METHODS
+from .misfits import MISFITS
+from .parameters import Parameter, check_parameters, with_values
+from .searching import Trace
+from .strength import STRENGTH, Strength, watched_run
+
+AT_BOUND = 0.01  # of the range
+
+
+@dataclass(frozen=True, eq=False)
+class Confirmed:
+    """The full run of the best point, for one blast.
+
+    Parameters
+    ----------
+    simulated, recorded : dict of str to Seismogram
+    comparisons : dict of str to Comparison
+        By receiver.
+    strength : dict of str to Strength
+        By joint surface.
+    """
+
+    simulated: dict[str, Seismogram]
+    recorded: dict[str, Seismogram]
+    comparisons: dict[str, Comparison]
+    strength: dict[str, Strength]
+
+    @property
+    def factor(self) -> float:
+        """How many times stronger the blast would have to be for a first contact to slip."""
+        return min((one.factor for one in self.strength.values()), default=math.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class BackAnalysis:
+    """What a back-analysis found.
+
+    Parameters
+    ----------
+    target : Target
+    method : str
+    seed : int
+    trace : Trace
+    confirmed : dict of str to Confirmed
+        By the file name of the blast's project.
+    misfit : float
+        Of the full runs at the best point, each with its own time step.
+    insensitive : dict of str to str
+        Parameters that the records can't tell because nothing slipped, and why.
+    """
+
+    target: Target
+    method: str
+    seed: int
+    trace: Trace
+    confirmed: dict[str, Confirmed]
+    misfit: float
+    insensitive: dict[str, str]
+
+    @property
+    def best(self) -> dict[str, float]:
+        """Values of the parameters at the best point, by path, in the units of their keys."""
+        row = self.trace.points[self.trace.best].tolist()
+        return {p.path: value for p, value in zip(self.target.parameters, row, strict=True)}
+
+    @property
+    def project(self) -> Project:
+        """The project with the best values."""
+        best = self.trace.points[self.trace.best]
+        return with_values(self.target.projects[0], self.target.parameters, best)
+
+    def at_bound(self, parameter: Parameter) -> str:
+        """Return "low" or "high" where the best value lies at a bound, else nothing."""
+        share = (self.best[parameter.path] - parameter.low) / (parameter.high - parameter.low)
+        return "low" if share < AT_BOUND else "high" if share > 1.0 - AT_BOUND else ""
+
+
+def make_target(project: Project) -> Target:
+    """Return what table ``[back_analysis]`` of a project asks for.
+
+    Raises
+    ------
+    InputError
+        If it is missing, or names what is not there.
+    """
+    table, where = project.config.back_analysis, f"{project.path.name}: back_analysis"
+    if table is None:
+        raise InputError(f"{where}: missing; add the table with its parameters")
+    for key, known in (("method", METHODS), ("misfit", MISFITS)):
+        if getattr(table, key) not in known:
+            raise InputError(
+                f"{where}.{key}: must be one of {', '.join(known)}, got {getattr(table, key)!r}"
+            )
+    with named_error(where):
+        parameters = tuple(Parameter(**part.model_dump()) for part in table.parameters)
+    blasts = blasts_of(project)
+    for blast in blasts:
+        check_parameters(blast, parameters)
+    steps = tuple(held_step(blast, parameters) for blast in blasts)
+    return Target(blasts, parameters, tuple(table.receivers), table.misfit, steps)
+
+
+def confirm(target: Target, method, seed, trace: Trace, progress=None) -> BackAnalysis:
+    """Run the best point in full, with its own time step, and see whether strength mattered.
+
+    Raises
+    ------
+    SolverError
+        If no point could be run, or this one can't.
+    """
+    best, confirmed = trace.points[trace.best], {}
+    for project in target.projects:
+        varied = with_values(project, target.parameters, best)
+        weakest = _weakest(project, target.parameters, best)
+        run, strength = watched_run(
+            varied.model, varied.duration, input_band(varied), weakest, progress
+        )
+        simulated = {name: s.shifted(-varied.lead) for name, s in run.seismograms.items()}
+        recorded = target.recorded(project)
+        comparisons = {
+            name: compare(record, simulated[name], band_of(project))
+            for name, record in recorded.items()
+        }
+        confirmed[project.path.name] = Confirmed(simulated, recorded, comparisons, strength)
+    misfit = misfit_of(target, [one.simulated for one in confirmed.values()])
+    told = {
+        parameter.path: text
+        for parameter in target.parameters
+        if (text := _insensitive(parameter, target.projects, confirmed.values()))
+    }
+    return BackAnalysis(target, method, seed, trace, confirmed, misfit, told)
+
+
+def _weakest(project, parameters, best):
+    """Return the joints with the lowest strengths of the ranges, the rest as found."""
+    values = [
+        one.low if _is_strength(one) else value for one, value in zip(parameters, best, strict=True)
+    ]
+    return with_values(project, parameters, values).joints
+
+
+def _is_strength(parameter):
+    """Tell whether a parameter is a strength of a joint."""
+    table, *_, key = parameter.path.split(".")
+    return table == "joints" and split_key(key)[0].removesuffix("_residual") in STRENGTH
+
+
+def _insensitive(parameter, projects, confirmed):
+    """Say why records can't tell a strength: nothing slipped in any blast; else nothing."""
+    if not _is_strength(parameter):
+        return ""
+    entry = parameter.path.split(".")[1]
+    found = [
+        one.strength[surface]
+        for project, one in zip(projects, confirmed, strict=True)
+        for surface in surfaces_of(project, entry)
+        if surface in one.strength
+    ]
+    if not found or any(one.failed for one in found):
+        return ""
+    weakest = min(one.weakest_factor for one in found)
+    over = "whatever its value in the range" if weakest > 1.0 else "though lower values would slip"
+    return f"no contact of '{entry}' slipped or opened, {over}"
+
+
+def surfaces_of(project, entry):
+    """Return the joint surfaces that an entry of ``[joints]`` stands for."""
+    return [name for name, one in joint_of_surface(project.config.mesh).items() if one == entry]

@@ -1,0 +1,92 @@
+"""What is doubtful about a back-analysis before it is run, in numbers: D10, D14, D15."""
+
+import math
+
+import numpy as np
+
+from ..projects.findings import Finding
+from .annealing import PAPER, paper, paper_eq15
+from .blasts import blasts_of, chosen_records
+from .sampling import random_search
+from .searching import Problem
+
+NUMBERS = 6  # PPV and dominant frequency of three components
+REPEATS = 300
+RISES = (10.0, 50.0)  # % of misfit
+METHODS = {"temperature of 1000": paper, "equation 15": paper_eq15, "random": random_search}
+
+
+def doubts(project) -> list[Finding]:
+    """Return the findings about the back-analysis of a project; none where it asks for none.
+
+    Data against unknowns, and annealing's own.
+    """
+    table = project.config.back_analysis
+    if table is None:
+        return []
+    unknowns = len(table.parameters)
+    found = [few_numbers(blasts_of(project), unknowns)] if table.misfit == "paper" else []
+    if table.method in ("paper", "paper_eq15"):
+        found += [cold_never(table.runs), worse_than_random(unknowns, table.runs)]
+    return found
+
+
+def few_numbers(blasts, unknowns) -> Finding:
+    """D10: how many numbers the misfit has for how many unknowns."""
+    records = sum(len(chosen_records(blast, blasts[0])) for blast in blasts)
+    return Finding(
+        "D10",
+        "Few numbers for many unknowns",
+        f"{NUMBERS * records} numbers (PPV and dominant frequency of three components; records: "
+        f"{records}, blasts: {len(blasts)}) for {unknowns} unknowns; the misfit does not use the "
+        "rest of the records. Strengths of joints are not identifiable while no "
+        "contact slips; the result says the peak velocity at which the first one would.",
+        numbers={"numbers": float(NUMBERS * records), "unknowns": float(unknowns)},
+    )
+
+
+def cold_never(runs) -> Finding:
+    """D14: a temperature that never bites, and two values for it."""
+    first, last = (PAPER.temperature_of(move) for move in (1, max(1, runs - 1)))
+    chances = {rise: [math.exp(-rise / t) for t in (first, last)] for rise in RISES}
+    told = ", ".join(
+        f"one that is worse by {rise:.0f} % with {a:.2f} at first and {b:.2f} at the end"
+        for rise, (a, b) in chances.items()
+    )
+    return Finding(
+        "D14",
+        "The temperature of annealing never bites",
+        f"From T0 = {PAPER.temperature:g} with misfits below about 100 %, a point is accepted "
+        f"nearly always: {told}. Equation (15) of the paper, T0 = Fmax - Fmin, contradicts this "
+        "value; method = 'paper_eq15' takes it.",
+        numbers={
+            f"accept_{rise:.0f}_{end}": chance
+            for rise, both in chances.items()
+            for end, chance in zip(("first", "last"), both, strict=True)
+        },
+    )
+
+
+def worse_than_random(unknowns, runs, repeats=REPEATS) -> Finding:
+    """D15: annealing against random search on a bowl with its bottom anywhere.
+
+    The misfit of the bowl is the mean distance to its bottom in per cent of the ranges.
+    """
+    mean = {name: 0.0 for name in METHODS}
+    for repeat in range(repeats):
+        bottom = np.random.default_rng([repeat, 1]).random(unknowns)
+        bowl = Problem(
+            np.zeros(unknowns), np.ones(unknowns), np.zeros(unknowns, dtype=bool),
+            lambda points, at=bottom: 100.0 * np.mean(np.abs(points - at), axis=1),
+        )  # fmt: skip
+        for name, method in METHODS.items():
+            mean[name] += float(np.min(method(bowl, runs, repeat).misfits)) / repeats
+    listed = ", ".join(f"{name} {value:.1f} %" for name, value in mean.items())
+    worse = mean["temperature of 1000"] > mean["random"]
+    return Finding(
+        "D15",
+        f"Annealing is {'worse' if worse else 'better'} than random search of the same length",
+        f"On a bowl of {unknowns} unknowns with its bottom anywhere, the mean best of {runs} runs "
+        f"in {repeats} repeats is: {listed}. Compare method = 'random'.",
+        numbers={name.replace(" ", "_"): value for name, value in mean.items()},
+    )

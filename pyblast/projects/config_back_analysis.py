@@ -1,0 +1,28 @@
+"""What a project file may say about a back-analysis: unknowns, ranges, method."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from .config_section import Count, Name, Section
+
+
+class ParameterConfig(Section):
+    """An unknown: the dotted path of a key and its range, in the unit of the key."""
+
+    path: Name
+    low: float
+    high: float
+    log: bool = False
+
+
+class BackAnalysisConfig(Section):
+    """What is to be found, from which records, how."""
+
+    method: Name = "paper"
+    misfit: Name = "paper"
+    runs: Count = 21
+    seed: Annotated[int, Field(ge=0)] = 0
+    receivers: list[Name] = Field([])
+    blasts: list[Name] = Field([])
+    parameters: Annotated[list[ParameterConfig], Field(min_length=1)]

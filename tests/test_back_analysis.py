@@ -1,0 +1,182 @@
+"""Back-analysis from the project file to its page: what is found, told, kept and resumed."""
+
+import json
+import math
+import signal
+import time
+
+import numpy as np
+import pytest
+from inversion_project import twin_file
+from test_main import call, spawn
+
+from pyblast import back_analyse, load_project
+from pyblast.back_analysis import RESULT, TRIALS
+from pyblast.errors import InputError
+from pyblast.inversion.doubts import doubts, worse_than_random
+
+RANGES = {
+    "joints.F1.kn_gpa_per_m": (0.01, 0.5),
+    "joints.F1.cohesion_kpa": (90, 1000),
+    "damping.ratio": (0.005, 0.05),
+}
+STRONG = ("cohesion_kpa = 20", "cohesion_kpa = 100"), ("tension_kpa = 0", "tension_kpa = 1e6")
+
+
+def section(ranges=RANGES, **keys):
+    """Return the text of a table ``[back_analysis]``."""
+    lines = ["", "[back_analysis]"]
+    lines += [f"{key} = {json.dumps(value)}" for key, value in {"runs": 5, **keys}.items()]
+    for path, (low, high) in ranges.items():
+        lines += ["[[back_analysis.parameters]]", f'path = "{path}"']
+        lines += [f"low = {low}", f"high = {high}"]
+    return "\n".join(lines) + "\n"
+
+
+def strong(folder, **keys):
+    """Write a twin whose joint does not slip."""
+    return twin_file(folder, section(**keys), STRONG)
+
+
+def test_a_search_is_written_told_and_confirmed_by_a_full_run(tmp_path):
+    done = call("backanalyse", strong(tmp_path))
+
+    assert done.exit_code == 0, done.output
+    folder = tmp_path / "back_analysis" / "001"
+    assert {path.name for path in folder.iterdir()} == {TRIALS, RESULT, "report.html"}
+    found = json.loads((folder / RESULT).read_text())
+    assert found["runs"] == 5
+    assert found["best_misfit"] == min(found["trace"]["misfits"])
+    assert found["confirmed_misfit"] == pytest.approx(found["best_misfit"], abs=0.2)
+    assert "D10" in done.output
+    assert "D14" in done.output
+    assert "D15" in done.output
+
+
+def test_cohesion_is_found_not_identifiable_because_nothing_slipped(tmp_path):
+    found, folder = back_analyse(strong(tmp_path, runs=2))
+
+    one = found.confirmed["project.toml"]
+    assert found.insensitive["joints.F1.cohesion_kpa"].startswith("no contact of 'F1' slipped")
+    assert set(found.insensitive) == {"joints.F1.cohesion_kpa"}
+    assert one.strength["F1"].failed == 0
+    assert 1.0 < one.strength["F1"].weakest_factor < one.factor < math.inf
+    assert "not identifiable: no contact" in (folder / "report.html").read_text()
+
+
+def test_cohesion_counts_where_the_joint_slips(tmp_path):
+    weak = {**RANGES, "joints.F1.cohesion_kpa": (0, 50)}
+
+    found, _ = back_analyse(twin_file(tmp_path, section(weak, runs=2)))
+
+    assert found.insensitive == {}
+    assert found.confirmed["project.toml"].strength["F1"].failed > 0
+
+
+def test_a_finished_search_is_resumed_for_more_runs(tmp_path):
+    path = strong(tmp_path, runs=3)
+    short, _ = back_analyse(path)
+    path.write_text(path.read_text().replace("runs = 3", "runs = 5"))
+
+    long, folder = back_analyse(path, resume=True)
+
+    assert folder.name == "001"
+    assert np.array_equal(long.trace.points[:3], short.trace.points)
+    assert len((folder / TRIALS).read_text().splitlines()) == 6
+
+
+def test_two_blasts_are_met_by_the_same_ground(tmp_path):
+    other = tmp_path / "second"
+    other.mkdir()
+    twin_file(other, "", (*STRONG, ("delay_ms = 40", "delay_ms = 25")))
+    path = strong(tmp_path, runs=2, blasts=["second/other.toml"])
+    (other / "project.toml").rename(other / "other.toml")
+
+    found, _ = back_analyse(path)
+
+    assert list(found.confirmed) == ["project.toml", "other.toml"]
+    rows = [json.loads(line) for line in (path.parent / "back_analysis/001" / TRIALS).open()][1:]
+    assert set(rows[0]["simulated"]) == {"project.toml", "other.toml"}
+
+
+def test_ctrl_c_keeps_what_was_run_and_the_same_search_goes_on(tmp_path):
+    path = strong(tmp_path, runs=60)
+    process = spawn("backanalyse", path)
+    log = tmp_path / "back_analysis" / "001" / TRIALS
+    until = time.monotonic() + 60.0
+    while time.monotonic() < until and (not log.exists() or log.read_text().count("\n") < 4):
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    kept = log.read_text().count("\n") - 1
+
+    assert process.returncode == 130, errors
+    assert "evaluations are kept" in errors
+    assert 3 <= kept < 60
+    path.write_text(path.read_text().replace("runs = 60", f"runs = {kept + 1}"))
+    assert call("backanalyse", path, "--resume").exit_code == 0
+    assert log.read_text().count("\n") == kept + 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "match"),
+    [
+        (
+            "[back_analysis]\n",
+            "[back_analysis]\nmethod = 'guess'\n",
+            "method: must be one of paper",
+        ),
+        ("[back_analysis]\n", "[back_analysis]\nmisfit = 'eye'\n", "misfit: must be one of paper"),
+        ("[back_analysis]\n", "[back_analysis]\nreceivers = ['R2']\n", "'R2' has no record in"),
+        ('path = "damping.ratio"', 'path = "damping.ration"', "did you mean 'damping.ratio'"),
+        ("low = 0.005", "low = 0.5", "low must be below high"),
+    ],
+)
+def test_a_wrong_table_is_refused_in_one_sentence(tmp_path, old, new, match):
+    path = strong(tmp_path)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+    with pytest.raises(InputError, match=match):
+        back_analyse(path)
+
+
+def test_a_project_without_the_table_is_refused(tmp_path):
+    with pytest.raises(InputError, match="back_analysis: missing; add the table"):
+        back_analyse(twin_file(tmp_path))
+
+
+def test_nothing_to_resume_is_said_with_exit_code_2(tmp_path):
+    done = call("backanalyse", strong(tmp_path), "--resume")
+
+    assert done.exit_code == 2
+    assert "nothing to resume" in done.output
+
+
+def test_a_scheduler_that_does_not_answer_is_refused(tmp_path, monkeypatch):
+    pytest.importorskip("distributed", reason="needs pip install pyblast[dask]")
+    monkeypatch.setattr("pyblast.ensembles.many_runs.DASK_SECONDS", 0.3)
+
+    done = call("backanalyse", strong(tmp_path), "--dask", "tcp://127.0.0.1:9")
+
+    assert done.exit_code == 2
+    assert "no scheduler answers" in done.output
+
+
+def test_the_doubts_of_the_paper_have_its_numbers(tmp_path):
+    found = {one.code: one for one in doubts(load_project(strong(tmp_path, runs=21)))}
+
+    assert list(found) == ["D10", "D14", "D15"]
+    assert found["D10"].numbers == {"numbers": 6.0, "unknowns": 3.0}
+    wanted = {"10_first": 0.99, "10_last": 0.92, "50_first": 0.95, "50_last": 0.66}
+    for name, chance in wanted.items():
+        assert found["D14"].numbers[f"accept_{name}"] == pytest.approx(chance, abs=0.005)
+
+
+def test_random_search_beats_the_annealing_of_the_paper_on_three_unknowns():
+    found = worse_than_random(3, 20, repeats=400)
+
+    assert "worse than random" in found.title
+    assert found.numbers["random"] == pytest.approx(11.0, abs=1.0)
+    assert found.numbers["temperature_of_1000"] == pytest.approx(20.1, abs=1.0)
