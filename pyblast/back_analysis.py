@@ -11,6 +11,7 @@ from .errors import InputError, PyblastError
 from .inversion.back_analysis import BackAnalysis, confirm, make_target
 from .inversion.doubts import doubts
 from .inversion.methods import METHODS
+from .inversion.misfits import MISFITS
 from .inversion.trials import TrialLog, Trials, identity
 from .pipeline import Interrupted, new_folder
 from .projects.project import Project, load_project
@@ -108,6 +109,7 @@ def summarise_search(found: BackAnalysis, findings, rows) -> dict:
         "assumed": list(project.config.assumed),
         "method": found.method,
         "misfit_name": target.misfit,
+        "misfit_unit": MISFITS[target.misfit],
         "seed": found.seed,
         "runs": len(trace.misfits),
         "best_run": trace.best + 1,

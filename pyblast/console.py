@@ -220,8 +220,8 @@ def show_search(found, folder, lines):
             show_comparison(comparison)
     trace = found.trace
     say(
-        f"misfit {trace.misfits[trace.best]:.3g} % in run {trace.best + 1} of "
-        f"{len(trace.misfits)}, {found.misfit:.3g} % in the full run that confirmed it"
+        f"misfit '{found.target.misfit}' {trace.misfits[trace.best]:.3g} in run {trace.best + 1} "
+        f"of {len(trace.misfits)}, {found.misfit:.3g} in the full run that confirmed it"
     )
     say(f"results: {folder}")
     say(f"report:  {folder / 'report.html'}")

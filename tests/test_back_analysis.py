@@ -13,7 +13,9 @@ from test_main import call, spawn
 from pyblast import back_analyse, load_project
 from pyblast.back_analysis import RESULT, TRIALS
 from pyblast.errors import InputError
+from pyblast.inversion.back_analysis import make_target
 from pyblast.inversion.doubts import doubts, worse_than_random
+from pyblast.inversion.forward import evaluate
 
 RANGES = {
     "joints.F1.kn_gpa_per_m": (0.01, 0.5),
@@ -83,6 +85,16 @@ def test_a_finished_search_is_resumed_for_more_runs(tmp_path):
     assert folder.name == "001"
     assert np.array_equal(long.trace.points[:3], short.trace.points)
     assert len((folder / TRIALS).read_text().splitlines()) == 6
+
+
+@pytest.mark.parametrize("name", ["envelope", "phase", "lag", "onset"])
+def test_every_misfit_is_small_where_the_records_were_made(tmp_path, name):
+    target = make_target(load_project(strong(tmp_path, misfit=name)))
+
+    truth, other = evaluate(target, np.array([[0.114, 100.0, 0.0112], [0.03, 100.0, 0.05]]))
+
+    assert truth["misfit"] < 0.01
+    assert other["misfit"] > 3.0 * truth["misfit"]
 
 
 def test_two_blasts_are_met_by_the_same_ground(tmp_path):

@@ -14,7 +14,7 @@ from ..solving.assembly import time_step
 from ..solving.batches import run_many
 from ..solving.kernels import LANES
 from ..units import split_key
-from .misfits import MISFITS
+from .misfits import misfit_to
 from .parameters import Parameter, with_values
 
 # Larger values of these never allow a longer time step, and no other key matters to it.
@@ -120,11 +120,10 @@ def evaluate(target: Target, points) -> list[dict]:
 
 def misfit_of(target: Target, motions) -> float:
     """Return the mean misfit over blasts and receivers of simulated motions, one dict a blast."""
-    measure = MISFITS[target.misfit]
     return float(
         np.mean(
             [
-                measure(record, simulated[name], band_of(project))
+                misfit_to(target.misfit, record, simulated[name], band_of(project))
                 for project, simulated in zip(target.projects, motions, strict=True)
                 for name, record in target.recorded(project).items()
             ]

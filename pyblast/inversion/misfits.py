@@ -1,16 +1,35 @@
-"""Misfits of a simulated seismogram against the recorded one, by name."""
+"""Misfits of a simulated seismogram against the recorded one, by the names of project files."""
 
-from collections.abc import Callable
+import numpy as np
 
 from ..motion.comparison import compare
 from ..motion.seismogram import Seismogram
+from ..residuals.misfits import misfit
 
-Misfit = Callable[[Seismogram, Seismogram, tuple[float, float] | None], float]
-
-
-def paper(recorded: Seismogram, simulated: Seismogram, band=None) -> float:
-    """Return the mean absolute deviation of PPV and dominant frequency in %; theory.md (11.1)."""
-    return compare(recorded, simulated, band, time_frequency=False).misfit
+MISFITS = {"paper": "%", "envelope": "", "phase": "", "lag": "s", "onset": "s"}  # with their units
 
 
-MISFITS: dict[str, Misfit] = {"paper": paper}
+def misfit_to(name, recorded: Seismogram, simulated: Seismogram, band=None) -> float:
+    """Return the misfit of a simulated seismogram to a record over the time of both.
+
+    Parameters
+    ----------
+    name : str
+        Of `MISFITS`: ``paper`` of theory.md (11.1), the others of (7.5) and (7.20).
+    recorded, simulated : Seismogram
+        In the same components.
+    band : tuple of 2 float, Hz, optional
+        To which both are filtered first.
+
+    Raises
+    ------
+    InputError
+        If the two have nothing to compare.
+    """
+    if name == "paper":
+        return compare(recorded, simulated, band, time_frequency=False).misfit
+    end = min(recorded.start + recorded.duration, simulated.start + simulated.duration)
+    recorded = recorded.windowed(recorded.start, end)
+    found = simulated.sampled(recorded.start, recorded.dt, len(recorded.velocity))
+    data, model = (np.nan_to_num(one.velocity).T[None, None] for one in (recorded, found))
+    return misfit(name, data, recorded.dt, band=band).value(model)

@@ -8,14 +8,15 @@ from .figures import INK, SIMULATED, _figure, _tidy, _uri
 REFUSED = "#9aa5b1"
 
 
-def misfit_figure(misfits, accepted):
+def misfit_figure(misfits, accepted, unit):
     """Draw the misfit of every run, whether the search went on from it, and the best so far.
 
     Parameters
     ----------
-    misfits : (n,) float64, %
+    misfits : (n,) float64
         Not finite where a run failed; these are left out.
     accepted : (n,) bool
+    unit : str
     """
     figure = _figure(9.6, 3.0)
     axes, run = figure.subplots(), np.arange(1, len(misfits) + 1)
@@ -24,7 +25,7 @@ def misfit_figure(misfits, accepted):
     for shown, colour, label in ((accepted, INK, "accepted"), (~accepted, REFUSED, "refused")):
         axes.plot(run[shown], misfits[shown], "o", color=colour, ms=4, label=label)
     axes.set_xlabel("run")
-    axes.set_ylabel("misfit  %")
+    axes.set_ylabel(f"misfit  {unit}")
     axes.set_ylim(0.0, 1.1 * np.max(misfits, where=np.isfinite(misfits), initial=0.0))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.legend(fontsize=7, frameon=False, ncol=3)
@@ -32,7 +33,7 @@ def misfit_figure(misfits, accepted):
     return _uri(figure)
 
 
-def places_figure(parameters, points, misfits):
+def places_figure(parameters, points, misfits, unit):
     """Draw misfit against each parameter over its range; the best point is marked.
 
     Parameters
@@ -41,6 +42,7 @@ def places_figure(parameters, points, misfits):
         ``path``, ``low``, ``high``, ``log``.
     points : (n, n_parameters) float64
     misfits : (n,) float64
+    unit : str
     """
     columns = min(3, len(parameters))
     rows = -(-len(parameters) // columns)
@@ -60,7 +62,7 @@ def places_figure(parameters, points, misfits):
         axis.set_xlabel(one["path"], fontsize=8)
         _tidy(axis)
     for axis in axes[:, 0]:
-        axis.set_ylabel("misfit  %")
+        axis.set_ylabel(f"misfit  {unit}")
     for axis in axes.flat[len(parameters) :]:
         axis.set_visible(False)
     return _uri(figure)

@@ -72,16 +72,17 @@ def _first(one, receivers):
 def _search_figures(summary):
     """Draw how the search went."""
     trace = {name: np.array(value) for name, value in summary["trace"].items()}
+    unit = summary["misfit_unit"]
     yield (
         "Misfit",
         f"Misfit of each run; method '{summary['method']}', seed {summary['seed']}. The search "
         f"went on from {summary['accepted']} of {summary['runs']}.",
-        misfit_figure(trace["misfits"], trace["accepted"]),
+        misfit_figure(trace["misfits"], trace["accepted"], unit),
     )
     yield (
         "Where the search has been",
         "Misfit against each unknown over its range, later runs darker, the best in colour.",
-        places_figure(summary["parameters"], trace["points"], trace["misfits"]),
+        places_figure(summary["parameters"], trace["points"], trace["misfits"], unit),
     )
 
 
