@@ -33,19 +33,90 @@ contains
         real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3)
         real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: traction(3), stored
-        real(dp) :: pressure, slid, rough
+        real(dp) :: pressure, slid, shear(3), shear_jump(3), along, trial
 
-        associate (dilated => state(10), length => state(11))
-            call press(property, initial, normal, jump, dilated, state, pressure, stored)
-            rough = 0.0_dp
-            if (pressure > 0.0_dp) rough = property(6)*mobilisation(length/property(9)) &
-                *max(0.0_dp, log10(property(7)/pressure))*acos(-1.0_dp)/180.0_dp
-            call rub(property(2), pressure*tan(min(atan(property(8)) + rough, steepest)), initial, &
-                     normal, jump, pressure, state, traction, stored, slid)
-            dilated = dilated + slid*tan(0.5_dp*rough)
+        call split(jump, normal, along, shear_jump)
+        call split(initial, normal, along, shear)
+        associate (ks => property(2), length => state(11))
+            trial = norm2(shear + ks*(shear_jump - state(1:3)))
+            call widen(property, initial, normal, jump, trial, state, pressure, stored)
+            call rub(ks, rough_strength(property, length, pressure), initial, normal, jump, &
+                     pressure, state, traction, stored, slid)
             length = length + slid
         end associate
     end subroutine barton_bandis
+
+    pure subroutine widen(property, initial, normal, jump, trial, state, pressure, stored)
+        !! Pressure of walls that dilate by what they slip in this step, with what they dilated so
+        !! far: slip, dilation, pressure and strength of a step solved together, by false position
+        !! (Illinois); theory.md (3.14). A trial shear within the strength dilates nothing.
+        real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3)
+        real(dp), intent(in) :: trial
+        real(dp), intent(inout) :: state(n_joint_state)
+        real(dp), intent(out) :: pressure, stored
+        real(dp) :: before, peak, low, high, missing, surplus, more, left
+        integer :: k
+
+        before = state(10)
+        call press(property, initial, normal, jump, before, state, pressure, stored)
+        more = dilation(property, state(11), pressure, trial)
+        if (.not. more > 0.0_dp) return
+        peak = state(7)
+        low = 0.0_dp
+        missing = -more
+        high = more
+        surplus = 0.0_dp
+        do k = 1, 50
+            state(7) = peak
+            call press(property, initial, normal, jump, before + more, state, pressure, stored)
+            left = more - dilation(property, state(11), pressure, trial)
+            if (abs(left) <= 1e-12_dp*more) exit
+            if (left < 0.0_dp) then
+                low = more
+                missing = left
+                if (k > 1) surplus = 0.5_dp*surplus
+            else
+                high = more
+                surplus = left
+                if (k > 1) missing = 0.5_dp*missing
+            end if
+            more = (low*surplus - high*missing)/(surplus - missing)
+        end do
+        state(10) = before + more
+    end subroutine widen
+
+    pure function dilation(property, length, pressure, trial) result(more)
+        !! Dilation by the slip that brings a trial shear back to the strength; theory.md (3.14).
+        real(dp), intent(in) :: property(n_joint_properties), length, pressure, trial
+        real(dp) :: more
+
+        more = 0.0_dp
+        if (.not. pressure > 0.0_dp) return
+        more = max(0.0_dp, trial - rough_strength(property, length, pressure))/property(2)
+        more = more*tan(0.5_dp*roughness(property, length, pressure))
+    end function dilation
+
+    pure function rough_strength(property, length, pressure) result(strength)
+        !! Strength of rough walls; theory.md (3.13).
+        real(dp), intent(in) :: property(n_joint_properties), length, pressure
+        real(dp) :: strength
+
+        strength = pressure*tan(min(steepest, atan(property(8))) &
+                                + roughness(property, length, pressure))
+    end function rough_strength
+
+    pure function roughness(property, length, pressure) result(angle)
+        !! Angle that rough walls add to friction, together at most 70 degrees; theory.md (3.13).
+        !! Dilation has the same bound, else it could give more energy than friction takes.
+        real(dp), intent(in) :: property(n_joint_properties), length, pressure
+        real(dp) :: angle
+
+        angle = 0.0_dp
+        if (.not. pressure > 0.0_dp) return
+        angle = property(6)*mobilisation(length/property(9)) &
+            *max(0.0_dp, log10(property(7)/pressure))*acos(-1.0_dp)/180.0_dp
+        angle = max(0.0_dp, min(angle, steepest - atan(property(8))))
+    end function roughness
 
     pure subroutine press(property, initial, normal, jump, dilated, state, pressure, stored)
         !! Pressure on the hyperbola, or on the steeper one of unloading; energy of the normal part.
@@ -79,14 +150,15 @@ contains
     end subroutine press
 
     pure function closed(property, elbow, peak, pressure) result(v)
-        !! Closure at a pressure, after a largest closure; a tension stands for a gap of -t/kn.
+        !! Closure at a pressure, after a largest closure; a tension t stands for a gap of t/kn
+        !! beyond what is irrecoverable.
         real(dp), intent(in) :: property(n_joint_properties), elbow, peak, pressure
         real(dp) :: v, lost, width, ku, corner
 
         associate (kn => property(1), vm => property(3))
             corner = kn*elbow/(1.0_dp - elbow/vm)
             if (.not. pressure > 0.0_dp) then
-                v = pressure/kn
+                v = property(5)*max(0.0_dp, peak) + pressure/kn
             else if (pressure > corner) then
                 v = elbow + (pressure - corner)/property(4)
             else

@@ -90,7 +90,8 @@ class Joint:
         for name in names:
             if values.get(name) is None:
                 raise InputError(f"{where}.{name}: missing; the law '{self.law}' needs it")
-            _check_value(f"{where}.{name}", name, values[name], name in DEFAULTS.get(self.law, {}))
+            endless = name == "dilation_slip" or DEFAULTS.get(self.law, {}).get(name) == math.inf
+            _check_value(f"{where}.{name}", name, values[name], endless)
         _check_together(where, self.law, values)
         if not (math.isfinite(self.insitu_pressure) and self.insitu_pressure >= 0.0):
             raise InputError(

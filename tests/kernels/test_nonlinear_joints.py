@@ -82,11 +82,13 @@ def test_unloading_begins_where_loading_ended():
 @pytest.mark.parametrize("pressure", [1e5, 1e6, 1e7])
 def test_rough_walls_have_bartons_strength(pressure):
     contact = Contact("barton_bandis", [0.0, 0.0, -pressure], jrc=10.0, jcs=5e7)
-    angle = math.atan(FRICTION) + math.radians(10.0 * math.log10(5e7 / pressure))
 
     traction = contact.move(5.0 * pressure / KS, 0.0, 0.0)
 
-    assert traction[0] == pytest.approx(pressure * math.tan(min(angle, math.radians(70.0))))
+    pressed = -traction[2]  # dilation of the same step included
+    angle = math.atan(FRICTION) + math.radians(max(0.0, 10.0 * math.log10(5e7 / pressed)))
+    assert pressed > pressure
+    assert traction[0] == pytest.approx(pressed * math.tan(min(angle, math.radians(70.0))))
 
 
 def test_slip_wears_roughness_down():
@@ -103,6 +105,41 @@ def test_a_slipping_rough_joint_dilates():
 
     assert contact.says("dilated") > 0.0
     assert traction[2] < -1e6
+
+
+@pytest.mark.parametrize("pressure", [0.1, 10.0, 1e3])
+def test_walls_that_hardly_touch_dilate_no_more_than_at_their_steepest(pressure):
+    contact = Contact("barton_bandis", [0.0, 0.0, -pressure], jrc=20.0, jcs=1.5e8)
+    for x in np.linspace(0.0, 20.0 * pressure / KS, 2001):
+        contact.move(x, 0.0, contact.says("dilated"))  # held at its pressure
+
+    steepest = math.tan(0.5 * (math.radians(70.0) - math.atan(FRICTION)))
+    assert contact.says("length") > 0.0
+    assert contact.says("dilated") == pytest.approx(steepest * contact.says("length"), rel=1e-6)
+
+
+@pytest.mark.parametrize("n_steps", [20, 200])
+def test_walls_that_dilate_in_long_steps_give_no_energy_back(n_steps):
+    contact = Contact("barton_bandis", [0.0, 0.0, -1e6], closure=5e-5, kn_max=100.0 * KN, jcs=1e8)
+    stored = contact.stored
+    for x in 2e-3 * np.sin(np.linspace(0.0, 2.0 * np.pi, n_steps + 1)):
+        contact.move(x, 0.0, 0.0)
+        friction = abs(contact.traction[0] / contact.traction[2])
+        assert friction <= math.tan(math.atan(FRICTION) + math.radians(8.0 * 2.0))
+
+    assert contact.dissipated > 0.1 * (contact.stored - stored) > 0.0
+
+
+def test_a_gap_before_the_blast_lies_beyond_what_closure_left_behind():
+    contact = Contact("closure", [0.0, 0.0, KN * 2e-5], irrecoverable=0.3, cohesion=1e9)
+    contact.state[:] = 0.0
+    contact.state[contact.names.index("peak")] = 4e-4  # of the static stage
+
+    contact.move(0.0, 0.0, 0.0)
+
+    assert contact.says("gap") == pytest.approx(2e-5, rel=1e-12)
+    assert not contact.move(0.0, 0.0, -1.99e-5).any()
+    assert contact.move(0.0, 0.0, -2.01e-5)[2] < 0.0
 
 
 def test_dilation_raises_pressure_up_to_its_limit():
