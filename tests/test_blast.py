@@ -108,6 +108,13 @@ def test_the_charge_of_the_paper_fills_10_8_of_17_m():
     assert "does not fit" not in sentences()
 
 
+def test_a_denser_explosive_fills_less_and_acts_lower():
+    dense = blast(explosive_density=1275.0)
+
+    assert dense.charge_length == pytest.approx(blast().charge_length / 1.5)
+    assert dense.centres[0, 2] == pytest.approx(-17.0 + 0.5 * dense.charge_length[0])
+
+
 def test_checks_give_times_and_charge_first():
     first, second, *_ = blast().checks()
 

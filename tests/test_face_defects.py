@@ -4,20 +4,21 @@ import math
 
 import numpy as np
 import pytest
-from small_project import written
+from small_project import TEXT, written
 
 from pyblast import Joint, Material, Model, Receiver, Seismogram
 from pyblast.meshing.mesh_builder import structured_box
 from pyblast.projects.checks import check
 from pyblast.projects.face_defects import drained, draining_sides, jointed_face, jointed_stiffness
 from pyblast.projects.project import load_project
+from pyblast.solving.anisotropy import jointed
 from pyblast.solving.boundaries import Fixed, Roller, StressInput, Viscous
 from pyblast.solving.conditions import surface_impedance
 from pyblast.solving.solver import run
 
 ROCK = Material(4500.0, 32.1e9, 14.8e9)
 KN, KS = 1.5e9, 0.734e9
-EAST = np.array([1.0, 0.0, 0.0])
+EAST, NORTH = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 
 def ricker(frequency, dt=2e-3):
@@ -61,7 +62,7 @@ def test_rock_without_joints_keeps_its_stiffness():
 
 
 def test_waves_across_one_set_are_as_slow_as_the_layered_closed_form():
-    numbers = jointed_face("rock", ROCK, [(math.pi / 2, math.pi / 2, KN, KS, 14.0)], EAST).numbers
+    numbers = jointed_face("rock", ROCK, [(EAST, KN, KS, 14.0)], EAST).numbers
 
     modulus = ROCK.density * ROCK.cp**2
     assert numbers["speed_p"] == pytest.approx(1.0 / math.sqrt(1.0 + modulus / (14.0 * KN)))
@@ -69,7 +70,7 @@ def test_waves_across_one_set_are_as_slow_as_the_layered_closed_form():
 
 
 def test_waves_along_one_set_feel_only_its_lateral_strain():
-    along = jointed_face("rock", ROCK, [(math.pi / 2, 0.0, 1e7, 1e7, 14.0)], EAST).numbers
+    along = jointed_face("rock", ROCK, [(NORTH, 1e7, 1e7, 14.0)], EAST).numbers
 
     ratio = ROCK.first_lame / (ROCK.first_lame + 2.0 * ROCK.shear)
     modulus = ROCK.density * ROCK.cp**2
@@ -91,13 +92,13 @@ def test_a_face_of_jointed_rock_moves_more_than_asked_for_by_the_number_of_d24()
 
     peak = run(model, 0.65).seismograms["inside"].ppv[0]
 
-    joints = [(math.pi / 2, math.pi / 2, KN, KS, 14.0)]
+    joints = [(EAST, KN, KS, 14.0)]
     excess = jointed_face("rock", ROCK, joints, EAST).numbers["excess_p"]
     assert peak == pytest.approx(1.0 + excess, rel=0.01)
 
 
 def test_stiff_joints_are_no_defect():
-    assert jointed_face("rock", ROCK, [(1.0, 1.0, 1e12, 1e12, 14.0)], EAST) is None
+    assert jointed_face("rock", ROCK, [(EAST, 1e12, 1e12, 14.0)], EAST) is None
 
 
 def test_a_check_tells_what_quiet_sides_take_on_the_way_to_the_receiver(tmp_path):
@@ -116,3 +117,46 @@ def test_rollers_on_the_sides_take_nothing(tmp_path):
     )
 
     assert "D23" not in [f.code for f in check(load_project(rollers), False).findings]
+
+
+SET = """[[mesh.joint_sets]]
+name = "F1"
+dip_deg = 90
+dip_direction_deg = 90
+spacing_m = 12
+persistence = 0.5
+"""
+CLOSING = """law = "closure"
+kn_gpa_per_m = 0.114
+ks_gpa_per_m = 0.025
+closure_mm = 1
+insitu_pressure_kpa = 342
+"""
+
+
+def with_a_closing_set(folder, *changes):
+    """Write the small project with a set of closing joints, half of their planes rock."""
+    fault = "[[mesh.faults]]" + TEXT.split("[[mesh.faults]]")[1].split("[materials.soil]")[0]
+    law = 'law = "coulomb"' + TEXT.split('law = "coulomb"')[1].split("[boundaries]")[0]
+    cells = ("grid_cells = [6, 2, 3]", "edge_m = 12")
+    assumed = (', "joints.F1.cohesion_kpa"', "")
+    swapped = ((fault, SET + "\n"), (law, CLOSING + "\n"), cells, assumed)
+    return load_project(written(folder, *swapped, *changes))
+
+
+def test_faces_and_d24_meet_joints_as_their_pressure_has_closed_them(tmp_path):
+    quiet = 'free = ["top"]'
+    plain = with_a_closing_set(tmp_path)
+    knowing = with_a_closing_set(tmp_path, (quiet, quiet + "\njointed_faces = true"))
+    rock = plain.materials["rock"]
+    kn, ks = 2.0 * 0.114e9 * 16.0, 2.0 * 0.025e9  # (1 + p/(kn Vm))^2 over half the area
+
+    finding = next(
+        f for f in check(plain, False).findings if f.code == "D24" and "'rock'" in f.text + f.title
+    )
+    wanted = jointed_face("rock", rock, [(EAST, kn, ks, 12.0)], EAST).numbers
+    assert finding.numbers == pytest.approx(wanted)
+    viscous = {b.surface: b for b in knowing.model.boundaries if isinstance(b, Viscous)}
+    found = viscous["west"].media["rock"].law.stiffness
+    stiffness = jointed(rock, EAST, 12.0, kn, ks).law.stiffness
+    assert found == pytest.approx(stiffness, rel=1e-6, abs=1e3)

@@ -10,7 +10,8 @@ from pyblast.projects.config_ground import (
     MaterialConfig,
     MeshConfig,
 )
-from pyblast.projects.ground import jointed_media, make_boundaries, make_insitu, make_material
+from pyblast.projects.ground import make_boundaries, make_insitu, make_material
+from pyblast.projects.jointed_ground import jointed_media
 from pyblast.solving.anisotropy import jointed, transverse
 from pyblast.solving.joints import Joint
 from pyblast.solving.materials import Material
@@ -100,10 +101,24 @@ def test_joint_sets_make_a_medium_of_the_layers_that_they_cut():
     joints = [Joint(name, "elastic", {"kn": 2e9, "ks": 1e9}) for name in ("J1", "J2")]
     rock = Material.from_speeds(2700.0, 4000.0, 2300.0)
 
-    media = jointed_media(mesh, {"soil": rock, "rock": rock}, joints)
+    pressures = {"J1": 0.0, "J2": 0.0}
+    media = jointed_media(mesh, {"soil": rock, "rock": rock}, joints, pressures)
 
     wanted = jointed(jointed(rock, NORMAL, 4.0, 2e9, 1e9), (0.0, 1.0, 0.0), 8.0, 4e9, 2e9)
     assert list(media) == ["rock"]
+    found = media["rock"].law.stiffness
+    assert found == pytest.approx(wanted.law.stiffness, rel=1e-9, abs=1.0)
+
+
+def test_joints_that_close_make_a_medium_as_stiff_as_their_pressure_has_made_them():
+    mesh = MeshConfig(size_m=[100.0, 100.0, 50.0], edge_m=10.0, layers=[{"material": "rock"}],
+                      joint_sets=[{"name": "J1", **PLANES, "spacing_m": 4.0}])  # fmt: skip
+    closing = Joint("J1", "closure", {"kn": 1e9, "ks": 1e9, "closure": 1e-3})
+    rock = Material.from_speeds(2700.0, 4000.0, 2300.0)
+
+    media = jointed_media(mesh, {"rock": rock}, [closing], {"J1": 2e6})
+
+    wanted = jointed(rock, NORMAL, 4.0, 9e9, 1e9)  # (1 + p/(kn Vm))^2 = 9
     found = media["rock"].law.stiffness
     assert found == pytest.approx(wanted.law.stiffness, rel=1e-9, abs=1.0)
 

@@ -82,6 +82,13 @@ def test_a_column_fills_the_length_of_its_charge_above_the_toe(tmp_path):
     assert blast.columns.mean(axis=1) == pytest.approx(blast.centres)
 
 
+def test_a_column_of_dense_explosive_is_shorter(tmp_path):
+    depth = "depth_m = 17"
+    dense = loaded(tmp_path, COLUMNS, "", (depth, depth + "\nexplosive_kg_per_m3 = 1275")).blast
+
+    assert dense.charge_length == pytest.approx(10.785 / 1.5, rel=1e-3)
+
+
 def test_a_moment_tensor_is_symmetric_in_the_order_of_stresses(tmp_path):
     project = loaded(tmp_path, TENSOR, "time_s,moment_rate_Nm_per_s")
 

@@ -93,6 +93,8 @@ class Blast:
         What the table says beside collar and toe, for the checks; NaN where it says nothing.
     notes : tuple of str
         What the reader of the table noticed; repeated by ``checks``.
+    explosive_density : float, kg/m3
+        In the hole; that of ANFO is assumed unless given.
 
     Raises
     ------
@@ -111,6 +113,7 @@ class Blast:
     stated_length: np.ndarray = math.nan
     stated_inclination: np.ndarray = math.nan
     notes: tuple[str, ...] = field(default=())
+    explosive_density: float = ANFO_DENSITY
 
     def __post_init__(self):
         """Check the fields once, spread single values over the holes, make arrays read-only."""
@@ -122,6 +125,10 @@ class Blast:
             raise InputError(f"blast.hole_ids: {len(ids)} names for {len(collar)} holes")
         object.__setattr__(self, "hole_ids", ids)
         object.__setattr__(self, "notes", tuple(self.notes))
+        if not 0.0 < self.explosive_density < math.inf:
+            raise InputError(
+                f"blast.explosive_density: must be positive, got {self.explosive_density:g} kg/m3"
+            )
         n = len(collar)
         shapes = {
             "collar": (n, 3),
@@ -188,8 +195,8 @@ class Blast:
 
     @property
     def charge_length(self):
-        """Length that each charge fills as ANFO of 850 kg/m3 (assumed), (n_holes,) m."""
-        return self.charge / (ANFO_DENSITY * math.pi / 4.0 * self.diameter**2)
+        """Length that each charge fills at the density of its explosive, (n_holes,) m."""
+        return self.charge / (self.explosive_density * math.pi / 4.0 * self.diameter**2)
 
     def firing(self, reference_charge=None, exponent=1.0):
         """Turn the blast into times and scales.

@@ -129,10 +129,13 @@ def _tight_charges(blast):
     room = np.where(np.isnan(deck), blast.length, deck)
     filled = np.where(room > 0.0, blast.charge_length / np.where(room > 0.0, room, 1.0), 0.0)
     if np.any(filled > 1.0):
-        worst = int(np.nanargmax(filled))
+        worst, density = int(np.nanargmax(filled)), blast.explosive_density
+        kind = f"at {density:g} kg/m3"
+        if density == ANFO_DENSITY:
+            kind = f"as ANFO ({density:g} kg/m3 assumed)"
         yield (
-            f"The charge does not fit as ANFO (850 kg/m3 assumed): {blast.named(filled > 1.0)}; "
+            f"The charge does not fit {kind}: {blast.named(filled > 1.0)}; "
             f"worst {blast.hole_ids[worst]}, {blast.charge[worst]:g} kg need "
             f"{blast.charge_length[worst]:.3g} m of {room[worst]:.3g} m "
-            f"(a full hole would hold {filled[worst] * ANFO_DENSITY:.4g} kg/m3)."
+            f"(a full hole would hold {filled[worst] * density:.4g} kg/m3)."
         )

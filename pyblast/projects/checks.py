@@ -9,7 +9,6 @@ from ..meshing.mesh import edge_lengths, surface_areas, surface_zones
 from ..solving.boundaries import Roller, Viscous
 from ..solving.conditions import surface_impedance
 from ..solving.insitu import joint_pressures
-from ..units import to_si
 from . import face_defects, ground_defects, load_defects
 from .census import (
     Census,
@@ -21,6 +20,7 @@ from .census import (
 )
 from .findings import Finding
 from .ground import joint_of_surface
+from .jointed_ground import set_normal, set_stiffness
 from .source_input import shape
 
 
@@ -217,11 +217,10 @@ def _quiet_defects(project):
         yield face_defects.draining_sides(sides, left, receiver.name, direction[2] > 0.7)
     if project.config.boundaries.jointed_faces:
         return
-    by_surface = {joint.surface: joint.properties for joint in project.joints}
+    stiffness = set_stiffness(project.config.mesh, project.joints, joint_pressures(model))
     for group, material in face_materials(project).items():
         sets = [
-            (to_si("dip_deg", part.dip_deg)[1], to_si("direction_deg", part.dip_direction_deg)[1],
-             by_surface[part.name]["kn"], by_surface[part.name]["ks"], part.spacing_m)
+            (set_normal(part), *stiffness[part.name], part.spacing_m)
             for part in project.config.mesh.joint_sets if group in (part.regions or [group])
         ]  # fmt: skip
         if sets:
@@ -240,6 +239,7 @@ def _joint_defects(project, census):
     by_surface = {joint.surface: joint for joint in project.joints}
     pressures = joint_pressures(project.model)
     stiffness = {name: one.tangents(pressures[name]) for name, one in by_surface.items()}
+    stiffness |= set_stiffness(project.config.mesh, project.joints, pressures)
     rocks, entries, alike = _stiff(project, census), joint_of_surface(project.config.mesh), {}
     for name in project.faults:
         alike.setdefault(entries[name], []).append(name)

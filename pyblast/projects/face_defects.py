@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 
-from ..meshing.geology import upward_normal
 from .findings import Finding
 
 LITTLE = 0.7
@@ -111,8 +110,8 @@ def jointed_face(group, material, joint_sets, direction):
     ----------
     group : str
     material : Material
-    joint_sets : sequence of (dip, dip direction, kn, ks, spacing)
-        Those that cut the group, SI and rad.
+    joint_sets : sequence of (normal (3,), kn, ks, spacing)
+        Those that cut the group, SI.
     direction : (3,) float64
         Normal of the face.
 
@@ -122,8 +121,7 @@ def jointed_face(group, material, joint_sets, direction):
     driven and damped with rho c then moves by 2 c / (c + c') of what is wanted, and its dashpots
     return (c - c') / (c + c'). theory.md section 4.2.
     """
-    sets = [(upward_normal(dip, towards), kn, ks, s) for dip, towards, kn, ks, s in joint_sets]
-    stiffness = jointed_stiffness(material, sets)
+    stiffness = jointed_stiffness(material, joint_sets)
     christoffel = np.einsum("ijkl,j,l->ik", stiffness, direction, direction)
     moduli, axes = np.linalg.eigh(christoffel)
     along = int(np.argmax(np.abs(direction @ axes)))

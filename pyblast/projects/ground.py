@@ -1,7 +1,5 @@
 """The ground of a project in SI: materials, joints, boundaries, mesh."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..errors import InputError
@@ -15,7 +13,6 @@ from ..solving.boundaries import Fixed, FreeField, Roller, Viscous
 from ..solving.materials import Damping, Material
 from ..solving.model import InSitu
 from ..solving.plasticity import MohrCoulomb
-from ..solving.zone_laws import Elastic
 from ..units import to_si
 from .column_files import read_columns
 from .joint_keys import named_error
@@ -111,33 +108,6 @@ def make_boundaries(config, face=None, media=None):
     if config.viscous_and_fixed:
         boundaries += [Roller(name) for name in config.viscous if name != face]
     return boundaries
-
-
-def jointed_media(config, materials, joints):
-    """Return the medium that each layer with joint sets is for long waves.
-
-    Parameters
-    ----------
-    config : MeshConfig
-    materials : dict of str to Material
-    joints : sequence of Joint
-
-    Returns
-    -------
-    dict of str to Material
-        By layer; rock bridges take their share of the area off the compliance.
-    """
-    by_surface = {joint.surface: joint.properties for joint in joints}
-    media = {}
-    for part in config.joint_sets:
-        across = upward_normal(*_angles(part))
-        kn, ks = (by_surface[part.name][name] / part.persistence for name in ("kn", "ks"))
-        for group in part.regions or [layer.material for layer in config.layers]:
-            rock = media.get(group, materials[group])
-            if rock.law.name != "anisotropic":
-                rock = replace(rock, law=Elastic())
-            media[group] = jointed(rock, across, part.spacing_m, kn, ks)
-    return media
 
 
 def refuse_open_sides(config, mesh):

@@ -52,7 +52,8 @@ def make_blast(config, folder) -> Blast:
     if config.file is not None:
         mapping = None if config.mapping is None else folder / config.mapping
         blast = read_blast(folder / config.file, mapping)
-        return replace(blast, collar=blast.collar + shift, toe=blast.toe + shift)
+        moved = {"collar": blast.collar + shift, "toe": blast.toe + shift}
+        return replace(blast, **moved, explosive_density=config.explosive_kg_per_m3)
     row = math.radians(config.row_bearing_deg)
     along, across = np.array([math.sin(row), math.cos(row), 0.0]), None
     across = np.array([-math.cos(row), math.sin(row), 0.0])
@@ -73,6 +74,7 @@ def make_blast(config, folder) -> Blast:
         times=to_si("delay_ms", config.delay_ms)[1] * rows,
         diameter=to_si("diameter_mm", config.diameter_mm)[1],
         hole_ids=tuple(f"{r + 1}-{h + 1}" for r, h in zip(rows, holes, strict=True)),
+        explosive_density=config.explosive_kg_per_m3,
     )
 
 

@@ -1,7 +1,7 @@
 """A project: everything that its file names, in SI, made when it is asked for."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -9,6 +9,7 @@ from ..blasting.blast import Blast, Firing
 from ..errors import InputError
 from ..meshing.mesh import Mesh
 from ..motion.seismogram import Seismogram
+from ..solving.insitu import joint_pressures
 from ..solving.joints import Joint
 from ..solving.materials import Material
 from ..solving.model import Model, Receiver, Rim
@@ -17,7 +18,6 @@ from .config_file import read_config
 from .config_section import named_error
 from .ground import (
     joint_of_surface,
-    jointed_media,
     make_boundaries,
     make_damping,
     make_insitu,
@@ -38,6 +38,7 @@ from .input_motion import (
     shifts_of,
 )
 from .joint_keys import make_joint
+from .jointed_ground import jointed_media
 from .places import check_rim, make_rim, place_receivers
 from .source_input import Inside, read_inside
 from .source_places import hole_places, place_sources
@@ -188,8 +189,6 @@ class Project:
         """Model with all that enters; its time 0 is `lead` before the first firing."""
         config, mesh = self.config, self.mesh
         face = None if self.input is None else config.input.face
-        media = jointed_media(config.mesh, self.materials, self.joints)
-        boundaries = make_boundaries(config.boundaries, face, media)
         entries, waves = [], []
         if face is not None:
             entries, waves = make_entry(config.input, self.input.motion.shifted(self.lead))
@@ -197,11 +196,11 @@ class Project:
         with named_error(self.path.name):
             if config.holes_inside or config.moment_tensors:
                 refuse_open_sides(config.boundaries, mesh)
-            return Model(
+            model = Model(
                 mesh=mesh,
                 materials=self.materials,
                 joints=self.joints,
-                boundaries=[*boundaries, *entries],
+                boundaries=[*make_boundaries(config.boundaries, face), *entries],
                 damping=make_damping(config),
                 ground=make_fields(config.ground, self.blast, mesh),
                 insitu=make_insitu(config.insitu),
@@ -211,6 +210,12 @@ class Project:
                 quadratic=config.mesh.quadratic,
                 **parts,
             )
+            if not config.boundaries.jointed_faces:
+                return model
+            pressures = joint_pressures(model)  # joints that close are stiffer under them
+            media = jointed_media(config.mesh, self.materials, self.joints, pressures)
+            known = make_boundaries(config.boundaries, face, media)
+            return replace(model, boundaries=[*known, *entries])
 
     @cached_property
     def input_files(self) -> dict[str, str]:
