@@ -46,6 +46,18 @@ def test_d1_the_soil_fails_and_says_what_it_would_cost():
     assert "R1 stands on it" in finding.text
 
 
+def test_d1_asks_three_edges_of_zones_with_15_nodes(tmp_path):
+    project = load_project(written(tmp_path, ("[[mesh.layers]]\nmaterial = \"soil\"",
+                           "quadratic = true\n[[mesh.layers]]\nmaterial = \"soil\"")))  # fmt: skip
+    census = check(project, measure=False).census
+    carried = {group.name: group.highest_frequency for group in census.groups}
+
+    found = [f for f in check(project, measure=False).findings if f.code == "D1"]
+
+    assert [f.numbers["carried"] for f in found] == [pytest.approx(carried["soil"])]
+    assert ground_defects.coarse_zones("soil", SOIL, 2.7, 1e5, 20.0, (), 3.0) is None
+
+
 def test_d1_the_rocks_pass():
     assert ground_defects.coarse_zones("schist", SCHIST, 5.0, 1e5, 20.0) is None
     assert ground_defects.coarse_zones("magnetite", MAGNETITE, 5.0, 1e5, 20.0) is None

@@ -82,6 +82,7 @@ def _mesh_defects(project, census):
         yield ground_defects.coarse_zones(
             group.name, project.materials[group.name], group.mean_edge, group.volume, band,
             [name for name, under in stands.items() if under == group.name],
+            project.model.edges_per_wavelength,
         )  # fmt: skip
     points = project.mesh.points
     rocks = _stiff(project, census)

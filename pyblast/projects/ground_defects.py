@@ -7,19 +7,22 @@ from .findings import Finding, by_wave
 TET_VOLUME = 1.0 / (6.0 * math.sqrt(2.0))
 
 
-def coarse_zones(name, material, edge, volume, band, receivers=()):
-    """D1: a material whose zones do not carry the band of the input; None where they do."""
-    carried = material.cs / (10.0 * edge)
+def coarse_zones(name, material, edge, volume, band, receivers=(), per_wave=10.0):
+    """D1: a material whose zones do not carry the band of the input; None where they do.
+
+    ``per_wave`` is how many edges a wavelength needs: 3 where zones have 15 nodes.
+    """
+    carried = material.cs / (per_wave * edge)
     if carried >= band:
         return None
-    needed = material.cs / (10.0 * band)
+    needed = material.cs / (per_wave * band)
     zones = [volume / (TET_VOLUME * size**3) for size in (edge, needed)]
     stands = f", and {', '.join(receivers)} stands on it" if receivers else ""
     return Finding(
         "D1",
         f"The mesh of '{name}' does not carry the input",
-        f"{edge:.3g} m edges carry {carried:.3g} Hz in '{name}' ({1.25 * carried:.3g} Hz with 8 "
-        f"edges per wavelength), the input has {band:.3g} Hz{stands}; edges must be at most "
+        f"{edge:.3g} m edges carry {carried:.3g} Hz in '{name}' ({1.25 * carried:.3g} Hz with "
+        f"{0.8 * per_wave:.2g} edges per wavelength), the input has {band:.3g} Hz{stands}; edges must be at most "
         f"{needed:.2g} m, which makes {zones[1]:.2g} zones of about {zones[0]:.2g}.",
         True,
         {"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
