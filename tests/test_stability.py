@@ -17,6 +17,8 @@ from pyblast.solving.model import Model
 from pyblast.solving.preparation import prepare
 from pyblast.solving.solver import run
 from verification.columns import ROCK, started
+from verification.meshes import ball_octant
+from verification.rungs.full_space import cavity_radii
 
 SOFT = Material.from_speeds(1800.0, 1500.0, 500.0)
 CROSS = {"J1": ("x", 1.0), "J2": ("y", 1.0)}
@@ -258,6 +260,16 @@ def test_ground_that_is_fine_on_purpose_keeps_its_mass():
 
     assert not limit.added_mass.any()
     assert limit.dt == limit.unscaled
+
+
+@pytest.mark.parametrize("n_edges", [3, 4, 5])
+@pytest.mark.parametrize("quadratic", [False, True])
+def test_the_wall_of_a_cavity_keeps_its_mass(n_edges, quadratic):
+    mesh = ball_octant(n_edges, cavity_radii(n_edges))
+
+    limit = stability.critical_step(Model(mesh, {"rock": ROCK}, quadratic=quadratic))
+
+    assert not limit.added_mass.any()
 
 
 def test_a_model_with_added_mass_is_stable_at_its_bound():

@@ -22,7 +22,8 @@ def coarse_zones(name, material, edge, volume, band, receivers=(), per_wave=10.0
         "D1",
         f"The mesh of '{name}' does not carry the input",
         f"{edge:.3g} m edges carry {carried:.3g} Hz in '{name}' ({1.25 * carried:.3g} Hz with "
-        f"{0.8 * per_wave:.2g} edges per wavelength), the input has {band:.3g} Hz{stands}; edges must be at most "
+        f"{0.8 * per_wave:.2g} edges per wavelength), the input has {band:.3g} Hz{stands}; edges "
+        "must be at most "
         f"{needed:.2g} m, which makes {zones[1]:.2g} zones of about {zones[0]:.2g}.",
         True,
         {"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,

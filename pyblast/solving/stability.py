@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..meshing import tetrahedra
+from ..meshing.mesh import edge_lengths
 from ..meshing.tetrahedra import shape_gradients
 from .quadratic_frequencies import quadratic_frequencies
 
@@ -12,6 +13,9 @@ from .quadratic_frequencies import quadratic_frequencies
 WORTH = 1.5
 PLACE = 256  # zones that follow one another along the curve of `renumbered`
 IN_ONE_PLACE = 20.0
+THIN = 0.25  # smallest altitude over longest edge of what counts as a sliver
+FEW = 64  # zones of a place whose zones that are no slivers may take FINE shares only
+FINE = 4.0
 
 
 @dataclass(frozen=True)
@@ -113,7 +117,8 @@ def critical_step(model):
     being the stiffness of its springs: no contact then limits the step (Anderson & Morley 1985).
     Its zones keep the rest (Irons & Treharne 1971) and take added mass where they need it. The
     step is the longest whose added mass stays within its share of each group, and within 20 shares
-    of any place: theory.md (2.13). Where that wins less than a half no mass is added.
+    of any place, 4 where zones are small but no slivers: theory.md (2.13). Where that wins less
+    than a half no mass is added.
     """
     mesh = model.mesh
     density = model.zone_values("density")
@@ -212,11 +217,31 @@ class _Search:
 
 
 def _parts(mesh, mass):
-    """Return the parts whose mass is limited: the groups, and places of zones that follow."""
-    count = max(1, len(mass) // PLACE)
-    place = np.minimum(np.arange(len(mass)) // PLACE, count - 1)
+    """Return the parts whose mass is limited: the groups, and places of zones that follow.
+
+    Slivers are in no place of the last kind, so that there only other zones count.
+    """
+    (place, count), (few, n_few) = (_places(len(mass), size) for size in (PLACE, FEW))
+    sliver = _thinness(mesh) < THIN
     limits = ((mesh.zone_group, len(mesh.groups), 1.0), (place, count, IN_ONE_PLACE))
-    return tuple((part, np.bincount(part, mass, count), most) for part, count, most in limits)
+    return (
+        *((part, np.bincount(part, mass, count), most) for part, count, most in limits),
+        (np.where(sliver, n_few, few), np.append(np.bincount(few, mass), np.inf), FINE),
+    )
+
+
+def _places(n_zones, size):
+    """Return the place (n_zones,) of each zone, and how many of a size there are."""
+    count = max(1, n_zones // size)
+    return np.minimum(np.arange(n_zones) // size, count - 1), count
+
+
+def _thinness(mesh):
+    """Return the smallest altitude of each zone over its longest edge, (n_zones,)."""
+    gradient = shape_gradients(mesh.points, mesh.zones)
+    every = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
+    altitude = 1.0 / np.linalg.norm(every, axis=2).max(axis=1)
+    return altitude / edge_lengths(mesh).max(axis=1)
 
 
 def _shares(part, added, own):
