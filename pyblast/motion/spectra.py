@@ -2,10 +2,12 @@
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from obspy.signal.konnoohmachismoothing import konno_ohmachi_smoothing_window
 from scipy import fft, signal
+from scipy.sparse import csr_array
 
 from ..errors import InputError
 from .seismogram import Seismogram
@@ -100,21 +102,31 @@ def smoothed_spectrum(seismogram: Seismogram, bandwidth=BANDWIDTH) -> Spectrum:
     if not bandwidth > 0.0:
         raise InputError(f"smoothed_spectrum.bandwidth: must be positive, got {bandwidth:g}")
     centred = _without_mean(seismogram)
-    raw = amplitude_spectrum(centred, fft.next_fast_len(PADDING * len(centred.velocity), real=True))
-    centres = np.geomspace(1.0 / centred.duration, raw.frequency[-1], N_SMOOTHED)
-    reach = 10.0 ** (3.0 * math.pi / bandwidth)
-    first = np.searchsorted(raw.frequency, centres / reach)
-    last = np.maximum(np.searchsorted(raw.frequency, centres * reach), first + 1)
-    strides = np.clip((last - first) // N_LINES, 1, PADDING // 2)
-    amplitude = np.empty((N_SMOOTHED, 3))
-    for n, centre in enumerate(centres):
-        near = slice(first[n], last[n], strides[n])
-        window = konno_ohmachi_smoothing_window(
-            raw.frequency[near], centre, bandwidth, normalize=True
-        )
-        amplitude[n] = window @ raw.amplitude[near]
+    n_padded = fft.next_fast_len(PADDING * len(centred.velocity), real=True)
+    raw = amplitude_spectrum(centred, n_padded)
+    centres, windows = _smoothing(n_padded, centred.dt, centred.duration, bandwidth)
+    amplitude = windows @ raw.amplitude
     definition = f"Konno-Ohmachi smoothed spectrum, b = {bandwidth:g}"
     return Spectrum(centres, amplitude, f"{definition}, zero-padded {PADDING} times")
+
+
+@lru_cache(maxsize=8)
+def _smoothing(n_padded, dt, duration, bandwidth):
+    """Return centres (500,) in Hz and the windows around them, sparse (500, n_frequencies)."""
+    frequency = fft.rfftfreq(n_padded, dt)
+    centres = np.geomspace(1.0 / duration, frequency[-1], N_SMOOTHED)
+    reach = 10.0 ** (3.0 * math.pi / bandwidth)
+    first = np.searchsorted(frequency, centres / reach)
+    last = np.maximum(np.searchsorted(frequency, centres * reach), first + 1)
+    strides = np.clip((last - first) // N_LINES, 1, PADDING // 2)
+    near = [np.arange(*ends) for ends in zip(first, last, strides, strict=True)]
+    weight = [
+        konno_ohmachi_smoothing_window(frequency[some], centre, bandwidth, normalize=True)
+        for some, centre in zip(near, centres, strict=True)
+    ]
+    ends = np.cumsum([0, *map(len, near)])
+    shape = (N_SMOOTHED, len(frequency))
+    return centres, csr_array((np.concatenate(weight), np.concatenate(near), ends), shape)
 
 
 def multitaper_spectrum(seismogram: Seismogram, time_bandwidth=4.0) -> Spectrum:
