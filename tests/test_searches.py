@@ -178,7 +178,7 @@ def test_a_search_without_any_evaluation_is_refused(search):
 
 
 def test_gauss_newton_needs_residuals():
-    with pytest.raises(InputError, match="needs residuals"):
+    with pytest.raises(InputError, match="a misfit that has residuals"):
         levenberg_search(replace(bowl(), vectors=None), 20, 0)
 
 

@@ -13,6 +13,7 @@ from pyblast.ensembles.many_runs import workers
 from pyblast.errors import InputError, ReadError, SolverError
 from pyblast.inversion import forward
 from pyblast.inversion.annealing import paper
+from pyblast.inversion.levenberg import levenberg_search
 from pyblast.inversion.parameters import Parameter
 from pyblast.inversion.trials import TrialLog, Trials, identity
 from pyblast.projects.project import load_project
@@ -73,6 +74,45 @@ def test_a_search_that_was_killed_and_resumed_has_the_same_trace_and_log(twin, t
     for row in [*kept, *wanted]:
         row.pop("wall_seconds", None)
     assert kept == wanted
+
+
+def by_least_squares(target_, path, resume=False):
+    log = TrialLog(path, identity(target_, "levenberg", 1), resume)
+    return levenberg_search(Trials(target_, log, 13).problem(), 13, 1)
+
+
+def test_least_squares_goes_down_in_13_runs_and_is_resumed_to_the_same_trace(twin, tmp_path):
+    whole = by_least_squares(twin, tmp_path / "whole.jsonl")
+    lines = (tmp_path / "whole.jsonl").read_text().splitlines(keepends=True)
+    (tmp_path / "cut.jsonl").write_text("".join(lines[:7]))
+
+    again = by_least_squares(twin, tmp_path / "cut.jsonl", resume=True)
+
+    assert whole.misfits.min() < 0.25 * whole.misfits[0]
+    assert np.array_equal(again.points, whole.points)
+    assert np.array_equal(again.misfits, whole.misfits)
+
+
+def test_residuals_of_a_model_that_can_not_be_run_are_infinite(twin, tmp_path, monkeypatch):
+    run_many = forward.run_many
+
+    def fails(models, duration, *, step=None):
+        if models[0].damping.ratio > 0.03:
+            raise SolverError("the motion grew")
+        return run_many(models, duration, step=step)
+
+    monkeypatch.setattr(forward, "run_many", fails)
+    log = TrialLog(tmp_path / "log.jsonl", identity(twin, "paper", 1))
+
+    _, residuals = Trials(twin, log, 2).vectors([[0.1, 0.02, 0.04], [0.1, 0.02, 0.01]])
+
+    assert residuals.shape == (2, 6)
+    assert np.all(np.isinf(residuals[0]))
+    assert np.all(np.isfinite(residuals[1]))
+
+
+def test_a_misfit_without_residuals_has_no_least_squares(twin):
+    assert Trials(replace(twin, misfit="envelope"), None, 1).problem().vectors is None
 
 
 def test_resuming_a_finished_search_runs_nothing(twin, tmp_path, monkeypatch):

@@ -137,7 +137,7 @@ def confirm(target: Target, method, seed, trace: Trace, progress=None) -> BackAn
             for name, record in recorded.items()
         }
         confirmed[project.path.name] = Confirmed(simulated, recorded, comparisons, strength)
-    misfit = misfit_of(target, [one.simulated for one in confirmed.values()])
+    misfit, _ = misfit_of(target, [one.simulated for one in confirmed.values()])
     told = {
         parameter.path: text
         for parameter in target.parameters

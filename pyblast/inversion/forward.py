@@ -98,7 +98,8 @@ def evaluate(target: Target, points) -> list[dict]:
     Returns
     -------
     list of dict
-        ``misfit``, infinite where a model could not be run and ``error`` says why; ``simulated``
+        ``misfit``, infinite where a model could not be run and ``error`` says why; its
+        ``residuals``, none where it failed or where the misfit has none; ``simulated``
         with ``ppv`` in m/s and ``frequency`` in Hz by blast and receiver; ``wall_seconds``.
     """
     began = time.perf_counter()
@@ -110,7 +111,8 @@ def evaluate(target: Target, points) -> list[dict]:
     except SolverError as error:
         if len(points) > 1:  # one of them, and the others are fine
             return [row for point in points for row in evaluate(target, point[None])]
-        return [_row(math.inf, {}, time.perf_counter() - began) | {"error": str(error)}]
+        failed = _row((math.inf, np.zeros(0)), {}, time.perf_counter() - began)
+        return [failed | {"error": str(error)}]
     seconds = (time.perf_counter() - began) / len(points)
     return [
         _row(misfit_of(target, motions), _numbers(target, motions), seconds)
@@ -118,17 +120,20 @@ def evaluate(target: Target, points) -> list[dict]:
     ]
 
 
-def misfit_of(target: Target, motions) -> float:
-    """Return the mean misfit over blasts and receivers of simulated motions, one dict a blast."""
-    return float(
-        np.mean(
-            [
-                misfit_to(target.misfit, record, simulated[name], band_of(project))
-                for project, simulated in zip(target.projects, motions, strict=True)
-                for name, record in target.recorded(project).items()
-            ]
-        )
+def misfit_of(target: Target, motions) -> tuple[float, np.ndarray]:
+    """Return the mean misfit over blasts and receivers of simulated motions, one dict a blast.
+
+    And the residuals of all of them, (n,), none where the misfit has none.
+    """
+    misfits, residuals = zip(
+        *(
+            misfit_to(target.misfit, record, simulated[name], band_of(project))
+            for project, simulated in zip(target.projects, motions, strict=True)
+            for name, record in target.recorded(project).items()
+        ),
+        strict=True,
     )
+    return float(np.mean(misfits)), np.concatenate(residuals)
 
 
 def band_of(project):
@@ -151,6 +156,12 @@ def _numbers(target, motions):
     }
 
 
-def _row(misfit, simulated, seconds):
+def _row(measured, simulated, seconds):
     """Return one row of a log."""
-    return {"misfit": misfit, "simulated": simulated, "wall_seconds": round(seconds, 3)}
+    misfit, residuals = measured
+    return {
+        "misfit": misfit,
+        "residuals": residuals.tolist(),
+        "simulated": simulated,
+        "wall_seconds": round(seconds, 3),
+    }

@@ -63,7 +63,7 @@ def levenberg_search(problem: Problem, budget: int, seed: int) -> Trace:
     Sobol sequence.
     """
     if problem.vectors is None:
-        raise InputError("method 'levenberg': needs residuals, not only misfits; take another")
+        raise InputError("method 'levenberg': needs a misfit that has residuals; take surrogate")
     kept, n = Evaluations(problem, budget), problem.n_parameters
     kept.steps = set()
     starts = [np.full(n, 0.5), *spread(n, budget, seed)]

@@ -3,6 +3,7 @@
 from .adaptive_annealing import adaptive_annealing
 from .annealing import paper, paper_eq15
 from .evolution import evolution_search
+from .levenberg import levenberg_search
 from .sampling import random_search, sobol_search
 from .searching import Search
 from .surrogate import surrogate_search
@@ -15,4 +16,5 @@ METHODS: dict[str, Search] = {
     "adaptive": adaptive_annealing,
     "evolution": evolution_search,
     "surrogate": surrogate_search,
+    "levenberg": levenberg_search,
 }

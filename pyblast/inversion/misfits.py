@@ -6,10 +6,11 @@ from ..motion.comparison import compare
 from ..motion.seismogram import Seismogram
 from ..residuals.misfits import misfit
 
+SIGNED = ("paper", "lag", "onset")  # with residuals that least squares can take
 MISFITS = {"paper": "%", "envelope": "", "phase": "", "lag": "s", "onset": "s"}  # with their units
 
 
-def misfit_to(name, recorded: Seismogram, simulated: Seismogram, band=None) -> float:
+def misfit_to(name, recorded: Seismogram, simulated: Seismogram, band=None):
     """Return the misfit of a simulated seismogram to a record over the time of both.
 
     Parameters
@@ -21,15 +22,24 @@ def misfit_to(name, recorded: Seismogram, simulated: Seismogram, band=None) -> f
     band : tuple of 2 float, Hz, optional
         To which both are filtered first.
 
+    Returns
+    -------
+    float
+    (n,) float64
+        Residuals that it is made of; none unless it is one of `SIGNED`.
+
     Raises
     ------
     InputError
         If the two have nothing to compare.
     """
     if name == "paper":
-        return compare(recorded, simulated, band, time_frequency=False).misfit
+        found = compare(recorded, simulated, band, time_frequency=False)
+        deviations = np.concatenate([found.ppv_deviation, found.frequency_deviation])
+        return found.misfit, 100.0 * np.nan_to_num(deviations)
     end = min(recorded.start + recorded.duration, simulated.start + simulated.duration)
     recorded = recorded.windowed(recorded.start, end)
     found = simulated.sampled(recorded.start, recorded.dt, len(recorded.velocity))
     data, model = (np.nan_to_num(one.velocity).T[None, None] for one in (recorded, found))
-    return misfit(name, data, recorded.dt, band=band).value(model)
+    made = misfit(name, data, recorded.dt, band=band)
+    return made.value(model), made.residuals(model) if name in SIGNED else np.zeros(0)

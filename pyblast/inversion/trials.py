@@ -15,6 +15,7 @@ from ..ensembles.input_hash import input_hash
 from ..errors import InputError, ReadError, SolverError
 from ..projects.result import plain
 from .forward import Target, evaluate
+from .misfits import SIGNED
 from .searching import Problem
 
 KIND = "pyblast trials"
@@ -35,7 +36,7 @@ class TrialLog:
     Attributes
     ----------
     rows : list of dict
-        ``number`` from 1, ``values``, ``misfit``, ``simulated``, ``wall_seconds``.
+        ``number`` from 1, ``values``, ``misfit``, ``residuals``, ``simulated``, ``wall_seconds``.
     """
 
     def __init__(self, path, identity, resume=False):
@@ -111,10 +112,22 @@ class Trials:
     def problem(self) -> Problem:
         """Return the problem that a search is given."""
         parts = [(one.low, one.high, one.log) for one in self.target.parameters]
-        return Problem(*zip(*parts, strict=True), self)
+        vectors = self.vectors if self.target.misfit in SIGNED else None
+        return Problem(*zip(*parts, strict=True), self, vectors)
 
     def __call__(self, points) -> np.ndarray:
         """Return the misfits (m,) of points (m, n): from the log where they are, else from runs."""
+        return np.array([row["misfit"] for row in self._rows(points)])
+
+    def vectors(self, points) -> tuple[np.ndarray, np.ndarray]:
+        """Return misfits (m,) and residuals (m, k), infinite where a model could not be run."""
+        rows = self._rows(points)
+        failed = [math.inf] * max(1, *(len(row["residuals"]) for row in self.log.rows))
+        residuals = np.array([row["residuals"] or failed for row in rows])
+        return np.array([row["misfit"] for row in rows]), residuals
+
+    def _rows(self, points):
+        """Return the rows of points (m, n), made and logged where they are not in the log."""
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
         side = self.target.batch
         jobs = [points[first : first + side] for first in range(0, len(points), side)]
@@ -125,14 +138,14 @@ class Trials:
                 self.executor.submit(evaluate, self.target, job) if rows is None else rows
                 for rows, job in zip(ready, jobs, strict=True)
             ]
-        misfits = []
+        answers = []
         for begin, job, found in zip(begins, jobs, ready, strict=True):
             rows = self._numbered(begin, job, self._finished(found, job))
             self.log.add(rows[max(0, len(self.log.rows) - begin) :])
             self.count += len(job)
             self.progress("trials", self.count, max(self.budget, self.count))
-            misfits += [row["misfit"] for row in rows]
-        return np.array(misfits)
+            answers += rows
+        return answers
 
     def _finished(self, found, job):
         """Return the rows of a job: known, of a future, or made here."""
