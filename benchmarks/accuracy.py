@@ -4,9 +4,7 @@ Two problems with an exact answer: a point force in a box on rollers (Ricker pul
 of 125 m and, at 20 Hz, 50 m), and a pulse of the same wavelength across six joints 20 m apart.
 """
 
-import json
 import sys
-from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -18,6 +16,7 @@ from pyblast.meshing.mesh_builder import Layer, build_mesh
 from pyblast.solving.materials import Material
 
 ROCK = Material.from_speeds(2700.0, 1871.0, 1000.0)
+TITLE = "Error against cost"
 SHARE = 0.8  # of the longest stable step
 SIZE, DURATION = np.array([300.0, 340.0, 150.0]), 0.6
 SOURCE, FORCE = np.array([97.3, 118.9, 61.7]), np.array([6e8, -5e8, 6.245e8])
@@ -32,19 +31,50 @@ IMPEDANCE = ROCK.density * ROCK.cp
 STIFFNESS = IMPEDANCE * 2.0 * np.pi * 8.0 * ROCK.cp / ROCK.cs
 
 
-def main():
-    """Measure and write accuracy.json; ``--quick`` leaves the finest meshes out."""
-    quick = "--quick" in sys.argv
-    found = {"box": list(box_study(quick)), "joints": list(joint_study(quick))}
-    target = Path(__file__).with_name("accuracy.json")
-    target.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+def measure(effort):
+    """Return rows of the intact box and of the jointed column; finest meshes where it is long."""
+    few = effort != "long"
+    return {"box": list(box_study(few)), "joints": list(joint_study(few))}
 
 
-def box_study(quick):
+def lines(found):
+    """Return the tables of this part."""
+    told = [
+        "Bare marches on one thread against exact answers: a point force of 8 Hz in a box on "
+        "rollers, a "
+        "pulse across six joints 20 m apart. γ is that of the tuned mass.",
+        "",
+        "| problem | mesh | zones | number | step ms | s | error % |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for problem, rows in found.items():
+        for row in rows:
+            told.append(
+                f"| {problem} | {row['mesh']} | {row['zones']} | {row['n_zones']} "
+                f"| {row['longest_step_ms']:.3f} | {row['seconds']:.2f} | "
+                f"{100 * row['error']:.2f} |"
+            )
+    return told
+
+
+def draw(found, axes):
+    """Draw error against time, for both problems."""
+    for axis, (problem, rows) in zip(axes, found.items(), strict=True):
+        for kind in dict.fromkeys((row["mesh"], row["zones"]) for row in rows):
+            mine = [row for row in rows if (row["mesh"], row["zones"]) == kind]
+            axis.loglog(
+                [r["seconds"] for r in mine], [100 * r["error"] for r in mine],
+                "s--" if "quadratic" in kind[1] else "o-", ms=3, lw=0.8, label=", ".join(kind),
+            )  # fmt: skip
+        axis.set(xlabel="s on one thread", ylabel=f"error % ({problem})")
+        axis.legend(fontsize=5)
+
+
+def box_study(few):
     """Yield the error and the cost of each kind of zone on each mesh of the intact box."""
     clock = np.arange(0.0, DURATION + 1e-3, 5e-4)
     wanted = CubicSpline(clock, roller_box(clock, SIZE, ROCK, SOURCE, FORCE, PULSE, RECEIVERS))
-    for name, mesh, kinds in box_meshes(quick):
+    for name, mesh, kinds in box_meshes(few):
         for kind in kinds:
             box = bare(mesh, ROCK, *kind)
             longest = box.longest_step()
@@ -56,7 +86,7 @@ def box_study(quick):
             yield told("box", name, kind, box, longest, n_steps, seconds, error)
 
 
-def box_meshes(quick):
+def box_meshes(few):
     """Yield names, meshes and the kinds of zones to try: quadratic or not, gamma."""
     linear = [(False, gamma) for gamma in (0.0, -0.35, 0.35)]
     shapes = {
@@ -65,11 +95,11 @@ def box_meshes(quick):
         "centred": [(6, 7, 3), (8, 9, 4), (10, 11, 5), (12, 13, 6), (15, 17, 8)],
     }
     for pattern, counts in shapes.items():
-        for count in counts[: 2 if quick else None]:
+        for count in counts[: 2 if few else None]:
             yield pattern, structured_box(count, SIZE, pattern=pattern), [(True, 0.0)]
-    for count in [(24, 27, 12), (36, 41, 18)][: 1 if quick else None]:
+    for count in [(24, 27, 12), (36, 41, 18)][: 1 if few else None]:
         yield "kuhn", structured_box(count, SIZE), linear
-    for count in [(24, 27, 12), (36, 41, 18)][: 1 if quick else None]:
+    for count in [(24, 27, 12), (36, 41, 18)][: 1 if few else None]:
         yield "centred", structured_box(count, SIZE, pattern="centred"), linear
     for edge, kinds in ((33.0, [(True, 0.0)]), (25.0, [(True, 0.0)]), (9.0, linear)):
         yield (
@@ -79,7 +109,7 @@ def box_meshes(quick):
         )
 
 
-def joint_study(quick):
+def joint_study(few):
     """Yield the error and the cost of each kind of zone on each mesh of the jointed column."""
     linear = [(False, gamma) for gamma in (0.0, -0.35, 0.35)]
     clock = np.arange(0.0, SPAN + 1e-3, 2.5e-4)
@@ -91,7 +121,7 @@ def joint_study(quick):
         ("alternating", (2, 4, 6), linear),
         ("centred", (2, 3, 4), linear),
     ):
-        for count in cells[: 2 if quick else None]:
+        for count in cells[: 2 if few else None]:
             shape = np.array([45, 2, 2]) * count
             mesh = structured_box(shape, COLUMN, planes={"J": ("x", JOINTS)}, pattern=pattern)
             for kind in kinds:
@@ -131,7 +161,3 @@ def told(problem, mesh, kind, box, longest, n_steps, seconds, error):
     }
     sys.stdout.write(" ".join(map(str, (problem, *row.values()))) + "\n")
     return row
-
-
-if __name__ == "__main__":
-    main()

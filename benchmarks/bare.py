@@ -1,12 +1,8 @@
 """Bare marches of zones on one thread: forces, springs of joints, update, readings."""
 
-import ctypes
-import subprocess
 import time
 from dataclasses import dataclass, field
-from functools import cache, cached_property
-from pathlib import Path
-from tempfile import mkdtemp
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
@@ -16,22 +12,16 @@ from pyblast.meshing.mesh import locate
 from pyblast.meshing.nodes import nodes_of
 from pyblast.solving.ordering import morton_keys, renumbered
 
-ROOT = Path(__file__).resolve().parents[1]
+from .compiled import called, compiled, plain
+
 KERNELS = ("kinds", "linear_zones", "quadratic_strains", "quadratic_zones")
-FLAGS = ("-O3", "-march=native", "-mprefer-vector-width=512", "-fopenmp-simd")
 DOMAIN_ZONES = {4: 1024, 15: 128}
 
 
-@cache
 def library():
-    """Compile the kernels with the march for the machine at hand, once."""
-    place = Path(mkdtemp())
-    sources = [ROOT / "fortran" / f"{name}.f90" for name in KERNELS]
-    sources.append(Path(__file__).with_name("bare_march.f90"))
-    made = place / "bare.so"
-    command = ["gfortran", *FLAGS, "-shared", "-fPIC", *map(str, sources), "-o", str(made)]
-    subprocess.run(command, check=True, cwd=place)
-    return ctypes.CDLL(str(made))
+    """Return the kernels with the march, compiled for the machine at hand."""
+    sources = [f"fortran/{name}.f90" for name in KERNELS]
+    return compiled(*sources, "benchmarks/bare_march.f90")
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +65,13 @@ class Bare:
         source : (point (3,), force (3,), samples (n_steps,)), optional
         receivers : (n, 3) float64, optional
         """
+        arguments, out, u, v = self.arguments(n_steps, motion, source, receivers)
+        start = time.process_time()
+        called(library().march, arguments[0], (dt,), arguments[1])
+        return out, u, v, time.process_time() - start
+
+    def arguments(self, n_steps, motion=None, source=None, receivers=None):
+        """Return counts and tables of the compiled march, and those that it fills."""
         n_nodes, n_corners = len(self.points), self.zone_nodes.shape[1]
         point, force, samples = source or (self.points[0], np.zeros(3), np.zeros(n_steps))
         where = np.atleast_2d(point if receivers is None else [*receivers, point])
@@ -90,20 +87,19 @@ class Bare:
                   u, v, out)  # fmt: skip
         counts = (n_nodes, len(self.zone_nodes), n_corners, len(domains[0]) - 1, len(domains[2]),
                   n_steps, len(self.links[1]), len(self.pairs[1]), len(where) - 1)  # fmt: skip
-        tables = [_plain(table) for table in tables]
-        pointers = [ctypes.c_void_p(table.ctypes.data) for table in tables]
-        start = time.process_time()
-        library().march(*map(ctypes.c_int, counts), ctypes.c_double(dt), *pointers)
-        return out, u, v, time.process_time() - start
+        return (counts, [plain(table) for table in tables]), out, u, v
 
     def longest_step(self):
         """Return two over the highest frequency, found by Lanczos' iteration."""
         root = np.where(self.fixed, 0.0, 1.0 / np.sqrt(self.mass)[:, None])
 
+        still = np.zeros_like(self.points)
+        (counts, tables), _, u, v = self.arguments(1, (still, still))
+
         def product(x):
-            still = np.zeros_like(self.points)
-            _, _, moved, _ = self.march(1.0, 1, (x.reshape(-1, 3) * root, still))
-            return -(moved * np.sqrt(self.mass)[:, None]).ravel()
+            u[:], v[:] = x.reshape(-1, 3) * root, 0.0
+            called(library().march, counts, (1.0,), tables)
+            return -(v * np.sqrt(self.mass)[:, None]).ravel()
 
         size = self.points.size
         operator = LinearOperator((size, size), matvec=product, dtype=float)
@@ -121,15 +117,7 @@ class Bare:
         first = np.searchsorted(slots, np.arange(len(starts)) * len(self.points))
         node = slots % len(self.points)
         zone_slot = at.reshape(-1, n_corners) - first[domain][:, None] + 1
-        return [
-            _plain(t) for t in (starts + 1, first + 1, node + 1, zone_slot.T, self.points[node])
-        ]
-
-
-def _plain(table):
-    """Return the array as the march takes it; what it writes to is that already."""
-    kind = np.int32 if np.issubdtype(table.dtype, np.integer) else np.float64
-    return np.ascontiguousarray(table, dtype=kind)
+        return [plain(t) for t in (starts + 1, first + 1, node + 1, zone_slot.T, self.points[node])]
 
 
 def bare(mesh, rock, quadratic=False, gamma=0.0, stiffness=None):

@@ -1,15 +1,8 @@
-"""Reduced models of a rock box with three faults: error, size and time against full runs.
+"""Reduced models of a rock box with three faults: error, size and time against full runs."""
 
-Run ``OMP_NUM_THREADS=1 python -m benchmarks.reduced_basis [--cells 10] [--each] [--store FOLDER]``;
-figures go to ``benchmarks/reduced_basis.json``, one entry for each mesh and set of parameters.
-"""
-
-import argparse
-import json
 import statistics
 import tempfile
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -20,12 +13,18 @@ from pyblast.reduction.projection import project, solve
 from pyblast.reduction.reduced import TOLERANCE, difference, reduced
 from pyblast.reduction.training import samples
 from pyblast.solving import kernels
+from pyblast.solving.batches import run_many
 from pyblast.solving.boundaries import StressInput, Viscous
 from pyblast.solving.joints import Joint
 from pyblast.solving.materials import Damping, Material
 from pyblast.solving.model import Model, Receiver
 from pyblast.solving.preparation import LEDGER_EVERY
+from pyblast.solving.solver import run
 
+from .timing import interleaved, median, on
+
+TITLE = "Evaluations of a back-analysis"
+EVALUATIONS = (20, 200, 2000)
 SIZE = (300.0, 200.0, 120.0)  # m
 FAULTS = {"F1": ("x", 100.0), "F2": ("x", 200.0), "F3": ("y", 100.0)}
 DIPS = (0.0, 0.4, -0.3, 0.0)  # tangents to the vertical at x = 0, 100, 200, 300 m
@@ -107,15 +106,18 @@ def evaluation_seconds(learnt):
     return statistics.median(took)
 
 
-def study(cells, each, counts, store):
+def study(cells, each, counts):
     """Return the figures of one mesh and one set of parameters."""
     model = rock_box(cells)
-    learnt = reduced(
-        model, ranges(each), DURATION, highest=HIGHEST, runs=max(counts), seed=SEED, store=store
-    )
-    family = learnt.family
-    unseen = samples(family, family.ranges.unseen(UNSEEN, SEED + 1), store)
-    runs = samples(family, learnt.trained, store)
+    with tempfile.TemporaryDirectory() as store:
+        began = time.perf_counter()
+        learnt = reduced(
+            model, ranges(each), DURATION, highest=HIGHEST, runs=max(counts), seed=SEED, store=store
+        )
+        training = time.perf_counter() - began
+        family = learnt.family
+        unseen = samples(family, family.ranges.unseen(UNSEEN, SEED + 1), store)
+        runs = samples(family, learnt.trained, store)
     rows = []
     for count in counts:
         small = project(family, [one.modes for one in runs[:count]], TOLERANCE, SEED)
@@ -126,7 +128,6 @@ def study(cells, each, counts, store):
             "error over residual, largest over least": (wave / residual).max()
             / (wave / residual).min(),
         })  # fmt: skip
-        print(rows[-1], flush=True)
     estimates = [learnt.predict(one.values).error for one in unseen]
     truths = [errors(learnt.projection, one)[0] for one in unseen]
     evaluation, full = evaluation_seconds(learnt), full_seconds(family)
@@ -136,26 +137,83 @@ def study(cells, each, counts, store):
         "steps": family.n_steps, "frequencies": len(learnt.projection.line.z), "runs": rows,
         "estimated": estimates, "true": truths, "evaluation seconds": evaluation,
         "full run seconds": full, "full run over evaluation": full / evaluation,
+        "training": {"runs": max(counts), "held out": 4, "seconds": training},
+        **many_evaluations(training, learnt),
     }  # fmt: skip
 
 
-def main():
-    """Write the figures of one study beside those of others."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cells", type=int, default=10, help="cells to 100 m")
-    parser.add_argument("--each", action="store_true", help="every fault varies alone")
-    parser.add_argument("--runs", type=int, nargs="+", help="numbers of runs to learn from")
-    parser.add_argument("--store", help="folder where runs are kept")
-    given = parser.parse_args()
-    counts = given.runs or ([16, 32] if given.each else [4, 8, 12, 16])
-    with tempfile.TemporaryDirectory() as folder:
-        found = study(given.cells, given.each, counts, given.store or folder)
-    path = Path(__file__).with_suffix(".json")
-    known = json.loads(path.read_text()) if path.exists() else {}
-    known[f"{found['zones']} zones, {found['parameters']} parameters"] = found
-    path.write_text(json.dumps(known, indent=1, sort_keys=True, default=float) + "\n")
-    print(json.dumps(found, indent=1, default=float))
+def many_evaluations(training, learnt):
+    """Return wall seconds of one evaluation, three ways, and of many of them; totals composed."""
+    tried = [learnt.family.model(v) for v in learnt.family.ranges.unseen(8, SEED + 3)]
+    took = interleaved({
+        "single runs": on(2, lambda: run(tried[0], DURATION)),
+        "batches of 8": on(2, lambda: run_many(tried, DURATION)),
+        "reduced": on(2, lambda: learnt.predict(learnt.trained[0])),
+    }, 3)  # fmt: skip
+    one = {name: median(times) for name, times in took.items()}
+    one["batches of 8"] /= 8.0
+    begin = {"single runs": 0.0, "batches of 8": 0.0, "reduced": training}
+    totals = {str(n): {way: begin[way] + n * one[way] for way in one} for n in EVALUATIONS}
+    return {"seconds an evaluation": one, "seconds for evaluations": totals}
 
 
-if __name__ == "__main__":
-    main()
+def measure(effort):
+    """Return the figures of each study, by mesh and parameters."""
+    studies = [(10, False, [4, 8, 12])]
+    if effort == "quick":
+        studies = [(3, False, [4, 8])]
+    elif effort == "long":
+        studies += [(15, False, [8, 12]), (10, True, [16, 32])]
+    found = [study(*one) for one in studies]
+    return {f"{one['zones']} zones, {one['parameters']} parameters": one for one in found}
+
+
+def lines(found):
+    """Return the tables of this part."""
+    told = [
+        f"Box of {SIZE[0]:g} × {SIZE[1]:g} × {SIZE[2]:g} m of two rocks with three faults, "
+        "waves up to "
+        f"{HIGHEST:g} Hz, {DURATION:g} s; kn, ks and damping vary tenfold. Errors are those of "
+        "the worst "
+        f"receiver against full runs of {UNSEEN} sets that were not learnt from.",
+        "",
+        "| study | runs | modes | mean error % | worst % | full run over evaluation |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, one in found.items():
+        for row in one["runs"]:
+            told.append(
+                f"| {name} | {row['runs']} | {row['size']} | {100 * row['mean error']:.2f} "
+                f"| {100 * row['worst error']:.2f} | {one['full run over evaluation']:.0f} |"
+            )
+    told += [
+        "",
+        "Wall seconds on two threads. One evaluation is measured, training too (runs that it "
+        "learns "
+        "from and those that calibrate it); totals are composed.",
+        "",
+        "| study | way | one | " + " | ".join(f"{n}" for n in EVALUATIONS) + " |",
+        "|---|---|---|" + "---|" * len(EVALUATIONS),
+    ]
+    for name, one in found.items():
+        for way, seconds in one.get("seconds an evaluation", {}).items():
+            totals = [f"{one['seconds for evaluations'][str(n)][way]:.0f}" for n in EVALUATIONS]
+            told.append(f"| {name} | {way} | {seconds:.2f} | {' | '.join(totals)} |")
+    return told
+
+
+def draw(found, axes):
+    """Draw error against runs learnt from, and total time against evaluations."""
+    for name, one in found.items():
+        axes[0].semilogy(
+            [r["runs"] for r in one["runs"]],
+            [100 * r["worst error"] for r in one["runs"]], "o-", label=name,
+        )  # fmt: skip
+    axes[0].set(xlabel="runs learnt from", ylabel="worst waveform error %")
+    axes[0].legend(fontsize=6)
+    totals = next((one["seconds for evaluations"] for one in found.values()
+                   if "seconds for evaluations" in one), {})  # fmt: skip
+    for way in next(iter(totals.values()), ()):
+        axes[1].loglog([int(n) for n in totals], [t[way] for t in totals.values()], "o-", label=way)
+    axes[1].set(xlabel="evaluations", ylabel="s")
+    axes[1].legend(fontsize=7)

@@ -1,17 +1,12 @@
-"""Steps of the blocky test: raw, repaired, with added mass; and what that mass does to motion.
-
-    python -m benchmarks.step_sizes
-
-Writes docs/step_sizes.md.
-"""
+"""Steps of the blocky test: raw, repaired, with added mass; and what that mass does to motion."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
 from pyblast.motion.seismogram import Seismogram
 from pyblast.solving.boundaries import StressInput, Viscous
+from pyblast.solving.materials import Damping
 from pyblast.solving.model import Receiver
 from pyblast.solving.preparation import prepare
 from pyblast.solving.solver import run
@@ -20,7 +15,7 @@ from verification.step_limits import true_limit
 
 from .blocky import blocky_mesh, blocky_model
 
-PAGE = Path(__file__).resolve().parents[1] / "docs" / "step_sizes.md"
+TITLE = "Steps of a blocky mesh"
 SIDES = ("west", "east", "south", "north", "bottom")
 BUILDS = {
     "cut as mapped, not repaired": {"tolerance": 0.0, "optimize": False},
@@ -29,30 +24,47 @@ BUILDS = {
 }
 SHARES = (0.001, 0.0025, 0.005)
 DURATION = 0.12
-WORDS = """# Steps of a blocky mesh
-
-Written by `python -m benchmarks.step_sizes`. 100 × 100 × 60 m of magnetite, joint sets of 75°/14 m,
-80°/11 m and 20°/20 m, a fault, elastic joints of the mine's stiffness, edges of 5 m.
-
-## Step sizes
-
-"""
+FREQUENCIES = (10.0, 20.0, 40.0)
 
 
-def steps():
-    """Return rows of (mesh, share, step, share added, limit over bound); steps in ms."""
-    rows, mesh = [], None
+def measure(effort):
+    """Return the steps of the meshes and of added masses, and by frequency what these do."""
+    size = (40.0, 40.0, 30.0) if effort == "quick" else (100.0, 100.0, 60.0)
+    builds = {}
     for name, options in BUILDS.items():
-        mesh, report = blocky_mesh(**options)
-        limit = critical_step(blocky_model(mesh, added_mass=0.0))
-        rows.append((name, report.cells, len(mesh.zones), report.slivers[1], limit.dt))
-    scaled = []
+        mesh, report = blocky_mesh(size, **options)
+        builds[name] = {
+            "blocks": int(report.cells), "zones": len(mesh.zones),
+            "slivers": int(report.slivers[1]),
+            "dt_ms": 1e3 * critical_step(blocky_model(mesh, added_mass=0.0)).dt,
+        }  # fmt: skip
+    scaled = {}
     for share in SHARES:
         model = blocky_model(mesh, added_mass=share, step_factor=1.0)
         limit = critical_step(model)
         true = true_limit(prepare(model, 1e-3))
-        scaled.append((share, limit.added_share["rock"], limit.dt, true))
-    return mesh, rows, scaled
+        added = limit.added_share["rock"]
+        scaled[str(share)] = {"added": added, "dt_ms": 1e3 * limit.dt, "limit_ms": 1e3 * true}
+    effects = {} if effort == "quick" else {f"{f:g}": effect(mesh, f) for f in FREQUENCIES}
+    return {"builds": builds, "scaled": scaled, "low_passed": low_passed(mesh), "effects": effects}
+
+
+def low_passed(mesh):
+    """Return the step at 5 % of damping over that without any."""
+    models = [
+        blocky_model(mesh, damping=damping)
+        for damping in (Damping(0.05, 4.0, corner=60.0), Damping(0.05, 4.0), None)
+    ]
+    low, lagged, free = (critical_step(model).dt for model in models)
+    return {"low-passed": low / free, "lagged": lagged / free}
+
+
+def effect(mesh, frequency):
+    """Return median, ninth tenth and worst of the differences, by share, of waveforms and PPV."""
+    return {
+        str(share): np.quantile(parts, (0.5, 0.9, 1.0), axis=1).T.tolist()
+        for share, parts in zip(SHARES, differences(mesh, frequency), strict=True)
+    }
 
 
 def pulse(frequency):
@@ -88,42 +100,39 @@ def apart(exact, other):
     return wave, abs(np.abs(other.velocity).max() / np.abs(exact.velocity).max() - 1.0)
 
 
-def write(rows, scaled, effects):
-    """Write the page."""
-    raw = rows[0][-1]
-    lines = [
-        "| mesh | blocks | zones | slivers | step ms | over raw |",
-        "|---|---|---|---|---|---|",
-    ]
-    lines += [
-        f"| {name} | {blocks} | {zones} | {slivers} | {1e3 * dt:.4f} | {dt / raw:.1f} |"
-        for name, blocks, zones, slivers, dt in rows
-    ]
-    lines += [
-        f"| with {100 * added:.2f} % of mass added (limit {100 * share:g} %) | | | | "
-        f"{1e3 * dt:.3f} | {dt / raw:.1f} |"
-        for share, added, dt, _ in scaled
-    ]
-    lines += [
+def lines(found):
+    """Return the tables of this part."""
+    raw = next(iter(found["builds"].values()))["dt_ms"]
+    told = [
+        "100 × 100 × 60 m of magnetite, joint sets of 75°/14 m, 80°/11 m and 20°/20 m, a fault, "
+        "elastic",
+        "joints of the mine's stiffness, edges of 5 m. Slivers are zones whose smallest "
+        "altitude is below",
+        "a tenth of their longest edge. The step is the bound that the program marches by, "
+        "before its",
+        "factor of 0.8. Mass is limited by material, and to 20 times that share in one place: "
+        "less than",
+        "the limit may be added. The true limit is that of the assembled operator, by Lanczos "
+        "iteration.",
         "",
-        "Slivers are zones whose smallest altitude is below a tenth of their longest edge. The",
-        "step is the bound that the program marches by, before its factor of 0.8. Mass is limited",
-        "by material, and to 20 times that share in one place: less than the limit may be added.",
-        "",
-        "## Bound and true limit",
-        "",
-        "The largest frequency of the assembled operator, by Lanczos iteration:",
-        "",
-        "| limit of added mass | bound ms | true limit ms | bound over limit |",
-        "|---|---|---|---|",
+        "| mesh | blocks | zones | slivers | step ms | over raw | true limit ms |",
+        "|---|---|---|---|---|---|---|",
     ]
-    lines += [
-        f"| {100 * share:g} % | {1e3 * dt:.3f} | {1e3 * true:.3f} | {dt / true:.2f} |"
-        for share, _, dt, true in scaled
-    ]
-    lines += [
-        "",
-        "## What the mass does to motion",
+    for name, one in found["builds"].items():
+        told.append(
+            f"| {name} | {one['blocks']} | {one['zones']} | {one['slivers']} | {one['dt_ms']:.4f} "
+            f"| {one['dt_ms'] / raw:.1f} | |"
+        )
+    for share, one in found["scaled"].items():
+        told.append(
+            f"| with {100 * one['added']:.2f} % of mass added (limit {100 * float(share):g} %) "
+            "| | | "
+            f"| {one['dt_ms']:.3f} | {one['dt_ms'] / raw:.1f} | {one['limit_ms']:.3f} |"
+        )
+    if "low_passed" in found:
+        kept = ", ".join(f"{name} {part:.2f}" for name, part in found["low_passed"].items())
+        told += ["", f"Of the step, damping of 5 % at 4 Hz leaves: {kept}."]
+    told += [
         "",
         "Ricker wavelets enter through the west face. The same mesh with and without added mass,",
         f"{DURATION:g} s, 72 receivers on the top and at half height: L2 difference of waveforms",
@@ -133,21 +142,8 @@ def write(rows, scaled, effects):
         "| frequency | limit of added mass | waveform | PPV |",
         "|---|---|---|---|",
     ]
-    for frequency, found in effects.items():
-        for share, parts in zip(SHARES, found, strict=True):
-            spread = 100.0 * np.quantile(parts, (0.5, 0.9, 1.0), axis=1).T
-            told = [" / ".join(f"{value:.2f}" for value in row) for row in spread]
-            lines.append(f"| {frequency:g} Hz | {100 * share:g} % | {' | '.join(told)} |")
-    PAGE.write_text(WORDS + "\n".join(lines) + "\n", encoding="utf-8")
-
-
-def main():
-    """Measure and write."""
-    mesh, rows, scaled = steps()
-    print(*rows, *scaled, sep="\n", flush=True)
-    effects = {f: differences(mesh, f) for f in (10.0, 20.0, 40.0)}
-    write(rows, scaled, effects)
-
-
-if __name__ == "__main__":
-    main()
+    for frequency, rows in found["effects"].items():
+        for share, parts in rows.items():
+            words = [" / ".join(f"{100 * value:.2f}" for value in row) for row in parts]
+            told.append(f"| {frequency} Hz | {100 * float(share):g} % | {' | '.join(words)} |")
+    return told

@@ -1,0 +1,92 @@
+"""Measure what the program costs, and write the page.
+
+    python -m benchmarks [PART ...] [--peers] [--quick] [--long]
+
+Without names every part is measured but the peers, which are installed from their packages and
+take an hour; ``--peers`` adds them. ``--quick`` tries each part on small meshes and keeps nothing;
+``--long`` adds the finest meshes and the largest studies. ``benchmarks/results.json`` keeps what is
+not measured now; the tables and figures of docs/performance.md follow from it.
+"""
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+from . import (
+    accuracy,
+    case,
+    kernels,
+    laws,
+    mine,
+    page,
+    reduced_basis,
+    scale,
+    step_sizes,
+    superposition,
+    timing,
+)
+from .peers import beside
+
+RESULTS = Path(__file__).with_name("results.json")
+PARTS = {
+    "kernels": kernels,
+    "laws": laws,
+    "peers": beside,
+    "steps": step_sizes,
+    "mine": mine,
+    "evaluations": reduced_basis,
+    "accuracy": accuracy,
+    "scale": scale,
+    "case": case,
+    "superposition": superposition,
+}
+FLAGS = ("--peers", "--quick", "--long")
+
+
+def main(arguments):
+    """Measure what is asked for."""
+    names = [a for a in arguments if a not in FLAGS]
+    unknown = [name for name in names if name not in PARTS]
+    if unknown:
+        sys.exit(f"bench: no part {', '.join(unknown)}; there are {', '.join(PARTS)}")
+    if not names:
+        names = [name for name in PARTS if name != "peers"]
+    if "--peers" in arguments and "peers" not in names:
+        names.append("peers")
+    effort = "quick" if "--quick" in arguments else "long" if "--long" in arguments else "usual"
+    results = json.loads(RESULTS.read_text()) if RESULTS.is_file() else {}
+    for name in names:
+        print(f"{name} ...", end=" ", flush=True)
+        began = time.perf_counter()
+        found = json.loads(json.dumps(PARTS[name].measure(effort), default=float))
+        timing.threads(1)
+        took = time.perf_counter() - began
+        print(f"{took:.0f} s", flush=True)
+        if effort == "quick":
+            print("\n".join(PARTS[name].lines(found)))
+            continue
+        known = results.get(name, {}).get("found", {})
+        results[name] = {
+            "machine": timing.machine(), "load": os.getloadavg()[0], "seconds": round(took, 1),
+            "found": {**known, **found},
+        }  # fmt: skip
+        keep({part: results[part] for part in PARTS if part in results})
+    if effort != "quick":
+        page.write(PARTS, results)
+
+
+def keep(results):
+    """Write the results beside, flush, then rename."""
+    beside_it = RESULTS.with_suffix(".part")
+    with beside_it.open("w", encoding="utf-8") as file:
+        json.dump(results, file, indent=1)
+        file.write("\n")
+        file.flush()
+        os.fsync(file.fileno())
+    beside_it.replace(RESULTS)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

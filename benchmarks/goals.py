@@ -1,0 +1,151 @@
+"""The goals of performance and how results are judged by them.
+
+Each is a sentence and a function of the results by part that returns what was measured, whether
+that is enough, and what limits it if not; a KeyError says that nothing was measured.
+"""
+
+FMA_LEAST = 1.9  # gain of multiply-add by a second thread below which scaling tells nothing
+
+
+def zone_roof(r):
+    """Judge the damped full step by the roof of the least data."""
+    one = r["kernels"]["1 M"]
+    least, own = one["share_of_least_roof"]["damped_1"], one["share_of_own_roof"]["damped_1"]
+    bare = one["share_of_least_roof"]["zones_1"]
+    words = f"{own:.2f} of its own bytes' roof, {least:.2f} of that of 59 B"
+    return words, own >= 0.30, f"zones alone reach {bare:.2f} of the roof of 59 B"
+
+
+def naive(r):
+    """Judge the damped full step by the naive loop."""
+    over = r["kernels"]["1 M"]["over_naive"]
+    words = f"{over['damped_1']:.2f} damped, {over['step_1']:.2f} undamped"
+    return words, over["damped_1"] >= 1.4, f"zones alone {over['zones_1']:.2f}"
+
+
+def edges(r):
+    """Judge the assembled edges."""
+    one = r["kernels"]["1 M"]
+    share, over = one["share_of_own_roof"]["edges_1"], one["edges_over_zones"]
+    return f"{share:.2f} of its roof, {over:.2f} × zones", share >= 0.60 and over >= 1.4, ""
+
+
+def peers(r):
+    """Judge the peers that ran."""
+    wanted = {"Akantu": 25.0, "Kratos": 60.0, "OpenSeesPy": 120.0, "NGSolve": 1.5, "MFEM": 1.5}
+    found = {n: one.get("ours_over_theirs") for n, one in r["peers"]["peers"].items()}
+    words = ", ".join(f"{n} {x:.1f}" if x else f"{n} failed" for n, x in found.items())
+    least = [n for n, x in found.items() if x is not None and x < wanted[n]]
+    short = ", ".join(f"{n} below {wanted[n]:g}" for n in least)
+    return words, bool(found) and all(found.values()) and not least, short
+
+
+def batch(r):
+    """Judge batches of zones."""
+    one = r["kernels"]["1 M"]["batch_of_8"]
+    words = f"{one['step_1']:.2f} and {one['step_2']:.2f} (1, 2 threads)"
+    words += f", damped {one['damped_1']:.2f}"
+    return words, min(one["step_1"], one["step_2"]) >= 1.6, ""
+
+
+def batch_edges(r):
+    """Judge batches of edges."""
+    gained = r["kernels"]["1 M"]["batch_of_8"]["edges_1"]
+    return f"{gained:.2f}", gained >= 2.3, ""
+
+
+def armed(r):
+    """Judge ground that may yield and does not."""
+    one = r["laws"]["single"]["Mohr-Coulomb, not yielding"]
+    why = "zones one by one, geometry three times, patches that share mean strain, rows of 112 B"
+    return f"{one:.1f} ×", one <= 1.1, why
+
+
+def joints(r):
+    """Judge joints."""
+    one = r["laws"]["single"]
+    words = f"elastic {one['elastic joints']:.2f} ×, coulomb {one['coulomb joints']:.2f} ×"
+    facets = r["laws"]["facets_a_zone"]
+    why = f"{facets:.2f} facets a zone; contacts are scalar and keep their energies in every step"
+    return words, one["coulomb joints"] <= 1.25, why
+
+
+def two_threads(r):
+    """Judge the second thread, where the machine has one."""
+    one = r["kernels"]["1 M"]
+    gained, fma = one["two_threads"]["step"], one["probes"]["multiply_add_two_threads"]
+    words = f"{gained:.2f} ×, multiply-add {fma:.2f} ×"
+    if fma < FMA_LEAST:
+        return words, False, "not judged: multiply-add gains less than 1.9 on this machine"
+    return words, gained >= 1.8, ""
+
+
+def order(r):
+    """Judge input in random order."""
+    one = r["kernels"]["1 M"]
+    words = f"{one['random_over_ordered']:.2f} ×; without renumbering "
+    return words + f"{one['unordered_over_ordered']:.2f} ×", one["random_over_ordered"] >= 0.95, ""
+
+
+def mass_scaling(r):
+    """Judge added mass on the blocky test."""
+    raw = next(iter(r["steps"]["builds"].values()))["dt_ms"]
+    gained = r["steps"]["scaled"]["0.005"]["dt_ms"] / raw
+    return f"{gained:.0f} ×", gained >= 20.0, ""
+
+
+def damping(r):
+    """Judge what low-passed damping leaves of the step."""
+    one = r["steps"]["low_passed"]
+    words = f"{one['low-passed']:.2f} × (lagged {one['lagged']:.2f} ×)"
+    return words, one["low-passed"] >= 0.75, ""
+
+
+def mine(r):
+    """Judge the mine."""
+    one = r["mine"]["at 5 m"]
+    low, lagged = (one["damping"][kind] for kind in ("low-passed", "lagged"))
+    static = one["static"]["seconds"]
+    whole = low["seconds_for_the_motion"][1] + static
+    words = (
+        f"{low['seconds_for_the_motion'][1]:.0f} s low-passed, "
+        f"{lagged['seconds_for_the_motion'][1]:.0f} s lagged, 2 threads; static {static:.0f} s"
+    )
+    limit = low["limited_by"].split(" at ")[0]
+    why = f"{low['steps']} steps of {low['dt_ms']:.3f} ms, set by {limit}"
+    return words, whole <= 120.0, why
+
+
+def reduced(r):
+    """Judge the reduced basis in rock."""
+    one = r["evaluations"]["43200 zones, 3 parameters"]
+    best = min(row["worst error"] for row in one["runs"] if row["runs"] <= 12)
+    over = one["full run over evaluation"]
+    words = f"{100 * best:.2f} % at the worst of 8 sets, 1/{over:.0f} of a full run"
+    return words, best <= 0.01 and over >= 50.0, ""
+
+
+def case(r):
+    """Judge a site at the mesh that carries its highest frequency."""
+    each = {name: one["seconds_a_blast_in_batch"] for name, one in r["case"].items()}
+    words = ", ".join(f"{name} {seconds:.1f} s" for name, seconds in each.items())
+    return words, min(each.values()) <= 5.0, "quadratic zones gain nothing from a batch"
+
+
+GOALS = (
+    ("general zone step ≥ 0.30 of its stream roof, 1 M zones, full step", zone_roof),
+    ("≥ 1.4 × a naive element loop", naive),
+    ("elastic edge step ≥ 0.60 of its roof and ≥ 1.4 × the general one", edges),
+    ("≥ 25 × Akantu, 60 × Kratos, 120 × OpenSeesPy, 1.5 × NGSolve or MFEM, 1 thread", peers),
+    ("batch of 8 ≥ 1.6 × single runs (zones)", batch),
+    ("batch of 8 ≥ 2.3 × single runs (edges)", batch_edges),
+    ("armed yield ≤ 1.1 ×", armed),
+    ("joints at 0.2 facets a zone ≤ 1.25 ×", joints),
+    ("2 threads ≥ 1.8 × where multiply-add gains ≥ 1.9 ×", two_threads),
+    ("random input order ≥ 0.95 × ordered, after set-up", order),
+    ("added mass ≤ 0.5 %: step ≥ 20 × raw on the blocky test", mass_scaling),
+    ("low-passed damping of 5 % keeps ≥ 0.75 × the undamped step", damping),
+    ("mine at 5 m, 2 s of motion ≤ 120 s", mine),
+    ("reduced basis in rock: ≤ 1 % on 8 unseen sets, ≤ 1/50 of a full run", reduced),
+    ("a case at the mesh of its 30 Hz: ≤ 5 s a blast in a batch", case),
+)

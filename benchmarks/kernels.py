@@ -1,0 +1,198 @@
+"""Steps of zones against the stream of their own data, a naive loop, batches, bad orders."""
+
+import numpy as np
+
+from pyblast.meshing.mesh import Mesh
+from pyblast.meshing.tetrahedra import volumes
+from pyblast.solving.materials import Damping
+from pyblast.solving.ordering import renumbered
+
+from .bare import bare, library
+from .compiled import called, compiled, plain
+from .marching import ROCK, March, cube, prepared, rock_model
+from .timing import Probes, interleaved, median, on, ratio
+
+TITLE = "Kernels"
+CELLS = {"0.2 M": 33, "1 M": 55}
+ZONE_STEPS = 10_000_000  # of one timing
+DAMPING = Damping(0.02, 10.0, corner=150.0)
+LEAST = 59.0  # bytes a zone and step that no kernel of this kind can do without (the design)
+
+
+def measure(effort):
+    """Return rates, shares of the roof and ratios by size of the mesh."""
+    found = {}
+    for name, cells in CELLS.items():
+        if effort == "quick" and cells > 33:
+            continue
+        found[name] = of_size(cube(cells))
+    return found
+
+
+def of_size(mesh):
+    """Return what one mesh gives."""
+    mesh, n_steps = renumbered(mesh), max(2, ZONE_STEPS // len(mesh.zones))
+    probes = Probes()
+    still = prepared(rock_model(mesh), n_steps)
+    damped = prepared(rock_model(mesh, damping=DAMPING), n_steps)
+    works = {
+        **probes.works(),
+        "naive_1": on(1, Naive(mesh, n_steps)),
+        "zones_1": on(1, zones_alone(mesh, n_steps)),
+        **by_threads("step", March(still, n_steps)),
+        **by_threads("damped", March(damped, n_steps)),
+        "random_1": on(1, March(prepared(rock_model(shuffled(mesh)), n_steps), n_steps)),
+        "unordered_1": on(1, March(unordered(mesh, n_steps), n_steps)),
+    }
+    took = interleaved(works)
+    del works
+    machine = probes.found(took)
+    batch = in_batch({"step": still, "damped": damped}, n_steps)
+    rates = {
+        name: len(mesh.zones) * n_steps / median(times) / 1e6
+        for name, times in took.items()
+        if not name.startswith(("triad", "multiply"))
+    }
+    own = bytes_per_zone(still.constants)
+    moved = {"zones_1": own["zones"], "step_1": own["step"], "damped_1": own["damped"]}
+    stream = machine["triad_gb_per_s"][0] * 1e3
+    return {
+        "zones": len(mesh.zones), "nodes": len(mesh.points), "steps": n_steps, "probes": machine,
+        "million_zone_steps_per_s": rates, "bytes_per_zone": own,
+        "share_of_own_roof": {name: rates[name] * size / stream for name, size in moved.items()},
+        "share_of_least_roof": {name: rates[name] * LEAST / stream for name in moved},
+        "over_naive": {
+            name: ratio(took["naive_1"], took[name]) for name in ("zones_1", "step_1", "damped_1")
+        },
+        "two_threads": {
+            name: ratio(took[f"{name}_1"], took[f"{name}_2"]) for name in ("step", "damped")
+        },
+        "random_over_ordered": ratio(took["step_1"], took["random_1"]),
+        "unordered_over_ordered": ratio(took["step_1"], took["unordered_1"]),
+        "batch_of_8": batch,
+    }  # fmt: skip
+
+
+def by_threads(name, work):
+    """Return a march on one thread and on two."""
+    return {f"{name}_{count}": on(count, work) for count in (1, 2)}
+
+
+def unordered(mesh, n_steps):
+    """Return the model on a shuffled mesh that is left as it came."""
+    return prepared(rock_model(shuffled(mesh), _ordered=True), n_steps)
+
+
+def in_batch(models, n_steps):
+    """Return the throughput of eight models side by side over that of one, by threads."""
+    found = {}
+    for name, model in models.items():
+        one, eight = March(model, n_steps), March(model, max(2, n_steps // 4), lanes=True)
+        took = interleaved({**by_threads("one", one), **by_threads("eight", eight)})
+        share = 8.0 * eight.n_steps / one.n_steps
+        for count in (1, 2):
+            gained = share * ratio(took[f"one_{count}"], took[f"eight_{count}"])
+            found[f"{name}_{count}"] = gained
+    return found
+
+
+def zones_alone(mesh, n_steps):
+    """Return a march of zones and nodes alone, without boundaries, receivers and energies."""
+    box = bare(mesh, ROCK)
+    motion = tuple(1e-6 * np.random.default_rng(0).normal(size=(2, *box.points.shape)))
+    (counts, tables), *_ = box.arguments(n_steps, motion)
+    return lambda: called(library().march, counts, (1e-5,), tables)
+
+
+class Naive:
+    """The naive loop over a mesh whose nodes and zones are in good order already."""
+
+    def __init__(self, mesh, n_steps):
+        n_nodes, n_zones = len(mesh.points), len(mesh.zones)
+        mass = ROCK.density * np.bincount(
+            mesh.zones.ravel(), np.repeat(0.25 * volumes(mesh.points, mesh.zones), 4), n_nodes
+        )
+        moving = 1e-6 * np.random.default_rng(0).normal(size=(n_nodes, 3))
+        moduli = [np.full(n_zones, modulus) for modulus in (ROCK.first_lame, ROCK.shear)]
+        tables = [mesh.zones + 1, *moduli, mesh.points, mass, np.full(n_nodes, 0.1),
+                  np.zeros((n_nodes, 3)), moving, np.zeros((n_nodes, 3))]  # fmt: skip
+        self.tables, self.counts = [plain(one) for one in tables], (n_nodes, n_zones, n_steps)
+
+    def __call__(self):
+        """March."""
+        called(compiled("benchmarks/naive.f90").naive_march, self.counts, (1e-5,), self.tables)
+
+
+def shuffled(mesh):
+    """Return the mesh with nodes and zones in random order."""
+    generator = np.random.default_rng(0)
+    order = generator.permutation(len(mesh.points))
+    new = np.empty(len(order), dtype=np.int32)
+    new[order] = np.arange(len(order), dtype=np.int32)
+    zones = generator.permutation(len(mesh.zones))
+    surfaces = {name: new[faces] for name, faces in mesh.surfaces.items()}
+    return Mesh(
+        mesh.points[order], new[mesh.zones[zones]], mesh.zone_group[zones], mesh.groups, surfaces
+    )
+
+
+def bytes_per_zone(constants):
+    """Return what a step must move, each array counted once for each pass that meets it.
+
+    Zones read slots and moduli (32 B a zone); slots their node, place and sum, which nodes read
+    again with its number (80 B a slot); nodes displacement, velocity, mass, force, load (212 B).
+    Low-passed damping adds memory and velocity of nodes to what zones read, its update, and two
+    passes over slots that tell the power of damping.
+    """
+    n_zones = constants["zone_slot"].shape[1]
+    slots = len(constants["slot_node"]) / n_zones
+    nodes = len(constants["node_mass"]) / n_zones
+    alone = 32.0 + slots * (4 + 24 + 24) + slots * 24 + nodes * (24 + 24 + 24 + 24 + 48 + 48)
+    step = 32.0 + 80.0 * slots + 212.0 * nodes
+    damped = step + slots * 2 * (24 + 4) + nodes * (24 + 24 + 2 * 24 + 24 + 24 + 48)
+    return {"zones": alone, "step": step, "damped": damped, "least": LEAST,
+            "slots_a_zone": slots, "nodes_a_zone": nodes}  # fmt: skip
+
+
+def lines(found):
+    """Return the tables of this part."""
+    told = [
+        "Million zones a step and second (Mz/s), one thread; six zones to a cell, in order along a",
+        "curve. *Zones* are forces and update alone; *step* has quiet sides, ten receivers and the",
+        "ledger of energies; *damped* low-passed Rayleigh damping of 2 % as well. Shares are of "
+        "the",
+        "triad's bytes a second, by the bytes that a step of its kind moves and by the 59 B "
+        "that no",
+        "step can do without.",
+        "",
+        "| mesh | kernel | Mz/s | B a zone | of its roof | of that of 59 B | over naive loop | "
+        "2 threads |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name, one in found.items():
+        for kernel in ("zones", "step", "damped"):
+            key = f"{kernel}_1"
+            told.append(
+                f"| {name} | {kernel} | {one['million_zone_steps_per_s'][key]:.0f} "
+                f"| {one['bytes_per_zone'][kernel]:.0f} | {one['share_of_own_roof'][key]:.2f} "
+                f"| {one['share_of_least_roof'][key]:.2f} | {one['over_naive'][key]:.2f} "
+                f"| {one['two_threads'].get(kernel, float('nan')):.2f} |".replace("nan", "–")
+            )
+    told += [
+        "",
+        "| mesh | batch of 8 over single runs, 1 and 2 threads | the same, damped "
+        "| random input order, renumbered | not renumbered "
+        "| triad GB/s | multiply-add GF/s, 2 threads |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for name, one in found.items():
+        batch, probes = one["batch_of_8"], one["probes"]
+        told.append(
+            f"| {name} | {batch['step_1']:.2f}, {batch['step_2']:.2f} "
+            f"| {batch['damped_1']:.2f}, {batch['damped_2']:.2f} "
+            f"| {one['random_over_ordered']:.2f} | {one['unordered_over_ordered']:.2f} "
+            f"| {probes['triad_gb_per_s'][0]:.1f}, {probes['triad_gb_per_s'][1]:.1f} "
+            f"| {probes['multiply_add_gflops'][0]:.0f}, × "
+            f"{probes['multiply_add_two_threads']:.2f} |"
+        )
+    return told

@@ -1,0 +1,68 @@
+"""What joints, strength and damping add to the elastic step, alone and in batches of eight."""
+
+from dataclasses import replace
+
+from pyblast.solving.attenuation import ConstantQ
+from pyblast.solving.materials import Damping
+from pyblast.solving.plasticity import MohrCoulomb
+
+from .marching import ROCK, March, cube, prepared, rock_model
+from .timing import interleaved, median, on, ratio
+
+TITLE = "Laws"
+CELLS, EVERY = 33, 5  # joints each five cells along all axes: 0.2 facets a zone
+ZONE_STEPS = 4_000_000
+STRONG = {"cohesion": 1e9, "friction": 0.7, "tension": 1e9}
+
+
+def measure(effort):
+    """Return the time of steps with each law over that of the elastic step."""
+    cells = 16 if effort == "quick" else CELLS
+    intact, cut = cube(cells), cube(cells, EVERY)
+    found = {
+        "zones": len(intact.zones),
+        "contacts_a_zone": len(cut.contacts.area) / len(cut.zones),
+        "facets_a_zone": 3.0 * ((cells - 1) // EVERY) * 2.0 * cells**2 / len(cut.zones),
+    }
+    steps = max(4, ZONE_STEPS // len(intact.zones))
+    every = {law: prepared(model, steps) for law, model in laws(intact, cut).items()}
+    for name, lanes in (("single", False), ("batch", True)):
+        some = steps // 4 if lanes else steps
+        works = {law: on(1, March(model, some, lanes)) for law, model in every.items()}
+        took = interleaved(works)
+        found[name] = {law: ratio(times, took["elastic"]) for law, times in took.items()}
+        found[name]["ns a zone and step"] = (
+            1e9 * median(took["elastic"]) / some / len(intact.zones) / (8 if lanes else 1)
+        )
+    return found
+
+
+def laws(intact, cut):
+    """Return a model for each law; none of them slips, opens or yields."""
+    strong = replace(ROCK, **STRONG, law=MohrCoulomb())
+    fading = replace(ROCK, law=ConstantQ(40.0, 20.0, (1.0, 30.0)))
+    return {
+        "elastic": rock_model(intact),
+        "elastic joints": rock_model(cut),
+        "coulomb joints": rock_model(cut, "coulomb"),
+        "Mohr-Coulomb, not yielding": rock_model(intact, material=strong),
+        "constant Q": rock_model(intact, material=fading),
+        "Rayleigh, mass only": rock_model(intact, damping=Damping(0.02, 10.0, stiffness=False)),
+        "Rayleigh, low-passed": rock_model(intact, damping=Damping(0.02, 10.0, corner=150.0)),
+        "Rayleigh, lagged": rock_model(intact, damping=Damping(0.02, 10.0)),
+    }
+
+
+def lines(found):
+    """Return the table of this part."""
+    told = [
+        f"Time of a step over that of the elastic one, one thread, {found['zones']} zones; "
+        "joints at "
+        f"{found['facets_a_zone']:.2f} facets and {found['contacts_a_zone']:.2f} contacts a zone.",
+        "",
+        "| law | single | batch of 8 |",
+        "|---|---|---|",
+    ]
+    for law in found["single"]:
+        told.append(f"| {law} | {found['single'][law]:.2f} | {found['batch'][law]:.2f} |")
+    return told

@@ -1,0 +1,83 @@
+"""The page docs/performance.md: goals, then each part with its tables and figures."""
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+from .goals import GOALS
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+PAGE, FIGURES = DOCS / "performance.md", DOCS / "figures" / "bench"
+HEAD = """# What it costs
+
+Written by `python -m benchmarks` from `benchmarks/results.json`; `./dev bench` sets up first.
+Ratios are those of one run: what is compared is timed in turn, five rounds or more, and the
+median of the ratios of each round is told. A stream from memory (triad) and multiply-add from
+registers are timed in the same rounds. Two virtual processors may share a core: a second thread
+says nothing where multiply-add gains less than 1.9.
+"""
+SEVERAL = """## Several machines
+
+Ensembles go over machines: `run_all(models, duration, folder=..., executor=...)` takes any
+executor of `concurrent.futures`, so also `dask.distributed.Client(...).get_executor()`; runs
+are kept in a folder that all workers see, and what is missing is made when the call is
+repeated. Dask is neither needed nor tested here.
+
+One model over several machines is not built. It would be cut where it is cut already: domains
+of 1024 zones follow one another along a curve, so equal runs of domains are compact parts, and
+a part keeps the slots of its domains, the contacts whose minus side it holds and the dashpots
+of its nodes. Nodes that stand in slots of several parts are held by each of them. After the
+forces of zones and contacts a part sends, for each such node, its slot and contact forces one
+by one, not their sum, and every holder adds all of them in the order of `node_part`: the same
+bits as on one machine, whatever the number of parts. What a part of n zones sends is about 2
+n^(2/3) nodes of 24 bytes and slot, 0.5 MB for a million zones, against 15 ms for its step: 1
+Gbit/s suffices if border domains are computed first and the rest while they travel. Energies
+are sums over domains and blocks in order, once in twenty steps. Patches of yielding zones never
+cross domains; free-field columns are marched by every part that needs them; the static stage
+ends by the same sums.
+"""
+
+
+def write(parts, results):
+    """Write the page and the figures of the parts that were measured."""
+    told = [HEAD, "## Goals", "", "| goal | measured | |", "|---|---|---|"]
+    told += [f"| {goal} | {' | '.join(judged(judge, results))} |" for goal, judge in GOALS]
+    told += ["", "*No* is followed by what limits it, where that was measured.", ""]
+    for name, part in parts.items():
+        told += [f"## {part.TITLE}", ""]
+        if name not in results:
+            option = " --peers" if name == "peers" else f" {name}"
+            told += [f"Not measured yet: `python -m benchmarks{option}`.", ""]
+            continue
+        one = results[name]
+        told += [*part.lines(one["found"]), ""]
+        if hasattr(part, "draw"):
+            draw(name, part, one["found"])
+            told += [f"![{part.TITLE}](figures/bench/{name}.png)", ""]
+        told += [
+            f"{one['machine']['processor']}, {one['machine']['threads']} threads, load "
+            f"{one['load']:.1f}; `python -m benchmarks {name}`, {one['seconds']:.0f} s.",
+            "",
+        ]
+    PAGE.write_text("\n".join(told) + "\n" + SEVERAL, encoding="utf-8")
+
+
+def judged(judge, results):
+    """Return what was measured for a goal, and the verdict."""
+    try:
+        measured, reached, why = judge({name: one["found"] for name, one in results.items()})
+    except KeyError:
+        return "not measured", "–"
+    return measured, "yes" if reached else f"**no**: {why}" if why else "**no**"
+
+
+def draw(name, part, found):
+    """Draw the two axes of a part."""
+    figure, axes = plt.subplots(1, 2, figsize=(8.0, 3.0), layout="constrained")
+    part.draw(found, axes)
+    FIGURES.mkdir(parents=True, exist_ok=True)
+    figure.savefig(FIGURES / f"{name}.png", dpi=80)
+    plt.close(figure)
