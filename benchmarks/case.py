@@ -12,7 +12,7 @@ from pyblast.solving.model import Model, Receiver, Rim
 from pyblast.solving.preparation import prepare
 from pyblast.solving.sources import Hole, TimeFunction
 
-from .marching import QUIET, March
+from .marching import LEDGER_EVERY, QUIET, March, rounds_of_ledger
 from .timing import interleaved, median, on
 
 TITLE = "Case"
@@ -35,9 +35,9 @@ def of_kind(model):
     step = time_step(model)
     dt, n_zones = step[0], len(model.mesh.zones)
     n_steps = int(np.ceil(DURATION / dt))
-    some = max(4, ZONE_STEPS // n_zones // (10 if model.quadratic else 1))
+    some = rounds_of_ledger(n_zones, ZONE_STEPS / (10 if model.quadratic else 1))
     still = prepare(model, some * dt, step=step)
-    one, eight = March(still, some), March(still, max(2, some // 8), lanes=True)
+    one, eight = March(still, some), March(still, LEDGER_EVERY, lanes=True)
     took = interleaved({"one": on(2, one), "eight": on(2, eight)})
     return {
         "zones": n_zones, "nodes": len(model.nodes.points), "dt_ms": 1e3 * dt, "steps": n_steps,

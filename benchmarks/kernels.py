@@ -9,7 +9,15 @@ from pyblast.solving.ordering import renumbered
 
 from .bare import bare, library
 from .compiled import called, compiled, plain
-from .marching import ROCK, March, cube, prepared, rock_model
+from .marching import (
+    LEDGER_EVERY,
+    ROCK,
+    March,
+    cube,
+    prepared,
+    rock_model,
+    rounds_of_ledger,
+)
 from .timing import Probes, interleaved, median, on, ratio
 
 TITLE = "Kernels"
@@ -31,7 +39,7 @@ def measure(effort):
 
 def of_size(mesh):
     """Return what one mesh gives."""
-    mesh, n_steps = renumbered(mesh), max(2, ZONE_STEPS // len(mesh.zones))
+    mesh, n_steps = renumbered(mesh), rounds_of_ledger(len(mesh.zones), ZONE_STEPS)
     probes = Probes()
     still = prepared(rock_model(mesh), n_steps)
     damped = prepared(rock_model(mesh, damping=DAMPING), n_steps)
@@ -87,7 +95,7 @@ def in_batch(models, n_steps):
     """Return the throughput of eight models side by side over that of one, by threads."""
     found = {}
     for name, model in models.items():
-        one, eight = March(model, n_steps), March(model, max(2, n_steps // 4), lanes=True)
+        one, eight = March(model, n_steps), March(model, LEDGER_EVERY, lanes=True)
         took = interleaved({**by_threads("one", one), **by_threads("eight", eight)})
         share = 8.0 * eight.n_steps / one.n_steps
         for count in (1, 2):
@@ -120,7 +128,12 @@ class Naive:
 
     def __call__(self):
         """March."""
-        called(compiled("benchmarks/naive.f90").naive_march, self.counts, (1e-5,), self.tables)
+        called(self.library().naive_march, self.counts, (1e-5,), self.tables)
+
+    @staticmethod
+    def library():
+        """Return the compiled loop."""
+        return compiled("benchmarks/naive.f90")
 
 
 def shuffled(mesh):

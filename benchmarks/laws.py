@@ -6,7 +6,7 @@ from pyblast.solving.attenuation import ConstantQ
 from pyblast.solving.materials import Damping
 from pyblast.solving.plasticity import MohrCoulomb
 
-from .marching import ROCK, March, cube, prepared, rock_model
+from .marching import LEDGER_EVERY, ROCK, March, cube, prepared, rock_model, rounds_of_ledger
 from .timing import interleaved, median, on, ratio
 
 TITLE = "Laws"
@@ -24,10 +24,10 @@ def measure(effort):
         "contacts_a_zone": len(cut.contacts.area) / len(cut.zones),
         "facets_a_zone": 3.0 * ((cells - 1) // EVERY) * 2.0 * cells**2 / len(cut.zones),
     }
-    steps = max(4, ZONE_STEPS // len(intact.zones))
+    steps = rounds_of_ledger(len(intact.zones), ZONE_STEPS)
     every = {law: prepared(model, steps) for law, model in laws(intact, cut).items()}
     for name, lanes in (("single", False), ("batch", True)):
-        some = steps // 4 if lanes else steps
+        some = LEDGER_EVERY if lanes else steps
         works = {law: on(1, March(model, some, lanes)) for law, model in every.items()}
         took = interleaved(works)
         found[name] = {law: ratio(times, took["elastic"]) for law, times in took.items()}

@@ -47,6 +47,11 @@ def rock_model(mesh, law="elastic", material=ROCK, **parts):
     )  # fmt: skip
 
 
+def rounds_of_ledger(n_zones, zone_steps):
+    """Return a number of steps near so many zone-steps, whole rounds of the ledger of energies."""
+    return LEDGER_EVERY * max(1, round(zone_steps / n_zones / LEDGER_EVERY))
+
+
 class March:
     """A model that marches ``n_steps`` whenever it is called, alone or as eight of its kind.
 

@@ -57,12 +57,19 @@ def write(parts, results):
         if hasattr(part, "draw"):
             draw(name, part, one["found"])
             told += [f"![{part.TITLE}](figures/bench/{name}.png)", ""]
-        told += [
-            f"{one['machine']['processor']}, {one['machine']['threads']} threads, load "
-            f"{one['load']:.1f}; `python -m benchmarks {name}`, {one['seconds']:.0f} s.",
-            "",
-        ]
+        told += [told_of(name, one), ""]
     PAGE.write_text("\n".join(told) + "\n" + SEVERAL, encoding="utf-8")
+
+
+def told_of(name, one):
+    """Return on what, when busy, and how long a part was measured."""
+    words = f"{one['machine']['processor']}, {one['machine']['threads']} threads"
+    if "seconds" not in one:
+        return f"{words}; kept from an earlier run."
+    return (
+        f"{words}, load {one['load']:.1f} at the end; `python -m benchmarks {name}`, "
+        f"{one['seconds']:.0f} s."
+    )
 
 
 def judged(judge, results):

@@ -216,4 +216,5 @@ def draw(found, axes):
     for way in next(iter(totals.values()), ()):
         axes[1].loglog([int(n) for n in totals], [t[way] for t in totals.values()], "o-", label=way)
     axes[1].set(xlabel="evaluations", ylabel="s")
-    axes[1].legend(fontsize=7)
+    if totals:
+        axes[1].legend(fontsize=7)

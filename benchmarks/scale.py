@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pyblast.meshing.memory import marching_bytes
 
-from .marching import March, cube, prepared, rock_model
+from .marching import March, cube, prepared, rock_model, rounds_of_ledger
 from .timing import Probes, interleaved, median, on, ratio
 
 TITLE = "Scale"
@@ -20,7 +20,7 @@ ZONE_STEPS = 8_000_000
 def measure(effort):
     """Return cost by number of zones and by number of joints."""
     quick = effort == "quick"
-    return {"by_zones": dict(by_zones(quick)), "by_joints": by_joints(16 if quick else None)}
+    return {"by_zones": dict(by_zones(quick)), "by_joints": by_joints(18 if quick else None)}
 
 
 def lines(found):
@@ -70,7 +70,7 @@ def by_zones(quick):
         model = rock_model(cube(cells))
         meshed = time.perf_counter() - began
         n_zones = len(model.mesh.zones)
-        n_steps = max(3, ZONE_STEPS // n_zones)
+        n_steps = rounds_of_ledger(n_zones, ZONE_STEPS)
         began = time.perf_counter()
         march = March(prepared(model, n_steps), n_steps)
         assembled = time.perf_counter() - began
@@ -94,7 +94,7 @@ def by_joints(cells):
     """Return the time of a step with joints over that without, by contacts a zone."""
     cells = cells or JOINTED_CELLS
     meshes = {"none": cube(cells)} | {f"{n} cells apart": cube(cells, n) for n in EVERY}
-    n_steps = max(3, ZONE_STEPS // 2 // len(meshes["none"].zones))
+    n_steps = rounds_of_ledger(len(meshes["none"].zones), ZONE_STEPS / 2)
     marches = {
         name: March(prepared(rock_model(mesh), n_steps), n_steps) for name, mesh in meshes.items()
     }
