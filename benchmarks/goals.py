@@ -122,7 +122,11 @@ def reduced(r):
     best = min(row["worst error"] for row in one["runs"] if row["runs"] <= 12)
     over = one["full run over evaluation"]
     words = f"{100 * best:.2f} % at the worst of 8 sets, 1/{over:.0f} of a full run"
-    return words, best <= 0.01 and over >= 50.0, ""
+    why = (
+        f"{1e3 * one['evaluation seconds']:.0f} ms whatever the mesh, on which a full run takes "
+        f"{one['full run seconds']:.1f} s"
+    )
+    return words, best <= 0.01 and over >= 50.0, why
 
 
 def case(r):
