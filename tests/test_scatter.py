@@ -10,6 +10,8 @@ from pyblast.ensembles.banks import greens_functions
 from pyblast.ensembles.scatter import blast_spectra
 from pyblast.errors import InputError
 from pyblast.meshing.mesh_builder import structured_box
+from pyblast.planning.firing_scatter import FiringScatter
+from pyblast.planning.peak_bands import drawn_peaks, peak_bands
 from pyblast.solving.boundaries import Viscous
 from pyblast.solving.charges import MomentTensor
 from pyblast.solving.model import Model, Receiver
@@ -86,6 +88,16 @@ def test_peaks_do_not_depend_on_how_many_blasts_go_together(spectra, monkeypatch
 
     assert in_batches.ppv == pytest.approx(at_once.ppv, rel=1e-11)
     assert in_batches.pvs == pytest.approx(at_once.pvs, rel=1e-11)
+
+
+def test_bands_of_a_model_hold_their_share_of_fresh_blasts(spectra):
+    plan, unsure = np.array([0.02, 0.03, 0.04]), FiringScatter(delay=0.001, charge=0.3, doubt=0.2)
+    bands = peak_bands(spectra, plan, unsure, n_blasts=4000, seed=1, quantity="pvs")
+
+    fresh = drawn_peaks(spectra, plan, unsure, 1.0, 4000, 2, "pvs")
+
+    for share in (0.5, 0.9, 0.95):
+        assert bands.coverage(fresh, share) == pytest.approx(share, abs=0.03)
 
 
 def test_times_that_were_not_allowed_for_are_refused(spectra):

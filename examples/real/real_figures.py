@@ -133,3 +133,39 @@ def draw_firing_times(draws):
     for axis in (delays, errors, time):
         axis.legend(fontsize=8)
     figure.savefig(FIGURES / "real_firing_times.png", dpi=80)
+
+
+def draw_plans(first, best, real, table, nominal):
+    """Bands beside real peaks, the map of the search, real blasts by both plans, coverage."""
+    figure, ((along, chart), (steps, held)) = plt.subplots(
+        2, 2, figsize=(12, 8), layout="constrained"
+    )
+    bands, peaks = first
+    place = 2.0 * np.arange(0, 24, 3)
+    for share, colour in ((0.95, "0.88"), (0.9, "0.78"), (0.5, "0.6")):
+        low, high = 1e3 * bands.band(share)
+        along.fill_between(place, low, high, color=colour, label=f"{100 * share:g} % band")
+    along.plot(place, 1e3 * peaks.T, "C3.", ms=2)
+    along.plot([], [], "C3.", label="sums of other real hits")
+    along.set(xlabel="receiver along the line [m]", ylabel="peak output [mV]", yscale="log",
+              title="Peaks of the nominal plan")  # fmt: skip
+    points = chart.scatter(1e3 * best.tried[:, 0], 1e3 * best.tried[:, 1], c=best.tried[:, 2],
+                           s=14, cmap="viridis_r")  # fmt: skip
+    figure.colorbar(points, ax=chart, label="severity, 90 % of blasts are below")
+    chart.plot(*(1e3 * np.array(nominal)), "k^", label="nominal")
+    chart.plot(*(1e3 * best.delays), "C3*", ms=14, label="best")
+    chart.set(xlabel="delay between places [ms]", ylabel="delay between rounds [ms]",
+              title="Plans tried (hit 5 of each place)")  # fmt: skip
+    for values, colour, label in zip(real.transpose(1, 0, 2).reshape(2, -1), ("k", "C3"),
+                                     ("nominal", "best"), strict=True):  # fmt: skip
+        steps.plot(np.sort(values), np.linspace(0, 1, len(values)), colour, label=label)
+    steps.set(xlabel="largest peak of three receivers over its nominal median",
+              ylabel="share of real sums below", title="Real sums by both plans")  # fmt: skip
+    for name, rows in table.items():
+        wanted = [float(share.split()[0]) for share in rows]
+        held.plot(wanted, [100 * row["band"] for row in rows.values()], "o-", label=name)
+    held.plot([45, 100], [45, 100], "k", lw=0.8)
+    held.set(xlabel="band [%]", ylabel="real peaks inside [%]", title="Reliability of the bands")
+    for axis in (along, chart, steps, held):
+        axis.legend(fontsize=8)
+    figure.savefig(FIGURES / "real_bands_and_delays.png", dpi=80)

@@ -17,6 +17,7 @@ from .greens import GreensFunctions
 from .unit_sources import history
 
 DROPPED = 1e-10  # share of the power that may lie above the frequencies kept
+RINGS = 3.0  # cycles of the lower corner that a filter rings before and after
 SAMPLES_PER_PERIOD = 8  # of the highest frequency kept; peaks between them by a parabola
 # Values of motion in one batch of blasts: near in memory, and products too small to be split over
 # threads, whose hand-over would cost more than the product.
@@ -107,6 +108,31 @@ class BlastSpectra:
             records[receiver.name] = record
         return records
 
+    def banded(self, low: float, high: float) -> "BlastSpectra":
+        """Keep ``low`` to ``high`` Hz, -6 dB at both, with the response of theory.md (13.5).
+
+        Raises
+        ------
+        InputError
+            If the band holds nothing.
+        """
+        top = self.spacing * len(self.spectra)
+        if not 0.0 < low < min(high, top):
+            raise InputError(
+                f"band: need 0 < low < high and low below {top:g} Hz, got {low:g}, {high:g} Hz"
+            )
+        rings = int(np.ceil(RINGS / (low * self.dt)))
+        motion = fft.irfft(self.spectra, self.n_samples, axis=0)
+        size = fft.next_fast_len(self.n_samples + 2 * rings, real=True)
+        hz = fft.rfftfreq(size, self.dt)
+        off = (hz**2 - low * high) / np.maximum(hz * (high - low), 1e-30)
+        gain = np.exp(-2j * np.pi * hz * rings * self.dt) / (1.0 + np.minimum(abs(off), 1e30) ** 8)
+        spectra, n_samples = trimmed(fft.rfft(motion, size, axis=0) * gain[:, None, None] / size)
+        return replace(
+            self, spectra=spectra, n_samples=n_samples, spacing=1.0 / (size * self.dt),
+            start=self.start - rings * self.dt,
+        )  # fmt: skip
+
     def _checked(self, times, scales):
         """Return times and scales (n_blasts, n_holes)."""
         times, n_holes = np.asarray(times, dtype=float), self.spectra.shape[1]
@@ -164,15 +190,32 @@ def blast_spectra(
     responses = [_turned(bank, number, size) for number in range(len(bank.sources))]
     spectra = np.stack([fft.rfft(drive, size) * responses[number]
                         for drive, number in zip(drives, numbers, strict=True)])  # fmt: skip
-    power = np.sum(np.abs(spectra) ** 2, axis=(0, 1))
-    above = np.cumsum(power[::-1])[::-1]
-    kept = max(2, int(np.count_nonzero(above > DROPPED * above[0])))
-    n_samples = fft.next_fast_len(max(SAMPLES_PER_PERIOD * kept, 4), real=True)
-    spectra = np.ascontiguousarray(spectra[..., :kept].transpose(2, 0, 1)) * (n_samples / size)
+    spectra, n_samples = trimmed(spectra.transpose(2, 0, 1) / size)
     return BlastSpectra(
         spectra, bank.receivers, 1.0 / (size * dt), n_samples, (0.5 - lead) * dt + earliest,
         earliest, latest,
     )  # fmt: skip
+
+
+def trimmed(spectra):
+    """Leave out high frequencies without power, and samples with them.
+
+    Parameters
+    ----------
+    spectra : (n_frequencies, n_holes, n_components) complex128
+        Over the number of samples that they were made from.
+
+    Returns
+    -------
+    spectra : (n_kept, n_holes, n_components) complex128
+        For an inverse transform to ``n_samples``.
+    n_samples : int
+    """
+    power = np.sum(np.abs(spectra) ** 2, axis=(1, 2))
+    above = np.cumsum(power[::-1])[::-1]
+    kept = max(2, int(np.count_nonzero(above > DROPPED * above[0])))
+    n_samples = fft.next_fast_len(max(SAMPLES_PER_PERIOD * kept, 4), real=True)
+    return np.ascontiguousarray(spectra[:kept]) * n_samples, n_samples
 
 
 def _top(values):

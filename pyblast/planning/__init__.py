@@ -1,0 +1,1 @@
+"""Blasts before they are fired: what scatter does to their peaks, and which delays are best."""
