@@ -1,5 +1,10 @@
 """Plans before they are fired: bands of peaks, and the best delays, where the answer is known."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -191,3 +196,14 @@ def test_what_makes_no_plan_is_refused(spectra):
         signature_spectra({"A": wave(1), "B": wave(2).resampled(0.002)}, 3, latest=0.1)
     with pytest.raises(InputError, match=r"travel_shifts: need \(1, 3\) finite values"):
         signature_spectra({"A": wave(1)}, 3, latest=0.1, travel_shifts=[0.0])
+
+
+def test_example_ends_with_a_gain_and_a_figure(tmp_path):
+    script = Path(__file__).parents[1] / "examples" / "04_best_delays.py"
+    environment = os.environ | {"PYTHONPATH": str(script.parents[1]), "MPLBACKEND": "agg"}
+
+    done = subprocess.run([sys.executable, script, tmp_path / "best.png"], env=environment,
+                          text=True, capture_output=True, timeout=120, check=True)  # fmt: skip
+
+    assert (tmp_path / "best.png").read_bytes().startswith(b"\x89PNG")
+    assert "fresh blasts stay below falls by" in done.stdout
