@@ -1,6 +1,7 @@
 """What does not fit into memory is refused before it is made, with both numbers."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 from pyblast.errors import InputError
 from pyblast.meshing import memory
 from pyblast.meshing.mesh_builder import Layer, build_mesh, structured_box
+from pyblast.motion.seismogram import Seismogram
+from pyblast.solving.boundaries import FreeField, StressInput, Viscous
 from pyblast.solving.joints import Joint
 from pyblast.solving.model import Model, Receiver
 from pyblast.solving.preparation import prepare
@@ -20,6 +23,20 @@ def jointed(n=16):
     joints = [Joint("J", "elastic", {"kn": 1e9, "ks": 1e9})]
     receivers = [Receiver("R", (1.0, 1.0, 1.0))]
     return Model(mesh.split("J"), {"rock": ROCK}, joints=joints, receivers=receivers)
+
+
+def beside_slopes():
+    """Return uneven ground with free-field sides, each column of which stands alone."""
+    mesh = structured_box((4, 4, 4), (60.0, 60.0, 60.0))
+    points = mesh.points.copy()
+    points[:, 2] *= 1.0 + 2e-3 * points[:, 0] + 1e-3 * points[:, 1]
+    pulse = Seismogram(np.ones((10, 3)), 1e-3)
+    sides = ("west", "east", "south", "north")
+    return Model(
+        replace(mesh, points=points), {"rock": ROCK}, receivers=[Receiver("R", (9.0, 9.0, 9.0))],
+        boundaries=[*map(Viscous, (*sides, "bottom")), *map(FreeField, sides),
+                    StressInput("bottom", pulse)],
+    )  # fmt: skip
 
 
 @pytest.fixture
@@ -52,14 +69,33 @@ def test_the_estimate_covers_what_a_run_takes():
     taken = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
 
-    assert 0.4 * taken < memory.marching_bytes(model.nodes, 1000) < 3.0 * taken
+    assert 0.8 * taken < memory.marching_bytes(model.nodes, 1000) < 2.0 * taken
+
+
+def test_histories_of_free_field_sides_count(machine):
+    model = beside_slopes()
+    tracemalloc.start()
+    prepared = prepare(model, 0.3)
+    taken = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+
+    own = memory.marching_bytes(model.nodes, 2 * prepared.n_steps)
+    found = memory.marching_bytes(
+        model.nodes, 2 * prepared.n_steps, prepared.constants["history"].size
+    )
+
+    assert found > 3.0 * own
+    assert 0.7 * taken < found < 1.5 * taken
+    machine(0.9e-6 * found)
+    with pytest.raises(InputError, match=r"\d+ histories of free-field sides needs about"):
+        prepare(model, 0.3)
 
 
 def test_a_model_that_does_not_fit_is_refused_with_both_numbers(machine):
     model = jointed()
     machine(5.0)
 
-    with pytest.raises(InputError, match=r"24576 zones needs about 0\.01\d* GB .* 0\.005 GB left"):
+    with pytest.raises(InputError, match=r"24576 zones needs about 0\.02\d* GB .* 0\.005 GB left"):
         prepare(model, 1e-3)
 
 

@@ -100,6 +100,9 @@ def prepare(
     if model.insitu is not None and (model.mesh.contacts is not None or model.yielding().any()):
         static, settled = _equilibrate(model, geometry, progress)
     sides = side_loads(model, geometry["dt"], n_steps * geometry["dt"], _marched)
+    if sides:
+        histories = f"{recorded} and {len(sides)} histories of free-field sides"
+        refuse_beyond_memory(histories, marching_bytes(model.nodes, n_samples, n_steps * len(sides)))
     constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps, sides)}
     state = assembly.initial_state(constants)
     if settled is not None:
