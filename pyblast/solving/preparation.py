@@ -102,7 +102,8 @@ def prepare(
     sides = side_loads(model, geometry["dt"], n_steps * geometry["dt"], _marched)
     if sides:
         histories = f"{recorded} and {len(sides)} histories of free-field sides"
-        refuse_beyond_memory(histories, marching_bytes(model.nodes, n_samples, n_steps * len(sides)))
+        needed = marching_bytes(model.nodes, n_samples, n_steps * len(sides))
+        refuse_beyond_memory(histories, needed)
     constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps, sides)}
     state = assembly.initial_state(constants)
     if settled is not None:
