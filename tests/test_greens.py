@@ -64,6 +64,7 @@ LINEAR = {
         "damping": None,
         "materials": {"rock": replace(ROCK, law=ConstantQ(30.0, 20.0, (5.0, 100.0)))},
     },
+    "zones of 15 nodes": {"quadratic": True},
     "stuck by friction, under stress": {
         "law": "coulomb",
         "properties": STRONG,

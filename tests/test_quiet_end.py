@@ -29,9 +29,11 @@ def box(boundaries=SIDES, times=(0.0,)):
     )
 
 
-def test_it_ends_early_with_the_bits_of_a_run():
-    found = run_until_quiet(box(), 0.5, share=0.02)
-    whole = run(box(), 0.5).seismograms
+@pytest.mark.parametrize("quadratic", [False, True])
+def test_it_ends_early_with_the_bits_of_a_run(quadratic):
+    model = replace(box(), quadratic=quadratic)
+    found = run_until_quiet(model, 0.5, share=0.02)
+    whole = run(model, 0.5).seismograms
 
     assert found.quiet
     assert 0.03 + np.sqrt(1200.0) / ROCK.cs <= found.duration < 0.25

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..errors import SolverError
 from ..solving import kernels
-from ..solving.histories import stretches
+from ..solving.histories import listening, stretches
 from ..solving.perturbations import at_rest
 from ..solving.preparation import LEDGER_EVERY, Prepared
 
@@ -34,24 +34,13 @@ def march_side_by_side(prepared: Prepared, loads, n_steps, nodes) -> Iterator[np
         If the motion grows without cause.
     """
     constants, state = at_rest(prepared.constants)
-    constants = {**constants, **_listening(constants, nodes), **_in_lanes(loads)}
+    constants = {**constants, **listening(constants, nodes), **_in_lanes(loads)}
     views, state = kernels.side_by_side(_repeated(constants)), _repeated(state)
     for first, count in stretches(n_steps, 3 * kernels.LANES * len(constants["receiver_node"])):
         motion, _, failed = kernels.advance_all(views, state, first, count, LEDGER_EVERY)
         if failed is not None:
             raise SolverError(f"march: the motion grew without limit at step {first + len(motion)}")
         yield motion[..., : len(loads)]
-
-
-def _listening(constants, nodes):
-    """Return the places of the receivers, and behind them the nodes."""
-    node, weight = np.repeat(np.asarray(nodes)[:, None], 4, axis=1), np.eye(4)[:1]
-    return {
-        "receiver_node": np.concatenate([constants["receiver_node"], node]).astype(np.int32),
-        "receiver_weight": np.concatenate(
-            [constants["receiver_weight"], weight.repeat(len(node), axis=0)]
-        ),
-    }
 
 
 def _in_lanes(loads):

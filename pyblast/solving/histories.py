@@ -47,14 +47,7 @@ class Watch:
         """Put a receiver at every chosen node, behind those of the model."""
         self._nodes, self._state, self._dt = np.asarray(nodes), state, constants["dt"]
         self._n_receivers = len(constants["receiver_node"])
-        node, weight = np.repeat(self._nodes[:, None], 4, axis=1), np.eye(4)[:1]
-        self._constants = kernels.to_fortran({
-            **constants,
-            "receiver_node": np.concatenate([constants["receiver_node"], node]).astype("i4"),
-            "receiver_weight": np.concatenate(
-                [constants["receiver_weight"], weight.repeat(len(node), axis=0)]
-            ),
-        })  # fmt: skip
+        self._constants = kernels.to_fortran({**constants, **listening(constants, self._nodes)})
 
     def go(self, first, n_steps):
         """March from a step on; return the `Stretch`.
@@ -91,6 +84,17 @@ class Watch:
         displacement = start + self._dt * (np.cumsum(after, axis=0) - after)
         receivers = motion[:, : self._n_receivers]
         return Stretch(first, receivers, displacement, before, after)
+
+
+def listening(constants, nodes):
+    """Return the receivers of a model, and behind them one at every chosen node."""
+    corners = constants["receiver_node"].shape[1]  # or all nodes of a quadratic zone
+    node, weight = np.repeat(np.asarray(nodes)[:, None], corners, axis=1), np.eye(corners)[:1]
+    weight = weight.repeat(len(node), axis=0)
+    return {
+        "receiver_node": np.concatenate([constants["receiver_node"], node]).astype(np.int32),
+        "receiver_weight": np.concatenate([constants["receiver_weight"], weight]),
+    }
 
 
 def stretches(n_steps, values):
