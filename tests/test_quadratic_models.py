@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pyblast.errors import InputError
+from pyblast.errors import InputError, SolverError
 from pyblast.meshing.mesh import Mesh
 from pyblast.meshing.mesh_builder import Layer, structured_box
 from pyblast.motion.seismogram import Seismogram
@@ -164,6 +164,15 @@ def test_a_free_body_keeps_its_energy_at_the_longest_step():
 
     held = energy["kinetic"] + energy["strain"]
     assert held == pytest.approx(held[0], rel=1e-9)
+
+
+def test_a_step_that_is_too_long_is_blamed_at_a_node_of_any_kind():
+    model = site(joints=[Joint("J", "elastic", {"kn": 4e9, "ks": 2e9})])
+    prepared = prepare(model, 0.05)
+    constants = {**prepared.constants, "dt": 1.6 * prepared.limit.dt}
+
+    with pytest.raises(SolverError, match=r"largest velocity at .* in '(rock|soil)'; likely cause"):
+        run(model, 0.05, prepared=replace(prepared, constants=constants))
 
 
 def test_prescribed_motion_and_fixed_faces_hold_every_node():

@@ -150,7 +150,9 @@ def _load_defects(project):
         mesh = project.mesh
         edge = edge_lengths(mesh)[surface_zones(mesh, air.surface)].mean()
         top = highest_frequency(shape(pulse, pulse.values))
-        yield load_defects.short_air_waves(air.surface, float(edge), air.speed_m_per_s, top)
+        yield load_defects.short_air_waves(
+            air.surface, float(edge), air.speed_m_per_s, top, project.model.edges_per_wavelength
+        )
 
 
 def _face_defects(project, band):

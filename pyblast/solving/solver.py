@@ -191,8 +191,8 @@ def collect(model, prepared, motion, energy, state, wall_seconds, snapshots):
 def failure(model, prepared, step, node):
     """Say when and where a march failed, and the likely cause."""
     mesh, limit, dt = model.mesh, prepared.limit, prepared.constants["dt"]
-    x, y, z = mesh.points[node]
-    zone = np.flatnonzero((mesh.zones == node).any(axis=1))[0]
+    x, y, z = model.nodes.points[node]
+    zone = np.flatnonzero((model.nodes.zone_nodes == node).any(axis=1))[0]
     group = mesh.groups[mesh.zone_group[zone]]
     cause = "an input that is not finite or a load that grows"
     if dt > limit.dt:
