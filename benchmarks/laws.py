@@ -10,7 +10,7 @@ from .marching import LEDGER_EVERY, ROCK, March, cube, prepared, rock_model, rou
 from .timing import interleaved, median, on, ratio
 
 TITLE = "Laws"
-CELLS, EVERY = 33, 5  # joints each five cells along all axes: 0.2 facets a zone
+CELLS, EVERY = 31, 5  # joints each five cells along all axes: 0.19 facets a zone
 ZONE_STEPS = 4_000_000
 STRONG = {"cohesion": 1e9, "friction": 0.7, "tension": 1e9}
 
