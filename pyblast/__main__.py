@@ -150,8 +150,8 @@ def compare(
     recorded: Annotated[Path, typer.Argument(help="Record of a blast seismograph.")],
     simulated: Annotated[Path, typer.Argument(help="result.h5 of a run, or another record.")],
     receiver: Annotated[str, typer.Option(help="Receiver of the run.")] = "",
-    low: Annotated[float, typer.Option(help="Compare above this frequency in Hz.")] = 0.0,
-    high: Annotated[float, typer.Option(help="Compare below this frequency in Hz.")] = 0.0,
+    low: Annotated[float | None, typer.Option(help="Compare above this frequency in Hz.")] = None,
+    high: Annotated[float | None, typer.Option(help="Compare below; goes with --low.")] = None,
     bearing: Annotated[
         float | None, typer.Option(help="Degrees from the instrument to the blast, from north.")
     ] = None,
@@ -163,7 +163,9 @@ def compare(
     with told():
         from .pipeline import compare_files
 
-        band = (low, high) if low or high else None
+        if (low is None) != (high is None):
+            raise InputError("--low and --high: go together; give both or neither")
+        band = None if low is None else (low, high)
         console.show_comparison(compare_files(recorded, simulated, receiver, band, bearing))
 
 

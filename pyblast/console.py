@@ -42,6 +42,7 @@ class Progress:
             columns = TextColumn("{task.description:<20}"), BarColumn(), TimeRemainingColumn()
             self._bar = Bar(*columns, console=_out, transient=True)
         self._task, self._stage, self._began, self._shown = None, None, 0.0, 0.0
+        self._first = 0
 
     def __enter__(self):
         if self._bar is not None:
@@ -57,6 +58,7 @@ class Progress:
         name = STAGES.get(stage, stage)
         if stage != self._stage:
             self._stage, self._began, self._shown = stage, time.perf_counter(), 0.0
+            self._first = done
             if self._bar is None:
                 say(f"pyblast: {name}")
             else:
@@ -66,8 +68,9 @@ class Progress:
         elif total > 1 and done / total >= self._shown + 0.1:
             self._shown = done / total
             spent = time.perf_counter() - self._began
-            left = spent * (total / done - 1.0)
-            say(f"pyblast: {name} {100 * done / total:.0f} %, about {left:.0f} s left")
+            left = spent * (total - done) / (done - self._first) if done > self._first else None
+            guess = "" if left is None else f", about {left:.0f} s left"
+            say(f"pyblast: {name} {100 * done / total:.0f} %{guess}")
 
 
 def _table(*heads):

@@ -3,7 +3,7 @@
 import logging
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from .errors import InputError, PyblastError, ReadError
@@ -12,6 +12,7 @@ from .motion.seismogram import GEOGRAPHIC, Seismogram
 from .projects.census import Census, take_census
 from .projects.checks import Check, check
 from .projects.project import Project, load_project
+from .projects.record_defects import record_findings
 from .projects.result import Result, read_result, seismogram_heads, write_result, write_summary
 from .projects.summary import source_tables, summarise
 from .records.recordings import read_recording
@@ -138,6 +139,7 @@ def _conclude(project, checked, run_, folder):
     """Compare with records and gather everything in a `Result`."""
     simulated = {n: s.shifted(-project.lead) for n, s in run_.seismograms.items()}
     comparisons = compare_all(project, simulated)
+    checked = replace(checked, findings=(*checked.findings, *record_findings(simulated)))
     stages, names = project.input, ("signature", "superposed", "motion")
     groups = {
         "input": {} if stages is None else {name: getattr(stages, name) for name in names},

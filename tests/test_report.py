@@ -54,8 +54,8 @@ def test_names_that_users_give_are_escaped(page):
 
 
 def test_the_figures_of_the_paper_are_there(page):
-    for caption in ("(figure 5 of", "(figure 3)", "(figure 4)", "(figures 7 to 9)"):
-        assert caption in page
+    for figure in ("figure 5", "figure 3", "figure 4", "figures 7 to 9"):
+        assert f"(as {figure} of the paper)" in page
     images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
     assert len(images) == 7
     assert all(base64.b64decode(image)[:8] == b"\x89PNG\r\n\x1a\n" for image in images)

@@ -204,7 +204,8 @@ class Blast:
         Parameters
         ----------
         reference_charge : float, kg, optional
-            Charge of the signature hole. Without it all scales are 1, as the paper has it.
+            Charge of the signature hole. Without it all scales are 1, as the paper has it. A hole
+            of charge 0, a misfire, has the scale 0.
         exponent : float
             ``a_i = (charge_i / reference_charge) ** exponent``.
 
@@ -218,11 +219,12 @@ class Blast:
             If scales are wanted and a charge is missing, or the reference is not positive.
         """
         if reference_charge is None:
-            return Firing(self.times, 1.0)
+            return Firing(self.times, np.where(self.charge == 0.0, 0.0, 1.0))
         if not reference_charge > 0.0:
             raise InputError(f"reference_charge: must be positive, got {reference_charge:g} kg")
         self._refuse_missing_charge()
-        return Firing(self.times, (self.charge / reference_charge) ** exponent)
+        scales = (self.charge / reference_charge) ** exponent
+        return Firing(self.times, np.where(self.charge == 0.0, 0.0, scales))
 
     def charge_per_window(self, window=CHARGE_WINDOW):
         """Return the largest charge [kg] that fires in any window [t, t + window) s."""

@@ -28,6 +28,7 @@ def hole_sentences(blast):
     return [
         _timing(blast),
         _charging(blast),
+        *_misfires(blast),
         *_duplicates(blast),
         *_far_holes(blast),
         *_angles(blast),
@@ -60,6 +61,12 @@ def _charging(blast):
         f"The largest charge in any 8 ms window is {charges[largest]:.6g} kg, from "
         f"{1e3 * times[largest]:g} ms on, of {np.sum(blast.charge):.6g} kg in all."
     )
+
+
+def _misfires(blast):
+    """Name the holes without any charge."""
+    if np.any(blast.charge == 0.0):
+        yield f"The charge is 0 for {blast.named(blast.charge == 0.0)}: no motion comes from there."
 
 
 def _duplicates(blast):

@@ -150,8 +150,8 @@ def _refuse_outside(points, corners, places, weights, tolerance):
     if len(outside):
         x, y, z = places[outside[0]]
         raise InputError(
-            f"point ({x:g}, {y:g}, {z:g}): must lie in the mesh, is {distance[outside[0]]:.3g} m "
-            "outside; move it or enlarge the model"
+            f"point ({x:g}, {y:g}, {z:g}): must lie in the mesh, is about "
+            f"{distance[outside[0]]:.1g} m outside; move it or enlarge the model"
         )
 
 

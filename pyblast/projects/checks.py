@@ -59,6 +59,9 @@ def check(project, measure=True) -> Check:
     -------
     Check
     """
+    notes = () if project.blast is None else tuple(project.blast.checks())
+    if project.recorded:
+        notes += (f"Records to compare with: {', '.join(project.recorded)}.",)
     census = take_census(project, measure)
     found = [
         *_mesh_defects(project, census),
@@ -70,12 +73,12 @@ def check(project, measure=True) -> Check:
     findings = sorted(
         (finding for finding in found if finding is not None), key=lambda f: int(f.code[1:])
     )
-    notes = () if project.blast is None else tuple(project.blast.checks())
     return Check(census, tuple(findings), notes)
 
 
 def _mesh_defects(project, census):
-    """D1, D2, D5, D12: zones, size, boundaries, layers."""
+    """D1, D2, D5, D12, D26: zones, size, boundaries, layers, units."""
+    yield ground_defects.unlikely_values(project.materials, project.joints)
     band, centre = input_band(project), central_frequency(project)
     stands = receiver_groups(project)
     for group in census.groups:
@@ -156,7 +159,7 @@ def _load_defects(project):
 
 
 def _face_defects(project, band):
-    """D4, D6, D7, D17, D21: filter, face, strength, energy."""
+    """D4, D6, D7, D17, D21, D27: filter, face, strength, energy, holes inside."""
     config, firing, motion = project.config, project.firing, project.input
     yield load_defects.comb_return(firing, central_frequency(project), motion.low_passed)
     name, material = source_material(project)
@@ -165,6 +168,10 @@ def _face_defects(project, band):
     distance, reach = face_distance(project)
     if distance is not None:
         yield load_defects.plane_load(distance, reach, material, band)
+    if project.blast is not None:
+        points = project.mesh.points
+        ends = points.min(axis=0), points.max(axis=0)
+        yield load_defects.holes_within(project.blast.centres, config.input.face, *ends)
     if project.blast is not None and np.isfinite(project.blast.charge).all():
         charge = float(project.blast.charge.sum())
         yield load_defects.load_energy(

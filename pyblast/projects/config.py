@@ -161,6 +161,16 @@ class RunConfig(Section):
     snapshots_s: list[NotNegative] = Field([])
     compare_band_hz: Band | None = None
 
+    @model_validator(mode="after")
+    def _snapshots_within(self):
+        """Refuse snapshots after the end."""
+        late = [time for time in self.snapshots_s if time > self.duration_s]
+        if late:
+            raise ValueError(
+                f"snapshots_s: must lie within duration_s = {self.duration_s:g}, got {late[0]:g}"
+            )
+        return self
+
 
 class Config(Section):
     """A whole project file."""

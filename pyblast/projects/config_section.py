@@ -3,9 +3,9 @@
 from contextlib import contextmanager
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from ..errors import InputError
+from ..errors import InputError, ReadError
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -21,7 +21,9 @@ Place = Annotated[list[float], Field(min_length=2, max_length=3)]
 Size = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 Span = Annotated[list[float], Field(min_length=2, max_length=2)]
 Box = Annotated[list[Span], Field(min_length=3, max_length=3)]
-Band = Annotated[list[Positive], Field(min_length=2, max_length=2)]
+Band = Annotated[
+    list[Positive], Field(min_length=2, max_length=2), AfterValidator(lambda band: _rising(band))
+]
 Infill = Annotated[list[Positive], Field(min_length=1, max_length=2)]
 Name = Annotated[str, Field(min_length=1, max_length=80)]
 
@@ -43,8 +45,15 @@ class Section(BaseModel):
 
 @contextmanager
 def named_error(where):
-    """Put a place of the project file before the message of an `InputError`."""
+    """Put a place of the project file before the message of an error in it or in its files."""
     try:
         yield
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+    except (InputError, ReadError) as error:
+        raise type(error)(f"{where}: {error}") from None
+
+
+def _rising(band):
+    """Refuse a band that does not rise."""
+    if not band[0] < band[1]:
+        raise ValueError(f"must rise from the lowest to the highest frequency, got {band}")
+    return band

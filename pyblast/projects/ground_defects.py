@@ -1,9 +1,16 @@
-"""Defects of mesh, ground, joints and damping that show before a run: D1 to D18 of the paper."""
+"""Defects of mesh, ground, joints and damping that show before a run: D1 to D18, D26."""
 
 import math
 
 from .findings import Finding, by_wave
 
+# Smallest and largest value that ground has, in SI: what lies beyond is likely in another unit.
+LIKELY = {
+    "density": (300.0, 9000.0, "kg/m3", 1.0),
+    "cp": (50.0, 12000.0, "m/s", 1.0),
+    "kn": (1e5, 1e14, "GPa/m", 1e-9),
+    "ks": (1e4, 1e14, "GPa/m", 1e-9),
+}
 TET_VOLUME = 1.0 / (6.0 * math.sqrt(2.0))
 
 
@@ -17,14 +24,16 @@ def coarse_zones(name, material, edge, volume, band, receivers=(), per_wave=10.0
         return None
     needed = material.cs / (per_wave * band)
     zones = [volume / (TET_VOLUME * size**3) for size in (edge, needed)]
-    stands = f", and {', '.join(receivers)} stands on it" if receivers else ""
+    stand = "stands" if len(receivers) == 1 else "stand"
+    on_it = f", and {', '.join(receivers)} {stand} on it" if receivers else ""
+    digits = 5 if f"{carried:.3g}" == f"{band:.3g}" else 3
     return Finding(
         "D1",
         f"The mesh of '{name}' does not carry the input",
-        f"{edge:.3g} m edges carry {carried:.3g} Hz in '{name}' ({1.25 * carried:.3g} Hz with "
-        f"{0.8 * per_wave:.2g} edges per wavelength), the input has {band:.3g} Hz{stands}; edges "
-        "must be at most "
-        f"{needed:.2g} m, which makes {zones[1]:.2g} zones of about {zones[0]:.2g}.",
+        f"{edge:.{digits}g} m edges carry {carried:.{digits}g} Hz in '{name}' "
+        f"({1.25 * carried:.3g} Hz with {0.8 * per_wave:.2g} edges per wavelength), the input has "
+        f"{band:.{digits}g} Hz{on_it}; edges must be at most {needed:.{digits}g} m, which makes "
+        f"{zones[1] / zones[0]:.2g} times as many zones.",
         True,
         {"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
          "zones_now": zones[0], "zones_needed": zones[1]},
@@ -175,4 +184,36 @@ def infill_as_layer(name, joint, thicknesses):
         numbers={"poisson": poisson}
         | {f"m_{n + 1}": m for n, (m, _) in enumerate(moduli)}
         | {f"g_{n + 1}": g for n, (_, g) in enumerate(moduli)},
+    )
+
+
+def unlikely_values(materials, joints):
+    """D26: densities, speeds and stiffnesses that no ground has; None where all are likely.
+
+    Parameters
+    ----------
+    materials : dict of str to Material
+    joints : sequence of Joint
+    """
+    listed = {f"materials.{name}": vars(one) | {"cp": one.cp} for name, one in materials.items()}
+    listed |= {f"joint {one.surface}": one.properties for one in joints}
+    found = {
+        f"{place} {key}": (values[key], LIKELY[key])
+        for place, values in listed.items()
+        for key in LIKELY
+        if key in values and not LIKELY[key][0] <= values[key] <= LIKELY[key][1]
+    }
+    if not found:
+        return None
+    words = "; ".join(
+        f"{place} is {factor * value:.3g} {unit}, ground has {factor * low:.3g} to "
+        f"{factor * high:.3g}"
+        for place, (value, (low, high, unit, factor)) in found.items()
+    )
+    return Finding(
+        "D26",
+        "A value of the ground looks like one in another unit",
+        f"{words}; units are in the keys.",
+        True,
+        {place: value for place, (value, _) in found.items()},
     )

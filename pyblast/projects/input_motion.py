@@ -144,7 +144,9 @@ def _single_hole(config, materials, folder):
                 "components, give the direction from the instrument to the blast"
             )
         # A recorder's offset would be added up over the holes.
-        return replace(seismogram, velocity=seismogram.velocity - seismogram.velocity.mean(axis=0))
+        centred = seismogram.velocity - seismogram.velocity.mean(axis=0)
+        _refuse_gaps(config.recorded.file, seismogram, centred)
+        return replace(seismogram, velocity=centred)
     cavity = config.cavity
     if cavity.material not in materials:
         raise InputError(f"cavity.material: must be one of {', '.join(materials)}")
@@ -154,6 +156,18 @@ def _single_hole(config, materials, folder):
         source=cavity.hole_m, receiver=cavity.receiver_m,
         dt=1.0 / cavity.sampling_hz, duration=cavity.duration_s,
     )  # fmt: skip
+
+
+def _refuse_gaps(file, seismogram, velocity):
+    """Refuse a single hole without one of its components, or one that never moves."""
+    if not seismogram.present.all():
+        missing = seismogram.components[int(seismogram.present.argmin())]
+        raise InputError(
+            f"recorded.file: {file} has no component {missing}, what enters through a face needs "
+            "all three; add the column, zeros where it does not move"
+        )
+    if not velocity.any():
+        raise InputError(f"recorded.file: {file} never moves; give the record of a single hole")
 
 
 def make_input(signature, firing, low_pass, shifts=None) -> InputMotion:

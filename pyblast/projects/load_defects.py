@@ -1,4 +1,4 @@
-"""Defects of blast, firing and load that show before a run: D3 to D25."""
+"""Defects of blast, firing and load that show before a run: D3 to D25, D27."""
 
 import math
 
@@ -217,4 +217,27 @@ def charge_fits(charge, diameter, depth, density=ANFO_DENSITY):
         f"{length:.1f} m of {depth:g} m.",
         not fits,
         {"length": length},
+    )
+
+
+def holes_within(centres, face, low, high):
+    """D27: holes inside the model while their motion enters through a face; None where beyond.
+
+    Parameters
+    ----------
+    centres : (n_holes, 3) float64, m
+    face : str
+    low, high : (3,) float64, m
+        Corners of the box around the mesh.
+    """
+    within = int(((centres > low) & (centres < high)).all(axis=1).sum())
+    if not within:
+        return None
+    return Finding(
+        "D27",
+        "Holes lie inside the model, their motion enters from outside",
+        f"{within} of {len(centres)} holes of [blast] lie inside the model, yet the motion enters "
+        f"through '{face}' as if they lay beyond it: move blast.position_m, or give "
+        "[holes_inside] in place of [signature].",
+        numbers={"within": float(within)},
     )

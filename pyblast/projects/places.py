@@ -75,6 +75,8 @@ def refuse_outside(mesh, places):
     InputError
         It names the first place.
     """
+    if not places:
+        return
     try:
         locate(mesh, np.reshape(list(places.values()), (-1, 3)))
     except InputError:

@@ -110,11 +110,12 @@ class Project:
         config = self.config
         if config.signature is None:
             return None
+        signature, firing = self.signature, self.firing
         with named_error(f"{self.path.name}: input"):
             cavity, shifts = config.signature.cavity, None
             if cavity is not None:
                 shifts = shifts_of(config.blast, self.blast, cavity.receiver_m, cavity.hole_m)
-            return make_input(self.signature, self.firing, config.input.low_pass_hz, shifts)
+            return make_input(signature, firing, config.input.low_pass_hz, shifts)
 
     @cached_property
     def inside(self) -> Inside:
@@ -191,6 +192,11 @@ class Project:
         face = None if self.input is None else config.input.face
         entries, waves = [], []
         if face is not None:
+            outer = [name for name in mesh.surfaces if name not in {j.surface for j in self.joints}]
+            if face not in outer:
+                raise InputError(
+                    f"{self.path.name}: input.face: must be one of {', '.join(outer)}, got {face!r}"
+                )
             entries, waves = make_entry(config.input, self.input.motion.shifted(self.lead))
         parts = {"sources": (*self.sources, *waves), "receivers": self.receivers, "rim": self.rim}
         with named_error(self.path.name):

@@ -81,6 +81,8 @@ def read_result(path) -> Result:
     ReadError
         If it is no result file or incomplete.
     """
+    if not Path(path).is_file():
+        raise ReadError(f"{path}: no such file; give the folder of a run or its result.h5")
     arrays, attributes = read_arrays(path)
     if attributes.get("kind") != KIND or "json" not in arrays.get("summary", {}):
         raise ReadError(f"{path}: not a result file of pyblast; give result.h5 of a run")

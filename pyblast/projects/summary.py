@@ -6,6 +6,7 @@ from dataclasses import asdict
 import numpy as np
 
 from ..motion.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
+from ..solving.attenuation import ConstantQ
 from ..solving.charges import Column, MomentTensor
 from ..solving.provenance import versions
 from ..solving.sources import Hole, PointForce
@@ -28,7 +29,10 @@ def summarise(project, checked, run, simulated, comparisons):
     return {
         "title": project.title,
         "assumed": list(project.config.assumed),
-        "materials": {n: material_table(m) for n, m in project.materials.items()},
+        "materials": {
+            n: material_table(m) | {"fading": fading_words(project.model, n)}
+            for n, m in project.materials.items()
+        },
         "joints": joint_tables(project),
         "input": None if project.input is None else input_table(project),
         "sources": source_summary(project),
@@ -43,6 +47,7 @@ def summarise(project, checked, run, simulated, comparisons):
             "steps": run.prepared.n_steps,
             "duration": project.config.run.duration_s,
             "lead": project.lead,
+            "edges_per_wavelength": project.model.edges_per_wavelength,
             "wall_seconds": run.wall_seconds,
             "balance_error": run.balance_error,
             "limited_by": run.prepared.limit.limited_by,
@@ -70,6 +75,19 @@ def material_table(material):
     """Return the properties and wave speeds of a material."""
     names = ("density", "bulk", "shear", "young", "poisson", "cp", "cs", "cohesion", "friction")
     return {name: getattr(material, name) for name in names}
+
+
+def fading_words(model, name):
+    """Say how waves fade in a material, an empty text where they do not."""
+    law = model.materials[name].law
+    words = []
+    if isinstance(law, ConstantQ):
+        low, high = law.band
+        words.append(f"Qp {law.qp:g}, Qs {law.qs:g} from {low:g} to {high:g} Hz")
+    damping = model.damping.get(name) if isinstance(model.damping, dict) else model.damping
+    if damping is not None and damping.ratio > 0.0:
+        words.append(f"{100.0 * damping.ratio:.3g} % at {damping.frequency:g} Hz (Rayleigh)")
+    return "; ".join(words)
 
 
 def joint_tables(project):

@@ -204,8 +204,13 @@ def uniform_step(path: Path, times: np.ndarray, lines: list[int], rate: float | 
     offset = np.abs(times - times[0] - growth * np.arange(len(times)))
     slack = max(0.5 * dt, 1.01e-3 if rate else 0.0)
     if np.max(offset) > slack:
-        line = lines[int(np.argmax(offset > slack))]
-        raise ReadError(f"{path}, line {line}: time must grow by equal steps of {dt:g} s")
+        steps = np.diff(times)
+        usual = float(np.median(steps))
+        odd = int(np.argmax(np.abs(steps - usual)))
+        raise ReadError(
+            f"{path}, line {lines[odd + 1]}: time must grow by equal steps of {usual:.6g} s, here "
+            f"it grows by {steps[odd]:.6g} s"
+        )
     if rate is None:
         return dt
     if abs(growth * rate - 1.0) > 0.01 + 1e-3 * rate / len(times):

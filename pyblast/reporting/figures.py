@@ -105,7 +105,7 @@ def source_figure(histories, top):
         frequency = np.fft.rfftfreq(8 * len(slope), time[1] - time[0])
         row[0].plot(time, value, color=FAULT, lw=1.1)
         row[1].plot(frequency, spectrum / spectrum.max(), color=FAULT, lw=1.1)
-        row[0].set_ylabel(f"{name}  {SOURCE_UNITS[name.rpartition('_')[0]]}")
+        row[0].set_ylabel(f"{name.replace('_', ' ')}  {SOURCE_UNITS[name.rpartition('_')[0]]}")
         row[1].set_ylabel("share of the peak")
         row[1].set_xlim(0.0, top)
         for axis in row:

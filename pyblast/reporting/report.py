@@ -56,7 +56,7 @@ def _figures(result):
         (
             "Blocks",
             f"{summary['census']['blocks']} blocks, each in a shade of its material, seen from the "
-            "south-west (figure 3).",
+            "south-west (as figure 3 of the paper).",
             ("mesh",),
             figures.blocks_figure(result),
         ),
@@ -65,8 +65,7 @@ def _figures(result):
         (
             "Energy",
             "Where the energy that was put in went; the ledger closes within "
-            f"{100.0 * summary['run']['balance_error']:.2g} %. On a quiet input face about half of "
-            "what is put in goes straight into the dashpots of that face.",
+            f"{100.0 * summary['run']['balance_error']:.2g} %.{_energy_words(summary)}",
             (),
             figures.energy_figure(result.arrays["energy"], summary["run"]["lead"]),
         ),
@@ -90,7 +89,7 @@ def _input_figures(result, top):
     yield (
         "Single hole",
         f"Signature, {table['signature']}: particle velocity and smoothed amplitude "
-        "spectrum of the three components (figure 5 of the paper).",
+        "spectrum of the three components (as figure 5 of the paper).",
         ("signature",),
         figures.motion_figure(
             {"single hole": stages["signature"]}, [figures.INK], top, _end(stages["signature"])
@@ -147,19 +146,20 @@ def _end(seismogram):
 def _section_figures(result):
     """Section with joints and faults, and the highest frequency that each zone carries."""
     place = _section_place(result)
+    edges = result.summary["run"].get("edges_per_wavelength", 10.0)
     entry = "stars mark holes and forces inside, projected"
     if result.summary["input"] is not None:
         entry = "the blast enters at the arrows"
     yield (
         "Section",
-        f"Section at north {place:g} m with joints and faults; {entry} (figure 4).",
+        f"Section at north {place:g} m with joints and faults; {entry} (as figure 4 of the paper).",
         ("mesh", "joints"),
         figures.section_figure(result, place),
     )
     yield (
         "Highest frequency",
-        "Highest frequency that each zone carries, Cs over ten mean edges (equation 1), in the "
-        "same section.",
+        f"Highest frequency that each zone carries: Cs over {edges:g} of its mean edges; the input "
+        f"has {result.summary['band']:.3g} Hz. The same section.",
         ("mesh",),
         figures.section_figure(result, place, "f_max"),
     )
@@ -183,10 +183,32 @@ def _receiver_figures(result, top):
             colours, words = [figures.RECORDED, figures.SIMULATED], "recorded against simulated"
         yield (
             f"Receiver {name}",
-            f"{name}: {words}; particle velocity and smoothed amplitude spectrum (figures 7 to 9).",
+            f"{name}: {words}; particle velocity and smoothed amplitude spectrum (as figures 7 to "
+            f"9 of the paper).{_towards(result.summary['receivers'][name])}",
             ("receivers", "signature", "mesh", "joints", "damping"),
             figures.motion_figure(both, colours, top, float(simulated.times[-1])),
         )
+
+
+def _towards(table):
+    """Say where the longitudinal component points."""
+    if table["azimuth"] is None:
+        return ""
+    bearing = math.degrees(table["azimuth"]) % 360.0
+    return f" L is positive towards {bearing:g}° from north, T 90° clockwise of it."
+
+
+def _energy_words(summary):
+    """Say what of the energy is not what it seems."""
+    words = ""
+    if summary["input"] is not None:
+        words = (
+            " On a quiet input face about half of what is put in goes straight into the dashpots "
+            "of that face."
+        )
+    if summary["run"]["static"]:
+        words += " What joints hold at the beginning is in-situ stress, no energy of the blast."
+    return words
 
 
 def _filter_words(table):
@@ -197,8 +219,8 @@ def _filter_words(table):
     taken = ", ".join(f"{100 * v:.2g} %" for v in table["removed_energy"] if v is not None)
     return (
         f"{text}, before and after the low-pass at {table['low_pass']:g} Hz (-6 dB; -3 dB at "
-        f"{table['low_pass_3db']:.3g} Hz, no phase shift), which took {taken} of the energy of the "
-        "components that move."
+        f"{table['low_pass_3db']:.3g} Hz), which took {taken} of the energy of the "
+        "components that move. It shifts no phase, so that motion begins before the first firing."
     )
 
 

@@ -148,7 +148,7 @@ def check_boundaries(boundaries, surfaces):
             raise InputError(
                 f"boundaries.{surface}: a velocity can't be prescribed on a viscous surface: its "
                 "dashpots would act on a motion that is fixed anyway and reflect waves; "
-                "use StressInput, which turns the same velocity into stress"
+                "use StressInput (input.enters_as = \"stress\"), which turns it into stress"
             )
         if isinstance(boundary, FreeField) and surface not in viscous:
             raise InputError(

@@ -248,10 +248,16 @@ class Model:
         return values
 
     def mean_edges(self):
-        """Return the mean edge of each group in m, by volume: small zones do not flatter it."""
-        edge, volume = edge_lengths(self.mesh).mean(axis=1), volumes(self.mesh)
+        """Return the mean edge of each group in m, by volume: small zones do not flatter it.
+
+        Zones in the rim, where waves only die, count where a group has no others.
+        """
+        edge, weight = edge_lengths(self.mesh).mean(axis=1), volumes(self.mesh)
         group = self.mesh.zone_group
-        mean = np.bincount(group, edge * volume) / np.bincount(group, volume)
+        if self.rim is not None:
+            inside = self.rim.alpha(self.mesh.points[self.mesh.zones].mean(axis=1), 1.0) == 0.0
+            weight = weight * (inside | ~np.isin(group, group[inside]))
+        mean = np.bincount(group, edge * weight) / np.bincount(group, weight)
         return dict(zip(self.mesh.groups, mean, strict=True))
 
     @property

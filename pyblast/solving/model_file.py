@@ -37,7 +37,8 @@ def write_arrays(path, groups, attributes):
             os.fsync(file.fileno())
         beside.replace(path)
     except OSError as error:
-        raise ReadError(f"{path}: can't be written ({error.strerror or error})") from None
+        reason = os.strerror(error.errno) if error.errno else error  # that of HDF5 is a paragraph
+        raise ReadError(f"{path}: can't be written ({reason})") from None
     finally:
         beside.unlink(missing_ok=True)
 
