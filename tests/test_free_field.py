@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pyblast import (
+    ConstantQ,
     Fixed,
     FreeField,
     Gradient,
@@ -76,7 +77,7 @@ def slab(boundaries, materials=MATERIALS, receivers=(), mesh=None, **parts):
     )
 
 
-def guided(axis, height=40.0, inputs=None):
+def guided(axis, height=40.0, inputs=None, materials=MATERIALS):
     """Run a column between guides that let one axis move; return the motion of its top."""
     still = [n for k, n in enumerate(("east", "north", "vertical")) if k != axis]
     levels = np.linspace(0.0, height, 17)
@@ -86,7 +87,7 @@ def guided(axis, height=40.0, inputs=None):
     sides = [Fixed(side, still) for side in AROUND]
     model = Model(
         mesh,
-        MATERIALS,
+        materials,
         boundaries=[*sides, *(inputs or from_below([axis]))],
         receivers=[Receiver("top", (1.0, 1.0, height))],
     )
@@ -127,6 +128,19 @@ def test_a_block_with_four_free_field_sides_carries_p_and_both_s_waves():
     columns = {axis: guided(axis) for axis in range(3)}
     assert apart(result.seismograms["mid"], columns) < 0.008  # measured 0.005
     assert apart(result.seismograms["corner"], columns) < 0.012  # measured 0.008
+
+
+def test_p_waves_pass_sides_of_ground_that_fades_as_in_a_column():
+    law = ConstantQ(12.0, 8.0, (1.0, 20.0))
+    fading = {name: replace(rock, law=law) for name, rock in MATERIALS.items()}
+    top = [Receiver("top", (0.0, 1.0, 40.0))]
+    model = slab(free("west", "east"), fading, top)
+
+    result = run(replace(model, boundaries=[*SLAB, *from_below([2]), *free("west", "east")]), 0.5)
+
+    column = guided(2, materials=fading)
+    assert apart(result.seismograms["top"], {2: column}) < 0.012  # 0.006 without fading
+    assert apart(result.seismograms["top"], {2: guided(2)}) > 0.05
 
 
 def test_sides_of_uneven_ground_follow_columns_of_their_own_heights():

@@ -9,7 +9,7 @@ from ..meshing.geology import Layer
 from ..meshing.grid import structured_box
 from ..motion.seismogram import Seismogram
 from .assembly import geometry_arrays
-from .attenuation import ConstantQ
+from .attenuation import relative_modulus
 from .boundaries import Fixed, StressInput, VelocityInput, Viscous
 from .materials import Damping
 from .model import Model, Receiver
@@ -155,16 +155,15 @@ def _histories(motion, points, constants):
 def _across(model, group, history):
     """Return the normal stress across a column whose sides are held, from that along it.
 
-    With quality factors the ratio depends on frequency: theory.md (4.13).
+    Where ground fades the ratio depends on frequency: theory.md (4.13).
     """
-    material, law = model.materials[group], model.law(group)
-    if not isinstance(law, ConstantQ):
-        ratio = material.first_lame / (material.first_lame + 2.0 * material.shear)
-        return replace(history, values=ratio * history.values)
+    branches = model.branches(group)
+    lame, shear = model.law(group).moduli(model.materials[group])
+    if not branches:
+        return replace(history, values=lame / (lame + 2.0 * shear) * history.values)
     n_padded = 2 * len(history.values)
     frequency = np.fft.rfftfreq(n_padded, history.dt)
-    lame, shear = law.moduli(material)
-    along = (lame + 2.0 * shear) * law.relative_modulus(law.qp, frequency)
-    ratio = 1.0 - 2.0 * shear * law.relative_modulus(law.qs, frequency) / along
+    along = (lame + 2.0 * shear) * relative_modulus(branches, frequency, "compression")
+    ratio = 1.0 - 2.0 * shear * relative_modulus(branches, frequency) / along
     spectrum = np.fft.rfft(history.values, n_padded) * ratio.conj()
     return replace(history, values=np.fft.irfft(spectrum, n_padded)[: len(history.values)])

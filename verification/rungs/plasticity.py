@@ -45,7 +45,7 @@ def sampled(material, strains, confining):
     def stress(side, axial, memory):
         strain = np.array([side, side, axial, 0.0, 0.0, 0.0])
         return kernels._core.pyblast_zone_laws.zone_stress(
-            law.number + 1, row, material.first_lame, material.shear, 1e-3, initial, strain, memory,
+            law.number + 1, row, material.first_lame, material.shear, initial, strain, memory,
             lost,
         )[0]  # fmt: skip
 
