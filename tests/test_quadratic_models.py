@@ -154,6 +154,22 @@ def test_ground_at_rest_under_its_weight_stays_at_rest():
     assert not still.energy["kinetic"].any()
 
 
+@pytest.mark.parametrize("pattern", ["kuhn", "centred"])
+def test_the_weight_above_presses_a_level_joint_evenly(pattern):
+    mesh = structured_box((2, 2, 4), (20.0, 20.0, 40.0), planes={"J": ("z", 20.0)},
+                          pattern=pattern)  # fmt: skip
+    model = Model(
+        mesh.split(["J"]), {"rock": ROCK}, joints=[Joint("J", "coulomb", COULOMB)],
+        insitu=InSitu(horizontal_ratio=0.5), quadratic=True, boundaries=[*map(Viscous, SIDES)],
+    )  # fmt: skip
+
+    traction = prepare(model, 0.01).state["contact_traction"]
+
+    pressure = ROCK.density * 9.81 * 20.0
+    assert np.abs(traction[:, 2]) == pytest.approx(pressure, rel=1e-6)
+    assert np.abs(traction[:, :2]).max() < 1e-6 * pressure
+
+
 def test_a_free_body_keeps_its_energy_at_the_longest_step():
     model = Model(structured_box((3, 2, 2), (30.0, 20.0, 20.0)), {"rock": ROCK}, quadratic=True,
                   step_factor=1.0, added_mass=0.0)  # fmt: skip

@@ -73,11 +73,17 @@ def shape_slopes(weights):
 @cache
 def mean_slopes():
     """Return the means (1, 15, 4) over a zone of the slopes of the shape functions."""
-    slopes = np.zeros((len(POWERS), 4))
-    for axis in range(4):
-        lower = np.maximum(POWERS - np.eye(4, dtype=int)[axis], 0)
-        slopes[:, axis] = POWERS[:, axis] * integral(lower)
-    return (_shape_table() @ slopes)[None]
+    return corner_slopes().sum(axis=0)[None]
+
+
+@cache
+def corner_slopes():
+    """Return the means (4, 15, 4) over a zone of each coordinate times the slopes."""
+    slopes, one = np.zeros((4, len(POWERS), 4)), np.eye(4, dtype=int)
+    for corner, axis in np.ndindex(4, 4):
+        lower = np.maximum(POWERS - one[axis], 0) + one[corner]
+        slopes[corner, :, axis] = POWERS[:, axis] * integral(lower)
+    return _shape_table() @ slopes
 
 
 @cache

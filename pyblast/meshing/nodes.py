@@ -4,7 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .elements import AREA_SHARE, VOLUME_SHARE, mean_slopes, shape_slopes, shape_values
+from .elements import (
+    AREA_SHARE,
+    VOLUME_SHARE,
+    corner_slopes,
+    mean_slopes,
+    shape_slopes,
+    shape_values,
+)
 from .enrichment import enrich
 from .mesh import Contacts, Mesh, surface_areas
 from .tetrahedra import triangle_vectors
@@ -73,6 +80,10 @@ class Nodes:
     def mean_slopes(self, zone):
         """Return the mean gradients (n, 4 or 15, 3) in 1/m of the shape functions of zones."""
         return self._gradients(zone, mean_slopes() if self.quadratic else np.eye(4)[None])
+
+    def corner_slopes(self, zone):
+        """Return the means (4, n, 15, 3) in 1/m of each barycentric coordinate times gradients."""
+        return np.stack([self._gradients(zone, table[None]) for table in corner_slopes()])
 
     def _gradients(self, zone, by_coordinate):
         """Turn slopes by barycentric coordinates into gradients."""

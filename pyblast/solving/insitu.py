@@ -6,18 +6,26 @@ from scipy.spatial import cKDTree
 from ..meshing import tetrahedra
 
 BINS = 200
+TENSOR = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 
 
-def overburden_stress(model):
+def overburden_stress(model, places=None):
     """Return the stress (n_zones, 6) in Pa of the weight above; xx yy zz yz zx xy.
+
+    Parameters
+    ----------
+    model : Model
+    places : (n, 3) float64, m, optional
+        Where; the centres of the zones unless given.
 
     Notes
     -----
-    The weight above a zone is that of the mean ground at each level, from the zone up to the
+    The weight above a place is that of the mean ground at each level, from there up to the
     surface "top" above it; what this leaves out of balance, the static stage removes.
     """
     mesh = model.mesh
     centres = mesh.points[mesh.zones].mean(axis=1)
+    places = centres if places is None else places
     volume = tetrahedra.volumes(mesh.points, mesh.zones)
     low, high = mesh.points[:, 2].min(), mesh.points[:, 2].max()
     levels = np.linspace(low, high, BINS + 1)
@@ -26,41 +34,60 @@ def overburden_stress(model):
     filled = space > 0.0
     density = np.interp(np.arange(BINS), np.flatnonzero(filled), (weight[filled] / space[filled]))
     column = np.append(0.0, np.cumsum(density * np.diff(levels)))
-    top = np.full(len(centres), high)
+    top = np.full(len(places), high)
     if "top" in mesh.surfaces:
         surface = mesh.points[np.unique(mesh.surfaces["top"])]
-        top = surface[cKDTree(surface[:, :2]).query(centres[:, :2])[1], 2]
-    above = np.interp(top, levels, column) - np.interp(centres[:, 2], levels, column)
+        top = surface[cKDTree(surface[:, :2]).query(places[:, :2])[1], 2]
+    above = np.interp(top, levels, column) - np.interp(places[:, 2], levels, column)
     vertical = -model.insitu.gravity * np.maximum(above, 0.0)
-    stress = np.zeros((len(centres), 6))
+    stress = np.zeros((len(places), 6))
     stress[:, :2] = model.insitu.horizontal_ratio * vertical[:, None]
     stress[:, 2] = vertical
     return stress
 
 
-def insitu_stress(model):
-    """Return the stress (n_zones, 6) in Pa before anything moves: overburden and uniform part."""
-    return overburden_stress(model) + np.asarray(model.insitu.stress, dtype=float)
+def insitu_stress(model, places=None):
+    """Return the stress (n_zones, 6) in Pa before anything moves: overburden and uniform part.
+
+    At the centres of the zones, or at places (n, 3) in m.
+    """
+    return overburden_stress(model, places) + np.asarray(model.insitu.stress, dtype=float)
 
 
-def corner_forces(nodes, stress):
-    """Return the forces (n_zones, n, 3) in N of stresses on the nodes of their zones; (2.3)."""
-    tensor = stress[:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]
-    gradient = nodes.mean_slopes(np.arange(len(stress)))
-    volume = tetrahedra.volumes(nodes.mesh.points, nodes.mesh.zones)
-    return -volume[:, None, None] * np.einsum("zij,zkj->zki", tensor, gradient)
+def corner_forces(model):
+    """Return the forces (n_zones, n, 3) in N of the stress on the nodes of their zones; (2.3).
+
+    The stress is that at the centre of a zone; in zones of 15 nodes, which can balance it,
+    linear between their corners.
+    """
+    nodes, mesh = model.nodes, model.mesh
+    volume = tetrahedra.volumes(mesh.points, mesh.zones)
+    every = np.arange(len(volume))
+    if model.quadratic:
+        at = insitu_stress(model, mesh.points)[mesh.zones]
+        pairs = zip(np.moveaxis(at, 1, 0), nodes.corner_slopes(every), strict=True)
+    else:
+        pairs = [(insitu_stress(model), nodes.mean_slopes(every))]
+    force = sum(np.einsum("zij,zkj->zki", s[:, TENSOR], slopes) for s, slopes in pairs)
+    return -volume[:, None, None] * force
 
 
-def joint_tractions(nodes, stress):
-    """Return the traction (n_contacts, 3) in Pa of the mean stress around each contact."""
-    contacts = nodes.contacts
+def joint_tractions(model):
+    """Return the traction (n_contacts, 3) in Pa of the stress before the blast at each contact.
+
+    Of the mean stress around it; where zones have 15 nodes, of the stress at its place.
+    """
+    nodes, contacts = model.nodes, model.nodes.contacts
+    if model.quadratic:
+        at = insitu_stress(model, nodes.points[contacts.minus])
+        return np.einsum("cij,cj->ci", at[:, TENSOR], contacts.normal)
+    stress = insitu_stress(model)
     volume = tetrahedra.volumes(nodes.mesh.points, nodes.mesh.zones)
     mean = np.stack([nodes.sums(volume * stress[:, k]) for k in range(6)], axis=1)
     both = mean[contacts.minus] + mean[contacts.plus]
     space = nodes.sums(volume)
     both /= (space[contacts.minus] + space[contacts.plus])[:, None]
-    tensor = both[:, [[0, 5, 4], [5, 1, 3], [4, 3, 2]]]
-    return np.einsum("cij,cj->ci", tensor, contacts.normal)
+    return np.einsum("cij,cj->ci", both[:, TENSOR], contacts.normal)
 
 
 def joint_pressures(model):
@@ -69,7 +96,7 @@ def joint_pressures(model):
     contacts = model.nodes.contacts
     if model.insitu is None or contacts is None:
         return pressures
-    traction = joint_tractions(model.nodes, insitu_stress(model))
+    traction = joint_tractions(model)
     normal = -np.einsum("ci,ci->c", traction, contacts.normal)
     area = np.bincount(contacts.joint, contacts.area, len(contacts.names))
     mean = np.bincount(contacts.joint, contacts.area * normal, len(contacts.names)) / area
@@ -87,15 +114,14 @@ def static_loads(model, geometry):
         Sum of the corner forces of the in-situ stress.
     """
     nodes = model.nodes
-    stress = insitu_stress(model)
-    corner = corner_forces(nodes, stress)
+    corner = corner_forces(model)
     load = np.zeros_like(nodes.points)
     np.add.at(load, nodes.zone_nodes, corner)
     mass = model.zone_values("density") * tetrahedra.volumes(model.mesh.points, model.mesh.zones)
     load[:, 2] -= model.insitu.gravity * nodes.sums(mass)
     traction = geometry["contact_initial"]
     if nodes.contacts is not None:
-        traction = joint_tractions(nodes, stress)
+        traction = joint_tractions(model)
         force = nodes.contacts.area[:, None] * traction
         np.add.at(load, nodes.contacts.minus, force)
         np.add.at(load, nodes.contacts.plus, -force)
