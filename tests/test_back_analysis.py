@@ -22,13 +22,14 @@ RANGES = {
     "joints.F1.cohesion_kpa": (90, 1000),
     "damping.ratio": (0.005, 0.05),
 }
+PAPER = {"method": "paper", "runs": 5}
 STRONG = ("cohesion_kpa = 20", "cohesion_kpa = 100"), ("tension_kpa = 0", "tension_kpa = 1e6")
 
 
 def section(ranges=RANGES, **keys):
     """Return the text of a table ``[back_analysis]``."""
     lines = ["", "[back_analysis]"]
-    lines += [f"{key} = {json.dumps(value)}" for key, value in {"runs": 5, **keys}.items()]
+    lines += [f"{key} = {json.dumps(value)}" for key, value in {**PAPER, **keys}.items()]
     for path, (low, high) in ranges.items():
         lines += ["[[back_analysis.parameters]]", f'path = "{path}"']
         lines += [f"low = {low}", f"high = {high}"]
@@ -87,6 +88,16 @@ def test_a_finished_search_is_resumed_for_more_runs(tmp_path):
     assert len((folder / TRIALS).read_text().splitlines()) == 6
 
 
+def test_least_squares_search_unless_another_method_is_named(tmp_path):
+    path = strong(tmp_path)
+    path.write_text(path.read_text().replace('method = "paper"\n', ""))
+
+    found, _ = back_analyse(path)
+
+    assert found.method == "levenberg"
+    assert found.trace.misfits.min() < found.trace.misfits[0]
+
+
 @pytest.mark.parametrize("name", ["envelope", "phase", "lag", "onset"])
 def test_every_misfit_is_small_where_the_records_were_made(tmp_path, name):
     target = make_target(load_project(strong(tmp_path, misfit=name)))
@@ -133,10 +144,11 @@ def test_ctrl_c_keeps_what_was_run_and_the_same_search_goes_on(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "match"),
     [
+        ('method = "paper"', 'method = "guess"', "method: must be one of paper"),
         (
-            "[back_analysis]\n",
-            "[back_analysis]\nmethod = 'guess'\n",
-            "method: must be one of paper",
+            'method = "paper"',
+            'misfit = "phase"',
+            "'levenberg' needs residuals, which misfit 'phase' has none of; take 'surrogate'",
         ),
         ("[back_analysis]\n", "[back_analysis]\nmisfit = 'eye'\n", "misfit: must be one of paper"),
         ("[back_analysis]\n", "[back_analysis]\nreceivers = ['R2']\n", "'R2' has no record in"),

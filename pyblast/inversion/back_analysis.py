@@ -14,7 +14,7 @@ from ..units import split_key
 from .blasts import blasts_of
 from .forward import Target, band_of, held_step, misfit_of
 from .methods import METHODS
-from .misfits import MISFITS
+from .misfits import MISFITS, SIGNED
 from .parameters import Parameter, check_parameters, with_values
 from .searching import Trace
 from .strength import STRENGTH, Strength, watched_run
@@ -106,6 +106,11 @@ def make_target(project: Project) -> Target:
             raise InputError(
                 f"{where}.{key}: must be one of {', '.join(known)}, got {getattr(table, key)!r}"
             )
+    if table.method == "levenberg" and table.misfit not in SIGNED:
+        raise InputError(
+            f"{where}.method: 'levenberg' needs residuals, which misfit '{table.misfit}' has none "
+            "of; take 'surrogate'"
+        )
     with named_error(where):
         parameters = tuple(Parameter(**part.model_dump()) for part in table.parameters)
     blasts = blasts_of(project)
