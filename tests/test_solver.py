@@ -8,6 +8,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -166,6 +167,17 @@ def test_a_broken_checkpoint_is_refused(tmp_path):
     path.write_bytes(b"no HDF5")
 
     with pytest.raises(ReadError, match=r"checkpoint\.h5: not a whole HDF5 file"):
+        run(tiny_model(), 0.02, resume=path)
+
+
+def test_a_checkpoint_with_another_number_in_it_is_refused(tmp_path):
+    path = tmp_path / "checkpoint.h5"
+    with pytest.raises(KeyboardInterrupt):
+        run(tiny_model(), 0.02, progress=Stop(1), checkpoint=path)
+    with h5py.File(path, "r+") as file:
+        file["state/velocity"][0, 0] += 1e-9
+
+    with pytest.raises(ReadError, match=r"checkpoint\.h5: damaged, its checksum differs"):
         run(tiny_model(), 0.02, resume=path)
 
 

@@ -1,5 +1,6 @@
 """Named arrays in HDF5 files: model files, checkpoints, results; written whole or not at all."""
 
+import hashlib
 import os
 from pathlib import Path
 
@@ -67,7 +68,10 @@ def read_arrays(path):
     except (OSError, KeyError, RuntimeError, ValueError) as error:
         if isinstance(error, ReadError):
             raise
-        raise ReadError(f"{path}: not a whole HDF5 file of pyblast ({error})") from None
+        raise ReadError(
+            f"{path}: not a whole HDF5 file of pyblast, damaged or cut short; make it again "
+            f"({error})"
+        ) from None
 
 
 def _read_group(path, file, name):
@@ -118,7 +122,18 @@ def write_checkpoint(path, input_hash, step, state, records, snapshots):
         "records": records,
         "snapshots": {str(at): velocity for at, velocity in snapshots.items()},
     }
-    write_arrays(path, groups, {"kind": "checkpoint", "input_sha256": input_hash, "step": step})
+    attributes = {"kind": "checkpoint", "input_sha256": input_hash, "step": step}
+    write_arrays(path, groups, attributes | {"content_sha256": _digest(groups)})
+
+
+def _digest(groups):
+    """Return the SHA-256 of the arrays of a checkpoint."""
+    digest = hashlib.sha256()
+    for group in ("state", "records", "snapshots"):
+        for name, array in sorted(groups.get(group, {}).items()):
+            digest.update(name.encode())
+            digest.update(np.ascontiguousarray(array))
+    return digest.hexdigest()
 
 
 def read_checkpoint(path, input_hash, state, records):
@@ -142,6 +157,8 @@ def read_checkpoint(path, input_hash, state, records):
         raise ReadError(f"{path}: not a checkpoint")
     if attributes.get("input_sha256") != input_hash:
         raise InputError(f"{path}: checkpoint of another model or duration; start afresh")
+    if attributes.get("content_sha256") != _digest(groups):
+        raise ReadError(f"{path}: damaged, its checksum differs; start afresh")
     found = []
     for group, wanted in (("state", state), ("records", records)):
         arrays = groups.get(group, {})
