@@ -11,6 +11,7 @@ import pytest
 from pyblast.projects.config import Config
 from pyblast.projects.config_ground import JointConfig
 from pyblast.projects.config_section import Section
+from pyblast.solving.joints import may_be_left_out
 from pyblast.solving.kernels import JOINT_LAWS
 from pyblast.units import split_key
 
@@ -106,3 +107,15 @@ def test_defaults_are_those_of_the_program(name):
 def test_both_examples_are_linked():
     for path in re.findall(r"\((\.\./[^)]+)\)", PAGE):
         assert (Path(__file__).parents[1] / "docs" / path).is_file()
+
+
+def test_the_table_of_laws_names_what_each_needs_and_may_have():
+    part = PAGE.split("## `[joints.NAME]`", 1)[1].split("\n## ", 1)[0]
+    rows = re.findall(r"^\| (\w+(?:, \w+)*) \| (kn, ks.*?) \| (.*?) ?\|$", part, re.MULTILINE)
+    named = {law: (needs, may) for laws, needs, may in rows for law in laws.split(", ")}
+
+    assert set(named) == set(JOINT_LAWS)
+    for law, (needs, _) in named.items():
+        optional = may_be_left_out(law)
+        wanted = {name for name in JOINT_LAWS[law].properties if name not in optional}
+        assert set(needs.split(", ")) == wanted, law

@@ -29,6 +29,8 @@ def place_sources(inside, config, blast, mesh, lead) -> tuple:
     """
     sources = []
     if inside.moment_rate is not None:
+        if not blast.charge.any():
+            raise InputError("blast: no hole has a charge; give one a charge_kg above 0")
         refuse_outside(mesh, hole_places(blast))
         place = _place_columns if config.holes_inside.detonation_m_per_s else _place_holes
         sources += place(inside, config, blast, mesh, lead)
@@ -49,19 +51,21 @@ def _later(history, lead):
 
 
 def _place_holes(inside, config, blast, mesh, lead):
-    """Return the holes of a blast as points."""
+    """Return the holes of a blast as points, without those that misfire (charge 0)."""
     spread, exponent = config.holes_inside.spread_m, config.blast.charge_exponent
     if spread is None:
         zone, _ = locate(mesh, blast.centres)
         spread = float(edge_lengths(mesh)[zone].mean())
     charges = zip(hole_places(blast).items(), blast.charge, inside.firing.times + lead, strict=True)
     for (name, place), charge, time in charges:
+        if charge == 0.0:
+            continue
         with named_error(name):
             yield Hole(place, charge, time, inside.moment_rate, exponent, spread)
 
 
 def _place_columns(inside, config, blast, mesh, lead):
-    """Return the holes of a blast as columns that detonate from one end."""
+    """Return the holes that have a charge as columns that detonate from one end."""
     part, exponent = config.holes_inside, config.blast.charge_exponent
     names, ends = list(hole_places(blast)), blast.columns
     for end in (0, 1):
@@ -70,6 +74,8 @@ def _place_columns(inside, config, blast, mesh, lead):
     for name, way, charge, time in zip(
         names, ends, blast.charge, inside.firing.times + lead, strict=True
     ):
+        if charge == 0.0:
+            continue
         with named_error(name):
             yield Column(
                 way[primed], way[other], charge, time, inside.moment_rate, exponent,
@@ -100,11 +106,13 @@ def _place_tensors(inside, config, mesh, lead):
 def _place_air(inside, part, blast, mesh, lead):
     """Return the air blast of every hole, from its collar."""
     _check_surface("air_blast", part.surface, mesh)
-    pulse, scales = inside.air_pulse, np.ones(len(blast.collar))
+    pulse, scales = inside.air_pulse, blast.firing().scales
     if part.reference_charge_kg is not None:
         with named_error("air_blast"):
             scales = blast.firing(part.reference_charge_kg, part.charge_exponent).scales
     for collar, time, scale in zip(blast.collar, inside.firing.times + lead, scales, strict=True):
+        if scale == 0.0:
+            continue
         history = TimeFunction(scale * pulse.values, pulse.dt, pulse.start)
         yield AirBlast(
             part.surface, collar, history, part.reference_m, part.speed_m_per_s, part.exponent, time

@@ -152,7 +152,7 @@ def source_summary(project):
     """Return place, charge and time of holes, place of other sources, the air blast, the rim."""
     holes = [source for source in project.sources if isinstance(source, (Hole, Column))]
     config, rim, air = project.config.holes_inside, project.rim, project.config.air_blast
-    centres = [] if not holes else project.blast.centres
+    centres = [] if not holes else project.blast.centres[project.blast.charge != 0.0]
     return {
         "holes": [
             {"position": place, "charge": s.charge, "time": s.time - project.lead}
