@@ -2,7 +2,7 @@ module pyblast_model_checks
     !! What the arrays of a model file must keep to, so that no kernel reads outside of them.
     implicit none
     private
-    public :: check_domains, want, within
+    public :: check_domains, check_edges, want, within
 
 contains
 
@@ -49,5 +49,31 @@ contains
             any(node_start(2:) < node_start(:size(node_start) - 1))) &
             message = "'arrays/domain_zone_start' or 'node_start' does not cover everything"
     end subroutine check_domains
+
+    subroutine check_edges(slot_start, edge_start, edge_slot, skew_start, skew_slot, message)
+        !! The ends of an edge must lie within its domain, and edges ascend with slots.
+        integer, intent(in) :: slot_start(:), edge_start(:), edge_slot(:)
+        integer, intent(in) :: skew_start(:), skew_slot(:, :)
+        character(len=:), allocatable, intent(inout) :: message
+        integer :: d, e, s, slots
+
+        if (allocated(message)) return
+        call within("edge_start", edge_start, 1, size(edge_slot) + 1, message)
+        call within("skew_start", skew_start, 1, size(skew_slot, 2) + 1, message)
+        if (allocated(message)) return
+        do d = 1, size(slot_start) - 1
+            slots = slot_start(d + 1) - slot_start(d)
+            do s = slot_start(d), slot_start(d + 1) - 1
+                do e = edge_start(s), edge_start(s + 1) - 1
+                    if (edge_slot(e) < 1 .or. edge_slot(e) > slots) &
+                        message = "'arrays/edge_slot' points outside its domain"
+                end do
+            end do
+            do e = skew_start(d), skew_start(d + 1) - 1
+                if (minval(skew_slot(:, e)) < 1 .or. maxval(skew_slot(:, e)) > slots) &
+                    message = "'arrays/skew_slot' points outside its domain"
+            end do
+        end do
+    end subroutine check_edges
 
 end module pyblast_model_checks

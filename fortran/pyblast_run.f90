@@ -6,7 +6,7 @@ program pyblast_run
     use pyblast_kinds, only : dp, n_energies, n_joint_laws, n_joint_properties, n_joint_state, n_sums, &
         n_zone_laws, n_zone_properties, n_zone_state
     use pyblast_model_file
-    use pyblast_model_checks, only : check_domains, want, within
+    use pyblast_model_checks, only : check_domains, check_edges, want, within
     use pyblast_solver, only : advance
     implicit none
 
@@ -17,6 +17,7 @@ program pyblast_run
         end function c_rename
     end interface
 
+    real(dp), allocatable :: edge_spring(:, :), skew_spring(:, :)
     real(dp), allocatable :: slot_place(:, :), zone_lambda(:), zone_shear(:), set_beta(:)
     real(dp), allocatable :: set_branch(:, :, :), memory_rate(:), memory(:, :, :), node_mass(:), node_alpha(:), node_load(:, :)
     real(dp), allocatable :: contact_normal(:, :), contact_area(:), contact_initial(:, :)
@@ -32,7 +33,8 @@ program pyblast_run
     integer, allocatable :: zone_slot(:, :), node_start(:), node_part(:), contact_node(:, :)
     integer, allocatable :: contact_joint(:), joint_law(:), load_node(:), load_history(:)
     integer, allocatable :: dashpot_node(:), fixed_node(:), fixed_history(:), receiver_node(:, :)
-    integer, allocatable :: load_lane(:)
+    integer, allocatable :: load_lane(:), set_form(:), edge_start(:), edge_slot(:), skew_start(:)
+    integer, allocatable :: skew_slot(:, :)
     real(dp) :: dt, local_damping
     integer :: n_steps, ledger_every, schema
     character(len=:), allocatable :: model, result, message
@@ -85,6 +87,13 @@ contains
         call read_array(file, "arrays/zone_shear", zone_shear, message)
         call read_array(file, "arrays/zone_row", zone_row, message)
         call read_array(file, "arrays/zone_patch", zone_patch, message)
+        call read_array(file, "arrays/set_form", set_form, message)
+        call read_array(file, "arrays/edge_start", edge_start, message)
+        call read_array(file, "arrays/edge_slot", edge_slot, message)
+        call read_array(file, "arrays/edge_spring", edge_spring, message)
+        call read_array(file, "arrays/skew_start", skew_start, message)
+        call read_array(file, "arrays/skew_slot", skew_slot, message)
+        call read_array(file, "arrays/skew_spring", skew_spring, message)
         call read_array(file, "arrays/set_law", set_law, message)
         call read_array(file, "arrays/set_property", set_property, message)
         call read_array(file, "arrays/set_beta", set_beta, message)
@@ -146,6 +155,10 @@ contains
                                 size(row_state), size(row_initial)], &
                   [[n_zone_properties, 1, 2*size(memory_rate)]*size(set_law), &
                    [n_zone_state, 6]*size(row_lost)], message)
+        call want("edges", [size(edge_start), size(edge_spring), size(skew_start), &
+                            size(skew_spring), size(set_form)], &
+                  [slots + 1, 6*size(edge_slot), size(domain_zone_start), &
+                   3*size(skew_slot, 2), size(set_law)], message)
         call want("slots", [size(slot_place), size(domain_set)], &
                   [3*slots, size(domain_zone_start) - 1], message)
         call want("nodes", [size(node_alpha), size(node_load), size(node_start), &
@@ -190,6 +203,7 @@ contains
         if (allocated(message)) return
         call check_domains(domain_zone_start, domain_slot_start, zone_slot, zone_patch, node_start, &
                            message)
+        call check_edges(domain_slot_start, edge_start, edge_slot, skew_start, skew_slot, message)
     end subroutine check_model
 
     subroutine march()
@@ -204,15 +218,15 @@ contains
             lines = (done + ledger_every - 1)/ledger_every
             next = (done + chunk + ledger_every - 1)/ledger_every
             call advance(size(node_mass), size(zone_slot, 2), size(zone_lambda), size(domain_zone_start) - 1, &
-                         size(slot_node), size(set_law), size(row_lost), size(memory_rate), &
-                         size(node_part), &
-                         size(contact_area), &
+                         size(slot_node), size(edge_slot), size(skew_slot, 2), size(set_law), &
+                         size(row_lost), size(memory_rate), size(node_part), size(contact_area), &
                          size(joint_law), size(load_node), size(history, 1), &
                          size(dashpot_node), size(fixed_node), size(receiver_node, 2), &
                          n_steps, chunk, next - lines, done, ledger_every, dt, local_damping, &
                          domain_zone_start, domain_slot_start, domain_set, slot_node, &
                          slot_place, zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
-                         set_law, set_property, set_beta, set_branch, row_initial, memory_rate, &
+                         set_form, edge_start, edge_slot, edge_spring, skew_start, skew_slot, &
+                         skew_spring, set_law, set_property, set_beta, set_branch, row_initial, memory_rate, &
                          node_start, node_part, node_mass, node_alpha, node_load, &
                          contact_node, contact_normal, contact_area, contact_joint, &
                          contact_initial, joint_law, joint_property, &

@@ -16,12 +16,14 @@ module pyblast_solver
 
 contains
 
-    subroutine advance(n_nodes, n_corners, n_zones, n_domains, n_slots, n_sets, n_rows, n_memories, n_parts, &
-                       n_contacts, n_joints, n_loads, n_histories, n_dashpots, n_fixed, n_receivers, n_total, &
-                       n_steps, n_ledger, first_step, ledger_every, dt, local_damping, &
+    subroutine advance(n_nodes, n_corners, n_zones, n_domains, n_slots, n_edges, n_skews, &
+                       n_sets, n_rows, n_memories, n_parts, n_contacts, n_joints, n_loads, &
+                       n_histories, n_dashpots, n_fixed, n_receivers, n_total, n_steps, n_ledger, &
+                       first_step, ledger_every, dt, local_damping, &
                        domain_zone_start, domain_slot_start, domain_set, slot_node, slot_place, &
-                       zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, set_law, &
-                       set_property, set_beta, set_branch, row_initial, memory_rate, &
+                       zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, set_form, &
+                       edge_start, edge_slot, edge_spring, skew_start, skew_slot, skew_spring, &
+                       set_law, set_property, set_beta, set_branch, row_initial, memory_rate, &
                        node_start, node_part, node_mass, node_alpha, node_load, &
                        contact_node, contact_normal, contact_area, contact_joint, &
                        contact_initial, joint_law, joint_property, &
@@ -35,7 +37,7 @@ contains
         !! March n_steps from first_step; stop early when the motion is no longer finite.
         !! Arguments without a note are those of the kernels that use them.
         integer, intent(in) :: n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_parts
-        integer, intent(in) :: n_memories, n_corners
+        integer, intent(in) :: n_memories, n_corners, n_edges, n_skews
         integer, intent(in) :: n_contacts, n_joints, n_loads, n_histories, n_dashpots, n_fixed
         integer, intent(in) :: n_receivers
         integer, intent(in) :: n_total                       !! steps that the histories cover
@@ -48,6 +50,9 @@ contains
         integer, intent(in) :: domain_set(n_domains), slot_node(n_slots), zone_slot(n_zones, n_corners)
         real(dp), intent(in) :: slot_place(3, n_slots), zone_lambda(n_zones), zone_shear(n_zones)
         integer, intent(in) :: zone_row(n_zones), zone_patch(n_zones), set_law(n_sets)
+        integer, intent(in) :: set_form(n_sets), edge_start(n_slots + 1), edge_slot(n_edges)
+        integer, intent(in) :: skew_start(n_domains + 1), skew_slot(2, n_skews)
+        real(dp), intent(in) :: edge_spring(6, n_edges), skew_spring(3, n_skews)
         real(dp), intent(in) :: set_property(n_zone_properties, lanes, n_sets)
         real(dp), intent(in) :: set_beta(lanes, n_sets), set_branch(lanes, 2, n_memories, n_sets)
         real(dp), intent(in) :: row_initial(6, lanes, n_rows), memory_rate(n_memories)
@@ -107,10 +112,13 @@ contains
         do i = 1, n_steps
             step = first_step + i
             tell = modulo(step - 1, ledger_every) == 0
-            call zone_forces(n_nodes, n_corners, n_zones, n_domains, n_slots, n_sets, n_rows, n_memories, &
-                             tell, domain_zone_start, domain_slot_start, domain_set, slot_node, &
-                             slot_place, zone_slot, zone_lambda, zone_shear, zone_row, &
-                             zone_patch, set_law, set_property, set_beta, set_branch, &
+            call zone_forces(n_nodes, n_corners, n_zones, n_domains, n_slots, n_edges, n_skews, &
+                             n_sets, n_rows, n_memories, tell, domain_zone_start, &
+                             domain_slot_start, domain_set, slot_node, slot_place, &
+                             zone_slot, zone_lambda, zone_shear, zone_row, &
+                             zone_patch, set_form, edge_start, edge_slot, edge_spring, &
+                             skew_start, skew_slot, skew_spring, set_law, set_property, &
+                             set_beta, set_branch, &
                              row_initial, displacement, velocity, memory, row_state, row_lost, &
                              part_force, domain_strain, domain_lost, domain_insitu)
             if (damped) call slot_power(n_nodes, n_domains, n_slots, domain_slot_start, slot_node, &

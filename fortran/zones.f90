@@ -8,6 +8,7 @@ module pyblast_zones
     use pyblast_lanes, only : lanes
     use pyblast_linear_zones, only : linear_energy, linear_forces
     use pyblast_lane_zones, only : lane_forces
+    use pyblast_edges, only : edge_forces
     use pyblast_quadratic_zones, only : quadratic_energy, quadratic_forces
     use pyblast_lawful_zones, only : lawful_forces
     use pyblast_zone_laws, only : isotropic_law
@@ -17,10 +18,11 @@ module pyblast_zones
 
 contains
 
-    subroutine zone_forces(n_nodes, n_corners, n_zones, n_domains, n_slots, n_sets, n_rows, n_memories, &
-                           tell, domain_zone_start, domain_slot_start, domain_set, slot_node, &
+    subroutine zone_forces(n_nodes, n_corners, n_zones, n_domains, n_slots, n_edges, n_skews, n_sets, &
+                           n_rows, n_memories, tell, domain_zone_start, domain_slot_start, domain_set, slot_node, &
                            slot_place, zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
-                           set_law, set_property, set_beta, set_branch, row_initial, &
+                           set_form, edge_start, edge_slot, edge_spring, skew_start, skew_slot, &
+                           skew_spring, set_law, set_property, set_beta, set_branch, row_initial, &
                            displacement, velocity, memory, row_state, row_lost, slot_force, &
                            domain_strain, domain_lost, domain_insitu)
         !! Forces of all zones into the slots, with the energies of each domain.
@@ -38,6 +40,14 @@ contains
         real(dp), intent(in) :: zone_shear(n_zones)              !! shear modulus [Pa]
         integer, intent(in) :: zone_row(n_zones)                 !! its memory; 0 has none
         integer, intent(in) :: zone_patch(n_zones)               !! shares its mean strain; or 0
+        integer, intent(in) :: n_edges, n_skews
+        integer, intent(in) :: set_form(n_sets)      !! 0 zones, 1 edges in batches, 2 edges
+        integer, intent(in) :: edge_start(n_slots + 1)           !! from 1
+        integer, intent(in) :: edge_slot(n_edges)                !! within the domain, from 1
+        real(dp), intent(in) :: edge_spring(6, n_edges)          !! [N/m]
+        integer, intent(in) :: skew_start(n_domains + 1)         !! from 1
+        integer, intent(in) :: skew_slot(2, n_skews)             !! within the domain, from 1
+        real(dp), intent(in) :: skew_spring(3, n_skews)          !! [N/m]
         integer, intent(in) :: set_law(n_sets)                   !! from 1
         real(dp), intent(in) :: set_property(n_zone_properties, lanes, n_sets)
         real(dp), intent(in) :: set_beta(lanes, n_sets)          !! stiffness damping [s]
@@ -63,9 +73,12 @@ contains
             s1 = domain_slot_start(d)
             s2 = domain_slot_start(d + 1) - 1
             set = domain_set(d)
-            call domain_forces(n_nodes, n_corners, n_zones, s2 - s1 + 1, n_rows, n_memories, z1, z2, tell, &
-                               slot_node(s1:s2), slot_place(:, s1:s2), zone_slot, zone_lambda, &
-                               zone_shear, zone_row, zone_patch, set_law(set), &
+            call domain_forces(n_nodes, n_corners, n_zones, s2 - s1 + 1, n_edges, n_skews, n_rows, &
+                               n_memories, z1, z2, tell, slot_node(s1:s2), slot_place(:, s1:s2), &
+                               zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
+                               set_form(set) >= merge(1, 2, lanes > 1), edge_start(s1:s2 + 1), &
+                               edge_slot, edge_spring, skew_start(d:d + 1), skew_slot, &
+                               skew_spring, set_law(set), &
                                set_property(:, :, set), set_beta(:, set), &
                                set_branch(:, :, :, set), row_initial, displacement, velocity, &
                                memory, row_state, row_lost, slot_force(:, :, s1:s2), &
@@ -74,18 +87,22 @@ contains
         !$omp end parallel do
     end subroutine zone_forces
 
-    pure subroutine domain_forces(n_nodes, n_corners, n_zones, n_slots, n_rows, n_memories, first, last, &
-                                  tell, slot_node, place, zone_slot, zone_lambda, zone_shear, &
-                                  zone_row, zone_patch, law, property, beta, branch, row_initial, &
+    pure subroutine domain_forces(n_nodes, n_corners, n_zones, n_slots, n_edges, n_skews, n_rows, &
+                                  n_memories, first, last, tell, slot_node, place, zone_slot, &
+                                  zone_lambda, zone_shear, zone_row, zone_patch, edged, &
+                                  edge_start, edge_slot, edge_spring, skew_start, skew_slot, &
+                                  skew_spring, law, property, beta, branch, row_initial, &
                                   displacement, velocity, memory, row_state, row_lost, force, &
                                   strain_energy, lost, insitu)
         !! Forces of zones first to last, one domain; arguments as in zone_forces.
-        integer, intent(in) :: n_nodes, n_corners, n_zones, n_slots, n_rows, n_memories
-        integer, intent(in) :: first, last, law
-        logical, intent(in) :: tell
+        integer, intent(in) :: n_nodes, n_corners, n_zones, n_slots, n_edges, n_skews, n_rows
+        integer, intent(in) :: n_memories, first, last, law
+        logical, intent(in) :: tell, edged
         integer, intent(in) :: slot_node(n_slots), zone_slot(n_zones, n_corners)
         real(dp), intent(in) :: place(3, n_slots), zone_lambda(n_zones), zone_shear(n_zones)
-        integer, intent(in) :: zone_row(n_zones), zone_patch(n_zones)
+        integer, intent(in) :: zone_row(n_zones), zone_patch(n_zones), edge_start(n_slots + 1)
+        integer, intent(in) :: edge_slot(n_edges), skew_start(2), skew_slot(2, n_skews)
+        real(dp), intent(in) :: edge_spring(6, n_edges), skew_spring(3, n_skews)
         real(dp), intent(in) :: property(n_zone_properties, lanes), beta(lanes)
         real(dp), intent(in) :: branch(lanes, 2, n_memories), row_initial(6, lanes, n_rows)
         real(dp), intent(in) :: displacement(lanes, 3, n_nodes), velocity(lanes, 3, n_nodes)
@@ -104,7 +121,7 @@ contains
         if (damped) call lags(n_nodes, n_slots, n_memories, slot_node, beta, branch, u, velocity, &
                               memory, lag)
         force = 0.0_dp
-        if (law /= isotropic_law) then
+        if (law /= isotropic_law .and. (tell .or. .not. edged)) then
             do l = 1, lanes
                 pull = 0.0_dp
                 call lawful_forces(last - first + 1, n_slots, n_rows, l, law, property(:, l), &
@@ -113,17 +130,25 @@ contains
                                    zone_patch(first:last), row_initial, place, u(l, :, :), &
                                    damped, lag(l, :, :, 1), row_state, row_lost, pull, &
                                    strain_energy(l), lost(l), insitu(l))
-                force(l, :, :) = pull
+                if (.not. edged) force(l, :, :) = pull
             end do
-            return
         end if
-        if (damped) then
-            lag(:, :, :, 1) = lag(:, :, :, 1) + u
+        if (damped) lag(:, :, :, 1) = lag(:, :, :, 1) + u
+        if (edged .and. damped) then
+            call edge_forces(n_slots, n_edges, n_skews, edge_start, edge_slot, edge_spring, &
+                             skew_start(1), skew_start(2) - 1, skew_slot, skew_spring, &
+                             lag(:, :, :, 1), force)
+        else if (edged) then
+            call edge_forces(n_slots, n_edges, n_skews, edge_start, edge_slot, edge_spring, &
+                             skew_start(1), skew_start(2) - 1, skew_slot, skew_spring, u, force)
+        end if
+        if (law /= isotropic_law) return
+        if (.not. edged .and. damped) then
             lag(:, :, :, 2) = lag(:, :, :, 2) + u
             call push_zones(n_corners, n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
                             place, lag(:, :, :, 1), lag(:, :, :, 2), &
                             .not. any(abs(branch(:, 1, :) - branch(:, 2, :)) > 0.0_dp), force)
-        else
+        else if (.not. edged) then
             call push_zones(n_corners, n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
                             place, u, u, .true., force)
         end if

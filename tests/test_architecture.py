@@ -37,6 +37,7 @@ ORDER = [
     "zone_laws",
     "linear_zones",
     "lane_zones",
+    "edges",
     "lawful_zones",
     "quadratic_strains",
     "quadratic_zones",

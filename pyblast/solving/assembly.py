@@ -6,6 +6,7 @@ from ..meshing import tetrahedra
 from ..meshing.mesh import locate
 from .conditions import dynamic_conditions, static_conditions, surface_impedance
 from .domains import domain_arrays
+from .edges import edge_arrays
 from .insitu import insitu_stress, static_loads
 from .joints import carried_over
 from .kernels import (
@@ -59,7 +60,7 @@ def geometry_arrays(model, step=None):
         "node_alpha": drag / node_mass,
         **contacts,
     }
-    return arrays, limit
+    return {**arrays, **edge_arrays(nodes, arrays)}, limit
 
 
 def _damped_share(model):
@@ -198,7 +199,7 @@ def static_arrays(model, geometry):
         "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),
         "receiver_weight": np.zeros((0, model.nodes.zone_nodes.shape[1])),
     }
-    return arrays, scale
+    return {**arrays, **edge_arrays(model.nodes, {**geometry, **arrays})}, scale
 
 
 def still_loads(n_steps):

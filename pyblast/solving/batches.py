@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import InputError, SolverError
 from . import assembly, kernels
+from .edges import EDGE_ARRAYS, without_edges
 from .preparation import LEDGER_EVERY, Chunks, prepare
 from .solver import Run, collect, failure, run
 
@@ -90,7 +91,7 @@ def _side_by_side(models, duration, step):
 def stacked(constants, states):
     """Put the arrays of models side by side, lane by lane; lanes that are left over stand still."""
     rates = sorted({rate for one in constants for rate in one["memory_rate"]})
-    constants = [_at_rates(one, rates) for one in constants]
+    constants = _alike_in_edges([_at_rates(one, rates) for one in constants])
     loads, histories = _merged_loads(constants)
     shifted = [
         {**one, "fixed_history": np.where(one["fixed_history"] < 0, -1, one["fixed_history"] + k)}
@@ -108,6 +109,14 @@ def stacked(constants, states):
         else:
             together[name] = _common(name, [one[name] for one in constants])
     return together, {name: _lanes(name, [one[name] for one in states], fill) for name in states[0]}
+
+
+def _alike_in_edges(constants):
+    """Return the constants of models, by zones alone where their edges are not the same."""
+    same = all(
+        np.array_equal(constants[0][name], one[name]) for one in constants for name in EDGE_ARRAYS
+    )
+    return constants if same else [without_edges(one) for one in constants]
 
 
 def _at_rates(constants, rates):

@@ -1,0 +1,136 @@
+"""Edges: what linear zones of one set make together, as springs along the edges of the mesh."""
+
+import numpy as np
+
+from ..meshing.tetrahedra import EDGES, shape_gradients, volumes
+from .kernels import ZONE_LAWS
+
+ALONE, SIDE_BY_SIDE = 2, 1  # where the edges of a set are used: in all marches, in batches only
+MOST_SKEW = 0.7  # share of skew edges beyond which zones are as fast in a single run
+ROUNDING = 1e-13
+UPPER = np.triu_indices(6)
+# Place of a stress or strain xy among xx yy zz yz zx xy.
+PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+EDGE_ARRAYS = (
+    "set_form", "edge_start", "edge_slot", "edge_spring", "skew_start", "skew_slot", "skew_spring",
+)  # fmt: skip
+
+
+def edge_arrays(nodes, arrays):
+    """Turn the zones of linear sets into springs along edges; theory.md (2.39), (2.40).
+
+    Parameters
+    ----------
+    nodes : Nodes
+    arrays : dict
+        Kernel arrays of domains, zones and laws.
+
+    Returns
+    -------
+    dict
+        Kernel arrays; where a set is not linear, or its shear and its compression relax
+        differently, it has no edges and its ``set_form`` is 0.
+    """
+    form = np.zeros(len(arrays["set_law"]), dtype=np.int32)
+    domain = np.repeat(np.arange(len(arrays["domain_set"])), np.diff(arrays["domain_zone_start"]))
+    own, found = arrays["domain_set"][domain], []
+    for number in dict.fromkeys(arrays["domain_set"]):
+        if nodes.quadratic or not _linear(arrays, number):
+            continue
+        zones = np.flatnonzero(own == number)
+        ends, springs = _springs(nodes, arrays, number, zones, domain[zones])
+        skew = np.abs(springs[:, 6:]).max(axis=1) > ROUNDING * np.abs(springs).max(axis=1)
+        form[number] = ALONE if skew.mean() <= MOST_SKEW else SIDE_BY_SIDE
+        found.append((ends, springs, skew))
+    return {"set_form": form, **_tables(arrays, found)}
+
+
+def without_edges(arrays):
+    """Return kernel arrays whose zones are all computed by themselves."""
+    form = np.zeros(len(arrays["set_law"]), dtype=np.int32)
+    return {**arrays, "set_form": form, **_tables(arrays, [])}
+
+
+def _linear(arrays, number):
+    """Tell whether the stress of a set is linear in one field of motion."""
+    law = list(ZONE_LAWS.values())[arrays["set_law"][number]]
+    branch = arrays["set_branch"][number]
+    return law.name in ("elastic", "anisotropic") and np.array_equal(branch[:, 0], branch[:, 1])
+
+
+def _springs(nodes, arrays, number, zones, domain):
+    """Return ends (n, 2), slots of the first domain that has them, and springs (n, 9) in N/m.
+
+    Springs: symmetric xx yy zz yz zx xy, then the vector of the skew part.
+    """
+    start = arrays["domain_slot_start"][domain]
+    slot = arrays["zone_slot"].T[zones] + start[:, None]
+    ends = np.sort(slot[:, EDGES].astype(np.int64), axis=2)
+    turned = slot[:, EDGES[:, 0]] > slot[:, EDGES[:, 1]]
+    pair = arrays["slot_node"][ends]
+    keys = pair[..., 0].astype(np.int64) * len(nodes.points) + pair[..., 1]
+    _, first, edge = np.unique(keys, return_index=True, return_inverse=True)
+    edge = edge.reshape(keys.shape)
+    springs = np.zeros((len(first), 9))
+    of_zones = _stiffness(nodes, arrays, number, zones)
+    for e, (a, b) in enumerate(EDGES):
+        parts = _parts(of_zones(a, b), turned[:, e])
+        for k in range(9):
+            springs[:, k] += np.bincount(edge[:, e], parts[:, k], minlength=len(first))
+    ends = ends.reshape(-1, 2)[first]
+    order = np.lexsort(ends.T[::-1])
+    return ends[order], springs[order]
+
+
+def _stiffness(nodes, arrays, number, zones):
+    """Return a function of two corners that gives the blocks (n, 3, 3) of zones in N/m."""
+    corners = nodes.zone_nodes[zones]
+    volume = volumes(nodes.points, corners)
+    inner = shape_gradients(nodes.points, corners)
+    gradient = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
+    lame, shear = (volume * arrays[name][zones] for name in ("zone_lambda", "zone_shear"))
+    anisotropic = arrays["set_law"][number] == ZONE_LAWS["anisotropic"].number
+    if anisotropic:
+        six = np.zeros((6, 6))
+        six[UPPER] = arrays["set_property"][number][:21]
+        six = six + np.triu(six, 1).T
+        elasticity = six[PLACE[:, :, None, None], PLACE]
+
+    def block(a, b):
+        one, other = gradient[:, a], gradient[:, b]
+        if anisotropic:
+            return np.einsum("z,ijkl,zj,zl->zik", shear, elasticity, one, other, optimize=True)
+        cross = one[:, :, None] * other[:, None, :]
+        both = lame[:, None, None] * cross + shear[:, None, None] * cross.transpose(0, 2, 1)
+        both[:, range(3), range(3)] += (shear * np.einsum("zi,zi->z", one, other))[:, None]
+        return both
+
+    return block
+
+
+def _parts(blocks, turned):
+    """Return minus the blocks as nine values: symmetric part and vector of the skew part."""
+    x, y, z = range(3)
+    mean = -0.5 * (blocks + blocks.transpose(0, 2, 1))
+    skew = -0.5 * (blocks - blocks.transpose(0, 2, 1))
+    skew[turned] *= -1.0
+    even = [mean[:, i, j] for i, j in ((x, x), (y, y), (z, z), (y, z), (z, x), (x, y))]
+    return np.stack([*even, skew[:, z, y], skew[:, x, z], skew[:, y, x]], axis=1)
+
+
+def _tables(arrays, found):
+    """Return edges in the order of their slots, and those with a skew part by domain."""
+    none = (np.zeros((0, 2), dtype=np.int64), np.zeros((0, 9)), np.zeros(0, dtype=bool))
+    ends, springs, skew = (np.concatenate(part) for part in zip(none, *found, strict=True))
+    start = arrays["domain_slot_start"]
+    domain = np.searchsorted(start, ends[:, 0], side="right") - 1
+    within = (ends - start[domain][:, None]).astype(np.int32)
+    count = np.arange(len(arrays["slot_node"]) + 1)
+    return {
+        "edge_start": np.searchsorted(ends[:, 0], count).astype(np.int32),
+        "edge_slot": np.ascontiguousarray(within[:, 1]),
+        "edge_spring": np.ascontiguousarray(springs[:, :6]),
+        "skew_start": np.searchsorted(domain[skew], np.arange(len(start))).astype(np.int32),
+        "skew_slot": within[skew],
+        "skew_spring": np.ascontiguousarray(springs[skew, 6:]),
+    }
