@@ -112,14 +112,15 @@ contains
         real(dp), intent(inout) :: strain_energy(lanes), lost(lanes), insitu(lanes)
         real(dp) :: u(lanes, 3, n_slots), lag(lanes, 3, n_slots, 2), pull(3, n_slots)
         integer :: s, l
-        logical :: damped
+        logical :: damped, alike
 
         do s = 1, n_slots
             u(:, :, s) = displacement(:, :, slot_node(s))
         end do
         damped = any(beta > 0.0_dp) .or. any(branch > 0.0_dp)
-        if (damped) call lags(n_nodes, n_slots, n_memories, slot_node, beta, branch, u, velocity, &
-                              memory, lag)
+        alike = .not. any(abs(branch(:, 1, :) - branch(:, 2, :)) > 0.0_dp)
+        if (damped) call lags(n_nodes, n_slots, n_memories, slot_node, beta, branch, alike, u, &
+                              velocity, memory, lag)
         force = 0.0_dp
         if (law /= isotropic_law .and. (tell .or. .not. edged)) then
             do l = 1, lanes
@@ -144,10 +145,9 @@ contains
         end if
         if (law /= isotropic_law) return
         if (.not. edged .and. damped) then
-            lag(:, :, :, 2) = lag(:, :, :, 2) + u
+            if (.not. alike) lag(:, :, :, 2) = lag(:, :, :, 2) + u
             call push_zones(n_corners, n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
-                            place, lag(:, :, :, 1), lag(:, :, :, 2), &
-                            .not. any(abs(branch(:, 1, :) - branch(:, 2, :)) > 0.0_dp), force)
+                            place, lag(:, :, :, 1), lag(:, :, :, 2), alike, force)
         else if (.not. edged) then
             call push_zones(n_corners, n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
                             place, u, u, .true., force)
@@ -229,30 +229,30 @@ contains
         end if
     end function springs
 
-    pure subroutine lags(n_nodes, n_slots, n_memories, slot_node, beta, branch, u, velocity, &
-                         memory, lag)
+    pure subroutine lags(n_nodes, n_slots, n_memories, slot_node, beta, branch, alike, u, &
+                         velocity, memory, lag)
         !! What damping and memory add to the motion that shear and compression see; (2.14).
         integer, intent(in) :: n_nodes, n_slots, n_memories, slot_node(n_slots)
         real(dp), intent(in) :: beta(lanes), branch(lanes, 2, n_memories), u(lanes, 3, n_slots)
+        logical, intent(in) :: alike               !! whether the first of both fields is enough
         real(dp), intent(in) :: velocity(lanes, 3, n_nodes), memory(lanes, 3, n_memories, n_nodes)
-        real(dp), intent(out) :: lag(lanes, 3, n_slots, 2)
-        real(dp) :: behind(lanes)
-        integer :: s, k, i
+        real(dp), intent(inout) :: lag(lanes, 3, n_slots, 2)
+        real(dp) :: own(lanes, 3)
+        integer :: s, k, i, field
+        logical :: moving
 
-        do s = 1, n_slots
-            do i = 1, 3
-                lag(:, i, s, 1) = beta*velocity(:, i, slot_node(s))
-            end do
-        end do
-        lag(:, :, :, 2) = lag(:, :, :, 1)
-        do k = 1, n_memories
-            if (.not. any(branch(:, :, k) > 0.0_dp)) cycle
+        moving = any(beta > 0.0_dp)
+        do field = 1, merge(1, 2, alike)
             do s = 1, n_slots
-                do i = 1, 3
-                    behind = u(:, i, s) - memory(:, i, k, slot_node(s))
-                    lag(:, i, s, 1) = lag(:, i, s, 1) + branch(:, 1, k)*behind
-                    lag(:, i, s, 2) = lag(:, i, s, 2) + branch(:, 2, k)*behind
+                own = 0.0_dp
+                if (moving) own = spread(beta, 2, 3)*velocity(:, :, slot_node(s))
+                do k = 1, n_memories
+                    do i = 1, 3
+                        own(:, i) = own(:, i) + branch(:, field, k) &
+                            *(u(:, i, s) - memory(:, i, k, slot_node(s)))
+                    end do
                 end do
+                lag(:, :, s, field) = own
             end do
         end do
     end subroutine lags
@@ -265,17 +265,16 @@ contains
         real(dp), intent(in) :: slot_force(lanes, 3, n_slots), velocity(lanes, 3, n_nodes)
         real(dp), intent(inout) :: domain_power(lanes, n_domains)
         real(dp), intent(out) :: power(lanes)
-        integer :: d, s, i
+        real(dp) :: part(lanes, 3)
+        integer :: d, s
 
-        !$omp parallel do schedule(static) private(s, i)
+        !$omp parallel do schedule(static) private(s, part)
         do d = 1, n_domains
-            domain_power(:, d) = 0.0_dp
+            part = 0.0_dp
             do s = domain_slot_start(d), domain_slot_start(d + 1) - 1
-                do i = 1, 3
-                    domain_power(:, d) = domain_power(:, d) &
-                        - slot_force(:, i, s)*velocity(:, i, slot_node(s))
-                end do
+                part = part - slot_force(:, :, s)*velocity(:, :, slot_node(s))
             end do
+            domain_power(:, d) = sum(part, 2)
         end do
         !$omp end parallel do
         power = sum(domain_power, 2)

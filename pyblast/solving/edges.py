@@ -8,6 +8,7 @@ from .kernels import ZONE_LAWS
 ALONE, SIDE_BY_SIDE = 2, 1  # where the edges of a set are used: in all marches, in batches only
 MOST_SKEW = 0.7  # share of skew edges beyond which zones are as fast in a single run
 ROUNDING = 1e-13
+TOGETHER = 2**14  # zones whose springs are found at once
 UPPER = np.triu_indices(6)
 # Place of a stress or strain xy among xx yy zz yz zx xy.
 PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
@@ -65,19 +66,22 @@ def _springs(nodes, arrays, number, zones, domain):
     """
     start = arrays["domain_slot_start"][domain]
     slot = arrays["zone_slot"].T[zones] + start[:, None]
-    ends = np.sort(slot[:, EDGES].astype(np.int64), axis=2)
-    turned = slot[:, EDGES[:, 0]] > slot[:, EDGES[:, 1]]
-    pair = arrays["slot_node"][ends]
-    keys = pair[..., 0].astype(np.int64) * len(nodes.points) + pair[..., 1]
+    ends = np.sort(slot[:, EDGES], axis=2)
+    node = arrays["slot_node"]
+    keys = node[ends[..., 0]].astype(np.int64) * len(nodes.points) + node[ends[..., 1]]
     _, first, edge = np.unique(keys, return_index=True, return_inverse=True)
-    edge = edge.reshape(keys.shape)
-    springs = np.zeros((len(first), 9))
-    of_zones = _stiffness(nodes, arrays, number, zones)
-    for e, (a, b) in enumerate(EDGES):
-        parts = _parts(of_zones(a, b), turned[:, e])
-        for k in range(9):
-            springs[:, k] += np.bincount(edge[:, e], parts[:, k], minlength=len(first))
-    ends = ends.reshape(-1, 2)[first]
+    edge = edge.reshape(keys.shape).astype(np.int32)
+    ends, springs = ends.reshape(-1, 2)[first], np.zeros((len(first), 9))
+    del keys, first
+    for low in range(0, len(zones), TOGETHER):
+        some = slice(low, low + TOGETHER)
+        there, local = np.unique(edge[some], return_inverse=True)
+        local = local.reshape(-1, len(EDGES))
+        of_zones = _stiffness(nodes, arrays, number, zones[some])
+        for e, (a, b) in enumerate(EDGES):
+            parts = _parts(of_zones(a, b), slot[some, a] > slot[some, b])
+            for k in range(9):
+                springs[there, k] += np.bincount(local[:, e], parts[:, k], minlength=len(there))
     order = np.lexsort(ends.T[::-1])
     return ends[order], springs[order]
 
