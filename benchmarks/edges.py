@@ -2,11 +2,14 @@
 
     python -m benchmarks.edges
 
-Whole steps of `advance` on one thread, taken in turn, medians; only ratios mean anything.
+Whole steps of `advance` on one thread, taken in turn, medians; only ratios mean anything. Then the
+edges alone, with springs in double and in single precision.
 """
 
 import time
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -20,6 +23,7 @@ from pyblast.solving.model import Model
 from pyblast.solving.preparation import LEDGER_EVERY, prepare
 
 from .blocky import ROCK, blocky_mesh, blocky_model
+from .compiled import ROOT, called, compiled
 
 TURNS = 9
 ZONE_STEPS = 4_000_000  # of one turn, in each lane
@@ -79,8 +83,48 @@ def measure(model):
     return n_zones, skew, own, rates
 
 
+def bare(lanes, single):
+    """Compile the edges for some lanes, with springs in single precision or in double."""
+    with TemporaryDirectory() as folder:
+        paths = []
+        for name in ("fortran/lanes.f90.in", "fortran/edges.f90", "benchmarks/edge_loops.f90"):
+            text = (ROOT / name).read_text().replace("@lanes@", str(lanes))
+            if single:
+                text = text.replace(
+                    "real(dp), intent(in) :: edge_spring", "real, intent(in) :: edge_spring"
+                )
+            paths.append(Path(folder) / Path(name).name.removesuffix(".in"))
+            paths[-1].write_text(text)
+        return compiled("fortran/kinds.f90", *paths).loops
+
+
+def precision(model):
+    """Return seconds in double over seconds in single precision, alone and by lanes."""
+    constants = kernels.numbered(prepare(model, 1e-3).constants)
+    names = ("domain_slot_start", "slot_node", "edge_start", "edge_slot", "edge_spring",
+             "skew_start", "skew_slot", "skew_spring")  # fmt: skip
+    tables = [constants[name] for name in names]
+    n_nodes, n_slots = len(constants["node_mass"]), len(constants["slot_node"])
+    counts = (n_nodes, len(constants["domain_set"]), n_slots, len(tables[3]), len(tables[6]))
+    found = []
+    for lanes in (1, kernels.LANES):
+        fields = [np.random.default_rng(0).normal(size=(n, 3, lanes)) for n in (n_nodes, n_slots)]
+        ways = []
+        for single in (False, True):
+            own = [t.astype("f4") if single and t is tables[4] else t for t in tables]
+            ways.append((bare(lanes, single), own, []))
+        times = max(1, round(ZONE_STEPS / len(model.mesh.zones)))
+        for _ in range(TURNS):
+            for routine, own, seconds in ways:
+                began = time.process_time()
+                called(routine, (times, *counts), (), [*own, *fields])
+                seconds.append(time.process_time() - began)
+        found.append(np.median(ways[0][2]) / np.median(ways[1][2]))
+    return found
+
+
 def main():
-    """Print the table."""
+    """Print both tables."""
     lanes = kernels.LANES
     print("ground | zones | skew | bytes a zone | zones alone | edges alone | ratio | "
           f"zones by {lanes} | edges by {lanes} | ratio | batch over alone")  # fmt: skip
@@ -92,6 +136,10 @@ def main():
               f"{rate['edges', 1]:.0f} | {alone:.2f} | {rate['zones', lanes]:.0f} | "
               f"{rate['edges', lanes]:.0f} | {by:.2f} | "
               f"{rate['edges', lanes] / rate['edges', 1]:.2f}", flush=True)  # fmt: skip
+    print(f"ground | double over single precision alone | by {lanes}")
+    for name, model in cases().items():
+        alone, by = precision(model)
+        print(f"{name} | {alone:.2f} | {by:.2f}", flush=True)
 
 
 if __name__ == "__main__":

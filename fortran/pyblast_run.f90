@@ -191,6 +191,7 @@ contains
         call within("domain_set", domain_set, 1, size(set_law), message)
         call within("zone_row", zone_row, 0, size(row_lost), message)
         call within("zone_patch", zone_patch, 0, zones, message)
+        call within("set_form", set_form, 1, 3, message)
         call within("set_law", set_law, 1, n_zone_laws, message)
         if (minval(load_delay) < 0.0_dp) message = "'arrays/load_delay' must not be negative"
         call within("load_node", load_node, 1, nodes, message)

@@ -41,7 +41,7 @@ contains
         integer, intent(in) :: zone_row(n_zones)                 !! its memory; 0 has none
         integer, intent(in) :: zone_patch(n_zones)               !! shares its mean strain; or 0
         integer, intent(in) :: n_edges, n_skews
-        integer, intent(in) :: set_form(n_sets)      !! 0 zones, 1 edges in batches, 2 edges
+        integer, intent(in) :: set_form(n_sets)      !! 1 zones, 2 edges in batches, 3 edges
         integer, intent(in) :: edge_start(n_slots + 1)           !! from 1
         integer, intent(in) :: edge_slot(n_edges)                !! within the domain, from 1
         real(dp), intent(in) :: edge_spring(6, n_edges)          !! [N/m]
@@ -76,7 +76,7 @@ contains
             call domain_forces(n_nodes, n_corners, n_zones, s2 - s1 + 1, n_edges, n_skews, n_rows, &
                                n_memories, z1, z2, tell, slot_node(s1:s2), slot_place(:, s1:s2), &
                                zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
-                               set_form(set) >= merge(1, 2, lanes > 1), edge_start(s1:s2 + 1), &
+                               set_form(set) >= merge(2, 3, lanes > 1), edge_start(s1:s2 + 1), &
                                edge_slot, edge_spring, skew_start(d:d + 1), skew_slot, &
                                skew_spring, set_law(set), &
                                set_property(:, :, set), set_beta(:, set), &

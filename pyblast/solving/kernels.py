@@ -28,7 +28,7 @@ N_ZONE_STATE = int(_core.pyblast_kinds.n_zone_state)
 N_ZONE_PROPERTIES = int(_core.pyblast_kinds.n_zone_properties)
 INDEX_ENDINGS = (
     "_node", "_slot", "_part", "_joint", "_law", "_history", "_start", "_set", "_row", "_patch",
-    "_lane",
+    "_lane", "_form",
 )  # fmt: skip
 # Arrays that each lane has for itself, and at which axis the lanes are.
 LANE_AXIS = {
