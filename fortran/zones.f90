@@ -134,34 +134,36 @@ contains
                 if (.not. edged) force(l, :, :) = pull
             end do
         end if
-        if (damped) lag(:, :, :, 1) = lag(:, :, :, 1) + u
-        if (edged .and. damped) then
-            call edge_forces(n_slots, n_edges, n_skews, edge_start, edge_slot, edge_spring, &
-                             skew_start(1), skew_start(2) - 1, skew_slot, skew_spring, &
-                             lag(:, :, :, 1), force)
-        else if (edged) then
-            call edge_forces(n_slots, n_edges, n_skews, edge_start, edge_slot, edge_spring, &
-                             skew_start(1), skew_start(2) - 1, skew_slot, skew_spring, u, force)
-        end if
-        if (law /= isotropic_law) return
-        if (.not. edged .and. damped) then
+        if (law /= isotropic_law .and. .not. edged) return
+        if (damped) then
+            lag(:, :, :, 1) = lag(:, :, :, 1) + u
             if (.not. alike) lag(:, :, :, 2) = lag(:, :, :, 2) + u
-            call push_zones(n_corners, n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
-                            place, lag(:, :, :, 1), lag(:, :, :, 2), alike, force)
-        else if (.not. edged) then
-            call push_zones(n_corners, n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
-                            place, u, u, .true., force)
+            call push_zones(n_corners, n_zones, n_slots, n_edges, n_skews, first, last, zone_slot, &
+                            zone_lambda, zone_shear, place, edged, edge_start, edge_slot, &
+                            edge_spring, skew_start, skew_slot, skew_spring, &
+                            lag(:, :, :, 1), lag(:, :, :, 2), alike, force)
+        else
+            call push_zones(n_corners, n_zones, n_slots, n_edges, n_skews, first, last, zone_slot, &
+                            zone_lambda, zone_shear, place, edged, edge_start, edge_slot, &
+                            edge_spring, skew_start, skew_slot, skew_spring, u, u, .true., force)
         end if
-        if (tell) call hold_energy(n_nodes, n_corners, n_zones, n_slots, n_memories, first, last, slot_node, &
-                                   zone_slot, zone_lambda, zone_shear, place, u, memory, branch, &
-                                   strain_energy)
+        if (tell .and. law == isotropic_law) &
+            call hold_energy(n_nodes, n_corners, n_zones, n_slots, n_memories, first, last, &
+                             slot_node, zone_slot, zone_lambda, zone_shear, place, u, memory, &
+                             branch, strain_energy)
     end subroutine domain_forces
 
-    pure subroutine push_zones(n_corners, n_zones, n_slots, first, last, zone_slot, zone_lambda, &
-                               zone_shear, place, shearing, swelling, alike, force)
-        !! Forces of linear zones, by zones side by side or by lanes side by side.
-        integer, intent(in) :: n_corners, n_zones, n_slots, first, last
+    pure subroutine push_zones(n_corners, n_zones, n_slots, n_edges, n_skews, first, last, &
+                               zone_slot, zone_lambda, zone_shear, place, edged, edge_start, &
+                               edge_slot, edge_spring, skew_start, skew_slot, skew_spring, &
+                               shearing, swelling, alike, force)
+        !! Forces of linear zones, by edges, by zones side by side or by lanes side by side.
+        integer, intent(in) :: n_corners, n_zones, n_slots, n_edges, n_skews, first, last
         integer, intent(in) :: zone_slot(n_zones, n_corners)
+        logical, intent(in) :: edged
+        integer, intent(in) :: edge_start(n_slots + 1), edge_slot(n_edges)
+        integer, intent(in) :: skew_start(2), skew_slot(2, n_skews)
+        real(dp), intent(in) :: edge_spring(6, n_edges), skew_spring(3, n_skews)
         real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), place(3, n_slots)
         real(dp), intent(in) :: shearing(lanes, 3, n_slots), swelling(lanes, 3, n_slots)
         logical, intent(in) :: alike
@@ -169,7 +171,11 @@ contains
         real(dp) :: part(3, n_slots)
         integer :: l
 
-        if (n_corners == n_quadratic) then
+        if (edged) then
+            call edge_forces(n_slots, n_edges, n_skews, edge_start, edge_slot, edge_spring, &
+                             skew_start(1), skew_start(2) - 1, skew_slot, skew_spring, shearing, &
+                             force)
+        else if (n_corners == n_quadratic) then
             do l = 1, lanes
                 part = 0.0_dp
                 call quadratic_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
