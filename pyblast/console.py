@@ -126,7 +126,7 @@ def show_input(stages):
     if stages.low_passed is not None:
         rows[f"below {stages.low_passed.corner:g} Hz"] = stages.motion
     for name, s in rows.items():
-        table.add_row(name, *(f"{1e3 * v:.3g}" for v in s.ppv), f"{1e3 * s.pvs:.3g}")
+        table.add_row(name, *(_short(1e3 * v) for v in s.ppv), _short(1e3 * s.pvs))
     say(f"{len(stages.firing.times)} holes; peak particle velocity in mm/s")
     _out.print(table)
     if stages.low_passed is not None:
@@ -157,9 +157,10 @@ def show_outcome(outcome):
     """Print peaks at the receivers, comparisons, defects and where everything lies."""
     for name, seismogram in outcome.seismograms.items():
         listed = ", ".join(
-            f"{c} {1e3 * v:.3g}" for c, v in zip(seismogram.components, seismogram.ppv, strict=True)
+            f"{component} {_short(1e3 * v)}"
+            for component, v in zip(seismogram.components, seismogram.ppv, strict=True)
         )
-        say(f"{name}: PPV in mm/s {listed}; vector sum {1e3 * seismogram.pvs:.3g}")
+        say(f"{name}: PPV in mm/s {listed}; vector sum {_short(1e3 * seismogram.pvs)}")
     for name, comparison in outcome.comparisons.items():
         say(f"{name}, recorded and simulated:")
         show_comparison(comparison)
@@ -199,7 +200,7 @@ def show_site_law(law, limit=None):
         table = _table("distance m", f"charge kg in 8 ms for {1e3 * limit:g} mm/s, 95 %")
         for distance in (50.0, 100.0, 200.0, 500.0, 1000.0):
             charge = (distance / scaled) ** (1.0 / law.charge_exponent)
-            table.add_row(f"{distance:g}", f"{charge:.3g}")
+            table.add_row(f"{distance:g}", _short(charge))
         _out.print(table)
 
 
@@ -228,6 +229,11 @@ def show_search(found, folder, lines):
     )
     say(f"results: {folder}")
     say(f"report:  {folder / 'report.html'}")
+
+
+def _short(value):
+    """Show three digits without powers of ten."""
+    return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
 
 
 def _percent(values):

@@ -53,6 +53,15 @@ def test_names_that_users_give_are_escaped(page):
     assert "R1&lt;b&gt;" in page
 
 
+def test_the_page_warns_of_failing_checks_and_short_records_before_the_peaks(page):
+    first = page.index("<table>")
+
+    assert "Do not trust these peaks" in page[:first]
+    assert "fewer than two cycles fit into the record" in page
+    assert "1.12 % at 4 Hz (Rayleigh)" in page
+    assert "enters through &#39;west&#39; at the arrows" in page
+
+
 def test_the_figures_of_the_paper_are_there(page):
     for figure in ("figure 5", "figure 3", "figure 4", "figures 7 to 9"):
         assert f"(as {figure} of the paper)" in page

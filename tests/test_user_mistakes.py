@@ -126,6 +126,12 @@ def test_d27_holes_in_the_model_that_enter_through_a_face(tmp_path):
     assert "of 60 holes" in codes(moved)["D27"].text
 
 
+def test_d30_a_run_that_would_be_refused_for_its_memory(tmp_path):
+    long = written(tmp_path, ("duration_s = 0.1", "duration_s = 1e9"))
+
+    assert codes(long)["D30"].failed
+
+
 def record(frequency, seconds, fade=0.0):
     times = np.arange(0.0, seconds, 0.001)
     wave = np.sin(2.0 * np.pi * frequency * times) * np.exp(-fade * times)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..meshing import tetrahedra
+from ..meshing import memory, tetrahedra
 from ..meshing.mesh import edge_lengths, surface_areas, surface_zones
 from ..solving.boundaries import Roller, Viscous
 from ..solving.conditions import surface_impedance
@@ -77,7 +77,8 @@ def check(project, measure=True) -> Check:
 
 
 def _mesh_defects(project, census):
-    """D1, D2, D5, D12, D26: zones, size, boundaries, layers, units."""
+    """D1, D2, D5, D12, D26, D30: zones, size, boundaries, layers, units, memory."""
+    yield ground_defects.beyond_memory(census.memory, memory.available())
     yield ground_defects.unlikely_values(project.materials, project.joints)
     band, centre = input_band(project), central_frequency(project)
     stands = receiver_groups(project)

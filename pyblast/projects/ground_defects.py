@@ -1,4 +1,4 @@
-"""Defects of mesh, ground, joints and damping that show before a run: D1 to D18, D26."""
+"""Defects of mesh, ground, joints and damping that show before a run: D1 to D18, D26, D30."""
 
 import math
 
@@ -216,4 +216,18 @@ def unlikely_values(materials, joints):
         f"{words}; units are in the keys.",
         True,
         {place: value for place, (value, _) in found.items()},
+    )
+
+
+def beyond_memory(needed, free):
+    """D30: a run that needs more bytes than the machine has left, and will be refused."""
+    if needed <= free:
+        return None
+    return Finding(
+        "D30",
+        "The run does not fit into memory",
+        f"It needs about {needed / 1e9:.3g} GB, the machine has {free / 1e9:.3g} GB left: take "
+        "longer edges, fewer receivers or a shorter run.duration_s.",
+        True,
+        {"needed": needed, "free": free},
     )

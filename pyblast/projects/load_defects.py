@@ -45,13 +45,15 @@ def firing_comb(firing, frequency, band):
     comb = comb_numbers(firing, frequency, band)
     if comb["corner"] is None or comb["corner"] > band:
         return None
-    zeros = ", ".join(f"{f:.4g}" for f in comb["zeros"][:6]) or "none"
-    lobes = ", ".join(f"{h:.2f} at {f:.2f} Hz" for f, h in comb["lobes"][:4]) or "none"
+    zeros = ", ".join(f"{f:.4g}" for f in comb["zeros"][:6])
+    zeros = f"zeros at {zeros} Hz" if zeros else "no zeros"
+    lobes = ", ".join(f"{h:.2f} at {f:.2f} Hz" for f, h in comb["lobes"][:4])
+    lobes = f"side lobes {lobes}" if lobes else "no side lobes"
     return Finding(
         "D3",
         "The firing times fix the spectrum",
-        f"They multiply it by a comb with zeros at {zeros} Hz, -3 dB at {comb['corner']:.2f} Hz, "
-        f"{comb['level']:.2f} at {frequency:.3g} Hz and side lobes {lobes}: a dominant frequency "
+        f"They multiply it by a comb with {zeros}, -3 dB at {comb['corner']:.2f} Hz, "
+        f"{comb['level']:.2f} at {frequency:.3g} Hz and {lobes}: a dominant frequency "
         "that fits says little about the ground.",
         numbers={"corner": comb["corner"], "level": comb["level"]}
         | {f"zero_{n + 1}": f for n, f in enumerate(comb["zeros"])}

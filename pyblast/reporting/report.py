@@ -149,7 +149,9 @@ def _section_figures(result):
     edges = result.summary["run"].get("edges_per_wavelength", 10.0)
     entry = "stars mark holes and forces inside, projected"
     if result.summary["input"] is not None:
-        entry = "the blast enters at the arrows"
+        face = result.summary["input"]["face"]
+        arrows = " at the arrows" if face == "west" else ""
+        entry = f"the blast enters through '{face}'{arrows}"
     yield (
         "Section",
         f"Section at north {place:g} m with joints and faults; {entry} (as figure 4 of the paper).",
