@@ -238,7 +238,7 @@ def _short(value):
 
 def _percent(values):
     """Show fractions as percent, leaving out those that are none."""
-    return ", ".join("-" if np.isnan(v) else f"{100 * v:.2g} %" for v in values)
+    return ", ".join("-" if np.isnan(v) else f"{100 * v:.3g} %" for v in values)
 
 
 def _number(value, digits):

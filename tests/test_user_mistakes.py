@@ -16,6 +16,7 @@ from pyblast.projects.project import load_project
 from pyblast.projects.record_defects import cut_short, low_frequencies
 from pyblast.projects.result import read_result
 from pyblast.records.recordings import read_recording
+from pyblast.reporting.vtk_file import write_zones
 
 CAVITY = TEXT[TEXT.index("[signature.cavity]") : TEXT.index("[input]")]
 RECORDED = (
@@ -175,3 +176,11 @@ def test_one_end_of_a_band_is_refused():
 
     assert shown.exit_code == 2
     assert "--low and --high: go together" in shown.output
+
+
+def test_a_picture_file_that_can_not_be_written_is_named(tmp_path):
+    (tmp_path / "zones.vtu").mkdir()
+
+    with pytest.raises(ReadError, match=r"zones.vtu: can't be written"):
+        write_zones(tmp_path / "zones.vtu", np.eye(4, 3), np.array([[0, 1, 2, 3]]), {})
+    assert [path.name for path in tmp_path.iterdir()] == ["zones.vtu"]

@@ -75,8 +75,8 @@ def comb_return(firing, frequency, low_passed):
         "D4",
         "The low-pass cuts where the holes add up again",
         f"The comb is {comb['band_level']:.2f} at the {band:.3g} Hz filter and 1 again at "
-        f"{comb['returns']:.3g} Hz; the filter takes up to {100 * removed:.2g} % of a component's "
-        f"energy and changes its PPV by up to {100 * change:.2g} %.",
+        f"{comb['returns']:.3g} Hz; the filter takes up to {100 * removed:.3g} % of a component's "
+        f"energy and changes its PPV by up to {100 * change:.3g} %.",
         removed > 0.5,
         {"returns": comb["returns"], "band_level": comb["band_level"], "removed_energy": removed,
          "ppv_change": change},

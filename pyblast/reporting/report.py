@@ -218,7 +218,7 @@ def _filter_words(table):
     text = f"{table['holes']} holes at {len(table['instants'])} instants"
     if table["low_pass"] is None:
         return f"{text}, not filtered."
-    taken = ", ".join(f"{100 * v:.2g} %" for v in table["removed_energy"] if v is not None)
+    taken = ", ".join(f"{100 * v:.3g} %" for v in table["removed_energy"] if v is not None)
     return (
         f"{text}, before and after the low-pass at {table['low_pass']:g} Hz (-6 dB; -3 dB at "
         f"{table['low_pass_3db']:.3g} Hz), which took {taken} of the energy of the "

@@ -5,6 +5,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 
+from ..errors import ReadError
 from ..meshing import tetrahedra
 from ..projects.census import carried_frequency
 from ..projects.result import write_text
@@ -102,11 +103,13 @@ def write_motion(folder, points, zones, snapshots):
 
 
 def _write(path, mesh):
-    """Write beside the place, then rename."""
+    """Write beside the place, then rename; `ReadError` where the place can't be written."""
     path = Path(path)
     beside = path.with_name(f".{path.stem}.part.vtu")
     try:
         mesh.write(beside, file_format="vtu")
         beside.replace(path)
+    except OSError as error:
+        raise ReadError(f"{path}: can't be written ({error.strerror or error})") from None
     finally:
         beside.unlink(missing_ok=True)
