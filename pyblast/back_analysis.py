@@ -10,14 +10,14 @@ import numpy as np
 from .errors import InputError, PyblastError
 from .inversion.back_analysis import BackAnalysis, confirm, make_target
 from .inversion.doubts import doubts
-from .inversion.methods import METHODS
-from .inversion.misfits import MISFITS
+from .inversion.methods import search
 from .inversion.trials import TrialLog, Trials, identity
 from .pipeline import Interrupted, new_folder
 from .projects.project import Project, load_project
 from .projects.result import write_summary
 from .projects.summary import comparison_table, motion_table
 from .reporting.search_report import slip_lines, write_search_report
+from .residuals.misfits import MISFITS
 from .solving.provenance import versions
 
 TRIALS = "trials.jsonl"
@@ -75,8 +75,8 @@ def back_analyse(
     kept = TrialLog(folder / TRIALS, identity(target, table.method, table.seed), resume)
     trials = Trials(target, kept, table.runs, executor=executor, progress=progress)
     try:
-        trace = METHODS[table.method](trials.problem(), table.runs, table.seed)
-        found = confirm(target, table.method, table.seed, trace, progress)
+        trace = search(trials, table.method, table.runs, table.seed)
+        found = confirm(trials.target, table.method, table.seed, trace, progress)
     except KeyboardInterrupt:
         raise Interrupted(
             f"{len(kept.rows)} evaluations are kept in {kept.path}, go on with --resume"

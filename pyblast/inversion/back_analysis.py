@@ -10,14 +10,15 @@ from ..projects.census import input_band
 from ..projects.config_section import named_error
 from ..projects.ground import joint_of_surface
 from ..projects.project import Project
+from ..residuals.misfits import MISFITS, SIGNED
 from ..units import split_key
-from .blasts import blasts_of
+from .blasts import blasts_of, chosen_records
 from .forward import Target, band_of, held_step, misfit_of
 from .methods import METHODS
-from .misfits import MISFITS, SIGNED
 from .parameters import Parameter, check_parameters, with_values
 from .searching import Trace
 from .strength import STRENGTH, Strength, watched_run
+from .waveforms import make_waveforms
 
 AT_BOUND = 0.01  # of the range
 
@@ -117,7 +118,12 @@ def make_target(project: Project) -> Target:
     for blast in blasts:
         check_parameters(blast, parameters)
     steps = tuple(held_step(blast, parameters) for blast in blasts)
-    return Target(blasts, parameters, tuple(table.receivers), table.misfit, steps)
+    waveforms = None
+    if table.misfit == "waveform":
+        rms = None if table.noise_mm_per_s is None else 1e-3 * table.noise_mm_per_s
+        records = [chosen_records(blast, project) for blast in blasts]
+        waveforms = make_waveforms(blasts, records, rms)
+    return Target(blasts, parameters, tuple(table.receivers), table.misfit, steps, waveforms)
 
 
 def confirm(target: Target, method, seed, trace: Trace, progress=None) -> BackAnalysis:

@@ -16,6 +16,7 @@ from ..solving.kernels import LANES
 from ..units import split_key
 from .misfits import misfit_to
 from .parameters import Parameter, with_values
+from .waveforms import Waveforms
 
 # Larger values of these never allow a longer time step, and no other key matters to it.
 HELD = {"kn", "ks", "cohesion", "friction", "tension", "ratio"}
@@ -37,6 +38,8 @@ class Target:
         Of `MISFITS`.
     steps : tuple
         For each project the time step that all its models march in, None where each has its own.
+    waveforms : Waveforms, optional
+        The records as misfit ``waveform`` takes them.
     """
 
     projects: tuple[Project, ...]
@@ -44,6 +47,7 @@ class Target:
     receivers: tuple[str, ...]
     misfit: str
     steps: tuple
+    waveforms: Waveforms | None = None
 
     @property
     def batch(self) -> int:
@@ -99,7 +103,8 @@ def evaluate(target: Target, points) -> list[dict]:
     -------
     list of dict
         ``misfit``, infinite where a model could not be run and ``error`` says why; its
-        ``residuals``, none where it failed or where the misfit has none; ``simulated``
+        ``residuals``, none where it failed or where the misfit has none, of waveforms before they
+        are whitened; ``simulated``
         with ``ppv`` in m/s and ``frequency`` in Hz by blast and receiver; ``wall_seconds``.
     """
     began = time.perf_counter()
@@ -123,8 +128,12 @@ def evaluate(target: Target, points) -> list[dict]:
 def misfit_of(target: Target, motions) -> tuple[float, np.ndarray]:
     """Return the mean misfit over blasts and receivers of simulated motions, one dict a blast.
 
-    And the residuals of all of them, (n,), none where the misfit has none.
+    And the residuals of all of them, (n,), none where the misfit has none; of waveforms as they
+    are before they are whitened.
     """
+    if target.waveforms is not None:
+        residuals = target.waveforms.residuals(motions)
+        return target.waveforms.worth(residuals)[0], residuals
     misfits, residuals = zip(
         *(
             misfit_to(target.misfit, record, simulated[name], band_of(project))

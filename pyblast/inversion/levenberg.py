@@ -36,7 +36,7 @@ class _Valley:
         return float(self.residuals @ self.residuals)
 
 
-def levenberg_search(problem: Problem, budget: int, seed: int) -> Trace:
+def levenberg_search(problem: Problem, budget: int, seed: int, start=None) -> Trace:
     """Search by damped Gauss-Newton steps; start again elsewhere when a valley is done.
 
     Parameters
@@ -46,6 +46,8 @@ def levenberg_search(problem: Problem, budget: int, seed: int) -> Trace:
         n points are evaluated at once.
     budget : int
     seed : int
+    start : (n,) float64, optional
+        First place in the unit cube, instead of its middle.
 
     Returns
     -------
@@ -59,14 +61,14 @@ def levenberg_search(problem: Problem, budget: int, seed: int) -> Trace:
 
     Notes
     -----
-    theory.md (12.1), (12.2). The first start is the middle of the ranges, further ones follow a
-    Sobol sequence.
+    theory.md (12.1), (12.2). Further starts follow a Sobol sequence.
     """
     if problem.vectors is None:
         raise InputError("method 'levenberg': needs a misfit that has residuals; take surrogate")
     kept, n = Evaluations(problem, budget), problem.n_parameters
     kept.steps = set()
-    starts = [np.full(n, 0.5), *spread(n, budget, seed)]
+    first = np.full(n, 0.5) if start is None else np.asarray(start, dtype=np.float64)
+    starts = [first, *spread(n, budget, seed)]
     with suppress(Spent):
         for start in starts:
             _descend(kept, start)

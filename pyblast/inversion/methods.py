@@ -1,12 +1,17 @@
 """The methods of back-analysis by the names that a project file gives them."""
 
+import numpy as np
+
 from .adaptive_annealing import adaptive_annealing
 from .annealing import paper, paper_eq15
 from .evolution import evolution_search
 from .levenberg import levenberg_search
 from .sampling import random_search, sobol_search
-from .searching import Search
+from .searching import Search, Trace
 from .surrogate import surrogate_search
+from .trials import Trials
+
+LAST = 3  # of so many runs one is kept for the levels that the others taught
 
 METHODS: dict[str, Search] = {
     "paper": paper,
@@ -18,3 +23,32 @@ METHODS: dict[str, Search] = {
     "surrogate": surrogate_search,
     "levenberg": levenberg_search,
 }
+
+
+def search(trials: Trials, method: str, runs: int, seed: int) -> Trace:
+    """Search by a method; waveforms in two turns.
+
+    Of waveforms the best of the first two thirds tells how large the errors of the theory are.
+    With these levels all that was run is judged anew, and least squares goes on from the best.
+
+    Parameters
+    ----------
+    trials : Trials
+    method : str
+        Of `METHODS`.
+    runs, seed : int
+    """
+    problem = trials.problem()
+    last = 0 if trials.target.waveforms is None else runs // LAST
+    first = METHODS[method](problem, runs - last, seed)
+    if not last or not np.isfinite(first.misfits[first.best]):
+        return first
+    trials.learn_levels(first.best)
+    best = int(np.argmin(trials.misfits()))
+    start = problem.unit(first.points[best])
+    second = levenberg_search(trials.problem(), last, seed, start)
+    return Trace(
+        np.concatenate([first.points, second.points]),
+        trials.misfits(),
+        np.concatenate([first.accepted, second.accepted]),
+    )

@@ -1,13 +1,10 @@
-"""Misfits of a simulated seismogram against the recorded one, by the names of project files."""
+"""What a search minimises: misfits of all blasts and receivers of a project, each on its record."""
 
 import numpy as np
 
-from ..motion.comparison import compare
+from ..errors import InputError
 from ..motion.seismogram import Seismogram
 from ..residuals.misfits import misfit
-
-SIGNED = ("paper", "lag", "onset")  # with residuals that least squares can take
-MISFITS = {"paper": "%", "envelope": "", "phase": "", "lag": "s", "onset": "s"}  # with their units
 
 
 def misfit_to(name, recorded: Seismogram, simulated: Seismogram, band=None):
@@ -16,7 +13,7 @@ def misfit_to(name, recorded: Seismogram, simulated: Seismogram, band=None):
     Parameters
     ----------
     name : str
-        Of `MISFITS`: ``paper`` of theory.md (11.1), the others of (7.5) and (7.20).
+        Of `residuals.misfits.MISFITS` but ``waveform``: theory.md (11.1), (7.5) and (7.20).
     recorded, simulated : Seismogram
         In the same components.
     band : tuple of 2 float, Hz, optional
@@ -26,20 +23,21 @@ def misfit_to(name, recorded: Seismogram, simulated: Seismogram, band=None):
     -------
     float
     (n,) float64
-        Residuals that it is made of; none unless it is one of `SIGNED`.
+        Residuals that it is made of; none where the misfit has none.
 
     Raises
     ------
     InputError
         If the two have nothing to compare.
     """
-    if name == "paper":
-        found = compare(recorded, simulated, band, time_frequency=False)
-        deviations = np.concatenate([found.ppv_deviation, found.frequency_deviation])
-        return found.misfit, 100.0 * np.nan_to_num(deviations)
+    if recorded.components != simulated.components:
+        raise InputError(
+            f"misfit: components differ, {', '.join(recorded.components)} in the record and "
+            f"{', '.join(simulated.components)} in the simulation"
+        )
     end = min(recorded.start + recorded.duration, simulated.start + simulated.duration)
     recorded = recorded.windowed(recorded.start, end)
     found = simulated.sampled(recorded.start, recorded.dt, len(recorded.velocity))
     data, model = (np.nan_to_num(one.velocity).T[None, None] for one in (recorded, found))
     made = misfit(name, data, recorded.dt, band=band)
-    return made.value(model), made.residuals(model) if name in SIGNED else np.zeros(0)
+    return made.value(model), np.zeros(0) if made.residuals is None else made.residuals(model)

@@ -26,6 +26,8 @@ class Parameter:
         In the unit that the key names.
     log : bool
         Whether to search on a logarithmic scale.
+    laboratory : (low, high), optional
+        What samples gave, to set the result beside; no part of the search.
 
     Raises
     ------
@@ -37,6 +39,7 @@ class Parameter:
     low: float
     high: float
     log: bool = False
+    laboratory: tuple[float, float] | None = None
 
     def __post_init__(self):
         for name in ("low", "high"):
@@ -51,6 +54,10 @@ class Parameter:
                 f"{self.path}: a logarithmic range must be positive, got {self.low:g}; leave out "
                 "log or raise low"
             )
+        if self.laboratory is not None:
+            object.__setattr__(self, "laboratory", tuple(self.laboratory))
+            if not self.laboratory[0] <= self.laboratory[1]:
+                raise InputError(f"{self.path}: laboratory must rise, got {self.laboratory}")
 
     @property
     def is_cheap(self) -> bool:

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import Executor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,8 @@ import numpy as np
 from ..ensembles.input_hash import input_hash
 from ..errors import InputError, ReadError, SolverError
 from ..projects.result import plain
+from ..residuals.misfits import SIGNED
 from .forward import Target, evaluate
-from .misfits import SIGNED
 from .searching import Problem
 
 KIND = "pyblast trials"
@@ -117,14 +118,31 @@ class Trials:
 
     def __call__(self, points) -> np.ndarray:
         """Return the misfits (m,) of points (m, n): from the log where they are, else from runs."""
-        return np.array([row["misfit"] for row in self._rows(points)])
+        return np.array([self._measured(row)[0] for row in self._rows(points)])
 
     def vectors(self, points) -> tuple[np.ndarray, np.ndarray]:
         """Return misfits (m,) and residuals (m, k), infinite where a model could not be run."""
         rows = self._rows(points)
-        failed = [math.inf] * max(1, *(len(row["residuals"]) for row in self.log.rows))
-        residuals = np.array([row["residuals"] or failed for row in rows])
-        return np.array([row["misfit"] for row in rows]), residuals
+        failed = np.full(max(1, *(len(row["residuals"]) for row in self.log.rows)), math.inf)
+        found = [self._measured(row) for row in rows]
+        residuals = np.array([one if len(one) else failed for _, one in found])
+        return np.array([misfit for misfit, _ in found]), residuals
+
+    def misfits(self) -> np.ndarray:
+        """Return the misfits of all that was asked for, by the levels of errors known now."""
+        return np.array([self._measured(row)[0] for row in self.log.rows[: self.count]])
+
+    def learn_levels(self, number):
+        """Infer how large the errors of the theory are from the residuals of an evaluation."""
+        residuals = np.array(self.log.rows[number]["residuals"])
+        self.target = replace(self.target, waveforms=self.target.waveforms.informed(residuals))
+
+    def _measured(self, row):
+        """Return misfit and residuals of a row; waveforms by the levels known now."""
+        waves = self.target.waveforms
+        if waves is None or not len(row["residuals"]):
+            return row["misfit"], row["residuals"]
+        return waves.worth(np.array(row["residuals"]))
 
     def _rows(self, points):
         """Return the rows of points (m, n), made and logged where they are not in the log."""
@@ -132,7 +150,10 @@ class Trials:
         side = self.target.batch
         jobs = [points[first : first + side] for first in range(0, len(points), side)]
         begins = self.count + side * np.arange(len(jobs))
-        ready = [self._known(begin, job) for begin, job in zip(begins, jobs, strict=True)]
+        ready = [
+            self._known(begin, job) or self._repeated(job)
+            for begin, job in zip(begins, jobs, strict=True)
+        ]
         if self.executor is not None:
             ready = [
                 self.executor.submit(evaluate, self.target, job) if rows is None else rows
@@ -175,6 +196,16 @@ class Trials:
                 )
         return rows if len(rows) == len(job) else None
 
+    def _repeated(self, job):
+        """Return the rows of a job whose points were all run before; they are not run again."""
+        before = {tuple(row["values"]): row for row in self.log.rows}
+        rows = [before.get(tuple(point)) for point in job.tolist()]
+        if None in rows:
+            return None
+        kept = ("misfit", "residuals", "simulated", "error")
+        again = [{name: row[name] for name in kept if name in row} for row in rows]
+        return [row | {"wall_seconds": 0.0} for row in again]
+
     @staticmethod
     def _numbered(begin, job, rows):
         """Return rows with their numbers and values."""
@@ -196,6 +227,8 @@ def identity(target: Target, method: str, seed: int) -> dict:
         blasts.append([json.dumps(config, sort_keys=True), files])
     parts = [[one.path, one.low, one.high, one.log] for one in target.parameters]
     about = {"method": method, "seed": seed, "misfit": target.misfit, "parameters": parts}
+    if target.waveforms is not None:
+        about["noise"] = target.waveforms.noise.variance.tolist()
     return {**about, "hash": input_hash("trials", blasts, list(target.receivers), about)}
 
 

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from .config_section import Count, Name, Section
+from .config_section import Count, Name, Positive, Section, Span
 
 DEFAULT_METHOD = "levenberg"  # won on twins: docs/decisions.md, "Least squares by default"
 
@@ -16,6 +16,7 @@ class ParameterConfig(Section):
     low: float
     high: float
     log: bool = False
+    laboratory: Span | None = None
 
 
 class BackAnalysisConfig(Section):
@@ -27,4 +28,7 @@ class BackAnalysisConfig(Section):
     seed: Annotated[int, Field(ge=0)] = 0
     receivers: list[Name] = Field([])
     blasts: list[Name] = Field([])
+    noise_mm_per_s: Positive | None = None
+    candidate_grid: Annotated[list[Count], Field(min_length=2, max_length=2)] = Field([5, 4])
+    candidate_blasts: list[Name] = Field([])
     parameters: Annotated[list[ParameterConfig], Field(min_length=1)]

@@ -12,6 +12,9 @@ from ..motion.time_frequency import envelope_and_phase, lag, wavelet_transform
 from .whitening import Whitener
 
 ONSET = 0.1
+# Names, with their units.
+MISFITS = {"paper": "%", "waveform": "", "envelope": "", "phase": "", "lag": "s", "onset": "s"}
+SIGNED = ("paper", "waveform", "lag", "onset")  # with residuals that least squares can take
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +97,8 @@ def misfit(name, recorded, dt, *, band=None, valid=None, whitener: Whitener | No
         found = _paths(simulated, dt, band, valid, moving)
         return np.concatenate([compare(wanted[p], measure(found[p], band)) for p in wanted])
 
-    signed = name in ("paper", "lag", "onset")
-    return Misfit(name, lambda simulated: mean(residuals(simulated)), residuals if signed else None)
+    signed = residuals if name in SIGNED else None
+    return Misfit(name, lambda simulated: mean(residuals(simulated)), signed)
 
 
 def _waveform(recorded, whitener):

@@ -1,0 +1,220 @@
+"""Records of all blasts and receivers on one sampling, and what their residuals are worth."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import InputError
+from ..projects.census import input_band
+from ..residuals.band import band_functions
+from ..residuals.levels import infer_levels
+from ..residuals.noise import Noise, noise_of
+from ..residuals.nuisances import nuisances
+from ..residuals.scattering import scattering
+from ..residuals.whitening import Whitener, whitener
+
+FINE = 8.0  # samples to the shortest period of the band
+QUIET = 2.0  # of these periods that the noise is learnt from, at least
+
+
+@dataclass(frozen=True)
+class Window:
+    """The time from the first firing and the band in which motions are looked at.
+
+    Parameters
+    ----------
+    band : tuple of 2 float, Hz
+    dt : float, s
+    n_samples : int
+    """
+
+    band: tuple[float, float]
+    dt: float
+    n_samples: int
+
+    @property
+    def quiet(self) -> int:
+        """Samples before the first firing that the noise needs."""
+        return int(np.ceil(QUIET * FINE))
+
+
+@dataclass(frozen=True, eq=False)
+class Waveforms:
+    """Records that waveforms are compared with.
+
+    Parameters
+    ----------
+    window : Window
+    receivers : tuple of str
+    recorded : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        Zero where nothing was recorded.
+    noise : Noise
+    whitener : Whitener
+    """
+
+    window: Window
+    receivers: tuple[str, ...]
+    recorded: np.ndarray
+    noise: Noise
+    whitener: Whitener
+
+    def residuals(self, motions) -> np.ndarray:
+        """Return what records less simulated motions, one dict a blast, hold in the band, (n,)."""
+        found = gathered(motions, self.receivers, self.window)
+        return self.whitener.band.project(self.recorded - found).ravel()
+
+    def worth(self, residuals) -> tuple[float, np.ndarray]:
+        """Return the misfit of residuals (n,), and these whitened.
+
+        Notes
+        -----
+        theory.md (7.17): the sum of squares of what is whitened for each number of data.
+        """
+        white = self.whitener.apply(self._restored(residuals)).ravel()
+        return float(white @ white) / self.whitener.n_data, white
+
+    def informed(self, residuals) -> "Waveforms":
+        """Return these records with the levels of errors that make residuals likeliest."""
+        found = infer_levels(self.whitener, self._restored(residuals))
+        return replace(self, whitener=found.whitener)
+
+    def _restored(self, residuals):
+        """Return residuals as motion."""
+        band = self.whitener.band
+        held = np.reshape(residuals, (*self.recorded.shape[:3], band.n_functions))
+        return band.restore(held)
+
+
+def make_waveforms(projects, records, rms=None) -> Waveforms:
+    """Bring records to one sampling and learn what residuals are worth.
+
+    Parameters
+    ----------
+    projects : sequence of Project
+        One for each blast.
+    records : sequence of dict of str to Seismogram
+        For each blast by receiver; 0 s is its first firing.
+    rms : float, m/s, optional
+        Of the noise of each component within the band; learnt from the time before the first
+        firing if not given.
+
+    Raises
+    ------
+    InputError
+        If a record has too little before the first firing, or too few samples for the band.
+
+    Notes
+    -----
+    The errors of the theory are shaped as the records are, not as a simulation, so that a point
+    has one misfit whatever was run before. Their levels are the usual ones of theory.md (7.19)
+    until `Waveforms.informed` infers them.
+    """
+    window = window_of(projects)
+    names = tuple(dict.fromkeys(name for one in records for name in one))
+    _refuse_slow(projects, records, window)
+    recorded = gathered(records, names, window)
+    band = band_functions(
+        window.n_samples, window.dt, window.band, _valid(records, names, window)
+    )
+    if rms is not None:
+        noise = white_noise(rms, len(names), window)
+    else:
+        noise = recorded_noise(projects, records, names, window)
+    errors = nuisances(recorded, band)
+    spread = scattering(recorded, band)
+    made = whitener(noise, band, len(records), nuisances=errors, scattering=spread)
+    return Waveforms(window, names, recorded, noise, made)
+
+
+def window_of(projects) -> Window:
+    """Return the window of blasts: the band of comparison, or all that enters, in common time."""
+    duration = min(project.config.run.duration_s for project in projects)
+    band = projects[0].config.run.compare_band_hz
+    if band is None:
+        band = (1.0 / duration, max(input_band(project) for project in projects))
+    low, high = map(float, band)
+    if not low < high:
+        raise InputError(
+            f"{projects[0].path.name}: run.duration_s: {duration:g} s is shorter than a period of "
+            f"what enters, {high:g} Hz; run longer"
+        )
+    dt = 1.0 / (FINE * high)
+    return Window((low, high), dt, int(duration / dt + 1e-9))
+
+
+def gathered(motions, receivers, window) -> np.ndarray:
+    """Return motions, one dict a blast, as (n_blasts, n_receivers, 3, n_samples), zero if none."""
+    found = np.zeros((len(motions), len(receivers), 3, window.n_samples))
+    for b, one in enumerate(motions):
+        for r, name in enumerate(receivers):
+            if name in one:
+                read = one[name].sampled(0.0, window.dt, window.n_samples)
+                found[b, r] = np.nan_to_num(read.velocity).T
+    return found
+
+
+def white_noise(rms, n_receivers, window) -> Noise:
+    """Return noise of one density with an rms in m/s within the band of a window."""
+    low, high = window.band
+    step = max(window.dt, 0.25 / high)
+    variance = np.full((n_receivers, 3), rms**2 / (2.0 * (high - low)) / step)
+    return Noise(
+        step, np.zeros((n_receivers, 3, 1)), variance, np.tile(np.eye(3), (n_receivers, 1, 1)),
+        np.ones((n_receivers, 3)), 1.0 / (window.n_samples * window.dt),
+    )  # fmt: skip
+
+
+def has_quiet(record, window) -> bool:
+    """Tell whether a record begins early enough before the first firing to know its noise."""
+    return -record.start >= (window.quiet - 1e-6) * window.dt
+
+
+def recorded_noise(projects, records, receivers, window) -> Noise:
+    """Learn the noise of receivers from their records before the first firing.
+
+    Raises
+    ------
+    InputError
+        If a record begins too late; the sentence says what to do.
+    """
+    for project, one in zip(projects, records, strict=True):
+        for name, record in one.items():
+            if not has_quiet(record, window):
+                raise InputError(
+                    f"{project.path.name}: receivers.{name}.recorded: begins at {record.start:g} s"
+                    f", but waveforms need {window.quiet * window.dt:.2g} s of quiet before the "
+                    "first firing (0 s) to know the noise; take a record with more pre-trigger, "
+                    "set its start_s, or give back_analysis.noise_mm_per_s"
+                )
+    shortest = min(-record.start for one in records for record in one.values())
+    n = int(shortest / window.dt + 1e-6)
+    windows = np.full((len(records), len(receivers), 3, n), np.nan)
+    for b, one in enumerate(records):
+        for name, record in one.items():
+            quiet = record.sampled(-n * window.dt, window.dt, n).velocity.T
+            # A component that is missing has no data; it takes the noise of one that is there.
+            there = quiet[int(np.flatnonzero(record.present)[0])]
+            windows[b, receivers.index(name)] = np.where(record.present[:, None], quiet, there)
+    return noise_of(windows, window.dt, window.band)
+
+
+def _refuse_slow(projects, records, window):
+    """Refuse records whose samples do not carry the band."""
+    for project, one in zip(projects, records, strict=True):
+        for name, record in one.items():
+            if not 0.5 / record.dt > window.band[1]:
+                raise InputError(
+                    f"{project.path.name}: receivers.{name}.recorded: {1.0 / record.dt:g} samples "
+                    f"a second do not carry {window.band[1]:g} Hz; lower run.compare_band_hz"
+                )
+
+
+def _valid(records, receivers, window):
+    """Tell which samples were recorded, (n_blasts, n_receivers, 3, n_samples)."""
+    times = window.dt * np.arange(window.n_samples)
+    valid = np.zeros((len(records), len(receivers), 3, window.n_samples), dtype=bool)
+    for b, one in enumerate(records):
+        for name, record in one.items():
+            inside = (times >= record.start) & (times <= record.times[-1] + 1e-9)
+            valid[b, receivers.index(name)] = record.present[:, None] & inside
+    return valid

@@ -1,0 +1,130 @@
+"""Back-analysis by waveforms: noise from before the blast, levels of errors from the residual."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from inversion_project import PARAMETERS
+from small_project import written
+
+from pyblast import back_analyse, load_project
+from pyblast.back_analysis import TRIALS
+from pyblast.errors import InputError
+from pyblast.inversion.back_analysis import make_target
+from pyblast.inversion.forward import evaluate, simulate
+from pyblast.inversion.waveforms import white_noise, window_of
+from pyblast.projects.result import write_csv
+from pyblast.residuals.band import band_functions
+
+RECORDED = '\n[receivers.recorded]\nfile = "wall.csv"\nbearing_deg = 90\n\n[run]\n'
+RMS = 2e-4  # m/s of a sample, at 256 samples a second
+TRUTH = (0.114, 0.025, 0.0112)
+
+
+def section(**keys):
+    """Return the table of a search by waveforms."""
+    table = {"misfit": "'waveform'", "runs": 15} | keys
+    lines = ["[back_analysis]", *(f"{key} = {value}" for key, value in table.items())]
+    for one in PARAMETERS:
+        lines += ["[[back_analysis.parameters]]", f'path = "{one.path}"', "log = true"]
+        lines += [f"low = {one.low}", f"high = {one.high}"]
+    return "\n".join(lines) + "\n"
+
+
+def noisy(folder, start=-0.4, rms=RMS, **keys):
+    """Write a project whose record has noise from before the blast on; return its path."""
+    folder.mkdir(exist_ok=True)
+    path = written(
+        folder, ("duration_s = 0.1", "duration_s = 0.5\ncompare_band_hz = [3, 20]"),
+        ("cohesion_kpa = 20", "cohesion_kpa = 500"), ("tension_kpa = 0", "tension_kpa = 1e6"),
+    )  # fmt: skip
+    motion = simulate(load_project(path), (), [()])[0]["R1"]
+    made = motion.sampled(start, 1.0 / 256.0, int(256 * (0.5 - start)))
+    noise = rms * np.random.default_rng(3).normal(size=made.velocity.shape)
+    write_csv(folder / "wall.csv", replace(made, velocity=made.velocity + noise, label="R1"))
+    path.write_text(path.read_text().replace("\n[run]\n", RECORDED) + section(**keys))
+    return path
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    return back_analyse(noisy(tmp_path_factory.mktemp("waves")))
+
+
+def test_waveforms_find_stiffness_and_damping_by_the_default_method(found):
+    one, _ = found
+
+    assert one.method == "levenberg"
+    for parameter, truth in zip(PARAMETERS[:2], TRUTH, strict=False):
+        assert one.best[parameter.path] == pytest.approx(truth, rel=0.05)
+
+
+def test_noise_above_all_errors_of_the_theory_is_worth_about_one(tmp_path):
+    target = make_target(load_project(noisy(tmp_path, rms=0.05)))
+
+    # 45 numbers, four degrees of freedom to the level of the noise of each channel
+    assert evaluate(target, np.array([TRUTH]))[0]["misfit"] == pytest.approx(1.0, abs=0.5)
+
+
+def test_misfits_of_a_trace_are_all_by_the_same_levels(found):
+    one, folder = found
+    target = one.target
+
+    again = evaluate(target, one.trace.points[:1])[0]
+    assert one.trace.misfits[0] == pytest.approx(again["misfit"], rel=1e-9)
+    assert len((folder / TRIALS).read_text().splitlines()) == 16
+
+
+def test_a_search_by_waveforms_is_resumed_to_the_same_trace(tmp_path, found):
+    path = noisy(tmp_path)
+    whole, folder = back_analyse(path)
+    lines = (folder / TRIALS).read_text().splitlines(keepends=True)
+    (folder / TRIALS).write_text("".join(lines[:12]))
+
+    again, _ = back_analyse(path, resume=True)
+
+    assert np.array_equal(again.trace.points, whole.trace.points)
+    assert np.array_equal(again.trace.misfits, whole.trace.misfits)
+
+
+def test_a_point_that_was_run_is_not_run_again(found):
+    rows = [json.loads(line) for line in (found[1] / TRIALS).open()][1:]
+    values = [tuple(row["values"]) for row in rows]
+
+    for number, row in enumerate(rows):
+        repeated = tuple(row["values"]) in values[:number]
+        assert (row["wall_seconds"] == 0.0) == repeated
+
+
+def test_a_record_without_quiet_before_the_blast_is_refused_with_advice(tmp_path):
+    with pytest.raises(InputError, match=r"receivers.R1.recorded: begins at -0\.01\d* s, but wave"):
+        make_target(load_project(noisy(tmp_path, start=-0.01)))
+
+
+def test_a_level_of_noise_takes_the_place_of_quiet(tmp_path):
+    target = make_target(load_project(noisy(tmp_path, start=-0.01, noise_mm_per_s=0.1)))
+
+    assert target.waveforms.whitener.n_data > 0
+
+
+def test_two_blasts_are_met_together(tmp_path):
+    path = noisy(tmp_path, blasts='["second/project2.toml"]')
+    other = noisy(tmp_path / "second")
+    other.rename(other.with_name("project2.toml"))
+
+    target = make_target(load_project(path))
+    truth, wrong = evaluate(target, np.array([TRUTH, (0.2, 0.05, 0.0112)]))
+
+    assert target.waveforms.recorded.shape[:2] == (2, 1)
+    assert truth["misfit"] < 0.3 * wrong["misfit"]
+
+
+def test_white_noise_has_the_rms_that_is_given(tmp_path):
+    window = window_of([load_project(noisy(tmp_path))])
+    band = band_functions(window.n_samples, window.dt, window.band)
+
+    variance = np.diag(white_noise(1e-4, 1, window).covariance(band, 0, 0)).sum() / 3.0
+    rms = np.sqrt(variance / window.n_samples)
+    # 2 % are added to the diagonal; functions fill the band but for its edges
+    assert rms == pytest.approx(1e-4, rel=0.1)
