@@ -58,6 +58,7 @@ _HOMES = {
     "misfit": "residuals.misfits",
     "noise_of": "residuals.noise",
     "peak_bands": "planning.peak_bands",
+    "plan_back_analysis": "back_analysis",
     "read_blast": "blasting.hole_tables",
     "read_gather": "records.recordings",
     "read_mesh": "meshing.mesh_import",

@@ -230,20 +230,31 @@ def backanalyse(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on where the last search was interrupted.")
     ] = False,
+    plan: Annotated[
+        bool, typer.Option("--plan", help="Only say what records could tell; needs none.")
+    ] = False,
 ):
     """Find unknowns of the ground from recorded blasts.
 
     Searches the ranges of table [back_analysis], runs the best values in full, and says which
     unknowns the records can't tell. Writes trials.jsonl, one line a run, back_analysis.json and
-    report.html. Ctrl-C keeps what was run.
+    report.html. Ctrl-C keeps what was run. With --plan it needs no records, and writes plan.json
+    and report.html into numbered folders in plan.
     """
     with told():
-        from .back_analysis import back_analyse, slip_told
+        from .back_analysis import back_analyse, plan_back_analysis, slip_told
         from .ensembles.many_runs import executor_of
         from .inversion.doubts import doubts
         from .projects.project import load_project
 
         loaded = load_project(project, full)
+        if plan:
+            if resume or dask or workers > 1:
+                raise InputError("--plan: takes neither --resume nor --workers nor --dask")
+            with console.Progress() as progress:
+                made, folder = plan_back_analysis(loaded, out, progress=progress)
+            console.show_plan(made, folder)
+            return
         console.show_findings(doubts(loaded))
         with console.Progress() as progress, executor_of(workers, dask) as executor:
             found, folder = back_analyse(

@@ -7,21 +7,27 @@ from pathlib import Path
 
 import numpy as np
 
+from .ensembles.input_hash import input_hash
 from .errors import InputError, PyblastError
 from .inversion.back_analysis import BackAnalysis, confirm, make_target
 from .inversion.doubts import doubts
 from .inversion.methods import search
+from .inversion.plan import Plan, foreseen_plan
 from .inversion.trials import TrialLog, Trials, identity
 from .pipeline import Interrupted, new_folder
 from .projects.project import Project, load_project
 from .projects.result import write_summary
 from .projects.summary import comparison_table, motion_table
-from .reporting.search_report import slip_lines, write_search_report
+from .reporting.plan_report import write_plan_report
+from .reporting.plan_words import beside_laboratory, summarise_plan
+from .reporting.search_report import write_search_report
+from .reporting.slip_words import slip_lines
 from .residuals.misfits import MISFITS
 from .solving.provenance import versions
 
 TRIALS = "trials.jsonl"
 RESULT = "back_analysis.json"
+PLAN = "plan.json"
 
 
 def back_analyse(
@@ -93,6 +99,55 @@ def back_analyse(
     return found, folder
 
 
+def plan_back_analysis(
+    project: Project | str | Path, output=None, *, full: bool = False,
+    progress: Callable | None = None,
+) -> tuple[Plan, Path]:  # fmt: skip
+    """Say before any record what receivers and blasts can tell of the unknowns of a project.
+
+    Parameters
+    ----------
+    project : Project or path of a project file
+    output : path, optional
+        Folder that takes numbered folders, one per plan; ``plan`` beside the project file by
+        default.
+    full : bool
+        Take the table ``[full]`` of the project file.
+    progress : callable, optional
+        Called with (stage, done, total).
+
+    Returns
+    -------
+    Plan
+    Path
+        Folder with ``plan.json`` and ``report.html``.
+
+    Raises
+    ------
+    InputError, ReadError
+        If the project or a file of it is wrong.
+    SolverError
+        If a model can't be run.
+    """
+    if not isinstance(project, Project):
+        project = load_project(project, full)
+    plan = foreseen_plan(project, progress)
+    folder = new_folder(project.folder / "plan" if output is None else Path(output))
+    parts = [[one.path, one.low, one.high, one.log] for one in plan.parameters]
+    files = {"project": project.input_files, "parameters": parts}
+    summary = {
+        "title": project.title,
+        "assumed": list(project.config.assumed),
+        "blasts": [project.path.name, *project.config.back_analysis.blasts],
+        "plan": summarise_plan(plan),
+        "files_sha256": project.input_files,
+        "provenance": versions(input_hash("plan", files)),
+    }
+    write_summary(folder / PLAN, summary)
+    write_plan_report(folder / "report.html", summary)
+    return plan, folder
+
+
 def _interrupted(output):
     """Return the last folder with trials."""
     found = sorted(output.glob(f"[0-9]*/{TRIALS}"))
@@ -104,6 +159,8 @@ def _interrupted(output):
 def summarise_search(found: BackAnalysis, findings, rows) -> dict:
     """Return everything that the page of a back-analysis shows, as plain numbers and words."""
     target, project, trace = found.target, found.target.projects[0], found.trace
+    plan = summarise_plan(found.plan)
+    beside = {one["path"]: beside_laboratory(one) for one in plan["parameters"]}
     return {
         "title": project.title,
         "assumed": list(project.config.assumed),
@@ -123,6 +180,7 @@ def summarise_search(found: BackAnalysis, findings, rows) -> dict:
                 "best": found.best[one.path],
                 "bound": found.at_bound(one),
                 "insensitive": found.insensitive.get(one.path, ""),
+                "beside": beside[one.path],
             }
             for one in target.parameters
         ],
@@ -132,6 +190,7 @@ def summarise_search(found: BackAnalysis, findings, rows) -> dict:
             "accepted": trace.accepted,
         },
         "blasts": {name: _blast_table(one) for name, one in found.confirmed.items()},
+        "plan": plan,
         "findings": [asdict(finding) for finding in findings],
         "files_sha256": project.input_files,
         "provenance": versions(identity(target, found.method, found.seed)["hash"]),

@@ -9,6 +9,8 @@ from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.table import Table
 
+from .reporting.plan_words import best_extras, summarise_plan, told_lines
+
 STAGES = {
     "input": "input motion",
     "mesh": "mesh",
@@ -16,6 +18,7 @@ STAGES = {
     "static": "static stage",
     "dynamic": "dynamic stage",
     "trials": "runs of the search",
+    "plan": "runs of the plan",
     "writing": "results and report",
 }
 _out = Console(highlight=False, soft_wrap=True)
@@ -214,8 +217,7 @@ def show_search(found, folder, lines):
             "-" if one.path in found.insensitive else value,
         )  # fmt: skip
     _out.print(table)
-    for path, why in found.insensitive.items():
-        say(f"{path}: not identifiable: {why}")
+    show_told(summarise_plan(found.plan))
     for line in lines:
         say(line)
     for blast, one in found.confirmed.items():
@@ -234,6 +236,34 @@ def show_search(found, folder, lines):
 def _short(value):
     """Show three digits without powers of ten."""
     return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+
+
+def show_plan(plan, folder):
+    """Print what receivers and blasts can tell, what would help, and why."""
+    summary = summarise_plan(plan)
+    show_told(summary)
+    for line in summary["slip"]:
+        say(line)
+    say(f"noise: {summary['noise']}")
+    say(f"results: {folder}")
+    say(f"report:  {folder / 'report.html'}")
+
+
+def show_told(summary):
+    """Print what is told of unknowns, from a `summarise_plan`."""
+    table = _table("unknown", "at", "90 % within", "after/before", "")
+    for one in summary["parameters"]:
+        within = "-" if one["why"] else "{:.3g} to {:.3g}".format(*one["within"])
+        share = "-" if one["why"] else f"{one['share']:.2f}"
+        table.add_row(one["path"], f"{one['value']:.4g}", within, share, one["verdict"])
+    _out.print(table)
+    table = _table("one more, or one less", "fall of ln det", "worst after/before", "")
+    for one in best_extras(summary):
+        name = one["name"] if one["kind"] == "receiver" else f"{one['kind']} {one['name']}"
+        table.add_row(name, f"{one['gain']:.2g}", f"{one['worst']:.2f}", one["worst_path"])
+    _out.print(table)
+    for line in told_lines(summary):
+        say(line)
 
 
 def _percent(values):

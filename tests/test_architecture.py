@@ -22,7 +22,7 @@ ONE_ROOM = {
     "_core": {"solving.kernels"},
     "_core_batch": {"solving.kernels"},
     "gmsh": {"meshing.gmsh_mesher"},
-    "matplotlib": {"reporting.figures", "reporting.search_figures"},
+    "matplotlib": {"reporting.figures", "reporting.plan_figures", "reporting.search_figures"},
 }
 ORDER = [
     "kinds",

@@ -76,7 +76,7 @@ def test_misfits_of_a_trace_are_all_by_the_same_levels(found):
     assert len((folder / TRIALS).read_text().splitlines()) == 16
 
 
-def test_a_search_by_waveforms_is_resumed_to_the_same_trace(tmp_path, found):
+def test_a_search_by_waveforms_is_resumed_to_the_same_trace(tmp_path):
     path = noisy(tmp_path)
     whole, folder = back_analyse(path)
     lines = (folder / TRIALS).read_text().splitlines(keepends=True)

@@ -7,17 +7,16 @@ from ..errors import InputError
 from ..motion.comparison import Comparison, compare
 from ..motion.seismogram import Seismogram
 from ..projects.census import input_band
-from ..projects.config_section import named_error
-from ..projects.ground import joint_of_surface
 from ..projects.project import Project
 from ..residuals.misfits import MISFITS, SIGNED
-from ..units import split_key
-from .blasts import blasts_of, chosen_records
+from .blasts import blasts_of, candidates_of, chosen_records
 from .forward import Target, band_of, held_step, misfit_of
+from .insensitive import insensitive, weakest
 from .methods import METHODS
-from .parameters import Parameter, check_parameters, with_values
+from .parameters import Parameter, check_parameters, parameters_of, with_values
+from .plan import Plan, Slip, make_plan, problem_of
 from .searching import Trace
-from .strength import STRENGTH, Strength, watched_run
+from .strength import Strength, watched_run
 from .waveforms import make_waveforms
 
 AT_BOUND = 0.01  # of the range
@@ -63,6 +62,8 @@ class BackAnalysis:
         Of the full runs at the best point, each with its own time step.
     insensitive : dict of str to str
         Parameters that the records can't tell because nothing slipped, and why.
+    plan : Plan
+        What the records can tell around the best point, and what more would.
     """
 
     target: Target
@@ -72,6 +73,7 @@ class BackAnalysis:
     confirmed: dict[str, Confirmed]
     misfit: float
     insensitive: dict[str, str]
+    plan: Plan
 
     @property
     def best(self) -> dict[str, float]:
@@ -99,9 +101,8 @@ def make_target(project: Project) -> Target:
     InputError
         If it is missing, or names what is not there.
     """
+    parameters = parameters_of(project)
     table, where = project.config.back_analysis, f"{project.path.name}: back_analysis"
-    if table is None:
-        raise InputError(f"{where}: missing; add the table with its parameters")
     for key, known in (("method", METHODS), ("misfit", MISFITS)):
         if getattr(table, key) not in known:
             raise InputError(
@@ -112,8 +113,6 @@ def make_target(project: Project) -> Target:
             f"{where}.method: 'levenberg' needs residuals, which misfit '{table.misfit}' has none "
             "of; take 'surrogate'"
         )
-    with named_error(where):
-        parameters = tuple(Parameter(**part.model_dump()) for part in table.parameters)
     blasts = blasts_of(project)
     for blast in blasts:
         check_parameters(blast, parameters)
@@ -137,9 +136,9 @@ def confirm(target: Target, method, seed, trace: Trace, progress=None) -> BackAn
     best, confirmed = trace.points[trace.best], {}
     for project in target.projects:
         varied = with_values(project, target.parameters, best)
-        weakest = _weakest(project, target.parameters, best)
+        weak = weakest(project, target.parameters, best)
         run, strength = watched_run(
-            varied.model, varied.duration, input_band(varied), weakest, progress
+            varied.model, varied.duration, input_band(varied), weak, progress
         )
         simulated = {name: s.shifted(-varied.lead) for name, s in run.seismograms.items()}
         recorded = target.recorded(project)
@@ -149,46 +148,26 @@ def confirm(target: Target, method, seed, trace: Trace, progress=None) -> BackAn
         }
         confirmed[project.path.name] = Confirmed(simulated, recorded, comparisons, strength)
     misfit, _ = misfit_of(target, [one.simulated for one in confirmed.values()])
+    strengths = [one.strength for one in confirmed.values()]
     told = {
         parameter.path: text
         for parameter in target.parameters
-        if (text := _insensitive(parameter, target.projects, confirmed.values()))
+        if (text := insensitive(parameter, target.projects, strengths))
     }
-    return BackAnalysis(target, method, seed, trace, confirmed, misfit, told)
+    plan = _plan_at(target, best, confirmed, progress)
+    return BackAnalysis(target, method, seed, trace, confirmed, misfit, told, plan)
 
 
-def _weakest(project, parameters, best):
-    """Return the joints with the lowest strengths of the ranges, the rest as found."""
-    values = [
-        one.low if _is_strength(one) else value for one, value in zip(parameters, best, strict=True)
-    ]
-    return with_values(project, parameters, values).joints
-
-
-def _is_strength(parameter):
-    """Tell whether a parameter is a strength of a joint."""
-    table, *_, key = parameter.path.split(".")
-    return table == "joints" and split_key(key)[0].removesuffix("_residual") in STRENGTH
-
-
-def _insensitive(parameter, projects, confirmed):
-    """Say why records can't tell a strength: nothing slipped in any blast; else nothing."""
-    if not _is_strength(parameter):
-        return ""
-    entry = parameter.path.split(".")[1]
-    found = [
-        one.strength[surface]
-        for project, one in zip(projects, confirmed, strict=True)
-        for surface in surfaces_of(project, entry)
-        if surface in one.strength
-    ]
-    if not found or any(one.failed for one in found):
-        return ""
-    weakest = min(one.weakest_factor for one in found)
-    over = "whatever its value in the range" if weakest > 1.0 else "though lower values would slip"
-    return f"no contact of '{entry}' slipped or opened, {over}"
-
-
-def surfaces_of(project, entry):
-    """Return the joint surfaces that an entry of ``[joints]`` stands for."""
-    return [name for name, one in joint_of_surface(project.config.mesh).items() if one == entry]
+def _plan_at(target, best, confirmed, progress):
+    """Return what the records can tell around the best point."""
+    waves = target.waveforms
+    slip = {
+        name: Slip(one.strength, {n: s.ppv for n, s in one.simulated.items()})
+        for name, one in confirmed.items()
+    }
+    return make_plan(
+        target.projects, target.parameters, problem_of(target.parameters).unit(best),
+        records=[target.recorded(project) for project in target.projects],
+        candidates=candidates_of(target.projects[0]), slip=slip, progress=progress,
+        levels=None if waves is None else waves.whitener.levels,
+    )  # fmt: skip

@@ -65,6 +65,21 @@ class Parameter:
         return self.path.split(".")[0] in CHEAP
 
 
+def parameters_of(project: Project) -> tuple[Parameter, ...]:
+    """Return the unknowns that table ``[back_analysis]`` of a project names.
+
+    Raises
+    ------
+    InputError
+        If the table is missing, or a range is none.
+    """
+    table, where = project.config.back_analysis, f"{project.path.name}: back_analysis"
+    if table is None:
+        raise InputError(f"{where}: missing; add the table with its parameters")
+    with named_error(where):
+        return tuple(Parameter(**part.model_dump()) for part in table.parameters)
+
+
 def check_parameters(project: Project, parameters: Sequence[Parameter]):
     """Refuse parameters that a project does not have, or that its rules forbid in the range.
 

@@ -42,6 +42,22 @@ class Strength:
     weakest_factor: float
 
 
+@dataclass(frozen=True, eq=False)
+class Slip:
+    """What joints did in a blast.
+
+    Parameters
+    ----------
+    strength : dict of str to Strength
+        By joint surface.
+    ppv : dict of str to (3,) float64, m/s
+        By receiver.
+    """
+
+    strength: dict[str, Strength]
+    ppv: dict[str, np.ndarray]
+
+
 def watched_run(model, duration, highest, weakest=None, progress=None):
     """Run a model and watch the tractions on its joints.
 

@@ -113,9 +113,7 @@ def make_waveforms(projects, records, rms=None) -> Waveforms:
     names = tuple(dict.fromkeys(name for one in records for name in one))
     _refuse_slow(projects, records, window)
     recorded = gathered(records, names, window)
-    band = band_functions(
-        window.n_samples, window.dt, window.band, _valid(records, names, window)
-    )
+    band = band_functions(window.n_samples, window.dt, window.band, _valid(records, names, window))
     if rms is not None:
         noise = white_noise(rms, len(names), window)
     else:
