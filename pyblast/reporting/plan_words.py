@@ -52,7 +52,7 @@ def _slip_table(slip):
 
 
 def best_extras(plan):
-    """Return rows of the table of extras: the best receivers, all blasts, all that may be spared."""
+    """Return rows of the table of extras: best receivers, all blasts, all that may be spared."""
     kinds = {
         kind: [one for one in plan["extras"] if one["kind"] == kind]
         for kind in ("receiver", "blast", "without")
