@@ -251,12 +251,14 @@ def show_plan(plan, folder):
 
 def show_told(summary):
     """Print what is told of unknowns, from a `summarise_plan`."""
-    table = _table("unknown", "at", "90 % within", "after/before", "")
+    table = _table("unknown", "90 % within", "after/before", "", "other")
     for one in summary["parameters"]:
         within = "-" if one["why"] else "{:.3g} to {:.3g}".format(*one["within"])
         share = "-" if one["why"] else f"{one['share']:.2f}"
-        table.add_row(one["path"], f"{one['value']:.4g}", within, share, one["verdict"])
+        other = f"{one['share_other']:.2f}"
+        table.add_row(one["path"], within, share, one["verdict"], other)
     _out.print(table)
+    say(f"by {summary['by']}; other: by {summary['by_other']}")
     table = _table("one more, or one less", "fall of ln det", "worst after/before", "")
     for one in best_extras(summary):
         name = one["name"] if one["kind"] == "receiver" else f"{one['kind']} {one['name']}"

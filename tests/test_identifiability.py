@@ -1,6 +1,7 @@
 """What records could tell: closed answers, then plans of a small project."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -45,6 +46,7 @@ def heard(changes, levels=RIGHT):
 
 def table(folder, *, ranges=RANGES, run="duration_s = 0.4", **keys):
     """Write a project without records and with two receivers; return its path."""
+    keys = {"misfit": "waveform"} | keys
     path = written(
         folder, ("duration_s = 0.1", run), ("cohesion_kpa = 20", "cohesion_kpa = 500"),
         ("tension_kpa = 0", "tension_kpa = 1e6"), ("\n[run]\n", SECOND),
@@ -118,6 +120,24 @@ def test_an_unknown_without_influence_is_not_felt_and_keeps_its_range():
 
     assert made.felt.tolist() == [True, False]
     assert made.shares[1] == 1.0
+
+
+def test_by_peaks_a_factor_is_known_as_well_as_three_peaks_let_it():
+    made = heard([[0.0 * pulse(10.0, 0.5)]])
+    made.changes[:] = made.motion  # the range is from half to one and a half of the motion
+
+    # a deviation of 100/root 12 % of the range against 15 % and noise of 1 % of three PPV
+    wanted = 3.0 * 100.0**2 / (15.0**2 + 1.0) / 12.0
+    found = replace(made, peaks_only=True).knowledge([0], [0])
+    assert found.information[0, 0] == pytest.approx(wanted, rel=1e-3)
+
+
+def test_peaks_tell_less_than_waveforms(tmp_path):
+    made, _ = plan_back_analysis(table(tmp_path, misfit="paper", candidate_grid=[1, 1]))
+
+    assert made.misfit == "paper"
+    assert made.knowledge.shares[0] > made.other.shares[0]
+    assert made.knowledge.shares[1] > made.other.shares[1]
 
 
 def test_silent_receivers_tell_nothing():

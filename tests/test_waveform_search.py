@@ -9,7 +9,7 @@ from inversion_project import PARAMETERS
 from small_project import written
 
 from pyblast import back_analyse, load_project
-from pyblast.back_analysis import TRIALS
+from pyblast.back_analysis import RESULT, TRIALS
 from pyblast.errors import InputError
 from pyblast.inversion.back_analysis import make_target
 from pyblast.inversion.forward import evaluate, simulate
@@ -29,6 +29,7 @@ def section(**keys):
     for one in PARAMETERS:
         lines += ["[[back_analysis.parameters]]", f'path = "{one.path}"', "log = true"]
         lines += [f"low = {one.low}", f"high = {one.high}"]
+        lines += ["laboratory = [0.5, 0.8]"] * one.path.endswith("ks_gpa_per_m")
     return "\n".join(lines) + "\n"
 
 
@@ -58,6 +59,24 @@ def test_waveforms_find_stiffness_and_damping_by_the_default_method(found):
     assert one.method == "levenberg"
     for parameter, truth in zip(PARAMETERS[:2], TRUTH, strict=False):
         assert one.best[parameter.path] == pytest.approx(truth, rel=0.05)
+
+
+def test_the_interval_of_what_was_found_holds_the_truth(found):
+    one, folder = found
+    told = json.loads((folder / RESULT).read_text())["plan"]
+
+    assert one.plan.misfit == "waveform"
+    assert told["noise"].startswith("of the records before the first firing")
+    for row, truth in zip(told["parameters"], TRUTH, strict=True):
+        assert row["within"][0] < truth < row["within"][1]
+
+
+def test_the_page_sets_the_result_beside_the_laboratory_and_doubts_low_damping(found):
+    page = (found[1] / "report.html").read_text()
+
+    assert "below the laboratory" in page
+    assert "a low damping ratio is no proof of a realistic model" in page
+    assert "How sure it is" in page
 
 
 def test_noise_above_all_errors_of_the_theory_is_worth_about_one(tmp_path):

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast import back_analyse, read_gather
+from pyblast import back_analyse, plan_back_analysis, read_gather
 from pyblast.back_analysis import RESULT, slip_told
 from pyblast.inversion.forward import evaluate, simulate
 from pyblast.projects.config_file import check_config
@@ -33,8 +33,14 @@ RANGES = {  # Kn, Ks: table 3 extended downwards; c, friction: assumed; damping:
     "damping.ratio": (0.005, 0.05, 0.0112),
 }
 BLASTS = {"as assumed": 1.0, "weak": 0.03}  # factors on the motion of the single hole
-METHODS = ("paper", "random", "surrogate")
+SEARCHES = {  # method and misfit
+    "paper": ("paper", "paper"),
+    "random": ("random", "paper"),
+    "surrogate": ("surrogate", "paper"),
+    "waveforms": ("levenberg", "waveform"),
+}
 NOISE, SEED = 0.02, 1  # rms of the noise as a share of the PPV of each component
+QUIET = 0.5  # s of record before the first firing
 
 
 def project(edge, scale, real, **tables):
@@ -73,21 +79,25 @@ def noise(n, dt, rng):
 def record(folder, edge, scale, real):
     """Write the record of the finer model; return how it was made."""
     made = simulate(project(edge, scale, real), (), [()])[0]["wall"]
-    made = made.sampled(0.0, 1.0 / 256.0, int(256 * made.times[-1]))
+    made = made.sampled(-QUIET, 1.0 / 256.0, int(256 * (QUIET + made.times[-1])))
     added, origin = noise(len(made.velocity), made.dt, np.random.default_rng(SEED))
     velocity = made.velocity + NOISE * made.ppv * added
-    write_csv(folder / "wall.csv", type(made)(velocity, made.dt, 0.0, "wall", made.components))
+    write_csv(folder / "wall.csv", type(made)(velocity, made.dt, -QUIET, "wall", made.components))
     return origin
 
 
-def search(folder, method, scale, real):
-    """Search the ranges; return the lines of its table and sentences."""
+def searched(folder, method, misfit, scale, real):
+    """Return the project of a search on the coarser mesh."""
     parts = [{"path": p, "low": low, "high": high} for p, (low, high, _) in RANGES.items()]
-    table = {"method": method, "runs": 21, "seed": SEED, "parameters": parts}
+    table = {"method": method, "misfit": misfit, "runs": 21, "seed": SEED, "parameters": parts}
     place = {"name": "wall", "position_m": [261, 150], "azimuth_deg": 270}
     place["recorded"] = {"file": str(folder / "wall.csv"), "bearing_deg": 270}
-    searched = project(15 if real else 25, scale, real, back_analysis=table, receivers=[place])
-    found, out = back_analyse(searched, folder / method)
+    return project(15 if real else 25, scale, real, back_analysis=table, receivers=[place])
+
+
+def search(folder, name, scale, real):
+    """Search the ranges; return the row of its table, its sentences and the misfit of the truth."""
+    found, out = back_analyse(searched(folder, *SEARCHES[name], scale, real), folder / name)
     numbers = json.loads((out / RESULT).read_text(encoding="utf-8"))
     fit = next(iter(numbers["blasts"].values()))["receivers"]["wall"]["comparison"]
     values = " | ".join(
@@ -98,12 +108,47 @@ def search(folder, method, scale, real):
              for name in ("ppv", "frequency")]  # fmt: skip
     ratios = [1.0 + value for value in fit["duration_deviation"]]
     row = (
-        f"| {method} | {values} | {numbers['best_misfit']:.1f} % | {' | '.join(worst)} | "
+        f"| {name} | {values} | {numbers['best_misfit']:.3g} {numbers['misfit_unit']} | "
+        f"{' | '.join(worst)} | "
         f"{min(ratios):.2f} to {max(ratios):.2f} | {numbers['accepted']} |"
     )
     true = evaluate(found.target, np.array([[value for *_, value in RANGES.values()]]))[0]
     told = [*slip_told(found), *(f"{path}: {why}" for path, why in found.insensitive.items())]
+    if name == "waveforms":
+        told += kept_in(numbers["plan"])
     return row, [line.removeprefix("project.toml, ") for line in told], true["misfit"]
+
+
+def kept_in(plan):
+    """Say where 90 % of what waveforms leave lies, and whether the truth is there."""
+    for one in plan["parameters"]:
+        low, high = one["within"]
+        true = RANGES[one["path"]][2]
+        if not one["why"]:
+            there = "holds" if low <= true <= high else "misses"
+            yield f"{one['path']}: 90 % within {low:.3g} to {high:.3g}, which {there} the truth"
+
+
+def planned(folder, scale, real):
+    """Return the lines of what the record can tell in the middle of the ranges."""
+    plan, _ = plan_back_analysis(searched(folder, "paper", "paper", scale, real), folder / "plan")
+    both = zip(RANGES, plan.knowledge.shares, plan.other.shares, strict=True)
+    rows = [f"| {path} | {peaks:.2f} | {waves:.2f} |" for path, peaks, waves in both]
+    names = list(RANGES)
+    pairs = [
+        f"{names[i]} and {names[j]} {rho:+.2f} by {by}"
+        for by, one in (("PPV and frequency", plan.knowledge), ("waveforms", plan.other))
+        for i, j, rho in one.trade_offs()
+    ]
+    return [
+        "What such a record leaves of each range, around the middle of the ranges (`--plan`), as "
+        "standard deviation after over before:\n",
+        "| unknown | by PPV and dominant frequency | by waveforms |",
+        "|---|---|---|",
+        *rows,
+        "",
+        f"Correlations of errors of at least 0.5: {'; '.join(pairs) or 'none'}.\n",
+    ]
 
 
 def section(name, scale, edges, real):
@@ -111,11 +156,12 @@ def section(name, scale, edges, real):
     folder = HERE / "twin" / name.replace(" ", "_")
     folder.mkdir(parents=True, exist_ok=True)
     origin = record(folder, edges[0], scale, real)
-    found = [search(folder, method, scale, real) for method in METHODS]
+    plan = planned(folder, scale, real)
+    found = [search(folder, method, scale, real) for method in SEARCHES]
     true = " | ".join(f"{value:g}" for *_, value in RANGES.values())
     heads = ("21 runs", "Kn GPa/m", "Ks GPa/m", "c kPa", "φ °", "ξ", "misfit", "worst PPV")
     heads += ("worst frequency", "duration ratios", "accepted")
-    told = [f"- {method}: {line}" for method, one in zip(METHODS, found, strict=True)
+    told = [f"- {method}: {line}" for method, one in zip(SEARCHES, found, strict=True)
             for line in one[1]]  # fmt: skip
     return [
         f"Blast {name}, {scale:g} of the motion assumed; noise of {100 * NOISE:g} % of the PPV, "
@@ -127,6 +173,7 @@ def section(name, scale, edges, real):
         "",
         *told,
         "",
+        *plan,
     ]
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..residuals.band import Band
+from ..residuals.misfits import misfit
 from ..residuals.noise import Noise
 from ..residuals.nuisances import nuisances
 from ..residuals.scattering import scattering
@@ -13,6 +14,8 @@ from ..residuals.whitening import SCATTER, whitener
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of a range, in shares of it
 INFLUENCE = 0.1  # of what noise and errors of the theory are, below which nothing is felt
 NORMAL_95 = 1.6448536269514722
+PEAKS = (15.0, 10.0)  # %, errors of PPV and dominant frequency: what the paper calls a good fit
+MOVED = 0.002  # of a range, by which peaks are compared: further, frequencies jump between peaks
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +75,8 @@ class Sensitivities:
         Of each receiver.
     levels : dict of str to float
         Of the errors of the theory.
+    peaks_only : bool
+        Whether PPV and dominant frequency are all that is looked at.
     """
 
     motion: np.ndarray
@@ -79,6 +84,7 @@ class Sensitivities:
     band: Band
     noise: Noise
     levels: dict[str, float]
+    peaks_only: bool = False
 
     def knowledge(self, blasts, receivers, scattered=None) -> Knowledge:
         """Return what some blasts at some receivers tell.
@@ -99,6 +105,8 @@ class Sensitivities:
         motion = self.motion[part]
         if not np.any(motion):
             return Knowledge(np.zeros((len(self.changes), len(self.changes))))
+        if self.peaks_only:
+            return self._by_peaks(receivers, motion, self.changes[:, *part])
         spread = (self.scattered() if scattered is None else scattered)[part]
         errors = nuisances(motion, self.band)
         used = {*errors.groups, SCATTER}
@@ -107,6 +115,24 @@ class Sensitivities:
             scattering=spread, levels={n: v for n, v in self.levels.items() if n in used},
         )  # fmt: skip
         columns = UNIFORM * white.apply(self.changes[:, *part]).reshape(len(self.changes), -1)
+        return Knowledge(columns @ columns.T)
+
+    def _by_peaks(self, receivers, motion, changes):
+        """Return what PPV and dominant frequency tell, each with its error in `PEAKS` and noise."""
+        one = misfit("paper", motion, self.band.dt, band=(self.band.low, self.band.high))
+        columns = np.array([one.residuals(motion + MOVED * change) for change in changes]) / MOVED
+        frequency = np.linspace(self.band.low, self.band.high, 64)
+        density = self.noise.density(frequency)[receivers].mean(axis=-1)
+        noise = np.sqrt(2.0 * (self.band.high - self.band.low) * density)
+        ppv = np.max(np.abs(motion), axis=-1)
+        # PPV of the components that move, then their frequencies, by blast and receiver
+        errors = [
+            np.hypot(error, 100.0 * noise[r][moves] / ppv[b, r][moves])
+            for b, r in np.ndindex(ppv.shape[:2])
+            for moves in [ppv[b, r] > 0.0]
+            for error in PEAKS
+        ]
+        columns *= UNIFORM / np.concatenate(errors)
         return Knowledge(columns @ columns.T)
 
     def scattered(self):

@@ -34,7 +34,11 @@ class Plan:
     parameters : tuple of Parameter
     values : (n,) float64
         Where the sensitivities were taken, in the units of the parameters.
+    misfit : str
+        By which `knowledge` counts: ``paper`` or ``waveform``.
     knowledge : Knowledge
+    other : Knowledge
+        By the other of the two.
     within : (n, 2) float64
         Where 90 % of what is left lies around these values.
     why : dict of str to str
@@ -54,7 +58,9 @@ class Plan:
 
     parameters: tuple[Parameter, ...]
     values: np.ndarray
+    misfit: str
     knowledge: Knowledge
+    other: Knowledge
     within: np.ndarray
     why: dict[str, str]
     extras: tuple[Extra, ...]
@@ -127,13 +133,14 @@ def make_plan(
     sensitivities = Sensitivities(
         motion * heard[:, :, None, None], changes * heard[:, :, None, None],
         band_functions(window.n_samples, window.dt, window.band), noise,
-        {**LEVELS, **(levels or {})},
+        {**LEVELS, **(levels or {})}, blasts[0].config.back_analysis.misfit == "paper",
     )  # fmt: skip
     found, worst, extras = extras_of(sensitivities, parameters, places, blasts, candidates)
     values = problem_of(parameters).points(unit)
     slip = _watched(blasts, parameters, values, tell) if slip is None else slip
     return Plan(
-        tuple(parameters), values, found, _within(parameters, unit, found),
+        tuple(parameters), values, "paper" if sensitivities.peaks_only else "waveform", found,
+        _by_other(sensitivities, len(blasts), counting), _within(parameters, unit, found),
         _why(parameters, blasts, found, slip), extras, worst, tuple(places), window, told,
         levels or {name: level for name, level in LEVELS.items() if name != "mesh"}, slip,
     )  # fmt: skip
@@ -164,6 +171,12 @@ def problem_of(parameters) -> Problem:
     """Return the ranges of parameters as a search sees them."""
     parts = [(one.low, one.high, one.log) for one in parameters]
     return Problem(*zip(*parts, strict=True), lambda points: np.zeros(len(points)))
+
+
+def _by_other(sensitivities, n_blasts, counting):
+    """Return what the other kind of misfit knows of the same motions."""
+    other = replace(sensitivities, peaks_only=not sensitivities.peaks_only)
+    return other.knowledge(range(n_blasts), range(len(counting)))
 
 
 def _within(parameters, unit, found):

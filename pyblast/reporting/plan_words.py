@@ -6,13 +6,16 @@ import numpy as np
 
 from .slip_words import slip_lines
 
+KINDS = {"paper": "PPV and dominant frequency", "waveform": "waveforms"}
 SHOWN = 5  # receivers in tables
 
 
 def summarise_plan(plan) -> dict:
     """Return everything that pages and tables show of a `Plan`, as plain numbers and words."""
-    shares = plan.knowledge.shares
+    shares, others = plan.knowledge.shares, plan.other.shares
     return {
+        "by": KINDS[plan.misfit],
+        "by_other": KINDS["paper" if plan.misfit == "waveform" else "waveform"],
         "band_hz": plan.window.band,
         "noise": plan.noise,
         "levels": plan.levels,
@@ -21,6 +24,7 @@ def summarise_plan(plan) -> dict:
                 **asdict(one),
                 "value": plan.values[k],
                 "share": shares[k],
+                "share_other": others[k],
                 "verdict": plan.verdict(k),
                 "why": plan.why.get(one.path, ""),
                 "within": plan.within[k],
