@@ -22,7 +22,10 @@ from .waveforms import Window, gathered, has_quiet, recorded_noise, white_noise,
 
 NOISE = 5e-5  # m/s, rms of a component in the band, where nothing is known
 FIXED, HARDLY = 0.3, 0.8  # standard deviation after over before
-UNFELT = "the motion does not depend on it"
+UNFELT = {
+    "paper": "PPV and dominant frequency hardly depend on it",
+    "waveform": "the motion hardly depends on it",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,11 +140,12 @@ def make_plan(
     )  # fmt: skip
     found, worst, extras = extras_of(sensitivities, parameters, places, blasts, candidates)
     values = problem_of(parameters).points(unit)
+    kind = "paper" if sensitivities.peaks_only else "waveform"
     slip = _watched(blasts, parameters, values, tell) if slip is None else slip
     return Plan(
-        tuple(parameters), values, "paper" if sensitivities.peaks_only else "waveform", found,
+        tuple(parameters), values, kind, found,
         _by_other(sensitivities, len(blasts), counting), _within(parameters, unit, found),
-        _why(parameters, blasts, found, slip), extras, worst, tuple(places), window, told,
+        _why(parameters, blasts, found, slip, kind), extras, worst, tuple(places), window, told,
         levels or {name: level for name, level in LEVELS.items() if name != "mesh"}, slip,
     )  # fmt: skip
 
@@ -242,11 +246,11 @@ def _watched(blasts, parameters, values, tell):
     return found
 
 
-def _why(parameters, blasts, found, slip):
+def _why(parameters, blasts, found, slip, kind):
     """Say which parameters can't be told at all, and why."""
     why, strengths = {}, [one.strength for one in slip.values()]
     for one, felt in zip(parameters, found.felt, strict=True):
         text = insensitive(one, blasts, strengths) if slip else ""
         if text or not felt:
-            why[one.path] = text or UNFELT
+            why[one.path] = text or UNFELT[kind]
     return why
