@@ -11,12 +11,13 @@ from pyblast.motion.seismogram import Seismogram
 from pyblast.solving import assembly, kernels
 from pyblast.solving.anisotropy import jointed
 from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.batches import run_many
+from pyblast.solving.batches import run_many, stacked
 from pyblast.solving.boundaries import StressInput, VelocityInput, Viscous
 from pyblast.solving.joints import Joint
 from pyblast.solving.materials import Damping, Material
 from pyblast.solving.model import InSitu, Model, Receiver, Rim
 from pyblast.solving.plasticity import MohrCoulomb
+from pyblast.solving.preparation import prepare
 from pyblast.solving.solver import run
 from pyblast.solving.sources import Hole, TimeFunction
 from verification.columns import ROCK, ricker
@@ -184,3 +185,17 @@ def test_a_rim_differs_by_its_mass_damping_only():
     still, damped = run_many(models, 0.05)
 
     assert not np.allclose(still.seismograms["A"].velocity, damped.seismograms["A"].velocity)
+
+
+def test_lanes_that_are_left_over_move_as_the_first():
+    models = variants()[:2]
+    step = assembly.time_step(models[1])
+    prepared = [prepare(model, 0.05, step=step) for model in models]
+    together, state = stacked([p.constants for p in prepared], [p.state for p in prepared])
+
+    kernels.advance_all(kernels.side_by_side(together), state, 0, 50, 10)
+
+    moved = np.moveaxis(state["velocity"], kernels.LANE_AXIS["velocity"], 0)
+    assert np.any(moved[0])
+    for lane in range(2, kernels.LANES):
+        assert np.array_equal(moved[lane], moved[0])

@@ -89,17 +89,17 @@ def _side_by_side(models, duration, step):
 
 
 def stacked(constants, states):
-    """Put the arrays of models side by side, lane by lane; lanes that are left over stand still."""
+    """Put the arrays of models side by side, lane by lane; lanes left over repeat the first."""
     rates = sorted({rate for one in constants for rate in one["memory_rate"]})
     constants = _alike_in_edges([_at_rates(one, rates) for one in constants])
-    loads, histories = _merged_loads(constants)
+    fill = kernels.LANES - len(constants)
+    loads, histories = _merged_loads(constants, fill)
     shifted = [
         {**one, "fixed_history": np.where(one["fixed_history"] < 0, -1, one["fixed_history"] + k)}
         for one, k in zip(constants, histories, strict=True)
     ]
     memory = np.zeros((len(states[0]["displacement"]), len(rates), 3))
     states = [{**one, "memory": memory} for one in states]
-    fill = kernels.LANES - len(constants)
     together = {}
     for name in constants[0]:
         if name in loads:
@@ -127,8 +127,12 @@ def _at_rates(constants, rates):
     return {**constants, "set_branch": table, "memory_rate": np.array(rates)}
 
 
-def _merged_loads(constants):
-    """Return the loads of all models with their lanes, and where each one's histories begin."""
+def _merged_loads(constants, fill):
+    """Return the loads of all models with their lanes, and where each one's histories begin.
+
+    Lanes that are left over have the loads of the first too: at rest under loads that balance
+    them, they would move without.
+    """
     counts = [one["history"].shape[1] for one in constants]
     begins = np.concatenate([[0], np.cumsum(counts)])[:-1].astype(np.int32)
     parts = [
@@ -137,7 +141,9 @@ def _merged_loads(constants):
             "load_history": one["load_history"] + begin,
             "load_lane": np.full_like(one["load_lane"], lane),
         }
-        for lane, (one, begin) in enumerate(zip(constants, begins, strict=True))
+        for lane, (one, begin) in enumerate(
+            [*zip(constants, begins, strict=True), *[(constants[0], begins[0])] * fill]
+        )
     ]
     loads = {name: np.concatenate([part[name] for part in parts]) for name in LOADS}
     return {**loads, "history": np.hstack([one["history"] for one in constants])}, begins
@@ -178,6 +184,7 @@ def _march(models, prepared, constants, state):
         energies.append(energy)
         if failed is not None:
             node, lane = failed
+            lane = lane if lane < len(models) else 0  # lanes left over repeat the first
             text = failure(models[lane], prepared[lane], step, node)
             raise SolverError(f"model {lane + 1} of the batch: {text}")
     return np.concatenate(motions), np.moveaxis(np.concatenate(energies), 1, -1)
