@@ -19,24 +19,26 @@ class GaussianProcess:
     places : (m, n) float64
     lengths : (n,) float64
         Over which values are alike.
-    mean, variance, noise : float
-        Of all values; the noise in shares of the variance.
+    mean, variance : float64, or (k,) where k quantities were learnt together
+        Of all values.
+    noise : float
+        In shares of the variance.
     root : (m, m) float64
         Lower Cholesky factor of the correlations, noise included.
-    weights : (m,) float64
+    weights : (m,) or (m, k) float64
         Inverse of the correlations times the values less their mean.
     """
 
     places: np.ndarray
     lengths: np.ndarray
-    mean: float
-    variance: float
+    mean: np.ndarray
+    variance: np.ndarray
     noise: float
     root: np.ndarray
     weights: np.ndarray
 
     def at(self, places) -> tuple[np.ndarray, np.ndarray]:
-        """Return mean (k,) and what is left of the correlation, as rows (m, k) to subtract.
+        """Return mean (l,) or (l, k), and what is left of the correlation, rows (m, l) to subtract.
 
         The variance at a place is ``variance (1 - sum rows^2)``.
         """
@@ -58,7 +60,8 @@ def learn(places, values, start) -> GaussianProcess:
     ----------
     places : (m, n) float64
         In the unit cube.
-    values : (m,) float64
+    values : (m,) or (m, k) float64
+        Of one quantity, or of several that share lengths and noise.
     start : (n + 1,) float64
         Logarithms of lengths and noise to begin with, such as the `settings` of an earlier one.
 
@@ -93,21 +96,24 @@ def _unlikelihood(logs, places, values):
     distance = np.sqrt(squares.sum(axis=-1))
     root, _, variance, weights = _fitted(_matern(distance) + noise * np.eye(m), values)
     inverse = linalg.cho_solve((root, True), np.eye(m))
-    change = 0.5 * (inverse - np.outer(weights, weights) / variance)
+    several = np.size(variance)
+    weights = weights.reshape(m, several)
+    change = 0.5 * (several * inverse - (weights / variance) @ weights.T)
     slope = 5.0 / 3.0 * (1.0 + ROOT * distance) * np.exp(-ROOT * distance)
     gradient = np.append(
         np.tensordot(change * slope, squares, ([0, 1], [0, 1])), noise * np.trace(change)
     )
-    return 0.5 * m * np.log(variance) + np.sum(np.log(np.diag(root))), gradient
+    size = 0.5 * m * np.sum(np.log(variance)) + several * np.sum(np.log(np.diag(root)))
+    return size, gradient
 
 
 def _fitted(correlated, values):
     """Return Cholesky factor, likeliest mean and variance, and weights."""
     root = linalg.cholesky(correlated, lower=True)
     ones = linalg.cho_solve((root, True), np.ones(len(values)))
-    mean = float(ones @ values / ones.sum())
+    mean = ones @ values / ones.sum()
     weights = linalg.cho_solve((root, True), values - mean)
-    variance = max(float((values - mean) @ weights) / len(values), 1e-300)
+    variance = np.maximum(np.sum((values - mean) * weights, axis=0) / len(values), 1e-300)
     return root, mean, variance, weights
 
 
