@@ -17,6 +17,7 @@ from pathlib import Path
 from . import (
     accuracy,
     case,
+    coverage,
     kernels,
     laws,
     mine,
@@ -41,6 +42,7 @@ PARTS = {
     "scale": scale,
     "case": case,
     "superposition": superposition,
+    "coverage": coverage,
 }
 FLAGS = ("--peers", "--quick", "--long")
 

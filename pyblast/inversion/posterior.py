@@ -1,5 +1,4 @@
-"""How sure a back-analysis is: the posterior of its unknowns, walked on an emulator, checked by runs.
-"""
+"""How sure a back-analysis is: the posterior of its unknowns, walked on an emulator and checked."""
 
 from dataclasses import dataclass
 

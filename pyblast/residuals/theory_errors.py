@@ -1,0 +1,42 @@
+"""What residuals are worth beside one simulation: its errors, with levels that the records tell."""
+
+import numpy as np
+
+from .band import Band
+from .levels import infer_levels
+from .noise import Noise
+from .nuisances import mesh_columns, nuisances
+from .scattering import scattering
+from .whitening import Whitener, whitener
+
+
+def whitener_beside(recorded, simulated, noise: Noise, band: Band, mesh_errors=()) -> Whitener:
+    """Return the covariance of residuals beside a simulation that nearly fits.
+
+    Parameters
+    ----------
+    recorded, simulated : (n_blasts, n_receivers, 3, n_samples) float, m/s
+    noise : Noise
+    band : Band
+    mesh_errors : sequence of the same shape, m/s
+        What meshes may do to the simulation, as of `mesh_error`.
+
+    Returns
+    -------
+    Whitener
+        With inferred levels.
+
+    Notes
+    -----
+    theory.md (7.13) to (7.19), mesh errors of each receiver on their own. Shapes must be those of
+    the simulation: those of the record hold its noise, which then explains itself for the price of
+    a level, and what damps the simulation is taken for likely.
+    """
+    parts = nuisances(simulated, band)
+    if len(mesh_errors):
+        errors = np.asarray(mesh_errors, dtype=np.float64)
+        alone = np.eye(errors.shape[2])[:, None, None, :, None, None] * errors
+        parts += mesh_columns(alone.reshape(-1, *errors.shape[1:]), band)
+    spread = scattering(simulated, band)
+    made = whitener(noise, band, len(recorded), nuisances=parts, scattering=spread)
+    return infer_levels(made, np.asarray(recorded) - simulated).whitener
