@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +14,14 @@ from .inversion.doubts import doubts
 from .inversion.methods import search
 from .inversion.plan import Plan, foreseen_plan
 from .inversion.trials import TrialLog, Trials, identity
+from .inversion.uncertainty import refuse_unready, uncertain
 from .pipeline import Interrupted, new_folder
 from .projects.project import Project, load_project
 from .projects.result import write_summary
 from .projects.summary import comparison_table, motion_table
 from .reporting.plan_report import write_plan_report
 from .reporting.plan_words import beside_laboratory, summarise_plan
+from .reporting.posterior_words import summarise_posterior
 from .reporting.search_report import write_search_report
 from .reporting.slip_words import slip_lines
 from .residuals.misfits import MISFITS
@@ -75,6 +77,7 @@ def back_analyse(
     tell = progress or (lambda *_: None)
     tell("mesh", 0, 1)
     target, table = make_target(project), project.config.back_analysis
+    refuse_unready(table, f"{project.path.name}: back_analysis")
     findings = doubts(project)
     output = project.folder / "back_analysis" if output is None else Path(output)
     folder = _interrupted(output) if resume else new_folder(output)
@@ -83,6 +86,9 @@ def back_analyse(
     try:
         trace = search(trials, table.method, table.runs, table.seed)
         found = confirm(trials.target, table.method, table.seed, trace, progress)
+        if table.posterior:
+            drawn = uncertain(trials, trace.points[trace.best], table.seed)
+            found = replace(found, posterior=drawn)
     except KeyboardInterrupt:
         raise Interrupted(
             f"{len(kept.rows)} evaluations are kept in {kept.path}, go on with --resume"
@@ -191,6 +197,7 @@ def summarise_search(found: BackAnalysis, findings, rows) -> dict:
         },
         "blasts": {name: _blast_table(one) for name, one in found.confirmed.items()},
         "plan": plan,
+        "posterior": summarise_posterior(found.posterior, target.parameters),
         "findings": [asdict(finding) for finding in findings],
         "files_sha256": project.input_files,
         "provenance": versions(identity(target, found.method, found.seed)["hash"]),

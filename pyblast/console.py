@@ -10,6 +10,7 @@ from rich.progress import Progress as Bar
 from rich.table import Table
 
 from .reporting.plan_words import best_extras, summarise_plan, told_lines
+from .reporting.posterior_words import posterior_lines, summarise_posterior
 
 STAGES = {
     "input": "input motion",
@@ -218,7 +219,8 @@ def show_search(found, folder, lines):
         )  # fmt: skip
     _out.print(table)
     show_told(summarise_plan(found.plan))
-    for line in lines:
+    drawn = summarise_posterior(found.posterior, found.target.parameters)
+    for line in [*posterior_lines(drawn), *lines]:
         say(line)
     for blast, one in found.confirmed.items():
         for name, comparison in one.comparisons.items():

@@ -22,7 +22,8 @@ ONE_ROOM = {
     "_core": {"solving.kernels"},
     "_core_batch": {"solving.kernels"},
     "gmsh": {"meshing.gmsh_mesher"},
-    "matplotlib": {"reporting.figures", "reporting.plan_figures", "reporting.search_figures"},
+    "matplotlib": {f"reporting.{name}figures" for name in ("", "plan_", "posterior_", "search_")},
+    "emcee": {"inversion.chains"},
 }
 ORDER = [
     "kinds",

@@ -15,6 +15,7 @@ from .insensitive import insensitive, weakest
 from .methods import METHODS
 from .parameters import Parameter, check_parameters, parameters_of, with_values
 from .plan import Plan, Slip, make_plan, problem_of
+from .posterior import Posterior
 from .searching import Trace
 from .strength import Strength, watched_run
 from .waveforms import make_waveforms
@@ -64,6 +65,8 @@ class BackAnalysis:
         Parameters that the records can't tell because nothing slipped, and why.
     plan : Plan
         What the records can tell around the best point, and what more would.
+    posterior : Posterior, optional
+        Draws from what records and ranges leave, where they were asked for.
     """
 
     target: Target
@@ -74,6 +77,7 @@ class BackAnalysis:
     misfit: float
     insensitive: dict[str, str]
     plan: Plan
+    posterior: Posterior | None = None
 
     @property
     def best(self) -> dict[str, float]:

@@ -77,7 +77,7 @@ def walk(log_density: Callable, start, seed, longest=LONGEST) -> Chains:
     -----
     theory.md (12.11). Moves: differential evolution, one in five with a snooker update.
     """
-    emcee = _emcee()
+    emcee = emcee_library()
 
     def inside(places):
         found = np.full(len(places), -np.inf)
@@ -106,8 +106,14 @@ def walk(log_density: Callable, start, seed, longest=LONGEST) -> Chains:
         steps = min(2 * done, longest)
 
 
-def _emcee():
-    """Return the library."""
+def emcee_library():
+    """Return emcee.
+
+    Raises
+    ------
+    InputError
+        If it is not installed.
+    """
     try:
         import emcee
     except ImportError:

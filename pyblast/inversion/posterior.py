@@ -22,6 +22,7 @@ GOOD = 0.9  # share of effective runs in a round after which nothing more is lea
 CHECKS = 40
 WALK = 400  # steps while learning
 ENOUGH = 0.5  # share of effective runs among the checks
+REACHED = 0.1  # share of effective draws that a correction must leave
 KEPT = 2000  # samples
 LEVEL = 0.9
 
@@ -213,7 +214,8 @@ def _effective(log_weights) -> float:
 def _corrected(chains, places, weights, rng):
     """Draw samples by weights that are linear in place as the checks foresee; effective checks.
 
-    Each check is foreseen by the others, so the number is not flattered.
+    Each check is foreseen by the others, so the number is not flattered. No correction where it
+    would rest on few of the draws.
     """
     fine = np.isfinite(weights)
     draws = chains.draws
@@ -230,7 +232,9 @@ def _corrected(chains, places, weights, rng):
     leverage = np.einsum("ij,jk,ik->i", rows, inverse, rows)
     left = (weights[fine] - rows @ slopes) / (1.0 - leverage)
     plain, better = _effective(weights[fine]), _effective(left)
-    logs = terms(draws) @ slopes if better > plain else np.zeros(len(draws))
+    logs = terms(draws) @ slopes
+    if not better > plain or _effective(logs) < REACHED * len(draws):
+        better, logs = plain, np.zeros(len(draws))
     chance = np.exp(logs - logsumexp(logs))
     kept = rng.choice(len(draws), min(KEPT, len(draws)), p=chance)
-    return draws[kept], max(plain, better)
+    return draws[kept], better

@@ -28,6 +28,7 @@ class BackAnalysisConfig(Section):
     seed: Annotated[int, Field(ge=0)] = 0
     receivers: list[Name] = Field([])
     blasts: list[Name] = Field([])
+    posterior: bool = False
     noise_mm_per_s: Positive | None = None
     candidate_grid: Annotated[list[Count], Field(min_length=2, max_length=2)] = Field([5, 4])
     candidate_blasts: list[Name] = Field([])

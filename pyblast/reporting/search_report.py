@@ -6,6 +6,8 @@ from ..projects.result import plain, write_text
 from . import figures
 from .plan_report import found_figures, plan_figure
 from .plan_words import best_extras, told_lines
+from .posterior_figures import corner_figure
+from .posterior_words import posterior_lines
 from .report import page
 from .search_figures import misfit_figure, places_figure
 from .slip_words import slip_lines
@@ -28,6 +30,7 @@ def write_search_report(path, summary, confirmed):
     points, misfits = (np.array(trace[name]) for name in ("points", "misfits"))
     drawn = [
         *found_figures(plan, points, misfits),
+        *_posterior_figures(summary["posterior"]),
         plan_figure(plan),
         *_search_figures(summary),
         *_motion_figures(confirmed),
@@ -36,10 +39,23 @@ def write_search_report(path, summary, confirmed):
         s=plain(summary),
         extras=plain(best_extras(plan)),
         lines=told_lines(plan),
+        sure=posterior_lines(summary["posterior"]),
         slip=[line for name, one in summary["blasts"].items() for line in slip_lines(name, one)],
         figures=[dict(zip(("title", "caption", "image"), row, strict=True)) for row in drawn],
     )
     write_text(path, text)
+
+
+def _posterior_figures(table):
+    """Draw the posterior of the unknowns, where there is one that can be told."""
+    if table is not None and not table["doubt"]:
+        yield (
+            "What records and ranges leave",
+            f"{len(table['samples'])} draws from the posterior: of each unknown over its range, "
+            "with the interval that holds 90 %, and of each pair with the regions that hold 50 "
+            "and 90 %.",
+            corner_figure(table["parameters"], np.asarray(table["samples"])),
+        )
 
 
 def _search_figures(summary):
