@@ -147,11 +147,19 @@ def test_silent_receivers_tell_nothing():
     assert made.knowledge([0], [0]).shares == pytest.approx([1.0])
 
 
-def test_intervals_hold_nine_tenths_and_end_at_the_ranges():
-    found = intervals(np.array([0.5, 0.95]), np.array([0.1, 1.0]))
+def test_intervals_are_those_of_prior_and_data_together():
+    share = 0.1
+    found = intervals(np.array([0.8]), Knowledge(np.array([[1.0 / share**2 - 1.0]])))
 
-    assert found[0] == pytest.approx([0.5 - 0.1 * 0.4748, 0.5 + 0.1 * 0.4748], abs=1e-4)
-    assert found[1, 1] == 1.0
+    # the middle of the range, weighed by the share of its precision
+    middle = 0.5 + (1.0 - share**2) * 0.3
+    assert found[0] == pytest.approx([middle - 0.04748, middle + 0.04748], abs=1e-5)
+
+
+def test_what_nothing_tells_keeps_nine_tenths_of_its_range_wherever_it_was_found():
+    found = intervals(np.array([0.95]), Knowledge(np.zeros((1, 1))))
+
+    assert found[0] == pytest.approx([0.5 - 0.4748, 0.5 + 0.4748], abs=1e-4)
 
 
 def test_a_plan_needs_no_records_and_says_what_noise_it_takes(plan):

@@ -148,7 +148,16 @@ def _of_receivers(noise, receivers):
     )  # fmt: skip
 
 
-def intervals(unit, shares):
+def centre(unit, knowledge):
+    """Return the likeliest place in the unit cube where data alone would say ``unit``, (n,).
+
+    Ranges pull towards their middle what data hardly tell; theory.md (12.8).
+    """
+    pull = knowledge.covariance @ knowledge.information
+    return np.clip(0.5 + pull @ (np.asarray(unit) - 0.5), 0.0, 1.0)
+
+
+def intervals(unit, knowledge):
     """Return where 90 % of what is left lies, (n, 2) in the unit cube, cut at its sides."""
-    reach = NORMAL_95 * UNIFORM * np.asarray(shares)
-    return np.clip(np.stack([unit - reach, unit + reach], axis=-1), 0.0, 1.0)
+    reach, middle = NORMAL_95 * UNIFORM * knowledge.shares, centre(unit, knowledge)
+    return np.clip(np.stack([middle - reach, middle + reach], axis=-1), 0.0, 1.0)

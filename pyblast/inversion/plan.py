@@ -43,7 +43,7 @@ class Plan:
     other : Knowledge
         By the other of the two.
     within : (n, 2) float64
-        Where 90 % of what is left lies around these values.
+        Where 90 % of what is left lies.
     why : dict of str to str
         Parameters that can't be told at all, and why.
     extras : tuple of Extra
@@ -185,7 +185,7 @@ def _by_other(sensitivities, n_blasts, counting):
 
 def _within(parameters, unit, found):
     """Return the 90 % intervals in the units of the parameters, (n, 2)."""
-    ends = intervals(np.asarray(unit), found.shares)
+    ends = intervals(unit, found)
     problem = problem_of(parameters)
     return np.stack([problem.points(ends[:, 0]), problem.points(ends[:, 1])], axis=-1)
 

@@ -102,7 +102,9 @@ def ellipse(plan, pair):
     part = UNIFORM**2 * np.array(plan["covariance"])[np.ix_(pair, pair)]
     turn = np.linspace(0.0, 2.0 * np.pi, 181)
     circle = INSIDE_90 * np.stack([np.cos(turn), np.sin(turn)])
-    unit = np.array([_unit(one, one["value"]) for one in rows])
+    covariance = np.array(plan["covariance"])
+    found = np.array([_unit(one, one["value"]) for one in plan["parameters"]])
+    unit = (0.5 + (np.eye(len(found)) - covariance) @ (found - 0.5))[list(pair)]
     edge = unit[:, None] + np.linalg.cholesky(part) @ circle
     edge = np.clip(edge, 0.0, 1.0)
     return np.array([_value(one, line) for one, line in zip(rows, edge, strict=True)])
