@@ -136,6 +136,16 @@ def case(r):
     return words, min(each.values()) <= 5.0, "quadratic zones gain nothing from a batch"
 
 
+def coverage(r):
+    """Judge how often 90 % intervals hold the truth."""
+    rows = r["coverage"]["rows"]
+    held = [abs(rank - 0.5) < 0.45 for row in rows for rank in row["rank"]]
+    share = sum(held) / len(held)
+    words = f"{share:.0%} of {len(held)} unknowns, {len(rows)} twins"
+    why = "errors of the theory are allowed for that these twins do not have"
+    return words, len(rows) >= 50 and 0.85 <= share <= 0.95, why if share > 0.95 else ""
+
+
 GOALS = (
     ("general zone step ≥ 0.30 of its stream roof, 1 M zones, full step", zone_roof),
     ("≥ 1.4 × a naive element loop", naive),
@@ -152,4 +162,5 @@ GOALS = (
     ("mine at 5 m, 2 s of motion ≤ 120 s", mine),
     ("reduced basis in rock: ≤ 1 % on 8 unseen sets, ≤ 1/50 of a full run", reduced),
     ("a case at the mesh of its 30 Hz: ≤ 5 s a blast in a batch", case),
+    ("90 % intervals hold the truth of 85 to 95 % of unknowns, ≥ 50 twins", coverage),
 )
