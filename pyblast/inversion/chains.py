@@ -75,7 +75,7 @@ def walk(log_density: Callable, start, seed, longest=LONGEST) -> Chains:
 
     Notes
     -----
-    theory.md (12.11). Moves: differential evolution, one in five with a snooker update.
+    theory.md (12.12). Moves: differential evolution, one in five with a snooker update.
     """
     emcee = emcee_library()
 
@@ -137,7 +137,7 @@ def r_hat(places) -> np.ndarray:
 
     Notes
     -----
-    theory.md (12.11); each half of an ensemble, all its walkers, is one sequence.
+    theory.md (12.12); each half of an ensemble, all its walkers, is one sequence.
     """
     ensembles, steps, walkers, n = places.shape
     half = steps // 2

@@ -40,7 +40,7 @@ class Emulator:
 
         Notes
         -----
-        theory.md (12.9): its own doubt adds to the unit variance of each component.
+        theory.md (12.10): its own doubt adds to the unit variance of each component.
         """
         near = (np.asarray(unit) - self.centre) / self.scale
         mean, rows = self.process.at(near)
@@ -63,7 +63,7 @@ def emulate(places, residuals, start=None) -> Emulator:
 
     Notes
     -----
-    theory.md (12.8).
+    theory.md (12.9).
     """
     m, n = places.shape
     centre = places.mean(axis=0)

@@ -41,7 +41,7 @@ class Posterior:
     log_weights : (checks,) float64
         Logarithm of true over emulated probability at fresh places of the walks, mean zero.
     effective : float
-        Runs that the checks are worth, of as many as there are weights; theory.md (12.10).
+        Runs that the checks are worth, of as many as there are weights; theory.md (12.11).
     corrected : float
         The same after the correction.
     runs : int
@@ -119,7 +119,7 @@ def posterior(problem: Problem, best, seed: int, checking: Problem | None = None
 
     Notes
     -----
-    theory.md (12.8) to (12.11). One mode: that of the best point.
+    theory.md (12.9) to (12.12). One mode: that of the best point.
     """
     if problem.vectors is None:
         raise InputError("posterior: needs a misfit of whitened residuals; take 'waveform'")
@@ -207,7 +207,7 @@ def _weights(emulator: Emulator, places, found):
 
 
 def _effective(log_weights) -> float:
-    """Return how many places of equal weight are as good, theory.md (12.10)."""
+    """Return how many places of equal weight are as good, theory.md (12.11)."""
     return float(np.exp(2.0 * logsumexp(log_weights) - logsumexp(2.0 * log_weights)))
 
 

@@ -59,7 +59,7 @@ def uncertain(trials: Trials, best, seed: int) -> Posterior:
 
     Notes
     -----
-    theory.md (12.8) to (12.11). The covariance is shaped by the best point, whose search goes on
+    theory.md (12.9) to (12.12). The covariance is shaped by the best point, whose search goes on
     with it, twice. The error of the mesh is foreseen where `coarser_edges` can make another one.
     """
     errors = [coarser_edges(trials.target, best)]
