@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from pyblast.meshing.grid import graded_axis
 from pyblast.meshing.mesh_builder import structured_box
-from pyblast.projects.site import PADDING, graded_axis
+from pyblast.projects.site_model import Cut
 from pyblast.solving.assembly import time_step
 from pyblast.solving.boundaries import Viscous
 from pyblast.solving.joints import Joint
@@ -21,7 +22,10 @@ JOINT, ROCK = 93.0, Material.from_speeds(2728.0, 3072.0, 1641.0)
 HIGHEST, DURATION = 30.0, 0.95
 KINDS = {"constant strain": False, "quadratic": True}
 ZONE_STEPS = 6_000_000
-MEAN_EDGE = 2.0 / 3.0 * (1.0 + 2.0**0.5) / 2.0 + 2.0**0.5 / 3.0  # of five zones to a cell
+RIM = 110.0, 1.15  # m, growth of cells: as for runs that a finer mesh corrects
+# Mean edge of the zones of a cell over that of the cell: of five zones, and of twelve.
+MEAN_EDGE = {False: 2.0 / 3.0 * (1.0 + 2.0**0.5) / 2.0 + 2.0**0.5 / 3.0,
+             True: (2.0 + 2.0**0.5 + 3.0 * 3.0**0.5 / 2.0) / 6.0}  # fmt: skip
 
 
 def measure(effort):
@@ -49,30 +53,31 @@ def of_kind(model):
 def site(quadratic, highest):
     """Return the model of a blast whose box carries a frequency in Hz; the rim is coarser."""
     edges = 3.0 if quadratic else 10.0
-    return blast(ROCK.cs / (edges * highest) / MEAN_EDGE, quadratic)
+    edge = ROCK.cs / (edges * highest) / MEAN_EDGE[quadratic]
+    return blast(Cut(edge, *RIM, quadratic))
 
 
-def blast(edge, quadratic):
+def blast(cut):
     """Return the model with twelve holes, ten receivers, a joint and a rim."""
     axes = [
-        graded_axis(BOX[0], [JOINT], edge, PADDING, PADDING),
-        graded_axis(BOX[1], [], edge, PADDING, PADDING),
-        graded_axis(BOX[2], [], edge, PADDING, 0.0),
+        graded_axis(BOX[0], [JOINT], cut.edge, cut.padding, cut.padding, cut.growth),
+        graded_axis(BOX[1], [], cut.edge, cut.padding, cut.padding, cut.growth),
+        graded_axis(BOX[2], [], cut.edge, cut.padding, 0.0, cut.growth),
     ]
-    mesh = structured_box(*axes, planes={"J1": ("x", JOINT)}, pattern="alternating").split(["J1"])
+    mesh = structured_box(*axes, planes={"J1": ("x", JOINT)}, pattern=cut.pattern).split(["J1"])
     times = np.arange(0.0, 0.12, 1e-3)
     turn = (np.pi * 15.0 * (times - 0.06)) ** 2
     rate = TimeFunction(1e9 * (1.0 - 2.0 * turn) * np.exp(-turn), 1e-3)
     holes = [
         Hole(np.array([40.0 + 5.0 * (k % 4), 60.0 + 6.0 * (k // 4), -12.0]), 30.0, 0.017 * k, rate,
-             0.84, 1.2 * edge)
+             0.84, cut.spread)
         for k in range(12)
     ]  # fmt: skip
     return Model(
         mesh, {"rock": ROCK}, joints=[Joint("J1", "elastic", {"kn": 5.85e8, "ks": 2.66e8})],
-        boundaries=[Viscous(side) for side in QUIET], rim=Rim(BOX, PADDING), sources=holes,
+        boundaries=[Viscous(side) for side in QUIET], rim=Rim(BOX, cut.padding), sources=holes,
         receivers=[Receiver(f"R{k}", (110.0 + 10.0 * k, 40.0 + 9.0 * k, -0.1)) for k in range(10)],
-        quadratic=quadratic,
+        quadratic=cut.quadratic,
     )  # fmt: skip
 
 
@@ -80,7 +85,7 @@ def lines(found):
     """Return the table of this part."""
     told = [
         f"Rock of {BOX[0][1]:g} × {BOX[1][1]:g} × {-BOX[2][0]:g} m with a joint and a rim of "
-        f"{PADDING:g} m, twelve holes, {DURATION:g} s, on the coarsest mesh whose box carries "
+        f"{RIM[0]:g} m, twelve holes, {DURATION:g} s, on the coarsest mesh whose box carries "
         f"{HIGHEST:g} Hz. Two threads; a step is measured, times are composed of steps.",
         "",
         "| zones | number | nodes | steps | s a blast alone | in a batch of 8 |",

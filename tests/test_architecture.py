@@ -14,7 +14,7 @@ FORTRAN = sorted((ROOT / "fortran").glob("*.f90"))
 # From the ground up: a package imports only itself and what stands before it.
 PACKAGES = [
     "motion", "records", "residuals", "blasting", "meshing", "solving", "ensembles", "planning",
-    "reduction", "projects", "inversion", "reporting",
+    "reduction", "projects", "inversion", "diagnosis", "reporting",
 ]  # fmt: skip
 # What marches knows nothing of files that people write, blasts, projects and pages.
 MARCHES = {"motion", "meshing", "solving"}

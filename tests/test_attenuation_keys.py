@@ -7,7 +7,8 @@ from small_project import written
 from pyblast.errors import InputError
 from pyblast.projects.checks import check
 from pyblast.projects.project import load_project
-from pyblast.projects.site import read_site, site_mesh, site_model
+from pyblast.projects.site import read_site
+from pyblast.projects.site_model import Cut, site_model
 from pyblast.solving.attenuation import ConstantQ
 
 SOIL = "shear_mpa = 57.7"
@@ -93,7 +94,7 @@ def test_ground_that_fades_can_be_damped_as_well(tmp_path):
 def test_a_site_with_known_quality_fades_by_it_and_by_nothing_else(cases):
     site = read_site(cases / "case-10")
 
-    model = site_model(site, "S1", site_mesh(site, 40.0), 40.0)
+    model = site_model(site, "S1", Cut(40.0))
 
     laws = {material.law for material in model.materials.values()}
     assert {(law.qp, law.qs) for law in laws} == {site.quality} == {(83.0, 54.0)}

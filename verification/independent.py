@@ -20,7 +20,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 from pyblast.motion.comparison import compare
-from pyblast.projects.site import read_site, site_mesh, site_model
+from pyblast.projects.site import read_site
+from pyblast.projects.site_model import Cut, site_mesh, site_model
 from pyblast.solving.solver import run
 
 from .independent_cases import (
@@ -62,8 +63,9 @@ def site_of(cases, case, model):
 
 def measured(site, blast, edge, air=()):
     """Run one blast on one mesh, with air blasts; return a row of results and the seismograms."""
-    mesh = with_open_ground(site_mesh(site, edge), site.box)
-    model = site_model(site, blast, mesh, edge)
+    cut = Cut(edge)
+    mesh = with_open_ground(site_mesh(site, cut), site.box)
+    model = site_model(site, blast, cut, mesh)
     done = run(replace(model, sources=(*model.sources, *air)), DURATION)
     misfits = {
         name: compare(

@@ -45,6 +45,20 @@ def true_limit(prepared, dt=None):
     return float(dt)
 
 
+def largest_root(model, dt):
+    """Return the largest eigenvalue of the march from step to step, one unit state at a time."""
+    prepared = prepare(model, 1e-3)
+    views = kernels.to_fortran({**prepared.constants, "dt": dt})
+    names, columns = ("displacement", "velocity", "memory"), []
+    for name in names:
+        for place in range(prepared.state[name].size):
+            state = {key: value.copy() for key, value in prepared.state.items()}
+            state[name].flat[place] = 1.0
+            kernels.advance(views, state, 0, 1, 10**6)
+            columns.append(np.concatenate([state[key].ravel() for key in names]))
+    return np.abs(np.linalg.eigvals(np.array(columns))).max()
+
+
 def lasts(model, dt, n_steps=4000):
     """Tell whether a full run from random velocities at a step of dt lasts and calms down."""
     prepared = prepare(model, 1e-3)

@@ -12,9 +12,9 @@ from line_analysis import first_breaks, misfit_map, phase_speeds, with_hammer
 from real_figures import draw_gather
 from real_line import hits_by_place, keep_results, recordings_folder, seismograms, vertical
 
+from pyblast.meshing.grid import graded_axis
 from pyblast.meshing.mesh_builder import Layer, structured_box
 from pyblast.motion.comparison import compare
-from pyblast.projects.site import graded_axis
 from pyblast.solving.boundaries import Roller, Viscous
 from pyblast.solving.materials import Damping, Material
 from pyblast.solving.model import Model, Receiver, Rim

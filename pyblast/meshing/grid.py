@@ -1,6 +1,6 @@
 """Grids of boxes cut into tetrahedra."""
 
-from itertools import permutations
+from itertools import pairwise, permutations
 from math import prod
 
 import numpy as np
@@ -16,6 +16,7 @@ _SIDES = {"west": (0, 0), "east": (0, -1), "south": (1, 0), "north": (1, -1)} | 
     "top": (2, -1),
 }
 _AXES = {"x": 0, "y": 1, "z": 2}
+GROWTH = 1.08  # of cells outside of what matters
 _PER_BOX = {"kuhn": 6, "alternating": 5, "centred": 12}
 
 
@@ -180,3 +181,36 @@ def _centred_zones(axes, points, cuts):
     turned = tetrahedra.volumes(points, zones) < 0.0
     zones[turned] = zones[turned][:, [0, 2, 1, 3]]
     return points, zones
+
+
+def graded_axis(limits, anchors, edge, before, after, growth=GROWTH):
+    """Return ascending coordinates: even cells between limits and anchors, growing ones outside.
+
+    Parameters
+    ----------
+    limits : (2,) float, m
+    anchors : sequence of float, m
+        Coordinates that must be on the grid; those outside the limits are left out.
+    edge : float, m
+        Cells between two anchors are at most this long.
+    before, after : float, m
+        How far the grid goes on outside.
+    growth : float
+        Of each cell over the one before it, outside.
+    """
+    inside = sorted({float(a) for a in anchors if limits[0] < a < limits[1]})
+    stops = [float(limits[0]), *inside, float(limits[1])]
+    pieces = [
+        np.linspace(low, high, max(1, int(np.ceil((high - low) / edge - 1e-9))) + 1)[:-1]
+        for low, high in pairwise(stops)
+    ]
+
+    def outside(distance):
+        steps, size = [], edge
+        while distance > 0.0 and sum(steps) < distance:
+            size *= growth
+            steps.append(size)
+        return np.cumsum(steps)
+
+    low, high = stops[0] - outside(before)[::-1], stops[-1] + outside(after)
+    return np.concatenate([low, *pieces, [stops[-1]], high])

@@ -1,8 +1,7 @@
 """Case folders: a site as it is believed to be, its blasts, and what the receivers recorded."""
 
 import tomllib
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,18 +9,11 @@ import numpy as np
 from ..blasting.blast import Blast
 from ..blasting.hole_tables import read_blast
 from ..errors import InputError, ReadError
-from ..meshing.mesh_builder import Layer, structured_box
 from ..records.recordings import Recording, read_stations
-from ..solving.attenuation import ConstantQ
-from ..solving.boundaries import Viscous
 from ..solving.joints import Joint
 from ..solving.materials import Material
-from ..solving.model import Model, Receiver, Rim
-from ..solving.sources import Hole, TimeFunction
-
-GROWTH = 1.08
-PADDING = 220.0
-BEYOND_BAND = 3.0  # how far beyond the band of the records, both ways, a quality factor holds
+from ..solving.model import Receiver
+from ..solving.sources import TimeFunction
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +64,12 @@ class Site:
     time_zeros : dict of str to str
         Instant of the first hole of each blast.
     band : tuple of 2 float, Hz
+    noise_window : tuple of 2 float, s
+        After the first hole of a blast: when nothing but noise was recorded.
+    ground : tuple of Gradient, DamagedZone or Heterogeneity
+        Factors on the speeds of the layers.
+    marks : tuple of (axis, position in m)
+        Planes on which the zones shall end although nothing is there.
     """
 
     name: str
@@ -86,6 +84,9 @@ class Site:
     records: dict[str, dict[str, Recording]]
     time_zeros: dict[str, str]
     band: tuple[float, float]
+    noise_window: tuple[float, float]
+    ground: tuple = ()
+    marks: tuple[tuple[str, float], ...] = ()
 
 
 def read_site(folder) -> Site:
@@ -142,6 +143,7 @@ def _site(folder, table):
         records=records,
         time_zeros={row["id"]: row["time_zero"] for row in table["blasts"]},
         band=tuple(table["recording"]["band_hz"]),
+        noise_window=tuple(table["recording"]["noise_window_s"]),
     )
 
 
@@ -173,108 +175,3 @@ def _moment_rate(path):
     if len(times) < 4 or not np.allclose(steps, steps[0], rtol=1e-3):
         raise ReadError(f"{path}: times must be evenly spaced, at least four of them")
     return TimeFunction(rate, float(np.mean(steps)), float(times[0]))
-
-
-def site_mesh(site, edge, padding=PADDING):
-    """Mesh the ground of a site, with its joints split.
-
-    Parameters
-    ----------
-    site : Site
-    edge : float, m
-        Of the cubes inside the box.
-    padding : float, m
-        How far the ground goes on beyond the sides and the bottom, in growing cells.
-
-    Returns
-    -------
-    Mesh
-    """
-    anchors = {axis: [j.position for j in site.joints if j.axis == axis] for axis in "xy"}
-    for j in site.joints:
-        anchors["y" if j.axis == "x" else "x"] += [e for e in j.extent if np.isfinite(e)]
-    thickness = [t for _, t, _ in site.layers[:-1]]
-    depths = [d for joint in site.joints for d in joint.depth if np.isfinite(d)]
-    heights = [*-np.cumsum(thickness), *np.negative(depths)]
-    axes = [
-        graded_axis(site.box[0], anchors["x"], edge, padding, padding),
-        graded_axis(site.box[1], anchors["y"], edge, padding, padding),
-        graded_axis(site.box[2], heights, edge, padding, 0.0),
-    ]
-    layers = [Layer(name, thickness) for name, thickness, _ in site.layers]
-    planes = {j.joint.surface: (j.axis, j.position) for j in site.joints}
-    mesh = structured_box(*axes, layers=layers, planes=planes, pattern="alternating")
-    surfaces = dict(mesh.surfaces)
-    for j in site.joints:
-        faces = surfaces[j.joint.surface]
-        centre = mesh.points[faces].mean(axis=1)
-        along = centre[:, 1 if j.axis == "x" else 0]
-        inside = (along > j.extent[0]) & (along < j.extent[1])
-        inside &= (-centre[:, 2] > j.depth[0]) & (-centre[:, 2] < j.depth[1])
-        surfaces[j.joint.surface] = faces[inside]
-    return replace(mesh, surfaces=surfaces).split([j.joint.surface for j in site.joints])
-
-
-def graded_axis(limits, anchors, edge, before, after):
-    """Return ascending coordinates: even cells between limits and anchors, growing ones outside.
-
-    Parameters
-    ----------
-    limits : (2,) float, m
-    anchors : sequence of float, m
-        Coordinates that must be on the grid; those outside the limits are left out.
-    edge : float, m
-        Cells between two anchors are at most this long.
-    before, after : float, m
-        How far the grid goes on outside.
-    """
-    inside = sorted({float(a) for a in anchors if limits[0] < a < limits[1]})
-    stops = [float(limits[0]), *inside, float(limits[1])]
-    pieces = [
-        np.linspace(low, high, max(1, int(np.ceil((high - low) / edge - 1e-9))) + 1)[:-1]
-        for low, high in pairwise(stops)
-    ]
-
-    def outside(distance):
-        steps, size = [], edge
-        while distance > 0.0 and sum(steps) < distance:
-            size *= GROWTH
-            steps.append(size)
-        return np.cumsum(steps)
-
-    low, high = stops[0] - outside(before)[::-1], stops[-1] + outside(after)
-    return np.concatenate([low, *pieces, [stops[-1]], high])
-
-
-def site_model(site, blast, mesh, spread, padding=PADDING) -> Model:
-    """Model one blast of a site with its holes as isotropic sources.
-
-    Parameters
-    ----------
-    site : Site
-    blast : str
-    mesh : Mesh
-    spread : float, m
-        Radius over which each hole is spread.
-    padding : float, m
-        As given to `site_mesh`; the ground out there damps what leaves the box.
-    """
-    holes = site.blasts[blast]
-    sources = [
-        Hole(place, charge, time, site.moment_rate, site.exponent, spread)
-        for place, charge, time in zip(holes.centres, holes.charge, holes.times, strict=True)
-    ]
-    materials = {name: material for name, _, material in site.layers}
-    if site.quality is not None:
-        low, high = site.band
-        law = ConstantQ(*site.quality, (low / BEYOND_BAND, high * BEYOND_BAND))
-        materials = {name: replace(m, law=law) for name, m in materials.items()}
-    return Model(
-        mesh,
-        materials,
-        joints=[j.joint for j in site.joints],
-        boundaries=[Viscous(side) for side in ("west", "east", "south", "north", "bottom")],
-        rim=Rim(tuple(map(tuple, site.box)), padding),
-        sources=sources,
-        receivers=site.receivers,
-    )

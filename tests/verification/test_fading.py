@@ -19,6 +19,7 @@ from pyblast.solving.materials import Damping
 from pyblast.solving.model import InSitu, Model, Receiver
 from pyblast.solving.solver import prepare, run
 from verification.columns import ROCK, ricker, started
+from verification.step_limits import largest_root
 
 SIDES = ("west", "east", "south", "north", "bottom")
 TIMES = np.arange(0.0, 0.1, 5e-4)
@@ -113,20 +114,6 @@ def test_an_interrupted_run_goes_on_with_the_same_bits(kind, tmp_path, monkeypat
     whole, resumed = shaken(kind), shaken(kind, resume=path)
     for name in kernels.STATE:
         assert np.array_equal(whole.state[name], resumed.state[name]), name
-
-
-def largest_root(model, dt):
-    """Return the largest eigenvalue of the march from step to step, one unit state at a time."""
-    prepared = prepare(model, 1e-3)
-    views = kernels.to_fortran({**prepared.constants, "dt": dt})
-    names, columns = ("displacement", "velocity", "memory"), []
-    for name in names:
-        for place in range(prepared.state[name].size):
-            state = {key: value.copy() for key, value in prepared.state.items()}
-            state[name].flat[place] = 1.0
-            kernels.advance(views, state, 0, 1, 10**6)
-            columns.append(np.concatenate([state[key].ravel() for key in names]))
-    return np.abs(np.linalg.eigvals(np.array(columns))).max()
 
 
 @cache

@@ -7,9 +7,9 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import hilbert
 
 from pyblast.meshing.geology import Layer
+from pyblast.meshing.grid import graded_axis
 from pyblast.meshing.mesh_builder import structured_box
 from pyblast.motion.seismogram import Seismogram
-from pyblast.projects.site import graded_axis
 from pyblast.solving.attenuation import ConstantQ
 from pyblast.solving.boundaries import Fixed, StressInput, Viscous
 from pyblast.solving.materials import Damping, Material

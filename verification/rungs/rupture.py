@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
+from pyblast.meshing.grid import graded_axis
 from pyblast.meshing.mesh_builder import structured_box
-from pyblast.projects.site import graded_axis
 from pyblast.solving.boundaries import Fixed, Roller, Viscous
 from pyblast.solving.joints import Joint
 from pyblast.solving.materials import Material

@@ -1,0 +1,110 @@
+"""A site with its records as arrays: what a diagnosis compares."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..projects.site import Site
+from ..residuals.band import Band, band_functions
+from ..residuals.noise import Noise, noise_of
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Records of some blasts of a site, from the first hole of each blast on.
+
+    Parameters
+    ----------
+    site : Site
+        As it is believed to be.
+    blasts : tuple of n_blasts str
+        From the smallest charge to the largest.
+    receivers : tuple of n_receivers str
+    dt : float, s
+    motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        East, north, up; zero where nothing was recorded.
+    valid : the same shape, bool
+        Samples that are there and not clipped.
+    band : Band
+    noise : Noise
+        From the windows before the blasts.
+    """
+
+    site: Site
+    blasts: tuple[str, ...]
+    receivers: tuple[str, ...]
+    dt: float
+    motion: np.ndarray
+    valid: np.ndarray
+    band: Band
+    noise: Noise
+
+    @property
+    def n_samples(self):
+        """Samples from the first hole on."""
+        return self.motion.shape[-1]
+
+    @property
+    def duration(self):
+        """How long a simulation has to last, s."""
+        return self.n_samples * self.dt
+
+
+def case_of(site: Site, blasts=None) -> Case:
+    """Gather the records of a site.
+
+    Parameters
+    ----------
+    site : Site
+    blasts : sequence of str, optional
+        Which of its blasts; all of them by default.
+
+    Raises
+    ------
+    InputError
+        If a blast is not there, or records differ in sampling, or none begins before the blast.
+    """
+    names = tuple(blasts or site.blasts)
+    for name in names:
+        if name not in site.records:
+            raise InputError(f"case: no blast {name!r}; there are {', '.join(site.records)}")
+    names = tuple(sorted(names, key=lambda name: float(np.sum(site.blasts[name].charge))))
+    records = [site.records[name] for name in names]
+    receivers = tuple(r.name for r in site.receivers if any(r.name in some for some in records))
+    if not receivers:
+        raise InputError("case: none of the receivers of the site has a record")
+    every = [some[name] for some in records for name in receivers if name in some]
+    dt = every[0].seismogram.dt
+    if any(abs(one.seismogram.dt - dt) > 1e-9 * dt for one in every):
+        raise InputError("case: records differ in sampling rate; resample them to one")
+    end = min(one.seismogram.times[-1] for one in every)
+    after = 0.0, int(np.floor(end / dt + 1e-6)) + 1
+    first, last = site.noise_window
+    before = first, int(np.floor((last - first) / dt + 1e-6))
+    (motion, valid), (quiet, heard) = (
+        _arrays(records, receivers, start, dt, n) for start, n in (after, before)
+    )
+    noise = noise_of(np.where(heard, quiet, np.nan), dt, site.band)
+    whole = None if valid.all() else valid
+    band = band_functions(motion.shape[-1], dt, site.band, whole)
+    return Case(site, names, receivers, dt, motion, valid, band, noise)
+
+
+def _arrays(records, receivers, start, dt, n):
+    """Return motion (n_blasts, n_receivers, 3, n) of records, and where it is valid."""
+    shape = (len(records), len(receivers), 3, n)
+    motion, valid = np.zeros(shape), np.zeros(shape, dtype=bool)
+    for b, some in enumerate(records):
+        for r, name in enumerate(receivers):
+            if name not in some:
+                continue
+            record = some[name].seismogram
+            first = round((start - record.start) / dt)
+            there = slice(max(first, 0), max(first + n, 0))
+            velocity = record.velocity[there].T
+            good = np.isfinite(velocity) & ~some[name].clipped[there].T
+            at = slice(max(-first, 0), max(-first, 0) + velocity.shape[1])
+            motion[b, r, :, at] = np.where(np.isfinite(velocity), velocity, 0.0)
+            valid[b, r, :, at] = good
+    return motion, valid

@@ -1,0 +1,103 @@
+"""From sites to motion at the receivers of a case: many runs side by side, none made twice."""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..ensembles.banks import greens_functions
+from ..ensembles.many_runs import run_all
+from ..projects.site import Site
+from ..projects.site_model import Cut, site_mesh, site_model
+from .case import Case
+
+
+@dataclass(eq=False)
+class Forward:
+    """The solver as a diagnosis sees it; counts its runs.
+
+    Parameters
+    ----------
+    case : Case
+    cut : Cut
+    folder : path, optional
+        Where runs are kept and found.
+    executor : Executor, optional
+        As for `run_all`.
+    """
+
+    case: Case
+    cut: Cut
+    folder: str | None = None
+    executor: Executor | None = None
+    runs: int = 0
+    _meshes: dict = field(default_factory=dict, repr=False)
+
+    def motion(self, site: Site) -> np.ndarray:
+        """Return the motion (n_blasts, n_receivers, 3, n_samples) in m/s of one site."""
+        return self.motions([site])[0]
+
+    def motions(self, sites: Sequence[Site], blasts=None) -> np.ndarray:
+        """Return the motion of several sites side by side.
+
+        Parameters
+        ----------
+        sites : sequence of Site
+        blasts : sequence of str, optional
+            Some of those of the case.
+
+        Returns
+        -------
+        (n_sites, n_blasts, n_receivers, 3, n_samples) float64, m/s
+        """
+        blasts = tuple(blasts or self.case.blasts)
+        models = [self.model(site, blast) for site in sites for blast in blasts]
+        done = run_all(models, self.case.duration, folder=self.folder, executor=self.executor)
+        self.runs += len(models)
+        motion = np.stack([self._sampled(run.seismograms) for run in done])
+        return motion.reshape(len(sites), len(blasts), *motion.shape[1:])
+
+    def hole_motion(self, site: Site) -> dict[str, np.ndarray]:
+        """Return by blast what each hole sends with its believed charge, fired at zero.
+
+        Returns
+        -------
+        dict of str to (n_holes, n_receivers, 3, n_samples) float64, m/s
+        """
+        models = [self.model(site, blast) for blast in self.case.blasts]
+        sources = [source for model in models for source in model.sources]
+        bank = greens_functions(
+            replace(models[0], sources=sources),
+            self.case.duration,
+            side="source",
+            folder=self.folder,
+            executor=self.executor,
+        )
+        self.runs += bank.runs
+        found = {}
+        for blast, model in zip(self.case.blasts, models, strict=True):
+            early = [replace(source, time=0.0) for source in model.sources]
+            found[blast] = np.stack([self._sampled(bank.blast([one])) for one in early])
+        return found
+
+    def model(self, site: Site, blast: str):
+        """Return the model of one blast; sites of one geometry share a mesh."""
+        key = _geometry(site)
+        if key not in self._meshes:
+            self._meshes[key] = site_mesh(site, self.cut)
+        return site_model(site, blast, self.cut, self._meshes[key])
+
+    def _sampled(self, seismograms):
+        """Return seismograms (n_receivers, 3, n_samples) at the instants of the records."""
+        dt, n = self.case.dt, self.case.n_samples
+        return np.stack(
+            [seismograms[name].sampled(0.0, dt, n).velocity.T for name in self.case.receivers]
+        )
+
+
+def _geometry(site):
+    """Return what the mesh of a site depends on."""
+    layers = tuple((name, thickness) for name, thickness, _ in site.layers)
+    joints = tuple((j.joint.surface, j.axis, j.position, j.extent, j.depth) for j in site.joints)
+    return site.box.tobytes(), layers, joints, site.marks

@@ -1,0 +1,133 @@
+"""Physics that a site may lack: one decorated function each, and nothing else to touch.
+
+A hypothesis puts one effect back, with knobs. Its first docstring line is the claim of the report.
+What it changes decides how it is called and what it costs:
+
+- ``on="site"``: ``(site, target, **knobs) -> Site``; a run of every blast at each trial;
+- ``on="holes"``: ``(holes, target, **knobs) -> (delays, scales)`` of one blast; no runs;
+- ``on="motion"``: ``(scene, motion, target, **knobs) -> motion``; no runs.
+
+``None`` in place of a result says that the effect is there already or can't be.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+
+FAMILIES = ("source", "path", "receiver", "instrument")
+PLACES = ("site", "holes", "motion")
+AXES = ("receivers", "blasts", "both")
+TARGETS = ("site", "joint", "blast", "receiver")
+
+
+@dataclass(frozen=True)
+class Knob:
+    """One number of a hypothesis, Gaussian before the records are seen.
+
+    Parameters
+    ----------
+    name : str
+        Of the argument.
+    centre, sigma : float
+        In the unit, or of the natural logarithm if ``log``; ``centre`` is always in the unit.
+    unit : str
+        SI; empty for a ratio.
+    log : bool
+        Whether it is positive and known by factors.
+    starts : tuple of float
+        Values in the unit that the search begins at.
+    low, high : float
+        In the unit; the search stays within.
+    per_hole : bool
+        One value for each hole of the blast.
+    """
+
+    name: str
+    centre: float
+    sigma: float
+    unit: str = ""
+    log: bool = False
+    starts: tuple[float, ...] = ()
+    low: float = -np.inf
+    high: float = np.inf
+    per_hole: bool = False
+
+    def coordinate(self, value):
+        """Return a value as the search sees it: in sigmas from the centre."""
+        if self.log:
+            return np.log(value / self.centre) / self.sigma
+        return (value - self.centre) / self.sigma
+
+    def value(self, coordinate):
+        """Return the value in the unit of a coordinate."""
+        if self.log:
+            return self.centre * np.exp(self.sigma * coordinate)
+        return self.centre + self.sigma * coordinate
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """Physics that may have been left out.
+
+    Parameters
+    ----------
+    label : str
+        Its name in results.
+    claim : str
+        What it says, one sentence.
+    family : str
+        Of `FAMILIES`.
+    on : str
+        What it changes, of `PLACES`.
+    target : str
+        What it belongs to, of `TARGETS`; the search tries each of them.
+    axis : str
+        What is held out to test it, of `AXES`.
+    knobs : tuple of Knob
+    apply : callable
+    bare : callable or None
+        ``(site, target, **knobs) -> Site``: cut into zones as with the effect, but without it. Of
+        effects on the site that change its geometry, so that no mesh is taken for physics.
+    """
+
+    label: str
+    claim: str
+    family: str
+    on: str
+    target: str
+    axis: str
+    knobs: tuple[Knob, ...]
+    apply: Callable
+    bare: Callable | None = None
+
+
+LIBRARY: dict[str, Hypothesis] = {}
+
+
+def hypothesis(label, *, family, on, target, axis, knobs, bare=None):
+    """Enter the decorated function into the library.
+
+    Raises
+    ------
+    InputError
+        If a word is not one of the lists above, the label is taken, or there is no claim.
+    """
+    for word, allowed in ((family, FAMILIES), (on, PLACES), (target, TARGETS), (axis, AXES)):
+        if word not in allowed:
+            raise InputError(f"hypothesis {label}: need one of {', '.join(allowed)}, got {word!r}")
+
+    def enter(function):
+        if label in LIBRARY:
+            raise InputError(f"hypothesis {label}: is in the library already")
+        if not function.__doc__:
+            raise InputError(f"hypothesis {label}: needs a docstring that says its claim")
+        claim = function.__doc__.strip().splitlines()[0]
+        LIBRARY[label] = Hypothesis(
+            label, claim, family, on, target, axis, tuple(knobs), function, bare
+        )
+        return function
+
+    return enter

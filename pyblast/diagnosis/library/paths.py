@@ -1,0 +1,86 @@
+"""What may be wrong between blast and receiver: laws of joints, joints unknown, fading, grain."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...solving.joints import Joint
+from ..hypotheses import Knob, hypothesis
+
+STIFFEST = 400.0  # largest tangent of a closing joint over its initial stiffness
+NEVER = 1e12  # Pa, a tension that nothing reaches
+
+
+def _on_joint(site, target, change):
+    """Return the site with one joint changed; None where its law is not elastic any more."""
+    joints = tuple(
+        replace(j, joint=change(j.joint)) if j.joint.surface == target else j for j in site.joints
+    )
+    chosen = next(j for j in site.joints if j.joint.surface == target)
+    return replace(site, joints=joints) if chosen.joint.law == "elastic" else None
+
+
+@hypothesis(
+    "joint_nonlinear_closure", family="path", on="site", target="joint", axis="both",
+    knobs=[Knob("closed", 0.5, 0.15, starts=(0.4, 0.65), low=0.05, high=0.9)],
+)  # fmt: skip
+def joint_nonlinear_closure(site, target, closed):
+    """This joint stiffens as it closes: large blasts cross it more easily, in compression."""
+
+    def closing(joint):
+        kn = joint.properties["kn"] * (1.0 - closed) ** 2
+        closure = joint.insitu_pressure * (1.0 - closed) / closed / kn
+        properties = {"kn": kn, "ks": joint.properties["ks"], "closure": closure,
+                      "kn_max": STIFFEST * kn}  # fmt: skip
+        return Joint(joint.surface, "closure", properties, joint.insitu_pressure)
+
+    chosen = next(j for j in site.joints if j.joint.surface == target)
+    return _on_joint(site, target, closing) if chosen.joint.insitu_pressure > 0.0 else None
+
+
+@hypothesis(
+    "joint_slip", family="path", on="site", target="joint", axis="both",
+    knobs=[
+        Knob("strength", 1e5, 1.0, "Pa", log=True, starts=(3e4, 2e5), low=1e3, high=1e7),
+        Knob("residual", 0.5, 0.2, starts=(0.5,), low=0.05, high=1.0),
+    ],
+)  # fmt: skip
+def joint_slip(site, target, strength, residual):
+    """This joint slips: it bears no more shear than its strength; large blasts lose S waves."""
+
+    def slipping(joint):
+        friction = np.tan(np.radians(30.0))
+        peak = max(strength - joint.insitu_pressure * friction, 0.0)
+        properties = {
+            **joint.properties, "cohesion": peak, "friction": friction, "tension": NEVER,
+            "cohesion_residual": residual * peak, "friction_residual": residual * friction,
+            "tension_residual": NEVER,
+        }  # fmt: skip
+        return Joint(joint.surface, "coulomb", properties, joint.insitu_pressure)
+
+    return _on_joint(site, target, slipping)
+
+
+@hypothesis(
+    "joint_viscous_fill", family="path", on="site", target="joint", axis="both",
+    knobs=[Knob("relaxation", 3e-3, 1.0, "s", log=True, starts=(2e-3,), low=1e-4, high=0.1)],
+)  # fmt: skip
+def joint_viscous_fill(site, target, relaxation):
+    """The fill of this joint is viscous: it passes more of high frequencies than a spring does."""
+
+    def filled(joint):
+        kn, ks = joint.properties["kn"], joint.properties["ks"]
+        properties = {"kn": kn, "ks": ks, "eta_n": relaxation * kn, "eta_s": relaxation * ks}
+        return Joint(joint.surface, "kelvin", properties, joint.insitu_pressure)
+
+    return _on_joint(site, target, filled)
+
+
+@hypothesis(
+    "attenuation_Q", family="path", on="site", target="site", axis="both",
+    knobs=[Knob("q", 20.0, 0.8, log=True, starts=(8.0, 25.0), low=4.0, high=300.0)],
+)  # fmt: skip
+def attenuation_q(site, target, q):
+    """The ground takes energy from all waves alike, as constant Q of S waves does."""
+    del target
+    return replace(site, quality=(1.3 * q, q)) if site.quality is None else None

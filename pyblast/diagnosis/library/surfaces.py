@@ -1,0 +1,35 @@
+"""What may be wrong at the receivers' own ground: a soft layer, the air blast, their places."""
+
+from dataclasses import replace
+
+from ...solving.materials import Material
+from ..hypotheses import Knob, hypothesis
+
+
+def _layered(site, thickness, slower):
+    """Return the site with a slower layer on top; None where there is no room for it."""
+    name, first, rock = site.layers[0]
+    if name == "soft" or (first is not None and thickness > 0.9 * first):
+        return None
+    soft = Material.from_speeds(rock.density, slower * rock.cp, slower * rock.cs)
+    rest = (name, None if first is None else first - thickness, rock)
+    return replace(site, layers=(("soft", thickness, soft), rest, *site.layers[1:]))
+
+
+def _as_fast(site, target, thickness, slower):
+    """Return the site with a layer that is no slower."""
+    del target, slower
+    return _layered(site, thickness, 1.0)
+
+
+@hypothesis(
+    "soft_surface_layer", family="receiver", on="site", target="site", axis="both", bare=_as_fast,
+    knobs=[
+        Knob("thickness", 5.0, 0.5, "m", log=True, starts=(3.0, 7.0), low=1.0, high=20.0),
+        Knob("slower", 0.4, 0.4, log=True, starts=(0.4,), low=0.1, high=0.9),
+    ],
+)  # fmt: skip
+def soft_surface_layer(site, target, thickness, slower):
+    """A slower layer that the site does not list lies on top."""
+    del target
+    return _layered(site, thickness, slower)

@@ -1,0 +1,135 @@
+"""Sites with effects: what they send to the receivers, by runs, by stored holes, by operators."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy import fft
+
+from ..projects.site import Site
+from .calibration import Baseline
+from .forward import Forward
+from .hypotheses import LIBRARY
+from .unknowns import with_values
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A hypothesis at a place, with values of its knobs.
+
+    Parameters
+    ----------
+    label : str
+        In the library.
+    target : str
+        Joint, blast or receiver; empty for the whole site.
+    values : tuple of tuple of float
+        Of each knob, in its unit: one value, or one for each hole.
+    """
+
+    label: str
+    target: str
+    values: tuple[tuple[float, ...], ...]
+
+    @property
+    def hypothesis(self):
+        """The entry of the library."""
+        return LIBRARY[self.label]
+
+    @property
+    def knobs(self):
+        """Values by name."""
+        pairs = zip(self.hypothesis.knobs, self.values, strict=True)
+        return {k.name: np.array(some) if k.per_hole else some[0] for k, some in pairs}
+
+
+@dataclass(eq=False)
+class Scene:
+    """What hypotheses are tried on.
+
+    Parameters
+    ----------
+    forward : Forward
+    baseline : Baseline
+    holes : dict of str to (n_holes, n_receivers, 3, n_samples) float64, m/s
+        By blast, what each hole sends with its believed charge, fired at zero.
+    """
+
+    forward: Forward
+    baseline: Baseline
+    holes: dict
+    _sent: dict = field(default_factory=dict, repr=False)
+
+    @property
+    def case(self):
+        """The records."""
+        return self.forward.case
+
+    def site(self, values, effects) -> Site | None:
+        """Return the site with factors and with all effects that change it."""
+        site = with_values(self.case.site, self.baseline.unknowns, values)
+        for effect in effects:
+            if effect.hypothesis.on == "site" and site is not None:
+                site = effect.hypothesis.apply(site, effect.target, **effect.knobs)
+        return site
+
+    def sent(self, states) -> list[np.ndarray | None]:
+        """Return what sites send, (n_blasts, n_receivers, 3, n_samples) m/s each, by runs.
+
+        Parameters
+        ----------
+        states : sequence of (values, effects)
+
+        Returns
+        -------
+        list
+            None where an effect can't be.
+        """
+        keys = [(tuple(values), _of_site(effects)) for values, effects in states]
+        new = {key: self.site(*key) for key in dict.fromkeys(keys) if key not in self._sent}
+        there = {key: site for key, site in new.items() if site is not None}
+        if there:
+            motions = self.forward.motions(list(there.values()))
+            for key, motion in zip(there, motions, strict=True):
+                self._sent[key] = motion + self._correction(key[1])
+        return [self._sent.get(key) for key in keys]
+
+    def _correction(self, effects):
+        """Return what a finer mesh adds to runs over the mesh that effects ask for."""
+        site = self.case.site
+        for effect in effects:
+            if effect.hypothesis.bare is not None:
+                site = effect.hypothesis.bare(site, effect.target, **effect.knobs)
+        if site is self.case.site:
+            return self.baseline.correction
+        return self.baseline.believed - self.forward.motion(site)
+
+    def received(self, sent, effects) -> np.ndarray:
+        """Return what the receivers record of it, with effects on holes and on motion."""
+        motion = sent
+        for effect in effects:
+            if effect.hypothesis.on == "holes":
+                motion = motion + self._by_holes(effect)
+        for effect in effects:
+            if effect.hypothesis.on == "motion":
+                motion = effect.hypothesis.apply(self, motion, effect.target, **effect.knobs)
+        return motion
+
+    def _by_holes(self, effect):
+        """Return what other times and scales of the holes of one blast change."""
+        at = self.case.blasts.index(effect.target)
+        blast, holes = self.case.site.blasts[effect.target], self.holes[effect.target]
+        delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.knobs)
+        n = self.case.n_samples
+        size = fft.next_fast_len(2 * n, real=True)
+        turns = -2j * np.pi * fft.rfftfreq(size, self.case.dt)
+        nominal = np.exp(np.multiply.outer(blast.times, turns))
+        changed = scales[:, None] * np.exp(np.multiply.outer(blast.times + delays, turns))
+        spectrum = fft.rfft(holes, size) * (changed - nominal)[:, None, None]
+        change = np.zeros((len(self.case.blasts), *holes.shape[1:]))
+        change[at] = fft.irfft(spectrum.sum(axis=0), size)[..., :n]
+        return change
+
+
+def _of_site(effects):
+    """Return the effects that need runs."""
+    return tuple(effect for effect in effects if effect.hypothesis.on == "site")
