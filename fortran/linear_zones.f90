@@ -6,7 +6,7 @@ module pyblast_linear_zones
     use pyblast_kinds, only : dp
     implicit none
     private
-    public :: linear_energy, linear_forces
+    public :: add_forces, linear_energy, linear_forces, linear_strains
 
     integer, parameter :: width = 32
 
@@ -46,6 +46,58 @@ contains
             end associate
         end do
     end subroutine linear_forces
+
+    pure subroutine linear_strains(n_zones, n_slots, first, last, zone_slot, place, field, strain, &
+                                   volume, reach)
+        !! Strain that a field gives zones first to last, and what bounds it: no strain exceeds the
+        !! largest motion of a corner times the sum of the lengths of the four gradients.
+        integer, intent(in) :: n_zones, n_slots, first, last, zone_slot(n_zones, 4)
+        real(dp), intent(in) :: place(3, n_slots), field(3, n_slots)
+        real(dp), intent(out) :: strain(first:last, 6), volume(first:last)   !! [m3]
+        real(dp), intent(out) :: reach(first:last)                           !! [1/m]
+        real(dp) :: area(width, 3, 3), inverse(width), e(width, 6)
+        integer :: z, n, k
+
+        do z = first, last, width
+            n = min(width, last - z + 1)
+            associate (s1 => zone_slot(z:, 1), s2 => zone_slot(z:, 2), s3 => zone_slot(z:, 3), &
+                       s4 => zone_slot(z:, 4))
+                call face_areas(n, n_slots, s1, s2, s3, s4, place, area, inverse)
+                call strains(n, n_slots, s1, s2, s3, s4, field, area, inverse, e)
+            end associate
+            strain(z:z + n - 1, :) = e(:n, :)
+            volume(z:z + n - 1) = 1.0_dp/(6.0_dp*inverse(:n))
+            reach(z:z + n - 1) = sqrt((area(:n, 1, 1) + area(:n, 1, 2) + area(:n, 1, 3))**2 &
+                                      + (area(:n, 2, 1) + area(:n, 2, 2) + area(:n, 2, 3))**2 &
+                                      + (area(:n, 3, 1) + area(:n, 3, 2) + area(:n, 3, 3))**2)
+            do k = 1, 3
+                reach(z:z + n - 1) = reach(z:z + n - 1) &
+                    + sqrt(area(:n, 1, k)**2 + area(:n, 2, k)**2 + area(:n, 3, k)**2)
+            end do
+            reach(z:z + n - 1) = reach(z:z + n - 1)*inverse(:n)
+        end do
+    end subroutine linear_strains
+
+    pure subroutine add_forces(n_slots, slot, place, stress, force)
+        !! Add the corner forces of one zone of a given stress; theory.md (2.3).
+        integer, intent(in) :: n_slots, slot(4)
+        real(dp), intent(in) :: place(3, n_slots), stress(6)
+        real(dp), intent(inout) :: force(3, n_slots)
+        real(dp) :: area(width, 3, 3), inverse(width), corner(3, 3)
+        integer :: k
+
+        call face_areas(1, n_slots, slot(1:1), slot(2:2), slot(3:3), slot(4:4), place, area, inverse)
+        do k = 1, 3
+            associate (g => area(1, :, k))
+                corner(1, k) = stress(1)*g(1) + stress(6)*g(2) + stress(5)*g(3)
+                corner(2, k) = stress(6)*g(1) + stress(2)*g(2) + stress(4)*g(3)
+                corner(3, k) = stress(5)*g(1) + stress(4)*g(2) + stress(3)*g(3)
+            end associate
+            force(:, slot(k + 1)) = force(:, slot(k + 1)) - corner(:, k)/6.0_dp
+        end do
+        force(:, slot(1)) = force(:, slot(1)) &
+            + (corner(:, 1) + corner(:, 2) + corner(:, 3))/6.0_dp
+    end subroutine add_forces
 
     pure subroutine face_areas(n, n_slots, s1, s2, s3, s4, place, area, inverse)
         !! Twice the area vectors of the faces opposite corners 2 to 4, and one over six volumes.

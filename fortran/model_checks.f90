@@ -2,7 +2,7 @@ module pyblast_model_checks
     !! What the arrays of a model file must keep to, so that no kernel reads outside of them.
     implicit none
     private
-    public :: check_domains, check_edges, want, within
+    public :: check_domains, check_edges, check_patches, want, within
 
 contains
 
@@ -75,5 +75,25 @@ contains
             end do
         end do
     end subroutine check_edges
+
+    subroutine check_patches(slot_start, domain_start, patch_start, patch_slot, message)
+        !! The nodes of a patch must lie within its domain.
+        integer, intent(in) :: slot_start(:), domain_start(:), patch_start(:), patch_slot(:)
+        character(len=:), allocatable, intent(inout) :: message
+        integer :: d, e, p
+
+        if (allocated(message)) return
+        call within("domain_patch_start", domain_start, 1, size(patch_start), message)
+        call within("patch_start", patch_start, 1, size(patch_slot) + 1, message)
+        if (allocated(message)) return
+        do d = 1, size(slot_start) - 1
+            do p = domain_start(d), domain_start(d + 1) - 1
+                do e = patch_start(p), patch_start(p + 1) - 1
+                    if (patch_slot(e) < 1 .or. patch_slot(e) > slot_start(d + 1) - slot_start(d)) &
+                        message = "'arrays/patch_slot' points outside its domain"
+                end do
+            end do
+        end do
+    end subroutine check_patches
 
 end module pyblast_model_checks

@@ -5,7 +5,9 @@ module pyblast_plastic_zones
     use pyblast_principal_stresses, only : cross, principal
     implicit none
     private
-    public :: mohr_coulomb
+    public :: mohr_coulomb, yield_rooms
+
+    real(dp), parameter :: rounding = 1e-12_dp
 
 contains
 
@@ -46,6 +48,40 @@ contains
         state(1:6) = stress - initial
         stored = work(initial + 0.5_dp*state(1:6), strain - state(7:12))
     end subroutine mohr_coulomb
+
+    pure subroutine yield_rooms(n, property, lambda, shear, initial, strain, room)
+        !! Strain that zones which never yielded can gain before one may; theory.md (2.43).
+        !! Positive only where mohr_coulomb would find no yielding.
+        integer, intent(in) :: n
+        real(dp), intent(in) :: property(n_zone_properties)
+        real(dp), intent(in) :: lambda(n), shear(n)  !! Lame moduli [Pa]
+        real(dp), intent(in) :: initial(n, 6), strain(n, 6)
+        real(dp), intent(out) :: room(n)
+        real(dp) :: n_phi, n_psi, uniaxial, cutoff, swell, mean, radius, bulk, bend
+        real(dp) :: xx, yy, zz, yz, zx, xy
+        integer :: i
+
+        call strength(property, 0.0_dp, 0.0_dp, n_phi, n_psi, uniaxial, cutoff)
+        !$omp simd private(swell, mean, radius, bulk, bend, xx, yy, zz, yz, zx, xy)
+        do i = 1, n
+            swell = lambda(i)*(strain(i, 1) + strain(i, 2) + strain(i, 3))
+            xx = initial(i, 1) + swell + 2.0_dp*shear(i)*strain(i, 1)
+            yy = initial(i, 2) + swell + 2.0_dp*shear(i)*strain(i, 2)
+            zz = initial(i, 3) + swell + 2.0_dp*shear(i)*strain(i, 3)
+            yz = initial(i, 4) + shear(i)*strain(i, 4)
+            zx = initial(i, 5) + shear(i)*strain(i, 5)
+            xy = initial(i, 6) + shear(i)*strain(i, 6)
+            mean = (xx + yy + zz)/3.0_dp
+            radius = 2.0_dp*sqrt((0.5_dp*((xx - mean)**2 + (yy - mean)**2 + (zz - mean)**2) &
+                                  + (yz**2 + zx**2 + xy**2))/3.0_dp)
+            bulk = lambda(i) + 2.0_dp*shear(i)/3.0_dp
+            bend = sqrt(8.0_dp/3.0_dp)*shear(i)
+            room(i) = min((uniaxial - (n_phi*(mean + radius) - (mean - radius))) &
+                          /((n_phi - 1.0_dp)*bulk + (n_phi + 1.0_dp)*bend), &
+                          (cutoff - (mean + radius))/(bulk + bend)) &
+                - rounding*(abs(mean) + radius)/bend
+        end do
+    end subroutine yield_rooms
 
     pure subroutine strength(property, shear_part, tensile_part, n_phi, n_psi, uniaxial, cutoff)
         !! Strength after some plastic strain: linear from peak to residual; theory.md (2.29).

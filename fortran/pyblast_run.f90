@@ -6,7 +6,8 @@ program pyblast_run
     use pyblast_kinds, only : dp, n_energies, n_joint_laws, n_joint_properties, n_joint_state, n_sums, &
         n_zone_laws, n_zone_properties, n_zone_state
     use pyblast_model_file
-    use pyblast_model_checks, only : check_domains, check_edges, want, within
+    use pyblast_model_checks, only : check_domains, check_edges, check_patches, &
+        want, within
     use pyblast_solver, only : advance
     implicit none
 
@@ -17,7 +18,7 @@ program pyblast_run
         end function c_rename
     end interface
 
-    real(dp), allocatable :: edge_spring(:, :), skew_spring(:, :)
+    real(dp), allocatable :: edge_spring(:, :), skew_spring(:, :), patch_gradient(:, :), patch_bulk(:)
     real(dp), allocatable :: slot_place(:, :), zone_lambda(:), zone_shear(:), set_beta(:)
     real(dp), allocatable :: set_branch(:, :, :), memory_rate(:), memory(:, :, :), node_mass(:), node_alpha(:), node_load(:, :)
     real(dp), allocatable :: contact_normal(:, :), contact_area(:), contact_initial(:, :)
@@ -34,7 +35,7 @@ program pyblast_run
     integer, allocatable :: contact_joint(:), joint_law(:), load_node(:), load_history(:)
     integer, allocatable :: dashpot_node(:), fixed_node(:), fixed_history(:), receiver_node(:, :)
     integer, allocatable :: load_lane(:), set_form(:), edge_start(:), edge_slot(:), skew_start(:)
-    integer, allocatable :: skew_slot(:, :)
+    integer, allocatable :: skew_slot(:, :), domain_patch_start(:), patch_start(:), patch_slot(:)
     real(dp) :: dt, local_damping
     integer :: n_steps, ledger_every, schema
     character(len=:), allocatable :: model, result, message
@@ -94,6 +95,11 @@ contains
         call read_array(file, "arrays/skew_start", skew_start, message)
         call read_array(file, "arrays/skew_slot", skew_slot, message)
         call read_array(file, "arrays/skew_spring", skew_spring, message)
+        call read_array(file, "arrays/domain_patch_start", domain_patch_start, message)
+        call read_array(file, "arrays/patch_start", patch_start, message)
+        call read_array(file, "arrays/patch_slot", patch_slot, message)
+        call read_array(file, "arrays/patch_gradient", patch_gradient, message)
+        call read_array(file, "arrays/patch_bulk", patch_bulk, message)
         call read_array(file, "arrays/set_law", set_law, message)
         call read_array(file, "arrays/set_property", set_property, message)
         call read_array(file, "arrays/set_beta", set_beta, message)
@@ -159,6 +165,8 @@ contains
                             size(skew_spring), size(set_form)], &
                   [slots + 1, 6*size(edge_slot), size(domain_zone_start), &
                    3*size(skew_slot, 2), size(set_law)], message)
+        call want("patches", [size(domain_patch_start), size(patch_start), size(patch_gradient)], &
+                  [size(domain_zone_start), size(patch_bulk) + 1, 3*size(patch_slot)], message)
         call want("slots", [size(slot_place), size(domain_set)], &
                   [3*slots, size(domain_zone_start) - 1], message)
         call want("nodes", [size(node_alpha), size(node_load), size(node_start), &
@@ -205,6 +213,7 @@ contains
         call check_domains(domain_zone_start, domain_slot_start, zone_slot, zone_patch, node_start, &
                            message)
         call check_edges(domain_slot_start, edge_start, edge_slot, skew_start, skew_slot, message)
+        call check_patches(domain_slot_start, domain_patch_start, patch_start, patch_slot, message)
     end subroutine check_model
 
     subroutine march()
@@ -220,14 +229,16 @@ contains
             next = (done + chunk + ledger_every - 1)/ledger_every
             call advance(size(node_mass), size(zone_slot, 2), size(zone_lambda), size(domain_zone_start) - 1, &
                          size(slot_node), size(edge_slot), size(skew_slot, 2), size(set_law), &
-                         size(row_lost), size(memory_rate), size(node_part), size(contact_area), &
+                         size(row_lost), size(memory_rate), size(patch_bulk), size(patch_slot), &
+                         size(node_part), size(contact_area), &
                          size(joint_law), size(load_node), size(history, 1), &
                          size(dashpot_node), size(fixed_node), size(receiver_node, 2), &
                          n_steps, chunk, next - lines, done, ledger_every, dt, local_damping, &
                          domain_zone_start, domain_slot_start, domain_set, slot_node, &
                          slot_place, zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
                          set_form, edge_start, edge_slot, edge_spring, skew_start, skew_slot, &
-                         skew_spring, set_law, set_property, set_beta, set_branch, row_initial, memory_rate, &
+                         skew_spring, domain_patch_start, patch_start, patch_slot, patch_gradient, patch_bulk, &
+                         set_law, set_property, set_beta, set_branch, row_initial, memory_rate, &
                          node_start, node_part, node_mass, node_alpha, node_load, &
                          contact_node, contact_normal, contact_area, contact_joint, &
                          contact_initial, joint_law, joint_property, &

@@ -17,12 +17,13 @@ module pyblast_solver
 contains
 
     subroutine advance(n_nodes, n_corners, n_zones, n_domains, n_slots, n_edges, n_skews, &
-                       n_sets, n_rows, n_memories, n_parts, n_contacts, n_joints, n_loads, &
+                       n_sets, n_rows, n_memories, n_patches, n_ends, n_parts, n_contacts, n_joints, n_loads, &
                        n_histories, n_dashpots, n_fixed, n_receivers, n_total, n_steps, n_ledger, &
                        first_step, ledger_every, dt, local_damping, &
                        domain_zone_start, domain_slot_start, domain_set, slot_node, slot_place, &
                        zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, set_form, &
                        edge_start, edge_slot, edge_spring, skew_start, skew_slot, skew_spring, &
+                       domain_patch_start, patch_start, patch_slot, patch_gradient, patch_bulk, &
                        set_law, set_property, set_beta, set_branch, row_initial, memory_rate, &
                        node_start, node_part, node_mass, node_alpha, node_load, &
                        contact_node, contact_normal, contact_area, contact_joint, &
@@ -37,7 +38,7 @@ contains
         !! March n_steps from first_step; stop early when the motion is no longer finite.
         !! Arguments without a note are those of the kernels that use them.
         integer, intent(in) :: n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_parts
-        integer, intent(in) :: n_memories, n_corners, n_edges, n_skews
+        integer, intent(in) :: n_memories, n_corners, n_edges, n_skews, n_patches, n_ends
         integer, intent(in) :: n_contacts, n_joints, n_loads, n_histories, n_dashpots, n_fixed
         integer, intent(in) :: n_receivers
         integer, intent(in) :: n_total                       !! steps that the histories cover
@@ -53,6 +54,9 @@ contains
         integer, intent(in) :: set_form(n_sets), edge_start(n_slots + 1), edge_slot(n_edges)
         integer, intent(in) :: skew_start(n_domains + 1), skew_slot(2, n_skews)
         real(dp), intent(in) :: edge_spring(6, n_edges), skew_spring(3, n_skews)
+        integer, intent(in) :: domain_patch_start(n_domains + 1), patch_start(n_patches + 1)
+        integer, intent(in) :: patch_slot(n_ends)
+        real(dp), intent(in) :: patch_gradient(3, n_ends), patch_bulk(n_patches)
         real(dp), intent(in) :: set_property(n_zone_properties, lanes, n_sets)
         real(dp), intent(in) :: set_beta(lanes, n_sets), set_branch(lanes, 2, n_memories, n_sets)
         real(dp), intent(in) :: row_initial(6, lanes, n_rows), memory_rate(n_memories)
@@ -90,7 +94,7 @@ contains
         !f2py threadsafe
         real(dp), allocatable :: force(:, :, :), part_force(:, :, :), block_energy(:, :, :)
         real(dp), allocatable :: domain_strain(:, :), domain_lost(:, :), domain_insitu(:, :)
-        real(dp), allocatable :: domain_power(:, :), load_amplitude(:)
+        real(dp), allocatable :: domain_power(:, :), load_amplitude(:), watch(:, :, :), room(:, :)
         real(dp) :: before(lanes, 4), after(lanes, 4), insitu(lanes)
         integer :: i, step, l, n_blocks
         logical :: alarm, damped, tell
@@ -100,6 +104,8 @@ contains
         allocate (block_energy(lanes, 5, n_blocks), domain_strain(lanes, n_domains))
         allocate (domain_lost(lanes, n_domains), domain_insitu(lanes, n_domains))
         allocate (domain_power(lanes, n_domains), load_amplitude(n_loads))
+        allocate (watch(lanes, 3, n_slots), room(lanes, n_domains))
+        room = -1.0_dp
         domain_lost = 0.0_dp
         domain_insitu = 0.0_dp
         before = 0.0_dp
@@ -113,14 +119,15 @@ contains
             step = first_step + i
             tell = modulo(step - 1, ledger_every) == 0
             call zone_forces(n_nodes, n_corners, n_zones, n_domains, n_slots, n_edges, n_skews, &
-                             n_sets, n_rows, n_memories, tell, domain_zone_start, &
-                             domain_slot_start, domain_set, slot_node, slot_place, &
-                             zone_slot, zone_lambda, zone_shear, zone_row, &
-                             zone_patch, set_form, edge_start, edge_slot, edge_spring, &
-                             skew_start, skew_slot, skew_spring, set_law, set_property, &
-                             set_beta, set_branch, &
+                             n_patches, n_ends, n_sets, n_rows, n_memories, &
+                             tell .or. i == n_steps, dt, domain_zone_start, domain_slot_start, &
+                             domain_set, slot_node, slot_place, zone_slot, zone_lambda, &
+                             zone_shear, zone_row, zone_patch, set_form, edge_start, edge_slot, &
+                             edge_spring, skew_start, skew_slot, skew_spring, &
+                             domain_patch_start, patch_start, patch_slot, patch_gradient, &
+                             patch_bulk, set_law, set_property, set_beta, set_branch, &
                              row_initial, displacement, velocity, memory, row_state, row_lost, &
-                             part_force, domain_strain, domain_lost, domain_insitu)
+                             watch, room, part_force, domain_strain, domain_lost, domain_insitu)
             if (damped) call slot_power(n_nodes, n_domains, n_slots, domain_slot_start, slot_node, &
                                         part_force, velocity, domain_power, before(:, 4))
             call contact_forces(n_nodes, n_contacts, n_joints, dt, contact_node, &

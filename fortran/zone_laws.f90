@@ -6,10 +6,10 @@ module pyblast_zone_laws
     use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
     use pyblast_elasticity, only : hooke, work
     use pyblast_anisotropic_zones, only : anisotropic
-    use pyblast_plastic_zones, only : mohr_coulomb
+    use pyblast_plastic_zones, only : mohr_coulomb, yield_rooms
     implicit none
     private
-    public :: elastic_stress, zone_law_signature, zone_stress
+    public :: elastic_stress, remembers, zone_law_signature, zone_rooms, zone_stress
 
     integer, parameter, public :: isotropic_law = 1   !! linear: computed by pyblast_linear_zones
 
@@ -34,6 +34,31 @@ contains
             signature = ""
         end select
     end subroutine zone_law_signature
+
+    pure function remembers(law) result(yes)
+        !! Tell whether a law depends on more than the strain.
+        integer, intent(in) :: law
+        logical :: yes
+
+        yes = law == 3
+    end function remembers
+
+    pure subroutine zone_rooms(law, n, property, lambda, shear, initial, strain, room)
+        !! Strain that untouched zones can gain before one may yield; 0 or less where it may now.
+        integer, intent(in) :: law, n
+        real(dp), intent(in) :: property(n_zone_properties)
+        real(dp), intent(in) :: lambda(n), shear(n)    !! Lame moduli [Pa]
+        real(dp), intent(in) :: initial(n, 6)          !! stress at no strain [Pa]
+        real(dp), intent(in) :: strain(n, 6)
+        real(dp), intent(out) :: room(n)
+
+        select case (law)
+        case (3)
+            call yield_rooms(n, property, lambda, shear, initial, strain, room)
+        case default
+            room = 0.0_dp
+        end select
+    end subroutine zone_rooms
 
     pure function elastic_stress(law, property, lambda, shear, strain) result(stress)
         !! Stress of the elastic part of a law, of a strain or of a strain rate.

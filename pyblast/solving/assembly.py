@@ -21,6 +21,7 @@ from .kernels import (
     stored_at_rest,
 )
 from .loads import Loads, model_loads
+from .patch_tables import patch_arrays
 from .stability import critical_step
 from .yielding import settled_rows, stressed_rows
 
@@ -60,7 +61,7 @@ def geometry_arrays(model, step=None):
         "node_alpha": drag / node_mass,
         **contacts,
     }
-    return {**arrays, **edge_arrays(nodes, arrays)}, limit
+    return {**arrays, **edge_arrays(nodes, arrays), **patch_arrays(nodes, arrays)}, limit
 
 
 def _damped_share(model):
@@ -199,7 +200,8 @@ def static_arrays(model, geometry):
         "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),
         "receiver_weight": np.zeros((0, model.nodes.zone_nodes.shape[1])),
     }
-    return {**arrays, **edge_arrays(model.nodes, {**geometry, **arrays})}, scale
+    both = {**geometry, **arrays}
+    return {**arrays, **edge_arrays(model.nodes, both), **patch_arrays(model.nodes, both)}, scale
 
 
 def still_loads(n_steps):

@@ -1,4 +1,7 @@
-"""Edges: what linear zones of one set make together, as springs along the edges of the mesh."""
+"""Edges: what linear zones of one set make together, as springs along the edges of the mesh.
+
+The swelling of zones of a patch is that of the patch: `patch_tables`.
+"""
 
 import numpy as np
 
@@ -7,6 +10,7 @@ from .kernels import ZONE_LAWS
 
 ALONE, SIDE_BY_SIDE = 2, 1  # where the edges of a set are used: in all marches, in batches only
 MOST_SKEW = 0.7  # share of skew edges beyond which zones are as fast in a single run
+LINEAR = ("elastic", "anisotropic", "mohr-coulomb")  # stress or its elastic part
 ROUNDING = 1e-13
 TOGETHER = 2**14  # zones whose springs are found at once
 UPPER = np.triu_indices(6)
@@ -56,7 +60,7 @@ def _linear(arrays, number):
     """Tell whether the stress of a set is linear in one field of motion."""
     law = list(ZONE_LAWS.values())[arrays["set_law"][number]]
     branch = arrays["set_branch"][number]
-    return law.name in ("elastic", "anisotropic") and np.array_equal(branch[:, 0], branch[:, 1])
+    return law.name in LINEAR and np.array_equal(branch[:, 0], branch[:, 1])
 
 
 def _springs(nodes, arrays, number, zones, domain):
@@ -93,6 +97,7 @@ def _stiffness(nodes, arrays, number, zones):
     inner = shape_gradients(nodes.points, corners)
     gradient = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
     lame, shear = (volume * arrays[name][zones] for name in ("zone_lambda", "zone_shear"))
+    lame = np.where(arrays["zone_patch"][zones] < 0, lame, -2.0 / 3.0 * shear)
     anisotropic = arrays["set_law"][number] == ZONE_LAWS["anisotropic"].number
     if anisotropic:
         six = np.zeros((6, 6))

@@ -111,7 +111,7 @@ def forces(constants, displacement):
     names = ("domain_zone_start domain_slot_start domain_set slot_node slot_place zone_slot "
              "zone_lambda zone_shear zone_row zone_patch set_law set_property set_beta set_branch "
              "row_initial set_form edge_start edge_slot edge_spring skew_start skew_slot "
-             "skew_spring")  # fmt: skip
+             "skew_spring domain_patch_start patch_start patch_slot patch_gradient patch_bulk")  # fmt: skip
     views = kernels.to_fortran({name: constants[name] for name in names.split()})
     n_domains, n_rows = len(constants["domain_set"]), len(constants["row_initial"])
     state = kernels.to_fortran({
@@ -121,7 +121,8 @@ def forces(constants, displacement):
     })  # fmt: skip
     slots = np.zeros((len(constants["slot_node"]), 3, 1))
     kernels._core.pyblast_zones.zone_forces(
-        **views, **state, tell=False, slot_force=slots.T,
+        **views, **state, tell=False, dt=0.0, slot_force=slots.T,
+        watch=np.zeros_like(slots).T, room=np.full((1, n_domains), -1.0),
         **{f"domain_{n}": np.zeros((1, n_domains)) for n in ("strain", "lost", "insitu")},
     )  # fmt: skip
     force = np.zeros_like(displacement)

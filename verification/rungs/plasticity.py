@@ -9,8 +9,10 @@ from pyblast.meshing.mesh_builder import structured_box
 from pyblast.motion.seismogram import Seismogram
 from pyblast.solving import kernels
 from pyblast.solving.boundaries import Fixed, VelocityInput
+from pyblast.solving.edges import edge_arrays
 from pyblast.solving.materials import Material
 from pyblast.solving.model import InSitu, Model
+from pyblast.solving.patch_tables import patch_arrays
 from pyblast.solving.plasticity import MohrCoulomb
 from pyblast.solving.preparation import prepare
 from pyblast.solving.solver import run
@@ -212,6 +214,7 @@ def pressed(fineness, *, patches, settlement=0.15, crossings=20.0):
     prepared = prepare(model, duration)
     if not patches:
         bare = {**prepared.constants, "zone_patch": np.full(len(mesh.zones), -1, dtype=np.int32)}
+        bare |= {**edge_arrays(model.nodes, bare), **patch_arrays(model.nodes, bare)}
         prepared = replace(prepared, constants=bare)
     energy = run(model, duration, prepared=prepared).energy
     moved = np.interp(energy["time"], times, np.cumsum(speed) * times[1])
