@@ -3,7 +3,7 @@ module pyblast_elasticity
     use pyblast_kinds, only : dp
     implicit none
     private
-    public :: hooke, work
+    public :: hooke, hooke_works, work
 
 contains
 
@@ -25,5 +25,34 @@ contains
         density = stress(1)*strain(1) + stress(2)*strain(2) + stress(3)*strain(3) &
             + stress(4)*strain(4) + stress(5)*strain(5) + stress(6)*strain(6)
     end function work
+
+    pure subroutine hooke_works(n, lambda, shear, initial, elastic, strain, volume, stored, insitu)
+        !! Energy that stressed zones hold, and the work that their initial stress did; (2.31).
+        integer, intent(in) :: n
+        real(dp), intent(in) :: lambda(n), shear(n)  !! Lame moduli [Pa]
+        real(dp), intent(in) :: initial(n, 6)        !! stress at no strain [Pa]
+        real(dp), intent(in) :: elastic(n, 6)        !! part of the strain that can be recovered
+        real(dp), intent(in) :: strain(n, 6), volume(n)
+        real(dp), intent(out) :: stored, insitu      !! [J]
+        real(dp) :: all, own
+        integer :: i, k
+
+        stored = 0.0_dp
+        insitu = 0.0_dp
+        !$omp simd private(all, own, k) reduction(+:stored, insitu)
+        do i = 1, n
+            all = 0.0_dp
+            own = 0.5_dp*lambda(i)*(elastic(i, 1) + elastic(i, 2) + elastic(i, 3))**2
+            do k = 1, 3
+                own = own + shear(i)*(elastic(i, k)**2 + 0.5_dp*elastic(i, k + 3)**2)
+            end do
+            do k = 1, 6
+                own = own + initial(i, k)*elastic(i, k)
+                all = all + initial(i, k)*strain(i, k)
+            end do
+            stored = stored + volume(i)*own
+            insitu = insitu + volume(i)*all
+        end do
+    end subroutine hooke_works
 
 end module pyblast_elasticity

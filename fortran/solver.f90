@@ -120,7 +120,7 @@ contains
             tell = modulo(step - 1, ledger_every) == 0
             call zone_forces(n_nodes, n_corners, n_zones, n_domains, n_slots, n_edges, n_skews, &
                              n_patches, n_ends, n_sets, n_rows, n_memories, &
-                             tell .or. i == n_steps, dt, domain_zone_start, domain_slot_start, &
+                             tell, dt, domain_zone_start, domain_slot_start, &
                              domain_set, slot_node, slot_place, zone_slot, zone_lambda, &
                              zone_shear, zone_row, zone_patch, set_form, edge_start, edge_slot, &
                              edge_spring, skew_start, skew_slot, skew_spring, &

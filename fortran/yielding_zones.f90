@@ -6,7 +6,7 @@ module pyblast_yielding_zones
     !! costs no more than a look at how far its nodes have moved since it was last judged.
     use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
     use pyblast_lanes, only : lanes
-    use pyblast_elasticity, only : work
+    use pyblast_elasticity, only : hooke_works
     use pyblast_linear_zones, only : add_forces, linear_strains
     use pyblast_zone_laws, only : elastic_stress, zone_rooms, zone_stress
     implicit none
@@ -14,6 +14,7 @@ module pyblast_yielding_zones
     public :: patch_forces, stray, yielding_forces
 
     real(dp), parameter :: rounding = 1e-12_dp
+    real(dp), parameter :: spare = 1e-3_dp     !! of the way that is left unused
 
 contains
 
@@ -74,13 +75,14 @@ contains
         far = sqrt(far)
     end function stray
 
-    pure subroutine yielding_forces(n_zones, n_slots, n_rows, first, last, lane, law, tell, &
+    pure subroutine yielding_forces(n_zones, n_slots, n_rows, first, last, lane, law, due, tell, &
                                     property, zone_slot, zone_lambda, zone_shear, zone_row, &
                                     zone_patch, row_initial, place, motion, step, row_state, &
-                                    row_lost, room, active, force, strain_energy, lost, insitu)
+                                    row_lost, room, force, strain_energy, lost, insitu)
         !! Judge the zones first to last of one domain, in one lane: let those yield that must, and
         !! find the forces of plastic strain, and how far nodes may move before any other yields.
         integer, intent(in) :: n_zones, n_slots, n_rows, first, last, lane, law
+        logical, intent(in) :: due                              !! whether any zone may yield
         logical, intent(in) :: tell                             !! whether energies are wanted
         real(dp), intent(in) :: property(n_zone_properties)
         integer, intent(in) :: zone_slot(n_zones, 4)
@@ -91,9 +93,8 @@ contains
         real(dp), intent(in) :: place(3, n_slots), motion(3, n_slots)   !! [m]
         real(dp), intent(in) :: step(3, n_slots)                !! how motion grew in a step [m]
         real(dp), intent(inout) :: row_state(n_zone_state, lanes, n_rows), row_lost(lanes, n_rows)
-        real(dp), intent(out) :: room                           !! [m]
-        logical, intent(out) :: active                          !! whether there is any force
-        real(dp), intent(out) :: force(3, n_slots)              !! [N]
+        real(dp), intent(inout) :: room                         !! 0 where there is plastic strain [m]
+        real(dp), intent(inout) :: force(3, n_slots)            !! [N]
         real(dp), intent(inout) :: strain_energy, lost, insitu  !! [J]; told in tell alone
         real(dp) :: strain(first:last, 6), before(first:last, 6), initial(first:last, 6)
         real(dp) :: volume(first:last), reach(first:last), rooms(first:last)
@@ -105,31 +106,32 @@ contains
         do z = first, last
             initial(z, :) = row_initial(:, lane, zone_row(z))
         end do
-        call zone_rooms(law, last - first + 1, property, zone_lambda(first:last), &
-                        zone_shear(first:last), initial, strain, rooms)
-        do z = first, last
-            yields(z) = .not. rooms(z) > 0.0_dp &
-                .or. any(abs(row_state(7:, lane, zone_row(z))) > 0.0_dp)
-        end do
-        active = any(yields)
-        if (active) then
-            room = 0.0_dp
-            call mean_strains(n_zones, n_slots, first, last, zone_slot, zone_patch, place, &
-                              motion - step, before, volume, reach)
+        if (due) then
+            call zone_rooms(law, last - first + 1, property, zone_lambda(first:last), &
+                            zone_shear(first:last), initial, strain, rooms)
+            room = max(0.0_dp, minval(rooms/reach)*(1.0_dp - spare) - rounding*maxval(abs(motion)))
             do z = first, last
-                if (yields(z)) call flow(law, property, zone_lambda(z), zone_shear(z), &
-                                         initial(z, :), before(z, :), strain(z, :), &
-                                         row_state(:, lane, zone_row(z)), row_lost(lane, zone_row(z)))
+                yields(z) = .not. rooms(z) > 0.0_dp &
+                    .or. any(abs(row_state(7:, lane, zone_row(z))) > 0.0_dp)
             end do
-            call plastic_forces(n_zones, n_slots, n_rows, first, last, lane, law, property, yields, &
-                                zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, volume, &
-                                place, row_state, force)
-        else
-            room = minval(rooms/reach)*(1.0_dp - 1e-3_dp) - rounding*maxval(abs(motion))
+            if (any(yields)) then
+                room = 0.0_dp
+                call mean_strains(n_zones, n_slots, first, last, zone_slot, zone_patch, place, &
+                                  motion - step, before, volume, reach)
+                do z = first, last
+                    if (yields(z)) call flow(law, property, zone_lambda(z), zone_shear(z), &
+                                             initial(z, :), before(z, :), strain(z, :), &
+                                             row_state(:, lane, zone_row(z)), &
+                                             row_lost(lane, zone_row(z)))
+                end do
+                call plastic_forces(n_zones, n_slots, n_rows, first, last, lane, law, property, &
+                                    yields, zone_slot, zone_lambda, zone_shear, zone_row, &
+                                    zone_patch, volume, place, row_state, force)
+            end if
         end if
-        if (tell) call energies(n_zones, n_rows, first, last, lane, law, property, zone_lambda, &
-                                zone_shear, zone_row, initial, strain, volume, row_state, row_lost, &
-                                strain_energy, lost, insitu)
+        if (tell) call energies(n_zones, n_rows, first, last, lane, room > 0.0_dp, &
+                                zone_lambda, zone_shear, zone_row, initial, strain, volume, &
+                                row_state, row_lost, strain_energy, lost, insitu)
     end subroutine yielding_forces
 
     pure subroutine mean_strains(n_zones, n_slots, first, last, zone_slot, zone_patch, place, &
@@ -186,12 +188,11 @@ contains
         real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones)
         real(dp), intent(in) :: volume(first:last), place(3, n_slots)
         real(dp), intent(in) :: row_state(n_zone_state, lanes, n_rows)
-        real(dp), intent(out) :: force(3, n_slots)
+        real(dp), intent(inout) :: force(3, n_slots)
         real(dp), dimension(0:last - first + 1) :: whole, pressure
         real(dp) :: stress(6), mean
         integer :: z, p
 
-        force = 0.0_dp
         whole = 0.0_dp
         pressure = 0.0_dp
         do z = first, last
@@ -216,34 +217,29 @@ contains
         end do
     end subroutine plastic_forces
 
-    pure subroutine energies(n_zones, n_rows, first, last, lane, law, property, zone_lambda, &
-                             zone_shear, zone_row, initial, strain, volume, row_state, row_lost, &
-                             strain_energy, lost, insitu)
-        !! What zones hold, what they lost, and the work of their initial stress; their excess too.
-        integer, intent(in) :: n_zones, n_rows, first, last, lane, law, zone_row(n_zones)
-        real(dp), intent(in) :: property(n_zone_properties)
+    pure subroutine energies(n_zones, n_rows, first, last, lane, quiet, &
+                             zone_lambda, zone_shear, zone_row, initial, strain, volume, &
+                             row_state, row_lost, strain_energy, lost, insitu)
+        !! What zones hold, what they lost, and the work of their initial stress.
+        integer, intent(in) :: n_zones, n_rows, first, last, lane, zone_row(n_zones)
+        logical, intent(in) :: quiet                           !! whether none has ever yielded
         real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones)
         real(dp), intent(in) :: initial(first:last, 6), strain(first:last, 6), volume(first:last)
-        real(dp), intent(inout) :: row_state(n_zone_state, lanes, n_rows)
-        real(dp), intent(in) :: row_lost(lanes, n_rows)
-        real(dp), intent(out) :: strain_energy, lost, insitu    !! [J]
-        real(dp) :: elastic(6), excess(6)
+        real(dp), intent(in) :: row_state(n_zone_state, lanes, n_rows), row_lost(lanes, n_rows)
+        real(dp), intent(out) :: strain_energy, lost, insitu   !! [J]
+        real(dp) :: elastic(first:last, 6)
         integer :: z
 
-        strain_energy = 0.0_dp
+        elastic = strain
         lost = 0.0_dp
-        insitu = 0.0_dp
-        do z = first, last
-            associate (state => row_state(:, lane, zone_row(z)))
-                elastic = strain(z, :) - state(7:12)
-                excess = elastic_stress(law, property, zone_lambda(z), zone_shear(z), elastic)
-                state(1:6) = excess
-                strain_energy = strain_energy &
-                    + volume(z)*work(initial(z, :) + 0.5_dp*excess, elastic)
+        if (.not. quiet) then
+            do z = first, last
+                elastic(z, :) = strain(z, :) - row_state(7:12, lane, zone_row(z))
                 lost = lost + volume(z)*row_lost(lane, zone_row(z))
-                insitu = insitu + volume(z)*work(initial(z, :), strain(z, :))
-            end associate
-        end do
+            end do
+        end if
+        call hooke_works(last - first + 1, zone_lambda(first:last), zone_shear(first:last), &
+                         initial, elastic, strain, volume, strain_energy, insitu)
     end subroutine energies
 
 end module pyblast_yielding_zones

@@ -105,8 +105,8 @@ contains
     end subroutine zone_forces
 
     pure subroutine domain_forces(n_nodes, n_corners, n_zones, n_slots, n_edges, n_skews, &
-                                  n_patches, n_ends, n_rows, n_memories, first, last, tell, dt, &
-                                  slot_node, place, zone_slot, zone_lambda, zone_shear, zone_row, &
+                                  n_patches, n_ends, n_rows, n_memories, first, last, tell, &
+                                  dt, slot_node, place, zone_slot, zone_lambda, zone_shear, zone_row, &
                                   zone_patch, edged, edge_start, edge_slot, edge_spring, &
                                   skew_start, skew_slot, skew_spring, first_patch, patch_start, &
                                   patch_slot, patch_gradient, patch_bulk, law, property, beta, &
@@ -146,8 +146,8 @@ contains
                               velocity, memory, lag)
         force = 0.0_dp
         if (remembers(law)) then
-            call judge(n_nodes, n_zones, n_slots, n_rows, first, last, law, tell, dt, slot_node, &
-                       property, zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
+            call judge(n_nodes, n_zones, n_slots, n_rows, first, last, law, tell, dt, &
+                       slot_node, property, zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
                        row_initial, place, u, velocity, row_state, row_lost, watch, room, force, &
                        strain_energy, lost, insitu)
         else if (law /= isotropic_law .and. (tell .or. .not. edged)) then
@@ -188,8 +188,8 @@ contains
                              branch, strain_energy)
     end subroutine domain_forces
 
-    pure subroutine judge(n_nodes, n_zones, n_slots, n_rows, first, last, law, tell, dt, slot_node, &
-                          property, zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
+    pure subroutine judge(n_nodes, n_zones, n_slots, n_rows, first, last, law, tell, dt, &
+                          slot_node, property, zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
                           row_initial, place, u, velocity, row_state, row_lost, watch, room, &
                           force, strain_energy, lost, insitu)
         !! Forces of plastic strain in the lanes whose nodes strayed far enough for zones to yield.
@@ -206,20 +206,22 @@ contains
         real(dp), intent(inout) :: force(lanes, 3, n_slots)
         real(dp), intent(inout) :: strain_energy(lanes), lost(lanes), insitu(lanes)
         real(dp) :: far(lanes), pull(3, n_slots)
-        logical :: active
+        logical :: due
         integer :: l
 
         far = 0.0_dp
         if (any(room > 0.0_dp)) far = stray(n_slots, u, watch)
         do l = 1, lanes
-            if (far(l) < room(l) .and. .not. tell) cycle
-            call yielding_forces(n_zones, n_slots, n_rows, first, last, l, law, tell, property(:, l), &
-                                 zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
-                                 row_initial, place, u(l, :, :), dt*velocity(l, :, slot_node), &
-                                 row_state, row_lost, room(l), active, pull, strain_energy(l), &
-                                 lost(l), insitu(l))
-            watch(l, :, :) = u(l, :, :)
-            if (active) force(l, :, :) = pull
+            due = .not. far(l) < room(l)
+            if (.not. (due .or. tell)) cycle
+            pull = 0.0_dp
+            call yielding_forces(n_zones, n_slots, n_rows, first, last, l, law, due, tell, &
+                                 property(:, l), zone_slot, zone_lambda, zone_shear, zone_row, &
+                                 zone_patch, row_initial, place, u(l, :, :), &
+                                 dt*velocity(l, :, slot_node), row_state, row_lost, room(l), pull, &
+                                 strain_energy(l), lost(l), insitu(l))
+            if (due) watch(l, :, :) = u(l, :, :)
+            if (.not. room(l) > 0.0_dp) force(l, :, :) = pull
         end do
     end subroutine judge
 

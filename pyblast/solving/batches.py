@@ -176,7 +176,7 @@ def _march(models, prepared, constants, state):
     total, step, chunks = prepared[0].n_steps, 0, Chunks(1)
     views, motions, energies = kernels.side_by_side(constants), [], []
     while step < total:
-        n_steps = min(chunks.steps, total - step)
+        n_steps = min(chunks.end(step), total) - step
         with chunks.timed(n_steps):
             motion, energy, failed = kernels.advance_all(views, state, step, n_steps, LEDGER_EVERY)
         step += len(motion)

@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 
 
 class Chunks:
-    """How many steps take about `CHUNK_SECONDS`, learnt as the march goes."""
+    """How many steps take about `CHUNK_SECONDS`, or a round of the ledger where that is more."""
 
     def __init__(self, steps):
         self.steps = steps
@@ -37,7 +37,16 @@ class Chunks:
         began = time.perf_counter()
         yield
         took = max(time.perf_counter() - began, 1e-4)
-        self.steps = max(1, min(4 * self.steps, int(steps * CHUNK_SECONDS / took)))
+        wanted = max(LEDGER_EVERY, int(steps * CHUNK_SECONDS / took))
+        self.steps = min(4 * self.steps, wanted)
+
+    def end(self, step):
+        """Return where a chunk from a step ends: with a round of the ledger if it has one.
+
+        Zones that can yield are judged when a chunk begins and when energies are told.
+        """
+        last = step + self.steps
+        return last - last % LEDGER_EVERY if self.steps >= LEDGER_EVERY else last
 
 
 @dataclass(frozen=True, eq=False)

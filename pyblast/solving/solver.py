@@ -123,7 +123,7 @@ class _March:
         total, chunks, saved = self.prepared.n_steps, Chunks(1), time.perf_counter()
         self._keep(stops)
         while self.step < total:
-            last = min([total, self.step + chunks.steps, *(s for s in stops if s > self.step)])
+            last = min([total, chunks.end(self.step), *(s for s in stops if s > self.step)])
             with chunks.timed(last - self.step):
                 self._advance(last - self.step)
             self._keep(stops)
