@@ -2,7 +2,7 @@ module pyblast_contacts
     !! Relative motion across joints, tractions by the law of each joint, forces on both sides.
     use pyblast_kinds, only : dp, n_joint_properties, n_joint_state
     use pyblast_lanes, only : lanes
-    use pyblast_joint_laws, only : joint_traction
+    use pyblast_joint_laws, only : held_tractions, joint_traction
     implicit none
     private
     public :: contact_forces, stored_at_rest
@@ -33,30 +33,57 @@ contains
         real(dp), intent(inout) :: contact_stored(lanes, n_contacts)           !! [J/m2]
         real(dp), intent(inout) :: contact_dissipated(lanes, n_contacts)       !! [J/m2]
         real(dp), intent(inout) :: contact_force(lanes, 3, 2, n_contacts)      !! minus, plus [N]
-        real(dp) :: jump(3), step(3), traction(3), stored
-        integer :: c, j, l
+        integer :: c, j
 
-        !$omp parallel do schedule(static) private(j, l, jump, step, traction, stored)
+        !$omp parallel do schedule(static) private(j)
         do c = 1, n_contacts
             j = contact_joint(c)
-            do l = 1, lanes
-                associate (minus => contact_node(1, c), plus => contact_node(2, c))
-                    jump = displacement(l, :, plus) - displacement(l, :, minus)
-                    step = dt*(velocity(l, :, plus) - velocity(l, :, minus))
-                end associate
-                call joint_traction(joint_law(l, j), joint_property(:, l, j), dt, &
-                                    contact_initial(:, l, c), contact_normal(:, c), jump, step, &
-                                    contact_state(:, l, c), traction, stored)
-                contact_dissipated(l, c) = contact_dissipated(l, c) + contact_stored(l, c) - stored &
-                    + 0.5_dp*dot_product(contact_traction(:, l, c) + traction, step)
-                contact_traction(:, l, c) = traction
-                contact_stored(l, c) = stored
-                contact_force(l, :, 1, c) = contact_area(c)*(traction - contact_initial(:, l, c))
-                contact_force(l, :, 2, c) = -contact_force(l, :, 1, c)
-            end do
+            call contact_pull(joint_law(:, j), joint_property(:, :, j), dt, contact_normal(:, c), &
+                              contact_area(c), contact_initial(:, :, c), &
+                              displacement(:, :, contact_node(1, c)), &
+                              displacement(:, :, contact_node(2, c)), &
+                              velocity(:, :, contact_node(1, c)), &
+                              velocity(:, :, contact_node(2, c)), contact_traction(:, :, c), &
+                              contact_state(:, :, c), contact_stored(:, c), &
+                              contact_dissipated(:, c), contact_force(:, :, :, c))
         end do
         !$omp end parallel do
     end subroutine contact_forces
+
+    pure subroutine contact_pull(law, property, dt, normal, area, initial, minus, plus, minus_speed, &
+                                 plus_speed, traction, state, stored, dissipated, force)
+        !! Force of one contact in all lanes: side by side where it holds, else by its law.
+        integer, intent(in) :: law(lanes)
+        real(dp), intent(in) :: property(n_joint_properties, lanes), dt, normal(3), area
+        real(dp), intent(in) :: initial(3, lanes), minus(lanes, 3), plus(lanes, 3)
+        real(dp), intent(in) :: minus_speed(lanes, 3), plus_speed(lanes, 3)
+        real(dp), intent(inout) :: traction(3, lanes), state(n_joint_state, lanes)
+        real(dp), intent(inout) :: stored(lanes), dissipated(lanes), force(lanes, 3, 2)
+        real(dp) :: jump(lanes, 3), step(lanes, 3), pull(lanes, 3), energy(lanes), one(3)
+        logical :: held(lanes)
+        integer :: l, k
+
+        jump = plus - minus
+        step = dt*(plus_speed - minus_speed)
+        call held_tractions(law, property, initial, normal, jump, state, pull, energy, held)
+        do l = 1, lanes
+            if (held(l)) cycle
+            call joint_traction(law(l), property(:, l), dt, initial(:, l), normal, jump(l, :), &
+                                step(l, :), state(:, l), one, energy(l))
+            pull(l, :) = one
+        end do
+        dissipated = dissipated + stored - energy
+        do k = 1, 3
+            !$omp simd
+            do l = 1, lanes
+                dissipated(l) = dissipated(l) + 0.5_dp*(traction(k, l) + pull(l, k))*step(l, k)
+                traction(k, l) = pull(l, k)
+                force(l, k, 1) = area*(pull(l, k) - initial(k, l))
+                force(l, k, 2) = -force(l, k, 1)
+            end do
+        end do
+        stored = energy
+    end subroutine contact_pull
 
     subroutine stored_at_rest(n_contacts, n_joints, contact_normal, contact_joint, joint_law, &
                               joint_property, contact_initial, contact_state, contact_stored)

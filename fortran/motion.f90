@@ -4,31 +4,74 @@ module pyblast_motion
     use pyblast_lanes, only : lanes
     implicit none
     private
-    public :: gather_forces, move_nodes, record_motion, remember
+    public :: gather_forces, move_nodes, record_motion, remember, zone_power
 
     integer, parameter, public :: block_size = 1024   !! nodes whose energies are added together
 
 contains
 
-    subroutine gather_forces(n_nodes, n_parts, node_start, node_part, part_force, node_load, force)
-        !! Constant load of each node plus its parts, in the order of its list.
-        integer, intent(in) :: n_nodes, n_parts
+    subroutine gather_forces(n_nodes, n_parts, n_slots, n_blocks, damped, node_start, node_part, &
+                             part_force, node_load, velocity, zone_force, force, block_power, &
+                             power)
+        !! Constant load of each node plus its parts, in the order of its list: slots, then sides.
+        integer, intent(in) :: n_nodes, n_parts, n_slots, n_blocks
+        logical, intent(in) :: damped                     !! whether the power of zones is wanted
         integer, intent(in) :: node_start(n_nodes + 1)    !! from 1
         integer, intent(in) :: node_part(n_parts)         !! slot or side of a contact; from 1
         real(dp), intent(in) :: part_force(lanes, 3, n_parts)    !! [N]
         real(dp), intent(in) :: node_load(lanes, 3, n_nodes)     !! [N]
+        real(dp), intent(in) :: velocity(lanes, 3, n_nodes)      !! [m/s]
+        real(dp), intent(inout) :: zone_force(lanes, 3, n_nodes) !! of slots alone, if damped [N]
         real(dp), intent(inout) :: force(lanes, 3, n_nodes)      !! [N]
-        integer :: n, k
+        real(dp), intent(inout) :: block_power(lanes, n_blocks)  !! [W]
+        real(dp), intent(out) :: power(lanes)                    !! as in zone_power [W]
+        real(dp) :: own(lanes, 3), part(lanes, 3)
+        integer :: b, n, k
 
-        !$omp parallel do schedule(static) private(k)
-        do n = 1, n_nodes
-            force(:, :, n) = node_load(:, :, n)
-            do k = node_start(n), node_start(n + 1) - 1
-                force(:, :, n) = force(:, :, n) + part_force(:, :, node_part(k))
+        !$omp parallel do schedule(static) private(n, k, own, part)
+        do b = 1, n_blocks
+            part = 0.0_dp
+            do n = (b - 1)*block_size + 1, min(b*block_size, n_nodes)
+                own = 0.0_dp
+                do k = node_start(n), node_start(n + 1) - 1
+                    if (node_part(k) > n_slots) exit
+                    own = own + part_force(:, :, node_part(k))
+                end do
+                force(:, :, n) = node_load(:, :, n) + own
+                if (damped) then
+                    zone_force(:, :, n) = own
+                    part = part - own*velocity(:, :, n)
+                end if
+                do k = k, node_start(n + 1) - 1
+                    force(:, :, n) = force(:, :, n) + part_force(:, :, node_part(k))
+                end do
             end do
+            block_power(:, b) = sum(part, 2)
         end do
         !$omp end parallel do
+        power = sum(block_power, 2)
     end subroutine gather_forces
+
+    subroutine zone_power(n_nodes, n_blocks, zone_force, velocity, block_power, power)
+        !! Power that the zones take from the motion of the nodes [W].
+        integer, intent(in) :: n_nodes, n_blocks
+        real(dp), intent(in) :: zone_force(lanes, 3, n_nodes), velocity(lanes, 3, n_nodes)
+        real(dp), intent(inout) :: block_power(lanes, n_blocks)
+        real(dp), intent(out) :: power(lanes)
+        real(dp) :: part(lanes, 3)
+        integer :: b, n
+
+        !$omp parallel do schedule(static) private(n, part)
+        do b = 1, n_blocks
+            part = 0.0_dp
+            do n = (b - 1)*block_size + 1, min(b*block_size, n_nodes)
+                part = part - zone_force(:, :, n)*velocity(:, :, n)
+            end do
+            block_power(:, b) = sum(part, 2)
+        end do
+        !$omp end parallel do
+        power = sum(block_power, 2)
+    end subroutine zone_power
 
     subroutine move_nodes(n_nodes, n_blocks, dt, tell, local_damping, node_mass, node_alpha, &
                           force, displacement, velocity, block_energy)
@@ -52,8 +95,13 @@ contains
         do b = 1, n_blocks
             first = (b - 1)*block_size + 1
             last = min(b*block_size, n_nodes)
-            if (tell .or. local_damping > 0.0_dp .or. any(node_alpha(:, first:last) > 0.0_dp)) then
+            if (tell .or. local_damping > 0.0_dp) then
                 call move_damped(last - first + 1, dt, local_damping, node_mass(:, first:last), &
+                                 node_alpha(:, first:last), force(:, :, first:last), &
+                                 displacement(:, :, first:last), velocity(:, :, first:last), &
+                                 block_energy(:, :, b))
+            else if (any(node_alpha(:, first:last) > 0.0_dp)) then
+                call move_slowed(last - first + 1, dt, node_mass(:, first:last), &
                                  node_alpha(:, first:last), force(:, :, first:last), &
                                  displacement(:, :, first:last), velocity(:, :, first:last), &
                                  block_energy(:, :, b))
@@ -83,6 +131,39 @@ contains
             end do
         end do
     end subroutine move_free
+
+    pure subroutine move_slowed(n_nodes, dt, node_mass, node_alpha, force, displacement, velocity, &
+                                energy)
+        !! Move nodes with mass damping: the bits of move_damped, and the energy that damping takes.
+        integer, intent(in) :: n_nodes
+        real(dp), intent(in) :: dt, node_mass(lanes, n_nodes), node_alpha(lanes, n_nodes)
+        real(dp), intent(in) :: force(lanes, 3, n_nodes)
+        real(dp), intent(inout) :: displacement(lanes, 3, n_nodes), velocity(lanes, 3, n_nodes)
+        real(dp), intent(out) :: energy(lanes, 5)
+        real(dp), dimension(lanes, 3) :: part3, part4
+        real(dp), dimension(lanes) :: old, new, drag, a, step, share
+        integer :: n, k
+
+        part3 = 0.0_dp
+        part4 = 0.0_dp
+        do n = 1, n_nodes
+            a = 0.5_dp*dt*node_alpha(:, n)
+            step = dt/node_mass(:, n)
+            share = 1.0_dp/(1.0_dp + a)
+            do k = 1, 3
+                old = velocity(:, k, n)
+                new = ((1.0_dp - a)*old + (step*force(:, k, n)))*share
+                drag = 0.5_dp*(a*node_mass(:, n)*(old + new))
+                velocity(:, k, n) = new
+                displacement(:, k, n) = displacement(:, k, n) + dt*new
+                part3(:, k) = part3(:, k) + drag*old
+                part4(:, k) = part4(:, k) + drag*new
+            end do
+        end do
+        energy = 0.0_dp
+        energy(:, 3) = sum(part3, dim=2)
+        energy(:, 4) = sum(part4, dim=2)
+    end subroutine move_slowed
 
     pure subroutine move_damped(n_nodes, dt, local_damping, node_mass, node_alpha, force, &
                                 displacement, velocity, energy)

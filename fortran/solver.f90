@@ -4,11 +4,11 @@ module pyblast_solver
     use pyblast_kinds, only : dp, n_energies, n_joint_properties, n_joint_state, n_sums, &
         n_zone_properties, n_zone_state
     use pyblast_lanes, only : lanes
-    use pyblast_zones, only : slot_power, zone_forces
+    use pyblast_zones, only : zone_forces
     use pyblast_contacts, only : contact_forces
     use pyblast_boundaries, only : load_forces, load_power, reaction_forces, viscous_forces
     use pyblast_motion, only : block_size, gather_forces, move_nodes, record_motion, &
-        remember
+        remember, zone_power
     use pyblast_ledger, only : grows, insitu_work, write_ledger
     implicit none
     private
@@ -94,7 +94,8 @@ contains
         !f2py threadsafe
         real(dp), allocatable :: force(:, :, :), part_force(:, :, :), block_energy(:, :, :)
         real(dp), allocatable :: domain_strain(:, :), domain_lost(:, :), domain_insitu(:, :)
-        real(dp), allocatable :: domain_power(:, :), load_amplitude(:), watch(:, :, :), room(:, :)
+        real(dp), allocatable :: block_power(:, :), load_amplitude(:), watch(:, :, :), room(:, :)
+        real(dp), allocatable :: zone_force(:, :, :)
         real(dp) :: before(lanes, 4), after(lanes, 4), insitu(lanes)
         integer :: i, step, l, n_blocks
         logical :: alarm, damped, tell
@@ -103,7 +104,8 @@ contains
         allocate (force(lanes, 3, n_nodes), part_force(lanes, 3, n_parts))
         allocate (block_energy(lanes, 5, n_blocks), domain_strain(lanes, n_domains))
         allocate (domain_lost(lanes, n_domains), domain_insitu(lanes, n_domains))
-        allocate (domain_power(lanes, n_domains), load_amplitude(n_loads))
+        allocate (block_power(lanes, n_blocks), load_amplitude(n_loads))
+        allocate (zone_force(lanes, 3, n_nodes))
         allocate (watch(lanes, 3, n_slots), room(lanes, n_domains))
         room = -1.0_dp
         domain_lost = 0.0_dp
@@ -128,15 +130,14 @@ contains
                              patch_bulk, set_law, set_property, set_beta, set_branch, &
                              row_initial, displacement, velocity, memory, row_state, row_lost, &
                              watch, room, part_force, domain_strain, domain_lost, domain_insitu)
-            if (damped) call slot_power(n_nodes, n_domains, n_slots, domain_slot_start, slot_node, &
-                                        part_force, velocity, domain_power, before(:, 4))
             call contact_forces(n_nodes, n_contacts, n_joints, dt, contact_node, &
                                 contact_normal, contact_area, contact_joint, joint_law, &
                                 joint_property, contact_initial, displacement, velocity, &
                                 contact_traction, contact_state, contact_stored, &
                                 contact_dissipated, part_force(:, :, n_slots + 1:))
-            call gather_forces(n_nodes, n_parts, node_start, node_part, part_force, node_load, &
-                               force)
+            call gather_forces(n_nodes, n_parts, n_slots, n_blocks, damped, node_start, node_part, &
+                               part_force, node_load, velocity, zone_force, force, block_power, &
+                               before(:, 4))
             call load_forces(n_nodes, n_loads, n_histories, n_total, step, load_node, &
                              load_vector, load_history, load_delay, load_lane, history, &
                              velocity, load_amplitude, force, before(:, 3))
@@ -155,8 +156,8 @@ contains
             call load_power(n_nodes, n_loads, load_node, load_vector, load_lane, load_amplitude, &
                             velocity, after(:, 3))
             after(:, 3) = after(:, 1) + 0.5_dp*dt*after(:, 3)
-            if (damped) call slot_power(n_nodes, n_domains, n_slots, domain_slot_start, slot_node, &
-                                        part_force, velocity, domain_power, after(:, 4))
+            if (damped) call zone_power(n_nodes, n_blocks, zone_force, velocity, block_power, &
+                                        after(:, 4))
             after(:, 4) = 0.5_dp*dt*after(:, 4)
             call remember(n_nodes, n_memories, dt, memory_rate, displacement, velocity, memory)
             before(:, 1) = sum(block_energy(:, 3, :), 2)

@@ -11,7 +11,7 @@ module pyblast_yielding_zones
     use pyblast_zone_laws, only : elastic_stress, zone_rooms, zone_stress
     implicit none
     private
-    public :: patch_forces, stray, yielding_forces
+    public :: judge, patch_forces
 
     real(dp), parameter :: rounding = 1e-12_dp
     real(dp), parameter :: spare = 1e-3_dp     !! of the way that is left unused
@@ -53,6 +53,43 @@ contains
             end do
         end do
     end subroutine patch_forces
+
+    pure subroutine judge(n_nodes, n_zones, n_slots, n_rows, first, last, law, tell, dt, &
+                          slot_node, property, zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
+                          row_initial, place, u, velocity, row_state, row_lost, watch, room, &
+                          force, strain_energy, lost, insitu)
+        !! Forces of plastic strain in the lanes whose nodes strayed far enough for zones to yield.
+        integer, intent(in) :: n_nodes, n_zones, n_slots, n_rows, first, last, law
+        logical, intent(in) :: tell
+        real(dp), intent(in) :: dt
+        integer, intent(in) :: slot_node(n_slots), zone_slot(n_zones, 4), zone_row(n_zones)
+        integer, intent(in) :: zone_patch(n_zones)
+        real(dp), intent(in) :: property(n_zone_properties, lanes), zone_lambda(n_zones)
+        real(dp), intent(in) :: zone_shear(n_zones), row_initial(6, lanes, n_rows)
+        real(dp), intent(in) :: place(3, n_slots), u(lanes, 3, n_slots), velocity(lanes, 3, n_nodes)
+        real(dp), intent(inout) :: row_state(n_zone_state, lanes, n_rows), row_lost(lanes, n_rows)
+        real(dp), intent(inout) :: watch(lanes, 3, n_slots), room(lanes)
+        real(dp), intent(inout) :: force(lanes, 3, n_slots)
+        real(dp), intent(inout) :: strain_energy(lanes), lost(lanes), insitu(lanes)
+        real(dp) :: far(lanes), pull(3, n_slots)
+        logical :: due
+        integer :: l
+
+        far = 0.0_dp
+        if (any(room > 0.0_dp)) far = stray(n_slots, u, watch)
+        do l = 1, lanes
+            due = .not. far(l) < room(l)
+            if (.not. (due .or. tell)) cycle
+            pull = 0.0_dp
+            call yielding_forces(n_zones, n_slots, n_rows, first, last, l, law, due, tell, &
+                                 property(:, l), zone_slot, zone_lambda, zone_shear, zone_row, &
+                                 zone_patch, row_initial, place, u(l, :, :), &
+                                 dt*velocity(l, :, slot_node), row_state, row_lost, room(l), pull, &
+                                 strain_energy(l), lost(l), insitu(l))
+            if (due) watch(l, :, :) = u(l, :, :)
+            if (.not. room(l) > 0.0_dp) force(l, :, :) = pull
+        end do
+    end subroutine judge
 
     pure function stray(n_slots, motion, watch) result(far)
         !! How far nodes have moved from where they were, besides what the first of them did [m].

@@ -11,11 +11,11 @@ module pyblast_zones
     use pyblast_edges, only : edge_forces
     use pyblast_quadratic_zones, only : quadratic_energy, quadratic_forces
     use pyblast_lawful_zones, only : lawful_forces
-    use pyblast_yielding_zones, only : patch_forces, stray, yielding_forces
+    use pyblast_yielding_zones, only : judge, patch_forces
     use pyblast_zone_laws, only : isotropic_law, remembers
     implicit none
     private
-    public :: slot_power, zone_forces
+    public :: zone_forces
 
 contains
 
@@ -188,43 +188,6 @@ contains
                              branch, strain_energy)
     end subroutine domain_forces
 
-    pure subroutine judge(n_nodes, n_zones, n_slots, n_rows, first, last, law, tell, dt, &
-                          slot_node, property, zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, &
-                          row_initial, place, u, velocity, row_state, row_lost, watch, room, &
-                          force, strain_energy, lost, insitu)
-        !! Forces of plastic strain in the lanes whose nodes strayed far enough for zones to yield.
-        integer, intent(in) :: n_nodes, n_zones, n_slots, n_rows, first, last, law
-        logical, intent(in) :: tell
-        real(dp), intent(in) :: dt
-        integer, intent(in) :: slot_node(n_slots), zone_slot(n_zones, 4), zone_row(n_zones)
-        integer, intent(in) :: zone_patch(n_zones)
-        real(dp), intent(in) :: property(n_zone_properties, lanes), zone_lambda(n_zones)
-        real(dp), intent(in) :: zone_shear(n_zones), row_initial(6, lanes, n_rows)
-        real(dp), intent(in) :: place(3, n_slots), u(lanes, 3, n_slots), velocity(lanes, 3, n_nodes)
-        real(dp), intent(inout) :: row_state(n_zone_state, lanes, n_rows), row_lost(lanes, n_rows)
-        real(dp), intent(inout) :: watch(lanes, 3, n_slots), room(lanes)
-        real(dp), intent(inout) :: force(lanes, 3, n_slots)
-        real(dp), intent(inout) :: strain_energy(lanes), lost(lanes), insitu(lanes)
-        real(dp) :: far(lanes), pull(3, n_slots)
-        logical :: due
-        integer :: l
-
-        far = 0.0_dp
-        if (any(room > 0.0_dp)) far = stray(n_slots, u, watch)
-        do l = 1, lanes
-            due = .not. far(l) < room(l)
-            if (.not. (due .or. tell)) cycle
-            pull = 0.0_dp
-            call yielding_forces(n_zones, n_slots, n_rows, first, last, l, law, due, tell, &
-                                 property(:, l), zone_slot, zone_lambda, zone_shear, zone_row, &
-                                 zone_patch, row_initial, place, u(l, :, :), &
-                                 dt*velocity(l, :, slot_node), row_state, row_lost, room(l), pull, &
-                                 strain_energy(l), lost(l), insitu(l))
-            if (due) watch(l, :, :) = u(l, :, :)
-            if (.not. room(l) > 0.0_dp) force(l, :, :) = pull
-        end do
-    end subroutine judge
-
     pure subroutine push_zones(n_corners, n_zones, n_slots, n_edges, n_skews, first, last, &
                                zone_slot, zone_lambda, zone_shear, place, edged, edge_start, &
                                edge_slot, edge_spring, skew_start, skew_slot, skew_spring, &
@@ -315,47 +278,19 @@ contains
         logical, intent(in) :: alike               !! whether the first of both fields is enough
         real(dp), intent(in) :: velocity(lanes, 3, n_nodes), memory(lanes, 3, n_memories, n_nodes)
         real(dp), intent(inout) :: lag(lanes, 3, n_slots, 2)
-        real(dp) :: own(lanes, 3)
         integer :: s, k, i, field
-        logical :: moving
 
-        moving = any(beta > 0.0_dp)
         do field = 1, merge(1, 2, alike)
             do s = 1, n_slots
-                own = 0.0_dp
-                if (moving) own = spread(beta, 2, 3)*velocity(:, :, slot_node(s))
-                do k = 1, n_memories
-                    do i = 1, 3
-                        own(:, i) = own(:, i) + branch(:, field, k) &
+                do i = 1, 3
+                    lag(:, i, s, field) = beta*velocity(:, i, slot_node(s))
+                    do k = 1, n_memories
+                        lag(:, i, s, field) = lag(:, i, s, field) + branch(:, field, k) &
                             *(u(:, i, s) - memory(:, i, k, slot_node(s)))
                     end do
                 end do
-                lag(:, :, s, field) = own
             end do
         end do
     end subroutine lags
-
-    subroutine slot_power(n_nodes, n_domains, n_slots, domain_slot_start, slot_node, slot_force, &
-                          velocity, domain_power, power)
-        !! Power that the zones take from the motion of the nodes [W].
-        integer, intent(in) :: n_nodes, n_domains, n_slots
-        integer, intent(in) :: domain_slot_start(n_domains + 1), slot_node(n_slots)
-        real(dp), intent(in) :: slot_force(lanes, 3, n_slots), velocity(lanes, 3, n_nodes)
-        real(dp), intent(inout) :: domain_power(lanes, n_domains)
-        real(dp), intent(out) :: power(lanes)
-        real(dp) :: part(lanes, 3)
-        integer :: d, s
-
-        !$omp parallel do schedule(static) private(s, part)
-        do d = 1, n_domains
-            part = 0.0_dp
-            do s = domain_slot_start(d), domain_slot_start(d + 1) - 1
-                part = part - slot_force(:, :, s)*velocity(:, :, slot_node(s))
-            end do
-            domain_power(:, d) = sum(part, 2)
-        end do
-        !$omp end parallel do
-        power = sum(domain_power, 2)
-    end subroutine slot_power
 
 end module pyblast_zones

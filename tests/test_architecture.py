@@ -40,6 +40,7 @@ ORDER = [
     "lane_zones",
     "edges",
     "lawful_zones",
+    "yielding_zones",
     "quadratic_strains",
     "quadratic_zones",
     "zones",

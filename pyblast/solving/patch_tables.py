@@ -34,13 +34,19 @@ def patch_arrays(nodes, arrays):
     n_slots = np.int64(slot.max(initial=0) + 1)
     keys, end = np.unique(patch[:, None] * n_slots + slot, return_inverse=True)
     inner = shape_gradients(nodes.points, corners)
-    area = volume[:, None, None] * np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
+    area = volume[:, None, None] * np.concatenate(
+        [-inner.sum(axis=1, keepdims=True), inner], axis=1
+    )
     whole = np.bincount(patch, volume, minlength=count)
-    sums = [np.bincount(end.ravel(), a.ravel(), minlength=len(keys)) for a in np.moveaxis(area, 2, 0)]
+    sums = [
+        np.bincount(end.ravel(), a.ravel(), minlength=len(keys)) for a in np.moveaxis(area, 2, 0)
+    ]
     of = keys // n_slots
     bulk = arrays["zone_lambda"][zones] + 2.0 / 3.0 * arrays["zone_shear"][zones]
     return {
-        "domain_patch_start": np.searchsorted(domain[first], np.arange(len(starts))).astype(np.int32),
+        "domain_patch_start": np.searchsorted(domain[first], np.arange(len(starts))).astype(
+            np.int32
+        ),
         "patch_start": np.searchsorted(of, np.arange(count + 1)).astype(np.int32),
         "patch_slot": (keys % n_slots).astype(np.int32),
         "patch_gradient": np.stack(sums, axis=1) / whole[of][:, None],

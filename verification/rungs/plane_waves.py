@@ -111,7 +111,8 @@ def forces(constants, displacement):
     names = ("domain_zone_start domain_slot_start domain_set slot_node slot_place zone_slot "
              "zone_lambda zone_shear zone_row zone_patch set_law set_property set_beta set_branch "
              "row_initial set_form edge_start edge_slot edge_spring skew_start skew_slot "
-             "skew_spring domain_patch_start patch_start patch_slot patch_gradient patch_bulk")  # fmt: skip
+             "skew_spring domain_patch_start patch_start patch_slot patch_gradient "
+             "patch_bulk")  # fmt: skip
     views = kernels.to_fortran({name: constants[name] for name in names.split()})
     n_domains, n_rows = len(constants["domain_set"]), len(constants["row_initial"])
     state = kernels.to_fortran({
