@@ -71,7 +71,7 @@ contains
         real(dp), intent(inout) :: watch(lanes, 3, n_slots), room(lanes)
         real(dp), intent(inout) :: force(lanes, 3, n_slots)
         real(dp), intent(inout) :: strain_energy(lanes), lost(lanes), insitu(lanes)
-        real(dp) :: far(lanes), pull(3, n_slots)
+        real(dp) :: far(lanes), pull(3, n_slots), step(3, n_slots)
         logical :: due
         integer :: l
 
@@ -81,11 +81,13 @@ contains
             due = .not. far(l) < room(l)
             if (.not. (due .or. tell)) cycle
             pull = 0.0_dp
+            step = 0.0_dp
+            if (due) step = dt*velocity(l, :, slot_node)
             call yielding_forces(n_zones, n_slots, n_rows, first, last, l, law, due, tell, &
                                  property(:, l), zone_slot, zone_lambda, zone_shear, zone_row, &
                                  zone_patch, row_initial, place, u(l, :, :), &
-                                 dt*velocity(l, :, slot_node), row_state, row_lost, room(l), pull, &
-                                 strain_energy(l), lost(l), insitu(l))
+                                 step, row_state, row_lost, room(l), pull, strain_energy(l), &
+                                 lost(l), insitu(l))
             if (due) watch(l, :, :) = u(l, :, :)
             if (.not. room(l) > 0.0_dp) force(l, :, :) = pull
         end do

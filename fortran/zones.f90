@@ -284,7 +284,12 @@ contains
             do s = 1, n_slots
                 do i = 1, 3
                     lag(:, i, s, field) = beta*velocity(:, i, slot_node(s))
-                    do k = 1, n_memories
+                end do
+            end do
+            do k = 1, n_memories
+                if (.not. any(branch(:, field, k) > 0.0_dp)) cycle
+                do s = 1, n_slots
+                    do i = 1, 3
                         lag(:, i, s, field) = lag(:, i, s, field) + branch(:, field, k) &
                             *(u(:, i, s) - memory(:, i, k, slot_node(s)))
                     end do
