@@ -50,5 +50,5 @@ def patch_arrays(nodes, arrays):
         "patch_start": np.searchsorted(of, np.arange(count + 1)).astype(np.int32),
         "patch_slot": (keys % n_slots).astype(np.int32),
         "patch_gradient": np.stack(sums, axis=1) / whole[of][:, None],
-        "patch_bulk": np.bincount(patch, bulk * volume, minlength=count),
+        "patch_bulk": np.bincount(patch, bulk * volume, minlength=count).astype(float),
     }
