@@ -57,7 +57,7 @@ def batch_edges(r):
 def armed(r):
     """Judge ground that may yield and does not."""
     one = r["laws"]["single"]["Mohr-Coulomb, not yielding"]
-    why = "patches that swell as one, beside edges; a look at how far nodes strayed; energies by zones"
+    why = "patches swell as one beside edges; how far nodes strayed; energies by zones"
     return f"{one:.1f} ×", one <= 1.1, why
 
 
@@ -66,7 +66,7 @@ def joints(r):
     one = r["laws"]["single"]
     words = f"elastic {one['elastic joints']:.2f} ×, coulomb {one['coulomb joints']:.2f} ×"
     facets = r["laws"]["facets_a_zone"]
-    why = f"{facets:.2f} facets a zone; contacts keep their energies in every step; blocks have skew edges"
+    why = f"{facets:.2f} facets a zone; contacts keep their energies; skew edges"
     return words, one["coulomb joints"] <= 1.25, why
 
 
