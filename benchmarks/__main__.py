@@ -14,6 +14,8 @@ import sys
 import time
 from pathlib import Path
 
+from pyblast.projects.result import write_text
+
 from . import (
     accuracy,
     case,
@@ -74,20 +76,10 @@ def main(arguments):
             "machine": timing.machine(), "load": os.getloadavg()[0], "seconds": round(took, 1),
             "found": {**known, **found},
         }  # fmt: skip
-        keep({part: results[part] for part in PARTS if part in results})
+        ordered = {part: results[part] for part in PARTS if part in results}
+        write_text(RESULTS, json.dumps(ordered, indent=1) + "\n")
     if effort != "quick":
         page.write(PARTS, results)
-
-
-def keep(results):
-    """Write the results beside, flush, then rename."""
-    beside_it = RESULTS.with_suffix(".part")
-    with beside_it.open("w", encoding="utf-8") as file:
-        json.dump(results, file, indent=1)
-        file.write("\n")
-        file.flush()
-        os.fsync(file.fileno())
-    beside_it.replace(RESULTS)
 
 
 if __name__ == "__main__":

@@ -49,19 +49,35 @@ def rock_box(cells):
     points[:, 0] += dip * (points[:, 2] - 0.5 * SIZE[2])
     group = (points[mesh.zones].mean(axis=1)[:, 2] > 0.5 * SIZE[2]).astype(int)
     mesh = Mesh(points, mesh.zones, group, tuple(ROCKS), mesh.surfaces).split(list(FAULTS))
-    times = np.arange(0.0, 1.0, 1e-3)
+    return shaken(mesh, ROCKS, (1.5e8, 3e7), PLACES, np.arange(0.0, 1.0, 1e-3), PULSES)
+
+
+def shaken(mesh, materials, stiffness, places, times, pulses):
+    """Return rock with elastic joints that pulses of 8 Hz shake through its west face.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    materials : dict of str to Material
+    stiffness : (kn, ks), Pa/m
+    places : sequence of (3,) float, m
+        Of the receivers.
+    times : (n,) float64, s
+    pulses : sequence of (amplitude, delay in s)
+    """
     push = np.zeros_like(times)
-    for amplitude, delay in PULSES:
+    for amplitude, delay in pulses:
         phase = (np.pi * (FREQUENCY * (times - delay) - 1.5)) ** 2
         push += np.where(times < delay, 0.0, amplitude * (1.0 - 2.0 * phase) * np.exp(-phase))
     shaking = Seismogram(0.05 * push[:, None] * [0.8, 0.5, 0.3], times[1])
     quiet = map(Viscous, ("west", "east", "south", "north", "bottom"))
+    springs = dict(zip(("kn", "ks"), stiffness, strict=True))
     return Model(
-        mesh, ROCKS,
-        joints=[Joint(name, "elastic", {"kn": 1.5e8, "ks": 3e7}) for name in FAULTS],
+        mesh, materials,
+        joints=[Joint(name, "elastic", springs) for name in mesh.contacts.names],
         boundaries=[*quiet, StressInput("west", shaking)],
         damping=Damping(0.02, 4.0, corner=60.0),
-        receivers=[Receiver(f"R{k}", place) for k, place in enumerate(PLACES)],
+        receivers=[Receiver(f"R{k}", place) for k, place in enumerate(places)],
     )  # fmt: skip
 
 

@@ -15,17 +15,16 @@ from pyblast.motion.seismogram import Seismogram
 from pyblast.reduction.reduced import Reduced, reduced
 from pyblast.residuals.misfits import misfit
 from pyblast.solving.batches import run_many
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import Model, Receiver
+from pyblast.solving.materials import Material
+
+from .reduced_basis import shaken
 
 SIZE = (180.0, 120.0, 80.0)  # m
 FAULTS = {"F1": ("x", 60.0), "F2": ("x", 120.0)}
 DIPS = (0.0, 0.4, -0.3, 0.0)  # tangents to the vertical at x = 0, 60, 120, 180 m
 ROCK = Material.from_speeds(2700.0, 3000.0, 1650.0)
 PLACES = ((100.0, 80.0, 79.0), (160.0, 90.0, 79.0), (150.0, 30.0, 79.0))
-FREQUENCY, HIGHEST = 8.0, 25.0  # Hz, of the pulse and of all motion
+HIGHEST = 25.0  # Hz, of all motion
 PULSES = tuple((1.0, 0.04 * row) for row in range(4))  # amplitude, delay in s: the paper's rows
 RANGES = {
     "kn.F1": (2e7, 5e8), "ks.F1": (5e6, 1e8), "kn.F2": (2e7, 5e8), "ks.F2": (5e6, 1e8),
@@ -60,19 +59,7 @@ def faulted_rock(cell, pattern):
     points[:, 0] += dip * (points[:, 2] - 0.5 * SIZE[2])
     mesh = Mesh(points, mesh.zones, mesh.zone_group, mesh.groups, mesh.surfaces).split(list(FAULTS))
     times = np.arange(0.0, DURATION, 1e-3)
-    push = np.zeros_like(times)
-    for amplitude, delay in PULSES:
-        phase = (np.pi * (FREQUENCY * (times - delay) - 1.5)) ** 2
-        push += np.where(times < delay, 0.0, amplitude * (1.0 - 2.0 * phase) * np.exp(-phase))
-    shaking = Seismogram(0.05 * push[:, None] * [0.8, 0.5, 0.3], times[1])
-    quiet = map(Viscous, ("west", "east", "south", "north", "bottom"))
-    return Model(
-        mesh, {"rock": ROCK},
-        joints=[Joint(name, "elastic", {"kn": 1e8, "ks": 2e7}) for name in FAULTS],
-        boundaries=[*quiet, StressInput("west", shaking)],
-        damping=Damping(0.02, 4.0, corner=60.0),
-        receivers=[Receiver(f"R{k}", place) for k, place in enumerate(PLACES)],
-    )  # fmt: skip
+    return shaken(mesh, {"rock": ROCK}, (1e8, 2e7), PLACES, times, PULSES)
 
 
 def quick_model(store=None) -> Reduced:

@@ -8,13 +8,13 @@ not run now; the table and the figures in docs follow from it.
 
 import importlib
 import json
-import os
 import pkgutil
 import sys
 import time
 from pathlib import Path
 
 from pyblast.errors import PyblastError
+from pyblast.projects.result import write_text
 
 from . import page, rungs
 from .ladder import RUNGS, judged
@@ -51,17 +51,6 @@ def climb(one, quick=False):
     return {**about, "pass": passed, "seconds": seconds, "quantities": rows}, found[-1][1]
 
 
-def keep(results):
-    """Write the results beside, flush, then rename."""
-    beside = RESULTS.with_suffix(".part")
-    with beside.open("w", encoding="utf-8") as file:
-        json.dump(results, file, indent=1)
-        file.write("\n")
-        file.flush()
-        os.fsync(file.fileno())
-    beside.replace(RESULTS)
-
-
 def main(arguments):
     """Run what is asked for; return 1 where a rung failed."""
     register_all()
@@ -82,7 +71,8 @@ def main(arguments):
         failed += [] if result["pass"] else [name]
         if not quick:
             results[name] = result
-            keep(dict(sorted(results.items(), key=lambda item: page.by_number(item[0]))))
+            ordered = {number: results[number] for number in sorted(results, key=page.by_number)}
+            write_text(RESULTS, json.dumps(ordered, indent=1) + "\n")
             page.draw(name, result, curves)
     if not quick:
         page.write_table(results, PROBLEMS)

@@ -20,6 +20,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 from pyblast.motion.comparison import compare
+from pyblast.projects.result import write_text
 from pyblast.projects.site import read_site
 from pyblast.projects.site_model import Cut, site_mesh, site_model
 from pyblast.solving.solver import run
@@ -112,9 +113,7 @@ def study(cases):
             "independent_believed": truth["misfit_believed"][what["blast"]]["median"],
             "noise_alone": truth["misfit_floor_true_no_noise"][what["blast"]]["median"],
         })  # fmt: skip
-        beside = OUT.with_suffix(".part")
-        beside.write_text(json.dumps(rows, indent=1) + "\n")
-        beside.replace(OUT)
+        write_text(OUT, json.dumps(rows, indent=1) + "\n")
         print(*what.values(), f"{row['median']:.4f}", f"{row['wall_s']} s", flush=True)
     return rows
 

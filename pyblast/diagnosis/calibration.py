@@ -7,9 +7,8 @@ from scipy import linalg
 
 from ..projects.site import Site
 from ..residuals.levels import infer_levels
-from ..residuals.nuisances import nuisances
-from ..residuals.scattering import scattering
-from ..residuals.whitening import Whitener, whitener
+from ..residuals.theory_errors import usual_whitener
+from ..residuals.whitening import Whitener
 from .case import Case
 from .forward import Forward
 from .unknowns import Unknown, unknowns_of, with_values
@@ -158,10 +157,7 @@ class _Search:
 
 def whitener_of(case, motion, slopes, sigma, values) -> Whitener:
     """Return the covariance around a simulation, its levels from what calibration can't take."""
-    weigh = whitener(
-        case.noise, case.band, len(case.blasts),
-        nuisances=nuisances(motion, case.band), scattering=scattering(motion, case.band),
-    )  # fmt: skip
+    weigh = usual_whitener(motion, case.noise, case.band)
     residual = remainder(case, motion)
     for _ in range(2):
         move, _ = step(weigh, residual, slopes, sigma, values)

@@ -83,7 +83,7 @@ class Forward:
 
     def model(self, site: Site, blast: str):
         """Return the model of one blast; sites of one geometry share a mesh."""
-        key = _geometry(site)
+        key = geometry(site)
         if key not in self._meshes:
             self._meshes[key] = site_mesh(site, self.cut)
         return site_model(site, blast, self.cut, self._meshes[key])
@@ -96,7 +96,7 @@ class Forward:
         )
 
 
-def _geometry(site):
+def geometry(site):
     """Return what the mesh of a site depends on."""
     layers = tuple((name, thickness) for name, thickness, _ in site.layers)
     joints = tuple((j.joint.surface, j.axis, j.position, j.extent, j.depth) for j in site.joints)

@@ -7,7 +7,7 @@ from scipy import fft
 
 from ..projects.site import Site
 from .calibration import Baseline
-from .forward import Forward
+from .forward import Forward, geometry
 from .hypotheses import LIBRARY
 from .unknowns import with_values
 
@@ -58,6 +58,7 @@ class Scene:
     baseline: Baseline
     holes: dict
     _sent: dict = field(default_factory=dict, repr=False)
+    _corrections: dict = field(default_factory=dict, repr=False)
 
     @property
     def case(self):
@@ -101,7 +102,10 @@ class Scene:
                 site = effect.hypothesis.bare(site, effect.target, **effect.knobs)
         if site is self.case.site:
             return self.baseline.correction
-        return self.baseline.believed - self.forward.motion(site)
+        cut = geometry(site)
+        if cut not in self._corrections:
+            self._corrections[cut] = self.baseline.believed - self.forward.motion(site)
+        return self._corrections[cut]
 
     def received(self, sent, effects) -> np.ndarray:
         """Return what the receivers record of it, with effects on holes and on motion."""

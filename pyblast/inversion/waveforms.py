@@ -9,9 +9,8 @@ from ..projects.census import input_band
 from ..residuals.band import band_functions
 from ..residuals.levels import infer_levels
 from ..residuals.noise import Noise, noise_of
-from ..residuals.nuisances import nuisances
-from ..residuals.scattering import scattering
-from ..residuals.whitening import Whitener, whitener
+from ..residuals.theory_errors import usual_whitener
+from ..residuals.whitening import Whitener
 
 FINE = 8.0  # samples to the shortest period of the band
 QUIET = 2.0  # of these periods that the noise is learnt from, at least
@@ -118,9 +117,7 @@ def make_waveforms(projects, records, rms=None) -> Waveforms:
         noise = white_noise(rms, len(names), window)
     else:
         noise = recorded_noise(projects, records, names, window)
-    errors = nuisances(recorded, band)
-    spread = scattering(recorded, band)
-    made = whitener(noise, band, len(records), nuisances=errors, scattering=spread)
+    made = usual_whitener(recorded, noise, band)
     return Waveforms(window, names, recorded, noise, made)
 
 

@@ -94,11 +94,14 @@ def read_result(path) -> Result:
 
 
 def write_text(path, text):
-    """Write a text file beside its place and rename it."""
+    """Write a text file beside its place, flush it and rename it."""
     path = Path(path)
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        beside.write_text(text, encoding="utf-8")
+        with beside.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
         beside.replace(path)
     except OSError as error:
         raise ReadError(f"{path}: can't be written ({error.strerror or error})") from None

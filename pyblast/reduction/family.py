@@ -10,11 +10,11 @@ from ..solving.assembly import geometry_arrays, initial_state, time_step
 from ..solving.boundaries import VelocityInput
 from ..solving.kernels import JOINT_LAWS
 from ..solving.model import Model
+from ..solving.perturbations import STICKING_JOINTS, refuse_nonlinear
 from ..solving.preparation import Prepared, prepare
 from .ranges import Ranges
 
-STICKING = ("coulomb", "softening")  # linear as long as no contact slips or opens
-STUCK, STIFF = [JOINT_LAWS[name].number for name in STICKING], JOINT_LAWS["elastic"].number
+STUCK, STIFF = [JOINT_LAWS[name].number for name in STICKING_JOINTS], JOINT_LAWS["elastic"].number
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ def family(model: Model, ranges: Ranges, duration: float, highest: float) -> Fam
     InputError
         If a model is not linear, its ranges do not suit it, or nothing is driven or recorded.
     """
-    refuse_nonlinear(model)
+    _refuse(model)
     ranges.suits(model)
     if not model.receivers:
         raise InputError("reduced: the model has no receivers, so nothing could be answered")
@@ -110,40 +110,12 @@ def family(model: Model, ranges: Ranges, duration: float, highest: float) -> Fam
     return Family(model, ranges, step, mass, max(2, math.ceil(duration / step[0])), highest)
 
 
-def refuse_nonlinear(model):
-    """Refuse models whose motion is not proportional to what drives them.
-
-    Raises
-    ------
-    InputError
-        With the part that is to blame.
-    """
-    if model.quadratic:
-        raise InputError(
-            "model.quadratic: a reduced model needs zones of constant strain; leave quadratic out "
-            "and take shorter edges"
-        )
-    for joint in model.joints:
-        if joint.law not in ("elastic", *STICKING):
-            raise InputError(
-                f"joints.{joint.surface}.law: a reduced model needs a stiffness that does not "
-                f"change, got '{joint.law}'; take one of elastic, {', '.join(STICKING)}"
-            )
-    for group in model.mesh.groups:
-        law = model.law(group).name
-        if law != "elastic":
-            raise InputError(
-                f"materials.{group}: a reduced model needs isotropic ground, elastic or fading, "
-                f"got '{law}'; take another law there"
-            )
+def _refuse(model):
+    """Refuse models whose motion is not proportional to what drives them, or is prescribed."""
+    refuse_nonlinear(model, "a reduced model needs", ("elastic", *STICKING_JOINTS))
     for one in model.boundaries:
         if isinstance(one, VelocityInput):
             raise InputError(
                 f"boundaries.{one.surface}: a reduced model cannot prescribe velocity; use "
                 "StressInput, which drives the face by its impedance"
             )
-    if model.local_damping:
-        raise InputError(
-            "local_damping: a reduced model needs damping in proportion to motion, got "
-            f"{model.local_damping:g}; set it to zero"
-        )

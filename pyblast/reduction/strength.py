@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
-from ..solving.perturbations import FAILED, STATUS
-from .family import STICKING
+from ..solving.perturbations import FAILED, STATUS, STICKING_JOINTS
 from .galerkin import joint_jumps
 
 WATCHED = 256  # contacts, over all joints
@@ -58,7 +57,7 @@ def watched(projection, solutions):
         If a contact slips or opens before the blast.
     """
     model, contacts = projection.family.base, projection.family.base.mesh.contacts
-    joints = {one.surface: one for one in model.joints if one.law in STICKING}
+    joints = {one.surface: one for one in model.joints if one.law in STICKING_JOINTS}
     if not joints:
         return []
     stressed = projection.family.stressed(projection.family.ranges.middle())

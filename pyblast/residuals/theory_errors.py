@@ -10,6 +10,26 @@ from .scattering import scattering
 from .whitening import Whitener, whitener
 
 
+def usual_whitener(motion, noise: Noise, band: Band, mesh_errors=()) -> Whitener:
+    """Return the covariance of residuals with errors shaped as some motion, at the usual levels.
+
+    Parameters
+    ----------
+    motion : (n_blasts, n_receivers, 3, n_samples) float, m/s
+    noise : Noise
+    band : Band
+    mesh_errors : sequence of the same shape as the motion, m/s
+        What meshes may do to the simulation, as of `mesh_error`; of each receiver on their own.
+    """
+    parts = nuisances(motion, band)
+    if len(mesh_errors):
+        errors = np.asarray(mesh_errors, dtype=np.float64)
+        alone = np.eye(errors.shape[2])[:, None, None, :, None, None] * errors
+        parts += mesh_columns(alone.reshape(-1, *errors.shape[1:]), band)
+    spread = scattering(motion, band)
+    return whitener(noise, band, len(motion), nuisances=parts, scattering=spread)
+
+
 def whitener_beside(recorded, simulated, noise: Noise, band: Band, mesh_errors=()) -> Whitener:
     """Return the covariance of residuals beside a simulation that nearly fits.
 
@@ -19,7 +39,7 @@ def whitener_beside(recorded, simulated, noise: Noise, band: Band, mesh_errors=(
     noise : Noise
     band : Band
     mesh_errors : sequence of the same shape, m/s
-        What meshes may do to the simulation, as of `mesh_error`.
+        As of `usual_whitener`.
 
     Returns
     -------
@@ -28,15 +48,9 @@ def whitener_beside(recorded, simulated, noise: Noise, band: Band, mesh_errors=(
 
     Notes
     -----
-    theory.md (7.13) to (7.19), mesh errors of each receiver on their own. Shapes must be those of
-    the simulation: those of the record hold its noise, which then explains itself for the price of
-    a level, and what damps the simulation is taken for likely.
+    theory.md (7.13) to (7.19). Shapes must be those of the simulation: those of the record hold
+    its noise, which then explains itself for the price of a level, and what damps the simulation
+    is taken for likely.
     """
-    parts = nuisances(simulated, band)
-    if len(mesh_errors):
-        errors = np.asarray(mesh_errors, dtype=np.float64)
-        alone = np.eye(errors.shape[2])[:, None, None, :, None, None] * errors
-        parts += mesh_columns(alone.reshape(-1, *errors.shape[1:]), band)
-    spread = scattering(simulated, band)
-    made = whitener(noise, band, len(recorded), nuisances=parts, scattering=spread)
+    made = usual_whitener(simulated, noise, band, mesh_errors)
     return infer_levels(made, np.asarray(recorded) - simulated).whitener

@@ -39,8 +39,16 @@ class Change:
     impedance: list
 
 
-def refuse_nonlinear(model):
+def refuse_nonlinear(model, needs="gradients need", joints=LINEAR_JOINTS + STICKING_JOINTS):
     """Refuse models whose motion is not proportional to what drives them.
+
+    Parameters
+    ----------
+    model : Model
+    needs : str
+        Who asks, as the sentences begin.
+    joints : tuple of str
+        Laws of joints that are allowed.
 
     Raises
     ------
@@ -49,25 +57,25 @@ def refuse_nonlinear(model):
     """
     if model.quadratic:
         raise InputError(
-            "model.quadratic: gradients need zones of constant strain; leave quadratic out and "
+            f"model.quadratic: {needs} zones of constant strain; leave quadratic out and "
             "take shorter edges"
         )
     for joint in model.joints:
-        if joint.law not in LINEAR_JOINTS + STICKING_JOINTS:
+        if joint.law not in joints:
             raise InputError(
-                f"joints.{joint.surface}.law: gradients need a stiffness that does not change, "
-                f"got '{joint.law}'; take one of {', '.join(LINEAR_JOINTS + STICKING_JOINTS)}"
+                f"joints.{joint.surface}.law: {needs} a stiffness that does not change, "
+                f"got '{joint.law}'; take one of {', '.join(joints)}"
             )
     for group in model.mesh.groups:
         law = model.law(group).name
         if law not in LINEAR_ZONES:
             raise InputError(
-                f"materials.{group}: gradients need isotropic ground, elastic or fading, got "
+                f"materials.{group}: {needs} isotropic ground, elastic or fading, got "
                 f"'{law}'; take another law there"
             )
     if model.local_damping:
         raise InputError(
-            "local_damping: gradients need damping in proportion to motion, got "
+            f"local_damping: {needs} damping in proportion to motion, got "
             f"{model.local_damping:g}; set it to zero"
         )
 
