@@ -63,7 +63,8 @@ def test_calibration_finds_speeds_and_stiffness_within_its_own_errors():
 
 
 def test_nothing_is_found_where_nothing_is_hidden():
-    for label, start in (("clock_error", 8e-3), ("sensor_orientation", 0.3), ("polarity_up", -1.0)):
+    sensor = "sensor_orientation_or_polarity"
+    for label, start in (("clock_error", 8e-3), (f"{sensor}/turned", 0.3), (f"{sensor}/up", -1.0)):
         for receiver in scene().case.receivers:
             assert gain(scene(), label, receiver, start)[0] < 2.0, (label, receiver)
 
@@ -78,7 +79,7 @@ def test_a_slow_clock_is_found_at_its_receiver_with_its_shift():
 
 
 def test_a_component_the_wrong_way_round_is_found():
-    worth, found = gain(scene(flipped), "polarity_north", "R1", -1.0)
+    worth, found = gain(scene(flipped), "sensor_orientation_or_polarity/north", "R1", -1.0)
 
     assert worth > 5.0  # 12: the levels of small errors were inferred without the effect
     assert found.effects[0].knobs["factor"] == pytest.approx(-1.0, abs=0.3)

@@ -90,7 +90,7 @@ class Fitter:
         for (e, p, i, knob), coordinate in zip(self.knobs, place[n:], strict=True):
             changed[e][p][i] = float(knob.value(coordinate))
         effects = tuple(
-            Effect(effect.label, effect.target, tuple(map(tuple, values)))
+            Effect(effect.name, effect.target, tuple(map(tuple, values)))
             for effect, values in zip(self.effects, changed, strict=True)
         )
         return self.sigma * place[:n], effects

@@ -100,4 +100,4 @@ def geometry(site):
     """Return what the mesh of a site depends on."""
     layers = tuple((name, thickness) for name, thickness, _ in site.layers)
     joints = tuple((j.joint.surface, j.axis, j.position, j.extent, j.depth) for j in site.joints)
-    return site.box.tobytes(), layers, joints, site.marks
+    return site.box.tobytes(), layers, joints, site.marks, site.fabric is not None

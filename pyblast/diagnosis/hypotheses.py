@@ -7,7 +7,8 @@ What it changes decides how it is called and what it costs:
 - ``on="holes"``: ``(holes, target, **knobs) -> (delays, scales)`` of one blast; no runs;
 - ``on="motion"``: ``(scene, motion, target, **knobs) -> motion``; no runs.
 
-``None`` in place of a result says that the effect is there already or can't be.
+``None`` in place of a result says that the effect is there already or can't be. Ways of one effect
+that need other knobs are forms of one label.
 """
 
 from collections.abc import Callable
@@ -16,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from .targets import TARGETS
 
 FAMILIES = ("source", "path", "receiver", "instrument")
 PLACES = ("site", "holes", "motion")
 AXES = ("receivers", "blasts", "both")
-TARGETS = ("site", "joint", "blast", "receiver")
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,8 @@ class Hypothesis:
     ----------
     label : str
         Its name in results.
+    form : str
+        Tells hypotheses of one label apart; empty where there is one.
     claim : str
         What it says, one sentence.
     family : str
@@ -83,7 +86,9 @@ class Hypothesis:
     on : str
         What it changes, of `PLACES`.
     target : str
-        What it belongs to, of `TARGETS`; the search tries each of them.
+        What it belongs to, in a word.
+    targets : callable
+        ``(case) -> tuple of str``: all of them; the search tries each.
     axis : str
         What is held out to test it, of `AXES`.
     knobs : tuple of Knob
@@ -91,43 +96,65 @@ class Hypothesis:
     bare : callable or None
         ``(site, target, **knobs) -> Site``: cut into zones as with the effect, but without it. Of
         effects on the site that change its geometry, so that no mesh is taken for physics.
+    linear : bool
+        Whether a larger blast is changed by the same share. Others are screened on two blasts.
+    settled_by : str
+        What to measure where it can't be told from others.
     """
 
     label: str
+    form: str
     claim: str
     family: str
     on: str
     target: str
+    targets: Callable
     axis: str
     knobs: tuple[Knob, ...]
     apply: Callable
     bare: Callable | None = None
+    linear: bool = True
+    settled_by: str = ""
+
+    @property
+    def name(self):
+        """Its key in the library: the label, with its form after a slash."""
+        return f"{self.label}/{self.form}" if self.form else self.label
 
 
 LIBRARY: dict[str, Hypothesis] = {}
 
 
-def hypothesis(label, *, family, on, target, axis, knobs, bare=None):
+def hypothesis(
+    label, *, family, on, target, axis, knobs, form="", targets=None, bare=None, linear=True,
+    settled_by="",
+):  # fmt: skip
     """Enter the decorated function into the library.
+
+    ``targets`` lists what ``target`` names; it may be left out for words of `TARGETS`.
 
     Raises
     ------
     InputError
-        If a word is not one of the lists above, the label is taken, or there is no claim.
+        If a word is not one of the lists above, the name is taken, or there is no claim.
     """
-    for word, allowed in ((family, FAMILIES), (on, PLACES), (target, TARGETS), (axis, AXES)):
+    listed = TARGETS if targets is None else (target,)
+    for word, allowed in ((family, FAMILIES), (on, PLACES), (target, listed), (axis, AXES)):
         if word not in allowed:
             raise InputError(f"hypothesis {label}: need one of {', '.join(allowed)}, got {word!r}")
+    targets = targets or TARGETS[target]
 
     def enter(function):
-        if label in LIBRARY:
-            raise InputError(f"hypothesis {label}: is in the library already")
-        if not function.__doc__:
-            raise InputError(f"hypothesis {label}: needs a docstring that says its claim")
-        claim = function.__doc__.strip().splitlines()[0]
-        LIBRARY[label] = Hypothesis(
-            label, claim, family, on, target, axis, tuple(knobs), function, bare
-        )
+        claim = (function.__doc__ or "").strip().split("\n\n")[0]
+        one = Hypothesis(
+            label, form, " ".join(claim.split()), family, on, target, targets, axis, tuple(knobs),
+            function, bare, linear, settled_by,
+        )  # fmt: skip
+        if one.name in LIBRARY:
+            raise InputError(f"hypothesis {one.name}: is in the library already")
+        if not claim:
+            raise InputError(f"hypothesis {one.name}: needs a docstring that says its claim")
+        LIBRARY[one.name] = one
         return function
 
     return enter

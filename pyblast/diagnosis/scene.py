@@ -1,6 +1,7 @@
 """Sites with effects: what they send to the receivers, by runs, by stored holes, by operators."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy import fft
@@ -9,6 +10,7 @@ from ..projects.site import Site
 from .calibration import Baseline
 from .forward import Forward, geometry
 from .hypotheses import LIBRARY
+from .surroundings import Surroundings, surroundings
 from .unknowns import with_values
 
 
@@ -18,22 +20,27 @@ class Effect:
 
     Parameters
     ----------
-    label : str
+    name : str
         In the library.
     target : str
-        Joint, blast or receiver; empty for the whole site.
+        One of those of its hypothesis; empty for the whole site.
     values : tuple of tuple of float
         Of each knob, in its unit: one value, or one for each hole.
     """
 
-    label: str
+    name: str
     target: str
     values: tuple[tuple[float, ...], ...]
 
     @property
     def hypothesis(self):
         """The entry of the library."""
-        return LIBRARY[self.label]
+        return LIBRARY[self.name]
+
+    @property
+    def label(self):
+        """Its name in results, whatever its form."""
+        return self.hypothesis.label
 
     @property
     def knobs(self):
@@ -64,6 +71,11 @@ class Scene:
     def case(self):
         """The records."""
         return self.forward.case
+
+    @cached_property
+    def surroundings(self) -> Surroundings:
+        """What the calibrated site sends around its receivers: a run of each blast, once."""
+        return surroundings(self.forward, self.baseline.site)
 
     def site(self, values, effects) -> Site | None:
         """Return the site with factors and with all effects that change it."""

@@ -14,6 +14,7 @@ from ..solving.joints import Joint
 from ..solving.materials import Material
 from ..solving.model import Receiver
 from ..solving.sources import TimeFunction
+from .site_fabric import Fabric
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +71,8 @@ class Site:
         Factors on the speeds of the layers.
     marks : tuple of (axis, position in m)
         Planes on which the zones shall end although nothing is there.
+    fabric : Fabric, optional
+        Of all ground, which is elastic then.
     """
 
     name: str
@@ -87,6 +90,7 @@ class Site:
     noise_window: tuple[float, float]
     ground: tuple = ()
     marks: tuple[tuple[str, float], ...] = ()
+    fabric: Fabric | None = None
 
 
 def read_site(folder) -> Site:

@@ -61,9 +61,18 @@ class Cut:
         """Radius in m over which each hole is spread: the distance of nodes."""
         return 0.5 * self.edge if self.quadratic else self.edge
 
+    def of(self, site: Site):
+        """Return the cut that a site needs: a fabric has no zones but those of constant strain.
+
+        They are as small as nodes are apart in the others.
+        """
+        plain = site.fabric is not None and self.quadratic
+        return replace(self, edge=self.spread, quadratic=False) if plain else self
+
 
 def site_mesh(site: Site, cut: Cut) -> Mesh:
     """Mesh the ground of a site, with its joints split."""
+    cut = cut.of(site)
     every = [*((j.axis, j.position) for j in site.joints), *site.marks]
     planes = {axis: [place for along, place in every if along == axis] for axis in "xy"}
     rims = {axis: [e for j in site.joints if j.axis != axis for e in j.extent] for axis in "xy"}
@@ -121,12 +130,14 @@ def site_model(site: Site, blast: str, cut: Cut, mesh: Mesh | None = None) -> Mo
     mesh : Mesh, optional
         That of `site_mesh`, if it is there already.
     """
-    holes = site.blasts[blast]
+    holes, cut = site.blasts[blast], cut.of(site)
     sources = [
         Hole(place, charge, time, site.moment_rate, site.exponent, cut.spread)
         for place, charge, time in zip(holes.centres, holes.charge, holes.times, strict=True)
     ]
     materials = {name: material for name, _, material in site.layers}
+    if site.fabric is not None:
+        materials = {name: site.fabric.of(material) for name, material in materials.items()}
     if site.quality is not None:
         low, high = site.band
         law = ConstantQ(*site.quality, (low / BEYOND_BAND, high * BEYOND_BAND))

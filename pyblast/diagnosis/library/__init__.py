@@ -1,5 +1,7 @@
-"""The hypotheses, by family; importing this fills the library."""
+"""The hypotheses, by what they speak of; importing this fills the library from every file in it."""
 
-from . import instruments, paths, sources, surfaces
+from importlib import import_module
+from pkgutil import iter_modules
 
-__all__ = ["instruments", "paths", "sources", "surfaces"]
+for _file in iter_modules(__path__):
+    import_module(f".{_file.name}", __name__)

@@ -5,10 +5,14 @@ from scipy import fft
 
 from ..hypotheses import Knob, hypothesis
 
+SWAP = "two sensors that change places, or a calibration pulse"
+TAP = "a tap from a known side, or shots from three directions"
+
 
 @hypothesis(
     "clock_error", family="instrument", on="motion", target="receiver", axis="blasts",
     knobs=[Knob("shift", 0.0, 10e-3, "s", starts=(0.0, 8e-3, -8e-3), low=-0.2, high=0.2)],
+    settled_by="noise recorded together with a receiver of known clock",
 )  # fmt: skip
 def clock_error(scene, motion, target, shift):
     """The clock of this receiver was wrong: all it recorded came late or early by the same time."""
@@ -20,14 +24,16 @@ def clock_error(scene, motion, target, shift):
 
 
 @hypothesis(
-    "instrument_response", family="instrument", on="motion", target="receiver", axis="blasts",
+    "instrument_response", form="geophone", family="instrument", on="motion", target="receiver",
+    axis="blasts",
     knobs=[
         Knob("corner", 4.5, 0.5, "Hz", log=True, starts=(2.0, 4.5, 8.0), low=0.5, high=20.0),
         Knob("damping", 0.6, 0.3, log=True, starts=(0.6,), low=0.1, high=2.0),
         Knob("gain", 1.0, 0.2, log=True, starts=(1.0,), low=0.2, high=5.0),
     ],
+    settled_by=SWAP,
 )  # fmt: skip
-def instrument_response(scene, motion, target, corner, damping, gain):
+def geophone(scene, motion, target, corner, damping, gain):
     """The record of this receiver still has the response of a geophone in it."""
 
     def sensed(spectrum, frequency):
@@ -38,12 +44,26 @@ def instrument_response(scene, motion, target, corner, damping, gain):
 
 
 @hypothesis(
-    "sensor_orientation", family="instrument", on="motion", target="receiver", axis="blasts",
+    "instrument_response", form="gain", family="instrument", on="motion", target="receiver",
+    axis="blasts",
+    knobs=[Knob("gain", 1.0, 0.7, log=True, starts=(0.5, 2.0), low=0.02, high=50.0)],
+    settled_by=SWAP,
+)  # fmt: skip
+def gain_error(scene, motion, target, gain):
+    """The gain of this receiver is wrong by the same factor on all components."""
+    at = scene.case.receivers.index(target)
+    return _with(motion, at, gain * motion[:, at])
+
+
+@hypothesis(
+    "sensor_orientation_or_polarity", form="turned", family="instrument", on="motion",
+    target="receiver", axis="blasts",
     knobs=[
         Knob("turn", 0.0, 1.0, "rad", starts=(0.3, -0.3, 1.57, -1.57, 3.1), low=-3.3, high=3.3)
     ],
+    settled_by=TAP,
 )  # fmt: skip
-def sensor_orientation(scene, motion, target, turn):
+def turned_sensor(scene, motion, target, turn):
     """The horizontal components of this receiver did not point where the file says."""
     at = scene.case.receivers.index(target)
     east, north, up = np.moveaxis(motion[:, at], 1, 0)
@@ -51,18 +71,20 @@ def sensor_orientation(scene, motion, target, turn):
     return _with(motion, at, np.stack([*turned, up], axis=1))
 
 
-for _number, _component in enumerate(("east", "north", "up")):
+for _components, _form in ((0, "east"), (1, "north"), (2, "up"), (slice(None), "all")):
+    _parts = "All components" if _form == "all" else f"The {_form} component"
 
-    def _flipped(scene, motion, target, factor, number=_number):
-        """One component of this receiver has the wrong sign or gain."""
+    def _flipped(scene, motion, target, factor, components=_components):
         at = scene.case.receivers.index(target)
         changed = motion[:, at].copy()
-        changed[:, number] *= factor
+        changed[:, components] *= factor
         return _with(motion, at, changed)
 
+    _flipped.__doc__ = f"{_parts} of this receiver had the wrong sign."
     hypothesis(
-        f"polarity_{_component}", family="instrument", on="motion", target="receiver",
-        axis="blasts", knobs=[Knob("factor", 1.0, 1.0, starts=(-1.0,), low=-3.0, high=3.0)],
+        "sensor_orientation_or_polarity", form=_form, family="instrument", on="motion",
+        target="receiver", axis="blasts",
+        knobs=[Knob("factor", -1.0, 0.3, starts=(-1.0,), low=-3.0, high=0.0)], settled_by=TAP,
     )(_flipped)  # fmt: skip
 
 

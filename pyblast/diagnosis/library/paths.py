@@ -1,4 +1,4 @@
-"""What may be wrong between blast and receiver: laws of joints, joints unknown, fading, grain."""
+"""What may be wrong between blast and receiver: the laws of its joints."""
 
 from dataclasses import replace
 
@@ -21,8 +21,9 @@ def _on_joint(site, target, change):
 
 
 @hypothesis(
-    "joint_nonlinear_closure", family="path", on="site", target="joint", axis="both",
+    "joint_nonlinear_closure", family="path", on="site", target="joint", axis="both", linear=False,
     knobs=[Knob("closed", 0.5, 0.15, starts=(0.4, 0.65), low=0.05, high=0.9)],
+    settled_by="charges of three to one or more on one path across the joint",
 )  # fmt: skip
 def joint_nonlinear_closure(site, target, closed):
     """This joint stiffens as it closes: large blasts cross it more easily, in compression."""
@@ -39,11 +40,12 @@ def joint_nonlinear_closure(site, target, closed):
 
 
 @hypothesis(
-    "joint_slip", family="path", on="site", target="joint", axis="both",
+    "joint_slip", family="path", on="site", target="joint", axis="both", linear=False,
     knobs=[
         Knob("strength", 1e5, 1.0, "Pa", log=True, starts=(3e4, 2e5), low=1e3, high=1e7),
         Knob("residual", 0.5, 0.2, starts=(0.5,), low=0.05, high=1.0),
     ],
+    settled_by="charges of three to one or more across the joint, and on a path that avoids it",
 )  # fmt: skip
 def joint_slip(site, target, strength, residual):
     """This joint slips: it bears no more shear than its strength; large blasts lose S waves."""
@@ -64,6 +66,7 @@ def joint_slip(site, target, strength, residual):
 @hypothesis(
     "joint_viscous_fill", family="path", on="site", target="joint", axis="both",
     knobs=[Knob("relaxation", 3e-3, 1.0, "s", log=True, starts=(2e-3,), low=1e-4, high=0.1)],
+    settled_by="receivers close to the joint on both sides, over a wider band",
 )  # fmt: skip
 def joint_viscous_fill(site, target, relaxation):
     """The fill of this joint is viscous: it passes more of high frequencies than a spring does."""
@@ -74,13 +77,3 @@ def joint_viscous_fill(site, target, relaxation):
         return Joint(joint.surface, "kelvin", properties, joint.insitu_pressure)
 
     return _on_joint(site, target, filled)
-
-
-@hypothesis(
-    "attenuation_Q", family="path", on="site", target="site", axis="both",
-    knobs=[Knob("q", 20.0, 0.8, log=True, starts=(8.0, 25.0), low=4.0, high=300.0)],
-)  # fmt: skip
-def attenuation_q(site, target, q):
-    """The ground takes energy from all waves alike, as constant Q of S waves does."""
-    del target
-    return replace(site, quality=(1.3 * q, q)) if site.quality is None else None

@@ -1,13 +1,19 @@
 """What may be wrong with a blast: its times, its charges, its place, the rock around its holes."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from ...solving.ground_fields import DamagedZone
 from ..hypotheses import Knob, hypothesis
+from ..targets import blasts_of_many_holes
 
 
 @hypothesis(
     "delay_scatter", family="source", on="holes", target="blast", axis="receivers",
+    targets=blasts_of_many_holes,
     knobs=[Knob("delays", 0.0, 3e-3, "s", starts=(0.0,), low=-0.02, high=0.02, per_hole=True)],
+    settled_by="the log of the detonators, or a sensor beside the holes",
 )  # fmt: skip
 def delay_scatter(blast, target, delays):
     """The holes of this blast did not fire at their planned times."""
@@ -16,10 +22,73 @@ def delay_scatter(blast, target, delays):
 
 
 @hypothesis(
-    "misfire_or_charge_error", family="source", on="holes", target="blast", axis="receivers",
+    "misfire_or_charge_error", form="holes", family="source", on="holes", target="blast",
+    axis="receivers", targets=blasts_of_many_holes,
     knobs=[Knob("scales", 1.0, 0.3, starts=(1.0,), low=0.0, high=3.0, per_hole=True)],
+    settled_by="the loading sheets, and a look at the muck pile for what is left",
 )  # fmt: skip
 def misfire_or_charge_error(blast, target, scales):
     """Holes of this blast sent less or more than their charge should, or nothing."""
     del blast, target
     return np.zeros(len(scales)), scales
+
+
+@hypothesis(
+    "misfire_or_charge_error", form="blast", family="source", on="holes", target="blast",
+    axis="receivers", knobs=[Knob("scale", 1.0, 0.4, log=True, starts=(1.0,), low=0.1, high=10.0)],
+    settled_by="the loading sheets, or single holes of other charges",
+)  # fmt: skip
+def charge_error(blast, target, scale):
+    """All holes of this blast sent less or more than their charge should, by one factor."""
+    del target
+    n = len(blast.charge)
+    return np.zeros(n), np.full(n, scale)
+
+
+@hypothesis(
+    "clock_error", form="blast", family="source", on="holes", target="blast", axis="receivers",
+    knobs=[Knob("shift", 0.0, 10e-3, "s", starts=(0.0, 8e-3, -8e-3), low=-0.2, high=0.2)],
+    settled_by="a sensor beside the first hole, on the clock of the receivers",
+)  # fmt: skip
+def trigger_error(blast, target, shift):
+    """The zero of time of this blast was wrong: all receivers heard it late or early alike."""
+    del target
+    n = len(blast.charge)
+    return np.full(n, shift), np.ones(n)
+
+
+@hypothesis(
+    "wrong_coordinates", form="blast", family="source", on="site", target="blast",
+    axis="receivers",
+    knobs=[
+        Knob("east", 0.0, 8.0, "m", starts=(0.0,), low=-30.0, high=30.0),
+        Knob("north", 0.0, 8.0, "m", starts=(0.0,), low=-30.0, high=30.0),
+    ],
+    settled_by="a survey of the holes",
+)  # fmt: skip
+def moved_blast(site, target, east, north):
+    """This blast was elsewhere: all its holes by the same way."""
+    blast, way = site.blasts[target], np.array([east, north, 0.0])
+    moved = replace(blast, collar=blast.collar + way, toe=blast.toe + way)
+    return replace(site, blasts={**site.blasts, target: moved})
+
+
+def _bench_and_blasts(case):
+    """List all holes together, and each blast of many holes."""
+    return "", *blasts_of_many_holes(case)
+
+
+@hypothesis(
+    "damaged_zone", family="source", on="site", target="blast", axis="receivers",
+    targets=_bench_and_blasts,
+    knobs=[
+        Knob("reduction", 0.3, 0.15, starts=(0.3,), low=0.0, high=0.7),
+        Knob("length", 6.0, 0.6, "m", log=True, starts=(8.0,), low=2.0, high=30.0),
+    ],
+    settled_by="a seismic survey of the bench before and after a blast, receivers on all sides",
+)  # fmt: skip
+def damaged_zone(site, target, reduction, length):
+    """Blasting has left slower rock around the holes of this blast, or of all blasts."""
+    chosen = [site.blasts[target]] if target else site.blasts.values()
+    holes = np.concatenate([np.stack([one.collar, one.toe], axis=1) for one in chosen])
+    return replace(site, ground=(*site.ground, DamagedZone(holes, reduction, length)))

@@ -1,4 +1,4 @@
-"""What may be wrong at the receivers' own ground: a soft layer, the air blast, their places."""
+"""What may be wrong where receivers stand: a soft layer, their places."""
 
 from dataclasses import replace
 
@@ -28,8 +28,26 @@ def _as_fast(site, target, thickness, slower):
         Knob("thickness", 5.0, 0.5, "m", log=True, starts=(3.0, 7.0), low=1.0, high=20.0),
         Knob("slower", 0.4, 0.4, log=True, starts=(0.4,), low=0.1, high=0.9),
     ],
+    settled_by="a receiver on bare rock beside one on the ground, or a hammer test",
 )  # fmt: skip
 def soft_surface_layer(site, target, thickness, slower):
     """A slower layer that the site does not list lies on top."""
     del target
     return _layered(site, thickness, slower)
+
+
+@hypothesis(
+    "wrong_coordinates", form="receiver", family="receiver", on="motion", target="receiver",
+    axis="blasts",
+    knobs=[
+        Knob("east", 0.0, 8.0, "m", starts=(0.0,), low=-30.0, high=30.0),
+        Knob("north", 0.0, 8.0, "m", starts=(0.0,), low=-30.0, high=30.0),
+    ],
+    settled_by="a survey of the receiver",
+)  # fmt: skip
+def moved_receiver(scene, motion, target, east, north):
+    """This receiver was elsewhere."""
+    at = scene.case.receivers.index(target)
+    motion = motion.copy()
+    motion[:, at] += scene.surroundings.change(at, east, north)
+    return motion
