@@ -3,15 +3,15 @@
 import os
 import sys
 import warnings
-from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from . import console
-from .errors import InputError, PyblastError, SolverError
+from . import commands_inverse, console
+from .command_words import Full, ProjectFile, told
+from .errors import InputError
 
 app = typer.Typer(
     help="Blast vibration in jointed rock: from one hole to the whole blast, through joints and "
@@ -21,28 +21,6 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-ProjectFile = Annotated[Path, typer.Argument(help="The project file, such as project.toml.")]
-Full = Annotated[
-    bool, typer.Option("--full", help="Take the larger run of table [full] of the file.")
-]
-
-
-@contextmanager
-def told():
-    """Turn every error into one sentence and an exit code: 1 solver, 2 input, 130 interrupted."""
-    try:
-        yield
-    except SolverError as error:
-        console.complain(error)
-        raise typer.Exit(1) from None
-    except PyblastError as error:
-        console.complain(error)
-        raise typer.Exit(2) from None
-    except KeyboardInterrupt as stop:
-        console.complain(f"interrupted; {stop}" if stop.args else "interrupted")
-        raise typer.Exit(130) from None
-
-
 @app.command()
 def run(
     project: ProjectFile,
@@ -213,54 +191,8 @@ def sitelaw(
         console.show_site_law(law, None if limit is None else 1e-3 * limit)
 
 
-@app.command()
-def backanalyse(
-    project: ProjectFile,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder for the numbered searches [back_analysis beside it]."),
-    ] = None,
-    workers: Annotated[
-        int, typer.Option(min=1, help="Processes, for methods that ask for many runs at once.")
-    ] = 1,
-    dask: Annotated[
-        str, typer.Option(help="Address of a dask scheduler whose workers run the models.")
-    ] = "",
-    full: Full = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where the last search was interrupted.")
-    ] = False,
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Only say what records could tell; needs none.")
-    ] = False,
-):
-    """Find unknowns of the ground from recorded blasts.
-
-    Searches the ranges of table [back_analysis], runs the best values in full, and says which
-    unknowns the records can't tell. Writes trials.jsonl, one line a run, back_analysis.json and
-    report.html. Ctrl-C keeps what was run. With --plan it needs no records, and writes plan.json
-    and report.html into numbered folders in plan.
-    """
-    with told():
-        from .back_analysis import back_analyse, plan_back_analysis, slip_told
-        from .ensembles.many_runs import executor_of
-        from .inversion.doubts import doubts
-        from .projects.project import load_project
-
-        loaded = load_project(project, full)
-        if plan:
-            if resume or dask or workers > 1:
-                raise InputError("--plan: takes neither --resume nor --workers nor --dask")
-            with console.Progress() as progress:
-                made, folder = plan_back_analysis(loaded, out, progress=progress)
-            console.show_plan(made, folder)
-            return
-        console.show_findings(doubts(loaded))
-        with console.Progress() as progress, executor_of(workers, dask) as executor:
-            found, folder = back_analyse(
-                loaded, out, resume=resume, executor=executor, progress=progress
-            )
-        console.show_search(found, folder, slip_told(found))
+for command in (commands_inverse.backanalyse, commands_inverse.diagnose):
+    app.command()(command)
 
 
 def standalone():

@@ -20,6 +20,8 @@ STAGES = {
     "dynamic": "dynamic stage",
     "trials": "runs of the search",
     "plan": "runs of the plan",
+    "calibration": "calibration",
+    "holes": "runs of the holes",
     "writing": "results and report",
 }
 _out = Console(highlight=False, soft_wrap=True)

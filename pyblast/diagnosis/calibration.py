@@ -6,11 +6,9 @@ import numpy as np
 from scipy import linalg
 
 from ..projects.site import Site
-from ..residuals.levels import infer_levels
-from ..residuals.theory_errors import usual_whitener
-from ..residuals.whitening import Whitener
 from .case import Case
 from .forward import Forward
+from .likelihood import Likelihood, likelihood_of
 from .unknowns import Unknown, unknowns_of, with_values
 
 STEP = 0.5  # of each prior's standard deviation, for derivatives
@@ -39,8 +37,7 @@ class Baseline:
         What the site sends as it is believed to be, by a finer mesh if there was one.
     correction : (n_blasts, n_receivers, 3, n_samples) float64, m/s
         Of the finer mesh over the one of the runs.
-    whitener : Whitener
-        With the levels of the errors that the residual shows.
+    likelihood : Likelihood
     """
 
     case: Case
@@ -52,22 +49,17 @@ class Baseline:
     slopes: np.ndarray
     believed: np.ndarray
     correction: np.ndarray
-    whitener: Whitener
+    likelihood: Likelihood
 
     @property
-    def residual(self):
-        """What the records have and the site does not send, m/s; zero where nothing is valid."""
-        return remainder(self.case, self.motion)
+    def sigma(self):
+        """Standard deviation of each value before the records are seen, (n,)."""
+        return np.array([one.sigma for one in self.unknowns])
 
     @property
     def pull(self):
         """How far each value was drawn from its prior, in standard deviations, (n,)."""
-        return self.values / np.array([one.sigma for one in self.unknowns])
-
-
-def remainder(case: Case, motion):
-    """Return recorded less simulated motion, zero where the record is not valid."""
-    return np.where(case.valid, case.motion - motion, 0.0)
+        return self.values / self.sigma
 
 
 def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
@@ -78,7 +70,7 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     forward : Forward
         Whose runs are many.
     fine : Forward, optional
-        With a better mesh; it runs the site as believed and as calibrated.
+        With a better mesh; it runs the site as it is believed to be.
 
     Returns
     -------
@@ -86,30 +78,24 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
 
     Notes
     -----
-    Gauss-Newton steps on the whitened residual with the priors of the unknowns. Derivatives are
-    differences at the start; each further run improves them by Broyden's rule. What the finer mesh
-    adds is taken at the believed site first, and again where the calibration ends.
+    Gauss-Newton steps on the misfit of the likelihood with the priors of the unknowns. Derivatives
+    are differences at the start; each further run improves them by Broyden's rule. What the finer
+    mesh adds is taken at the believed site.
     """
     unknowns = unknowns_of(forward.case.site)
     sigma = np.array([one.sigma for one in unknowns])
     places = [np.zeros(len(sigma)), *np.diag(STEP * sigma)]
     found = forward.motions([with_values(forward.case.site, unknowns, one) for one in places])
     slopes = (found[1:] - found[0]) / (STEP * sigma)[:, None, None, None, None]
-    search = _Search(forward, fine, unknowns, sigma, slopes)
-    values, believed = np.zeros(len(sigma)), search.corrected(np.zeros(len(sigma)), found[0])
-    motion, correction = believed, believed - found[0]
-    values, motion = search.settled(values, motion, correction)
-    if fine is not None:
-        rough = motion - correction
-        motion = search.corrected(values, rough)
-        correction = motion - rough
-        values, motion = search.settled(values, motion, correction)
-    weigh = whitener_of(forward.case, motion, search.slopes, sigma, values)
-    _, covariance = step(weigh, remainder(forward.case, motion), search.slopes, sigma, values)
+    search = _Search(forward, unknowns, sigma, slopes, likelihood_of(forward.case))
+    believed = found[0] if fine is None else fine.motion(forward.case.site)
+    correction = believed - found[0]
+    values, motion = search.settled(np.zeros(len(sigma)), believed, correction)
+    _, covariance = search.step(values, motion)
     return Baseline(
         forward.case, unknowns, values, covariance,
         with_values(forward.case.site, unknowns, values), motion, search.slopes, believed,
-        correction, weigh,
+        correction, search.likelihood,
     )  # fmt: skip
 
 
@@ -118,58 +104,41 @@ class _Search:
     """The calibration under way."""
 
     forward: Forward
-    fine: Forward | None
     unknowns: tuple[Unknown, ...]
     sigma: np.ndarray
     slopes: np.ndarray
+    likelihood: Likelihood
 
     def site(self, values):
         """Return the site with some values."""
         return with_values(self.forward.case.site, self.unknowns, values)
 
-    def corrected(self, values, rough):
-        """Return the motion of the finer mesh, or the rough one where there is none."""
-        return rough if self.fine is None else self.fine.motion(self.site(values))
-
     def settled(self, values, motion, correction):
         """Move by steps of Gauss-Newton until they are small; return values and motion."""
-        case, slopes = self.forward.case, self.slopes
         for _ in range(ROUNDS):
-            weigh = whitener_of(case, motion, slopes, self.sigma, values)
-            move, covariance = step(weigh, remainder(case, motion), slopes, self.sigma, values)
+            move, covariance = self.step(values, motion)
             if np.max(np.abs(move) / np.sqrt(np.diag(covariance))) < SETTLED:
                 break
             after = self.forward.motion(self.site(values + move)) + correction
-            missed = after - motion - np.tensordot(move, slopes, 1)
+            missed = after - motion - np.tensordot(move, self.slopes, 1)
             weight = move / self.sigma**2
-            slopes = slopes + np.multiply.outer(weight / (weight @ move), missed)
-            if self._squares(weigh, values + move, after) > self._squares(weigh, values, motion):
+            self.slopes = self.slopes + np.multiply.outer(weight / (weight @ move), missed)
+            if self.squares(values + move, after) > self.squares(values, motion):
                 break
             values, motion = values + move, after
-        self.slopes = slopes
         return values, motion
 
-    def _squares(self, weigh, values, motion):
-        """Return the whitened sum of squares with that of the priors."""
-        left = weigh.chi_square(remainder(self.forward.case, motion))
+    def squares(self, values, motion):
+        """Return the misfit with what the priors take."""
+        left = self.likelihood.misfit(self.likelihood.left(motion))
         return float(left + np.sum((values / self.sigma) ** 2))
 
-
-def whitener_of(case, motion, slopes, sigma, values) -> Whitener:
-    """Return the covariance around a simulation, its levels from what calibration can't take."""
-    weigh = usual_whitener(motion, case.noise, case.band)
-    residual = remainder(case, motion)
-    for _ in range(2):
-        move, _ = step(weigh, residual, slopes, sigma, values)
-        weigh = infer_levels(weigh, residual - np.tensordot(move, slopes, 1)).whitener
-    return weigh
-
-
-def step(weigh, residual, slopes, sigma, values):
-    """Return the best change of values (n,) and the covariance of what is known then."""
-    white = weigh.apply(np.concatenate([residual[None], slopes]))
-    target, columns = white[0].ravel(), white[1:].reshape(len(slopes), -1)
-    curvature = columns @ columns.T + np.diag(sigma**-2.0)
-    pulled = columns @ target - values / sigma**2
-    factor = linalg.cho_factor(curvature)
-    return linalg.cho_solve(factor, pulled), linalg.inv(curvature)
+    def step(self, values, motion):
+        """Return the best change of values (n,) and the covariance of what is known then."""
+        left = self.likelihood.left(motion)
+        weights = self.likelihood.weights(self.likelihood.size(left))
+        columns = self.likelihood.white(self.slopes)
+        curvature = np.einsum("ibrm,jbrm,br->ij", columns, columns, weights)
+        curvature += np.diag(self.sigma**-2.0)
+        pull = np.einsum("ibrm,brm,br->i", columns, left, weights) - values / self.sigma**2
+        return linalg.solve(curvature, pull, assume_a="pos"), linalg.inv(curvature)

@@ -9,6 +9,8 @@ from ..projects.site import Site
 from ..residuals.band import Band, band_functions
 from ..residuals.noise import Noise, noise_of
 
+COMPONENTS = ("east", "north", "up")
+
 
 @dataclass(frozen=True, eq=False)
 class Case:
@@ -29,6 +31,8 @@ class Case:
     band : Band
     noise : Noise
         From the windows before the blasts.
+    dead : tuple of str
+        Channels that never move, such as ``R3 north``; nothing of them is valid.
     """
 
     site: Site
@@ -39,6 +43,7 @@ class Case:
     valid: np.ndarray
     band: Band
     noise: Noise
+    dead: tuple[str, ...] = ()
 
     @property
     def n_samples(self):
@@ -85,10 +90,21 @@ def case_of(site: Site, blasts=None) -> Case:
     (motion, valid), (quiet, heard) = (
         _arrays(records, receivers, start, dt, n) for start, n in (after, before)
     )
+    silent = ~np.any(heard & (quiet != 0.0), axis=(0, 3))
+    valid[:, silent] = False
+    quiet[:, silent] = _loudest(quiet)
+    heard[:, silent] = True
     noise = noise_of(np.where(heard, quiet, np.nan), dt, site.band)
+    dead = tuple(f"{receivers[r]} {COMPONENTS[c]}" for r, c in np.argwhere(silent))
     whole = None if valid.all() else valid
     band = band_functions(motion.shape[-1], dt, site.band, whole)
-    return Case(site, names, receivers, dt, motion, valid, band, noise)
+    return Case(site, names, receivers, dt, motion, valid, band, noise, dead)
+
+
+def _loudest(quiet):
+    """Return the window (n_blasts, 1, n) of the channel that moves most."""
+    energy = np.sum(quiet**2, axis=(0, 3))
+    return quiet[:, [energy.argmax() // 3], energy.argmax() % 3]
 
 
 def _arrays(records, receivers, start, dt, n):

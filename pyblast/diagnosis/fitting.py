@@ -5,12 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from .calibration import remainder
 from .scene import Effect, Scene
 
 DIFFERENCE = 0.1  # of a knob's sigma, for derivatives
-ROUNDS = 6
-WORTH = 1.0  # foreseen drop of the sum of squares that is not worth another round
+ROUNDS = 4
+WORTH = 2.0  # drop of the misfit, one nat, that is not worth another round
 FARTHEST = 1.5  # sigmas that a knob may go in one round
 
 
@@ -25,22 +24,33 @@ class Fit:
         Logarithms of factors on what was believed of the site.
     covariance : (n, n) float64
         Of these values in their sigmas, then of all knobs in theirs.
+    columns : (n, n_blasts, n_receivers, m) float64
+        Derivatives of the whitened motion by them.
+    place : (n,) float64
+        Where they are, in sigmas from the centres of their priors.
     motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-    squares : float
-        Whitened sum of squares, with what the priors take.
-    chi_square : float
-        Without.
+    size : (n_blasts, n_receivers) float64
+        Mean square of each whitened residual: 1 where noise and errors of theory explain it.
+    misfit : float
+        -2 ln L.
     log_evidence : float
-        Up to a constant of the records: Laplace's approximation, theory.md (14.2).
+        Up to a constant of the records: Laplace's approximation, theory.md (14.3).
     """
 
     effects: tuple[Effect, ...]
     values: np.ndarray
     covariance: np.ndarray
+    columns: np.ndarray
+    place: np.ndarray
     motion: np.ndarray
-    squares: float
-    chi_square: float
+    size: np.ndarray
+    misfit: float
     log_evidence: float
+
+    @property
+    def labels(self):
+        """The labels of the effects, each once, in order."""
+        return tuple(dict.fromkeys(effect.label for effect in self.effects))
 
 
 class Fitter:
@@ -51,37 +61,36 @@ class Fitter:
     scene : Scene
     effects : sequence of Effect
         At their starting values.
-    whitener : Whitener, optional
-        That of the baseline if not given.
-
-    Attributes
-    ----------
     home : (n_unknowns,) float64
-        At which runs are made; from there on the slopes of the baseline lead.
+        Values of the unknowns at which runs are made; from there the slopes of the baseline lead.
+    blasts : sequence of int, optional
+        Indices of those that are looked at; all by default.
     """
 
-    def __init__(self, scene: Scene, effects, whitener=None):
-        self.scene, self.effects = scene, tuple(effects)
-        self.whitener = whitener or scene.baseline.whitener
-        self.home = scene.baseline.values
-        self.sigma = np.array([one.sigma for one in scene.baseline.unknowns])
+    def __init__(self, scene: Scene, effects, home, blasts=None):
+        self.scene, self.effects, self.home = scene, tuple(effects), np.asarray(home)
+        self.blasts = tuple(range(len(scene.case.blasts)) if blasts is None else blasts)
+        self.likelihood, self.sigma = scene.baseline.likelihood, scene.baseline.sigma
         self.knobs = [
             (number, place, index, knob)
             for number, effect in enumerate(self.effects)
             for place, knob in enumerate(effect.hypothesis.knobs)
             for index in range(len(effect.values[place]))
         ]
-        low = [knob.coordinate(knob.low) if np.isfinite(knob.low) else -np.inf
-               for *_, knob in self.knobs]  # fmt: skip
-        high = [knob.coordinate(knob.high) if np.isfinite(knob.high) else np.inf
-                for *_, knob in self.knobs]  # fmt: skip
+        low, high = (
+            [knob.coordinate(edge) if np.isfinite(edge) else edge for knob, edge in pairs]
+            for pairs in (
+                [(knob, knob.low) for *_, knob in self.knobs],
+                [(knob, knob.high) for *_, knob in self.knobs],
+            )
+        )
         free = np.full(len(self.sigma), np.inf)
         self.bounds = np.concatenate([-free, low]), np.concatenate([free, high])
 
     def start(self):
-        """Return the coordinates of the baseline and of the effects as they were given."""
+        """Return the coordinates of home and of the effects as they were given."""
         at = [knob.coordinate(self.effects[e].values[p][i]) for e, p, i, knob in self.knobs]
-        return np.concatenate([self.scene.baseline.values / self.sigma, at])
+        return np.concatenate([self.home / self.sigma, at])
 
     def state(self, place):
         """Return the values of the unknowns and the effects at coordinates."""
@@ -98,103 +107,154 @@ class Fitter:
     def motions(self, places):
         """Return the motion at coordinates; runs are made only for effects on the site.
 
-        Unknowns of the site move it along the slopes of the baseline.
+        Unknowns of the site move it along the slopes of the baseline. Blasts that are not looked
+        at stay as they are recorded.
         """
         states = [self.state(place) for place in places]
-        home = self.home
-        sent = self.scene.sent([(home, effects) for _, effects in states])
+        sent = self.scene.sent([(self.home, effects) for _, effects in states], self.blasts)
         found = []
         for (values, effects), one in zip(states, sent, strict=True):
             if one is None:
                 found.append(None)
                 continue
-            one = one + np.tensordot(values - home, self.scene.baseline.slopes, 1)
+            one = one + np.tensordot(values - self.home, self.scene.baseline.slopes, 1)
             found.append(self.scene.received(one, effects))
         return found
 
-    def white(self, motion):
-        """Return what is left of the records, whitened, (n_data,)."""
-        return self.whitener.apply(remainder(self.scene.case, motion)).ravel()
+    def left(self, motion):
+        """Return the whitened residual (n_blasts, n_receivers, m)."""
+        return self.likelihood.left(motion)
 
     def squares(self, place, motion):
-        """Return the sum of squares with that of the coordinates."""
-        return float(np.sum(self.white(motion) ** 2) + place @ place)
+        """Return the misfit with the squares of the coordinates."""
+        return float(self.likelihood.misfit(self.left(motion), self.blasts) + place @ place)
 
-    def columns(self, place, motion):
-        """Return the derivatives of the whitened motion, (n_coordinates, n_data)."""
+    def columns(self, place, motion, free):
+        """Return the derivatives of the whitened motion, (n_coordinates, n_blasts, ..., m).
+
+        Parameters
+        ----------
+        place : (n_coordinates,) float64
+        motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        free : (n_coordinates,) bool
+            Which may move; the others have no derivatives.
+        """
         steps = DIFFERENCE * np.eye(len(place))
         steps[place + DIFFERENCE > self.bounds[1]] *= -1.0
-        base = self.white(motion)
-        return np.stack(
-            [
-                (base - self.white(moved)) / step.sum()
-                for step, moved in zip(steps, self.motions(place + steps), strict=True)
-            ]
-        )
+        base = self.left(motion)
+        columns = np.zeros((len(place), *base.shape))
+        moved = self.motions(place + steps[free])
+        for at, step, one in zip(np.flatnonzero(free), steps[free], moved, strict=True):
+            columns[at] = (base - self.left(one)) / step.sum()
+        columns[:, [b for b in range(len(base)) if b not in self.blasts]] = 0.0
+        return columns
 
-    def step(self, place, columns, motion):
+    def step(self, place, columns, motion, free):
         """Return the best move within reach, what it promises, and the curvature."""
-        curvature = columns @ columns.T + np.eye(len(place))
-        pull = columns @ self.white(motion) - place
-        move = linalg.solve(curvature, pull, assume_a="pos")
+        left = self.left(motion)
+        weights = self.likelihood.weights(self.likelihood.size(left))
+        curvature = curvature_of(columns, weights)
+        pull = np.einsum("ibrm,brm,br->i", columns, left, weights, optimize=True) - place
+        move = np.zeros(len(place))
+        move[free] = linalg.solve(curvature[np.ix_(free, free)], pull[free], assume_a="pos")
         n = len(self.sigma)
         longest = np.max(np.abs(move[n:]), initial=0.0)
         move *= min(1.0, FARTHEST / max(longest, 1e-12))
         move = np.clip(place + move, *self.bounds) - place
         return move, float(2.0 * pull @ move - move @ curvature @ move), curvature
 
+    def descended(self, place, motion, free=None, known=None):
+        """Go down by damped Gauss-Newton steps; return place, motion, columns and curvature.
 
-def fit(scene: Scene, effects, whitener=None) -> Fit | None:
-    """Fit effects and unknowns together; theory.md (14.1), (14.2).
+        ``known`` columns are used in place of new ones, for one step.
+        """
+        free = np.ones(len(place), dtype=bool) if free is None else free
+        squares = self.squares(place, motion)
+        for _ in range(ROUNDS if known is None else 1):
+            columns = self.columns(place, motion, free) if known is None else known
+            move, promised, curvature = self.step(place, columns, motion, free)
+            if promised < WORTH:
+                break
+            for _ in range(3):
+                trial = self.motions([place + move])[0]
+                found = np.inf if trial is None else self.squares(place + move, trial)
+                if found < squares:
+                    break
+                move = 0.4 * move
+            else:
+                break
+            gained, squares = squares - found, found
+            place, motion = place + move, trial
+            if gained < WORTH:
+                break
+        return place, motion, columns, curvature
+
+
+def curvature_of(columns, weights):
+    """Return the curvature of the misfit with that of the priors, (n, n)."""
+    found = np.einsum("ibrm,jbrm,br->ij", columns, columns, weights, optimize=True)
+    return found + np.eye(len(columns))
+
+
+def settle(scene: Scene, effects, home, blasts=None, knobs=0):
+    """Let the unknowns of the site adapt to effects, or the knobs of the last ``knobs`` effects.
+
+    Returns
+    -------
+    squares : float
+        Misfit of the blasts with what the priors take; infinite where an effect can't be.
+    motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s, or None
+    effects : tuple of Effect
+    """
+    fitter = Fitter(scene, effects, home, blasts)
+    place = fitter.start()
+    motion = fitter.motions([place])[0]
+    if motion is None:
+        return np.inf, None, effects
+    free = np.arange(len(place)) < len(fitter.sigma)
+    if knobs:
+        first = len(effects) - knobs
+        free = np.array([False] * len(fitter.sigma) + [e >= first for e, *_ in fitter.knobs])
+    place, motion, *_ = fitter.descended(place, motion, free)
+    return fitter.squares(place, motion), motion, fitter.state(place)[1]
+
+
+def fit(scene: Scene, effects, home=None, first=None) -> Fit | None:
+    """Fit effects and unknowns together; theory.md (14.1) to (14.3).
 
     Parameters
     ----------
     scene : Scene
     effects : sequence of Effect
         At the values to start from.
-    whitener : Whitener, optional
+    home : (n_unknowns,) float64, optional
+        Values of the unknowns to start from; those of the baseline by default.
+    first : sequence of int, optional
+        Indices of blasts that are fitted alone before all are, which saves runs.
 
     Returns
     -------
     Fit or None
         None where an effect can't be at this site.
     """
-    fitter = Fitter(scene, effects, whitener)
-    place = fitter.start()
-    motion = fitter.motions([place])[0]
-    if motion is None:
-        return None
-    runs = any(effect.hypothesis.on == "site" for effect in effects)
-    place, motion, curvature = _descended(fitter, place, motion)
-    if runs:
+    home = scene.baseline.values if home is None else home
+    place = None
+    for blasts in (first, None) if first else (None,):
+        fitter = Fitter(scene, effects, home, blasts)
+        place = fitter.start() if place is None else place
+        motion = fitter.motions([place])[0]
+        if motion is None:
+            return None
+        place, motion, columns, curvature = fitter.descended(place, motion)
+    if any(effect.hypothesis.on == "site" for effect in effects):
         fitter.home = fitter.state(place)[0]
         motion = fitter.motions([place])[0]
-        place, motion, curvature = _descended(fitter, place, motion)
+        place, motion, columns, curvature = fitter.descended(place, motion, known=columns)
     values, effects = fitter.state(place)
-    squares, chi_square = fitter.squares(place, motion), float(np.sum(fitter.white(motion) ** 2))
-    log_evidence = -0.5 * (squares + np.linalg.slogdet(curvature)[1])
-    covariance = linalg.inv(curvature)
-    return Fit(effects, values, covariance, motion, squares, chi_square, log_evidence)
-
-
-def _descended(fitter, place, motion):
-    """Go down by damped Gauss-Newton steps; return place, motion and curvature there."""
-    squares = fitter.squares(place, motion)
-    for _ in range(ROUNDS):
-        columns = fitter.columns(place, motion)
-        move, promised, curvature = fitter.step(place, columns, motion)
-        if promised < WORTH:
-            break
-        for _ in range(3):
-            trial = fitter.motions([place + move])[0]
-            found = np.inf if trial is None else fitter.squares(place + move, trial)
-            if found < squares:
-                break
-            move = 0.4 * move
-        else:
-            break
-        gained, squares = squares - found, found
-        place, motion = place + move, trial
-        if gained < WORTH:
-            break
-    return place, motion, curvature
+    left = fitter.left(motion)
+    misfit = float(fitter.likelihood.misfit(left))
+    log_evidence = -0.5 * (misfit + place @ place + np.linalg.slogdet(curvature)[1])
+    size, covariance = fitter.likelihood.size(left), linalg.inv(curvature)
+    return Fit(
+        effects, values, covariance, columns, place, motion, size, misfit, float(log_evidence)
+    )

@@ -38,25 +38,18 @@ class Forward:
         """Return the motion (n_blasts, n_receivers, 3, n_samples) in m/s of one site."""
         return self.motions([site])[0]
 
-    def motions(self, sites: Sequence[Site], blasts=None) -> np.ndarray:
-        """Return the motion of several sites side by side.
+    def motions(self, sites: Sequence[Site]) -> np.ndarray:
+        """Return the motion (n_sites, n_blasts, n_receivers, 3, n_samples) in m/s of many sites."""
+        heard = self.heard([(site, blast) for site in sites for blast in self.case.blasts])
+        motion = np.stack(heard)
+        return motion.reshape(len(sites), -1, *motion.shape[1:])
 
-        Parameters
-        ----------
-        sites : sequence of Site
-        blasts : sequence of str, optional
-            Some of those of the case.
-
-        Returns
-        -------
-        (n_sites, n_blasts, n_receivers, 3, n_samples) float64, m/s
-        """
-        blasts = tuple(blasts or self.case.blasts)
-        models = [self.model(site, blast) for site in sites for blast in blasts]
+    def heard(self, pairs: Sequence[tuple[Site, str]]) -> list[np.ndarray]:
+        """Return the motion (n_receivers, 3, n_samples) in m/s of pairs of site and blast."""
+        models = [self.model(site, blast) for site, blast in pairs]
         done = run_all(models, self.case.duration, folder=self.folder, executor=self.executor)
         self.runs += len(models)
-        motion = np.stack([self._sampled(run.seismograms) for run in done])
-        return motion.reshape(len(sites), len(blasts), *motion.shape[1:])
+        return [self._sampled(run.seismograms) for run in done]
 
     def hole_motion(self, site: Site) -> dict[str, np.ndarray]:
         """Return by blast what each hole sends with its believed charge, fired at zero.

@@ -67,6 +67,15 @@ class Scene:
     _sent: dict = field(default_factory=dict, repr=False)
     _corrections: dict = field(default_factory=dict, repr=False)
 
+    def __post_init__(self):
+        """Remember what the calibration has run already."""
+        baseline, here = self.baseline, geometry(self.case.site)
+        nothing = tuple(np.zeros(len(baseline.values)).tolist()), ()
+        for b in range(len(self.case.blasts)):
+            self._corrections[here, b] = baseline.correction[b]
+            self._sent[nothing, b] = baseline.believed[b]
+            self._sent[(tuple(baseline.values.tolist()), ()), b] = baseline.motion[b]
+
     @property
     def case(self):
         """The records."""
@@ -85,39 +94,56 @@ class Scene:
                 site = effect.hypothesis.apply(site, effect.target, **effect.knobs)
         return site
 
-    def sent(self, states) -> list[np.ndarray | None]:
+    def sent(self, states, blasts=None) -> list[np.ndarray | None]:
         """Return what sites send, (n_blasts, n_receivers, 3, n_samples) m/s each, by runs.
 
         Parameters
         ----------
         states : sequence of (values, effects)
+        blasts : sequence of int, optional
+            Indices of those that are run; the records stand in for the others.
 
         Returns
         -------
         list
             None where an effect can't be.
         """
-        keys = [(tuple(values), _of_site(effects)) for values, effects in states]
-        new = {key: self.site(*key) for key in dict.fromkeys(keys) if key not in self._sent}
-        there = {key: site for key, site in new.items() if site is not None}
-        if there:
-            motions = self.forward.motions(list(there.values()))
-            for key, motion in zip(there, motions, strict=True):
-                self._sent[key] = motion + self._correction(key[1])
-        return [self._sent.get(key) for key in keys]
+        blasts = tuple(range(len(self.case.blasts)) if blasts is None else blasts)
+        keys = [(tuple(map(float, values)), _of_site(effects)) for values, effects in states]
+        sites = {key: self.site(*key) for key in dict.fromkeys(keys)}
+        there = [key for key, site in sites.items() if site is not None]
+        self._run([(key, b) for key in there for b in blasts], sites)
+        return [self._gathered(key, blasts) if key in there else None for key in keys]
 
-    def _correction(self, effects):
-        """Return what a finer mesh adds to runs over the mesh that effects ask for."""
+    def _run(self, asked, sites):
+        """Make the runs that are missing, those of bare sites too, side by side."""
+        asked = [one for one in asked if one not in self._sent]
+        bare = {key: self._bare(key[1]) for key, _ in asked}
+        plain = {(geometry(bare[key]), b): bare[key] for key, b in asked}
+        plain = {cut: site for cut, site in plain.items() if cut not in self._corrections}
+        pairs = [(sites[key], b) for key, b in asked] + [(s, b) for (_, b), s in plain.items()]
+        done = self.forward.heard([(site, self.case.blasts[b]) for site, b in pairs])
+        for cut, motion in zip(plain, done[len(asked) :], strict=True):
+            self._corrections[cut] = self.baseline.believed[cut[1]] - motion
+        for (key, b), motion in zip(asked, done[: len(asked)], strict=True):
+            self._sent[key, b] = motion + self._corrections[geometry(bare[key]), b]
+
+    def _bare(self, effects):
+        """Return the believed site cut into zones as effects ask for."""
         site = self.case.site
         for effect in effects:
             if effect.hypothesis.bare is not None:
                 site = effect.hypothesis.bare(site, effect.target, **effect.knobs)
-        if site is self.case.site:
-            return self.baseline.correction
-        cut = geometry(site)
-        if cut not in self._corrections:
-            self._corrections[cut] = self.baseline.believed - self.forward.motion(site)
-        return self._corrections[cut]
+        return site
+
+    def _gathered(self, key, blasts):
+        """Return the motion of one site; records where a blast was not asked for."""
+        return np.stack(
+            [
+                self._sent[key, b] if b in blasts else self.case.motion[b]
+                for b in range(len(self.case.blasts))
+            ]
+        )
 
     def received(self, sent, effects) -> np.ndarray:
         """Return what the receivers record of it, with effects on holes and on motion."""

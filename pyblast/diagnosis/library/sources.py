@@ -61,8 +61,8 @@ def trigger_error(blast, target, shift):
     "wrong_coordinates", form="blast", family="source", on="site", target="blast",
     axis="receivers",
     knobs=[
-        Knob("east", 0.0, 8.0, "m", starts=(0.0,), low=-30.0, high=30.0),
-        Knob("north", 0.0, 8.0, "m", starts=(0.0,), low=-30.0, high=30.0),
+        Knob("east", 0.0, 8.0, "m", starts=(-6.0, 6.0), low=-30.0, high=30.0),
+        Knob("north", 0.0, 8.0, "m", starts=(-6.0, 6.0), low=-30.0, high=30.0),
     ],
     settled_by="a survey of the holes",
 )  # fmt: skip

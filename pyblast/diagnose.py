@@ -1,0 +1,244 @@
+"""The job from a case folder to a diagnosis: calibrate, search, judge, write, report."""
+
+import hashlib
+import json
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from obspy import UTCDateTime
+
+from .blasting.hole_tables import read_blast
+from .diagnosis import library  # noqa: F401  fills the library
+from .diagnosis.calibration import calibrate
+from .diagnosis.case import Case, case_of
+from .diagnosis.chance import Chance, chance
+from .diagnosis.forward import Forward
+from .diagnosis.prediction import effects_of, predict
+from .diagnosis.scene import Scene
+from .diagnosis.search import Search, search
+from .diagnosis.verdict import Verdict, judge
+from .diagnosis.words import summarise
+from .errors import InputError, ReadError
+from .projects.result import plain, write_bytes, write_summary
+from .projects.site import Site, read_site
+from .projects.site_model import Cut
+from .records.mseed_file import mseed_bytes
+from .reporting.diagnosis_report import write_diagnosis_report
+from .solving.provenance import versions
+
+RESULT = "diagnosis.json"
+REPORT = "report.html"
+RUNS = "runs"
+BUDGET = 400
+EDGE, FINE_EDGE = 0.45, 0.38  # edges of quadratic zones, in wavelengths of S at the top of the band
+PADDING, FINE_PADDING = 0.2, 0.4  # in wavelengths of S at the bottom of the band
+GROWTH, FINE_GROWTH = 1.15, 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What was found, and all it was found with.
+
+    Parameters
+    ----------
+    scene : Scene
+    search : Search
+    chance : Chance or None
+        None where there was nothing to search for.
+    verdict : Verdict
+    summary : dict
+        As in ``diagnosis.json``.
+    """
+
+    scene: Scene
+    search: Search
+    chance: Chance | None
+    verdict: Verdict
+    summary: dict
+
+
+def diagnose(
+    site: Site,
+    folder=None,
+    *,
+    budget: int = BUDGET,
+    seed: int = 1,
+    executor: Executor | None = None,
+    cuts: tuple[Cut, Cut | None] | None = None,
+    progress: Callable | None = None,
+) -> Diagnosis:
+    """Say which physics a site lacks, if its records can tell.
+
+    Parameters
+    ----------
+    site : Site
+        With records of at least one blast.
+    folder : path, optional
+        Where runs are kept and found: after an interruption the same call goes on.
+    budget : int
+        Runs of one blast after which no further effect is tried.
+    seed : int
+        Of the shuffled residuals.
+    executor : Executor, optional
+        As for `run_all`.
+    cuts : tuple of Cut and Cut or None, optional
+        Of the many runs, and of the few that correct them; by wavelengths if not given.
+    progress : callable, optional
+        Called with (stage, done, total).
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    InputError
+        If the records can't be compared.
+    SolverError
+        If a run fails.
+    """
+    tell, began = progress or (lambda *_: None), time.perf_counter()
+    case = case_of(site)
+    rough, fine = cuts or (cut_of(site), cut_of(site, fine=True))
+    forward = Forward(case, rough, folder, executor)
+    finer = None if fine is None else Forward(case, fine, folder, executor)
+    tell("calibration", 0, 1)
+    baseline = calibrate(forward, finer)
+    tell("holes", 0, 1)
+    scene = Scene(forward, baseline, forward.hole_motion(baseline.site))
+    found = search(scene, budget, tell)
+    shuffled = chance(scene, found.none, found.guesses, seed) if found.fits else None
+    verdict = judge(found, shuffled)
+    summary = summarise(scene, found, shuffled, verdict)
+    summary |= {
+        "runs": forward.runs + (0 if finer is None else finer.runs),
+        "wall_s": round(time.perf_counter() - began, 1),
+        "seed": seed,
+        "budget": budget,
+        "finished": found.finished,
+    }
+    return Diagnosis(scene, found, shuffled, verdict, plain(summary))
+
+
+def cut_of(site: Site, fine: bool = False) -> Cut:
+    """Return how a site is cut into quadratic zones for its band.
+
+    The slowest layer that is no thinner than half its shortest wavelength counts: thinner ones
+    have cells of their own height.
+    """
+    low, high = site.band
+    speeds = [
+        material.cs
+        for _, thickness, material in site.layers
+        if thickness is None or thickness > 0.5 * material.cs / high
+    ]
+    edge, padding, growth = (
+        (FINE_EDGE, FINE_PADDING, FINE_GROWTH) if fine else (EDGE, PADDING, GROWTH)
+    )
+    slowest = min(speeds)
+    return Cut(edge * slowest / high, padding * slowest / low, growth, quadratic=True)
+
+
+def diagnose_folder(
+    folder, output, *, budget=BUDGET, seed=1, executor=None, progress=None
+) -> dict:
+    """Diagnose a case folder and write ``diagnosis.json`` and ``report.html``.
+
+    Parameters
+    ----------
+    folder : path
+        With ``site.toml``, hole tables and records.
+    output : path
+        Folder for the result; runs are kept in its folder ``runs``, so that the same call goes on
+        after an interruption, and a finished diagnosis of the same files is only read.
+    budget, seed, executor, progress
+        As of `diagnose`.
+
+    Returns
+    -------
+    dict
+        As in ``diagnosis.json``.
+    """
+    output = Path(output)
+    provenance = versions(_hash_of(folder))
+    known = _finished(output, provenance, budget, seed)
+    if known is not None:
+        return known
+    site = read_site(folder)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {output}: can't be made ({error.strerror})") from None
+    made = diagnose(
+        site, output / RUNS, budget=budget, seed=seed, executor=executor, progress=progress
+    )
+    summary = {"case": site.name, **made.summary, "provenance": provenance}
+    write_diagnosis_report(output / REPORT, made, summary)
+    write_summary(output / RESULT, summary)
+    return plain(summary)
+
+
+def predict_file(folder, output, summary, holes, path, baseline=False):
+    """Write what a diagnosed site sends to its receivers in a further blast, as miniSEED.
+
+    Parameters
+    ----------
+    folder, output : path
+        As of `diagnose_folder`.
+    summary : dict
+        What it returned.
+    holes : path
+        Table of the holes of the further blast.
+    path : path
+        Of the file; it has the channels, the sampling and the start of the last recorded blast.
+    baseline : bool
+        Without the effects: the site as it was calibrated alone.
+    """
+    site = read_site(folder)
+    case, model = case_of(site), summary["model"]
+    values = model["baseline_values"] if baseline else model["values"]
+    effects = () if baseline else effects_of(model)
+    motion = predict(
+        case, cut_of(site, fine=True), read_blast(holes), values, effects, Path(output) / RUNS
+    )
+    write_bytes(path, _as_recorded(case, motion))
+
+
+def _as_recorded(case: Case, motion):
+    """Return motion as a file with the channels, the sampling and the start of the records."""
+    last = case.site.records[case.blasts[-1]]
+    first = next(iter(last.values()))
+    quiet = round(-first.seismogram.start / case.dt)
+    whole = np.zeros((*motion.shape[:-1], len(first.seismogram.velocity)))
+    n = min(motion.shape[-1], whole.shape[-1] - quiet)
+    whole[..., quiet : quiet + n] = motion[..., :n]
+    start = UTCDateTime(case.site.time_zeros[case.blasts[-1]]) + first.seismogram.start
+    channels = [list(last[name].header["channels"].values()) for name in case.receivers]
+    return mseed_bytes(whole, channels, case.dt, str(start))
+
+
+def _hash_of(folder):
+    """Return the hash of all files of a case folder."""
+    digest = hashlib.sha256()
+    try:
+        for path in sorted(p for p in Path(folder).iterdir() if p.is_file()):
+            digest.update(path.name.encode() + path.read_bytes())
+    except OSError as error:
+        raise ReadError(f"{folder}: can't be read ({error.strerror})") from None
+    return digest.hexdigest()
+
+
+def _finished(output, provenance, budget, seed):
+    """Return the diagnosis that is there already for the same input, or None."""
+    try:
+        known = json.loads((output / RESULT).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    if not isinstance(known, dict):
+        return None
+    same = known.get("provenance") == provenance
+    return known if same and (known.get("budget"), known.get("seed")) == (budget, seed) else None

@@ -1,0 +1,89 @@
+"""A further blast at a site that was diagnosed."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..blasting.blast import Blast
+from ..projects.site import Site
+from .case import Case
+from .forward import Forward
+from .scene import Effect
+from .surroundings import surroundings
+from .unknowns import unknowns_of, with_values
+
+NEW = "further blast"
+
+
+def site_of(site: Site, values, effects) -> Site:
+    """Return a site with factors on its values and with the effects that change it.
+
+    Parameters
+    ----------
+    site : Site
+        As it is believed to be.
+    values : (n_unknowns,) float
+    effects : sequence of Effect
+    """
+    site = with_values(site, unknowns_of(site), values)
+    for effect in effects:
+        if effect.hypothesis.on == "site":
+            site = effect.hypothesis.apply(site, effect.target, **effect.knobs)
+    return site
+
+
+def predict(case: Case, cut, blast: Blast, values, effects=(), folder=None) -> np.ndarray:
+    """Foretell what the receivers of a case record of a further blast.
+
+    Parameters
+    ----------
+    case : Case
+    cut : Cut
+        Of the ground; one run is made.
+    blast : Blast
+    values : (n_unknowns,) float
+        Of a diagnosis.
+    effects : sequence of Effect
+        Those on holes belong to their own blast, and have no part in another one.
+    folder : path, optional
+        Where runs are kept and found.
+
+    Returns
+    -------
+    (n_receivers, 3, n_samples) float64, m/s
+        From the first hole on.
+    """
+    site = replace(site_of(case.site, values, effects), blasts={NEW: blast})
+    forward = Forward(replace(case, site=site, blasts=(NEW,)), cut, folder)
+    place = _Place(forward)
+    motion = forward.motion(site)
+    for effect in effects:
+        if effect.hypothesis.on == "motion":
+            motion = effect.hypothesis.apply(place, motion, effect.target, **effect.knobs)
+    return motion[0]
+
+
+@dataclass(eq=False)
+class _Place:
+    """What effects on motion ask of a scene."""
+
+    forward: Forward
+
+    @property
+    def case(self):
+        """The receivers and the further blast."""
+        return self.forward.case
+
+    @cached_property
+    def surroundings(self):
+        """What is sent around the receivers."""
+        return surroundings(self.forward, self.case.site)
+
+
+def effects_of(table) -> tuple[Effect, ...]:
+    """Return the effects of the entry ``model`` of ``diagnosis.json``."""
+    return tuple(
+        Effect(one["name"], one["target"], tuple(map(tuple, one["values"])))
+        for one in table["effects"]
+    )

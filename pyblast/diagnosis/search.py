@@ -1,0 +1,267 @@
+"""Look for what a site lacks: screen every effect, fit the best, add effects while they pay."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import product
+
+import numpy as np
+
+from .fitting import Fit, Fitter, fit, settle
+from .hypotheses import LIBRARY
+from .scene import Effect, Scene
+
+MATERIAL = 3.0  # mean size of residuals, in errors of the theory, below which nothing is claimed
+GROWS = 6.0  # nats that another place of the same effect must bring
+REFINED = 4  # effects on the site that are fitted by runs, in the first pass
+REFINED_LATER = 2
+MOST = 3  # effects at once
+TOGETHER = 8  # effects whose runs are made side by side
+LEAST_OF_BEST = 0.4  # of the share of the best guess
+LEAST_SHARE = 0.1  # of what is left that an effect must explain to be fitted by runs
+
+
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """An effect on the site as a few runs judge it.
+
+    Parameters
+    ----------
+    effect : Effect
+    share : float
+        Of the misfit that noise and errors of the theory do not explain, on its blasts.
+    change : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        Of the motion of the believed site; zero in blasts that were not run.
+    blasts : tuple of int
+    """
+
+    effect: Effect
+    share: float
+    change: np.ndarray
+    blasts: tuple[int, ...]
+
+
+@dataclass(eq=False)
+class Search:
+    """What was found by a search.
+
+    Parameters
+    ----------
+    scene : Scene
+    limit : int
+        Runs after which nothing further is begun.
+    tell : callable
+        Called with (stage, done, total).
+    none : Fit
+        Nothing but the site's own values.
+    fits : list of Fit
+        One for each label, or set of labels, that was fitted; best evidence first.
+    guesses : list of Guess
+    chosen : Fit
+        The best set of effects.
+    """
+
+    scene: Scene
+    limit: int
+    tell: Callable
+    none: Fit = None
+    fits: list = field(default_factory=list)
+    guesses: list = field(default_factory=list)
+    chosen: Fit = None
+    finished: bool = True
+
+    def worth(self, found):
+        """Return the evidence of a fit in nats over that of nothing, its places paid; (14.3)."""
+        paid = sum(np.log(len(e.hypothesis.targets(self.scene.case))) for e in found.effects)
+        return found.log_evidence - self.none.log_evidence - paid
+
+    def best(self, n_labels=1):
+        """Return the best fit of so many labels, or None."""
+        some = [one for one in self.fits if len(one.labels) == n_labels]
+        return max(some, key=self.worth, default=None)
+
+    def runs_left(self):
+        """Tell whether the budget allows more runs."""
+        self.finished = self.finished and self.scene.forward.runs < self.limit
+        return self.scene.forward.runs < self.limit
+
+
+def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
+    """Search the library for effects that explain what a calibrated site does not.
+
+    Parameters
+    ----------
+    scene : Scene
+    limit : int
+        Runs after which nothing further is begun.
+    tell : callable, optional
+        Called with (stage, done, total).
+
+    Returns
+    -------
+    Search
+    """
+    found = Search(scene, limit, tell)
+    found.none = found.chosen = fit(scene, ())
+    if not material(found.none.size):
+        return found
+    found.fits += _quick(found, ())
+    found.guesses = _screened(found)
+    found.fits += _refined(found, found.guesses, (), REFINED)
+    while len(found.chosen.labels) < MOST:
+        better = found.best(len(found.chosen.labels) + 1)
+        if better is None or found.worth(better) - found.worth(found.chosen) < GROWS:
+            break
+        found.chosen = better
+        if not material(better.size) or len(better.labels) == MOST:
+            break
+        found.fits += _quick(found, better.effects)
+        left = _rescreened(found, better)
+        found.fits += _refined(found, left, better.effects, REFINED_LATER)
+    return found
+
+
+def material(size) -> bool:
+    """Tell whether residuals are larger than errors of the theory allow somewhere.
+
+    Parameters
+    ----------
+    size : (n_blasts, n_receivers) float64
+        Mean squares of whitened residuals.
+    """
+    return bool(max(size.mean(axis=1).max(), size.mean(axis=0).max()) >= MATERIAL)
+
+
+def started(hypothesis, target, scene):
+    """Return an effect at each of its starting values."""
+    blasts = scene.case.site.blasts
+    count = len(blasts[target].times) if target in blasts else 1
+    return [
+        Effect(
+            hypothesis.name,
+            target,
+            tuple(
+                (value,) * (count if knob.per_hole else 1)
+                for knob, value in zip(hypothesis.knobs, values, strict=True)
+            ),
+        )
+        for values in product(*[knob.starts for knob in hypothesis.knobs])
+    ]
+
+
+def _quick(found, base):
+    """Fit each effect that needs no runs on top of others, at all places where it pays."""
+    fits, scene = [], found.scene
+    labels = [h for h in LIBRARY.values() if h.on != "site" and h.label not in _labels(base)]
+    home = found.chosen.values
+    start = Fitter(scene, base, home)
+    squares = start.squares(start.start(), start.motions([start.start()])[0])
+    for done, hypothesis in enumerate(labels):
+        found.tell("effects that need no runs", done, len(labels))
+        best = {}
+        for target in hypothesis.targets(scene.case):
+            trials = [
+                settle(scene, (*base, one), home, knobs=1)
+                for one in started(hypothesis, target, scene)
+            ]
+            gained, _, effects = min(trials, key=lambda one: one[0])
+            best[target] = squares - gained, effects[-1]
+        paying = [one for gained, one in best.values() if gained > 2.0 * GROWS]
+        most = max(best.values(), key=lambda one: one[0], default=None)
+        if most is None or most[0] <= 0.0 or (base and not paying):
+            continue
+        one = fit(scene, (*base, *(paying or [most[1]])), home)
+        if one is not None:
+            fits.append(one)
+    return fits
+
+
+def _screened(found):
+    """Judge effects on the site by runs at their starting values."""
+    scene, home = found.scene, np.zeros(len(found.none.values))
+    tried = [
+        (effect, _seen_in(scene.case, hypothesis, target))
+        for hypothesis in LIBRARY.values() if hypothesis.on == "site"
+        for target in hypothesis.targets(scene.case)
+        for effect in started(hypothesis, target, scene)
+    ]  # fmt: skip
+    best = {}
+    for done, (effect, blasts) in enumerate(tried):
+        found.tell("effects on the site", done, len(tried))
+        if not found.runs_left():
+            break
+        if done % TOGETHER == 0:  # side by side
+            for some in {b for _, b in tried}:
+                these = [(home, (e,)) for e, b in tried[done : done + TOGETHER] if b == some]
+                scene.sent(these, some)
+        guess = _guess(found, effect, home, blasts)
+        key = effect.label, effect.target
+        if guess is not None and (key not in best or best[key].share < guess.share):
+            best[key] = guess
+    return sorted(best.values(), key=lambda one: -one.share)
+
+
+def _seen_in(case, hypothesis, target):
+    """Return the blasts in which an effect is screened: the smallest, or its own."""
+    if target in case.blasts:
+        return (case.blasts.index(target),)
+    return (0,) if hypothesis.linear else tuple(dict.fromkeys((0, len(case.blasts) - 1)))
+
+
+def _guess(found, effect, home, blasts):
+    """Judge one effect on the site by a run of some blasts."""
+    scene = found.scene
+    squares, motion, _ = settle(scene, (effect,), home, blasts)
+    if motion is None:
+        return None
+    nothing = settle(scene, (), home, blasts)[0]
+    sent = scene.sent([(home, (effect,))], blasts)[0]
+    change = np.zeros_like(motion)
+    change[list(blasts)] = (sent - scene.baseline.believed)[list(blasts)]
+    return Guess(effect, _share(scene, nothing, squares, blasts), change, blasts)
+
+
+def _share(scene, before, after, blasts=None):
+    """Return the share of an excess misfit that is gone."""
+    likelihood = scene.baseline.likelihood
+    floor = likelihood.misfit_of(np.ones(likelihood.kept.shape), blasts)
+    return float((before - after) / max(before - floor, 1.0))
+
+
+def _rescreened(found, base):
+    """Judge effects on the site again, on top of others, by adding their changes."""
+    scene, kept = found.scene, []
+    for guess in found.guesses:
+        if guess.effect.label in base.labels:
+            continue
+        likelihood, blasts = scene.baseline.likelihood, list(guess.blasts)
+        before = likelihood.misfit(likelihood.left(base.motion), blasts)
+        sizes = [
+            likelihood.misfit(likelihood.left(base.motion + part * guess.change), blasts)
+            for part in (0.5, 1.0)
+        ]
+        share = _share(scene, before, min(sizes), blasts)
+        kept.append(Guess(guess.effect, share, guess.change, guess.blasts))
+    return sorted(kept, key=lambda one: -one.share)
+
+
+def _refined(found, guesses, base, most):
+    """Fit the best guesses by runs, one place of each label."""
+    fits, seen = [], set(_labels(base))
+    least = max(LEAST_SHARE, LEAST_OF_BEST * guesses[0].share) if guesses else 0.0
+    for guess in guesses:
+        if len(fits) == most or guess.share < least or not found.runs_left():
+            break
+        if guess.effect.label in seen:
+            continue
+        seen.add(guess.effect.label)
+        found.tell(f"fit {guess.effect.label}", len(fits), most)
+        home = np.zeros(len(found.none.values)) if not base else found.chosen.values
+        one = fit(found.scene, (*base, guess.effect), home, guess.blasts)
+        if one is not None:
+            fits.append(one)
+    return fits
+
+
+def _labels(effects):
+    """Return the labels of effects."""
+    return {effect.label for effect in effects}

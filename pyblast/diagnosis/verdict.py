@@ -1,0 +1,147 @@
+"""What a search amounts to: one outcome, effects with their names, or none."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .chance import Chance
+from .fitting import Fit, fit
+from .folds import HeldOut, held_out
+from .search import GROWS, Search, material
+
+NAMED_SHARE = 0.75  # of the excess misfit that named effects must explain if more remains
+PARTIAL_SHARE = 0.5
+HALF = 1.645  # standard deviations on either side of the middle of a 90 % interval
+OUTCOMES = ("NULL", "NAMED", "CLASS", "COMPOSITE", "PARTIAL", "UNKNOWN")
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """One outcome and what it rests on.
+
+    Parameters
+    ----------
+    outcome : str
+        Of `OUTCOMES`.
+    fit : Fit
+        The best model: that of the calibrated site for NULL and UNKNOWN.
+    rivals : tuple of str
+        Labels that these data can't tell from the one that was found, that one first.
+    probability : dict of str to float
+        By label or "none".
+    share : float
+        Of the excess misfit that the best set of effects explains.
+    held_out : HeldOut or None
+    """
+
+    outcome: str
+    fit: Fit
+    rivals: tuple[str, ...]
+    probability: dict
+    share: float
+    held_out: HeldOut | None
+
+
+def judge(found: Search, threshold: Chance) -> Verdict:
+    """Judge a search.
+
+    Parameters
+    ----------
+    found : Search
+    threshold : Chance
+
+    Returns
+    -------
+    Verdict
+
+    Notes
+    -----
+    A name needs more evidence than chance finds, a lead over every other label, records foretold
+    that it was not fitted to, and little left over that it can't explain.
+    """
+    probability, none = _probabilities(found), found.none
+    if not material(none.size):
+        return Verdict("NULL", none, (), probability, 0.0, None)
+    chosen = _pruned(found, threshold)
+    least = max(threshold.threshold, GROWS)
+    if not chosen.effects or found.worth(chosen) < least:
+        return Verdict("UNKNOWN", none, (), probability, 0.0, None)
+    proof = held_out(found.scene, none, chosen)
+    share = explained(found, chosen)
+    if not proof.improves or share < PARTIAL_SHARE:
+        return Verdict("UNKNOWN", none, (), probability, share, proof)
+    rivals = _rivals(found, chosen)
+    if material(chosen.size) and share < NAMED_SHARE:
+        return Verdict("PARTIAL", chosen, rivals, probability, share, proof)
+    outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
+    return Verdict(outcome, chosen, rivals, probability, share, proof)
+
+
+def explained(found: Search, fit: Fit) -> float:
+    """Return the share of the misfit beyond noise and errors of the theory that a fit explains."""
+    likelihood = found.scene.baseline.likelihood
+    floor = likelihood.misfit_of(np.ones(fit.size.shape))
+    return float((found.none.misfit - fit.misfit) / max(found.none.misfit - floor, 1.0))
+
+
+def intervals(fit: Fit) -> list[dict]:
+    """Return the knobs of each effect with their 90 % intervals, in their units."""
+    at, spread = len(fit.values), np.sqrt(np.diag(fit.covariance))
+    tables = []
+    for effect in fit.effects:
+        table = {}
+        for knob, values in zip(effect.hypothesis.knobs, effect.values, strict=True):
+            each = []
+            for value in values:
+                middle = fit.place[at]
+                ends = [middle - HALF * spread[at], middle + HALF * spread[at]]
+                low, high = np.clip([knob.value(end) for end in ends], knob.low, knob.high)
+                each.append(
+                    {"value": value, "low": float(low), "high": float(high), "unit": knob.unit}
+                )
+                at += 1
+            table[knob.name] = each if knob.per_hole else each[0]
+        tables.append(table)
+    return tables
+
+
+def _pruned(found, threshold):
+    """Drop effects whose removal costs less evidence than chance finds."""
+    chosen, least = found.chosen, max(threshold.threshold, GROWS)
+    while len(chosen.labels) > 1:
+        shorter = [_without(found, chosen, label) for label in chosen.labels]
+        best = max((one for one in shorter if one is not None), key=found.worth, default=None)
+        if best is None or found.worth(chosen) - found.worth(best) >= least:
+            break
+        chosen = best
+    return chosen
+
+
+def _without(found, chosen, label):
+    """Return the fit of a set without one label, from those there are or anew."""
+    left = tuple(effect for effect in chosen.effects if effect.label != label)
+    labels = {effect.label for effect in left}
+    for one in found.fits:
+        if set(one.labels) == labels:
+            return one
+    return fit(found.scene, left, chosen.values)
+
+
+def _rivals(found, chosen):
+    """Return the labels that explain as much as the last effect of a set."""
+    same = [one for one in found.fits if len(one.labels) == len(chosen.labels)]
+    near = [one for one in same if found.worth(chosen) - found.worth(one) < GROWS]
+    own = set(chosen.labels)
+    others = [label for one in near for label in one.labels if label not in own]
+    return (*chosen.labels, *dict.fromkeys(others)) if others else chosen.labels[:1]
+
+
+def _probabilities(found):
+    """Return the posterior probability of each single label and of none."""
+    worth = {"none": 0.0}
+    for one in found.fits:
+        if len(one.labels) == 1:
+            worth[one.labels[0]] = max(worth.get(one.labels[0], -np.inf), found.worth(one))
+    values = np.array(list(worth.values()))
+    share = np.exp(values - values.max())
+    return dict(zip(worth, (share / share.sum()).round(4).tolist(), strict=True))

@@ -1,0 +1,158 @@
+"""A diagnosis as a table that people and programs read: diagnosis.json."""
+
+import numpy as np
+
+from .hypotheses import LIBRARY
+from .locating import located
+from .verdict import intervals
+
+VISIBLE = 4.0  # length of an effect in units of its errors, below which it can't be seen
+
+
+def summarise(scene, found, shuffled, verdict) -> dict:
+    """Return what ``diagnosis.json`` says.
+
+    Parameters
+    ----------
+    scene : Scene
+    found : Search
+    shuffled : Chance or None
+    verdict : Verdict
+
+    Returns
+    -------
+    dict
+    """
+    baseline, none = scene.baseline, found.none
+    best = max(found.fits, key=found.worth, default=None)
+    return {
+        "outcome": verdict.outcome,
+        "effects": _effects(verdict),
+        "class": list(verdict.rivals) if len(verdict.rivals) > 1 else [],
+        "not_testable": _not_testable(scene, found),
+        "located": located(baseline, none.motion, none.size),
+        "remainder": located(baseline, verdict.fit.motion, verdict.fit.size),
+        "evidence": {
+            "unit": "nats over the calibrated site",
+            "best": None if best is None else round(found.worth(best), 1),
+            "best_labels": [] if best is None else list(best.labels),
+            "threshold": None if shuffled is None else round(shuffled.threshold, 1),
+            "threshold_interval": None if shuffled is None else shuffled.interval,
+            "explained_share": round(verdict.share, 3),
+            "ranking": [
+                {"labels": list(one.labels), "targets": [e.target for e in one.effects],
+                 "worth": round(found.worth(one), 1), "misfit": round(one.misfit, 1)}
+                for one in sorted(found.fits, key=lambda one: -found.worth(one))
+            ],
+            "probability": verdict.probability,
+        },
+        "held_out": _held_out(verdict.held_out),
+        "hygiene": {
+            "dead": list(scene.case.dead),
+            "left_out_share": round(float(np.mean(~scene.case.valid)), 4),
+        },
+        "next_measurement": _next(verdict, found),
+        "calibration": [
+            {"value": one.label, "factor": float(np.exp(v)), "pull": float(pull)}
+            for one, v, pull in zip(
+                baseline.unknowns, verdict.fit.values, verdict.fit.values / baseline.sigma,
+                strict=True,
+            )
+        ],
+        "model": {
+            "values": verdict.fit.values.tolist(),
+            "effects": [
+                {"name": e.name, "target": e.target, "values": [list(v) for v in e.values]}
+                for e in verdict.fit.effects
+            ],
+            "baseline_values": baseline.values.tolist(),
+        },
+    }  # fmt: skip
+
+
+def _effects(verdict):
+    """Return one entry for each label that is in the best model."""
+    entries = {}
+    for effect, table in zip(verdict.fit.effects, intervals(verdict.fit), strict=True):
+        entry = entries.setdefault(
+            effect.label,
+            {
+                "label": effect.label,
+                "claim": effect.hypothesis.claim,
+                "named": verdict.outcome in ("NAMED", "COMPOSITE"),
+                "probability": verdict.probability.get(effect.label),
+                "target": [],
+                "parameters": {},
+            },
+        )
+        entry["target"].append(effect.target)
+        entry["parameters"][effect.target] = table
+    for entry in entries.values():
+        if len(entry["target"]) == 1:
+            entry["parameters"] = entry["parameters"][entry["target"][0]]
+            entry["target"] = entry["target"][0]
+    return list(entries.values())
+
+
+def _held_out(proof):
+    """Return the folds as a table."""
+    if proof is None:
+        return None
+    return {
+        "gain": round(proof.gain, 1),
+        "error": round(proof.error, 1) if np.isfinite(proof.error) else None,
+        "improves": proof.improves,
+        "variance_reduction_before": float(np.mean([f.before for f in proof.folds])),
+        "variance_reduction_after": float(np.mean([f.after for f in proof.folds])),
+        "folds": [vars(fold) for fold in proof.folds],
+    }
+
+
+def _not_testable(scene, found):
+    """Return labels that these records could not show, with the reason."""
+    told, case, likelihood = {}, scene.case, scene.baseline.likelihood
+    reach = {}
+    for guess in found.guesses:
+        size = likelihood.size(likelihood.white(guess.change))
+        length = float(np.sqrt(np.sum(likelihood.freedom * size)))
+        reach[guess.effect.label] = max(reach.get(guess.effect.label, 0.0), length)
+    for hypothesis in LIBRARY.values():
+        label = hypothesis.label
+        if not hypothesis.targets(case):
+            told[label] = f"this site has no {hypothesis.target} that it could belong to"
+        elif hypothesis.on == "site" and found.fits and label not in reach:
+            told[label] = "it can't be at this site, or the budget of runs ended before it"
+        elif reach.get(label, np.inf) < VISIBLE:
+            told[label] = (
+                f"at its usual strength it changes these records by {reach[label]:.1f} times "
+                f"their errors; {VISIBLE:g} are needed: larger charges or nearer receivers"
+            )
+    return [{"label": label, "reason": reason} for label, reason in told.items()]
+
+
+def _next(verdict, found):
+    """Return what to measure next."""
+    if verdict.outcome == "NULL":
+        return "nothing is missing that these records could show"
+    if verdict.outcome == "NAMED":
+        return "a further blast, to test the prediction of this model"
+    labels = verdict.rivals or [one.labels[-1] for one in found.fits[:3]]
+    advice = [h.settled_by for h in LIBRARY.values() if h.label in labels and h.settled_by]
+    return "; ".join(dict.fromkeys(advice)) or "receivers around the place that is located"
+
+
+def told_lines(summary) -> list[str]:
+    """Return the outcome of ``diagnosis.json`` and what it rests on, in a few lines."""
+    lines = [f"outcome: {summary['outcome']}"]
+    for effect in summary["effects"]:
+        places = effect["target"] if isinstance(effect["target"], list) else [effect["target"]]
+        where = f" at {', '.join(places)}" if any(places) else ""
+        lines.append(f"  {effect['label']}{where}: {effect['claim']}")
+    if summary["class"]:
+        lines.append(f"  these records can't tell between {', '.join(summary['class'])}")
+    evidence, proof = summary["evidence"], summary["held_out"]
+    if evidence["best"] is not None:
+        lines.append(f"  evidence {evidence['best']} nats; chance finds {evidence['threshold']}")
+    if proof is not None:
+        lines.append(f"  records left out: {proof['gain']} ± {proof['error']} nats better")
+    return [*lines, f"  next: {summary['next_measurement']}"]
