@@ -1,0 +1,206 @@
+"""Where a simulation misses its records: receivers, joints and holes in plan and in section."""
+
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.patches import Circle, Rectangle
+
+from .figures import FAULT, GROUND, INK, _figure, _tidy, _uri
+
+MISFIT, POINT = "YlOrRd", "#2563eb"
+WIDTH, TALLEST = 9.6, 9.0
+AXES, NAMES = "xyz", ("east", "north", "height")
+MARGIN = 0.04  # of the box, around it
+
+
+def maps_figure(site, receivers, sizes, material, *, found=(), points=()):
+    """Draw a site from above and from the side, its receivers coloured by their misfit.
+
+    Parameters
+    ----------
+    site : Site
+    receivers : sequence of n str
+        That have records.
+    sizes : dict of str to (n,) float64
+        Mean square misfit over what noise and errors of the theory leave, by title: one column
+        of pictures each.
+    material : float
+        Misfit from which a receiver is ringed.
+    found : collection of str
+        Joints, receivers and blasts to which effects belong.
+    points : list of dict
+        ``x``, ``y`` and ``resolution_m`` of places that residuals come from.
+
+    Returns
+    -------
+    str
+        A data URI.
+    """
+    across = _across(site)
+    box = _box(site, receivers)
+    figure, axes = _panels(box, across, len(sizes))
+    top = max(10.0, *(float(np.max(size)) for size in sizes.values()))
+    norm = LogNorm(1.0, top)
+    places = np.array([_positions(site)[name] for name in receivers])
+    for column, (title, size) in enumerate(sizes.items()):
+        plan, section = axes[:, column]
+        plan.set_title(title, fontsize=9, loc="left")
+        for axis, (h, v) in ((plan, (0, 1)), (section, (across, 2))):
+            drawn = _receivers(axis, places[:, (h, v)], size, norm, material)
+            _joints(axis, site, box, (h, v), found)
+            _holes(axis, site, (h, v), found)
+            axis.set(xlim=box[h], ylim=box[v], aspect="equal")
+            axis.set_xlabel(f"{NAMES[h]}  m", fontsize=8)
+            axis.set_ylabel(f"{NAMES[v]}  m" if column == 0 else "", fontsize=8)
+            _tidy(axis)
+            axis.grid(False)
+        _named(plan, receivers, places, found)
+        _layers(section, site, box)
+        _points(plan, section, points, across)
+    bar = figure.colorbar(
+        drawn, ax=axes, shrink=0.6, label="misfit over that of small errors (1: explained)"
+    )
+    for which in ("major", "minor"):
+        getattr(bar.ax.yaxis, f"set_{which}_formatter")("{x:g}")
+    bar.ax.tick_params(labelsize=7, which="both")
+    _legend(figure, site, points, material)
+    return _uri(figure)
+
+
+def _across(site):
+    """Return the horizontal axis of the section: across most joints, else along the box."""
+    count = [sum(j.axis == axis for j in site.joints) for axis in "xy"]
+    if count[0] != count[1]:
+        return int(np.argmax(count))
+    return int(np.argmax(np.ptp(site.box[:2], axis=1)))
+
+
+def _box(site, receivers):
+    """Return what is drawn, (3, 2) m: the box with all receivers and holes, and a margin."""
+    inside = [_positions(site)[name] for name in receivers]
+    for blast in site.blasts.values():
+        inside += [*blast.collar, *blast.toe]
+    inside = np.array(inside)
+    low = np.minimum(site.box[:, 0], inside.min(axis=0))
+    high = np.maximum(site.box[:, 1], inside.max(axis=0))
+    margin = MARGIN * (high - low)
+    return np.column_stack([low - margin, high + margin])
+
+
+def _positions(site):
+    """Return the places of receivers by name."""
+    return {one.name: one.position for one in site.receivers}
+
+
+def _panels(box, across, columns):
+    """Return a figure with plans over sections, (2, columns), at one scale."""
+    span = np.ptp(box, axis=1)
+    wide = max(span[0], span[across])
+    scale = 0.82 * WIDTH / columns / wide
+    heights = np.array([span[1], span[2]])
+    scale = min(scale, (TALLEST - 2.0) / heights.sum())
+    figure = _figure(WIDTH, float(scale * heights.sum() + 1.9))
+    axes = figure.subplots(
+        2, columns, squeeze=False, gridspec_kw={"height_ratios": heights.tolist()}
+    )
+    return figure, axes
+
+
+def _receivers(axis, places, size, norm, material):
+    """Draw receivers by misfit; those that are not explained have a strong ring."""
+    strong = np.asarray(size) >= material
+    return axis.scatter(
+        *places.T, c=np.maximum(size, norm.vmin), norm=norm, cmap=MISFIT, s=70, zorder=5,
+        edgecolors=np.where(strong, FAULT, INK), linewidths=np.where(strong, 2.0, 0.6),
+    )  # fmt: skip
+
+
+def _named(axis, receivers, places, found):
+    """Write the names of the receivers, those with an effect of their own bold."""
+    for name, place in zip(receivers, places, strict=True):
+        axis.annotate(
+            name, place[:2], xytext=(0, 7), textcoords="offset points", ha="center", fontsize=7,
+            weight="bold" if name in found else "normal", zorder=6, parse_math=False,
+        )  # fmt: skip
+
+
+def _joints(axis, site, box, view, found):
+    """Draw joints: lines where they are seen from their edge, dashed faces where they are not."""
+    for joint in site.joints:
+        normal, name = AXES.index(joint.axis), joint.joint.surface
+        ranges = {1 - normal: joint.extent, 2: tuple(-np.array(joint.depth[::-1]))}
+        ends = {k: np.clip(ends, *box[k]) for k, ends in ranges.items()}
+        ends[2] = np.minimum(ends[2], site.box[2, 1])
+        strong = name in found
+        style = {"color": FAULT if strong else INK, "lw": 2.4 if strong else 1.0, "zorder": 3}
+        if normal not in view:
+            corner = [ends[k][0] for k in view]
+            axis.add_patch(
+                Rectangle(corner, *(np.ptp(ends[k]) for k in view), fill=False, ls=":", **style)
+            )
+            continue
+        along = ends[next(k for k in view if k != normal)]
+        line = np.array([[joint.position] * 2, along])
+        axis.plot(*(line if view[0] == normal else line[::-1]), **style)
+        at = line[:, 1] if view[0] == normal else line[::-1, 1]
+        axis.annotate(
+            name, at, xytext=(3, -9), textcoords="offset points", fontsize=7, color=style["color"],
+            weight="bold" if strong else "normal", parse_math=False,
+        )  # fmt: skip
+
+
+def _holes(axis, site, view, found):
+    """Draw the charges of all blasts."""
+    for name, blast in site.blasts.items():
+        colour = FAULT if name in found else INK
+        for collar, toe in zip(blast.collar, blast.toe, strict=True):
+            axis.plot(*np.array([collar, toe]).T[list(view)], color=colour, lw=1.2, zorder=4)
+        axis.plot(*blast.collar.T[list(view)], "+", color=colour, ms=5, zorder=4)
+
+
+def _layers(axis, site, box):
+    """Shade the layers of a section and write their names."""
+    top = site.box[2, 1]
+    for number, (name, thickness, _) in enumerate(site.layers):
+        bottom = box[2, 0] if thickness is None else top - thickness
+        colour = GROUND[number % len(GROUND)]
+        axis.axhspan(bottom, top, color=colour, alpha=0.35, lw=0, zorder=0)
+        axis.annotate(
+            name, (0.99, max(bottom, box[2, 0])), xycoords=("axes fraction", "data"), ha="right",
+            xytext=(0, 2), textcoords="offset points", fontsize=7, parse_math=False,
+        )  # fmt: skip
+        top = bottom
+
+
+def _points(plan, section, points, across):
+    """Draw where residuals come from; how deep is not known."""
+    for point in points:
+        place, reach = (point["x"], point["y"]), 0.5 * point["resolution_m"]
+        plan.add_patch(Circle(place, reach, fill=False, ec=POINT, lw=1.6, ls="--", zorder=6))
+        plan.plot(*place, "x", color=POINT, ms=8, mew=2.0, zorder=6)
+        section.axvspan(
+            place[across] - reach, place[across] + reach, color=POINT, alpha=0.15, lw=0, zorder=1
+        )
+
+
+def _legend(figure, site, points, material):
+    """Say what the signs mean, above the pictures."""
+    marks = [
+        ("o", {"mfc": "white", "mec": INK}, "receiver"),
+        (
+            "o",
+            {"mfc": "white", "mec": FAULT, "mew": 2.0},
+            f"receiver with misfit over {material:g}",
+        ),
+        ("+", {"color": INK}, "hole"),
+    ]
+    if site.joints:
+        marks.append(("", {"color": INK, "ls": "-"}, "joint"))
+    marks.append(("", {"color": FAULT, "ls": "-", "lw": 2.4}, "what was found"))
+    if points:
+        marks.append(("x", {"color": POINT, "mew": 2.0}, "residuals come from here (resolution)"))
+    axis = figure.axes[0]
+    handles = [
+        axis.plot([], [], marker, **({"ls": ""} | style), label=label)[0]
+        for marker, style, label in marks
+    ]
+    figure.legend(handles=handles, loc="outside upper left", ncol=3, fontsize=7, frameon=False)

@@ -1,0 +1,204 @@
+"""The page of a diagnosis, for each kind of outcome, on records of a small site."""
+
+import re
+from dataclasses import dataclass, replace
+from functools import cache
+from html import unescape
+
+import numpy as np
+import pytest
+from small_site import CUT, recorded, small_site
+
+import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis.calibration import calibrate
+from pyblast.diagnosis.chance import Chance
+from pyblast.diagnosis.fitting import fit
+from pyblast.diagnosis.foretelling import foretold
+from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.scene import Effect, Scene
+from pyblast.diagnosis.search import Search
+from pyblast.diagnosis.verdict import Verdict, judge
+from pyblast.diagnosis.words import summarise
+from pyblast.reporting.diagnosis_report import render_diagnosis, write_diagnosis_report
+from pyblast.reporting.diagnosis_words import lead, usual
+
+SLOW = Effect("clock_error", "R2", ((0.0,),))
+DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
+CHANCE = Chance(np.linspace(-4.0, 9.0, 200))
+NOTES = {
+    "case": "pit <3>", "runs": 11, "wall_s": 2.5, "seed": 1, "budget": 400, "finished": True,
+    "provenance": {"pyblast": "0"},
+}  # fmt: skip
+
+
+@dataclass
+class Made:
+    """What the report needs of a diagnosis."""
+
+    scene: Scene
+    search: Search
+    verdict: Verdict
+
+
+def late(motion):
+    """Let the clock of one receiver be 16 ms, four samples, slow."""
+    motion = motion.copy()
+    motion[:, 2] = np.roll(motion[:, 2], 4, axis=-1)
+    return motion
+
+
+@cache
+def scene():
+    """Return the calibrated small site with one slow clock."""
+    forward = Forward(recorded(small_site(), change=late), CUT)
+    baseline = calibrate(forward)
+    return Scene(forward, baseline, forward.hole_motion(baseline.site))
+
+
+@cache
+def made(outcome):
+    """Return a diagnosis with an outcome, and its summary."""
+    here = scene()
+    none = fit(here, ())
+    fits = [fit(here, (one,)) for one in (SLOW, DELAYS)]
+    found = Search(here, 400, lambda *_: None, none, fits, [], fits[0])
+    verdict = judge(found, CHANCE)
+    if outcome == "CLASS":
+        verdict = replace(verdict, outcome=outcome, rivals=("clock_error", "delay_scatter"))
+    if outcome == "NAMED per hole":
+        verdict = replace(verdict, fit=fits[1])
+    if outcome == "UNKNOWN":
+        verdict = replace(verdict, outcome=outcome, fit=none, rivals=())
+    if outcome == "NULL":
+        found = Search(here, 400, lambda *_: None, none, [], [], none)
+        verdict = Verdict(outcome, none, (), {"none": 1.0}, 0.0, None)
+    shuffled = None if outcome == "NULL" else CHANCE
+    return Made(here, found, verdict), summarise(here, found, shuffled, verdict) | NOTES
+
+
+def text(outcome):
+    """Return the words of the page, without its style and tags."""
+    html = render_diagnosis(*made(outcome))
+    html = re.sub(r"(?s)<style>.*?</style>", "", html)
+    return " ".join(unescape(re.sub(r"(?s)<[^>]*>", " ", html)).split())
+
+
+def figures(outcome):
+    """Return the titles of the figures of the page."""
+    return re.findall(
+        r'<img alt="([^"]*)" src="data:image/png;base64,', render_diagnosis(*made(outcome))
+    )
+
+
+def test_a_slow_clock_is_named_with_its_place_and_time():
+    found, summary = made("NAMED")
+
+    assert found.verdict.outcome == "NAMED"
+    assert lead(found, summary).startswith("The clock of receiver R2 was wrong")
+    assert re.search(r"clock_error receiver R2 shift 1[5-7]", text("NAMED"))
+
+
+def test_the_page_draws_maps_ranking_and_records_that_were_left_out():
+    titles = figures("NAMED")
+
+    assert titles == [
+        "In plan and section",
+        "In time and frequency",
+        "Evidence",
+        "Blast B1 left out",
+    ]
+
+
+def test_effects_with_a_value_for_each_hole_are_drawn_hole_by_hole():
+    assert "delay_scatter: delays of blast B1" in figures("NAMED per hole")
+
+
+def test_a_class_names_its_members_as_not_told_apart():
+    words = text("CLASS")
+
+    assert "These records can't tell this from delay_scatter." in words
+    assert "These records can't tell apart" in words
+
+
+def test_an_unknown_is_located_and_no_effect_is_listed():
+    words = text("UNKNOWN")
+
+    assert re.search(r"Something is missing near east \d+ m, north \d+ m \(within \d+ m\)", words)
+    assert "No effect was found." in words
+    assert "Receiver R2" in figures("UNKNOWN")
+
+
+def test_a_null_says_that_nothing_is_missing_and_ranks_nothing():
+    words = text("NULL")
+
+    assert "Nothing is missing that these records could show" in words
+    assert "No effect was tried" in words
+    assert "Evidence" not in figures("NULL")
+
+
+def test_two_effects_are_told_one_after_the_other():
+    found, summary = made("NAMED")
+    both = replace(found.verdict.fit, effects=(SLOW, DELAYS))
+    found = replace(found, verdict=replace(found.verdict, fit=both))
+
+    told = lead(found, summary | {"outcome": "COMPOSITE"})
+
+    assert told.startswith("2 effects act together. The clock of receiver R2")
+    assert "The holes of blast B1 did not fire at their planned times" in told
+
+
+def test_what_is_left_beside_an_effect_is_said_with_its_place():
+    found, summary = made("NAMED")
+    partial = summary | {"outcome": "PARTIAL", "remainder": summary["located"]}
+
+    assert "But something else is missing near east" in lead(found, partial)
+
+
+def test_names_that_users_give_are_escaped(tmp_path):
+    write_diagnosis_report(tmp_path / "report.html", *made("NULL"))
+
+    page = (tmp_path / "report.html").read_text()
+    assert "pit &lt;3&gt;" in page
+    assert "pit <3>" not in page
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "unit", "shown"),
+    [
+        (3e-3, 1e-3, 5e-3, "s", (3.0, 1.0, 5.0, "ms")),
+        (3e5, 2e5, 4e5, "Pa", (0.3, 0.2, 0.4, "MPa")),
+        (3e4, 2e4, 4e4, "Pa", (30.0, 20.0, 40.0, "kPa")),
+        (np.pi / 2, 0.0, np.pi, "rad", (90.0, 0.0, 180.0, "°")),
+        (-2.0, -3.0, -1.0, "m", (-2.0, -3.0, -1.0, "m")),
+        (0.5, 0.4, 0.6, "", (0.5, 0.4, 0.6, "")),
+    ],
+)
+def test_values_are_told_in_the_units_that_people_use(value, low, high, unit, shown):
+    told = usual({"value": value, "low": low, "high": high, "unit": unit})
+
+    assert [told[key] for key in ("value", "low", "high")] == pytest.approx(shown[:3])
+    assert told["unit"] == shown[3]
+
+
+def test_what_is_foretold_without_leaving_out_is_the_fit_itself():
+    here, found = scene(), made("NAMED")[0].verdict.fit
+    nothing = np.zeros(found.size.shape, dtype=bool)
+    band = here.case.band
+
+    motion = foretold(here, found, nothing)
+
+    whole = band.restore(band.project(found.motion))
+    assert np.max(np.abs(motion - whole)) < 0.01 * np.max(np.abs(whole))  # its last step
+
+
+def test_what_is_left_out_is_foretold_as_well_as_its_fold_says():
+    here, verdict = scene(), made("NAMED")[0].verdict
+    likelihood, case = here.baseline.likelihood, here.case
+    fold = next(one for one in verdict.held_out.folds if one.name == "B1")
+    out = np.zeros(verdict.fit.size.shape, dtype=bool)
+    out[case.blasts.index("B1")] = True
+
+    left = likelihood.left(foretold(here, verdict.fit, out))[out]
+    heard = likelihood.white(np.where(case.valid, case.motion, 0.0))[out]
+
+    assert 1.0 - np.sum(left**2) / np.sum(heard**2) == pytest.approx(fold.after, abs=1e-6)
