@@ -22,7 +22,10 @@ ONE_ROOM = {
     "_core": {"solving.kernels"},
     "_core_batch": {"solving.kernels"},
     "gmsh": {"meshing.gmsh_mesher"},
-    "matplotlib": {f"reporting.{name}figures" for name in ("", "plan_", "posterior_", "search_")},
+    "matplotlib": {
+        f"reporting.{name}figures"
+        for name in ("", "diagnosis_", "diagnosis_map_", "plan_", "posterior_", "search_")
+    },
     "emcee": {"inversion.chains"},
 }
 ORDER = [

@@ -22,7 +22,8 @@ def foretold(scene: Scene, fit: Fit, out) -> np.ndarray:
     Returns
     -------
     (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        Within the band of the records. The fit is moved by one linear step, as for the folds.
+        Within the band of the records. The fit is moved by one linear step, as for
+        the folds: theory.md (14.5).
     """
     likelihood = scene.baseline.likelihood
     band = likelihood.case.band

@@ -189,7 +189,7 @@ def _legend(figure, site, points, material):
         (
             "o",
             {"mfc": "white", "mec": FAULT, "mew": 2.0},
-            f"receiver with misfit over {material:g}",
+            f"receiver, misfit over {material:g}",
         ),
         ("+", {"color": INK}, "hole"),
     ]

@@ -54,9 +54,8 @@ def lead(made, summary) -> str:
     )
     if outcome == "CLASS":
         own = made.verdict.fit.labels
-        told.append(
-            f"These records can't tell this from {_or([o for o in summary['class'] if o not in own])}."
-        )
+        others = [label for label in summary["class"] if label not in own]
+        told.append(f"These records can't tell this from {_or(others)}.")
     if outcome == "COMPOSITE":
         told.insert(0, f"{len(told)} effects act together.")
     if outcome == "PARTIAL":
@@ -228,8 +227,8 @@ def assumptions(scene, summary) -> list[str]:
         f"Wave speeds of layers may be off by {100 * SPEED_SIGMA:g} %, stiffness of joints by "
         f"{100 * STIFFNESS_SIGMA:g} % (one standard deviation); they are fitted anew with every "
         "effect.",
-        f"Places, clocks, small heterogeneity and the mesh cost {100 * THEORY:g} % of the energy of "
-        "each record, or a few times that: this is what 'errors of the theory' means. Noise is "
+        f"Places, clocks, small heterogeneity and the mesh cost {100 * THEORY:g} % of the energy "
+        "of each record, or a few times that: these are the small errors of the theory. Noise is "
         "that of the windows before the blasts.",
         f"Nothing is called missing while the mean square misfit of every receiver and of every "
         f"blast stays below {MATERIAL:g} times that.",
