@@ -68,12 +68,12 @@ def _why_not(summary):
     proof, best = summary["held_out"], " + ".join(summary["evidence"]["best_labels"])
     if proof is None:
         return "nothing in the library explains it"
-    fault = (
-        "leaves too much"
-        if proof["improves"]
-        else "does not foretell records that it was not fitted to"
-    )
-    return f"nothing in the library explains it: the best try, {best}, {fault}"
+    fault = "does not foretell records that it was not fitted to"
+    if proof["improves"]:
+        fault = "leaves too much"
+    elif not proof["folds"]:
+        fault = "can't be tested, for no record can be left out"
+    return f"nothing in the library is shown to explain it: the best try, {best}, {fault}"
 
 
 def claims(fit) -> list[tuple[str, str]]:
@@ -240,6 +240,8 @@ def assumptions(scene, summary) -> list[str]:
     ]
     if lost > 0.0:
         told.append(f"{100 * lost:.2g} % of the samples are clipped or missing and have no part.")
+    if case.dead:
+        told.append(f"Channels that never move have no part: {', '.join(case.dead)}.")
     if not summary["finished"]:
         told.append("The budget of runs ended before the search was complete.")
     return told
