@@ -65,7 +65,7 @@ def compared_figure(columns, dt):
     """
     figure = _figure(9.6, 5.4)
     axes = figure.subplots(3, len(columns), squeeze=False, sharex=True, sharey="col")
-    styles = ((RECORDED, 1.3), (CALIBRATED, 1.3), (WITH_EFFECT, 0.9))
+    styles = ((RECORDED, 2.2), (CALIBRATED, 1.3), (WITH_EFFECT, 0.9))
     lines = {}
     for (title, motions), column in zip(columns, axes.T, strict=True):
         column[0].set_title(title, fontsize=9, loc="left", parse_math=False)
@@ -114,16 +114,25 @@ def time_frequency_figure(recorded, differences, dt, band, window=None):
         axis.set_title(title, fontsize=9, loc="left", parse_math=False)
         axis.set_yscale("log")
         axis.set_xlabel("time after the first hole  s", fontsize=8)
-        axis.tick_params(labelsize=8, which="both")
+        axis.tick_params(labelsize=8)
+        axis.set_yticks(round_marks(*band))
+        axis.minorticks_off()
         axis.yaxis.set_major_formatter("{x:g}")
-        axis.yaxis.set_minor_formatter("{x:g}")
         if window is not None and axis is not axes[0]:
             (t0, t1), (f0, f1) = window
             axis.add_patch(Rectangle((t0, f0), t1 - t0, f1 - f0, fill=False, ec="#2563eb", lw=1.2))
     axes[0].set_ylabel("frequency  Hz", fontsize=8)
-    bar = figure.colorbar(drawn, ax=axes, label="mm/s (wavelet)", shrink=0.9)
+    bar = figure.colorbar(drawn, ax=axes, shrink=0.9)
+    bar.set_label("mm/s (wavelet)", fontsize=8)
     bar.ax.tick_params(labelsize=7)
     return _uri(figure)
+
+
+def round_marks(low, high):
+    """Return the round numbers of a logarithmic axis."""
+    decades = 10.0 ** np.arange(np.floor(np.log10(low)), np.ceil(np.log10(high)) + 1)
+    marks = np.multiply.outer(decades, [1.0, 2.0, 3.0, 5.0]).ravel()
+    return marks[(marks >= 0.999 * low) & (marks <= 1.001 * high)]
 
 
 def holes_figure(values, usual, label):

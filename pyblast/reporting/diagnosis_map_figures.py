@@ -2,8 +2,10 @@
 
 import numpy as np
 from matplotlib.colors import LogNorm
+from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 
+from .diagnosis_figures import round_marks
 from .figures import FAULT, GROUND, INK, _figure, _tidy, _uri
 
 MISFIT, POINT = "YlOrRd", "#2563eb"
@@ -56,13 +58,13 @@ def maps_figure(site, receivers, sizes, material, *, found=(), points=()):
         _named(plan, receivers, places, found)
         _layers(section, site, box)
         _points(plan, section, points, across)
-    bar = figure.colorbar(
-        drawn, ax=axes, shrink=0.6, label="misfit over that of small errors (1: explained)"
-    )
-    for which in ("major", "minor"):
-        getattr(bar.ax.yaxis, f"set_{which}_formatter")("{x:g}")
-    bar.ax.tick_params(labelsize=7, which="both")
-    _legend(figure, site, points, material)
+    bar = figure.colorbar(drawn, ax=axes, shrink=0.6)
+    bar.set_label("misfit over that of small errors (1: explained)", fontsize=8)
+    bar.set_ticks(round_marks(norm.vmin, norm.vmax))
+    bar.minorticks_off()
+    bar.ax.yaxis.set_major_formatter("{x:g}")
+    bar.ax.tick_params(labelsize=7)
+    _legend(figure, site, found, points, material)
     return _uri(figure)
 
 
@@ -182,25 +184,21 @@ def _points(plan, section, points, across):
         )
 
 
-def _legend(figure, site, points, material):
+def _legend(figure, site, found, points, material):
     """Say what the signs mean, above the pictures."""
-    marks = [
-        ("o", {"mfc": "white", "mec": INK}, "receiver"),
-        (
-            "o",
-            {"mfc": "white", "mec": FAULT, "mew": 2.0},
-            f"receiver, misfit over {material:g}",
-        ),
-        ("+", {"color": INK}, "hole"),
-    ]
+    ring = {"marker": "o", "ls": "", "mfc": "white"}
+    marks = {
+        "receiver": {**ring, "mec": INK},
+        f"receiver, misfit over {material:g}": {**ring, "mec": FAULT, "mew": 2.0},
+        "hole": {"marker": "+", "ls": "", "color": INK},
+    }
     if site.joints:
-        marks.append(("", {"color": INK, "ls": "-"}, "joint"))
-    marks.append(("", {"color": FAULT, "ls": "-", "lw": 2.4}, "what was found"))
+        marks["joint"] = {"color": INK, "lw": 1.0}
+    if found:
+        marks["what was found (receivers: bold)"] = {"color": FAULT, "lw": 2.4}
     if points:
-        marks.append(("x", {"color": POINT, "mew": 2.0}, "residuals come from here (resolution)"))
-    axis = figure.axes[0]
-    handles = [
-        axis.plot([], [], marker, **({"ls": ""} | style), label=label)[0]
-        for marker, style, label in marks
-    ]
+        marks["residuals seem to come from within the circle"] = {
+            "marker": "x", "ls": "", "color": POINT, "mew": 2.0,
+        }  # fmt: skip
+    handles = [Line2D([], [], label=label, **style) for label, style in marks.items()]
     figure.legend(handles=handles, loc="outside upper left", ncol=3, fontsize=7, frameon=False)
