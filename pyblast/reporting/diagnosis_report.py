@@ -39,6 +39,7 @@ def render_diagnosis(made, summary) -> str:
         ranking=words.ranking_rows(made),
         rank_figure=_drawn(_rank_figures(made, summary)),
         needed=words.needed(summary),
+        share=words.share(summary),
         rivals=words.class_rows(made, summary),
         parameters=words.parameter_rows(fit),
         holes=_drawn(_hole_figures(fit)),
@@ -72,7 +73,7 @@ def _map_figures(made, summary):
     outcome = summary["outcome"]
     place = {"UNKNOWN": "located", "PARTIAL": "remainder"}.get(outcome)
     points = [] if place is None else summary[place]["points"]
-    found = {effect.target for effect in made.verdict.fit.effects}
+    found = {effect.target for effect in made.verdict.fit.effects} - {""}
     deep = " How deep it lies is not told." if points else ""
     yield (
         "In plan and section",
@@ -156,7 +157,7 @@ def _proof_figures(made):
     for name, places, out in _left_out(made, folds):
         motions = {title: foretold(made.scene, fit, out) for title, fit in _fits(made).items()}
         yield (
-            f"{name} left out",
+            f"{name[0].upper()}{name[1:]} left out",
             f"Recorded, and foretold by fits in which {name} had no part: the calibrated site, and "
             "the site with what was found. In the band that is compared.",
             _compared(made, places, motions),
@@ -172,12 +173,12 @@ def _left_out(made, folds):
         b, out = blasts[-1], np.zeros(size.shape, dtype=bool)
         out[b] = True
         worst = np.argsort(-size[b])[:COLUMNS]
-        yield f"Blast {case.blasts[b]}", [(b, int(r)) for r in sorted(worst)], out
+        yield f"blast {case.blasts[b]}", [(b, int(r)) for r in sorted(worst)], out
     if receivers:
         r = max(receivers, key=lambda r: size[:, r].mean())
         out = np.zeros(size.shape, dtype=bool)
         out[:, r] = True
-        yield f"Receiver {case.receivers[r]}", _blasts_at(case, r), out
+        yield f"receiver {case.receivers[r]}", _blasts_at(case, r), out
 
 
 def _blasts_at(case, r):

@@ -47,9 +47,8 @@ def lead(made, summary) -> str:
     if outcome == "UNKNOWN":
         return f"Something is missing {_near(summary['located'])}, and {_why_not(summary)}."
     told = [f"{claim} ({label})." for label, claim in claims(made.verdict.fit)]
-    share = f"{100.0 * summary['evidence']['explained_share']:.0f} %"
     proof = (
-        f"This explains {share} of the misfit that noise and small errors leave open, and it "
+        f"This explains {share(summary)} of the misfit that noise and small errors leave open, and it "
         "foretells records that it was not fitted to."
     )
     if outcome == "CLASS":
@@ -61,6 +60,11 @@ def lead(made, summary) -> str:
     if outcome == "PARTIAL":
         proof += f" But something else is missing {_near(summary['remainder'])}."
     return " ".join([*told, proof])
+
+
+def share(summary) -> str:
+    """Say which share of the open misfit is explained; all, where less is left than errors leave."""
+    return f"{100.0 * min(summary['evidence']['explained_share'], 1.0):.0f} %"
 
 
 def _why_not(summary):
