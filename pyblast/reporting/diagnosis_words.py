@@ -48,8 +48,8 @@ def lead(made, summary) -> str:
         return f"Something is missing {_near(summary['located'])}, and {_why_not(summary)}."
     told = [f"{claim} ({label})." for label, claim in claims(made.verdict.fit)]
     proof = (
-        f"This explains {share(summary)} of the misfit that noise and small errors leave open, and it "
-        "foretells records that it was not fitted to."
+        f"This explains {share(summary)} of the misfit that noise and small errors leave open, "
+        "and it foretells records that it was not fitted to."
     )
     if outcome == "CLASS":
         own = made.verdict.fit.labels
@@ -63,7 +63,7 @@ def lead(made, summary) -> str:
 
 
 def share(summary) -> str:
-    """Say which share of the open misfit is explained; all, where less is left than errors leave."""
+    """Say which share of the open misfit is explained; all, where only small errors are left."""
     return f"{100.0 * min(summary['evidence']['explained_share'], 1.0):.0f} %"
 
 
