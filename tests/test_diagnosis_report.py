@@ -157,7 +157,7 @@ def test_two_effects_are_told_one_after_the_other():
 
     told = lead(found, summary | {"outcome": "COMPOSITE"})
 
-    assert told.startswith("2 effects act together. The clock of receiver R2")
+    assert told.startswith("Two effects act together. The clock of receiver R2")
     assert "The holes of blast B1 did not fire at their planned times" in told
 
 

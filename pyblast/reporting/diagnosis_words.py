@@ -26,6 +26,7 @@ USUAL = {
     "Pa/m": (("MPa/m", FACTORS["mpa_per_m"]), ("GPa/m", FACTORS["gpa_per_m"])),
     "rad": (("°", radians(1.0)),),
 }
+COUNTS = {2: "Two", 3: "Three"}
 PULLED = 2.5  # standard deviations of the prior: further is a hint of missing physics
 
 
@@ -56,7 +57,7 @@ def lead(made, summary) -> str:
         others = [label for label in summary["class"] if label not in own]
         told.append(f"These records can't tell this from {_or(others)}.")
     if outcome == "COMPOSITE":
-        told.insert(0, f"{len(told)} effects act together.")
+        told.insert(0, f"{COUNTS[len(told)]} effects act together.")
     if outcome == "PARTIAL":
         proof += f" But something else is missing {_near(summary['remainder'])}."
     return " ".join([*told, proof])
@@ -179,8 +180,12 @@ def _unit(unit, largest):
 
 
 def ranking_rows(made) -> list[dict]:
-    """List the effects that were fitted, best first, with what they claim."""
+    """List the effects that were fitted, best first, with what they claim.
+
+    Probabilities are those of single effects: there are none where several act together.
+    """
     found, verdict = made.search, made.verdict
+    several = len(verdict.fit.labels) > 1
     rows = []
     for one in sorted(found.fits, key=lambda one: -found.worth(one)):
         places = list(dict.fromkeys(effect.target for effect in one.effects if effect.target))
@@ -189,7 +194,7 @@ def ranking_rows(made) -> list[dict]:
                 "name": " + ".join(one.labels) + (f" at {_and(places)}" if places else ""),
                 "worth": found.worth(one),
                 "probability": verdict.probability.get(one.labels[0])
-                if len(one.labels) == 1
+                if len(one.labels) == 1 and not several
                 else None,
                 "claim": " ".join(dict.fromkeys(e.hypothesis.claim for e in one.effects)),
                 "chosen": bool(verdict.fit.effects) and set(one.labels) == set(verdict.fit.labels),
