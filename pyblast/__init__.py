@@ -47,6 +47,7 @@ _HOMES = {
     "check": "projects.checks",
     "compare": "motion.comparison",
     "controlled_mean": "ensembles.control_variate",
+    "find_delays": "delays",
     "firing_times": "inversion.firing_times",
     "fit_site_law": "blasting.site_law",
     "gradient": "solving.gradients",

@@ -195,6 +195,29 @@ for command in (commands_inverse.backanalyse, commands_inverse.diagnose):
     app.command()(command)
 
 
+@app.command()
+def delays(
+    project: ProjectFile,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the numbered plans [delays beside it].")
+    ] = None,
+    full: Full = False,
+):
+    """Find the delays that shake houses least.
+
+    Searches between the delays of table [delays] and fires the plan that is there and the best
+    one thousands of times on paper, as holes scatter. Writes delays.json.
+    """
+    with told():
+        from .delays import find_delays
+        from .reporting.delay_words import delay_lines
+
+        with console.Progress() as progress:
+            table, folder = find_delays(project, out, full=full, progress=progress)
+        for line in [*delay_lines(table), f"results: {folder}"]:
+            console.say(line)
+
+
 def standalone():
     """Become the program ``pyblast-run``."""
     program = resources.files(__package__) / "bin" / "pyblast-run"

@@ -22,6 +22,7 @@ STAGES = {
     "plan": "runs of the plan",
     "calibration": "calibration",
     "holes": "runs of the holes",
+    "delays": "search of delays",
     "writing": "results and report",
 }
 _out = Console(highlight=False, soft_wrap=True)

@@ -1,12 +1,16 @@
 """Posteriors: against a Gaussian that is known, against its own doubts, and from a project."""
 
 import json
+import os
+import signal
+import time
 
 import numpy as np
 import pytest
+from test_main import spawn
 from test_waveform_search import TRUTH, noisy
 
-from pyblast import back_analyse
+from pyblast import back_analyse, load_project
 from pyblast.errors import InputError, SolverError
 from pyblast.inversion.chains import Chains, r_hat, walk
 from pyblast.inversion.emulator import emulate
@@ -133,8 +137,13 @@ def test_a_posterior_of_another_misfit_is_refused_before_anything_is_run(tmp_pat
         back_analyse(noisy(tmp_path, misfit="'paper'", posterior="true"))
 
 
-def test_a_project_tells_intervals_that_hold_the_truth(tmp_path):
-    found, folder = back_analyse(noisy(tmp_path, posterior="true"))
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    return back_analyse(noisy(tmp_path_factory.mktemp("told"), posterior="true"))
+
+
+def test_a_project_tells_intervals_that_hold_the_truth(told):
+    found, folder = told
     table = json.loads((folder / "back_analysis.json").read_text())["posterior"]
 
     assert found.posterior.doubt == ""
@@ -142,3 +151,29 @@ def test_a_project_tells_intervals_that_hold_the_truth(tmp_path):
         assert one["interval_90"][0] < truth < one["interval_90"][1]
     assert len(table["samples"]) == 2000
     assert "What records and ranges leave" in (folder / "report.html").read_text()
+
+
+def test_a_posterior_without_the_error_of_its_mesh_says_so(told):
+    found, folder = told
+
+    assert "mesh.grid_cells: such a mesh can't be made coarser" in found.posterior.mesh_doubt
+    assert "; it is not in the intervals" in (folder / "report.html").read_text()
+
+
+def test_a_posterior_that_was_killed_is_resumed_to_the_same_answer(told, tmp_path):
+    whole, folder = told
+    path = noisy(tmp_path, posterior="true")
+    log = tmp_path / "back_analysis" / "001" / "trials.jsonl"
+    process = spawn("backanalyse", path)
+    while process.poll() is None and not (log.is_file() and log.read_bytes().count(b"\n") > 60):
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate()
+    made = log.read_bytes().count(b"\n")
+
+    again, _ = back_analyse(load_project(path), resume=True)
+
+    lines = (folder / "trials.jsonl").read_bytes().count(b"\n")
+    assert 15 + 1 < made < lines == log.read_bytes().count(b"\n")
+    assert np.array_equal(again.posterior.samples, whole.posterior.samples)
+    assert np.array_equal(again.posterior.log_weights, whole.posterior.log_weights)

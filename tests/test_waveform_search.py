@@ -12,10 +12,13 @@ from pyblast import back_analyse, load_project
 from pyblast.back_analysis import RESULT, TRIALS
 from pyblast.errors import InputError
 from pyblast.inversion.back_analysis import make_target
+from pyblast.inversion.doubts import doubts
 from pyblast.inversion.forward import evaluate, simulate
-from pyblast.inversion.waveforms import white_noise, window_of
+from pyblast.inversion.mesh_errors import coarser, mesh_errors_of
+from pyblast.inversion.waveforms import gathered, white_noise, window_of
 from pyblast.projects.result import write_csv
 from pyblast.residuals.band import band_functions
+from pyblast.residuals.theory_errors import usual_whitener
 
 RECORDED = '\n[receivers.recorded]\nfile = "wall.csv"\nbearing_deg = 90\n\n[run]\n'
 RMS = 2e-4  # m/s of a sample, at 256 samples a second
@@ -147,3 +150,102 @@ def test_white_noise_has_the_rms_that_is_given(tmp_path):
     rms = np.sqrt(variance / window.n_samples)
     # 2 % are added to the diagonal; functions fill the band but for its edges
     assert rms == pytest.approx(1e-4, rel=0.1)
+
+
+def clipped(folder, marked):
+    """Write a project whose record is cut at 40 % of its peak, and says so or not."""
+    path = noisy(folder)
+    values = np.loadtxt(folder / "wall.csv", delimiter=",", skiprows=1)
+    top = 0.4 * np.abs(values[:, 1:]).max()
+    values[:, 1:] = np.clip(values[:, 1:], -top, top)
+    head = (folder / "wall.csv").read_text().splitlines()[0]
+    np.savetxt(folder / "wall.csv", values, "%.17g", ",", header=head, comments="")
+    told = f"bearing_deg = 90\nfull_scale_mm_per_s = {1e3 * top if marked else 1e6}"
+    path.write_text(path.read_text().replace("bearing_deg = 90", told))
+    return path
+
+
+@pytest.mark.filterwarnings("ignore:.*clipped at full scale")
+def test_a_record_that_is_clipped_throughout_is_refused(tmp_path):
+    path = clipped(tmp_path, True)
+    path.write_text(
+        path.read_text().replace("full_scale_mm_per_s = ", "full_scale_mm_per_s = 1e-9 #")
+    )
+
+    with pytest.raises(
+        InputError, match=r"receivers.R1.recorded: no sample after the first firing"
+    ):
+        make_target(load_project(path))
+
+
+@pytest.mark.filterwarnings("ignore:.*clipped at full scale")
+def test_samples_at_full_scale_are_not_compared(tmp_path):
+    masked, believed, whole = (
+        evaluate(make_target(load_project(path)), np.array([TRUTH]))[0]["misfit"]
+        for path in (clipped(tmp_path / "masked", True), clipped(tmp_path / "cut", False),
+                     noisy(tmp_path / "whole"))
+    )  # fmt: skip
+
+    assert believed > 5.0 * whole
+    assert masked < 2.0 * whole
+
+
+def test_errors_of_the_theory_look_like_the_best_simulation_not_like_the_record(found):
+    one, _ = found
+    waves, band = one.target.waveforms, one.target.waveforms.whitener.band
+    row = evaluate(one.target, one.trace.points[one.trace.best][None])[0]
+    left = np.reshape(row["residuals"], (*waves.recorded.shape[:3], band.n_functions))
+    best = waves.recorded - band.restore(left)
+
+    held = waves.whitener
+    wanted, recorded = (usual_whitener(motion, waves.noise, band) for motion in
+                        (best, waves.recorded))  # fmt: skip
+    gains = [n for n, group in enumerate(held.groups) if group == "gain"]
+    size = np.linalg.norm(wanted.columns[gains], axis=1)
+    # a turn of near eigenvectors leaves lengths alone; rounding of the search
+    assert np.linalg.norm(held.columns[gains], axis=1) == pytest.approx(size, rel=1e-6)
+    assert np.linalg.norm(recorded.columns[gains], axis=1) != pytest.approx(size, rel=1e-3)
+
+
+def test_a_mesh_that_can_not_be_made_coarser_is_said_not_dropped(found):
+    one, folder = found
+    table, page = json.loads((folder / RESULT).read_text()), (folder / "report.html").read_text()
+
+    assert "mesh" not in one.target.waveforms.whitener.levels
+    for doubt in (one.target.waveforms.mesh_doubt, table["plan"]["mesh_doubt"], page):
+        assert "the error of the mesh is not foreseen: project.toml: mesh.grid_cells" in doubt
+
+
+def test_the_error_of_a_mesh_is_extrapolated_from_a_coarser_one(tmp_path):
+    path = noisy(tmp_path)
+    path.write_text(path.read_text().replace("grid_cells = [6, 2, 3]", "edge_m = 10"))
+    project = load_project(path)
+    window, other = window_of([project]), coarser(project)
+    motion, coarse = (gathered(simulate(one, (), [()]), ["R1"], window) for one in (project, other))
+
+    (error,), doubt = mesh_errors_of([project], motion, ["R1"], window)
+
+    assert (other.config.mesh.edge_m, doubt) == (15.0, "")
+    assert np.any(motion != coarse)
+    assert error == pytest.approx((motion - coarse) / (1.0 - 1.5**2))
+
+
+def test_an_error_of_the_mesh_widens_what_waveforms_leave(tmp_path):
+    path = noisy(tmp_path)
+    path.write_text(path.read_text().replace("grid_cells = [6, 2, 3]", "edge_m = 10"))
+
+    found, _ = back_analyse(path)
+
+    assert found.target.waveforms.whitener.levels["mesh"] > 0.0
+    assert found.plan.levels["mesh"] > 0.0
+    assert found.plan.mesh_doubt == ""
+
+
+def test_few_numbers_in_the_band_are_doubted(tmp_path):
+    found = doubts(load_project(noisy(tmp_path)))[0]
+
+    assert found.code == "D10"
+    assert found.numbers == {"numbers": 45.0, "unknowns": 3.0}
+    path = noisy(tmp_path)
+    path.write_text(path.read_text().replace("[3, 20]", "[3, 60]"))
+    assert doubts(load_project(path)) == []

@@ -5,11 +5,14 @@ import math
 import numpy as np
 
 from ..projects.findings import Finding
+from ..residuals.band import band_functions
 from .annealing import PAPER, paper, paper_eq15
 from .blasts import blasts_of, chosen_records
 from .sampling import random_search
 from .searching import Problem
+from .waveforms import window_of
 
+MANY = 20  # numbers of waveforms for each unknown
 NUMBERS = 6  # PPV and dominant frequency of three components
 REPEATS = 300
 RISES = (10.0, 50.0)  # % of misfit
@@ -25,7 +28,11 @@ def doubts(project) -> list[Finding]:
     if table is None:
         return []
     unknowns = len(table.parameters)
-    found = [few_numbers(blasts_of(project), unknowns)] if table.misfit == "paper" else []
+    found = []
+    if table.misfit == "paper":
+        found = [few_numbers(blasts_of(project), unknowns)]
+    elif table.misfit == "waveform":
+        found = few_waves(blasts_of(project), unknowns)
     if table.method in ("paper", "paper_eq15"):
         found += [cold_never(table.runs), worse_than_random(unknowns, table.runs)]
     return found
@@ -43,6 +50,29 @@ def few_numbers(blasts, unknowns) -> Finding:
         "contact slips; the result says the peak velocity at which the first one would.",
         numbers={"numbers": float(NUMBERS * records), "unknowns": float(unknowns)},
     )
+
+
+def few_waves(blasts, unknowns) -> list[Finding]:
+    """D10 of waveforms: how many independent numbers the band leaves of them; none if many."""
+    window = window_of(blasts)
+    band = band_functions(window.n_samples, window.dt, window.band)
+    records = [one for blast in blasts for one in chosen_records(blast, blasts[0]).values()]
+    components = int(sum(record.present.sum() for record in records))
+    numbers = components * band.n_functions
+    if numbers >= MANY * unknowns:
+        return []
+    low, high = window.band
+    told = Finding(
+        "D10",
+        "Few numbers for many unknowns",
+        f"{low:g} to {high:g} Hz leave {band.n_functions} independent numbers of each recorded "
+        f"component, {numbers} in all (components: {components}, blasts: {len(blasts)}), for "
+        f"{unknowns} unknowns and the errors of the theory beside them; widen run.compare_band_hz "
+        "if mesh and records carry more, record longer, or add receivers or blasts. Strengths of "
+        "joints are not identifiable while no contact slips.",
+        numbers={"numbers": float(numbers), "unknowns": float(unknowns)},
+    )
+    return [told]
 
 
 def cold_never(runs) -> Finding:

@@ -7,8 +7,8 @@ import numpy as np
 from ..residuals.band import Band
 from ..residuals.misfits import misfit
 from ..residuals.noise import Noise
-from ..residuals.nuisances import nuisances
 from ..residuals.scattering import scattering
+from ..residuals.theory_errors import error_columns
 from ..residuals.whitening import SCATTER, whitener
 
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of a range, in shares of it
@@ -77,6 +77,8 @@ class Sensitivities:
         Of the errors of the theory.
     peaks_only : bool
         Whether PPV and dominant frequency are all that is looked at.
+    mesh_errors : (n_errors, n_blasts, n_receivers, 3, n_samples) float64, m/s
+        As of `usual_whitener`.
     """
 
     motion: np.ndarray
@@ -85,6 +87,7 @@ class Sensitivities:
     noise: Noise
     levels: dict[str, float]
     peaks_only: bool = False
+    mesh_errors: np.ndarray | tuple = ()
 
     def knowledge(self, blasts, receivers, scattered=None) -> Knowledge:
         """Return what some blasts at some receivers tell.
@@ -108,7 +111,7 @@ class Sensitivities:
         if self.peaks_only:
             return self._by_peaks(receivers, motion, self.changes[:, *part])
         spread = (self.scattered() if scattered is None else scattered)[part]
-        errors = nuisances(motion, self.band)
+        errors = error_columns(motion, self.band, [one[part] for one in self.mesh_errors])
         used = {*errors.groups, SCATTER}
         white = whitener(
             _of_receivers(self.noise, receivers), self.band, len(blasts), nuisances=errors,

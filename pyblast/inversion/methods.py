@@ -8,10 +8,11 @@ from .evolution import evolution_search
 from .levenberg import levenberg_search
 from .sampling import random_search, sobol_search
 from .searching import Search, Trace
+from .shaping import shape_beside
 from .surrogate import surrogate_search
 from .trials import Trials
 
-LAST = 3  # of so many runs one is kept for the levels that the others taught
+LAST = 3  # of so many runs one is kept for the covariance that the others taught
 
 METHODS: dict[str, Search] = {
     "paper": paper,
@@ -28,8 +29,9 @@ METHODS: dict[str, Search] = {
 def search(trials: Trials, method: str, runs: int, seed: int) -> Trace:
     """Search by a method; waveforms in two turns.
 
-    Of waveforms the best of the first two thirds tells how large the errors of the theory are.
-    With these levels all that was run is judged anew, and least squares goes on from the best.
+    Of waveforms the best of the first two thirds tells how the errors of the theory look and how
+    large they are. By these all that was run is judged anew, least squares goes on from the best,
+    and what it finds shapes the errors by which the whole trace is judged at last.
 
     Parameters
     ----------
@@ -43,12 +45,14 @@ def search(trials: Trials, method: str, runs: int, seed: int) -> Trace:
     first = METHODS[method](problem, runs - last, seed)
     if not last or not np.isfinite(first.misfits[first.best]):
         return first
-    trials.learn_levels(first.best)
+    shape_beside(trials, first.points[first.best])
     best = int(np.argmin(trials.misfits()))
     start = problem.unit(first.points[best])
     second = levenberg_search(trials.problem(), last, seed, start)
+    points = np.concatenate([first.points, second.points])
+    shape_beside(trials, points[int(np.argmin(trials.misfits()))])
     return Trace(
-        np.concatenate([first.points, second.points]),
+        points,
         trials.misfits(),
         np.concatenate([first.accepted, second.accepted]),
     )

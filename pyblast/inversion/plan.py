@@ -15,6 +15,7 @@ from .identifiability import Knowledge, Sensitivities, intervals
 from .insensitive import insensitive, is_strength, weakest
 from .levenberg import DIFFERENCE
 from .listening import Place, listening, places_of
+from .mesh_errors import mesh_errors_of
 from .parameters import Parameter, check_parameters, parameters_of, with_values
 from .searching import Problem
 from .strength import Slip, watched_run
@@ -57,6 +58,8 @@ class Plan:
         Of the errors of the theory.
     slip : dict of str to Slip
         By blast; empty where no strength is asked for.
+    mesh_doubt : str
+        Why errors of the mesh are not counted; nothing where they are.
     """
 
     parameters: tuple[Parameter, ...]
@@ -73,6 +76,7 @@ class Plan:
     noise: str
     levels: dict[str, float]
     slip: dict[str, Slip]
+    mesh_doubt: str
 
     def verdict(self, number) -> str:
         """Say of a parameter whether it is fixed, partly or hardly told, or not at all."""
@@ -133,20 +137,24 @@ def make_plan(
     heard = np.array([[n in one or n not in counting for n in names] for one in records])
     heard = np.vstack([heard, np.ones((len(candidates), len(names)), dtype=bool)])
     motion, changes = _changes(everything, parameters, unit, places, window, tell)
+    values = problem_of(parameters).points(unit)
+    varied = [with_values(one, parameters, values) for one in everything]
+    errors, doubt = mesh_errors_of(varied, motion, names, window, places)
     sensitivities = Sensitivities(
         motion * heard[:, :, None, None], changes * heard[:, :, None, None],
         band_functions(window.n_samples, window.dt, window.band), noise,
         {**LEVELS, **(levels or {})}, blasts[0].config.back_analysis.misfit == "paper",
+        [one * heard[:, :, None, None] for one in errors],
     )  # fmt: skip
     found, worst, extras = extras_of(sensitivities, parameters, places, blasts, candidates)
-    values = problem_of(parameters).points(unit)
     kind = "paper" if sensitivities.peaks_only else "waveform"
     slip = _watched(blasts, parameters, values, tell) if slip is None else slip
     return Plan(
         tuple(parameters), values, kind, found,
         _by_other(sensitivities, len(blasts), counting), _within(parameters, unit, found),
         _why(parameters, blasts, found, slip, kind), extras, worst, tuple(places), window, told,
-        levels or {name: level for name, level in LEVELS.items() if name != "mesh"}, slip,
+        levels or {name: level for name, level in LEVELS.items() if errors or name != "mesh"},
+        slip, doubt,
     )  # fmt: skip
 
 

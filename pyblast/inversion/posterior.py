@@ -47,6 +47,8 @@ class Posterior:
     runs : int
         Evaluations: learnt from, and checks.
     seed : int
+    mesh_doubt : str
+        Why the error of the mesh is not in the intervals; nothing where it is.
     """
 
     samples: np.ndarray
@@ -57,6 +59,7 @@ class Posterior:
     corrected: float
     runs: int
     seed: int
+    mesh_doubt: str = ""
 
     @property
     def doubt(self) -> str:

@@ -7,7 +7,6 @@ import os
 from collections.abc import Callable
 from concurrent.futures import Executor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -129,16 +128,11 @@ class Trials:
         return np.array([misfit for misfit, _ in found]), residuals
 
     def misfits(self) -> np.ndarray:
-        """Return the misfits of all that was asked for, by the levels of errors known now."""
+        """Return the misfits of all that was asked for, by the errors of the theory known now."""
         return np.array([self._measured(row)[0] for row in self.log.rows[: self.count]])
 
-    def learn_levels(self, number):
-        """Infer how large the errors of the theory are from the residuals of an evaluation."""
-        residuals = np.array(self.log.rows[number]["residuals"])
-        self.target = replace(self.target, waveforms=self.target.waveforms.informed(residuals))
-
     def _measured(self, row):
-        """Return misfit and residuals of a row; waveforms by the levels known now."""
+        """Return misfit and residuals of a row; waveforms by the errors known now."""
         waves = self.target.waveforms
         if waves is None or not len(row["residuals"]):
             return row["misfit"], row["residuals"]
@@ -222,7 +216,7 @@ def identity(target: Target, method: str, seed: int) -> dict:
     """
     blasts = []
     for project in target.projects:
-        config = project.config.model_dump(exclude={"back_analysis"})
+        config = project.config.model_dump(exclude={"back_analysis", "delays"})
         files = {k: v for k, v in project.input_files.items() if k != project.path.name}
         blasts.append([json.dumps(config, sort_keys=True), files])
     parts = [[one.path, one.low, one.high, one.log] for one in target.parameters]

@@ -2,20 +2,13 @@
 
 from dataclasses import replace
 
-import numpy as np
-
-from ..errors import InputError, PyblastError
-from ..projects.variants import vary
-from ..residuals.nuisances import mesh_error
-from ..residuals.theory_errors import whitener_beside
+from ..errors import InputError
 from .chains import emcee_library
-from .forward import simulate
 from .levenberg import levenberg_search
 from .posterior import Posterior, posterior
+from .shaping import shape_beside
 from .trials import Trials
-from .waveforms import gathered
 
-COARSER = 1.5  # edges of the mesh that tells the error of the model's
 TURNS, RUNS = 2, 24  # searches, each from the last best, before draws begin
 
 
@@ -60,48 +53,12 @@ def uncertain(trials: Trials, best, seed: int) -> Posterior:
     Notes
     -----
     theory.md (12.9) to (12.12). The covariance is shaped by the best point, whose search goes on
-    with it, twice. The error of the mesh is foreseen where `coarser_edges` can make another one.
+    with it, twice. Where the error of the mesh could not be foreseen, the result says so.
     """
-    errors = [coarser_edges(trials.target, best)]
-    errors = [one for one in errors if one is not None]
     for _ in range(TURNS):
-        waves = trials.target.waveforms
-        recorded, simulated = _within(trials, best)
-        errors_here = [mesh_error(simulated, coarse, COARSER) for coarse in errors]
-        white = whitener_beside(recorded, simulated, waves.noise, waves.whitener.band, errors_here)
-        trials.target = replace(trials.target, waveforms=replace(waves, whitener=white))
+        shape_beside(trials, best)
         problem = trials.problem()
         trace = levenberg_search(problem, RUNS, seed, problem.unit(best))
         best = trace.points[trace.best]
-    return posterior(trials.problem(), best, seed)
-
-
-def coarser_edges(target, best):
-    """Return the motion at a point on meshes with longer edges, None where they can't be made.
-
-    Returns
-    -------
-    (n_blasts, n_receivers, 3, n_samples) float64, m/s
-    """
-    waves, found = target.waveforms, []
-    for project in target.projects:
-        edge = project.config.mesh.edge_m
-        if edge is None:
-            return None
-        values = {one.path: value for one, value in zip(target.parameters, best, strict=True)}
-        try:
-            varied = vary(project, {**values, "mesh.edge_m": COARSER * edge})
-            found.append(simulate(varied, (), [()])[0])
-        except PyblastError:
-            return None
-    return gathered(found, waves.receivers, waves.window)
-
-
-def _within(trials, best):
-    """Return records and the simulation of a point that was run, both within the band."""
-    waves, values = trials.target.waveforms, np.asarray(best).tolist()
-    band = waves.whitener.band
-    rows = [row for row in trials.log.rows if row["values"] == values]
-    left = np.reshape(rows[0]["residuals"], (*waves.recorded.shape[:3], band.n_functions))
-    recorded = band.restore(band.project(waves.recorded))
-    return recorded, recorded - band.restore(left)
+    drawn = posterior(trials.problem(), best, seed)
+    return replace(drawn, mesh_doubt=trials.target.waveforms.mesh_doubt)

@@ -1,13 +1,12 @@
 """Records of all blasts and receivers on one sampling, and what their residuals are worth."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import InputError
 from ..projects.census import input_band
 from ..residuals.band import band_functions
-from ..residuals.levels import infer_levels
 from ..residuals.noise import Noise, noise_of
 from ..residuals.theory_errors import usual_whitener
 from ..residuals.whitening import Whitener
@@ -49,6 +48,8 @@ class Waveforms:
         Zero where nothing was recorded.
     noise : Noise
     whitener : Whitener
+    mesh_doubt : str
+        Why the whitener knows nothing of the error of the mesh; nothing where it does.
     """
 
     window: Window
@@ -56,6 +57,7 @@ class Waveforms:
     recorded: np.ndarray
     noise: Noise
     whitener: Whitener
+    mesh_doubt: str = ""
 
     def residuals(self, motions) -> np.ndarray:
         """Return what records less simulated motions, one dict a blast, hold in the band, (n,)."""
@@ -69,19 +71,10 @@ class Waveforms:
         -----
         theory.md (7.17): the sum of squares of what is whitened for each number of data.
         """
-        white = self.whitener.apply(self._restored(residuals)).ravel()
-        return float(white @ white) / self.whitener.n_data, white
-
-    def informed(self, residuals) -> "Waveforms":
-        """Return these records with the levels of errors that make residuals likeliest."""
-        found = infer_levels(self.whitener, self._restored(residuals))
-        return replace(self, whitener=found.whitener)
-
-    def _restored(self, residuals):
-        """Return residuals as motion."""
         band = self.whitener.band
         held = np.reshape(residuals, (*self.recorded.shape[:3], band.n_functions))
-        return band.restore(held)
+        white = self.whitener.apply(band.restore(held)).ravel()
+        return float(white @ white) / self.whitener.n_data, white
 
 
 def make_waveforms(projects, records, rms=None) -> Waveforms:
@@ -104,15 +97,17 @@ def make_waveforms(projects, records, rms=None) -> Waveforms:
 
     Notes
     -----
-    The errors of the theory are shaped as the records are, not as a simulation, so that a point
-    has one misfit whatever was run before. Their levels are the usual ones of theory.md (7.19)
-    until `Waveforms.informed` infers them.
+    Before anything is run, the errors of the theory can only be shaped as the records are, at the
+    usual levels of theory.md (7.19). That finds the valley; within it, it favours too much
+    damping, so `shape_beside` takes the shape of a simulation as soon as there is a good one.
     """
     window = window_of(projects)
     names = tuple(dict.fromkeys(name for one in records for name in one))
     _refuse_slow(projects, records, window)
     recorded = gathered(records, names, window)
-    band = band_functions(window.n_samples, window.dt, window.band, _valid(records, names, window))
+    band = band_functions(
+        window.n_samples, window.dt, window.band, _valid(projects, records, names, window)
+    )
     if rms is not None:
         noise = white_noise(rms, len(names), window)
     else:
@@ -204,12 +199,31 @@ def _refuse_slow(projects, records, window):
                 )
 
 
-def _valid(records, receivers, window):
-    """Tell which samples were recorded, (n_blasts, n_receivers, 3, n_samples)."""
+def _valid(projects, records, receivers, window):
+    """Tell which samples were recorded and are not clipped, (n_blasts, n_receivers, 3, n)."""
     times = window.dt * np.arange(window.n_samples)
     valid = np.zeros((len(records), len(receivers), 3, window.n_samples), dtype=bool)
-    for b, one in enumerate(records):
+    for b, (project, one) in enumerate(zip(projects, records, strict=True)):
         for name, record in one.items():
+            clipped = project.records[name].clipped
             inside = (times >= record.start) & (times <= record.times[-1] + 1e-9)
-            valid[b, receivers.index(name)] = record.present[:, None] & inside
+            there = record.present[:, None] & inside
+            for component, marks in enumerate(clipped.T):
+                there[component] &= _apart(times, record.times[marks], max(window.dt, record.dt))
+            if not there.any():
+                raise InputError(
+                    f"{project.path.name}: receivers.{name}.recorded: no sample after the first "
+                    "firing is there and below full scale; take another record, or leave it out "
+                    "of back_analysis.receivers"
+                )
+            valid[b, receivers.index(name)] = there
     return valid
+
+
+def _apart(times, others, distance):
+    """Tell which times lie farther than a distance from all others, which rise."""
+    if not len(others):
+        return np.ones(len(times), dtype=bool)
+    after = np.minimum(np.searchsorted(others, times), len(others) - 1)
+    near = np.minimum(np.abs(times - others[after]), np.abs(times - others[after - 1]))
+    return near > distance

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from .config_back_analysis import BackAnalysisConfig
+from .config_delays import DelaysConfig
 from .config_ground import (
     BoundariesConfig,
     DampingConfig,
@@ -15,6 +16,7 @@ from .config_ground import (
     RimConfig,
 )
 from .config_ground_fields import GroundConfig
+from .config_recording import RecordingConfig
 from .config_section import (
     Band,
     Bearing,
@@ -65,19 +67,6 @@ class BlastConfig(Section):
         rows = ("rows", "holes_per_row", "delay_ms", "charge_kg", "diameter_mm", "depth_m")
         self._one_of((*rows, "burden_m", "spacing_m", "position_m"), ("file",))
         return self
-
-
-class RecordingConfig(Section):
-    """A recorded seismogram: a file and what it does not say itself."""
-
-    file: str
-    format: str | None = None
-    record: Count = 1
-    mapping: str | None = None
-    bearing_deg: Bearing | None = None
-    full_scale_mm_per_s: Positive | None = None
-    unit: str | None = None
-    start_s: float | None = None
 
 
 class CavityConfig(Section):
@@ -196,6 +185,7 @@ class Config(Section):
     receivers: list[ReceiverConfig] = Field([])
     run: RunConfig
     back_analysis: BackAnalysisConfig | None = None
+    delays: DelaysConfig | None = None
 
     @model_validator(mode="after")
     def _what_enters(self):

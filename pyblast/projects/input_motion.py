@@ -13,7 +13,7 @@ from ..blasting.superposition import superpose, travel_shifts
 from ..errors import InputError
 from ..motion.seismogram import GEOGRAPHIC, Seismogram
 from ..motion.spectra import LowPassed, lowpass
-from ..records.recordings import read_recording
+from ..records.recordings import Recording, read_recording
 from ..solving.boundaries import StressInput, VelocityInput
 from ..solving.plane_waves import PlaneWave, polarisation
 from ..solving.sources import TimeFunction
@@ -97,8 +97,8 @@ def make_firing(config, blast, reference_charge=None) -> Firing:
     return firing
 
 
-def read_motion(config, folder) -> Seismogram:
-    """Read the seismogram that a `RecordingConfig` names."""
+def read_record(config, folder) -> Recording:
+    """Read the record that a `RecordingConfig` names."""
     found = read_recording(
         folder / config.file,
         config.format,
@@ -111,8 +111,16 @@ def read_motion(config, folder) -> Seismogram:
     )
     if config.record > len(found):
         raise InputError(f"record: {config.file} has {len(found)} records, got {config.record}")
-    seismogram = found[config.record - 1].seismogram
-    return seismogram if config.start_s is None else replace(seismogram, start=config.start_s)
+    record = found[config.record - 1]
+    if config.start_s is None:
+        return record
+    return replace(record, seismogram=replace(record.seismogram, start=config.start_s))
+
+
+def read_hole(config, folder) -> Seismogram:
+    """Read a single hole without the recorder's offset, which would be added up over the holes."""
+    seismogram = read_record(config, folder).seismogram
+    return replace(seismogram, velocity=seismogram.velocity - seismogram.velocity.mean(axis=0))
 
 
 def cavity_pulse(config, material):
@@ -137,16 +145,14 @@ def make_signature(config, materials, folder) -> Seismogram:
 def _single_hole(config, materials, folder):
     """Return a record without its mean, or the closed form."""
     if config.recorded is not None:
-        seismogram = read_motion(config.recorded, folder)
+        seismogram = read_hole(config.recorded, folder)
         if tuple(seismogram.components) != GEOGRAPHIC:
             raise InputError(
                 "recorded.bearing_deg: missing; the record has longitudinal and transverse "
                 "components, give the direction from the instrument to the blast"
             )
-        # A recorder's offset would be added up over the holes.
-        centred = seismogram.velocity - seismogram.velocity.mean(axis=0)
-        _refuse_gaps(config.recorded.file, seismogram, centred)
-        return replace(seismogram, velocity=centred)
+        _refuse_gaps(config.recorded.file, seismogram)
+        return seismogram
     cavity = config.cavity
     if cavity.material not in materials:
         raise InputError(f"cavity.material: must be one of {', '.join(materials)}")
@@ -158,7 +164,7 @@ def _single_hole(config, materials, folder):
     )  # fmt: skip
 
 
-def _refuse_gaps(file, seismogram, velocity):
+def _refuse_gaps(file, seismogram):
     """Refuse a single hole without one of its components, or one that never moves."""
     if not seismogram.present.all():
         missing = seismogram.components[int(seismogram.present.argmin())]
@@ -166,7 +172,7 @@ def _refuse_gaps(file, seismogram, velocity):
             f"recorded.file: {file} has no component {missing}, what enters through a face needs "
             "all three; add the column, zeros where it does not move"
         )
-    if not velocity.any():
+    if not seismogram.velocity.any():
         raise InputError(f"recorded.file: {file} never moves; give the record of a single hole")
 
 
@@ -219,8 +225,9 @@ def shifts_of(config, blast, receiver, reference):
     return travel_shifts(blast, receiver, config.wave_speed_m_per_s, reference)
 
 
-def like_simulated(config, seismogram) -> Seismogram:
+def like_simulated(config, record) -> Recording:
     """Turn a record into the components of its receiver, a `ReceiverConfig`."""
+    seismogram, clipped = record.seismogram, record.clipped
     geographic = tuple(seismogram.components) == GEOGRAPHIC
     if config.azimuth_deg is None and not geographic:
         raise InputError(
@@ -228,5 +235,8 @@ def like_simulated(config, seismogram) -> Seismogram:
             "components"
         )
     if config.azimuth_deg is not None and geographic:
-        return seismogram.rotated(math.radians(config.azimuth_deg))
-    return seismogram
+        either = clipped[:, :1] | clipped[:, 1:2]  # each horizontal component takes from both
+        turned = seismogram.rotated(math.radians(config.azimuth_deg))
+        marks = np.hstack([either, either, clipped[:, 2:]])
+        return replace(record, seismogram=turned, clipped=marks)
+    return record

@@ -9,6 +9,7 @@ from ..blasting.blast import Blast, Firing
 from ..errors import InputError
 from ..meshing.mesh import Mesh
 from ..motion.seismogram import Seismogram
+from ..records.recordings import Recording
 from ..solving.insitu import joint_pressures
 from ..solving.joints import Joint
 from ..solving.materials import Material
@@ -34,7 +35,7 @@ from .input_motion import (
     make_firing,
     make_input,
     make_signature,
-    read_motion,
+    read_record,
     shifts_of,
 )
 from .joint_keys import make_joint
@@ -176,14 +177,19 @@ class Project:
         return rim
 
     @cached_property
-    def recorded(self) -> dict[str, Seismogram]:
-        """Recorded seismograms by receiver, in the components of the simulated ones."""
+    def records(self) -> dict[str, Recording]:
+        """Records by receiver, in the components of the simulated seismograms."""
         found = {}
         for part in self.config.receivers:
             if part.recorded is not None:
                 with named_error(f"{self.path.name}: receivers.{part.name}.recorded"):
-                    found[part.name] = like_simulated(part, read_motion(part.recorded, self.folder))
+                    found[part.name] = like_simulated(part, read_record(part.recorded, self.folder))
         return found
+
+    @property
+    def recorded(self) -> dict[str, Seismogram]:
+        """Recorded seismograms by receiver."""
+        return {name: record.seismogram for name, record in self.records.items()}
 
     @cached_property
     def model(self) -> Model:

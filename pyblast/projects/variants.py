@@ -59,4 +59,4 @@ def _needs(config):
         mesh |= {"materials"}
     if config.ground.damaged_zone is not None:
         mesh |= {"blast", "materials"}
-    return {"mesh": mesh, "receivers": mesh | {"receivers"}, "recorded": {"receivers"}}
+    return {"mesh": mesh, "receivers": mesh | {"receivers"}, "records": {"receivers"}}

@@ -19,6 +19,7 @@ def summarise_plan(plan) -> dict:
         "band_hz": plan.window.band,
         "noise": plan.noise,
         "levels": plan.levels,
+        "mesh_doubt": plan.mesh_doubt,
         "parameters": [
             {
                 **asdict(one),
@@ -89,6 +90,8 @@ def told_lines(plan) -> list[str]:
             f"most would be learnt from {place}{best['name']}: it lowers ln det of the covariance "
             f"by {best['gain']:.2g}{worst}"
         )
+    if plan["mesh_doubt"]:
+        lines.append(plan["mesh_doubt"])
     return lines
 
 

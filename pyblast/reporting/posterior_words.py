@@ -18,6 +18,7 @@ def summarise_posterior(found, parameters):
     intervals = [None] * len(parameters) if found.doubt else found.intervals.tolist()
     return {
         "doubt": found.doubt,
+        "mesh_doubt": found.mesh_doubt,
         "seed": found.seed,
         "runs": found.runs,
         "checks": len(found.log_weights),
@@ -49,6 +50,7 @@ def posterior_lines(table) -> list[str]:
         f"{table['effective_checks_corrected']:.1f}; split R-hat {worst:.4f}, autocorrelation "
         f"{slowest:.0f} of {table['steps']} steps, seed {table['seed']}"
     )
+    doubt = [f"{table['mesh_doubt']}; it is not in the intervals"] * bool(table["mesh_doubt"])
     if table["doubt"]:
         return [f"no intervals: {table['doubt']}", checks]
     rows = table["parameters"]
@@ -63,4 +65,4 @@ def posterior_lines(table) -> list[str]:
             told.append(
                 f"{rows[i]['path']} and {rows[j]['path']} go together: {correlation[i, j]:.2f}"
             )
-    return [*told, checks]
+    return [*told, *doubt, checks]

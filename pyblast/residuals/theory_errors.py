@@ -5,7 +5,7 @@ import numpy as np
 from .band import Band
 from .levels import infer_levels
 from .noise import Noise
-from .nuisances import mesh_columns, nuisances
+from .nuisances import Nuisances, mesh_columns, nuisances
 from .scattering import scattering
 from .whitening import Whitener, whitener
 
@@ -21,13 +21,19 @@ def usual_whitener(motion, noise: Noise, band: Band, mesh_errors=()) -> Whitener
     mesh_errors : sequence of the same shape as the motion, m/s
         What meshes may do to the simulation, as of `mesh_error`; of each receiver on their own.
     """
+    parts, spread = error_columns(motion, band, mesh_errors), scattering(motion, band)
+    return whitener(noise, band, len(motion), nuisances=parts, scattering=spread)
+
+
+def error_columns(motion, band: Band, mesh_errors=()) -> Nuisances:
+    """Return the small errors of a motion, those of its mesh included; as `usual_whitener`."""
     parts = nuisances(motion, band)
     if len(mesh_errors):
         errors = np.asarray(mesh_errors, dtype=np.float64)
         alone = np.eye(errors.shape[2])[:, None, None, :, None, None] * errors
-        parts += mesh_columns(alone.reshape(-1, *errors.shape[1:]), band)
-    spread = scattering(motion, band)
-    return whitener(noise, band, len(motion), nuisances=parts, scattering=spread)
+        alone = alone.reshape(-1, *errors.shape[1:])
+        parts += mesh_columns(alone[np.any(alone, axis=(1, 2, 3, 4))], band)
+    return parts
 
 
 def whitener_beside(recorded, simulated, noise: Noise, band: Band, mesh_errors=()) -> Whitener:
