@@ -1,0 +1,1 @@
+"""Blind benchmark of the diagnosis: sealed truths, frozen answers, a table of scores."""

@@ -1,0 +1,138 @@
+"""Draw, run and score the blind benchmark.
+
+    OMP_NUM_THREADS=1 python -m benchmarks.blind [draw|run|score|page] [--cases N] [--workers N]
+
+Without a job all are done in turn. ``draw`` writes the cases and seals their truths, ``run``
+diagnoses them and freezes the answers, ``score`` opens both and writes benchmarks/blind.json, and
+``page`` docs/blind.md. What is there is not made again: a killed job goes on with what is missing.
+Needs the real recordings of examples/real/README.md for their noise.
+"""
+
+import argparse
+import json
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
+from multiprocessing import get_context
+from pathlib import Path
+
+from pyblast.errors import InputError
+from pyblast.projects.result import write_text
+
+from . import scores as scoring
+from .drawing import draw
+from .page import write_page
+from .plan import DEVELOPMENT_SEED, TEST_SEED, plan
+from .right_model import motion_of, reductions, right
+from .rows import row_of
+from .running import answer
+from .sealing import opened, publish, published
+
+RESULT = Path(__file__).resolve().parents[1] / "blind.json"
+JOBS = ("draw", "run", "score", "page")
+CASES = 160
+
+
+def main():
+    """Do what is asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("job", nargs="?", choices=JOBS, help="all in turn if not given")
+    parser.add_argument("--cases", type=int, default=CASES)
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--seed", type=int, default=TEST_SEED,
+                        help=f"{TEST_SEED} is the test, {DEVELOPMENT_SEED} for trials")  # fmt: skip
+    parser.add_argument("--store", type=Path, help="default: build/blind-SEED")
+    given = parser.parse_args()
+    store = given.store or Path("build") / f"blind-{given.seed}"
+    try:
+        for job in (given.job,) if given.job else JOBS:
+            globals()[f"_{job}"](given, store)
+    except InputError as error:
+        sys.exit(str(error))
+
+
+def _draw(given, store):
+    """Draw all cases and publish their seals."""
+    cases = plan(given.cases, given.seed)
+    seals = {}
+    for case, sealed in _side_by_side(partial(_drawn, store=store), cases, given.workers):
+        seals[case.name] = sealed
+        print(f"{case.name} sealed", flush=True)
+    root = publish(store, seals, {"cases": given.cases, "seed": given.seed})
+    print(f"seals of {len(seals)} cases: {root}")
+
+
+def _drawn(case, store):
+    """Draw one case."""
+    return draw(case, store)
+
+
+def _run(given, store):
+    """Answer all cases that are sealed."""
+    seals = published(store)["seals"]
+    job = partial(answer, store=store, seals=seals)
+    for _, said in _side_by_side(job, list(seals), given.workers):
+        print(said, flush=True)
+
+
+def _score(given, store):
+    """Open truths and answers and write the scores."""
+    table, rows = published(store), []
+    job = partial(_row, store=store, seals=table["seals"])
+    for _, row in _side_by_side(job, list(table["seals"]), given.workers):
+        rows.append(row)
+    rows.sort(key=lambda row: row["case"])
+    seed = table["plan"]["seed"]
+    found = {
+        "seed": seed, "test": seed == TEST_SEED, "root": table["root"],
+        "visible": scoring.VISIBLE, "clear": scoring.CLEAR, "scores": scoring.scores(rows),
+        "rows": rows, "seals": table["seals"],
+    }  # fmt: skip
+    write_text(_result(found["test"], store), json.dumps(found, indent=1) + "\n")
+
+
+def _row(name, store, seals):
+    """Open one case and score it; fit the right model if there is one."""
+    truth, said = opened(store, name, seals)
+    measured = {}
+    if truth["effects"]:
+        kept = store / "right" / f"{name}.json"
+        if not kept.exists():
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            write_text(kept, json.dumps(right(store, name, truth)) + "\n")
+        known, motion = json.loads(kept.read_text()), motion_of(store, name, truth)
+        told = {**(said.get("foretold") or {}), "right": known["foretold"]}
+        measured = {key: reductions(motion, one) for key, one in told.items() if one}
+        measured["length"] = known["length"]
+    return row_of(truth, said, measured)
+
+
+def _page(given, store):
+    """Write the page."""
+    path = _result(given.seed == TEST_SEED, store)
+    if not path.exists():
+        raise InputError(f"blind: {path} is not there; score the answers first")
+    write_page(json.loads(path.read_text(encoding="utf-8")))
+
+
+def _result(test, store):
+    """Return where scores go: those of trials stay in their store."""
+    return RESULT if test else store / "blind.json"
+
+
+def _side_by_side(job, items, workers):
+    """Yield each item with what the job makes of it."""
+    if workers < 2:
+        for item in items:
+            yield item, job(item)
+        return
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        waiting = {pool.submit(job, item): item for item in items}
+        for done in as_completed(waiting):
+            yield waiting[done], done.result()
+
+
+if __name__ == "__main__":
+    main()

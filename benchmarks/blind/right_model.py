@@ -1,0 +1,125 @@
+"""What the right model would have reached: the ceiling of gains, and how long effects are."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+from scipy import signal
+
+from pyblast.diagnose import cut_of
+from pyblast.diagnosis.calibration import calibrate
+from pyblast.diagnosis.fitting import fit, settle
+from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.diagnosis.scene import Scene
+from pyblast.diagnosis.search import started
+
+from .case_files import read_asked
+from .running import case_in, foretold
+from .sealing import data_of
+from .sites import BAND, BEFORE, DT, FURTHER
+
+
+def right(store: Path, name: str, truth: dict) -> dict:
+    """Fit the right effects, started where they are, to the records of a case.
+
+    Returns
+    -------
+    dict
+        ``length``: d', the length of the effects in units of errors after calibration has taken
+        what it can; ``foretold`` as of the answer, None where an effect is in no library.
+    """
+    case = case_in(store, name)
+    runs = store / "runs" / name
+    forward = Forward(case, cut_of(case.site), runs)
+    baseline = calibrate(forward, Forward(case, cut_of(case.site, fine=True), runs))
+    motion = motion_of(store, name, truth)
+    found = {"length": length(case, baseline, motion), "foretold": None}
+    scene = Scene(forward, baseline, forward.hole_motion(baseline.site))
+    effects = [_best_start(scene, one) for one in truth["effects"]]
+    if all(one is not None for one in effects):
+        on_site = any(one.hypothesis.on == "site" for one in effects)
+        home = np.zeros(len(baseline.values)) if on_site else baseline.values
+        fitted = fit(scene, effects, home)
+        if fitted is not None:
+            found["foretold"] = foretold(
+                case, read_asked(store / "asked" / name), fitted.values, fitted.effects, runs
+            )
+    return found
+
+
+def motion_of(store: Path, name: str, truth: dict) -> dict:
+    """Return the sealed motion: ``clean`` and ``without`` effects, by blast, from hole one on."""
+    content = data_of(truth, store / "truth" / name / "motion.npz")
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+        return {key: arrays[key][..., BEFORE:].astype(float) for key in arrays.files}
+
+
+def length(case, baseline, motion) -> float:
+    """Return d' of all effects of a case together."""
+    names = [r.name for r in case.site.receivers]
+    at = [names.index(name) for name in case.receivers]
+    change = np.stack(
+        [(motion[f"clean {b}"] - motion[f"without {b}"])[at] for b in case.blasts]
+    )  # fmt: skip
+    likelihood = baseline.likelihood
+    white = likelihood.white(change[..., : case.n_samples])
+    columns = likelihood.white(baseline.slopes * baseline.sigma[:, None, None, None, None])
+    weights = likelihood.freedom / np.maximum(likelihood.kept, 1)
+    pull = np.einsum("ibrm,brm,br->i", columns, white, weights, optimize=True)
+    bend = np.einsum("ibrm,jbrm,br->ij", columns, columns, weights, optimize=True)
+    square = np.einsum("brm,brm,br->", white, white, weights)
+    taken = pull @ np.linalg.solve(bend + np.eye(len(bend)), pull)
+    return float(np.sqrt(max(square - taken, 0.0)))
+
+
+def _best_start(scene, hidden):
+    """Return the effect of the library that is hidden, at the start that fits best, or None."""
+    trials = []
+    for hypothesis in LIBRARY.values():
+        if hypothesis.label != hidden["label"]:
+            continue
+        for target in _there(hypothesis.targets(scene.case), hidden["target"]):
+            for one in started(hypothesis, target, scene):
+                on_site = hypothesis.on == "site"
+                home = np.zeros(len(scene.baseline.values)) if on_site else scene.baseline.values
+                squares, _, effects = settle(scene, (one,), home, knobs=0 if on_site else 1)
+                trials.append((squares, effects[-1]))
+    return min(trials, key=lambda one: one[0], default=(None, None))[1]
+
+
+def _there(targets, wanted):
+    """Return those targets that mean a true one: the same, or the nearest plane."""
+    if "=" not in wanted:
+        return [target for target in targets if target == wanted]
+    axis, place = wanted.split("=")
+    same = [target for target in targets if target.startswith(f"{axis}=")]
+    return sorted(same, key=lambda target: abs(float(target[2:]) - float(place)))[:1]
+
+
+def reductions(motion, told) -> dict:
+    """Return the shares of the energy of unseen records that are foretold, means over records.
+
+    Parameters
+    ----------
+    motion : dict
+        As of `motion_of`.
+    told : dict
+        As of `foretold`, with the names of its blasts and receivers.
+    """
+    band = signal.butter(3, BAND, "band", fs=1.0 / DT, output="sos")
+
+    def explained(true, said):
+        n = min(true.shape[-1], said.shape[-1])
+        wrong = true[..., :n] - said[..., :n]
+        true, left = (signal.sosfiltfilt(band, v) for v in (true[..., :n], wrong))
+        return 1.0 - np.sum(left**2, axis=(-2, -1)) / np.sum(true**2, axis=(-2, -1))
+
+    known, blasts = told["receivers"], told["blasts"]
+    true = motion[f"clean {FURTHER}"]
+    further = explained(true[: len(known)], np.array(told["blast"]))
+    hidden = np.stack([motion[f"clean {b}"][-1] for b in blasts])
+    return {
+        "blasts": float(np.mean(further)),
+        "receivers": float(np.mean(explained(hidden, np.array(told["receiver"])))),
+    }

@@ -1,0 +1,97 @@
+"""One answer: the diagnosis of a case as anybody gets it, and what it foretells."""
+
+import time
+import traceback
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from pyblast.diagnose import cut_of, diagnose
+from pyblast.diagnosis.case import case_of
+from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.prediction import effects_of, predict, site_of
+from pyblast.projects.result import plain
+from pyblast.projects.site import read_site
+from pyblast.solving.model import Receiver
+
+from .case_files import read_asked
+from .sealing import LOCKS, freeze
+from .sites import HIDDEN
+from .worlds import delayed
+
+BUDGET = 700  # runs
+DIAGNOSIS_SEED = 1
+
+
+def answer(name: str, store: Path, seals: dict) -> str:
+    """Diagnose a case that has no answer yet, freeze the answer, and say it in a line."""
+    if (store / LOCKS / f"{name}.json").exists():
+        return f"{name}: answered before"
+    began = time.process_time()
+    try:
+        found = _answered(store, name)
+    except Exception:  # a crash is an answer, and a wrong one
+        found = {"outcome": "CRASH", "error": traceback.format_exc()}
+    found["cpu_s"] = round(time.process_time() - began, 1)
+    freeze(store, name, found, seals)
+    labels = "+".join(one["label"] for one in found.get("effects", []))
+    return f"{name}: {found['outcome']} {labels} ({found['cpu_s']:.0f} s)"
+
+
+def _answered(store, name):
+    """Return the diagnosis of a case with its predictions."""
+    site, runs = read_site(store / "cases" / name), store / "runs" / name
+    made = diagnose(site, runs, budget=BUDGET, seed=DIAGNOSIS_SEED)
+    summary = plain(made.summary)
+    model, case, asked = summary["model"], made.scene.case, read_asked(store / "asked" / name)
+    after = foretold(case, asked, model["values"], effects_of(model), runs)
+    before = foretold(case, asked, model["baseline_values"], (), runs)
+    return {**summary, "foretold": {"before": before, "after": after}}
+
+
+def foretold(case, asked, values, effects, folder) -> dict:
+    """Foretell the further blast at the known receivers, all blasts at the further receiver.
+
+    Returns
+    -------
+    dict
+        ``blast`` (n_receivers, 3, n_samples) and ``receiver`` (n_blasts, 3, n_samples), m/s, as
+        lists of few digits, and the names of ``blasts`` and ``receivers``.
+    """
+    blast, place = asked
+    cut = cut_of(case.site)
+    further = predict(case, cut, blast, values, effects, folder)
+    there = replace(case.site, receivers=(Receiver(HIDDEN, place),))
+    site = site_of(there, values, effects)
+    forward = Forward(replace(case, site=there, receivers=(HIDDEN,)), cut, folder)
+    changed = [_fired(site, name, effects) for name in case.blasts]
+    heard = forward.heard([(one, b) for (one, _), b in zip(changed, case.blasts, strict=True)])
+    hidden = [delayed(v[0], -lead) for v, (_, lead) in zip(heard, changed, strict=True)]
+    return {
+        "blasts": list(case.blasts), "receivers": list(case.receivers),
+        "blast": _short(further), "receiver": _short(np.stack(hidden)),
+    }  # fmt: skip
+
+
+def _fired(site, name, effects):
+    """Return the site with what was found of the holes of a blast, all late by a lead in s."""
+    blast = site.blasts[name]
+    times, charge = blast.times, blast.charge
+    for effect in effects:
+        if effect.hypothesis.on == "holes" and effect.target == name:
+            delays, scales = effect.hypothesis.apply(blast, name, **effect.knobs)
+            times, charge = times + delays, charge * scales ** (1.0 / site.exponent)
+    lead = max(0.0, -float(times.min()))
+    changed = replace(blast, times=times + lead, charge=charge)
+    return replace(site, blasts={**site.blasts, name: changed}), lead
+
+
+def _short(motion):
+    """Return motion as lists of numbers of few digits."""
+    return [[[float(f"{v:.6g}") for v in row] for row in three] for three in motion]
+
+
+def case_in(store: Path, name: str):
+    """Return the case of a folder."""
+    return case_of(read_site(store / "cases" / name))
