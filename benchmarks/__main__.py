@@ -3,7 +3,7 @@
     python -m benchmarks [PART ...] [--peers] [--quick] [--long]
 
 Without names every part is measured but the peers, which are installed from their packages and
-take an hour; ``--peers`` adds them. ``--quick`` tries each part on small meshes and keeps nothing;
+take minutes; ``--peers`` adds them. ``--quick`` tries each part on small meshes and keeps nothing;
 ``--long`` adds the finest meshes and the largest studies. ``benchmarks/results.json`` keeps what is
 not measured now; the tables and figures of docs/performance.md follow from it.
 """
@@ -20,6 +20,7 @@ from . import (
     accuracy,
     case,
     coverage,
+    edges,
     kernels,
     laws,
     mine,
@@ -35,6 +36,7 @@ from .peers import beside
 RESULTS = Path(__file__).with_name("results.json")
 PARTS = {
     "kernels": kernels,
+    "edges": edges,
     "laws": laws,
     "peers": beside,
     "steps": step_sizes,

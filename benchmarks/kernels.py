@@ -1,4 +1,7 @@
-"""Steps of zones against the stream of their own data, a naive loop, batches, bad orders."""
+"""Steps by edges and by zones against the stream of their own data, a naive loop, batches, orders.
+
+Ground that is linear marches by its edges; what it would cost by zones is timed beside it.
+"""
 
 import numpy as np
 
@@ -13,6 +16,7 @@ from .marching import (
     LEDGER_EVERY,
     ROCK,
     March,
+    by_zones,
     cube,
     prepared,
     rock_model,
@@ -24,6 +28,11 @@ TITLE = "Kernels"
 CELLS = {"0.2 M": 33, "1 M": 55}
 ZONE_STEPS = 10_000_000  # of one timing
 DAMPING = Damping(0.02, 10.0, corner=150.0)
+KERNELS = {
+    "zones": "zones alone", "step": "step by zones", "damped": "damped step by zones",
+    "edges": "step by edges", "edges_damped": "damped step by edges",
+}  # fmt: skip
+BY_EDGES = {"step": "edges", "damped": "edges_damped"}
 LEAST = 59.0  # bytes a zone and step that no kernel of this kind can do without (the design)
 
 
@@ -40,45 +49,51 @@ def measure(effort):
 def of_size(mesh):
     """Return what one mesh gives."""
     mesh, n_steps = renumbered(mesh), rounds_of_ledger(len(mesh.zones), ZONE_STEPS)
-    probes = Probes()
-    still = prepared(rock_model(mesh), n_steps)
-    damped = prepared(rock_model(mesh, damping=DAMPING), n_steps)
+    probes, models = Probes(), full_steps(mesh, n_steps)
     works = {
         **probes.works(),
         "naive_1": on(1, Naive(mesh, n_steps)),
         "zones_1": on(1, zones_alone(mesh, n_steps)),
-        **by_threads("step", March(still, n_steps)),
-        **by_threads("damped", March(damped, n_steps)),
         "random_1": on(1, March(prepared(rock_model(shuffled(mesh)), n_steps), n_steps)),
         "unordered_1": on(1, March(unordered(mesh, n_steps), n_steps)),
     }
+    for name, model in models.items():
+        works |= by_threads(name, March(model, n_steps))
     took = interleaved(works)
     del works
     machine = probes.found(took)
-    batch = in_batch({"step": still, "damped": damped}, n_steps)
+    batch = in_batch(models, n_steps)
     rates = {
         name: len(mesh.zones) * n_steps / median(times) / 1e6
         for name, times in took.items()
         if not name.startswith(("triad", "multiply"))
     }
-    own = bytes_per_zone(still.constants)
-    moved = {"zones_1": own["zones"], "step_1": own["step"], "damped_1": own["damped"]}
+    own = bytes_per_zone(models["edges"].constants)
     stream = machine["triad_gb_per_s"][0] * 1e3
     return {
         "zones": len(mesh.zones), "nodes": len(mesh.points), "steps": n_steps, "probes": machine,
         "million_zone_steps_per_s": rates, "bytes_per_zone": own,
-        "share_of_own_roof": {name: rates[name] * size / stream for name, size in moved.items()},
-        "share_of_least_roof": {name: rates[name] * LEAST / stream for name in moved},
-        "over_naive": {
-            name: ratio(took["naive_1"], took[name]) for name in ("zones_1", "step_1", "damped_1")
-        },
-        "two_threads": {
-            name: ratio(took[f"{name}_1"], took[f"{name}_2"]) for name in ("step", "damped")
-        },
-        "random_over_ordered": ratio(took["step_1"], took["random_1"]),
-        "unordered_over_ordered": ratio(took["step_1"], took["unordered_1"]),
+        "share_of_own_roof": {f"{name}_1": rates[f"{name}_1"] * own[name] / stream
+                              for name in KERNELS},
+        "share_of_least_roof": {f"{name}_1": rates[f"{name}_1"] * LEAST / stream
+                                for name in KERNELS},
+        "over_naive": {f"{name}_1": ratio(took["naive_1"], took[f"{name}_1"])
+                       for name in KERNELS},
+        "edges_over_zones": {name: ratio(took[f"{name}_1"], took[f"{by}_1"])
+                             for name, by in BY_EDGES.items()},
+        "two_threads": {name: ratio(took[f"{name}_1"], took[f"{name}_2"]) for name in models},
+        "random_over_ordered": ratio(took["edges_1"], took["random_1"]),
+        "unordered_over_ordered": ratio(took["edges_1"], took["unordered_1"]),
         "batch_of_8": batch,
     }  # fmt: skip
+
+
+def full_steps(mesh, n_steps):
+    """Return models prepared to march by zones and by edges, without damping and with it."""
+    still = prepared(rock_model(mesh), n_steps)
+    damped = prepared(rock_model(mesh, damping=DAMPING), n_steps)
+    return {"step": by_zones(still), "damped": by_zones(damped),
+            "edges": still, "edges_damped": damped}  # fmt: skip
 
 
 def by_threads(name, work):
@@ -152,60 +167,70 @@ def shuffled(mesh):
 def bytes_per_zone(constants):
     """Return what a step must move, each array counted once for each pass that meets it.
 
-    Zones read slots and moduli (32 B a zone); slots their node, place and sum, which nodes read
-    again with its number (80 B a slot); nodes displacement, velocity, mass, force, load (212 B).
-    Low-passed damping adds memory and velocity of nodes to what zones read, its update, and two
-    passes over slots that tell the power of damping.
+    Zones read slots and moduli (32 B a zone) and the places of slots (24 B); edges their springs
+    and other end (52 B an edge), their start in each slot (4 B) and skew parts (32 B each), and
+    zones when the ledger is written. Either reads the node of a slot and writes its sum, which
+    nodes read again with its number (56 B a slot); nodes displacement, velocity, mass, force, load
+    (212 B). Low-passed damping adds memory and velocity of nodes to what zones or edges read, its
+    update, and two passes over slots that tell the power of damping.
     """
     n_zones = constants["zone_slot"].shape[1]
     slots = len(constants["slot_node"]) / n_zones
     nodes = len(constants["node_mass"]) / n_zones
-    alone = 32.0 + slots * (4 + 24 + 24) + slots * 24 + nodes * (24 + 24 + 24 + 24 + 48 + 48)
-    step = 32.0 + 80.0 * slots + 212.0 * nodes
-    damped = step + slots * 2 * (24 + 4) + nodes * (24 + 24 + 2 * 24 + 24 + 24 + 48)
-    return {"zones": alone, "step": step, "damped": damped, "least": LEAST,
-            "slots_a_zone": slots, "nodes_a_zone": nodes}  # fmt: skip
+    edges = len(constants["edge_slot"]) / n_zones
+    skew = len(constants["skew_spring"]) / n_zones
+    zones, springs = 32.0 + 24.0 * slots, 52.0 * edges + 4.0 * slots + 32.0 * skew
+    alone = zones + slots * (4 + 24) + slots * 24 + nodes * (24 + 24 + 24 + 24 + 48 + 48)
+    passes = 56.0 * slots + 212.0 * nodes
+    damping = slots * 2 * (24 + 4) + nodes * (24 + 24 + 2 * 24 + 24 + 24 + 48)
+    by_edges = springs + passes + zones / LEDGER_EVERY
+    return {"zones": alone, "step": zones + passes, "damped": zones + passes + damping,
+            "edges": by_edges, "edges_damped": by_edges + damping, "least": LEAST,
+            "slots_a_zone": slots, "nodes_a_zone": nodes, "edges_a_zone": edges}  # fmt: skip
 
 
 def lines(found):
     """Return the tables of this part."""
     told = [
         "Million zones a step and second (Mz/s), one thread; six zones to a cell, in order along a",
-        "curve. *Zones* are forces and update alone; *step* has quiet sides, ten receivers and the",
-        "ledger of energies; *damped* low-passed Rayleigh damping of 2 % as well. Shares are of "
-        "the",
-        "triad's bytes a second, by the bytes that a step of its kind moves and by the 59 B "
-        "that no",
-        "step can do without.",
+        "curve. *Zones alone* are forces and update alone; a *step* has quiet sides, ten receivers",
+        "and the ledger of energies, a *damped* one low-passed Rayleigh damping of 2 % as well.",
+        "*By edges* is how such ground marches, *by zones* how ground does that edges can not",
+        "carry. Shares are of the triad's bytes a second, by the bytes that a step of its kind",
+        "moves and by the 59 B that no step of zones can do without.",
         "",
         "| mesh | kernel | Mz/s | B a zone | of its roof | of that of 59 B | over naive loop | "
-        "2 threads |",
-        "|---|---|---|---|---|---|---|---|",
+        "2 threads | batch of 8 over single runs, 1 and 2 threads |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for name, one in found.items():
-        for kernel in ("zones", "step", "damped"):
-            key = f"{kernel}_1"
-            told.append(
-                f"| {name} | {kernel} | {one['million_zone_steps_per_s'][key]:.0f} "
-                f"| {one['bytes_per_zone'][kernel]:.0f} | {one['share_of_own_roof'][key]:.2f} "
-                f"| {one['share_of_least_roof'][key]:.2f} | {one['over_naive'][key]:.2f} "
-                f"| {one['two_threads'].get(kernel, float('nan')):.2f} |".replace("nan", "–")
-            )
+        told += [kernel_row(name, one, *kernel) for kernel in KERNELS.items()]
     told += [
         "",
-        "| mesh | batch of 8 over single runs, 1 and 2 threads | the same, damped "
-        "| random input order, renumbered | not renumbered "
-        "| triad GB/s | multiply-add GF/s, 2 threads |",
-        "|---|---|---|---|---|---|---|",
+        "| mesh | edges over zones, damped | random input order, renumbered | not renumbered "
+        "| triad GB/s, 1 and 2 threads | multiply-add GF/s, 2 threads |",
+        "|---|---|---|---|---|---|",
     ]
     for name, one in found.items():
-        batch, probes = one["batch_of_8"], one["probes"]
+        probes, over = one["probes"], one["edges_over_zones"]
         told.append(
-            f"| {name} | {batch['step_1']:.2f}, {batch['step_2']:.2f} "
-            f"| {batch['damped_1']:.2f}, {batch['damped_2']:.2f} "
+            f"| {name} | {over['step']:.2f}, {over['damped']:.2f} "
             f"| {one['random_over_ordered']:.2f} | {one['unordered_over_ordered']:.2f} "
             f"| {probes['triad_gb_per_s'][0]:.1f}, {probes['triad_gb_per_s'][1]:.1f} "
             f"| {probes['multiply_add_gflops'][0]:.0f}, × "
             f"{probes['multiply_add_two_threads']:.2f} |"
         )
     return told
+
+
+def kernel_row(mesh, one, kernel, words):
+    """Return the row of one kernel on one mesh."""
+    key, batch = f"{kernel}_1", one["batch_of_8"]
+    second = f"{one['two_threads'][kernel]:.2f}" if kernel in one["two_threads"] else "–"
+    gained = f"{batch[key]:.2f}, {batch[f'{kernel}_2']:.2f}" if key in batch else "–"
+    return (
+        f"| {mesh} | {words} | {one['million_zone_steps_per_s'][key]:.0f} "
+        f"| {one['bytes_per_zone'][kernel]:.0f} | {one['share_of_own_roof'][key]:.2f} "
+        f"| {one['share_of_least_roof'][key]:.2f} | {one['over_naive'][key]:.2f} "
+        f"| {second} | {gained} |"
+    )

@@ -9,6 +9,7 @@ from pyblast.solving import kernels
 from pyblast.solving.assembly import time_step
 from pyblast.solving.batches import stacked
 from pyblast.solving.boundaries import Viscous
+from pyblast.solving.edges import without_edges
 from pyblast.solving.joints import Joint
 from pyblast.solving.materials import Material
 from pyblast.solving.model import Model, Receiver
@@ -88,6 +89,11 @@ def prepared(model, n_steps, share=0.5):
     """Return a model prepared for some steps of a share of the longest stable one."""
     step = time_step(replace(model, step_factor=share))
     return prepare(model, n_steps * step[0], step=step)
+
+
+def by_zones(prepared):
+    """Return what was prepared, marching zone by zone where it would by springs along edges."""
+    return replace(prepared, constants=without_edges(prepared.constants))
 
 
 class Steps:
