@@ -45,7 +45,8 @@ def write(parts, results):
     """Write the page and the figures of the parts that were measured."""
     told = [HEAD, "## Goals", "", "| goal | measured | |", "|---|---|---|"]
     told += [f"| {goal} | {' | '.join(judged(judge, results))} |" for goal, judge in GOALS]
-    told += ["", "*No* is followed by what limits it, where that was measured.", ""]
+    told += ["", "*No* is followed by what limits it, where that was measured.", duration(results)]
+    told.append("")
     for name, part in parts.items():
         told += [f"## {part.TITLE}", ""]
         if name not in results:
@@ -59,6 +60,17 @@ def write(parts, results):
             told += [f"![{part.TITLE}](figures/bench/{name}.png)", ""]
         told += [told_of(name, one), ""]
     PAGE.write_text("\n".join(told) + "\n" + SEVERAL, encoding="utf-8")
+
+
+def duration(results):
+    """Return how long the bench took, and which part most of it."""
+    took = {name: one["seconds"] / 60.0 for name, one in results.items() if "seconds" in one}
+    longest = max(took, key=took.get, default=None)
+    if longest is None:
+        return "Nothing was timed."
+    return (
+        f"The bench took {sum(took.values()):.0f} minutes, *{longest}* {took[longest]:.0f} of them."
+    )
 
 
 def told_of(name, one):
