@@ -64,10 +64,10 @@ class Cut:
     def of(self, site: Site):
         """Return the cut that a site needs: a fabric has no zones but those of constant strain.
 
-        They are as small as nodes are apart in the others.
+        Of a third of the length, which cost about as much.
         """
         plain = site.fabric is not None and self.quadratic
-        return replace(self, edge=self.spread, quadratic=False) if plain else self
+        return replace(self, edge=self.edge / 3.0, quadratic=False) if plain else self
 
 
 def site_mesh(site: Site, cut: Cut) -> Mesh:
