@@ -11,7 +11,7 @@ from .search import Guess, started
 
 SURROGATES = 200
 LEVEL = 0.95
-SURE = 0.9  # of the interval of the threshold
+SPREAD = 1.645  # standard deviations of 90 % of a normal distribution, both sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,9 +35,9 @@ class Chance:
     def interval(self):
         """Where the threshold lies by its order statistics, with 90 % probability."""
         n = len(self.worth)
-        spread = 1.645 * np.sqrt(n * LEVEL * (1.0 - LEVEL))
+        spread = SPREAD * np.sqrt(n * LEVEL * (1.0 - LEVEL))
         first, last = (int(np.clip(n * LEVEL + d, 0, n - 1)) for d in (-spread, spread))
-        return float(self.worth[first]), float(self.worth[last])
+        return max(float(self.worth[first]), 0.0), max(float(self.worth[last]), 0.0)
 
 
 def chance(scene: Scene, none: Fit, guesses: list[Guess], seed: int) -> Chance:

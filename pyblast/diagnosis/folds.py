@@ -58,7 +58,7 @@ class HeldOut:
     def improves(self):
         """Tell whether the effect foretells what it was not fitted to."""
         fair = [fold.gain > -FALLS for fold in self.folds]
-        return bool(self.gain > ERRORS * self.error and np.mean(fair) >= MOSTLY)
+        return len(fair) > 1 and bool(self.gain > ERRORS * self.error and np.mean(fair) >= MOSTLY)
 
 
 def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:

@@ -59,6 +59,19 @@ class Likelihood:
         """Return -2 ln L of each record of mean squares (..., n_blasts, n_receivers)."""
         return (self.freedom + DOUBT) * np.log1p(self.freedom * size / DOUBT)
 
+    def excess(self, size, blasts=None):
+        """Return how much of -2 ln L noise and errors of the theory do not explain, of records.
+
+        Records that are better than these errors make up for none that is worse.
+        """
+        each = np.maximum(self.each(size) - self.each(np.ones(self.kept.shape)), 0.0)
+        return float(np.sum(each if blasts is None else each[list(blasts)]))
+
+    def share(self, before, after, blasts=None):
+        """Return the share of the excess of some sizes that is gone with others, at most 1."""
+        there = self.excess(before, blasts)
+        return 1.0 - self.excess(after, blasts) / there if there > 0.0 else 0.0
+
     def weights(self, size):
         """Return what squares of coefficients weigh, so that slopes of -2 ln L are right."""
         share = self.freedom / np.maximum(self.kept, 1)

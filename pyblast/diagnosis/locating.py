@@ -73,7 +73,7 @@ def scattering_points(baseline: Baseline, residual) -> list[dict]:
     -------
     list of dict
         The best point: ``x``, ``y`` in m, ``coherence`` (0 to 1), ``resolution_m``: the width
-        of the stack at -3 dB.
+        of the stack at -3 dB. None where receivers in a wrong order do as well.
 
     Notes
     -----
@@ -97,7 +97,11 @@ def scattering_points(baseline: Baseline, residual) -> list[dict]:
     ways = np.linalg.norm(points - source, axis=-1)[..., None]
     ways = ways + np.linalg.norm(points[:, :, None] - at, axis=-1)
     sample = np.clip(np.rint((ways / speed + delay) / case.dt).astype(int), 0, case.n_samples - 1)
-    stack = envelope[np.arange(len(at)), sample].mean(axis=-1)
+    here = np.arange(len(at))
+    stacks = [envelope[np.roll(here, k), sample].mean(axis=-1) for k in here]
+    stack = stacks[0]
+    if stack.max() <= max((one.max() for one in stacks[1:]), default=np.inf):
+        return []
     best = np.unravel_index(np.argmax(stack), stack.shape)
     width = spacing * np.sqrt(np.count_nonzero(stack >= HALF_POWER * stack[best]))
     return [

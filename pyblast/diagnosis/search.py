@@ -28,7 +28,7 @@ class Guess:
     ----------
     effect : Effect
     share : float
-        Of the misfit that noise and errors of the theory do not explain, on its blasts.
+        Of the excess misfit of the calibrated site that is gone, in its blasts.
     change : (n_blasts, n_receivers, 3, n_samples) float64, m/s
         Of the motion of the believed site; zero in blasts that were not run.
     blasts : tuple of int
@@ -209,38 +209,32 @@ def _seen_in(case, hypothesis, target):
 
 def _guess(found, effect, home, blasts):
     """Judge one effect on the site by a run of some blasts."""
-    scene = found.scene
-    squares, motion, _ = settle(scene, (effect,), home, blasts)
+    scene, likelihood = found.scene, found.scene.baseline.likelihood
+    motion = settle(scene, (effect,), home, blasts)[1]
     if motion is None:
         return None
-    nothing = settle(scene, (), home, blasts)[0]
     sent = scene.sent([(home, (effect,))], blasts)[0]
     change = np.zeros_like(motion)
     change[list(blasts)] = (sent - scene.baseline.believed)[list(blasts)]
-    return Guess(effect, _share(scene, nothing, squares, blasts), change, blasts)
-
-
-def _share(scene, before, after, blasts=None):
-    """Return the share of an excess misfit that is gone."""
-    likelihood = scene.baseline.likelihood
-    floor = likelihood.misfit_of(np.ones(likelihood.kept.shape), blasts)
-    return float((before - after) / max(before - floor, 1.0))
+    left = likelihood.size(likelihood.left(motion))
+    return Guess(effect, likelihood.share(found.none.size, left, blasts), change, blasts)
 
 
 def _rescreened(found, base):
     """Judge effects on the site again, on top of others, by adding their changes."""
-    scene, kept = found.scene, []
+    likelihood, kept = found.scene.baseline.likelihood, []
     for guess in found.guesses:
         if guess.effect.label in base.labels:
             continue
-        likelihood, blasts = scene.baseline.likelihood, list(guess.blasts)
-        before = likelihood.misfit(likelihood.left(base.motion), blasts)
-        sizes = [
-            likelihood.misfit(likelihood.left(base.motion + part * guess.change), blasts)
+        shares = [
+            likelihood.share(
+                base.size,
+                likelihood.size(likelihood.left(base.motion + part * guess.change)),
+                guess.blasts,
+            )
             for part in (0.5, 1.0)
         ]
-        share = _share(scene, before, min(sizes), blasts)
-        kept.append(Guess(guess.effect, share, guess.change, guess.blasts))
+        kept.append(Guess(guess.effect, max(shares), guess.change, guess.blasts))
     return sorted(kept, key=lambda one: -one.share)
 
 

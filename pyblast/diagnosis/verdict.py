@@ -67,21 +67,14 @@ def judge(found: Search, threshold: Chance) -> Verdict:
     if not chosen.effects or found.worth(chosen) < least:
         return Verdict("UNKNOWN", none, (), probability, 0.0, None)
     proof = held_out(found.scene, none, chosen)
-    share = explained(found, chosen)
-    if not proof.improves or share < PARTIAL_SHARE:
+    share = found.scene.baseline.likelihood.share(none.size, chosen.size)
+    if (proof.folds and not proof.improves) or share < PARTIAL_SHARE:
         return Verdict("UNKNOWN", none, (), probability, share, proof)
     rivals = _rivals(found, chosen)
-    if material(chosen.size) and share < NAMED_SHARE:
+    if not proof.folds or (material(chosen.size) and share < NAMED_SHARE):
         return Verdict("PARTIAL", chosen, rivals, probability, share, proof)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
     return Verdict(outcome, chosen, rivals, probability, share, proof)
-
-
-def explained(found: Search, fit: Fit) -> float:
-    """Return the share of the misfit beyond noise and errors of the theory that a fit explains."""
-    likelihood = found.scene.baseline.likelihood
-    floor = likelihood.misfit_of(np.ones(fit.size.shape))
-    return float((found.none.misfit - fit.misfit) / max(found.none.misfit - floor, 1.0))
 
 
 def intervals(fit: Fit) -> list[dict]:
@@ -106,12 +99,15 @@ def intervals(fit: Fit) -> list[dict]:
 
 
 def _pruned(found, threshold):
-    """Drop effects whose removal costs less evidence than chance finds."""
+    """Drop effects whose removal costs less evidence than chance finds, or proves nothing."""
     chosen, least = found.chosen, max(threshold.threshold, GROWS)
     while len(chosen.labels) > 1:
         shorter = [_without(found, chosen, label) for label in chosen.labels]
         best = max((one for one in shorter if one is not None), key=found.worth, default=None)
-        if best is None or found.worth(chosen) - found.worth(best) >= least:
+        if best is None:
+            break
+        proof = held_out(found.scene, best, chosen)
+        if found.worth(chosen) - found.worth(best) >= least and proof.improves:
             break
         chosen = best
     return chosen
@@ -137,11 +133,12 @@ def _rivals(found, chosen):
 
 
 def _probabilities(found):
-    """Return the posterior probability of each single label and of none."""
-    worth = {"none": 0.0}
-    for one in found.fits:
-        if len(one.labels) == 1:
-            worth[one.labels[0]] = max(worth.get(one.labels[0], -np.inf), found.worth(one))
-    values = np.array(list(worth.values()))
-    share = np.exp(values - values.max())
-    return dict(zip(worth, (share / share.sum()).round(4).tolist(), strict=True))
+    """Return the posterior probability of each label, alone or with others, and of none."""
+    sets = [((), 0.0), *((one.labels, found.worth(one)) for one in found.fits)]
+    most = max(worth for _, worth in sets)
+    whole = sum(np.exp(worth - most) for _, worth in sets)
+    shares = {}
+    for labels, worth in sets:
+        for label in labels or ("none",):
+            shares[label] = shares.get(label, 0.0) + float(np.exp(worth - most) / whole)
+    return {label: round(share, 4) for label, share in shares.items()}

@@ -85,8 +85,9 @@ def _effects(verdict):
                 "parameters": {},
             },
         )
+        place = effect.target if effect.target not in entry["target"] else effect.name
         entry["target"].append(effect.target)
-        entry["parameters"][effect.target] = table
+        entry["parameters"][place] = table
     for entry in entries.values():
         if len(entry["target"]) == 1:
             entry["parameters"] = entry["parameters"][entry["target"][0]]
@@ -116,11 +117,11 @@ def _not_testable(scene, found):
         size = likelihood.size(likelihood.white(guess.change))
         length = float(np.sqrt(np.sum(likelihood.freedom * size)))
         reach[guess.effect.label] = max(reach.get(guess.effect.label, 0.0), length)
-    for hypothesis in LIBRARY.values():
-        label = hypothesis.label
-        if not hypothesis.targets(case):
-            told[label] = f"this site has no {hypothesis.target} that it could belong to"
-        elif hypothesis.on == "site" and found.fits and label not in reach:
+    for label in dict.fromkeys(one.label for one in LIBRARY.values()):
+        forms = [one for one in LIBRARY.values() if one.label == label]
+        if not any(one.targets(case) for one in forms):
+            told[label] = f"this site has no {forms[0].target} that it could belong to"
+        elif found.fits and all(one.on == "site" for one in forms) and label not in reach:
             told[label] = "it can't be at this site, or the budget of runs ended before it"
         elif reach.get(label, np.inf) < VISIBLE:
             told[label] = (
@@ -134,7 +135,7 @@ def _next(verdict, found):
     """Return what to measure next."""
     if verdict.outcome == "NULL":
         return "nothing is missing that these records could show"
-    if verdict.outcome == "NAMED":
+    if verdict.outcome in ("NAMED", "COMPOSITE"):
         return "a further blast, to test the prediction of this model"
     labels = verdict.rivals or [one.labels[-1] for one in found.fits[:3]]
     advice = [h.settled_by for h in LIBRARY.values() if h.label in labels and h.settled_by]
