@@ -1,0 +1,1 @@
+"""Diagnosis of records without a model of the site: baselines are other records."""
