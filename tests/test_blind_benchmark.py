@@ -5,12 +5,25 @@ import json
 import numpy as np
 import pytest
 
+from benchmarks.blind.case_files import write_case
+from benchmarks.blind.drawing import with_effects
 from benchmarks.blind.noise import SEAM, joined
-from benchmarks.blind.plan import DEVELOPMENT_SEED, SHARES, TEST_SEED, plan
+from benchmarks.blind.nuisances import shaken
+from benchmarks.blind.plan import (
+    DEVELOPMENT_SEED,
+    FAMILY,
+    OUTSIDE,
+    SHARES,
+    TEST_SEED,
+    plan,
+)
 from benchmarks.blind.rows import row_of
 from benchmarks.blind.scores import calibration_error, medians, risk_curve, scores, shares
 from benchmarks.blind.sealing import freeze, opened, publish, published, seal
+from benchmarks.blind.sites import AFTER, BEFORE, FURTHER, HIDDEN, draw_site
+from benchmarks.blind.worlds import World
 from pyblast.errors import InputError
+from pyblast.projects.site import read_site
 
 
 def truth(block="single", label="missing_joint", target="x=60.0", **parameters):
@@ -169,6 +182,36 @@ def test_risk_grows_as_weaker_answers_are_let_in():
 
 def test_medians_leave_out_what_is_not_there():
     assert medians([1.0, None, 3.0, 2.0])["median"] == 2.0
+
+
+def test_probability_on_a_label_is_wrong_where_the_truth_is_in_no_library():
+    outside = {**truth("out of library", "void", ""), "block": "out of library"}
+    row = row_of(outside, answer(probability={"missing_joint": 1.0}))
+    assert (row["brier"], row["sure_right"]) == (2.0, False)
+
+
+def test_a_plane_on_the_other_axis_has_no_distance():
+    assert row_of(truth(), answer(target="y=60.0"))["metres"] is None
+
+
+def test_case_folders_hold_neither_the_further_blast_nor_the_hidden_receiver(tmp_path):
+    rng = np.random.default_rng(3)
+    site = draw_site(rng)
+    shape = len(site.receivers), 3, BEFORE + AFTER
+    write_case(tmp_path, "case-000", site, {blast: rng.normal(size=shape) for blast in site.blasts})
+    read = read_site(tmp_path)
+    assert FURTHER not in read.blasts
+    assert HIDDEN not in [r.name for r in read.receivers]
+    assert read.joints[0].joint.properties == pytest.approx(site.joints[0].joint.properties)
+
+
+@pytest.mark.parametrize("label", sorted({*FAMILY, *OUTSIDE}))
+def test_every_effect_that_is_planned_can_be_drawn(label):
+    rng = np.random.default_rng(5)
+    bare = World(*shaken(draw_site(rng), 1, rng))
+    world, hidden = with_effects(bare, [label], rng)
+    assert world is not bare
+    assert hidden[0]["family"] == FAMILY.get(label)
 
 
 def test_joined_noise_keeps_its_power_in_the_seams():

@@ -99,6 +99,11 @@ def _table(s):
         span = f"{gain['low']:.2f} to {gain['high']:.2f}"
         lines.append(f"| gain on unseen records over the right model's, median, d′ ≥ 8 "
                      f"| {gain['median']:.2f} | {span} | {gain['n']} | ≥ 0.7 |")  # fmt: skip
+    off = s["planes off, m"]
+    if off["n"]:
+        span = f"{off['low']:.1f} to {off['high']:.1f} m"
+        lines.append(f"| planes of missing joints are off by, median | {off['median']:.1f} m "
+                     f"| {span} | {off['n']} | |")  # fmt: skip
     for key in ("Brier", "calibration error"):
         if s[key] is not None:
             lines.append(f"| {key} | {s[key]:.2f} | | | |")

@@ -4,7 +4,7 @@ import numpy as np
 
 from .plan import FAMILY, NULLS
 
-LABELS = (*FAMILY, "none")
+LABELS = (*FAMILY, "none", "unknown")
 CLAIMS = ("NAMED", "COMPOSITE", "CLASS")  # that physics of the library is missing
 NAMES = ("NAMED", "COMPOSITE")
 NEAR = 20.0  # m, within which a plane is found: a third of a wave of the middle of the band
@@ -49,9 +49,10 @@ def row_of(truth: dict, answer: dict, measured: dict | None = None) -> dict:
         "family": _family(true, named or kin),
         "located": _located(truth, answer) if named else None,
         "covered": _covered(truth, answer) if named else [],
-        "gain": _gain(true, measured), "brier": _brier(true, probability),
+        "metres": _metres(truth, answer) if named else None,
+        "gain": _gain(true, measured), "brier": _brier(truth, true, probability),
         "confidence": max(probability.values(), default=None),
-        "sure_right": _sure_right(true, probability),
+        "sure_right": _sure_right(truth, true, probability),
         "lead": _lead(evidence), "leader_right": bool(first) and set(first) <= set(true),
         "runs": answer.get("runs"), "cpu_s": answer.get("cpu_s"),
         "null": truth["block"] in NULLS,
@@ -78,6 +79,17 @@ def _located(truth, answer):
         else:
             found.append(targets == [wanted])
     return all(found) if found else None
+
+
+def _metres(truth, answer):
+    """Return how far the plane of a joint that was rightly named is off, or None."""
+    known = {one["label"]: one["target"] for one in truth["effects"] if "=" in one["target"]}
+    for one in answer["effects"]:
+        if one["label"] in known:
+            targets = one["target"] if isinstance(one["target"], list) else [one["target"]]
+            far = min(_off(known[one["label"]], target, one) for target in targets)
+            return far if np.isfinite(far) else None
+    return None
 
 
 def _off(wanted, target, one):
@@ -123,19 +135,26 @@ def _gain(true, measured):
     return float((after - before) / room) if room > LEAST_ROOM else None
 
 
-def _brier(true, probability):
+def _wanted(truth, true):
+    """Return the word that should be certain."""
+    if true:
+        return true[0]
+    return "unknown" if truth["effects"] else "none"
+
+
+def _brier(truth, true, probability):
     """Return the squared distance of the probabilities from what is true, of single effects."""
     if not probability or len(true) > 1:
         return None
-    wanted = true[0] if true else "none"
+    wanted = _wanted(truth, true)
     return float(sum((probability.get(one, 0.0) - (one == wanted)) ** 2 for one in LABELS))
 
 
-def _sure_right(true, probability):
+def _sure_right(truth, true, probability):
     """Tell whether the most probable label is true."""
     if not probability or len(true) > 1:
         return None
-    return max(probability, key=probability.get) == (true[0] if true else "none")
+    return max(probability, key=probability.get) == _wanted(truth, true)
 
 
 def _lead(evidence):

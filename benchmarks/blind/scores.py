@@ -83,6 +83,7 @@ def scores(rows: list[dict]) -> dict:
             [not row["named"] or row["right_name"] for row in poor]
         ),
         "located": shares([row["located"] for row in found if row["located"] is not None]),
+        "planes off, m": medians([row["metres"] for row in rows]),
         "90 % intervals hold": shares([hit for row in found for hit in row["covered"]]),
         "gain": medians([row["gain"] for row in clear]),
         "Brier": _mean([row["brier"] for row in rows]),
