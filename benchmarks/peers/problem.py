@@ -9,7 +9,7 @@ import numpy as np
 
 
 def given():
-    """Return the problem named on the command line; SI, nodes from 0."""
+    """Return the problem that the command line names first; SI, nodes from 0."""
     with np.load(sys.argv[1]) as file:
         problem = SimpleNamespace(**{name: file[name] for name in file.files})
     problem.folder = Path(sys.argv[1]).parent
@@ -20,13 +20,15 @@ def given():
 def solve(problem, step, displacement):
     """March with ``step(i)``, keep what ``displacement()`` (n_receivers, 3) tells, and write.
 
+    The command line names the number of steps and where to write after the problem.
+
     Seconds are those of the processor: all march on one thread.
     """
-    n_steps = len(problem.samples)
+    n_steps = int(sys.argv[2])
     moved = np.zeros((n_steps + 1, len(problem.receivers), 3))
     began = time.process_time()
     for i in range(n_steps):
         step(i)
         moved[i + 1] = displacement()
     seconds = time.process_time() - began
-    np.savez(sys.argv[2], velocity=np.diff(moved, axis=0) / problem.dt, seconds=seconds)
+    np.savez(sys.argv[3], velocity=np.diff(moved, axis=0) / problem.dt, seconds=seconds)
