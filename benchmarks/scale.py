@@ -27,11 +27,10 @@ def measure(effort):
 def lines(found):
     """Return the tables of this part."""
     told = [
-        "Full step without damping, on one thread and on two. Memory is what the process grew "
-        "by, beside",
-        "what the program foresees before it refuses a model, Threads that",
-        "wait sleep, so that runs side by side do not disturb each other: small models march as",
-        "fast or faster on one thread (`OMP_NUM_THREADS=1`).",
+        "Full step without damping, on one thread and on two. Memory is what the process grew",
+        "by, once free memory was given back, beside what the program foresees before it refuses",
+        "a model. Threads that wait sleep, so that runs side by side do not disturb each other:",
+        "small models march as fast or faster on one thread (`OMP_NUM_THREADS=1`).",
         "",
         "| zones | ns a zone and step | 2 threads | mesh µs a zone | preparation µs a zone "
         "| B a zone | foreseen |",
