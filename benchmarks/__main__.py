@@ -3,8 +3,8 @@
     python -m benchmarks [PART ...] [--peers] [--quick] [--long]
 
 Without names every part is measured but the peers, which are installed from their packages and
-take minutes; ``--peers`` adds them. ``--quick`` tries each part on small meshes and keeps nothing;
-``--long`` adds the finest meshes and the largest studies. ``benchmarks/results.json`` keeps what is
+take ten minutes; ``--peers`` adds them. ``--quick`` tries each part on small meshes and keeps
+nothing; ``--long`` adds the finest meshes and the largest studies. ``benchmarks/results.json`` keeps what is
 not measured now; the tables and figures of docs/performance.md follow from it.
 """
 
