@@ -52,9 +52,9 @@ def _layers(rng):
     rock = Material.from_speeds(rng.uniform(2500, 2800), cs * rng.uniform(1.7, 1.95), cs)
     if rng.random() > 0.4:
         return (("rock", None, rock),)
-    slow = rng.uniform(0.6, 0.85)
+    slow = rng.uniform(0.65, 0.85)  # thin beside its shortest wave, which keeps runs short
     above = Material.from_speeds(rock.density - 150.0, slow * rock.cp, slow * rock.cs)
-    return ("weathered", round(float(rng.uniform(14.0, 22.0)), 1), above), ("rock", None, rock)
+    return ("weathered", round(float(rng.uniform(10.0, 15.0)), 1), above), ("rock", None, rock)
 
 
 def _joints(rng):
