@@ -179,7 +179,7 @@ def _screened(found):
     """Judge effects on the site by runs at their starting values."""
     scene, home = found.scene, np.zeros(len(found.none.values))
     tried = [
-        (effect, _seen_in(scene.case, hypothesis, target))
+        (effect, _seen_in(found, hypothesis, target))
         for hypothesis in LIBRARY.values() if hypothesis.on == "site"
         for target in hypothesis.targets(scene.case)
         for effect in started(hypothesis, target, scene)
@@ -200,11 +200,14 @@ def _screened(found):
     return sorted(best.values(), key=lambda one: -one.share)
 
 
-def _seen_in(case, hypothesis, target):
-    """Return the blasts in which an effect is screened: the smallest, or its own."""
+def _seen_in(found, hypothesis, target):
+    """Return the blasts in which an effect is screened: its own, or where most is open."""
+    case, likelihood = found.scene.case, found.scene.baseline.likelihood
     if target in case.blasts:
         return (case.blasts.index(target),)
-    return (0,) if hypothesis.linear else tuple(dict.fromkeys((0, len(case.blasts) - 1)))
+    each = [likelihood.excess(found.none.size, (b,)) for b in range(len(case.blasts))]
+    most = int(np.argmax(each))
+    return (most,) if hypothesis.linear else tuple(sorted({0, most, len(case.blasts) - 1}))
 
 
 def _guess(found, effect, home, blasts):

@@ -6,6 +6,7 @@ from .hypotheses import LIBRARY
 from .locating import located
 from .verdict import intervals
 
+NOT_ASKED = {"topography": "the description of the site has no surface to compare with a plane"}
 VISIBLE = 4.0  # length of an effect in units of its errors, below which it can't be seen
 
 
@@ -47,6 +48,11 @@ def summarise(scene, found, shuffled, verdict) -> dict:
             "probability": verdict.probability,
         },
         "held_out": _held_out(verdict.held_out),
+        "numerics": {
+            "finer_mesh_changes": round(
+                float(np.sum(baseline.correction**2) / np.sum(scene.case.motion**2)), 4
+            ),
+        },
         "hygiene": {
             "dead": list(scene.case.dead),
             "left_out_share": round(float(np.mean(~scene.case.valid)), 4),
@@ -111,7 +117,7 @@ def _held_out(proof):
 
 def _not_testable(scene, found):
     """Return labels that these records could not show, with the reason."""
-    told, case, likelihood = {}, scene.case, scene.baseline.likelihood
+    told, case, likelihood = dict(NOT_ASKED), scene.case, scene.baseline.likelihood
     reach = {}
     for guess in found.guesses:
         size = likelihood.size(likelihood.white(guess.change))
