@@ -60,15 +60,15 @@ class Likelihood:
         return (self.freedom + DOUBT) * np.log1p(self.freedom * size / DOUBT)
 
     def excess(self, size, blasts=None):
-        """Return how much of -2 ln L noise and errors of the theory do not explain, of records.
+        """Return the energy that noise and errors of the theory do not explain, in their units.
 
         Records that are better than these errors make up for none that is worse.
         """
-        each = np.maximum(self.each(size) - self.each(np.ones(self.kept.shape)), 0.0)
+        each = np.maximum(size - 1.0, 0.0)
         return float(np.sum(each if blasts is None else each[list(blasts)]))
 
     def share(self, before, after, blasts=None):
-        """Return the share of the excess of some sizes that is gone with others, at most 1."""
+        """Return the share of the energy in excess that is gone with other sizes, at most 1."""
         there = self.excess(before, blasts)
         return 1.0 - self.excess(after, blasts) / there if there > 0.0 else 0.0
 

@@ -28,7 +28,7 @@ class Guess:
     ----------
     effect : Effect
     share : float
-        Of the excess misfit of the calibrated site that is gone, in its blasts.
+        Of the energy in excess at the calibrated site that is gone, in its blasts.
     change : (n_blasts, n_receivers, 3, n_samples) float64, m/s
         Of the motion of the believed site; zero in blasts that were not run.
     blasts : tuple of int

@@ -9,8 +9,8 @@ from .fitting import Fit, fit
 from .folds import HeldOut, held_out
 from .search import GROWS, Search, material
 
-NAMED_SHARE = 0.75  # of the excess misfit that named effects must explain if more remains
-PARTIAL_SHARE = 0.5
+NAMED_SHARE = 2.0 / 3.0  # of the energy in excess that named effects must explain if more remains
+PARTIAL_SHARE = 1.0 / 3.0
 HALF = 1.645  # standard deviations on either side of the middle of a 90 % interval
 OUTCOMES = ("NULL", "NAMED", "CLASS", "COMPOSITE", "PARTIAL", "UNKNOWN")
 
@@ -30,7 +30,7 @@ class Verdict:
     probability : dict of str to float
         By label or "none".
     share : float
-        Of the excess misfit that the best set of effects explains.
+        Of the energy in excess that the best set of effects explains.
     held_out : HeldOut or None
     """
 
