@@ -3,6 +3,8 @@
 import numpy as np
 from small_site import recorded, small_site
 
+from pyblast.diagnosis.chance import Chance, _elsewhere, _Shuffled
+from pyblast.diagnosis.folds import Fold, HeldOut
 from pyblast.diagnosis.likelihood import DOUBT, THEORY, likelihood_of
 
 
@@ -48,3 +50,40 @@ def test_a_record_holds_no_more_numbers_than_its_samples_and_no_less_than_one():
     likelihood = made()
     assert np.all(likelihood.freedom > 1.0)
     assert np.all(likelihood.freedom < likelihood.kept)
+
+
+def test_what_is_shuffled_does_not_hold_an_effect_at_one_receiver():
+    likelihood, rng = made(), np.random.default_rng(5)
+    left = rng.normal(size=likelihood.roots.shape[:-1])
+    own = rng.normal(size=(1, *left.shape))
+    effect = np.zeros((1, *left.shape))
+    effect[0, :, 1] = 8.0 * rng.normal(size=left[:, 1].shape)
+    left[:, 1] += effect[0, :, 1]
+    n = left.shape[1]
+
+    def worth(order):
+        sign = np.ones((1, n))
+        both = np.concatenate([own, effect])
+        first, later = (_Shuffled(likelihood, c, left).best([order], sign) for c in (own, both))
+        return (later - first)[0]
+
+    found = worth(np.arange(n))
+    assert found > 20.0
+    for _ in range(20):
+        assert worth(_elsewhere(rng, n)) < 0.2 * found
+
+
+def test_few_folds_must_all_gain_and_many_need_not_gain_alike():
+    def proof(*gains):
+        return HeldOut(tuple(Fold("", gain, 0.0, 0.0) for gain in gains)).improves
+
+    assert proof(10.0, 40.0)
+    assert not proof(10.0, -1.0, 40.0)
+    assert not proof(1.0, 2.0)
+    assert not proof(20.0)
+    assert proof(5.0, 7.0, 6.0, -0.2, 9.0)
+    assert not proof(30.0, -3.0, -2.0, 1.0, 0.0)
+
+
+def test_a_threshold_is_never_below_nothing():
+    assert Chance(np.full(200, -3.0)).threshold == 0.0

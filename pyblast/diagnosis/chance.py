@@ -54,16 +54,19 @@ def chance(scene: Scene, none: Fit, guesses: list[Guess], seed: int) -> Chance:
 
     Notes
     -----
-    A surrogate gives each receiver the residuals of another one, in all blasts, with a random
-    sign: as large, as long, as coloured and as repeatable as those that were found, but without
-    the geometry that any effect has. Effects act by their linear changes; theory.md (14.4).
+    A surrogate gives each receiver the residuals of another one, never its own, in all blasts,
+    with a random sign: as large, as long, as coloured and as repeatable as those that were found,
+    but without the geometry that any effect has. Effects act by their linear changes; theory.md
+    (14.4). With one receiver there is no other: then nothing is beyond chance.
     """
     rng = np.random.default_rng(seed)
     likelihood = scene.baseline.likelihood
     left = likelihood.left(none.motion)
     own = none.columns
     n_receivers = left.shape[1]
-    orders = np.stack([rng.permutation(n_receivers) for _ in range(SURROGATES)])
+    if n_receivers == 1:
+        return Chance(np.full(SURROGATES, np.inf))
+    orders = np.stack([_elsewhere(rng, n_receivers) for _ in range(SURROGATES)])
     signs = rng.choice([-1.0, 1.0], size=orders.shape)
     nothing = _Shuffled(likelihood, own, left).best(orders, signs)
     most = np.full(SURROGATES, -np.inf)
@@ -72,6 +75,14 @@ def chance(scene: Scene, none: Fit, guesses: list[Guess], seed: int) -> Chance:
         found = _Shuffled(likelihood, both, left).best(orders, signs)
         most = np.maximum(most, found - nothing - np.log(places))
     return Chance(np.sort(most))
+
+
+def _elsewhere(rng, n):
+    """Return an order of n things in which none stays where it is."""
+    while True:
+        order = rng.permutation(n)
+        if not np.any(order == np.arange(n)):
+            return order
 
 
 def _changes(scene, none, guesses):

@@ -10,6 +10,8 @@ from .scene import Scene
 FALLS = 0.5  # nats that a fold may lose without counting against
 MOSTLY = 0.75  # of the folds must gain
 ERRORS = 2.0  # standard errors that the sum must lie above zero
+FEW = 3  # folds, of which a standard error says nothing: each must gain
+LEAST = 6.0  # nats that few folds must gain together
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,9 @@ class HeldOut:
     def improves(self):
         """Tell whether the effect foretells what it was not fitted to."""
         fair = [fold.gain > -FALLS for fold in self.folds]
-        return len(fair) > 1 and bool(self.gain > ERRORS * self.error and np.mean(fair) >= MOSTLY)
+        if len(fair) <= FEW:
+            return len(fair) > 1 and self.gain > LEAST and all(f.gain > 0.0 for f in self.folds)
+        return bool(self.gain > ERRORS * self.error and np.mean(fair) >= MOSTLY)
 
 
 def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
