@@ -68,9 +68,10 @@ class Likelihood:
         return float(np.sum(each if blasts is None else each[list(blasts)]))
 
     def share(self, before, after, blasts=None):
-        """Return the share of the energy in excess that is gone with other sizes, at most 1."""
-        there = self.excess(before, blasts)
-        return 1.0 - self.excess(after, blasts) / there if there > 0.0 else 0.0
+        """Return the share of all energy in excess that is gone with other sizes of some blasts."""
+        there = self.excess(before)
+        gone = self.excess(before, blasts) - self.excess(after, blasts)
+        return gone / there if there > 0.0 else 0.0
 
     def weights(self, size):
         """Return what squares of coefficients weigh, so that slopes of -2 ln L are right."""

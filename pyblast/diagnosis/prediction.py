@@ -7,6 +7,7 @@ import numpy as np
 
 from ..blasting.blast import Blast
 from ..projects.site import Site
+from . import library  # noqa: F401  fills the library
 from .case import Case
 from .forward import Forward
 from .scene import Effect

@@ -14,6 +14,9 @@ MATERIAL = 3.0  # mean size of residuals, in errors of the theory, below which n
 GROWS = 6.0  # nats that another place of the same effect must bring
 REFINED = 4  # effects on the site that are fitted by runs, in the first pass
 REFINED_LATER = 2
+SURELY = 1  # the best guess is fitted however poor it is
+SCALED = 0.5  # standard deviation of the scale of a change that was run at one value of its knobs
+ADAPTING = 6  # rounds of reweighting
 MOST = 3  # effects at once
 TOGETHER = 8  # effects whose runs are made side by side
 LEAST_OF_BEST = 0.4  # of the share of the best guess
@@ -28,7 +31,7 @@ class Guess:
     ----------
     effect : Effect
     share : float
-        Of the energy in excess at the calibrated site that is gone, in its blasts.
+        Of all energy in excess at the calibrated site, what is gone in its blasts.
     change : (n_blasts, n_receivers, 3, n_samples) float64, m/s
         Of the motion of the believed site; zero in blasts that were not run.
     blasts : tuple of int
@@ -211,16 +214,33 @@ def _seen_in(found, hypothesis, target):
 
 
 def _guess(found, effect, home, blasts):
-    """Judge one effect on the site by a run of some blasts."""
+    """Judge one effect on the site by a run of some blasts, and by its change made less or more."""
     scene, likelihood = found.scene, found.scene.baseline.likelihood
-    motion = settle(scene, (effect,), home, blasts)[1]
-    if motion is None:
-        return None
     sent = scene.sent([(home, (effect,))], blasts)[0]
-    change = np.zeros_like(motion)
+    if sent is None:
+        return None
+    change = np.zeros_like(sent)
     change[list(blasts)] = (sent - scene.baseline.believed)[list(blasts)]
-    left = likelihood.size(likelihood.left(motion))
-    return Guess(effect, likelihood.share(found.none.size, left, blasts), change, blasts)
+    size = _adapted(scene, change, blasts)
+    return Guess(effect, likelihood.share(found.none.size, size, blasts), change, blasts)
+
+
+def _adapted(scene, change, blasts):
+    """Return sizes of residuals when the site's values and the scale of a change fit best."""
+    baseline, likelihood = scene.baseline, scene.baseline.likelihood
+    slopes = baseline.slopes * baseline.sigma[:, None, None, None, None]
+    columns = likelihood.white(np.concatenate([slopes, change[None]]))
+    columns[:, [b for b in range(columns.shape[1]) if b not in blasts]] = 0.0
+    centre = np.append(np.zeros(len(slopes)), 1.0)
+    precision = np.append(np.ones(len(slopes)), SCALED**-2.0)
+    start, place = likelihood.left(baseline.believed), centre
+    for _ in range(ADAPTING):
+        size = likelihood.size(start - np.tensordot(place, columns, 1))
+        weights = likelihood.weights(size)
+        curvature = np.einsum("ibrm,jbrm,br->ij", columns, columns, weights, optimize=True)
+        pull = np.einsum("ibrm,brm,br->i", columns, start, weights, optimize=True)
+        place = np.linalg.solve(curvature + np.diag(precision), pull + precision * centre)
+    return likelihood.size(start - np.tensordot(place, columns, 1))
 
 
 def _rescreened(found, base):
@@ -246,7 +266,8 @@ def _refined(found, guesses, base, most):
     fits, seen = [], set(_labels(base))
     least = max(LEAST_SHARE, LEAST_OF_BEST * guesses[0].share) if guesses else 0.0
     for guess in guesses:
-        if len(fits) == most or guess.share < least or not found.runs_left():
+        poor = guess.share < least and len(fits) >= SURELY
+        if len(fits) == most or poor or not found.runs_left():
             break
         if guess.effect.label in seen:
             continue

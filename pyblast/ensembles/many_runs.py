@@ -3,10 +3,11 @@
 import os
 from collections.abc import Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
 
-from ..errors import InputError
+from ..errors import InputError, SolverError
 from ..solving.model import Model
 from .run_cache import KeptRun, cached_run, find_run
 
@@ -47,10 +48,16 @@ def run_all(
         executor.submit(cached_run, model, duration, folder) if run is None else None
         for model, run in zip(models, kept, strict=True)
     ]
-    return [
-        run if future is None else future.result()
-        for run, future in zip(kept, waiting, strict=True)
-    ]
+    try:
+        return [
+            run if future is None else future.result()
+            for run, future in zip(kept, waiting, strict=True)
+        ]
+    except BrokenProcessPool:
+        raise SolverError(
+            "runs: a process was lost, perhaps for want of memory; the same command goes on "
+            "with what is missing"
+        ) from None
 
 
 @contextmanager
