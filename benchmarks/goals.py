@@ -167,8 +167,9 @@ def coverage(r):
     held = [abs(rank - 0.5) < 0.45 for row in rows for rank in row["rank"]]
     share = sum(held) / len(held)
     words = f"{share:.0%} of {len(held)} unknowns, {len(rows)} twins"
-    bare = share > 0.95 and "errors" not in r["coverage"]
-    why = "errors of the theory are allowed for that these twins do not have" if bare else ""
+    why = "levels of errors are taken as known, at their most probable values"
+    if share > 0.95:
+        why = "errors of the theory are allowed for that these twins do not have"
     return words, len(rows) >= 50 and 0.85 <= share <= 0.95, why
 
 

@@ -24,7 +24,7 @@ SEVERAL = """## Several machines
 Ensembles go over machines: `run_all(models, duration, folder=..., executor=...)` takes any
 executor of `concurrent.futures`, so also `dask.distributed.Client(...).get_executor()`; runs
 are kept in a folder that all workers see, and what is missing is made when the call is
-repeated. Dask is neither needed nor tested here.
+repeated. Dask is not needed; tests kill one of its two workers.
 
 One model over several machines is not built. It would be cut where it is cut already: domains
 of 1024 zones follow one another along a curve, so equal runs of domains are compact parts, and
