@@ -28,7 +28,7 @@ from pyblast.solving.solver import run
 from pyblast.solving.sources import TimeFunction
 
 PLACES = ((20, 70, 0), (80, 20, 0), (100, 60, 0), (110, 30, -20), (95, 85, 0), (35, 10, 0))
-CUT = Cut(20.0, 80.0, 1.15, quadratic=True)
+CUT = Cut(20.0, 180.0, 1.1, quadratic=True)
 DT, SAMPLES, BEFORE = 0.004, 125, 62
 CLOSED = 0.6  # share of its largest closure at which the joint lies
 ERRORS = (0.02, -0.015, 0.15, -0.1)  # logarithms of factors on cp, cs, kn, ks
@@ -38,7 +38,7 @@ NOISE = 0.004  # of the peak of the single shot
 def believed():
     """Return the site without records."""
     times = np.arange(0.0, 0.1, 0.002)
-    joint = Joint("J1", "elastic", {"kn": 8e8, "ks": 4e8}, insitu_pressure=6e4)
+    joint = Joint("J1", "elastic", {"kn": 8e8, "ks": 4e8}, insitu_pressure=3e4)
     return Site(
         name="hidden closure",
         box=np.array([[0.0, 120.0], [0.0, 90.0], [-60.0, 0.0]]),
