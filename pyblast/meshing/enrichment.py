@@ -3,11 +3,13 @@
 import numpy as np
 
 from . import tetrahedra
+from .contents import kept
 from .elements import AREA_SHARE, FACE_NODES, NODES
 from .mesh import Contacts, Mesh, surface_faces
 from .splitting import components, merge_pairs
 
 
+@kept
 def enrich(mesh: Mesh):
     """Put nodes on edges and faces and into zones, on both sides of joints.
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..meshing.contents import kept
 from ..meshing.elements import VOLUME_SHARE, stiffness_table
 from ..meshing.tetrahedra import shape_gradients
 
@@ -25,6 +26,12 @@ def quadratic_frequencies(points, zones, first_lame, shear, density):
     the model is higher (Irons & Treharne 1971): theory.md (2.38). It depends on the products of
     the gradients alone, so zones that are turned or scaled copies of another share it.
     """
+    return _per_density(points, zones, first_lame, shear) / density
+
+
+@kept
+def _per_density(points, zones, first_lame, shear):
+    """Return the squares for a density of one, (n_zones,)."""
     gradient = shape_gradients(points, zones)
     products = np.einsum("zia,zja->zij", gradient, gradient).reshape(-1, 9)
     scale = products[:, ::4].sum(axis=1)
@@ -37,7 +44,7 @@ def quadratic_frequencies(points, zones, first_lame, shear, density):
         moduli = first_lame[some] / stiffest[some], shear[some] / stiffest[some]
         matrix = zone_stiffness(points, zones[some], *moduli)
         squared[start : start + _CHUNK] = np.linalg.eigvalsh(matrix)[:, -1] / scale[some]
-    return squared[kind.ravel()] * scale * stiffest / density
+    return squared[kind.ravel()] * scale * stiffest
 
 
 def zone_stiffness(points, zones, first_lame, shear):
