@@ -216,7 +216,8 @@ def inferred(quick, case, seed):
     for _ in range(TURNS):
         found = next(_predicted(quick, best[None]))
         errors = _mesh_errors(quick, best, found)
-        white = whitener_beside(case.motion, found, noise, band, errors)
+        fitted = _moved(quick, made, best)
+        white = whitener_beside(case.motion, found, noise, band, errors, fitted)
         made, best = _searched(quick, case, white, seed, AGAIN, best)
     away["by_simulation"] = _deviations(made, best, case.truth)
     checking = problem(case.motion, white, lambda points: _run(quick, points))
@@ -228,6 +229,16 @@ def _searched(quick, case, white, seed, runs, start=None):
     made = problem(case.motion, white, lambda points: _predicted(quick, points))
     trace = levenberg_search(made, runs, seed, None if start is None else made.unit(start))
     return made, trace.points[trace.best]
+
+
+def _moved(quick, made, best):
+    """Return what one standard deviation of each range moves, (n, 1, n_receivers, 3, n_samples)."""
+    place = made.unit(best)
+    sides = np.where(place > 0.5, -DIFFERENCE, DIFFERENCE)
+    around = made.points(np.vstack([place, place + np.diag(sides)]))
+    here, *moved = _predicted(quick, around)
+    slopes = [(one - here) / side for one, side in zip(moved, sides, strict=True)]
+    return np.array(slopes) / np.sqrt(PRIOR)
 
 
 def _deviations(made, best, truth):

@@ -353,11 +353,14 @@ def test_slopes_of_the_evidence_are_those_of_its_differences(case):
     turned = white.turned(0.1 * np.roll(case[2], 2, -1))
     place = np.log([white.levels[name] ** 2 for name in names])
 
-    found = _evidence(white, turned, members, names, place)[1]
+    taken = white.turned(np.stack([np.roll(case[2], n, -1) for n in (3, 9)]))
+
+    found = _evidence(white, turned, taken, members, names, place)[1]
 
     steps = 1e-5 * np.eye(len(names))
     ends = [
-        [_evidence(white, turned, members, names, place + s)[0] for s in (d, -d)] for d in steps
+        [_evidence(white, turned, taken, members, names, place + s)[0] for s in (d, -d)]
+        for d in steps
     ]
     assert found == pytest.approx(np.subtract(*np.transpose(ends)) / 2e-5, rel=1e-4, abs=1e-4)
 

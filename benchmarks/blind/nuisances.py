@@ -74,7 +74,7 @@ def shaken(site, level: int, rng):
         for name, b in site.blasts.items()
     }
     ground = Uneven(
-        float(rng.uniform(*size.deviation)), float(rng.uniform(20.0, 50.0)),
+        float(rng.uniform(*size.deviation)), float(rng.uniform(26.0, 50.0)),
         int(rng.integers(2**31)),
     )  # fmt: skip
     lags = {b: {r.name: float(rng.uniform(-EARLY, EARLY)) for r in receivers} for b in blasts}

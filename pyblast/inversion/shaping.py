@@ -5,9 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..residuals.theory_errors import whitener_beside
+from .identifiability import UNIFORM
 from .mesh_errors import mesh_errors_of
 from .parameters import with_values
 from .trials import Trials
+
+
+NEAREST = 3  # runs for each unknown that tell how the motion moves with them
 
 
 def shape_beside(trials: Trials, point):
@@ -22,8 +26,9 @@ def shape_beside(trials: Trials, point):
 
     Notes
     -----
-    theory.md (7.13) to (7.19), levels inferred from the residual there, the error of the mesh
-    where another one can be made; else `Waveforms.mesh_doubt` says why not.
+    theory.md (7.13) to (7.19), levels inferred from the residual there beside what the unknowns
+    may have taken on themselves, the error of the mesh where another one can be made; else
+    `Waveforms.mesh_doubt` says why not.
     """
     target = trials.target
     waves, values = target.waveforms, np.asarray(point, dtype=np.float64).tolist()
@@ -34,6 +39,17 @@ def shape_beside(trials: Trials, point):
     simulated = recorded - band.restore(left)
     projects = [with_values(project, target.parameters, values) for project in target.projects]
     errors, doubt = mesh_errors_of(projects, simulated, waves.receivers, waves.window)
-    white = whitener_beside(recorded, simulated, waves.noise, band, errors)
+    fitted = band.restore(_moved(trials, values).reshape(-1, *left.shape))
+    white = whitener_beside(recorded, simulated, waves.noise, band, errors, fitted)
     shaped = replace(waves, whitener=white, mesh_doubt=doubt)
     trials.target = replace(target, waveforms=shaped)
+
+
+def _moved(trials, values):
+    """Return what one standard deviation of each range moves, (n, n_data), by the runs nearby."""
+    unit = trials.problem().unit
+    rows = [row for row in trials.log.rows[: trials.count] if len(row["residuals"])]
+    away = np.array([unit(np.array(row["values"])) for row in rows]) - unit(np.array(values))
+    near = np.argsort(np.sum(away**2, axis=1), kind="stable")[: NEAREST * len(values) + 1]
+    left = np.array([rows[n]["residuals"] for n in near])
+    return -UNIFORM * np.linalg.lstsq(away[near], left - left[0], rcond=None)[0]

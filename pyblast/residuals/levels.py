@@ -51,7 +51,7 @@ class Levels(NamedTuple):
     converged: bool
 
 
-def infer_levels(whitener: Whitener, residual, priors=None) -> Levels:
+def infer_levels(whitener: Whitener, residual, priors=None, fitted=()) -> Levels:
     """Find the levels of nuisances and scattering that make a residual most probable.
 
     Parameters
@@ -62,6 +62,9 @@ def infer_levels(whitener: Whitener, residual, priors=None) -> Levels:
     priors : dict of str to Prior, optional
         Instead of those of ``PRIORS``: 1 ms, 5 % and 0.05 rad, 10 % scattered, each worth four
         observations.
+    fitted : (n, n_blasts, n_receivers, 3, n_samples) float, m/s, optional
+        What each unknown that was fitted to these records moves, by one standard deviation of what
+        was known of it: so much of the errors it may have taken on itself.
 
     Raises
     ------
@@ -72,7 +75,8 @@ def infer_levels(whitener: Whitener, residual, priors=None) -> Levels:
     -----
     Largest marginal likelihood times inverse-gamma priors, in the logarithm of the levels, by its
     derivatives. Where they vanish, the scores of each group have the sum of squares that their
-    covariance foresees, but for the prior; theory.md (7.18), (7.19).
+    covariance foresees, but for the prior; theory.md (7.18), (7.19). Fitted unknowns count as
+    nuisances of level one, which makes the likelihood a restricted one.
     """
     priors = {**PRIORS, **(priors or {})}
     names = list(whitener.levels)
@@ -83,10 +87,11 @@ def infer_levels(whitener: Whitener, residual, priors=None) -> Levels:
         return Levels(whitener, {}, True)
     members = np.array([names.index(group) for group in whitener.groups], dtype=int)
     turned = whitener.turned(residual)
+    taken = np.array([whitener.turned(one) for one in fitted]).reshape(-1, len(turned))
     weight, prior = np.array([(priors[n].weight, priors[n].level ** 2) for n in names]).T
 
     def cost(log_variance):
-        value, slope = _evidence(whitener, turned, members, names, log_variance)
+        value, slope = _evidence(whitener, turned, taken, members, names, log_variance)
         pull = prior / np.exp(log_variance)
         value -= 0.5 * np.sum(weight * (log_variance + pull))
         return -value, -(slope - 0.5 * weight * (1.0 - pull))
@@ -107,14 +112,15 @@ def infer_levels(whitener: Whitener, residual, priors=None) -> Levels:
     return Levels(whitener.with_levels(**found), intervals, bool(best.success))
 
 
-def _evidence(whitener, turned, members, names, log_variance):
+def _evidence(whitener, turned, taken, members, names, log_variance):
     """Return the log likelihood, but for a constant, and its slopes by log variances."""
     variance = np.exp(log_variance)
     scatter = variance[names.index(SCATTER)] if SCATTER in names else 0.0
     scattered = scatter * whitener.spread.ravel()
     deviation = np.sqrt(1.0 + scattered)
     plain = turned / deviation
-    columns = whitener.columns * np.sqrt(variance[members])[:, None] / deviation
+    columns = np.vstack([whitener.columns * np.sqrt(variance[members])[:, None], taken])
+    columns = columns / deviation
     factor = linalg.cholesky(np.eye(len(columns)) + columns @ columns.T, lower=True)
     half = linalg.solve_triangular(factor, columns, lower=True)
     along = half @ plain
@@ -123,7 +129,7 @@ def _evidence(whitener, turned, members, names, log_variance):
     value = -0.5 * (plain @ plain - along @ along) - np.sum(np.log(np.diag(factor)))
     value -= np.sum(np.log(deviation))
     excess = scores**2 - 1.0 + np.sum(inverse**2, axis=0)
-    slope = 0.5 * np.bincount(members, excess, minlength=len(names))
+    slope = 0.5 * np.bincount(members, excess[: len(members)], minlength=len(names))
     if SCATTER in names:
         left = (plain - scores @ columns) ** 2 - 1.0 + np.sum(half**2, axis=0)
         slope[names.index(SCATTER)] = 0.5 * np.sum(scattered / deviation**2 * left)

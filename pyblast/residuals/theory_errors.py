@@ -36,7 +36,9 @@ def error_columns(motion, band: Band, mesh_errors=()) -> Nuisances:
     return parts
 
 
-def whitener_beside(recorded, simulated, noise: Noise, band: Band, mesh_errors=()) -> Whitener:
+def whitener_beside(
+    recorded, simulated, noise: Noise, band: Band, mesh_errors=(), fitted=()
+) -> Whitener:
     """Return the covariance of residuals beside a simulation that nearly fits.
 
     Parameters
@@ -46,6 +48,8 @@ def whitener_beside(recorded, simulated, noise: Noise, band: Band, mesh_errors=(
     band : Band
     mesh_errors : sequence of the same shape, m/s
         As of `usual_whitener`.
+    fitted : (n, n_blasts, n_receivers, 3, n_samples) float, m/s
+        As of `infer_levels`: the simulation was fitted by so many unknowns.
 
     Returns
     -------
@@ -59,4 +63,4 @@ def whitener_beside(recorded, simulated, noise: Noise, band: Band, mesh_errors=(
     is taken for likely.
     """
     made = usual_whitener(simulated, noise, band, mesh_errors)
-    return infer_levels(made, np.asarray(recorded) - simulated).whitener
+    return infer_levels(made, np.asarray(recorded) - simulated, fitted=fitted).whitener
