@@ -365,6 +365,21 @@ def test_slopes_of_the_evidence_are_those_of_its_differences(case):
     assert found == pytest.approx(np.subtract(*np.transpose(ends)) / 2e-5, rel=1e-4, abs=1e-4)
 
 
+def test_what_fitted_unknowns_take_on_themselves_does_not_change_levels(case):
+    white, motion = whole(case), case[2]
+    residual, taken = 0.1 * np.roll(motion, 2, -1), np.gradient(motion, axis=-1)
+    free = 1e3 * taken[None]
+
+    alone, less = (infer_levels(white, one).whitener.levels for one in (residual, residual - taken))
+    beside, after = (
+        infer_levels(white, one, fitted=free).whitener.levels
+        for one in (residual, residual - taken)
+    )
+
+    assert after == pytest.approx(beside, rel=1e-3)  # the prior of a thousand lets it move freely
+    assert less != pytest.approx(alone, rel=0.1)
+
+
 def test_intervals_of_inferred_levels_hold_the_truth_nine_times_in_ten(case):
     noise, band, motion = case
     every = nuisances(motion, band)

@@ -10,7 +10,6 @@ from .mesh_errors import mesh_errors_of
 from .parameters import with_values
 from .trials import Trials
 
-
 NEAREST = 3  # runs for each unknown that tell how the motion moves with them
 
 
