@@ -114,9 +114,12 @@ def diagnose(
     shuffled = chance(scene, found.none, found.guesses, seed) if found.fits else None
     verdict = judge(found, shuffled)
     summary = summarise(scene, found, shuffled, verdict)
+    used = [forward] if finer is None else [forward, finer]
     summary |= {
-        "runs": forward.runs + (0 if finer is None else finer.runs),
+        "runs": sum(one.runs for one in used),
         "wall_s": round(time.perf_counter() - began, 1),
+        "kept_runs": sum(one.kept for one in used),
+        "kept_s": round(sum(one.kept_s for one in used), 1),
         "seed": seed,
         "budget": budget,
         "finished": found.finished,

@@ -5,8 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from pyblast.blasting.blast import Blast
+from pyblast.diagnosis.calibration import Baseline
 from pyblast.diagnosis.case import Case, case_of
 from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.likelihood import likelihood_of
+from pyblast.diagnosis.scene import Scene
+from pyblast.diagnosis.unknowns import unknowns_of
 from pyblast.motion.seismogram import Seismogram
 from pyblast.projects.site import Site, SiteJoint
 from pyblast.projects.site_model import Cut
@@ -84,6 +88,22 @@ def recorded(site: Site, truth: Site | None = None, noise=0.003, seed=1, change=
             quiet[BEFORE:] += velocity.T
             records[blast][name] = _recording(quiet)
     return case_of(replace(site, records=records))
+
+
+def scene_of(case: Case) -> Scene:
+    """Return a case of the small site as if it were calibrated: one run of each blast."""
+    forward = Forward(case, CUT)
+    motion = forward.motion(case.site)
+    times = DT * np.arange(case.n_samples)
+    stretched = times * np.gradient(motion, DT, axis=-1)
+    unknowns = unknowns_of(case.site)
+    slopes = np.stack([stretched, 0.7 * stretched, 0.05 * motion, -0.03 * motion])
+    baseline = Baseline(
+        case, unknowns, np.zeros(4), np.diag([one.sigma**2 for one in unknowns]), case.site, motion,
+        slopes, motion, np.zeros_like(motion), likelihood_of(case),
+    )  # fmt: skip
+    holes = np.stack([motion[0], np.roll(motion[0], 3, axis=-1), 0.5 * motion[0]])
+    return Scene(forward, baseline, {"B1": holes})
 
 
 def _coloured(rng, n):

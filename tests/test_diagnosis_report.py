@@ -7,18 +7,14 @@ from html import unescape
 
 import numpy as np
 import pytest
-from small_site import CUT, DT, recorded, small_site
+from small_site import recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
-from pyblast.diagnosis.calibration import Baseline
 from pyblast.diagnosis.chance import Chance
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.foretelling import foretold
-from pyblast.diagnosis.forward import Forward
-from pyblast.diagnosis.likelihood import likelihood_of
-from pyblast.diagnosis.scene import Effect, Scene
+from pyblast.diagnosis.scene import Effect
 from pyblast.diagnosis.search import Search
-from pyblast.diagnosis.unknowns import unknowns_of
 from pyblast.diagnosis.verdict import Verdict, judge
 from pyblast.diagnosis.words import summarise
 from pyblast.reporting.diagnosis_report import render_diagnosis
@@ -28,8 +24,8 @@ SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
 CHANCE = Chance(np.linspace(-4.0, 9.0, 200))
 NOTES = {
-    "case": "pit <3>", "runs": 11, "wall_s": 2.5, "seed": 1, "budget": 400, "finished": True,
-    "provenance": {"pyblast": "0"},
+    "case": "pit <3>", "runs": 11, "wall_s": 2.5, "kept_runs": 0, "kept_s": 0.0, "seed": 1,
+    "budget": 400, "finished": True, "provenance": {"pyblast": "0"},
 }  # fmt: skip
 
 
@@ -37,7 +33,7 @@ NOTES = {
 class Made:
     """What the report needs of a diagnosis."""
 
-    scene: Scene
+    scene: object
     search: Search
     verdict: Verdict
 
@@ -52,19 +48,7 @@ def late(motion):
 @cache
 def scene():
     """Return the small site with one slow clock, as if it were calibrated: two runs for all."""
-    case = recorded(small_site(), change=late)
-    forward = Forward(case, CUT)
-    motion = forward.motion(case.site)
-    times = DT * np.arange(case.n_samples)
-    stretched = times * np.gradient(motion, DT, axis=-1)
-    unknowns = unknowns_of(case.site)
-    slopes = np.stack([stretched, 0.7 * stretched, 0.05 * motion, -0.03 * motion])
-    baseline = Baseline(
-        case, unknowns, np.zeros(4), np.diag([one.sigma**2 for one in unknowns]), case.site, motion,
-        slopes, motion, np.zeros_like(motion), likelihood_of(case),
-    )  # fmt: skip
-    holes = np.stack([motion[0], np.roll(motion[0], 3, axis=-1), 0.5 * motion[0]])
-    return Scene(forward, baseline, {"B1": holes})
+    return scene_of(recorded(small_site(), change=late))
 
 
 @cache
@@ -163,9 +147,20 @@ def test_two_effects_are_told_one_after_the_other():
 
 def test_what_is_left_beside_an_effect_is_said_with_its_place():
     found, summary = made("NAMED")
-    partial = summary | {"outcome": "PARTIAL", "remainder": summary["located"]}
+    part = summary["evidence"] | {"explained_share": 0.5}
+    partial = summary | {"outcome": "PARTIAL", "remainder": summary["located"], "evidence": part}
 
     assert "But something else is missing near east" in lead(found, partial)
+
+
+def test_what_no_record_was_left_out_for_is_not_said_to_foretell():
+    found, summary = made("NAMED")
+    untested = {**summary["held_out"], "folds": []}
+
+    told = lead(found, summary | {"outcome": "PARTIAL", "held_out": untested})
+
+    assert "no record can be left out" in told
+    assert "foretells" not in told
 
 
 def test_names_that_users_give_are_escaped():

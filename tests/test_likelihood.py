@@ -1,5 +1,7 @@
 """What misfits are worth, and what chance finds."""
 
+from dataclasses import replace
+
 import numpy as np
 from small_site import recorded, small_site
 
@@ -62,15 +64,49 @@ def test_what_is_shuffled_does_not_hold_an_effect_at_one_receiver():
     n = left.shape[1]
 
     def worth(order):
-        sign = np.ones((1, n))
-        both = np.concatenate([own, effect])
-        first, later = (_Shuffled(likelihood, c, left).best([order], sign) for c in (own, both))
-        return (later - first)[0]
+        return _Shuffled(likelihood, own, [effect], left).best(order, np.ones(n), 0.0)
 
     found = worth(np.arange(n))
     assert found > 20.0
     for _ in range(20):
         assert worth(_elsewhere(rng, n)) < 0.2 * found
+
+
+def test_chance_finds_an_effect_at_all_places_together_as_the_search_does():
+    likelihood, rng = made(), np.random.default_rng(6)
+    left = rng.normal(size=likelihood.roots.shape[:-1])
+    order = _elsewhere(rng, left.shape[1])
+    places = []
+    for r, s in enumerate(order):  # what is shuffled to each receiver is what its effect can do
+        left[:, s] *= 3.0
+        places.append(np.zeros((1, *left.shape)))
+        places[-1][0, :, r] = left[:, s]
+    none = np.zeros((0, *left.shape))
+
+    one, all_of_them = (
+        _Shuffled(likelihood, none, some, left).best(order, np.ones(len(order)), 1.0)
+        for some in (places[:1], places)
+    )
+
+    assert all_of_them > 3.0 * one > 3.0
+
+
+def test_what_is_shuffled_to_a_receiver_with_a_dead_channel_has_no_part_there():
+    whole, rng = made(), np.random.default_rng(7)
+    roots, kept = whole.roots.copy(), whole.kept.copy()
+    m = roots.shape[-1]
+    roots[:, 0, : m // 3] = roots[:, 0, :, : m // 3] = 0.0
+    kept[:, 0] -= m // 3
+    likelihood = replace(whole, roots=roots, kept=kept)
+    left = rng.normal(size=roots.shape[:-1])
+    left[:, 1, : m // 3] = 1e3  # where receiver 0 has nothing
+    none = np.zeros((0, *left.shape))
+    order = np.array([1, 0, 3, 2])
+
+    surrogate = _Shuffled(likelihood, none, [np.zeros((1, *left.shape))], left)
+    size = surrogate.energy[:, np.arange(4), order] / kept
+
+    assert np.all(size[:, 0] < 2.0)
 
 
 def test_few_folds_must_all_gain_and_many_need_not_gain_alike():

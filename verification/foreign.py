@@ -53,6 +53,7 @@ def judged(cases, name, keep, executor):
         "foretold_misfit": misfits,
         "runs": answer["runs"],
         "wall_s": answer["wall_s"],
+        "kept_s": answer["kept_s"],
     }
 
 

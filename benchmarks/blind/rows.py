@@ -5,7 +5,8 @@ import numpy as np
 from .plan import FAMILY, NULLS
 
 LABELS = (*FAMILY, "none", "unknown")
-CLAIMS = ("NAMED", "COMPOSITE", "CLASS")  # that physics of the library is missing
+# That physics of the library is missing; a crash is no better.
+CLAIMS = ("NAMED", "COMPOSITE", "CLASS", "CRASH")
 NAMES = ("NAMED", "COMPOSITE")
 NEAR = 20.0  # m, within which a plane is found: a third of a wave of the middle of the band
 LEAST_ROOM = 0.02  # of energy between the baseline and the right model, below which gain is none

@@ -61,12 +61,14 @@ def scores(rows: list[dict]) -> dict:
     single, two = _block(rows, "single"), _block(rows, "two")
     outside, poor = _block(rows, "out of library"), _block(rows, "poor")
     clear = [row for row in single if (row["length"] or 0.0) >= CLEAR]
+    unseen = [row for row in single if (row["length"] or 0.0) < VISIBLE]
     named = [row for row in rows if row["named"]]
     found = [row for row in clear if row["some"]]
     return {
         "cases": len(rows), "crashes": sum(row["outcome"] == "CRASH" for row in rows),
         "false alarm": shares([row["alarm"] for row in nulls]),
         "false alarm, hard": shares([row["alarm"] for row in hard]),
+        "false alarm, invisible": shares([row["alarm"] for row in unseen]),
         "null said NULL": shares([row["outcome"] == "NULL" for row in nulls]),
         "precision when named": shares([row["right_name"] for row in named]),
         "top-1": shares([row["all"] for row in clear]),
@@ -80,7 +82,7 @@ def scores(rows: list[dict]) -> dict:
         ),
         "outside: not named wrongly": shares([not row["alarm"] for row in outside]),
         "poor: nothing named wrongly": shares(
-            [not row["named"] or row["right_name"] for row in poor]
+            [row["outcome"] != "CRASH" and (not row["named"] or row["right_name"]) for row in poor]
         ),
         "located": shares([row["located"] for row in found if row["located"] is not None]),
         "planes off, m": medians([row["metres"] for row in rows]),

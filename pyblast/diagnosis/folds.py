@@ -77,20 +77,22 @@ def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
     Notes
     -----
     Effects of a blast must foretell other receivers, those of a receiver other blasts, those of
-    the ground both. Each fit is made anew without what is left out, by one linear step from where
-    it was; theory.md (14.5).
+    the ground both; effects that are there before have no say in it. A blast or a receiver with
+    an effect of its own is not left out, nor one without records. Each fit is made anew without
+    what is left out, by one linear step from where it was; theory.md (14.5).
     """
-    axes = {effect.hypothesis.axis for effect in after.effects}
-    shape, case = after.size.shape, scene.case
-    targets = {effect.target for effect in after.effects}
+    added = [effect for effect in after.effects if effect.label not in before.labels]
+    axes, targets = {e.hypothesis.axis for e in added}, {e.target for e in added}
+    shape, case, kept = after.size.shape, scene.case, scene.baseline.likelihood.kept
     places = []
-    if axes != {"blasts"}:
-        places += [(name, (slice(None), r)) for r, name in enumerate(case.receivers)
-                   if name not in targets]  # fmt: skip
-    if "receivers" not in axes and shape[0] > 1:
+    if axes - {"blasts"}:
+        places += [(name, (slice(None), r)) for r, name in enumerate(case.receivers)]
+    if axes - {"receivers"} and shape[0] > 1:
         places += [(name, (b, slice(None))) for b, name in enumerate(case.blasts)]
     folds = []
     for name, place in places:
+        if name in targets or not np.any(kept[place]):
+            continue
         out = np.zeros(shape, dtype=bool)
         out[place] = True
         first, later = (_foretold(scene, one, out) for one in (before, after))

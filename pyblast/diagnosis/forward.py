@@ -25,6 +25,10 @@ class Forward:
         Where runs are kept and found.
     executor : Executor, optional
         As for `run_all`.
+    runs, kept : int
+        How many were asked for, and of these how many whole blasts the folder had already.
+    kept_s : float, s
+        How long those took when they were made.
     """
 
     case: Case
@@ -32,6 +36,8 @@ class Forward:
     folder: str | None = None
     executor: Executor | None = None
     runs: int = 0
+    kept: int = 0
+    kept_s: float = 0.0
     _meshes: dict = field(default_factory=dict, repr=False)
 
     def motion(self, site: Site) -> np.ndarray:
@@ -47,9 +53,15 @@ class Forward:
     def heard(self, pairs: Sequence[tuple[Site, str]]) -> list[np.ndarray]:
         """Return the motion (n_receivers, 3, n_samples) in m/s of pairs of site and blast."""
         models = [self.model(site, blast) for site, blast in pairs]
+        return [self._sampled(run.seismograms) for run in self.made(models)]
+
+    def made(self, models):
+        """Run models, or read them where they are kept, and count them."""
         done = run_all(models, self.case.duration, folder=self.folder, executor=self.executor)
-        self.runs += len(models)
-        return [self._sampled(run.seismograms) for run in done]
+        found = [run.wall_seconds for run in done if run.found]
+        self.runs, self.kept = self.runs + len(done), self.kept + len(found)
+        self.kept_s += sum(found)
+        return done
 
     def hole_motion(self, site: Site) -> dict[str, np.ndarray]:
         """Return by blast what each hole sends with its believed charge, fired at zero.

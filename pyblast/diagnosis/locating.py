@@ -5,7 +5,7 @@ from scipy import signal
 
 from .calibration import Baseline
 from .case import COMPONENTS
-from .search import MATERIAL
+from .search import MATERIAL, means
 
 SHARE = 0.8  # of the energy of a residual lies in its windows
 GRID = 25  # points along the longer side of the plan
@@ -33,7 +33,7 @@ def located(baseline: Baseline, motion, size) -> dict:
     held = band.project(np.where(case.valid, case.motion - motion, 0.0))
     weighed = band.restore(held / np.sqrt(np.sum(held**2, axis=(2, 3), keepdims=True) + 1e-300))
     weighed *= np.sqrt(size)[..., None, None]
-    by_receiver, by_blast = size.mean(axis=0), size.mean(axis=1)
+    by_receiver, by_blast = means(size, 0), means(size, 1)
     energy = np.sum(weighed**2, axis=(0, 1))
     spectrum = np.sum(np.abs(np.fft.rfft(weighed)) ** 2, axis=(0, 1, 2))
     frequency = np.fft.rfftfreq(case.n_samples, case.dt)

@@ -61,6 +61,8 @@ class Search:
     guesses : list of Guess
     chosen : Fit
         The best set of effects.
+    finished, compared : bool
+        Whether the budget was enough for all that was planned, and for each effect alone.
     """
 
     scene: Scene
@@ -71,6 +73,7 @@ class Search:
     guesses: list = field(default_factory=list)
     chosen: Fit = None
     finished: bool = True
+    compared: bool = True
 
     def worth(self, found):
         """Return the evidence of a fit in nats over that of nothing, its places paid; (14.3)."""
@@ -110,6 +113,7 @@ def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
     found.fits += _quick(found, ())
     found.guesses = _screened(found)
     found.fits += _refined(found, found.guesses, (), REFINED)
+    found.compared = found.finished
     while len(found.chosen.labels) < MOST:
         better = found.best(len(found.chosen.labels) + 1)
         if better is None or found.worth(better) - found.worth(found.chosen) < GROWS:
@@ -131,7 +135,12 @@ def material(size) -> bool:
     size : (n_blasts, n_receivers) float64
         Mean squares of whitened residuals.
     """
-    return bool(max(size.mean(axis=1).max(), size.mean(axis=0).max()) >= MATERIAL)
+    return bool(max(means(size, 0).max(), means(size, 1).max()) >= MATERIAL)
+
+
+def means(size, axis):
+    """Return mean sizes (n_blasts, n_receivers) along an axis, of the records that there are."""
+    return np.sum(size, axis=axis) / np.maximum(np.count_nonzero(size, axis=axis), 1)
 
 
 def started(hypothesis, target, scene):

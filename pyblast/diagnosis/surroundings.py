@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from ..ensembles.many_runs import run_all
 from ..projects.site import Site
 from .forward import Forward
 
@@ -51,8 +50,7 @@ def surroundings(forward: Forward, site: Site) -> Surroundings:
         for k, (x, y) in enumerate(grid)
     )
     models = [replace(forward.model(site, blast), receivers=points) for blast in case.blasts]
-    done = run_all(models, case.duration, folder=forward.folder, executor=forward.executor)
-    forward.runs += len(models)
+    done = forward.made(models)
     motion = np.stack(
         [
             [run.seismograms[one.name].sampled(0.0, case.dt, case.n_samples).velocity.T

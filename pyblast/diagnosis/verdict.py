@@ -57,7 +57,8 @@ def judge(found: Search, threshold: Chance) -> Verdict:
     Notes
     -----
     A name needs more evidence than chance finds, a lead over every other label, records foretold
-    that it was not fitted to, and little left over that it can't explain.
+    that it was not fitted to, and little left over that it can't explain; and none is given where
+    the budget ended before the others were tried.
     """
     probability, none = _probabilities(found), found.none
     if not material(none.size):
@@ -71,7 +72,8 @@ def judge(found: Search, threshold: Chance) -> Verdict:
     if (proof.folds and not proof.improves) or share < PARTIAL_SHARE:
         return Verdict("UNKNOWN", none, (), probability, share, proof)
     rivals = _rivals(found, chosen)
-    if not proof.folds or (material(chosen.size) and share < NAMED_SHARE):
+    poor = material(chosen.size) and share < NAMED_SHARE
+    if poor or not proof.folds or not found.compared:
         return Verdict("PARTIAL", chosen, rivals, probability, share, proof)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
     return Verdict(outcome, chosen, rivals, probability, share, proof)
@@ -99,17 +101,20 @@ def intervals(fit: Fit) -> list[dict]:
 
 
 def _pruned(found, threshold):
-    """Drop effects whose removal costs less evidence than chance finds, or proves nothing."""
+    """Drop effects, one by one, that bring less evidence than chance finds, or foretell nothing."""
     chosen, least = found.chosen, max(threshold.threshold, GROWS)
     while len(chosen.labels) > 1:
         shorter = [_without(found, chosen, label) for label in chosen.labels]
-        best = max((one for one in shorter if one is not None), key=found.worth, default=None)
-        if best is None:
+        as_good = [
+            one for one in shorter
+            if one is not None and not (
+                found.worth(chosen) - found.worth(one) >= least
+                and held_out(found.scene, one, chosen).improves
+            )
+        ]  # fmt: skip
+        if not as_good:
             break
-        proof = held_out(found.scene, best, chosen)
-        if found.worth(chosen) - found.worth(best) >= least and proof.improves:
-            break
-        chosen = best
+        chosen = max(as_good, key=found.worth)
     return chosen
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..diagnosis.foretelling import foretold
-from ..diagnosis.search import MATERIAL
+from ..diagnosis.search import MATERIAL, means
 from ..projects.result import plain, write_text
 from . import diagnosis_figures, diagnosis_words
 from .diagnosis_map_figures import maps_figure
@@ -69,7 +69,7 @@ def _fits(made):
 def _map_figures(made, summary):
     """Draw where records are missed: in plan and section, and in time and frequency."""
     case, fits = made.scene.case, _fits(made)
-    sizes = {title: fit.size.mean(axis=0) for title, fit in fits.items()}
+    sizes = {title: means(fit.size, 0) for title, fit in fits.items()}
     outcome = summary["outcome"]
     place = {"UNKNOWN": "located", "PARTIAL": "remainder"}.get(outcome)
     points = [] if place is None else summary[place]["points"]
@@ -145,7 +145,7 @@ def _proof_figures(made):
     """Draw records that were left out of the fits; without effects, the worst of all records."""
     case, none = made.scene.case, made.search.none
     if not _has_effect(made):
-        r = int(np.argmax(none.size.mean(axis=0)))
+        r = int(np.argmax(means(none.size, 0)))
         yield (
             f"Receiver {case.receivers[r]}",
             "The receiver that is explained worst: recorded and calibrated, in the band that is "

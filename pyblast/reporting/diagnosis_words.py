@@ -8,7 +8,7 @@ from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.likelihood import THEORY
 from ..diagnosis.search import GROWS, MATERIAL
 from ..diagnosis.unknowns import SPEED_SIGMA, STIFFNESS_SIGMA
-from ..diagnosis.verdict import intervals
+from ..diagnosis.verdict import NAMED_SHARE, intervals
 from ..units import FACTORS
 
 MEANINGS = {
@@ -48,18 +48,21 @@ def lead(made, summary) -> str:
     if outcome == "UNKNOWN":
         return f"Something is missing {_near(summary['located'])}, and {_why_not(summary)}."
     told = [f"{claim} ({label})." for label, claim in claims(made.verdict.fit)]
-    proof = (
-        f"This explains {share(summary)} of the misfit that noise and small errors leave open, "
-        "and it foretells records that it was not fitted to."
-    )
+    proof = f"This explains {share(summary)} of the misfit that noise and small errors leave open, "
+    if summary["held_out"]["folds"]:
+        proof += "and it foretells records that it was not fitted to."
+    else:
+        proof += "but no record can be left out to test it."
     if outcome == "CLASS":
         own = made.verdict.fit.labels
         others = [label for label in summary["class"] if label not in own]
         told.append(f"These records can't tell this from {_or(others)}.")
     if outcome == "COMPOSITE":
         told.insert(0, f"{COUNTS[len(told)]} effects act together.")
-    if outcome == "PARTIAL":
+    if outcome == "PARTIAL" and summary["evidence"]["explained_share"] < NAMED_SHARE:
         proof += f" But something else is missing {_near(summary['remainder'])}."
+    elif outcome == "PARTIAL" and not summary["finished"]:
+        proof += " But the budget of runs ended before all other effects were tried."
     return " ".join([*told, proof])
 
 

@@ -1,0 +1,78 @@
+"""What a verdict rests on: folds of the effect in question, records that exist, all rivals."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from small_site import recorded, scene_of, small_site
+
+import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis.chance import Chance
+from pyblast.diagnosis.fitting import fit
+from pyblast.diagnosis.folds import held_out
+from pyblast.diagnosis.scene import Effect
+from pyblast.diagnosis.search import MATERIAL, Search, material
+from pyblast.diagnosis.verdict import judge
+
+SLOW = Effect("clock_error", "R2", ((0.0,),))
+LOUD = Effect("misfire_or_charge_error/blast", "B1", ((1.0,),))
+CHANCE = Chance(np.zeros(200))
+
+
+def late_and_loud(motion):
+    """Let the clock of R2 be 16 ms slow, and blast B1 be twice as large as its charge."""
+    motion = motion.copy()
+    motion[:, 2] = np.roll(motion[:, 2], 4, axis=-1)
+    motion[1] *= 2.0
+    return motion
+
+
+@cache
+def fits():
+    """Return a scene with two effects, and the fits of none, of each and of both."""
+    here = scene_of(recorded(small_site(), change=late_and_loud))
+    motion = here.baseline.motion
+    here = replace(here, holes={"B1": np.stack([motion[1], 0.0 * motion[1], 0.0 * motion[1]])})
+    return here, *(fit(here, some) for some in ((), (SLOW,), (LOUD,), (SLOW, LOUD)))
+
+
+def test_an_effect_beside_another_is_tested_on_its_own_folds():
+    here, _, slow, loud, both = fits()
+
+    assert [f.name for f in held_out(here, loud, both).folds] == ["S1", "B1"]
+    assert [f.name for f in held_out(here, slow, both).folds] == ["R0", "R1", "R2", "R3"]
+
+
+def test_a_clock_and_a_charge_that_are_both_wrong_make_a_composite():
+    here, none, slow, loud, both = fits()
+    found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both)
+
+    assert judge(found, CHANCE).outcome == "COMPOSITE"
+
+
+def test_nothing_is_named_where_the_budget_ended_before_the_others_were_tried():
+    here, none, slow, loud, both = fits()
+    found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both)
+    found.compared = False
+
+    assert judge(found, CHANCE).outcome == "PARTIAL"
+
+
+def test_a_receiver_without_records_is_no_fold_that_must_gain():
+    here, _, slow, _, both = fits()
+    likelihood = here.baseline.likelihood
+    kept = likelihood.kept.copy()
+    kept[:, 3] = 0
+    baseline = replace(here.baseline, likelihood=replace(likelihood, kept=kept))
+
+    proof = held_out(replace(here, baseline=baseline), slow, both)
+
+    assert [fold.name for fold in proof.folds] == ["R0", "R1", "R2"]
+    assert np.all(np.isfinite([fold.after for fold in proof.folds]))
+
+
+def test_a_residual_counts_as_much_where_a_receiver_missed_other_blasts():
+    size = np.ones((3, 4))
+    size[:, 1] = 0.0, 0.0, MATERIAL + 0.1
+
+    assert material(size)
