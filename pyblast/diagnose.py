@@ -23,6 +23,7 @@ from .diagnosis.search import Search, search
 from .diagnosis.verdict import Verdict, judge
 from .diagnosis.words import summarise
 from .errors import InputError, ReadError
+from .motion.seismogram import Seismogram
 from .projects.result import plain, write_bytes, write_summary
 from .projects.site import Site, read_site
 from .projects.site_model import Cut
@@ -215,10 +216,10 @@ def _as_recorded(case: Case, motion):
     """Return motion as a file with the channels, the sampling and the start of the records."""
     last = case.site.records[case.blasts[-1]]
     first = next(iter(last.values()))
-    quiet = round(-first.seismogram.start / case.dt)
-    whole = np.zeros((*motion.shape[:-1], len(first.seismogram.velocity)))
-    n = min(motion.shape[-1], whole.shape[-1] - quiet)
-    whole[..., quiet : quiet + n] = motion[..., :n]
+    sampling = first.seismogram.start, case.dt, len(first.seismogram.velocity)
+    whole = np.stack(
+        [Seismogram(one.T, case.dt, 0.0).sampled(*sampling).velocity.T for one in motion]
+    )
     start = UTCDateTime(case.site.time_zeros[case.blasts[-1]]) + first.seismogram.start
     channels = [list(last[name].header["channels"].values()) for name in case.receivers]
     return mseed_bytes(whole, channels, case.dt, str(start))

@@ -10,6 +10,7 @@ from ..residuals.band import Band, band_functions
 from ..residuals.noise import Noise, noise_of
 
 COMPONENTS = ("east", "north", "up")
+ALIGNED = 0.01  # of a sample, by which records may be off the instants that are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,9 +119,16 @@ def _arrays(records, receivers, start, dt, n):
             record = some[name].seismogram
             first = round((start - record.start) / dt)
             there = slice(max(first, 0), max(first + n, 0))
-            velocity = record.velocity[there].T
+            velocity = _beside(record, record.start + first * dt - start)[there].T
             good = np.isfinite(velocity) & ~some[name].clipped[there].T
             at = slice(max(-first, 0), max(-first, 0) + velocity.shape[1])
             motion[b, r, :, at] = np.where(np.isfinite(velocity), velocity, 0.0)
             valid[b, r, :, at] = good
     return motion, valid
+
+
+def _beside(record, late):
+    """Return the velocity (n, 3) of a record whose samples lie ``late`` s behind wanted ones."""
+    if abs(late) <= ALIGNED * record.dt:
+        return record.velocity
+    return record.sampled(record.start - late, record.dt, len(record.velocity)).velocity
