@@ -20,6 +20,7 @@ from . import (
     accuracy,
     case,
     coverage,
+    cuts,
     edges,
     kernels,
     laws,
@@ -46,6 +47,7 @@ PARTS = {
     "scale": scale,
     "case": case,
     "superposition": superposition,
+    "cuts": cuts,
     "coverage": coverage,
 }
 FLAGS = ("--peers", "--quick", "--long")

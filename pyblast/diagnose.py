@@ -35,7 +35,7 @@ RESULT = "diagnosis.json"
 REPORT = "report.html"
 RUNS = "runs"
 BUDGET = 400
-EDGE, FINE_EDGE = 0.45, 0.38  # edges of quadratic zones, in wavelengths of S at the top of the band
+EDGE, FINE_EDGE = 0.6, 0.38  # edges of quadratic zones, in wavelengths of S at the top of the band
 PADDING, FINE_PADDING = 0.2, 0.4  # in wavelengths of S at the bottom of the band
 GROWTH, FINE_GROWTH = 1.15, 1.1
 

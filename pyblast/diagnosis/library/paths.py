@@ -7,7 +7,7 @@ import numpy as np
 from ...solving.joints import Joint
 from ..hypotheses import Knob, hypothesis
 
-STIFFEST = 400.0  # largest tangent of a closing joint over its initial stiffness
+STIFFEST = 20.0  # largest tangent of a closing joint over that at rest: what is left is a weld
 NEVER = 1e12  # Pa, a tension that nothing reaches
 
 
@@ -29,10 +29,11 @@ def joint_nonlinear_closure(site, target, closed):
     """This joint stiffens as it closes: large blasts cross it more easily, in compression."""
 
     def closing(joint):
-        kn = joint.properties["kn"] * (1.0 - closed) ** 2
+        rest = joint.properties["kn"]
+        kn = rest * (1.0 - closed) ** 2
         closure = joint.insitu_pressure * (1.0 - closed) / closed / kn
         properties = {"kn": kn, "ks": joint.properties["ks"], "closure": closure,
-                      "kn_max": STIFFEST * kn}  # fmt: skip
+                      "kn_max": STIFFEST * rest}  # fmt: skip
         return Joint(joint.surface, "closure", properties, joint.insitu_pressure)
 
     chosen = next(j for j in site.joints if j.joint.surface == target)
