@@ -60,7 +60,9 @@ def backanalyse(
 
 
 def diagnose(
-    case: Annotated[Path, typer.Argument(help="Folder with site.toml, hole tables and records.")],
+    case: Annotated[
+        Path, typer.Argument(help="Folder with site.toml, hole tables, records; or project file.")
+    ],
     out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html and runs.")],
     budget: Annotated[
         int, typer.Option(min=1, help="Runs of one blast after which no effect is tried any more.")

@@ -24,6 +24,8 @@ from .diagnosis.verdict import Verdict, judge
 from .diagnosis.words import summarise
 from .errors import InputError, ReadError
 from .motion.seismogram import Seismogram
+from .projects.project import load_project
+from .projects.project_site import diagnosed_blasts, site_of_project
 from .projects.result import plain, write_bytes, write_summary
 from .projects.site import Site, read_site
 from .projects.site_model import Cut
@@ -147,15 +149,19 @@ def cut_of(site: Site, fine: bool = False) -> Cut:
     return Cut(edge * slowest / high, padding * slowest / low, growth, quadratic=True)
 
 
-def diagnose_folder(
-    folder, output, *, budget=BUDGET, seed=1, executor=None, progress=None
-) -> dict:
-    """Diagnose a case folder and write ``diagnosis.json`` and ``report.html``.
+def read_case(path) -> Site:
+    """Read the site of a case folder, or of a project file."""
+    path = Path(path)
+    return read_site(path) if path.is_dir() else site_of_project(load_project(path))
+
+
+def diagnose_folder(folder, output, *, budget=BUDGET, seed=1, executor=None, progress=None) -> dict:
+    """Diagnose a case folder or a project and write ``diagnosis.json`` and ``report.html``.
 
     Parameters
     ----------
     folder : path
-        With ``site.toml``, hole tables and records.
+        With ``site.toml``, hole tables and records; or a project file, see `site_of_project`.
     output : path
         Folder for the result; runs are kept in its folder ``runs``, so that the same call goes on
         after an interruption, and a finished diagnosis of the same files is only read.
@@ -172,7 +178,7 @@ def diagnose_folder(
     known = _finished(output, provenance, budget, seed)
     if known is not None:
         return known
-    site = read_site(folder)
+    site = read_case(folder)
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -202,7 +208,9 @@ def predict_file(folder, output, summary, holes, path, baseline=False):
     baseline : bool
         Without the effects: the site as it was calibrated alone.
     """
-    site = read_site(folder)
+    site = read_case(folder)
+    if not site.time_zeros:
+        raise InputError("--predict: needs a case folder, a project does not tell channel names")
     case, model = case_of(site), summary["model"]
     values = model["baseline_values"] if baseline else model["values"]
     effects = () if baseline else effects_of(model)
@@ -226,8 +234,12 @@ def _as_recorded(case: Case, motion):
 
 
 def _hash_of(folder):
-    """Return the hash of all files of a case folder."""
+    """Return the hash of all files of a case folder, or of all that a project names."""
     digest = hashlib.sha256()
+    if not Path(folder).is_dir():
+        for one in diagnosed_blasts(load_project(folder)):
+            digest.update(json.dumps(one.input_files, sort_keys=True).encode())
+        return digest.hexdigest()
     try:
         for path in sorted(p for p in Path(folder).iterdir() if p.is_file()):
             digest.update(path.name.encode() + path.read_bytes())

@@ -6,6 +6,7 @@ from pydantic import Field, model_validator
 
 from .config_back_analysis import BackAnalysisConfig
 from .config_delays import DelaysConfig
+from .config_diagnosis import DiagnosisConfig
 from .config_ground import (
     BoundariesConfig,
     DampingConfig,
@@ -186,6 +187,7 @@ class Config(Section):
     run: RunConfig
     back_analysis: BackAnalysisConfig | None = None
     delays: DelaysConfig | None = None
+    diagnosis: DiagnosisConfig | None = None
 
     @model_validator(mode="after")
     def _what_enters(self):

@@ -1,0 +1,207 @@
+"""A project as a site: the same fields, the same motion, and one sentence for what can't be."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_site import BAND, BEFORE, CUT, DT, SAMPLES, recorded, small_site
+
+from pyblast.diagnose import diagnose_folder, predict_file, read_case
+from pyblast.diagnosis.case import case_of
+from pyblast.diagnosis.forward import Forward
+from pyblast.errors import InputError
+from pyblast.projects.project import load_project
+from pyblast.projects.project_site import diagnosed_blasts, site_of_project
+from pyblast.projects.site import SiteJoint
+
+TOP = 50.0  # m, height of the ground in the project; a site has it at 0
+GROUND = """
+title = "small"
+[mesh]
+size_m = [120, 90, 60]
+origin_m = [0, 0, -10]
+edge_m = 10
+padding_m = 30
+padding_edge_m = 20
+[[mesh.layers]]
+material = "rock"
+[[mesh.faults]]
+name = "J1"
+dip_deg = 90
+dip_direction_deg = 270
+through_m = [60, 45, 20]
+extent_m = [50, 30]
+[materials.rock]
+density_kg_per_m3 = 2600
+cp_m_per_s = 2800
+cs_m_per_s = 1600
+cohesion_kpa = 500
+[joints.J1]
+law = "elastic"
+kn_gpa_per_m = 0.8
+ks_gpa_per_m = 0.4
+insitu_pressure_kpa = 100
+[boundaries]
+viscous = ["west", "east", "south", "north", "bottom"]
+[holes_inside]
+moment_rate_file = "source.csv"
+[run]
+duration_s = 0.4
+compare_band_hz = [4, 25]
+"""
+BLAST = """
+[blast]
+file = "{name}_holes.csv"
+shift_m = [0, 0, 50]
+charge_exponent = 0.9
+"""
+RECEIVER = """
+[[receivers]]
+name = "{name}"
+position_m = {place}
+[receivers.recorded]
+file = "{blast}_{name}.csv"
+"""
+
+
+def believed():
+    """Return the small site with a joint that ends within it, and records."""
+    site = small_site()
+    joint = SiteJoint(site.joints[0].joint, "x", 60.0, (20.0, 70.0), (15.0, 45.0))
+    quiet = replace(site, blasts={name: blast_at(site, name) for name in site.blasts})
+    return recorded(replace(quiet, joints=(joint,))).site
+
+
+def blast_at(site, name):
+    """Return a blast whose holes are points, as a table of places says."""
+    blast = site.blasts[name]
+    return replace(blast, collar=blast.centres, toe=blast.centres, diameter=np.nan)
+
+
+def written(folder, site, *changes):
+    """Write the project of a site: a file for each blast; return the path of the first."""
+    pulse = site.moment_rate
+    times = pulse.start + pulse.dt * np.arange(len(pulse.values))
+    write_table(folder / "source.csv", "time_s,moment_rate_per_kg_Nm_per_s", times, pulse.values)
+    for name, blast in site.blasts.items():
+        order = np.arange(1, len(blast.charge) + 1)
+        columns = *blast.centres.T, blast.charge, blast.times
+        write_table(folder / f"{name}_holes.csv", "id,x,y,z,charge_kg,delay_s", order, *columns)
+        text = GROUND + BLAST.format(name=name)
+        for one in site.receivers:
+            x, y, z = one.position
+            place = [x, y] if z == 0.0 else [x, y, z + TOP]
+            text += RECEIVER.format(name=one.name, place=place, blast=name)
+            motion = site.records[name][one.name].seismogram
+            head = "time_s,east_m_per_s,north_m_per_s,vertical_m_per_s"
+            write_table(folder / f"{name}_{one.name}.csv", head, motion.times, *motion.velocity.T)
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
+        (folder / f"{name}.toml").write_text(text)
+    first = folder / "S1.toml"
+    first.write_text(first.read_text() + '\n[diagnosis]\nblasts = ["B1.toml"]\n')
+    return first
+
+
+def write_table(path, head, *columns):
+    """Write columns under a head."""
+    rows = zip(*columns, strict=True)
+    path.write_text("\n".join([head, *(",".join(f"{v:.12g}" for v in row) for row in rows)]))
+
+
+def test_a_project_holds_what_the_site_holds(tmp_path):
+    site = believed()
+    found = site_of_project(load_project(written(tmp_path, site)))
+
+    np.testing.assert_allclose(found.box, site.box, atol=1e-9)
+    (name, thickness, rock), (_, _, wanted) = found.layers[0], site.layers[0]
+    assert (name, thickness) == ("rock", None)
+    assert (rock.density, rock.cp, rock.cs) == pytest.approx((2600.0, wanted.cp, wanted.cs))
+    (joint,), (known,) = found.joints, site.joints
+    assert (joint.axis, joint.position) == (known.axis, known.position)
+    assert (*joint.extent, *joint.depth) == pytest.approx((*known.extent, *known.depth))
+    assert joint.joint.surface == known.joint.surface
+    assert joint.joint.properties == pytest.approx(known.joint.properties)
+    assert joint.joint.insitu_pressure == pytest.approx(known.joint.insitu_pressure)
+    for one, other in zip(found.receivers, site.receivers, strict=True):
+        assert one.name == other.name
+        assert tuple(one.position) == pytest.approx(tuple(other.position))
+    assert (found.quality, found.exponent, found.band) == (None, 0.9, BAND)
+    assert found.noise_window == pytest.approx((-BEFORE * DT, 0.0))
+    assert list(found.blasts) == ["S1", "B1"]
+    np.testing.assert_allclose(found.blasts["B1"].centres, site.blasts["B1"].centres)
+    np.testing.assert_allclose(found.blasts["B1"].times, site.blasts["B1"].times)
+
+
+def test_a_project_has_the_records_and_sends_the_motion_of_its_site(tmp_path):
+    case = case_of(believed())
+    same = case_of(site_of_project(load_project(written(tmp_path, case.site))))
+
+    assert same.n_samples == SAMPLES
+    np.testing.assert_allclose(same.motion, case.motion, rtol=1e-9, atol=1e-15)
+    one, other = (Forward(part, CUT).heard([(part.site, "B1")])[0] for part in (case, same))
+    np.testing.assert_allclose(other, one, rtol=1e-6, atol=1e-6 * np.abs(one).max())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("size_m = [120", 'surface_file = "top.csv"\nsize_m = [120', "mesh.surface_file"),
+        ('law = "elastic"', 'law = "kelvin"\neta_n_pa_s_per_m = 1\neta_s_pa_s_per_m = 1', "law"),
+        ("dip_deg = 90", "dip_deg = 60", "mesh.faults.J1: .* dip_deg 90"),
+        ("[run]", "[damping]\nratio = 0.01\nfrequency_hz = 5\n[run]", "damping: .* qp"),
+        ("[run]", "[ground.gradient]\nreduction = 0.3\nlength_m = 5\n[run]", "ground.gradient"),
+        ("cohesion_kpa = 500", "cohesion_kpa = 500\nyielding = {}", "rock.yielding"),
+        ('"north", "bottom"]', '"north"]\nfixed = ["bottom"]', "viscous: lacks 'bottom'"),
+        ("compare_band_hz = [4, 25]", "", "diagnosis.band_hz: missing"),
+        ('[holes_inside]\nmoment_rate_file = "source.csv"',
+         '[air_blast]\npressure_kpa = 1\nduration_ms = 5', "air_blast"),
+    ],
+)  # fmt: skip
+def test_what_no_site_holds_is_refused_with_its_key(tmp_path, old, new, told):
+    path = written(tmp_path, believed(), (old, new))
+
+    with pytest.raises(InputError, match=rf"S1.toml: diagnose: .*{told}"):
+        site_of_project(load_project(path))
+
+
+def test_quality_factors_of_all_layers_are_those_of_the_site(tmp_path):
+    quality = "cohesion_kpa = 500\nqp = 40\nqs = 30\nquality_band_hz = [2, 40]"
+    path = written(tmp_path, believed(), ("cohesion_kpa = 500", quality))
+    site = read_case(path)
+
+    assert site.quality == (40.0, 30.0)
+    assert site.layers[0][2].law.name == "elastic"
+
+
+def test_blasts_of_other_ground_are_refused(tmp_path):
+    path = written(tmp_path, believed())
+    other = tmp_path / "B1.toml"
+    other.write_text(other.read_text().replace("cp_m_per_s = 2800", "cp_m_per_s = 2900"))
+
+    with pytest.raises(InputError, match=r"B1\.toml: materials: differs from S1\.toml"):
+        diagnosed_blasts(load_project(path))
+
+
+def test_records_without_time_before_the_blast_are_refused(tmp_path):
+    path = written(tmp_path, believed(), ('R2.csv"', 'R2.csv"\nstart_s = 0.01'))
+
+    with pytest.raises(InputError, match=r"R2\.recorded: the record of S1 begins 0\.01 s"):
+        read_case(path)
+
+
+def test_a_project_is_diagnosed_but_foretells_no_files(tmp_path, monkeypatch):
+    path = written(tmp_path, believed())
+    calls = []
+
+    def made(site, *_, **__):
+        calls.append(site.name)
+        raise InputError("stop")
+
+    monkeypatch.setattr("pyblast.diagnose.diagnose", made)
+    with pytest.raises(InputError, match="stop"):
+        diagnose_folder(path, tmp_path / "out")
+    assert calls == ["small"]
+    with pytest.raises(InputError, match="--predict: needs a case folder"):
+        predict_file(path, tmp_path, {"model": {"values": []}}, path, path)
