@@ -153,6 +153,19 @@ def test_intervals_are_held_against_the_truth():
     assert sorted(row_of(truth(kn=1.2e9, ks=3e8), said)["covered"]) == [False, True]
 
 
+def test_values_of_a_joint_are_held_against_the_truth_at_the_plane_that_is_nearest():
+    said = answer(target="x=50.0", offset=interval(7.0, 0.0, 9.0), kn=interval(1e9, 5e8, 2e9))
+    assert row_of(truth(kn=1.2e9), said)["covered"] == [True]  # 3 m off
+    far = answer(target="x=10.0", offset=interval(7.0, 0.0, 9.0), kn=interval(1e9, 5e8, 2e9))
+    assert row_of(truth(kn=1.2e9), far)["covered"] == []
+
+
+def test_a_crash_on_a_null_is_an_alarm_and_a_claim_on_what_is_invisible_too():
+    crash = rows((truth("null"), {"outcome": "CRASH"}))
+    assert scores(crash)["false alarm"]["share"] == 1.0
+    assert scores(rows((truth(), answer()), length=3.0))["false alarm, invisible"]["share"] == 1.0
+
+
 def test_gain_is_relative_to_the_right_model_on_the_records_that_the_effect_reaches():
     measured = {
         "length": 20.0,

@@ -7,6 +7,7 @@ that ``verification/foreign.json`` has already are kept, so a study that was sto
 """
 
 import json
+import os
 import sys
 import tempfile
 import tomllib
@@ -86,7 +87,7 @@ def table(rows):
         yield (
             f"| {name} | {', '.join(row['truth'])} | {row['outcome']} | {said} | "
             f"{row['explained']:.2f} | {before:.1f} → {after:.1f} % | {row['runs']} | "
-            f"{row['wall_s'] / 60.0:.0f} |"
+            f"{(row['wall_s'] + row.get('kept_s', 0.0) / os.cpu_count()) / 60.0:.0f} |"
         )
 
 

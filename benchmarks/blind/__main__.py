@@ -87,7 +87,7 @@ def _score(given, store):
     found = {
         "seed": seed, "test": seed == TEST_SEED, "root": table["root"],
         "visible": scoring.VISIBLE, "clear": scoring.CLEAR, "scores": scoring.scores(rows),
-        "rows": rows, "seals": table["seals"],
+        "programs": len({row["code"] for row in rows}), "rows": rows, "seals": table["seals"],
     }  # fmt: skip
     write_text(_result(found["test"], store), json.dumps(found, indent=1) + "\n")
 

@@ -13,7 +13,7 @@ WORDS = """# Blind benchmark of the diagnosis
 Written by `python -m benchmarks.blind` (`./dev blind`). {cases} cases, seed {seed}{kind}. A
 generator draws small sites and hides effects in them, stronger and weaker than the diagnosis
 expects, or none; the records carry real noise. Truths were sealed before the run (hash of all
-seals `{root}`), answers frozen before the truths were opened.
+seals `{root}`), answers frozen before the truths were opened. All came from {programs}.
 
 How truth differs from what the diagnosis believes and from how it computes:
 
@@ -80,6 +80,7 @@ def write_page(found: dict):
         cases=s["cases"], seed=found["seed"], root=found["root"], table=_table(s),
         kind="" if found["test"] else ", of development: no figure here is a proof",
         labels=_labels(s["by label"]), lengths=_lengths(s["by length"]), risk=risk,
+        programs={1: "one program"}.get(found["programs"], f"{found['programs']} programs"),
         visible=found["visible"], clear=found["clear"], cpu=_middle(s["cpu_s"], " s"),
         runs=_middle(s["runs"], ""),
     )  # fmt: skip

@@ -56,6 +56,7 @@ def row_of(truth: dict, answer: dict, measured: dict | None = None) -> dict:
         "sure_right": _sure_right(truth, true, probability),
         "lead": _lead(evidence), "leader_right": bool(first) and set(first) <= set(true),
         "runs": answer.get("runs"), "cpu_s": answer.get("cpu_s"),
+        "code": answer.get("code"),
         "null": truth["block"] in NULLS,
     }  # fmt: skip
 
@@ -101,6 +102,14 @@ def _off(wanted, target, one):
     return abs(float(target[2:]) + offset - float(wanted[2:]))
 
 
+def _nearest(wanted, targets, one):
+    """Return which target of an effect is meant: the same, or the nearest plane; or None."""
+    if "=" not in wanted:
+        return wanted if wanted in targets else None
+    near = [target for target in targets if "=" in target and _off(wanted, target, one) <= NEAR]
+    return min(near, key=lambda target: _off(wanted, target, one), default=None)
+
+
 def _parameters(one, target):
     """Return the parameters of an effect at one of its places."""
     table = one["parameters"]
@@ -113,9 +122,10 @@ def _covered(truth, answer):
     for true in truth["effects"]:
         for one in answer["effects"]:
             targets = one["target"] if isinstance(one["target"], list) else [one["target"]]
-            if one["label"] != true["label"] or true["target"] not in targets:
+            target = _nearest(true["target"], targets, one)
+            if one["label"] != true["label"] or target is None:
                 continue
-            table = _parameters(one, true["target"])
+            table = _parameters(one, target)
             for name in set(table) & set(true["parameters"]):
                 pairs = zip(np.atleast_1d(table[name]), np.atleast_1d(true["parameters"][name]),
                             strict=True)  # fmt: skip

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from ...projects.site_fabric import Fabric
 from ..hypotheses import Knob, hypothesis
 
@@ -21,7 +23,7 @@ def attenuation_q(site, target, q):
 def _as_stiff(site, target, azimuth, normal, shear):
     """Return the site in the zones of one with a fabric, as stiff in all directions."""
     del target, normal, shear
-    return replace(site, fabric=Fabric(azimuth, 0.0, 0.0))
+    return replace(site, fabric=Fabric(0.5 * np.pi - azimuth, 0.0, 0.0))
 
 
 @hypothesis(
@@ -34,8 +36,8 @@ def _as_stiff(site, target, azimuth, normal, shear):
     settled_by="receivers in five or more directions from the blast",
 )  # fmt: skip
 def anisotropy(site, target, azimuth, normal, shear):
-    """Upright fissures of one direction slow waves across them more than waves along them."""
+    """Upright fissures slow waves across them, at an azimuth from north, more than along them."""
     del target
     if site.quality is not None or site.fabric is not None:
         return None
-    return replace(site, fabric=Fabric(azimuth, normal, shear))
+    return replace(site, fabric=Fabric(0.5 * np.pi - azimuth, normal, shear))

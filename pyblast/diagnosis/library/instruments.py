@@ -64,7 +64,7 @@ def gain_error(scene, motion, target, gain):
     settled_by=TAP,
 )  # fmt: skip
 def turned_sensor(scene, motion, target, turn):
-    """The horizontal components of this receiver did not point where the file says."""
+    """The horizontals of this receiver are turned, clockwise if positive, from their axes."""
     at = scene.case.receivers.index(target)
     east, north, up = np.moveaxis(motion[:, at], 1, 0)
     turned = np.cos(turn) * east - np.sin(turn) * north, np.sin(turn) * east + np.cos(turn) * north

@@ -52,8 +52,10 @@ def joint_slip(site, target, strength, residual):
     """This joint slips: it bears no more shear than its strength; large blasts lose S waves."""
 
     def slipping(joint):
-        friction = np.tan(np.radians(30.0))
-        peak = max(strength - joint.insitu_pressure * friction, 0.0)
+        pressure, friction = joint.insitu_pressure, np.tan(np.radians(30.0))
+        if strength < pressure * friction:  # no cohesion, and less friction
+            friction = strength / pressure
+        peak = strength - pressure * friction
         properties = {
             **joint.properties, "cohesion": peak, "friction": friction, "tension": NEVER,
             "cohesion_residual": residual * peak, "friction_residual": residual * friction,
