@@ -91,7 +91,8 @@ def _fired(site, name, effects):
     for effect in effects:
         if effect.hypothesis.on == "holes" and effect.target == name:
             delays, scales = effect.hypothesis.apply(blast, name, **effect.knobs)
-            times, charge = times + delays, charge * np.maximum(scales, SILENT) ** (1.0 / site.exponent)
+            times = times + delays
+            charge = charge * np.maximum(scales, SILENT) ** (1.0 / site.exponent)
     lead = max(0.0, -float(times.min()))
     changed = replace(blast, times=times + lead, charge=charge)
     return replace(site, blasts={**site.blasts, name: changed}), lead
