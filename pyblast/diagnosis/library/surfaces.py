@@ -1,9 +1,13 @@
 """What may be wrong where receivers stand: a soft layer, their places."""
 
+import math
 from dataclasses import replace
 
 from ...solving.materials import Material
 from ..hypotheses import Knob, hypothesis
+
+USUAL = 5.0  # m
+APART = 1.4  # ratio of thicknesses whose zones differ by no more than small errors of the theory
 
 
 def _layered(site, thickness, slower):
@@ -17,15 +21,17 @@ def _layered(site, thickness, slower):
 
 
 def _as_fast(site, target, thickness, slower):
-    """Return the site with a layer that is no slower."""
+    """Return the site with a layer that is no slower, of one of few thicknesses."""
     del target, slower
-    return _layered(site, thickness, 1.0)
+    near = USUAL * APART ** round(math.log(thickness / USUAL, APART))
+    return _layered(site, near, 1.0) or _layered(site, thickness, 1.0)
 
 
 @hypothesis(
     "soft_surface_layer", family="receiver", on="site", target="site", axis="both", bare=_as_fast,
     knobs=[
-        Knob("thickness", 5.0, 0.5, "m", log=True, starts=(3.0, 7.0), low=1.0, high=20.0),
+        Knob("thickness", USUAL, 0.5, "m", log=True,
+             starts=(USUAL / APART, USUAL * APART), low=1.0, high=20.0),
         Knob("slower", 0.4, 0.4, log=True, starts=(0.4,), low=0.1, high=0.9),
     ],
     settled_by="a receiver on bare rock beside one on the ground, or a hammer test",

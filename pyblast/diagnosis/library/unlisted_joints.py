@@ -43,9 +43,9 @@ def _plane(site, target, offset):
 
 
 def _cut_there(site, target, offset, kn, ks):
-    """Return the site with zones that end on the plane."""
-    del kn, ks
-    plane = _plane(site, target, offset)
+    """Return the site with zones that end on the plane before it was moved."""
+    del offset, kn, ks
+    plane = _plane(site, target, 0.0)
     return site if plane is None else replace(site, marks=(*site.marks, plane))
 
 
