@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from .needs import TO_HOLD_OUT, charges_apart
 from .targets import TARGETS
 
 FAMILIES = ("source", "path", "receiver", "instrument")
@@ -100,6 +101,8 @@ class Hypothesis:
         Whether a larger blast is changed by the same share. Others are screened on two blasts.
     settled_by : str
         What to measure where it can't be told from others.
+    needs : tuple of callable
+        ``(case) -> str``: why records can't test it, empty where they can.
     """
 
     label: str
@@ -115,11 +118,18 @@ class Hypothesis:
     bare: Callable | None = None
     linear: bool = True
     settled_by: str = ""
+    needs: tuple[Callable, ...] = ()
 
     @property
     def name(self):
         """Its key in the library: the label, with its form after a slash."""
         return f"{self.label}/{self.form}" if self.form else self.label
+
+    def untestable(self, case) -> str:
+        """Return why the records of a case can't test it, whatever they show; empty if they can."""
+        if not self.targets(case):
+            return f"this site has no {self.target} that it could belong to"
+        return next(filter(None, (need(case) for need in self.needs)), "")
 
 
 LIBRARY: dict[str, Hypothesis] = {}
@@ -127,11 +137,12 @@ LIBRARY: dict[str, Hypothesis] = {}
 
 def hypothesis(
     label, *, family, on, target, axis, knobs, form="", targets=None, bare=None, linear=True,
-    settled_by="",
+    settled_by="", needs=(),
 ):  # fmt: skip
     """Enter the decorated function into the library.
 
-    ``targets`` lists what ``target`` names; it may be left out for words of `TARGETS`.
+    ``targets`` lists what ``target`` names; it may be left out for words of `TARGETS`. What its
+    axis asks for, and charges apart where it is not linear, come before its own ``needs``.
 
     Raises
     ------
@@ -143,12 +154,13 @@ def hypothesis(
         if word not in allowed:
             raise InputError(f"hypothesis {label}: need one of {', '.join(allowed)}, got {word!r}")
     targets = targets or TARGETS[target]
+    needs = (*TO_HOLD_OUT[axis], *(() if linear else (charges_apart,)), *needs)
 
     def enter(function):
         claim = (function.__doc__ or "").strip().split("\n\n")[0]
         one = Hypothesis(
             label, form, " ".join(claim.split()), family, on, target, targets, axis, tuple(knobs),
-            function, bare, linear, settled_by,
+            function, bare, linear, settled_by, needs,
         )  # fmt: skip
         if one.name in LIBRARY:
             raise InputError(f"hypothesis {one.name}: is in the library already")
@@ -158,3 +170,19 @@ def hypothesis(
         return function
 
     return enter
+
+
+def untestable_labels(case) -> dict[str, str]:
+    """Return the labels of which no form can be tested by the records of a case, with the reason.
+
+    Parameters
+    ----------
+    case : Case
+        It says so by what is there, before any search.
+    """
+    told = {}
+    for label in dict.fromkeys(one.label for one in LIBRARY.values()):
+        reasons = [one.untestable(case) for one in LIBRARY.values() if one.label == label]
+        if all(reasons):
+            told[label] = reasons[0]
+    return told

@@ -105,10 +105,12 @@ def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
     Returns
     -------
     Search
+        Nothing was tried where nothing is missing, or where the records could test no effect.
     """
     found = Search(scene, limit, tell)
     found.none = found.chosen = fit(scene, ())
-    if not material(found.none.size):
+    testable = any(not one.untestable(scene.case) for one in LIBRARY.values())
+    if not (testable and material(found.none.size)):
         return found
     found.fits += _quick(found, ())
     found.guesses = _screened(found)

@@ -48,7 +48,8 @@ def judge(found: Search, threshold: Chance) -> Verdict:
     Parameters
     ----------
     found : Search
-    threshold : Chance
+    threshold : Chance or None
+        None where no effect was tried.
 
     Returns
     -------
@@ -58,11 +59,14 @@ def judge(found: Search, threshold: Chance) -> Verdict:
     -----
     A name needs more evidence than chance finds, a lead over every other label, records foretold
     that it was not fitted to, and little left over that it can't explain; and none is given where
-    the budget ended before the others were tried.
+    the budget ended before the others were tried. What these records can't test, see
+    `Hypothesis.untestable`, gets no name: all others that explain much are its class.
     """
     probability, none = _probabilities(found), found.none
     if not material(none.size):
         return Verdict("NULL", none, (), probability, 0.0, None)
+    if not found.fits:
+        return Verdict("UNKNOWN", none, (), probability, 0.0, None)
     chosen = _pruned(found, threshold)
     least = max(threshold.threshold, GROWS)
     if not chosen.effects or found.worth(chosen) < least:
@@ -71,9 +75,12 @@ def judge(found: Search, threshold: Chance) -> Verdict:
     share = found.scene.baseline.likelihood.share(none.size, chosen.size)
     if (proof.folds and not proof.improves) or share < PARTIAL_SHARE:
         return Verdict("UNKNOWN", none, (), probability, share, proof)
-    rivals = _rivals(found, chosen)
+    case = found.scene.case
+    untestable = any(effect.hypothesis.untestable(case) for effect in chosen.effects)
+    rivals = _rivals(found, chosen, least if untestable else None)
     poor = material(chosen.size) and share < NAMED_SHARE
-    if poor or not proof.folds or not found.compared:
+    alone = untestable and len(rivals) == 1
+    if poor or alone or not proof.folds or not found.compared:
         return Verdict("PARTIAL", chosen, rivals, probability, share, proof)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
     return Verdict(outcome, chosen, rivals, probability, share, proof)
@@ -128,10 +135,11 @@ def _without(found, chosen, label):
     return fit(found.scene, left, chosen.values)
 
 
-def _rivals(found, chosen):
-    """Return the labels that explain as much as the last effect of a set."""
+def _rivals(found, chosen, least=None):
+    """Return the labels that explain as much as the last effect of a set, or ``least`` nats."""
     same = [one for one in found.fits if len(one.labels) == len(chosen.labels)]
-    near = [one for one in same if found.worth(chosen) - found.worth(one) < GROWS]
+    least = found.worth(chosen) - GROWS if least is None else least
+    near = [one for one in same if found.worth(one) > least]
     own = set(chosen.labels)
     others = [label for one in near for label in one.labels if label not in own]
     return (*chosen.labels, *dict.fromkeys(others)) if others else chosen.labels[:1]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .hypotheses import LIBRARY
+from .hypotheses import LIBRARY, untestable_labels
 from .locating import located
 from .verdict import intervals
 
@@ -116,18 +116,21 @@ def _held_out(proof):
 
 
 def _not_testable(scene, found):
-    """Return labels that these records could not show, with the reason."""
-    told, case, likelihood = dict(NOT_ASKED), scene.case, scene.baseline.likelihood
-    reach = {}
+    """Return labels that these records could not show, with the reason.
+
+    First what they can't test whatever they hold, which was known before the search.
+    """
+    likelihood, reach = scene.baseline.likelihood, {}
+    told = NOT_ASKED | untestable_labels(scene.case)
     for guess in found.guesses:
         size = likelihood.size(likelihood.white(guess.change))
         length = float(np.sqrt(np.sum(likelihood.freedom * size)))
         reach[guess.effect.label] = max(reach.get(guess.effect.label, 0.0), length)
     for label in dict.fromkeys(one.label for one in LIBRARY.values()):
         forms = [one for one in LIBRARY.values() if one.label == label]
-        if not any(one.targets(case) for one in forms):
-            told[label] = f"this site has no {forms[0].target} that it could belong to"
-        elif found.fits and all(one.on == "site" for one in forms) and label not in reach:
+        if label in told:
+            continue
+        if found.fits and all(one.on == "site" for one in forms) and label not in reach:
             told[label] = "it can't be at this site, or the budget of runs ended before it"
         elif reach.get(label, np.inf) < VISIBLE:
             told[label] = (

@@ -59,7 +59,11 @@ def lead(made, summary) -> str:
         told.append(f"These records can't tell this from {_or(others)}.")
     if outcome == "COMPOSITE":
         told.insert(0, f"{COUNTS[len(told)]} effects act together.")
-    if outcome == "PARTIAL" and summary["evidence"]["explained_share"] < NAMED_SHARE:
+    untestable = {one["label"]: one["reason"] for one in summary["not_testable"]}
+    unsure = [label for label in made.verdict.fit.labels if label in untestable]
+    if outcome in ("CLASS", "PARTIAL") and unsure:
+        proof += f" But these records can't test {_and(unsure)}: {untestable[unsure[0]]}."
+    elif outcome == "PARTIAL" and summary["evidence"]["explained_share"] < NAMED_SHARE:
         proof += f" But something else is missing {_near(summary['remainder'])}."
     elif outcome == "PARTIAL" and not summary["finished"]:
         proof += " But the budget of runs ended before all other effects were tried."
@@ -74,6 +78,8 @@ def share(summary) -> str:
 def _why_not(summary):
     """Say why no effect of the library was taken."""
     proof, best = summary["held_out"], " + ".join(summary["evidence"]["best_labels"])
+    if not summary["evidence"]["ranking"]:
+        return "these records can test no effect of the library, so none was tried"
     if proof is None:
         return "nothing in the library explains it"
     fault = "does not foretell records that it was not fitted to"

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...projects.site_fabric import Fabric
 from ..hypotheses import Knob, hypothesis
+from ..needs import three_directions
 
 
 @hypothesis(
@@ -33,7 +34,7 @@ def _as_stiff(site, target, azimuth, normal, shear):
         Knob("normal", 0.2, 0.15, starts=(0.25,), low=0.0, high=0.8),
         Knob("shear", 0.2, 0.15, starts=(0.15,), low=0.0, high=0.8),
     ],
-    settled_by="receivers in five or more directions from the blast",
+    settled_by="receivers in five or more directions from the blast", needs=(three_directions,),
 )  # fmt: skip
 def anisotropy(site, target, azimuth, normal, shear):
     """Upright fissures slow waves across them, at an azimuth from north, more than along them."""
