@@ -44,6 +44,8 @@ def peers(r):
     found = {n: one.get("ours_over_theirs") for n, one in r["peers"]["peers"].items()}
     words = ", ".join(f"{n} {x:.1f}" if x else f"{n} failed" for n, x in found.items())
     least = [n for n, x in found.items() if x is not None and x < wanted[n]]
+    busy = [n for n, one in r["peers"]["peers"].items() if one.get("beside_other_work")]
+    words += f"; beside other work: {', '.join(busy)}" if busy else ""
     short = ", ".join(f"{n} below {wanted[n]:g}" for n in least)
     return words, bool(found) and all(found.values()) and not least, short
 

@@ -6,14 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.meshing.memory import (
-    NODE_BYTES,
-    ZONE_BYTES,
-    ZONES_PER_CUBE,
-)
+from pyblast.meshing.memory import ZONES_PER_CUBE
 from pyblast.meshing.tetrahedra import volumes
 from pyblast.projects.project import load_project
 from pyblast.solving.assembly import time_step
+from pyblast.solving.footprint import HELD_QUADRATIC, NUMBERED
 from pyblast.solving.materials import Damping
 from pyblast.solving.preparation import prepare
 
@@ -91,9 +88,9 @@ def for_20_hz(model, found):
     per_zone = found["damping"]["low-passed"]["seconds_a_step"][1] / found["zones"]
     steps = found["damping"]["low-passed"]["steps"]
     rows = {}
-    for kind, edges, cost, nodes in (
-        ("constant strain", LINEAR_EDGES, 1.0, NODES_A_ZONE),
-        ("quadratic", QUADRATIC_EDGES, QUADRATIC_COST, QUADRATIC_NODES_A_ZONE),
+    for kind, edges, cost, nodes, needs in (
+        ("constant strain", LINEAR_EDGES, 1.0, NODES_A_ZONE, NUMBERED),
+        ("quadratic", QUADRATIC_EDGES, QUADRATIC_COST, QUADRATIC_NODES_A_ZONE, HELD_QUADRATIC),
     ):
         own = [min(LONGEST, model.materials[g].cs / (edges * HIGHEST)) for g in mesh.groups]
         zones = ZONES_PER_CUBE * volume / np.array(own) ** 3
@@ -101,7 +98,7 @@ def for_20_hz(model, found):
         rows[kind] = {
             "edge_m": dict(zip(mesh.groups, own, strict=True)),
             "zones": dict(zip(mesh.groups, zones.tolist(), strict=True)),
-            "memory_gb": total * (ZONE_BYTES + NODE_BYTES * nodes) / 1e9,
+            "memory_gb": total * float(needs @ (1.0, nodes, 0.0)) / 1e9,
             "seconds_for_the_motion": total * per_zone * cost * steps,
         }
     return rows

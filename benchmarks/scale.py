@@ -6,7 +6,7 @@ import os
 import time
 from pathlib import Path
 
-from pyblast.meshing.memory import marching_bytes
+from pyblast.solving.footprint import marching_bytes
 
 from .marching import March, cube, prepared, rock_model, rounds_of_ledger
 from .timing import Probes, interleaved, median, on, ratio
@@ -28,9 +28,12 @@ def lines(found):
     """Return the tables of this part."""
     told = [
         "Full step without damping, on one thread and on two. Memory is what the process grew",
-        "by, once free memory was given back, beside what the program foresees before it refuses",
-        "a model. Threads that wait sleep, so that runs side by side do not disturb each other:",
-        "small models march as fast or faster on one thread (`OMP_NUM_THREADS=1`).",
+        "by, once free memory was given back, beside the most that the program foresees and",
+        "refuses a model by. That is more where zones are springs: their edges are numbered before",
+        "the march, which takes about 430 B a zone for a while. Tests hold what is foreseen",
+        "against the arrays of models of each kind: never less, at most 20 % more. Threads that",
+        "wait sleep, so that runs side by side do not disturb each other: small models march as",
+        "fast or faster on one thread (`OMP_NUM_THREADS=1`).",
         "",
         "| zones | ns a zone and step | 2 threads | mesh µs a zone | preparation µs a zone "
         "| B a zone | foreseen |",
@@ -86,7 +89,7 @@ def by_zones(quick):
             "mesh_us_a_zone": 1e6 * meshed / n_zones,
             "prepare_us_a_zone": 1e6 * assembled / n_zones,
             "bytes_a_zone": (resident() - before) / n_zones,
-            "bytes_a_zone_foreseen": marching_bytes(model.nodes) / n_zones,
+            "bytes_a_zone_foreseen": marching_bytes(model) / n_zones,
         } | ({"probes": probes.found(took)} if probes else {})  # fmt: skip
         del march, model, works, probes
 

@@ -30,6 +30,7 @@ HERE = Path(__file__).parent
 LONGEST = 900.0  # s for each, installation included
 EDGE = 7.8  # m: 0.2 million zones
 SIDES = ("west", "east", "south", "north", "bottom", "top")
+BUSY = 1.5  # load beyond which other work runs beside
 SHORT = {"OpenSeesPy": 8}  # how many times fewer steps the slowest march: its rate alone is told
 PEERS = {
     "Akantu": ("akantu", ["akantu"]),
@@ -134,7 +135,7 @@ class Own:
 def tried(folder, script, packages, own, n_steps):
     """Return what some steps of a peer gave between two marches of ours, or why it gave nothing."""
     answer, place = folder / f"{script}.npz", folder / script
-    began = time.perf_counter()
+    began, load = time.perf_counter(), os.getloadavg()[0]
     try:
         libraries = installed(place, packages)
         left = LONGEST - (time.perf_counter() - began)
@@ -155,7 +156,8 @@ def tried(folder, script, packages, own, n_steps):
         velocity = file["velocity"]
     rate = len(own.model.mesh.zones) / step / 1e6
     return {"version": version(place, packages[0]), "million_zone_steps_per_s": rate,
-            "ours_over_theirs": step / ours, "velocity": velocity}  # fmt: skip
+            "ours_over_theirs": step / ours, "beside_other_work": load > BUSY,
+            "velocity": velocity}  # fmt: skip
 
 
 def installed(place, packages):
@@ -177,6 +179,12 @@ def version(place, package):
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
 
+def _measured(found, busy):
+    """Name the peers that were measured beside other work, or without."""
+    each = found["peers"].items()
+    return ", ".join(n for n, one in each if one.get("beside_other_work") is busy) or "none"
+
+
 def lines(found):
     """Return the table of this part."""
     told = [
@@ -185,6 +193,9 @@ def lines(found):
         "exact motion (the mesh is the same, so is the error); our step has all its accounts and "
         "is timed before and after each peer. NGSolve and MFEM multiply by an assembled matrix."
         + "".join(f" {name} marches {steps} times fewer steps." for name, steps in SHORT.items()),
+        "",
+        f"On a quiet machine: {_measured(found, False)}. Beside other work, which shares caches "
+        f"and memory and so may favour either: {_measured(found, True)}.",
         "",
         "| program | million zones a second | ours over theirs | error % |",
         "|---|---|---|---|",

@@ -1,15 +1,12 @@
-"""Memory: what the machine has left, what a model needs, and a refusal beforehand."""
+"""Memory: what the machine has left, what a mesh needs, and a refusal beforehand."""
 
 import os
 from pathlib import Path
 
 from ..errors import InputError
 
-# Measured growth of the process per zone: gmsh with its mesh, a grid, and what is marched.
+# Measured growth of the process per zone: gmsh with its mesh, and a grid.
 MESHING_BYTES, GRID_BYTES = 1900.0, 300.0
-ZONE_BYTES, NODE_BYTES, CONTACT_BYTES = 850.0, 400.0, 400.0
-SAMPLE_BYTES = 100.0  # of a receiver and step
-HISTORY_BYTES = 25.0  # of a load's history and step
 ZONES_PER_CUBE = 11.0  # zones in a volume of one mean edge cubed
 _GROUPS = Path("/sys/fs/cgroup")
 _LIMITS = (
@@ -47,23 +44,6 @@ def _pages():
         return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):
         return float("inf")
-
-
-def marching_bytes(nodes, n_samples=0, n_loaded=0):
-    """Return what assembly and march of a mesh take beside it, bytes.
-
-    Parameters
-    ----------
-    nodes : Nodes
-    n_samples : int
-        Steps times receivers.
-    n_loaded : int
-        Steps times histories of loads.
-    """
-    n_contacts = 0 if nodes.contacts is None else len(nodes.contacts.area)
-    own = ZONE_BYTES * len(nodes.zone_nodes) + NODE_BYTES * len(nodes.points)
-    own += CONTACT_BYTES * n_contacts
-    return own + SAMPLE_BYTES * n_samples + HISTORY_BYTES * n_loaded
 
 
 def refuse_beyond_memory(what, needed):

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..meshing import tetrahedra
-from ..meshing.memory import marching_bytes
 from ..meshing.mesh import locate
 from ..motion.spectra import dominant_frequency
 from ..solving import assembly, preparation, solver
+from ..solving.footprint import marching_bytes
 
 TRIAL_STEPS = 40
 
@@ -85,7 +85,7 @@ def take_census(project, measure=False) -> Census:
         limited_by=limit.limited_by,
         added_mass=float(limit.added_mass.sum() / mass.sum()),
         steps=n_steps,
-        memory=marching_bytes(model.nodes, n_steps * (1 + len(model.receivers))),
+        memory=marching_bytes(model, n_steps * (1 + len(model.receivers))),
         seconds=_measured(model, float(geometry["dt"]), n_steps) if measure else None,
     )
 

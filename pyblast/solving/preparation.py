@@ -8,8 +8,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from ..errors import InputError, SolverError
-from ..meshing.memory import marching_bytes, refuse_beyond_memory
+from ..meshing.memory import refuse_beyond_memory
 from . import assembly, kernels
+from .footprint import marching_bytes
 from .free_field import side_loads
 from .model import Model
 from .model_file import write_model
@@ -99,19 +100,19 @@ def prepare(
     if not (math.isfinite(duration) and duration > 0.0):
         raise InputError(f"duration: must be positive, got {duration:g} s")
     zones = f"model: {len(model.mesh.zones)} zones"
-    refuse_beyond_memory(zones, marching_bytes(model.nodes))
+    refuse_beyond_memory(zones, marching_bytes(model))
     geometry, limit = assembly.geometry_arrays(model, step)
     n_steps = max(2, math.ceil(duration / geometry["dt"]))  # a seismogram has two samples
     n_samples = n_steps * (1 + len(model.receivers))
     recorded = f"{zones} with {len(model.receivers)} receivers over {n_steps} steps"
-    refuse_beyond_memory(recorded, marching_bytes(model.nodes, n_samples))
+    refuse_beyond_memory(recorded, marching_bytes(model, n_samples))
     static, settled = {}, None
     if model.insitu is not None and (model.mesh.contacts is not None or model.yielding().any()):
         static, settled = _equilibrate(model, geometry, progress)
     sides = side_loads(model, geometry["dt"], n_steps * geometry["dt"], _marched)
     if sides:
         histories = f"{recorded} and {len(sides)} histories of free-field sides"
-        needed = marching_bytes(model.nodes, n_samples, n_steps * len(sides))
+        needed = marching_bytes(model, n_samples, n_steps * len(sides))
         refuse_beyond_memory(histories, needed)
     constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps, sides)}
     state = assembly.initial_state(constants)

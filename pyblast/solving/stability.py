@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..meshing import tetrahedra
-from ..meshing.mesh import edge_lengths
 from ..meshing.tetrahedra import shape_gradients
 from .quadratic_frequencies import quadratic_frequencies
 
@@ -16,6 +15,7 @@ IN_ONE_PLACE = 20.0
 THIN = 0.25  # smallest altitude over longest edge of what counts as a sliver
 FEW = 64  # zones of a place whose zones that are no slivers may take FINE shares only
 FINE = 4.0
+TOGETHER = 2**13  # zones whose shapes are looked at at once
 
 
 @dataclass(frozen=True)
@@ -238,10 +238,15 @@ def _places(n_zones, size):
 
 def _thinness(mesh):
     """Return the smallest altitude of each zone over its longest edge, (n_zones,)."""
-    gradient = shape_gradients(mesh.points, mesh.zones)
-    every = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
-    altitude = 1.0 / np.linalg.norm(every, axis=2).max(axis=1)
-    return altitude / edge_lengths(mesh).max(axis=1)
+    found = np.empty(len(mesh.zones))
+    for start in range(0, len(found), TOGETHER):
+        zones = mesh.zones[start : start + TOGETHER]
+        gradient = shape_gradients(mesh.points, zones)
+        every = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
+        altitude = 1.0 / np.linalg.norm(every, axis=2).max(axis=1)
+        longest = tetrahedra.edge_lengths(mesh.points, zones).max(axis=1)
+        found[start : start + TOGETHER] = altitude / longest
+    return found
 
 
 def _shares(part, added, own):
