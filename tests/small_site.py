@@ -103,7 +103,7 @@ def scene_of(case: Case) -> Scene:
         slopes, motion, np.zeros_like(motion), likelihood_of(case),
     )  # fmt: skip
     holes = np.stack([motion[0], np.roll(motion[0], 3, axis=-1), 0.5 * motion[0]])
-    return Scene(forward, baseline, {"B1": holes})
+    return Scene(forward, baseline, {"S1": motion[:1], "B1": holes})
 
 
 def _coloured(rng, n):

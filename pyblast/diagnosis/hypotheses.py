@@ -45,6 +45,9 @@ class Knob:
         In the unit; the search stays within.
     per_hole : bool
         One value for each hole of the blast.
+    nothing : float, optional
+        Value in the unit at which the effect vanishes: from there it is told how small an effect
+        records would have shown. Not for effects on the site, which need runs.
     """
 
     name: str
@@ -56,6 +59,7 @@ class Knob:
     low: float = -np.inf
     high: float = np.inf
     per_hole: bool = False
+    nothing: float | None = None
 
     def coordinate(self, value):
         """Return a value as the search sees it: in sigmas from the centre."""

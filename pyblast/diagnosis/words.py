@@ -4,7 +4,9 @@ import numpy as np
 
 from .hypotheses import LIBRARY, untestable_labels
 from .locating import located
+from .search import GROWS
 from .verdict import intervals
+from .visible import visible
 
 NOT_ASKED = {"topography": "the description of the site has no surface to compare with a plane"}
 VISIBLE = 4.0  # length of an effect in units of its errors, below which it can't be seen
@@ -31,6 +33,9 @@ def summarise(scene, found, shuffled, verdict) -> dict:
         "effects": _effects(verdict),
         "class": list(verdict.rivals) if len(verdict.rivals) > 1 else [],
         "not_testable": _not_testable(scene, found),
+        "smallest_visible": visible(
+            scene, verdict.fit, max(GROWS, 0.0 if shuffled is None else shuffled.threshold)
+        ),
         "located": located(baseline, none.motion, none.size),
         "remainder": located(baseline, verdict.fit.motion, verdict.fit.size),
         "evidence": {

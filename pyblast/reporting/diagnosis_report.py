@@ -37,6 +37,7 @@ def render_diagnosis(made, summary) -> str:
         meanings=words.MEANINGS,
         maps=_drawn(_map_figures(made, summary)),
         ranking=words.ranking_rows(made),
+        visible=words.visible_rows(summary),
         rank_figure=_drawn(_rank_figures(made, summary)),
         needed=words.needed(summary),
         share=words.share(summary),

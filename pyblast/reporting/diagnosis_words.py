@@ -188,6 +188,24 @@ def _unit(unit, largest):
     return next((one for one in reversed(known) if largest >= 0.1 * one[1]), known[0])
 
 
+def visible_rows(summary) -> list[str]:
+    """Say of each effect how small it could have been and would still have been seen."""
+    told = []
+    for one in summary["smallest_visible"]:
+        unit, factor = _unit(one["unit"], one["amount"])
+        size = f"{one['amount'] / factor:.2g} {unit}".rstrip()
+        if one["nothing"] != 0.0:
+            size = f"{100.0 * one['amount'] / one['nothing']:.0f} %"
+        place = {"site": ""}.get(one["target"], f" of any {one['target']}")
+        each = " of any single hole" if one["per_hole"] else ""
+        but = f", but not at {_and(one['unseen'])}" if one["unseen"] else ""
+        told.append(
+            f"{one['label']}: {one['knob']}{each or place} off by {size} or more would have been "
+            f"seen{but}."
+        )
+    return told
+
+
 def ranking_rows(made) -> list[dict]:
     """List the effects that were fitted, best first, with what they claim.
 

@@ -14,7 +14,8 @@ AHEAD = 3.0  # widths of the pulse before its middle that it begins
 @hypothesis(
     "air_blast", family="receiver", on="motion", target="site", axis="both",
     knobs=[
-        Knob("pressure", 800.0, 2.0, "Pa", log=True, starts=(800.0,), low=0.1, high=1e6),
+        Knob("pressure", 800.0, 2.0, "Pa", log=True, starts=(800.0,), low=0.1, high=1e6,
+             nothing=0.0),
         Knob("period", 0.1, 0.6, "s", log=True, starts=(0.05, 0.1), low=0.02, high=0.5),
         Knob("speed", 340.0, 6.0, "m/s", starts=(340.0,), low=310.0, high=370.0),
         Knob("decay", 1.1, 0.2, starts=(1.1,), low=0.4, high=2.0),

@@ -11,7 +11,9 @@ TAP = "a tap from a known side, or shots from three directions"
 
 @hypothesis(
     "clock_error", family="instrument", on="motion", target="receiver", axis="blasts",
-    knobs=[Knob("shift", 0.0, 10e-3, "s", starts=(0.0, 8e-3, -8e-3), low=-0.2, high=0.2)],
+    knobs=[
+        Knob("shift", 0.0, 10e-3, "s", starts=(0.0, 8e-3, -8e-3), low=-0.2, high=0.2, nothing=0.0)
+    ],
     settled_by="noise recorded together with a receiver of known clock",
 )  # fmt: skip
 def clock_error(scene, motion, target, shift):
@@ -46,7 +48,9 @@ def geophone(scene, motion, target, corner, damping, gain):
 @hypothesis(
     "instrument_response", form="gain", family="instrument", on="motion", target="receiver",
     axis="blasts",
-    knobs=[Knob("gain", 1.0, 0.7, log=True, starts=(0.5, 2.0), low=0.02, high=50.0)],
+    knobs=[
+        Knob("gain", 1.0, 0.7, log=True, starts=(0.5, 2.0), low=0.02, high=50.0, nothing=1.0)
+    ],
     settled_by=SWAP,
 )  # fmt: skip
 def gain_error(scene, motion, target, gain):
@@ -59,7 +63,8 @@ def gain_error(scene, motion, target, gain):
     "sensor_orientation_or_polarity", form="turned", family="instrument", on="motion",
     target="receiver", axis="blasts",
     knobs=[
-        Knob("turn", 0.0, 1.0, "rad", starts=(0.3, -0.3, 1.57, -1.57, 3.1), low=-3.3, high=3.3)
+        Knob("turn", 0.0, 1.0, "rad", starts=(0.3, -0.3, 1.57, -1.57, 3.1), low=-3.3, high=3.3,
+             nothing=0.0),
     ],
     settled_by=TAP,
 )  # fmt: skip

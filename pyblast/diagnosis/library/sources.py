@@ -12,7 +12,10 @@ from ..targets import blasts_of_many_holes
 @hypothesis(
     "delay_scatter", family="source", on="holes", target="blast", axis="receivers",
     targets=blasts_of_many_holes,
-    knobs=[Knob("delays", 0.0, 3e-3, "s", starts=(0.0,), low=-0.02, high=0.02, per_hole=True)],
+    knobs=[
+        Knob("delays", 0.0, 3e-3, "s", starts=(0.0,), low=-0.02, high=0.02, per_hole=True,
+             nothing=0.0),
+    ],
     settled_by="the log of the detonators, or a sensor beside the holes",
 )  # fmt: skip
 def delay_scatter(blast, target, delays):
@@ -24,7 +27,9 @@ def delay_scatter(blast, target, delays):
 @hypothesis(
     "misfire_or_charge_error", form="holes", family="source", on="holes", target="blast",
     axis="receivers", targets=blasts_of_many_holes,
-    knobs=[Knob("scales", 1.0, 0.3, starts=(1.0,), low=0.0, high=3.0, per_hole=True)],
+    knobs=[
+        Knob("scales", 1.0, 0.3, starts=(1.0,), low=0.0, high=3.0, per_hole=True, nothing=1.0)
+    ],
     settled_by="the loading sheets, and a look at the muck pile for what is left",
 )  # fmt: skip
 def misfire_or_charge_error(blast, target, scales):
@@ -35,7 +40,8 @@ def misfire_or_charge_error(blast, target, scales):
 
 @hypothesis(
     "misfire_or_charge_error", form="blast", family="source", on="holes", target="blast",
-    axis="receivers", knobs=[Knob("scale", 1.0, 0.4, log=True, starts=(1.0,), low=0.1, high=10.0)],
+    axis="receivers",
+    knobs=[Knob("scale", 1.0, 0.4, log=True, starts=(1.0,), low=0.1, high=10.0, nothing=1.0)],
     settled_by="the loading sheets, or single holes of other charges",
 )  # fmt: skip
 def charge_error(blast, target, scale):
@@ -47,7 +53,9 @@ def charge_error(blast, target, scale):
 
 @hypothesis(
     "clock_error", form="blast", family="source", on="holes", target="blast", axis="receivers",
-    knobs=[Knob("shift", 0.0, 10e-3, "s", starts=(0.0, 8e-3, -8e-3), low=-0.2, high=0.2)],
+    knobs=[
+        Knob("shift", 0.0, 10e-3, "s", starts=(0.0, 8e-3, -8e-3), low=-0.2, high=0.2, nothing=0.0)
+    ],
     settled_by="a sensor beside the first hole, on the clock of the receivers",
 )  # fmt: skip
 def trigger_error(blast, target, shift):

@@ -1,0 +1,74 @@
+"""The smallest visible effect: a little more is seen, a little less is not."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import fft
+from small_site import DT, recorded, scene_of, small_site
+
+import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis.fitting import fit
+from pyblast.diagnosis.scene import Effect
+from pyblast.diagnosis.search import GROWS, Search, material
+from pyblast.diagnosis.visible import visible
+from pyblast.reporting.diagnosis_words import visible_rows
+
+
+@cache
+def told():
+    """Return what a site without effects would have shown, by label, form and knob."""
+    here = scene_of(recorded(small_site()))
+    return {(v["label"], v["form"], v["knob"]): v for v in visible(here, fit(here, ()))}
+
+
+def late(shift):
+    """Return a change of records that makes the clock of R2 late."""
+
+    def change(motion):
+        spectrum = fft.rfft(motion[:, 2], 256)
+        turned = np.exp(-2j * np.pi * fft.rfftfreq(256, DT) * shift)
+        motion = motion.copy()
+        motion[:, 2] = fft.irfft(spectrum * turned, 256)[..., : motion.shape[-1]]
+        return motion
+
+    return change
+
+
+@pytest.mark.parametrize(("share", "seen"), [(1.4, True), (0.6, False)])
+def test_a_clock_error_is_seen_above_the_amount_and_not_below(share, seen):
+    shift = share * told()["clock_error", "", "shift"]["amount"]
+    here = scene_of(recorded(small_site(), change=late(shift)))
+    none, slow = fit(here, ()), fit(here, (Effect("clock_error", "R2", ((0.0,),)),))
+    found = Search(here, 400, none=none, tell=None)
+
+    assert (material(none.size) and found.worth(slow) >= GROWS) == seen
+
+
+def test_amounts_are_small_and_of_knobs_that_need_no_runs():
+    amounts = {key: one["amount"] for key, one in told().items()}
+
+    assert 1e-3 < amounts["clock_error", "", "shift"] < 10e-3
+    assert 0.05 < amounts["instrument_response", "gain", "gain"] < 0.5
+    assert ("wrong_coordinates", "receiver", "east") not in amounts
+    assert not any(label.startswith("joint") for label, _, _ in amounts)
+
+
+def test_nothing_is_said_beside_what_is_not_explained():
+    here = scene_of(recorded(small_site(), change=late(0.05)))
+
+    assert visible(here, fit(here, ())) == []
+
+
+def test_words_name_the_amount_with_its_unit():
+    one = {
+        "label": "clock_error", "form": "", "target": "receiver", "knob": "shift", "unit": "s",
+        "per_hole": False, "nothing": 0.0, "amount": 4e-3, "unseen": ["R3"],
+    }  # fmt: skip
+    gain = one | {"knob": "gain", "unit": "", "nothing": 1.0, "amount": 0.2, "unseen": []}
+
+    assert visible_rows({"smallest_visible": [one, gain]}) == [
+        "clock_error: shift of any receiver off by 4 ms or more would have been seen, "
+        "but not at R3.",
+        "clock_error: gain of any receiver off by 20 % or more would have been seen.",
+    ]
