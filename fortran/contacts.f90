@@ -1,6 +1,6 @@
 module pyblast_contacts
     !! Relative motion across joints, tractions by the law of each joint, forces on both sides.
-    use pyblast_kinds, only : dp, n_joint_properties, n_joint_state
+    use pyblast_kinds, only : dp, least_shared, n_joint_properties, n_joint_state
     use pyblast_lanes, only : lanes
     use pyblast_joint_laws, only : held_tractions, joint_traction
     implicit none
@@ -35,7 +35,7 @@ contains
         real(dp), intent(inout) :: contact_force(lanes, 3, 2, n_contacts)      !! minus, plus [N]
         integer :: c, j
 
-        !$omp parallel do schedule(static) private(j)
+        !$omp parallel do schedule(static) private(j) if (lanes*n_nodes >= least_shared)
         do c = 1, n_contacts
             j = contact_joint(c)
             call contact_pull(joint_law(:, j), joint_property(:, :, j), dt, contact_normal(:, c), &

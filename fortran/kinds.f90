@@ -19,6 +19,10 @@ module pyblast_kinds
     integer, parameter, public :: n_quadratic_strains = 14
     integer, parameter, public :: n_abreast = 16             !! quadratic zones side by side
 
+    integer, public :: least_shared = 12000
+        !! nodes, times lanes, of a model whose steps are worth sharing among threads; not literal,
+        !! so that tests can share the steps of small ones
+
     integer, parameter, public :: n_energies = 10
         !! ledger columns: kinetic, strain, joint stored, joint dissipated, zone dissipated,
         !! damping, dashpots, input, in-situ work [J], sum of unbalanced force [N]

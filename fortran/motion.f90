@@ -1,6 +1,6 @@
 module pyblast_motion
     !! Sum of the forces on a node in fixed order, and its step through time.
-    use pyblast_kinds, only : dp
+    use pyblast_kinds, only : dp, least_shared
     use pyblast_lanes, only : lanes
     implicit none
     private
@@ -28,7 +28,8 @@ contains
         real(dp) :: own(lanes, 3), part(lanes, 3)
         integer :: b, n, k
 
-        !$omp parallel do schedule(static) private(n, k, own, part)
+        !$omp parallel do schedule(static) private(n, k, own, part) &
+        !$omp& if (lanes*n_nodes >= least_shared)
         do b = 1, n_blocks
             part = 0.0_dp
             do n = (b - 1)*block_size + 1, min(b*block_size, n_nodes)
@@ -61,7 +62,7 @@ contains
         real(dp) :: part(lanes, 3)
         integer :: b, n
 
-        !$omp parallel do schedule(static) private(n, part)
+        !$omp parallel do schedule(static) private(n, part) if (lanes*n_nodes >= least_shared)
         do b = 1, n_blocks
             part = 0.0_dp
             do n = (b - 1)*block_size + 1, min(b*block_size, n_nodes)
@@ -91,7 +92,7 @@ contains
         real(dp), intent(inout) :: block_energy(lanes, 5, n_blocks)  !! [J]
         integer :: b, first, last
 
-        !$omp parallel do schedule(static) private(first, last)
+        !$omp parallel do schedule(static) private(first, last) if (lanes*n_nodes >= least_shared)
         do b = 1, n_blocks
             first = (b - 1)*block_size + 1
             last = min(b*block_size, n_nodes)
@@ -224,7 +225,7 @@ contains
 
         if (.not. any(memory_rate > 0.0_dp)) return
         share = 0.5_dp*dt*memory_rate/(1.0_dp + 0.5_dp*dt*memory_rate)
-        !$omp parallel do schedule(static) private(k, both)
+        !$omp parallel do schedule(static) private(k, both) if (lanes*n_nodes >= least_shared)
         do n = 1, n_nodes
             both = 2.0_dp*displacement(:, :, n) - dt*velocity(:, :, n)
             do k = 1, n_memories

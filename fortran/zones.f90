@@ -4,7 +4,7 @@ module pyblast_zones
     !! A domain is at most a fixed number of neighbouring zones of one set: one law, one damping. It
     !! adds the forces of its zones into slots of its own, one for each of its nodes, so that no sum
     !! depends on the number of threads.
-    use pyblast_kinds, only : dp, n_quadratic, n_zone_properties, n_zone_state
+    use pyblast_kinds, only : dp, least_shared, n_quadratic, n_zone_properties, n_zone_state
     use pyblast_lanes, only : lanes
     use pyblast_linear_zones, only : linear_energy, linear_forces
     use pyblast_lane_zones, only : lane_forces
@@ -81,7 +81,8 @@ contains
             !! work of the initial stress [J]
         integer :: d, z1, z2, s1, s2, set
 
-        !$omp parallel do schedule(dynamic) private(z1, z2, s1, s2, set)
+        !$omp parallel do schedule(dynamic) private(z1, z2, s1, s2, set) &
+        !$omp& if (lanes*n_nodes >= least_shared)
         do d = 1, n_domains
             z1 = domain_zone_start(d)
             z2 = domain_zone_start(d + 1) - 1

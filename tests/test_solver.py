@@ -92,16 +92,18 @@ SCRIPT = """
 import sys, json
 sys.path.insert(0, sys.argv[1])
 from test_solver import digest, slipping_model
+from pyblast import _core
 from pyblast.solving.solver import run
+_core.pyblast_kinds.least_shared = int(sys.argv[2])
 result = run(slipping_model(), 0.2)
 print(json.dumps([digest(result), result.prepared.fingerprint, result.provenance["threads"]]))
 """
 
 
-@pytest.mark.parametrize("threads", [1, 2, 3])
-def test_any_number_of_threads_gives_the_same_bits(threads, whole):
+@pytest.mark.parametrize(("threads", "least"), [(1, 1), (2, 1), (3, 1), (2, 10**9)])
+def test_any_number_of_threads_gives_the_same_bits(threads, least, whole):
     environment = {**os.environ, "OMP_NUM_THREADS": str(threads)}
-    command = [sys.executable, "-c", SCRIPT, str(Path(__file__).parent)]
+    command = [sys.executable, "-c", SCRIPT, str(Path(__file__).parent), str(least)]
 
     out = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
 
