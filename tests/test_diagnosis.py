@@ -1,5 +1,6 @@
 """A diagnosis of a small site with effects that need no runs: named, or not, and on what."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -88,6 +89,23 @@ def test_what_is_named_foretells_records_that_were_left_out():
     assert proof["improves"]
     assert proof["variance_reduction_after"] > proof["variance_reduction_before"]
     assert {fold["name"] for fold in proof["folds"]} == {"S1", "B1"}
+
+
+def test_one_silent_hole_is_a_misfire_of_that_hole_and_not_of_all_charges():
+    site = small_site()
+    silent = replace(site.blasts["B1"], charge=np.array([60.0, 1e-6, 60.0]))
+    true = with_values(site, unknowns_of(site), TRUE)
+    case = recorded(site, replace(true, blasts={**site.blasts, "B1": silent}))
+    made = diagnose(case.site, cuts=(CUT, None), seed=3)
+
+    assert made.summary["outcome"] == "NAMED"
+    (effect,) = made.summary["effects"]
+    assert (effect["label"], effect["target"]) == ("misfire_or_charge_error", "B1")
+    assert effect["parameters"]["hole"] == "2"
+    assert effect["parameters"]["sent"]["value"] < 0.2
+    (free,) = (f for f in made.search.fits if f.effects[0].name.endswith("/holes"))
+    (one,) = (f for f in made.search.fits if f.effects[0].name.endswith("/misfire"))
+    assert made.search.worth(one) > made.search.worth(free)
 
 
 def test_a_diagnosis_is_the_same_each_time():

@@ -71,6 +71,49 @@ def test_every_effect_lists_where_it_may_be():
     assert listed["damaged_zone"] == ("", "B1")
 
 
+def test_a_misfire_may_be_of_each_hole_of_a_blast_of_many():
+    listed = LIBRARY["misfire_or_charge_error/misfire"].targets(scene().case)
+
+    assert listed == tuple(f"{n} of blast B1" for n in (1, 2, 3))
+
+
+def test_a_misfire_takes_away_what_its_hole_sends():
+    effect = Effect("misfire_or_charge_error/misfire", "3 of blast B1", ((0.0,),))
+    motion = scene().baseline.motion
+    n_late = round(0.06 / DT)
+    lost = motion - scene().received(motion, (effect,))
+
+    assert not lost[0].any()
+    assert np.abs(lost[1, ..., :n_late]).max() < 1e-3 * np.abs(lost[1]).max()  # fired at 60 ms
+    without = sent_by(replace(small_site(), blasts=silenced(2)))
+    np.testing.assert_allclose(lost[1], motion[1] - without, atol=1e-3 * np.abs(lost[1]).max())
+
+
+def silenced(n):
+    """Return the blasts of the small site, a hole of the last without a charge."""
+    blasts = small_site().blasts
+    charge = blasts["B1"].charge.copy()
+    charge[n] = 1e-9
+    return blasts | {"B1": replace(blasts["B1"], charge=charge)}
+
+
+def sent_by(site):
+    """Return what the last blast of a site sends, (n_receivers, 3, n_samples) m/s."""
+    return Forward(scene().case, CUT).heard([(site, "B1")])[0]
+
+
+def test_a_fill_that_creeps_passes_less_than_its_spring_and_all_of_it_if_stiff():
+    spring = sent(small_site())[0, 1:3]  # receivers behind the joint
+    slow, fast = (
+        sent(applied("joint_viscous_fill/creeping", "J1", relaxation=one))[0, 1:3]
+        for one in (1.0, 5e-3)
+    )
+    plane = 1.0 / (1.0 + 1.0 / (2.0 * 8e8 / (2600.0 * 2800.0) * 5e-3))  # 0.52, of a slow P wave
+
+    assert shared(slow, spring) < 0.03
+    assert np.linalg.norm(fast) / np.linalg.norm(spring) == pytest.approx(plane, abs=0.15)
+
+
 def test_planes_keep_away_from_joints_and_holes_and_cover_the_rest():
     listed = LIBRARY["missing_joint"].targets(scene().case)
     apart = 1600.0 / 3.0 / 25.0

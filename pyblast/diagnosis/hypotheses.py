@@ -107,6 +107,8 @@ class Hypothesis:
         What to measure where it can't be told from others.
     needs : tuple of callable
         ``(case) -> str``: why records can't test it, empty where they can.
+    single : bool
+        Whether it is claimed of one target at a time, the best, however many would pay.
     """
 
     label: str
@@ -123,6 +125,7 @@ class Hypothesis:
     linear: bool = True
     settled_by: str = ""
     needs: tuple[Callable, ...] = ()
+    single: bool = False
 
     @property
     def name(self):
@@ -141,7 +144,7 @@ LIBRARY: dict[str, Hypothesis] = {}
 
 def hypothesis(
     label, *, family, on, target, axis, knobs, form="", targets=None, bare=None, linear=True,
-    settled_by="", needs=(),
+    settled_by="", needs=(), single=False,
 ):  # fmt: skip
     """Enter the decorated function into the library.
 
@@ -164,7 +167,7 @@ def hypothesis(
         claim = (function.__doc__ or "").strip().split("\n\n")[0]
         one = Hypothesis(
             label, form, " ".join(claim.split()), family, on, target, targets, axis, tuple(knobs),
-            function, bare, linear, settled_by, needs,
+            function, bare, linear, settled_by, needs, single,
         )  # fmt: skip
         if one.name in LIBRARY:
             raise InputError(f"hypothesis {one.name}: is in the library already")

@@ -11,6 +11,7 @@ from .calibration import Baseline
 from .forward import Forward, geometry
 from .hypotheses import LIBRARY
 from .surroundings import Surroundings, surroundings
+from .targets import blast_and_hole
 from .unknowns import with_values
 
 
@@ -158,14 +159,16 @@ class Scene:
 
     def _by_holes(self, effect):
         """Return what other times and scales of the holes of one blast change."""
-        at = self.case.blasts.index(effect.target)
-        blast, holes = self.case.site.blasts[effect.target], self.holes[effect.target]
+        name, _ = blast_and_hole(effect.target)
+        blast, at = self.case.site.blasts[name], self.case.blasts.index(name)
         delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.knobs)
-        n = self.case.n_samples
+        other = (delays != 0.0) | (scales != 1.0)
+        delays, scales, times = delays[other], scales[other], blast.times[other]
+        holes, n = self.holes[name][other], self.case.n_samples
         size = fft.next_fast_len(2 * n, real=True)
         turns = -2j * np.pi * fft.rfftfreq(size, self.case.dt)
-        nominal = np.exp(np.multiply.outer(blast.times, turns))
-        changed = scales[:, None] * np.exp(np.multiply.outer(blast.times + delays, turns))
+        nominal = np.exp(np.multiply.outer(times, turns))
+        changed = scales[:, None] * np.exp(np.multiply.outer(times + delays, turns))
         spectrum = fft.rfft(holes, size) * (changed - nominal)[:, None, None]
         change = np.zeros((len(self.case.blasts), *holes.shape[1:]))
         change[at] = fft.irfft(spectrum.sum(axis=0), size)[..., :n]

@@ -181,6 +181,8 @@ def _quick(found, base):
             best[target] = squares - gained, effects[-1]
         paying = [one for gained, one in best.values() if gained > 2.0 * GROWS]
         most = max(best.values(), key=lambda one: one[0], default=None)
+        if hypothesis.single:
+            paying = [most[1]] if paying else []
         if most is None or most[0] <= 0.0 or (base and not paying):
             continue
         one = fit(scene, (*base, *(paying or [most[1]])), home)

@@ -2,6 +2,8 @@
 
 from .case import Case
 
+OF_BLAST = " of blast "
+
 
 def whole_site(case: Case) -> tuple[str, ...]:
     """Return the one target of effects that belong to nothing smaller."""
@@ -22,6 +24,23 @@ def blasts(case: Case) -> tuple[str, ...]:
 def blasts_of_many_holes(case: Case) -> tuple[str, ...]:
     """Return the names of the blasts in which holes can differ."""
     return tuple(name for name in case.blasts if len(case.site.blasts[name].charge) > 1)
+
+
+def holes(case: Case) -> tuple[str, ...]:
+    """Return each hole of the blasts of many holes, with its blast."""
+    return tuple(
+        dict.fromkeys(
+            f"{hole}{OF_BLAST}{name}"
+            for name in blasts_of_many_holes(case)
+            for hole in case.site.blasts[name].hole_ids
+        )
+    )
+
+
+def blast_and_hole(target: str) -> tuple[str, str]:
+    """Return the blast of a target, and its hole where it is a hole of a blast."""
+    hole, _, blast = target.rpartition(OF_BLAST)
+    return blast, hole
 
 
 def receivers(case: Case) -> tuple[str, ...]:

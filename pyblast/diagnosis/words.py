@@ -5,6 +5,7 @@ import numpy as np
 from .hypotheses import LIBRARY, untestable_labels
 from .locating import located
 from .search import GROWS
+from .targets import blast_and_hole
 from .verdict import intervals
 from .visible import visible
 
@@ -96,9 +97,10 @@ def _effects(verdict):
                 "parameters": {},
             },
         )
-        place = effect.target if effect.target not in entry["target"] else effect.name
-        entry["target"].append(effect.target)
-        entry["parameters"][place] = table
+        target, hole = blast_and_hole(effect.target)
+        place = target if target not in entry["target"] else effect.name
+        entry["target"].append(target)
+        entry["parameters"][place] = table | ({"hole": hole} if hole else {})
     for entry in entries.values():
         if len(entry["target"]) == 1:
             entry["parameters"] = entry["parameters"][entry["target"][0]]

@@ -80,3 +80,19 @@ def joint_viscous_fill(site, target, relaxation):
         return Joint(joint.surface, "kelvin", properties, joint.insitu_pressure)
 
     return _on_joint(site, target, filled)
+
+
+@hypothesis(
+    "joint_viscous_fill", form="creeping", family="path", on="site", target="joint", axis="both",
+    knobs=[Knob("relaxation", 2e-2, 1.2, "s", log=True, starts=(1e-2,), low=1e-3, high=1.0)],
+    settled_by="receivers close to the joint on both sides, over a wider band",
+)  # fmt: skip
+def joint_creeping_fill(site, target, relaxation):
+    """The fill of this joint creeps: it passes less than a spring does, of low frequencies too."""
+
+    def creeping(joint):
+        kn, ks = joint.properties["kn"], joint.properties["ks"]
+        properties = {"kn": kn, "ks": ks, "eta_n": relaxation * kn, "eta_s": relaxation * ks}
+        return Joint(joint.surface, "maxwell", properties, joint.insitu_pressure)
+
+    return _on_joint(site, target, creeping)

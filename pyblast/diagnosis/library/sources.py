@@ -6,7 +6,7 @@ import numpy as np
 
 from ...solving.ground_fields import DamagedZone
 from ..hypotheses import Knob, hypothesis
-from ..targets import blasts_of_many_holes
+from ..targets import blast_and_hole, blasts_of_many_holes, holes
 
 
 @hypothesis(
@@ -36,6 +36,19 @@ def misfire_or_charge_error(blast, target, scales):
     """Holes of this blast sent less or more than their charge should, or nothing."""
     del blast, target
     return np.zeros(len(scales)), scales
+
+
+@hypothesis(
+    "misfire_or_charge_error", form="misfire", family="source", on="holes", target="hole",
+    axis="receivers", targets=holes, single=True,
+    knobs=[Knob("sent", 0.0, 0.2, starts=(0.0,), low=0.0, high=1.0)],
+    settled_by="a look at the muck pile for the charge of this hole",
+)  # fmt: skip
+def misfire(blast, target, sent):
+    """This hole misfired: it sent nothing, or little, of what its charge should."""
+    _, hole = blast_and_hole(target)
+    silent = np.array([name == hole for name in blast.hole_ids])
+    return np.zeros(len(silent)), np.where(silent, sent, 1.0)
 
 
 @hypothesis(
