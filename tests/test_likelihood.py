@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from small_site import recorded, small_site
 
-from pyblast.diagnosis.chance import Chance, _elsewhere, _Shuffled
+from pyblast.diagnosis.chance import Chance, _elsewhere, _Fits, _Shuffled
 from pyblast.diagnosis.folds import Fold, HeldOut
 from pyblast.diagnosis.likelihood import DOUBT, THEORY, likelihood_of
 
@@ -63,8 +64,11 @@ def test_what_is_shuffled_does_not_hold_an_effect_at_one_receiver():
     left[:, 1] += effect[0, :, 1]
     n = left.shape[1]
 
+    fits = _Fits(likelihood, own, [effect])
+    shuffled = _Shuffled(fits, left)
+
     def worth(order):
-        return _Shuffled(likelihood, own, [effect], left).best(order, np.ones(n), 0.0)
+        return fits.best(*shuffled.one(order, np.ones(n)), 0.0)
 
     found = worth(np.arange(n))
     assert found > 20.0
@@ -83,10 +87,11 @@ def test_chance_finds_an_effect_at_all_places_together_as_the_search_does():
         places[-1][0, :, r] = left[:, s]
     none = np.zeros((0, *left.shape))
 
-    one, all_of_them = (
-        _Shuffled(likelihood, none, some, left).best(order, np.ones(len(order)), 1.0)
-        for some in (places[:1], places)
-    )
+    def worth(some):
+        fits = _Fits(likelihood, none, some)
+        return fits.best(*_Shuffled(fits, left).one(order, np.ones(len(order))), 1.0)
+
+    one, all_of_them = worth(places[:1]), worth(places)
 
     assert all_of_them > 3.0 * one > 3.0
 
@@ -103,8 +108,8 @@ def test_what_is_shuffled_to_a_receiver_with_a_dead_channel_has_no_part_there():
     none = np.zeros((0, *left.shape))
     order = np.array([1, 0, 3, 2])
 
-    surrogate = _Shuffled(likelihood, none, [np.zeros((1, *left.shape))], left)
-    size = surrogate.energy[:, np.arange(4), order] / kept
+    fits = _Fits(likelihood, none, [np.zeros((1, *left.shape))])
+    size, _ = _Shuffled(fits, left).one(order, np.ones(4))
 
     assert np.all(size[:, 0] < 2.0)
 
@@ -122,4 +127,18 @@ def test_few_folds_must_all_gain_and_many_need_not_gain_alike():
 
 
 def test_a_threshold_is_never_below_nothing():
-    assert Chance(np.full(200, -3.0)).threshold == 0.0
+    assert Chance(np.full(200, -3.0), {}).needed(()) == 0.0
+
+
+def test_a_label_needs_what_harmless_errors_give_it_and_no_other_does():
+    chance = Chance(np.linspace(0.0, 5.0, 200), {"clock_error": np.linspace(0.0, 40.0, 200)})
+    assert chance.needed(["joint_slip"]) == pytest.approx(4.75)
+    assert chance.needed(["joint_slip", "clock_error"]) == pytest.approx(38.0)
+    assert chance.interval(["clock_error"])[0] < 38.0 < chance.interval(["clock_error"])[1]
+
+
+def test_errors_of_all_records_that_are_larger_than_supposed_are_told_from_none():
+    likelihood = made()
+    as_supposed, larger = (np.full(likelihood.kept.shape, size) for size in (1.0, 20.0))
+    assert likelihood.doubted(as_supposed) < 0.0
+    assert likelihood.doubted(larger) > 20.0

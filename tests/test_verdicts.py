@@ -7,7 +7,7 @@ import numpy as np
 from small_site import recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
-from pyblast.diagnosis.chance import Chance
+from pyblast.diagnosis.chance import Chance, chance
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.folds import held_out
 from pyblast.diagnosis.scene import Effect
@@ -16,7 +16,7 @@ from pyblast.diagnosis.verdict import judge
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 LOUD = Effect("misfire_or_charge_error/blast", "B1", ((1.0,),))
-CHANCE = Chance(np.zeros(200))
+CHANCE = Chance(np.zeros(200), {})
 
 
 def late_and_loud(motion):
@@ -27,12 +27,18 @@ def late_and_loud(motion):
     return motion
 
 
+def with_holes(scene):
+    """Return a scene whose first hole sends all of each blast."""
+    motion = scene.baseline.motion
+    nothing = 0.0 * motion[1]
+    return replace(scene, holes={"S1": motion[:1], "B1": np.stack([motion[1], nothing, nothing])})
+
+
 @cache
 def fits():
     """Return a scene with two effects, and the fits of none, of each and of both."""
     here = scene_of(recorded(small_site(), change=late_and_loud))
-    motion = here.baseline.motion
-    here = replace(here, holes={"B1": np.stack([motion[1], 0.0 * motion[1], 0.0 * motion[1]])})
+    here = with_holes(here)
     return here, *(fit(here, some) for some in ((), (SLOW,), (LOUD,), (SLOW, LOUD)))
 
 
@@ -76,3 +82,29 @@ def test_a_residual_counts_as_much_where_a_receiver_missed_other_blasts():
     size[:, 1] = 0.0, 0.0, MATERIAL + 0.1
 
     assert material(size)
+
+
+def late_everywhere(motion):
+    """Let every path be 2 to 4 ms late or early: more than supposed, and no clock's fault."""
+    steps = np.array([0.75, -0.75, 0.9, -0.6])  # of samples
+    slopes = np.gradient(motion, axis=-1)
+    return motion - steps[:, None, None] * slopes
+
+
+def test_small_errors_of_every_path_are_no_clocks_that_were_wrong():
+    here = with_holes(scene_of(recorded(small_site(), change=late_everywhere)))
+    none = fit(here, ())
+    clocks = tuple(Effect("clock_error", f"R{n}", ((0.0,),)) for n in range(4))
+    every, found = fit(here, clocks), Search(here, 400, lambda *_: None, none)
+
+    beyond = chance(here, none, [], seed=1)
+
+    assert found.worth(every) > beyond.needed(())  # shuffled among receivers they are rare
+    assert found.worth(every) < beyond.needed(["clock_error"])
+
+
+def test_one_clock_that_is_wrong_stands_out_of_small_errors():
+    here, none, slow, *_ = fits()
+    found = Search(here, 400, lambda *_: None, none)
+
+    assert found.worth(slow) > chance(here, none, [], seed=1).needed(["clock_error"])

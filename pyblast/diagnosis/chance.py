@@ -17,32 +17,39 @@ SPREAD = 1.645  # standard deviations of 90 % of a normal distribution, both sid
 
 @dataclass(frozen=True, eq=False)
 class Chance:
-    """The largest evidence over the library in each of many surrogates.
+    """The largest evidence in each of many surrogates, in nats over that of nothing.
 
     Parameters
     ----------
-    worth : (n_surrogates,) float64
-        In nats over that of nothing, sorted.
+    shuffled : (n_surrogates,) float64
+        Over the library, in residuals that changed receivers; sorted.
+    harmless : dict of str to (n_surrogates,) float64
+        For each label on its own, in small errors of every path; sorted.
     """
 
-    worth: np.ndarray
+    shuffled: np.ndarray
+    harmless: dict
 
-    @property
-    def threshold(self):
-        """What 95 % of the surrogates stay below, nats; never negative."""
-        return max(float(np.quantile(self.worth, LEVEL)), 0.0)
+    def needed(self, labels) -> float:
+        """Return what 95 % of surrogates stay below, nats, for some labels; never negative."""
+        return max(float(np.quantile(some, LEVEL)) for some in self._of(labels))
 
-    @property
-    def interval(self):
-        """Where the threshold lies by its order statistics, with 90 % probability."""
-        n = len(self.worth)
+    def interval(self, labels) -> tuple[float, float]:
+        """Return where that lies by its order statistics, with 90 % probability."""
+        some = max(self._of(labels), key=lambda one: float(np.quantile(one, LEVEL)))
+        n = len(some)
         spread = SPREAD * np.sqrt(n * LEVEL * (1.0 - LEVEL))
         first, last = (int(np.clip(n * LEVEL + d, 0, n - 1)) for d in (-spread, spread))
-        return max(float(self.worth[first]), 0.0), max(float(self.worth[last]), 0.0)
+        return float(some[first]), float(some[last])
+
+    def _of(self, labels):
+        """Return the distributions that count for labels."""
+        own = [self.harmless[label] for label in labels if label in self.harmless]
+        return [np.maximum(some, 0.0) for some in (self.shuffled, *own)]
 
 
 def chance(scene: Scene, none: Fit, guesses: list[Guess], seed: int) -> Chance:
-    """Search shuffled residuals for the effects of the library.
+    """Search shuffled residuals, and harmless errors, for the effects of the library.
 
     Parameters
     ----------
@@ -57,24 +64,56 @@ def chance(scene: Scene, none: Fit, guesses: list[Guess], seed: int) -> Chance:
     -----
     A surrogate gives each receiver the residuals of another one, never its own, in all blasts,
     with a random sign: as large, as long, as coloured and as repeatable as those that were found,
-    but without the geometry that any effect has. Effects act by their linear changes, those that
-    need no runs also at all places together where they pay, as in the search; theory.md (14.4).
-    With one receiver there is no other: then nothing is beyond chance.
+    but without the geometry that any effect has. Harmless errors have that of some: all paths are
+    a little late, or strong, or turned, alike in all blasts. Effects act by their linear changes,
+    those that need no runs also at all places together where they pay, as in the search;
+    theory.md (14.4). With one receiver there is no other: then nothing is beyond chance.
     """
     rng = np.random.default_rng(seed)
     likelihood = scene.baseline.likelihood
     left = likelihood.left(none.motion)
     n_receivers = left.shape[1]
     if n_receivers == 1:
-        return Chance(np.full(SURROGATES, np.inf))
+        return Chance(np.full(SURROGATES, np.inf), {})
     orders = np.stack([_elsewhere(rng, n_receivers) for _ in range(SURROGATES)])
     signs = rng.choice([-1.0, 1.0], size=orders.shape)
-    most = np.full(SURROGATES, -np.inf)
-    for changes, places in _changes(scene, none, guesses):
-        shuffled = _Shuffled(likelihood, none.columns, changes, left)
-        found = [shuffled.best(*one, np.log(places)) for one in zip(orders, signs, strict=True)]
+    errors = _harmless(scene, none)
+    drawn = rng.standard_normal((SURROGATES, n_receivers))
+    most, harmless = np.full(SURROGATES, -np.inf), {}
+    for label, changes, places in _changes(scene, none, guesses):
+        fits, paid = _Fits(likelihood, none.columns, changes), np.log(places)
+        shuffled = _Shuffled(fits, left)
+        found = [fits.best(*shuffled.one(*some), paid) for some in zip(orders, signs, strict=True)]
         most = np.maximum(most, found)
-    return Chance(np.sort(most))
+        for kind, error in enumerate(errors):
+            alike = _Errors(fits, error)
+            found = np.array([fits.best(*alike.one(some), paid) for some in drawn])
+            known = harmless.setdefault(label, np.full((len(errors), SURROGATES), -np.inf))
+            known[kind] = np.maximum(known[kind], found)
+    return Chance(np.sort(most), {name: _largest(some) for name, some in harmless.items()})
+
+
+def _harmless(scene, none):
+    """Return whitened errors (3, n_blasts, n_receivers, m): late, strong, turned.
+
+    Each leaves at each receiver, over its blasts, what is left at the median one in its best blast.
+    """
+    likelihood, motion = scene.baseline.likelihood, none.motion
+    turned = np.zeros_like(motion)
+    turned[:, :, 0], turned[:, :, 1] = motion[:, :, 1], -motion[:, :, 0]
+    white = likelihood.white(np.stack([np.gradient(motion, axis=-1), motion, turned]))
+    there = likelihood.kept > 0
+    best = np.min(none.size, axis=0, where=there, initial=np.inf)
+    sizes = np.sum([likelihood.size(one) * there for one in white], axis=1)
+    sizes = sizes / np.maximum(there.sum(axis=0), 1)
+    level = np.median(best[there.any(axis=0)])
+    scale = np.sqrt(np.divide(level, sizes, out=np.zeros_like(sizes), where=sizes > 0.0))
+    return white * scale[:, None, :, None]
+
+
+def _largest(kinds):
+    """Return the sorted evidence (n,) of the kind of error, of (n_kinds, n), that gives most."""
+    return np.sort(kinds[np.argmax(np.quantile(kinds, LEVEL, axis=1))])
 
 
 def _elsewhere(rng, n):
@@ -86,10 +125,11 @@ def _elsewhere(rng, n):
 
 
 def _changes(scene, none, guesses):
-    """Yield whitened columns of each effect by places that may go together, and how many it has."""
+    """Yield label, whitened columns by places that may go together, how many places it has."""
     likelihood, case = scene.baseline.likelihood, scene.case
     for guess in guesses:
-        yield [likelihood.white(guess.change)[None]], len(guess.effect.hypothesis.targets(case))
+        places = len(guess.effect.hypothesis.targets(case))
+        yield guess.effect.label, [likelihood.white(guess.change)[None]], places
     for hypothesis in LIBRARY.values():
         if hypothesis.on == "site":
             continue
@@ -102,11 +142,11 @@ def _changes(scene, none, guesses):
             motion = fitter.motions([place])[0]
             changes.append(fitter.columns(place, motion, free)[free])
         if changes:
-            yield changes, len(changes)
+            yield hypothesis.label, changes, len(changes)
 
 
-class _Shuffled:
-    """Linear fits of an effect to residuals that change receivers.
+class _Fits:
+    """Linear fits of an effect to surrogates.
 
     Parameters
     ----------
@@ -115,44 +155,68 @@ class _Shuffled:
         Columns of the values of the site, which always adapt.
     changes : sequence of (n_knobs, n_blasts, n_receivers, m) float64
         Columns of the effect at each of its places.
-    left : (n_blasts, n_receivers, m) float64
     """
 
-    def __init__(self, likelihood, own, changes, left):
-        columns = np.concatenate([own, *changes])
-        self.likelihood = likelihood
-        self.products = np.einsum("ibrm,jbrm->brij", columns, columns, optimize=True)
-        self.pulls = np.einsum("ibrm,bsm->brsi", columns, left, optimize=True)
-        there = np.diagonal(likelihood.roots, axis1=2, axis2=3) > 0.0
-        self.energy = np.einsum("brm,bsm->brs", there, left**2, optimize=True)
+    def __init__(self, likelihood, own, changes):
+        self.columns = np.concatenate([own, *changes])
+        self.likelihood, self.kept = likelihood, np.maximum(likelihood.kept, 1)
+        self.products = np.einsum("ibrm,jbrm->brij", self.columns, self.columns, optimize=True)
         ends = np.cumsum([len(own), *map(len, changes)])
         self.own = np.arange(len(own))
         self.places = [np.arange(*pair) for pair in pairwise(ends)]
 
-    def best(self, order, sign, paid):
-        """Return the evidence over nothing of one surrogate, when each place costs so much."""
-        nothing, squares = self._one(order, sign, [])
-        alone = [self._one(order, sign, [place]) for place in self.places]
+    def best(self, size, pulls, paid):
+        """Return the evidence over nothing in one surrogate, when each place costs so much.
+
+        Of the surrogate its sizes (n_blasts, n_receivers) and its products with the columns,
+        (n_blasts, n_receivers, n_columns).
+        """
+        nothing, squares = self._one(size, pulls, [])
+        alone = [self._one(size, pulls, [place]) for place in self.places]
         most = max(evidence for evidence, _ in alone) - paid
         paying = [
             place for place, (_, left) in zip(self.places, alone, strict=True)
             if squares - left > 2.0 * GROWS
         ]  # fmt: skip
         if len(paying) > 1:
-            most = max(most, self._one(order, sign, paying)[0] - len(paying) * paid)
+            most = max(most, self._one(size, pulls, paying)[0] - len(paying) * paid)
         return most - nothing
 
-    def _one(self, order, sign, places):
+    def _one(self, size, pulls, places):
         """Return evidence and misfit with what the priors take, of the effect at some places."""
-        likelihood, here = self.likelihood, np.arange(len(order))
         used = np.concatenate([self.own, *places])
-        kept = np.maximum(likelihood.kept, 1)
-        size = self.energy[:, here, order] / kept
-        weights = likelihood.weights(size)
-        pulls = self.pulls[:, here, order][..., used] * sign[:, None]
+        weights, pulls = self.likelihood.weights(size), pulls[..., used]
         products = self.products[..., used[:, None], used]
         curvature = np.einsum("br,brij->ij", weights, products) + np.eye(len(used))
         move = np.linalg.solve(curvature, np.einsum("br,bri->i", weights, pulls))
         drop = 2.0 * pulls @ move - products @ move @ move
-        squares = likelihood.misfit_of(np.maximum(size - drop / kept, 0.0)) + move @ move
+        left = np.maximum(size - drop / self.kept, 0.0)
+        squares = self.likelihood.misfit_of(left) + move @ move
         return -0.5 * (squares + np.linalg.slogdet(curvature)[1]), squares
+
+
+class _Shuffled:
+    """Residuals (n_blasts, n_receivers, m) that change receivers."""
+
+    def __init__(self, fits, left):
+        self.kept = fits.kept
+        self.pulls = np.einsum("ibrm,bsm->brsi", fits.columns, left, optimize=True)
+        there = np.diagonal(fits.likelihood.roots, axis1=2, axis2=3) > 0.0
+        self.energy = np.einsum("brm,bsm->brs", there, left**2, optimize=True)
+
+    def one(self, order, sign):
+        """Return sizes and products with the columns of one surrogate."""
+        here = np.arange(len(order))
+        return self.energy[:, here, order] / self.kept, self.pulls[:, here, order] * sign[:, None]
+
+
+class _Errors:
+    """One error (n_blasts, n_receivers, m) of every path, alike in all blasts."""
+
+    def __init__(self, fits, error):
+        self.size = np.sum(error**2, axis=-1) / fits.kept
+        self.pulls = np.einsum("ibrm,brm->bri", fits.columns, error, optimize=True)
+
+    def one(self, parts):
+        """Return sizes and products with the columns of one surrogate, parts (n_receivers,)."""
+        return self.size * parts**2, self.pulls * parts[:, None]

@@ -4,12 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import signal
+from scipy.special import logsumexp
 
 from ..residuals.noise import symmetric_root
 from .case import Case
 
 THEORY = 0.01  # share of a record's energy that places, clocks, small heterogeneity, meshes cost
 DOUBT = 4.0  # degrees of freedom behind that share: it may well be three times as large
+LARGER = np.geomspace(1.0, 100.0, 41)  # by which all errors may be larger than that, in energy
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,19 @@ class Likelihood:
     def each(self, size):
         """Return -2 ln L of each record of mean squares (..., n_blasts, n_receivers)."""
         return (self.freedom + DOUBT) * np.log1p(self.freedom * size / DOUBT)
+
+    def doubted(self, size) -> float:
+        """Return how the likelihood rises if all errors may be larger by one factor, ln.
+
+        Each factor of `LARGER` is as likely as the others before the records are seen.
+        """
+        widened = [
+            self.freedom * np.log(k)
+            + (self.freedom + DOUBT) * np.log1p(self.freedom * size / (k * DOUBT))
+            for k in LARGER
+        ]
+        each = np.sum(np.where(self.kept > 0, widened, 0.0), axis=(1, 2))
+        return float(logsumexp(-0.5 * (each - each[0])) - np.log(len(LARGER)))
 
     def excess(self, size, blasts=None):
         """Return the energy that noise and errors of the theory do not explain, in their units.

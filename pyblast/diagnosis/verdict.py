@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import logsumexp
 
 from .chance import Chance
 from .fitting import Fit, fit
@@ -28,7 +29,7 @@ class Verdict:
     rivals : tuple of str
         Labels that these data can't tell from the one that was found, that one first.
     probability : dict of str to float
-        By label or "none".
+        By label, "none", or "unknown": errors of all records larger than supposed, by one factor.
     share : float
         Of the energy in excess that the best set of effects explains.
     held_out : HeldOut or None
@@ -68,7 +69,7 @@ def judge(found: Search, threshold: Chance) -> Verdict:
     if not found.fits:
         return Verdict("UNKNOWN", none, (), probability, 0.0, None)
     chosen = _pruned(found, threshold)
-    least = max(threshold.threshold, GROWS)
+    least = max(threshold.needed(chosen.labels), GROWS)
     if not chosen.effects or found.worth(chosen) < least:
         return Verdict("UNKNOWN", none, (), probability, 0.0, None)
     proof = held_out(found.scene, none, chosen)
@@ -109,13 +110,13 @@ def intervals(fit: Fit) -> list[dict]:
 
 def _pruned(found, threshold):
     """Drop effects, one by one, that bring less evidence than chance finds, or foretell nothing."""
-    chosen, least = found.chosen, max(threshold.threshold, GROWS)
+    chosen = found.chosen
     while len(chosen.labels) > 1:
-        shorter = [_without(found, chosen, label) for label in chosen.labels]
+        shorter = [(_without(found, chosen, label), label) for label in chosen.labels]
         as_good = [
-            one for one in shorter
+            one for one, label in shorter
             if one is not None and not (
-                found.worth(chosen) - found.worth(one) >= least
+                found.worth(chosen) - found.worth(one) >= max(threshold.needed([label]), GROWS)
                 and held_out(found.scene, one, chosen).improves
             )
         ]  # fmt: skip
@@ -146,12 +147,19 @@ def _rivals(found, chosen, least=None):
 
 
 def _probabilities(found):
-    """Return the posterior probability of each label, alone or with others, and of none."""
-    sets = [((), 0.0), *((one.labels, found.worth(one)) for one in found.fits)]
-    most = max(worth for _, worth in sets)
-    whole = sum(np.exp(worth - most) for _, worth in sets)
+    """Return the posterior probability of each label, alone or with others, and of none.
+
+    Beside an effect, too, all errors may be larger than supposed. Errors of a site come back in
+    each of its blasts, so that all blasts are worth one: theory.md (14.8).
+    """
+    scene = found.scene
+    doubted = scene.baseline.likelihood.doubted
+    sets = [(("none",), 0.0), (("unknown",), doubted(found.none.size))]
+    sets += [(one.labels, found.worth(one) + doubted(one.size)) for one in found.fits]
+    worth = np.array([worth for _, worth in sets]) / len(scene.case.blasts)
+    chance = np.exp(worth - logsumexp(worth))
     shares = {}
-    for labels, worth in sets:
-        for label in labels or ("none",):
-            shares[label] = shares.get(label, 0.0) + float(np.exp(worth - most) / whole)
+    for (labels, _), share in zip(sets, chance, strict=True):
+        for label in labels:
+            shares[label] = shares.get(label, 0.0) + float(share)
     return {label: round(share, 4) for label, share in shares.items()}
