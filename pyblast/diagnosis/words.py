@@ -36,7 +36,7 @@ def summarise(scene, found, shuffled, verdict) -> dict:
         "class": list(verdict.rivals) if len(verdict.rivals) > 1 else [],
         "not_testable": _not_testable(scene, found),
         "smallest_visible": visible(
-            scene, verdict.fit, max(GROWS, 0.0 if shuffled is None else shuffled.threshold)
+            scene, verdict.fit, max(GROWS, 0.0 if shuffled is None else shuffled.needed(()))
         ),
         "located": located(baseline, none.motion, none.size),
         "remainder": located(baseline, verdict.fit.motion, verdict.fit.size),
