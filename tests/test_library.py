@@ -180,6 +180,12 @@ def test_a_slipping_joint_bears_its_strength_at_rest(strength):
     assert left == pytest.approx(0.5 * strength)
 
 
+def test_a_slipping_joint_may_have_any_strength_of_its_range():
+    for strength in np.geomspace(1e3, 1e7, 300):  # rounding must not leave a cohesion below zero
+        slips = applied("joint_slip", "J1", strength=float(strength), residual=0.5)
+        assert slips.joints[0].joint.properties["cohesion"] >= 0.0
+
+
 def test_a_viscous_fill_relaxes_both_ways_in_one_time():
     (joint,) = (j.joint for j in applied("joint_viscous_fill", "J1", relaxation=2e-3).joints)
     values = joint.properties

@@ -53,9 +53,9 @@ def joint_slip(site, target, strength, residual):
 
     def slipping(joint):
         pressure, friction = joint.insitu_pressure, np.tan(np.radians(30.0))
-        if strength < pressure * friction:  # no cohesion, and less friction
-            friction = strength / pressure
         peak = strength - pressure * friction
+        if peak < 0.0:  # no cohesion, and less friction
+            peak, friction = 0.0, strength / pressure
         properties = {
             **joint.properties, "cohesion": peak, "friction": friction, "tension": NEVER,
             "cohesion_residual": residual * peak, "friction_residual": residual * friction,
