@@ -14,7 +14,7 @@ MATERIAL = 3.0  # mean size of residuals, in errors of the theory, below which n
 GROWS = 6.0  # nats that another place of the same effect must bring
 REFINED = 4  # effects on the site that are fitted by runs, in the first pass
 REFINED_LATER = 2
-SURELY = 1  # the best guess is fitted however poor it is
+SURELY = 1  # the best guess is fitted however poor it is, if nothing else explains anything
 SCALED = 0.5  # standard deviation of the scale of a change that was run at one value of its knobs
 ADAPTING = 6  # rounds of reweighting
 MOST = 3  # effects at once
@@ -130,13 +130,7 @@ def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
 
 
 def material(size) -> bool:
-    """Tell whether residuals are larger than errors of the theory allow somewhere.
-
-    Parameters
-    ----------
-    size : (n_blasts, n_receivers) float64
-        Mean squares of whitened residuals.
-    """
+    """Tell whether mean squares (n_blasts, n_receivers) are more than errors of the theory."""
     return bool(max(means(size, 0).max(), means(size, 1).max()) >= MATERIAL)
 
 
@@ -165,7 +159,8 @@ def started(hypothesis, target, scene):
 def _quick(found, base):
     """Fit each effect that needs no runs on top of others, at all places where it pays."""
     fits, scene = [], found.scene
-    labels = [h for h in LIBRARY.values() if h.on != "site" and h.label not in _labels(base)]
+    there = {effect.label for effect in base}
+    labels = [h for h in LIBRARY.values() if h.on != "site" and h.label not in there]
     home = found.chosen.values
     start = Fitter(scene, base, home)
     squares = start.squares(start.start(), start.motions([start.start()])[0])
@@ -276,10 +271,12 @@ def _rescreened(found, base):
 
 def _refined(found, guesses, base, most):
     """Fit the best guesses by runs, one place of each label."""
-    fits, seen = [], set(_labels(base))
-    least = max(LEAST_SHARE, LEAST_OF_BEST * guesses[0].share) if guesses else 0.0
+    fits, seen = [], {effect.label for effect in base}
+    known = 0.0 if base else _explained(found)
+    best = max([known, *(guess.share for guess in guesses)])
+    least, surely = max(LEAST_SHARE, LEAST_OF_BEST * best), 0 if known else SURELY
     for guess in guesses:
-        poor = guess.share < least and len(fits) >= SURELY
+        poor = guess.share < least and len(fits) >= surely
         if len(fits) == most or poor or not found.runs_left():
             break
         if guess.effect.label in seen:
@@ -293,6 +290,8 @@ def _refined(found, guesses, base, most):
     return fits
 
 
-def _labels(effects):
-    """Return the labels of effects."""
-    return {effect.label for effect in effects}
+def _explained(found):
+    """Return the share of the energy in excess that the best fit explains, if it is worth much."""
+    best, likelihood = found.best(), found.scene.baseline.likelihood
+    worthy = best is not None and found.worth(best) > GROWS
+    return likelihood.share(found.none.size, best.size) if worthy else 0.0
