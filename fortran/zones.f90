@@ -35,8 +35,7 @@ contains
         integer, intent(in) :: n_corners, n_zones                !! 4 or 15 nodes a zone
         logical, intent(in) :: tell                              !! whether energies are wanted
         real(dp), intent(in) :: dt                               !! [s]
-        integer, intent(in) :: domain_zone_start(n_domains + 1)  !! from 1
-        integer, intent(in) :: domain_slot_start(n_domains + 1)  !! from 1
+        integer, intent(in), dimension(n_domains + 1) :: domain_zone_start, domain_slot_start  !! from 1
         integer, intent(in) :: domain_set(n_domains)             !! law and damping; from 1
         integer, intent(in) :: slot_node(n_slots)                !! from 1
         real(dp), intent(in) :: slot_place(3, n_slots)           !! from a point of the domain [m]
