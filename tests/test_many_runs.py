@@ -1,6 +1,7 @@
 """A kept run is the run; what is broken or foreign is left aside; many runs resume."""
 
 import logging
+from concurrent.futures import Executor, Future
 from dataclasses import replace
 
 import numpy as np
@@ -103,3 +104,27 @@ def test_a_pool_gives_the_bits_of_runs_one_by_one_and_resumes(tmp_path):
     assert [one.found for one in together] == [False, True, False]
     assert all(same(*pair) for pair in zip(together, alone, strict=True))
     assert all(one.found for one in run_all(models, DURATION, folder=tmp_path))
+
+
+class Interrupted(Executor):
+    """Runs nothing; the first result is a Ctrl-C."""
+
+    def __init__(self):
+        self.futures = []
+
+    def submit(self, *given):
+        del given
+        future = Future()
+        if not self.futures:
+            future.set_exception(KeyboardInterrupt())
+        self.futures.append(future)
+        return future
+
+
+def test_what_has_not_begun_does_not_begin_after_ctrl_c():
+    executor = Interrupted()
+
+    with pytest.raises(KeyboardInterrupt):
+        run_all([small(charge) for charge in (1.0, 2.0, 3.0)], DURATION, executor=executor)
+
+    assert [future.cancelled() for future in executor.futures] == [False, True, True]

@@ -32,10 +32,10 @@ def input_hash(*inputs) -> str:
 
 
 @lru_cache
-def code_hash() -> str:
-    """Return the SHA-256 of the modules that march, of the core, and of numpy's version."""
+def code_hash(rooms=MARCHES) -> str:
+    """Return the SHA-256 of rooms of modules, of the core, and of numpy's and scipy's version."""
     digest = hashlib.sha256(f"numpy {np.__version__} scipy {scipy.__version__}".encode())
-    files = [file for name in MARCHES for file in sorted((PACKAGE / name).glob("*.py"))]
+    files = [file for name in rooms for file in sorted((PACKAGE / name).glob("*.py"))]
     cores = [name for name in sorted(sys.modules) if name.startswith("pyblast._core")]
     for file in [*files, *(Path(sys.modules[name].__file__ or "") for name in cores)]:
         if file.is_file():

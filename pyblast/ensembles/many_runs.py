@@ -58,6 +58,10 @@ def run_all(
             "runs: a process was lost, perhaps for want of memory; the same command goes on "
             "with what is missing"
         ) from None
+    finally:  # after a failure or Ctrl-C what has not begun shall not begin
+        for future in waiting:
+            if future is not None:
+                future.cancel()
 
 
 @contextmanager
