@@ -274,7 +274,7 @@ def _refined(found, guesses, base, most):
     fits, seen = [], {effect.label for effect in base}
     known = 0.0 if base else _explained(found)
     best = max([known, *(guess.share for guess in guesses)])
-    least, surely = max(LEAST_SHARE, LEAST_OF_BEST * best), 0 if known else SURELY
+    least, surely = max(LEAST_SHARE, LEAST_OF_BEST * best), 0 if known or base else SURELY
     for guess in guesses:
         poor = guess.share < least and len(fits) >= surely
         if len(fits) == most or poor or not found.runs_left():
