@@ -233,23 +233,23 @@ def _searched(quick, case, white, seed, runs, start=None):
 
 def _moved(quick, made, best):
     """Return what one standard deviation of each range moves, (n, 1, n_receivers, 3, n_samples)."""
-    place = made.unit(best)
-    sides = np.where(place > 0.5, -DIFFERENCE, DIFFERENCE)
-    around = made.points(np.vstack([place, place + np.diag(sides)]))
-    here, *moved = _predicted(quick, around)
-    slopes = [(one - here) / side for one, side in zip(moved, sides, strict=True)]
-    return np.array(slopes) / np.sqrt(PRIOR)
+    slopes = _slopes(made, best, lambda points: np.array(list(_predicted(quick, points))))
+    return slopes / np.sqrt(PRIOR)
 
 
 def _deviations(made, best, truth):
     """Return the error of a point over the deviation that residuals and ranges foresee there."""
-    place = made.unit(best)
-    sides = np.where(place > 0.5, -DIFFERENCE, DIFFERENCE)
-    around = made.points(np.vstack([place, place + np.diag(sides)]))
-    _, (here, *moved) = made.vectors(around)
-    slopes = (np.array(moved) - here) / sides[:, None]
+    place, slopes = made.unit(best), _slopes(made, best, lambda points: made.vectors(points)[1])
     covariance = np.linalg.inv(slopes @ slopes.T + PRIOR * np.eye(len(place)))
     return ((place - truth) / np.sqrt(np.diag(covariance))).tolist()
+
+
+def _slopes(made, best, answer):
+    """Return what the answer at a point changes by the whole range of each unknown, (n, ...)."""
+    place = made.unit(best)
+    sides = np.where(place > 0.5, -DIFFERENCE, DIFFERENCE)
+    here, *moved = answer(made.points(np.vstack([place, place + np.diag(sides)])))
+    return np.array([(one - here) / side for one, side in zip(moved, sides, strict=True)])
 
 
 def _mesh_errors(quick, best, found):

@@ -22,7 +22,7 @@ from .diagnosis.scene import Scene
 from .diagnosis.search import Search, search
 from .diagnosis.verdict import Verdict, judge
 from .diagnosis.words import summarise
-from .ensembles.input_hash import MARCHES, code_hash
+from .ensembles.input_hash import WHOLE, code_hash
 from .errors import InputError, ReadError
 from .motion.seismogram import Seismogram
 from .projects.project import load_project
@@ -37,7 +37,6 @@ from .solving.provenance import versions
 RESULT = "diagnosis.json"
 REPORT = "report.html"
 RUNS = "runs"
-THINKS = ("blasting", "diagnosis", "projects", "records", "residuals")  # what an answer rests on
 BUDGET = 400
 EDGE, FINE_EDGE = 0.6, 0.38  # edges of quadratic zones, in wavelengths of S at the top of the band
 PADDING, FINE_PADDING = 0.2, 0.4  # in wavelengths of S at the bottom of the band
@@ -176,7 +175,7 @@ def diagnose_folder(folder, output, *, budget=BUDGET, seed=1, executor=None, pro
         As in ``diagnosis.json``.
     """
     output = Path(output)
-    provenance = versions(_hash_of(folder)) | {"code_sha256": code_hash((*MARCHES, *THINKS))}
+    provenance = versions(_hash_of(folder)) | {"code_sha256": code_hash(WHOLE)}
     known = _finished(output, provenance, budget, seed)
     if known is not None:
         return known

@@ -3,22 +3,21 @@
 import time
 import traceback
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-import pyblast
 from pyblast.diagnose import cut_of, diagnose
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.prediction import effects_of, predict, site_of
+from pyblast.ensembles.input_hash import WHOLE, code_hash
 from pyblast.projects.result import plain
 from pyblast.projects.site import read_site
 from pyblast.solving.model import Receiver
 
 from .case_files import read_asked
-from .sealing import LOCKS, digest, freeze
+from .sealing import LOCKS, freeze
 from .sites import HIDDEN, SILENT
 from .worlds import delayed
 
@@ -36,17 +35,10 @@ def answer(name: str, store: Path, seals: dict) -> str:
     except Exception:  # a crash is an answer, and a wrong one
         found = {"outcome": "CRASH", "error": traceback.format_exc()}
     found["cpu_s"] = round(time.process_time() - began + found.get("kept_s", 0.0), 1)
-    found["code"] = code()
+    found["code"] = code_hash(WHOLE)  # a change between answers shows
     freeze(store, name, found, seals)
     labels = "+".join(one["label"] for one in found.get("effects", []))
     return f"{name}: {found['outcome']} {labels} ({found['cpu_s']:.0f} s)"
-
-
-@cache
-def code() -> str:
-    """Return the hash of the program that answers, so that a change between answers shows."""
-    files = sorted(Path(pyblast.__file__).parent.rglob("*.py"))
-    return digest(b"".join(path.read_bytes() for path in files))
 
 
 def _answered(store, name):

@@ -12,6 +12,7 @@ from ..meshing.contents import feed
 
 PACKAGE = Path(__file__).parents[1]
 MARCHES = ("motion", "meshing", "solving", "ensembles")
+WHOLE = ("",)  # all rooms, and what stands above them
 
 
 def input_hash(*inputs) -> str:
@@ -35,7 +36,7 @@ def input_hash(*inputs) -> str:
 def code_hash(rooms=MARCHES) -> str:
     """Return the SHA-256 of rooms of modules, of the core, and of numpy's and scipy's version."""
     digest = hashlib.sha256(f"numpy {np.__version__} scipy {scipy.__version__}".encode())
-    files = [file for name in rooms for file in sorted((PACKAGE / name).glob("*.py"))]
+    files = [file for name in rooms for file in sorted((PACKAGE / name).rglob("*.py"))]
     cores = [name for name in sorted(sys.modules) if name.startswith("pyblast._core")]
     for file in [*files, *(Path(sys.modules[name].__file__ or "") for name in cores)]:
         if file.is_file():

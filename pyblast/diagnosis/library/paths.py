@@ -20,6 +20,17 @@ def _on_joint(site, target, change):
     return replace(site, joints=joints) if chosen.joint.law == "elastic" else None
 
 
+def _filled(site, target, law, relaxation):
+    """Return the site with a viscous law of one joint, its dashpots in step with its springs."""
+
+    def filled(joint):
+        kn, ks = joint.properties["kn"], joint.properties["ks"]
+        properties = {"kn": kn, "ks": ks, "eta_n": relaxation * kn, "eta_s": relaxation * ks}
+        return Joint(joint.surface, law, properties, joint.insitu_pressure)
+
+    return _on_joint(site, target, filled)
+
+
 @hypothesis(
     "joint_nonlinear_closure", family="path", on="site", target="joint", axis="both", linear=False,
     knobs=[Knob("closed", 0.5, 0.15, starts=(0.4, 0.65), low=0.05, high=0.9)],
@@ -73,13 +84,7 @@ def joint_slip(site, target, strength, residual):
 )  # fmt: skip
 def joint_viscous_fill(site, target, relaxation):
     """The fill of this joint is viscous: it passes more of high frequencies than a spring does."""
-
-    def filled(joint):
-        kn, ks = joint.properties["kn"], joint.properties["ks"]
-        properties = {"kn": kn, "ks": ks, "eta_n": relaxation * kn, "eta_s": relaxation * ks}
-        return Joint(joint.surface, "kelvin", properties, joint.insitu_pressure)
-
-    return _on_joint(site, target, filled)
+    return _filled(site, target, "kelvin", relaxation)
 
 
 @hypothesis(
@@ -89,10 +94,4 @@ def joint_viscous_fill(site, target, relaxation):
 )  # fmt: skip
 def joint_creeping_fill(site, target, relaxation):
     """The fill of this joint creeps: it passes less than a spring does, of low frequencies too."""
-
-    def creeping(joint):
-        kn, ks = joint.properties["kn"], joint.properties["ks"]
-        properties = {"kn": kn, "ks": ks, "eta_n": relaxation * kn, "eta_s": relaxation * ks}
-        return Joint(joint.surface, "maxwell", properties, joint.insitu_pressure)
-
-    return _on_joint(site, target, creeping)
+    return _filled(site, target, "maxwell", relaxation)
