@@ -206,7 +206,7 @@ def delays(
     """Find the delays that shake houses least.
 
     Searches between the delays of table [delays] and fires the plan that is there and the best
-    one thousands of times on paper, as holes scatter. Writes delays.json.
+    one thousands of times on paper, as holes scatter. Writes delays.json and report.html.
     """
     with told():
         from .delays import find_delays

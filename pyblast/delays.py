@@ -22,9 +22,10 @@ from .projects.config_section import named_error
 from .projects.input_motion import make_firing, read_hole
 from .projects.project import Project, load_project
 from .projects.result import write_summary
+from .reporting.delay_report import write_delay_report
 from .solving.provenance import versions
 
-RESULT = "delays.json"
+RESULT, REPORT = "delays.json", "report.html"
 RUNS = "runs"  # folder of stored responses, shared by all plans
 SHARES = (0.5, 0.9, 0.95)
 
@@ -51,7 +52,7 @@ def find_delays(
     dict
         What ``delays.json`` holds, of `summarise_delays`.
     Path
-        Its folder.
+        Its folder, with ``report.html``.
 
     Raises
     ------
@@ -93,6 +94,7 @@ def find_delays(
     folder = new_folder(output)
     summary = summarise_delays(project, found, pattern @ found.best.delays)
     write_summary(folder / RESULT, summary)
+    write_delay_report(folder / REPORT, summary)
     return summary, folder
 
 

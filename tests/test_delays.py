@@ -1,6 +1,7 @@
 """Best delays from a project file: closed answers, the run they stand for, and mistakes."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -106,6 +107,19 @@ def test_the_command_says_bands_before_and_after(tmp_path):
     assert done.exit_code == 0, done.output
     assert "0 ms between holes, 50 ms between rows" in done.output
     assert "as planned: PPV that 50, 90, 95 % stay below" in done.output
+
+
+def test_the_page_shows_houses_limits_and_the_time_of_each_hole(tmp_path):
+    table = TABLE + "scatter_ms = 2\n"
+
+    _, folder = find_delays(planned(tmp_path, table, HOUSE.replace("farm", "<farm>")))
+
+    page = (folder / "report.html").read_text()
+    rows = re.findall(r"<tr><td>(.*?)</td><td>(.*?)</td><td>(.*?)</td></tr>", page)
+    assert rows == [("1-1", "0", "0"), ("2-1", "40", "50")]
+    assert page.count("data:image/png") == 2
+    assert "&lt;farm&gt;" in page
+    assert "<farm>" not in page
 
 
 CURVE = HOUSE.replace("limit_mm_per_s = 2", 'limit_curve = "NAME"')

@@ -14,7 +14,7 @@ from pyblast.solving.joints import Joint
 from pyblast.solving.materials import Damping, Material
 
 from .nuisances import LEAD
-from .sites import FURTHER, HIDDEN, SILENT, SIZE
+from .sites import FURTHER, HIDDEN, SIZE
 
 EFFECTS = {}
 SLIPLESS = 1e9  # Pa, a tension that nothing reaches
@@ -69,7 +69,7 @@ def misfire_or_charge_error(world, rng):
     charge = world.site.blasts[blast].charge
     scales = np.ones(len(charge))
     if kind == "misfire":
-        scales[rng.integers(len(charge))] = SILENT
+        scales[rng.integers(len(charge))] = 0.0
     elif kind == "holes":
         scales = np.exp(rng.normal(0.0, log_uniform(rng, 0.2, 0.7), len(charge)))
     else:

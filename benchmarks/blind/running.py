@@ -18,7 +18,7 @@ from pyblast.solving.model import Receiver
 
 from .case_files import read_asked
 from .sealing import LOCKS, freeze
-from .sites import HIDDEN, SILENT
+from .sites import HIDDEN
 from .worlds import delayed
 
 BUDGET = 700  # runs
@@ -84,7 +84,7 @@ def _fired(site, name, effects):
         if effect.hypothesis.on == "holes" and effect.target == name:
             delays, scales = effect.hypothesis.apply(blast, name, **effect.knobs)
             times = times + delays
-            charge = charge * np.maximum(scales, SILENT) ** (1.0 / site.exponent)
+            charge = charge * scales ** (1.0 / site.exponent)
     lead = max(0.0, -float(times.min()))
     changed = replace(blast, times=times + lead, charge=charge)
     return replace(site, blasts={**site.blasts, name: changed}), lead

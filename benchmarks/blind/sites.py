@@ -14,7 +14,6 @@ BAND = 5.0, 25.0
 DT, BEFORE, AFTER = 0.004, 60, 110  # s, samples before the first hole and from it on
 FURTHER, HIDDEN = "H1", "RH"  # blast and receiver that no diagnosis reads
 APART = 14.0  # m between joints
-SILENT = 1e-6  # of what a hole should send: a misfire
 
 
 def draw_site(rng, poor=False) -> Site:

@@ -83,7 +83,10 @@ class Forward:
         found = {}
         for blast, model in zip(self.case.blasts, models, strict=True):
             early = [replace(source, time=0.0) for source in model.sources]
-            found[blast] = np.stack([self._sampled(bank.blast([one])) for one in early])
+            sent = np.stack([self._sampled(bank.blast([one])) for one in early])
+            charge = site.blasts[blast].charge
+            found[blast] = np.zeros((len(charge), *sent.shape[1:]))
+            found[blast][charge > 0.0] = sent
         return found
 
     def model(self, site: Site, blast: str):

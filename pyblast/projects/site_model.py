@@ -120,7 +120,7 @@ def _apart(place, others, cut):
 
 
 def site_model(site: Site, blast: str, cut: Cut, mesh: Mesh | None = None) -> Model:
-    """Model one blast of a site with its holes as isotropic sources.
+    """Model one blast of a site with its holes as isotropic sources, but for misfires (charge 0).
 
     Parameters
     ----------
@@ -134,6 +134,7 @@ def site_model(site: Site, blast: str, cut: Cut, mesh: Mesh | None = None) -> Mo
     sources = [
         Hole(place, charge, time, site.moment_rate, site.exponent, cut.spread)
         for place, charge, time in zip(holes.centres, holes.charge, holes.times, strict=True)
+        if charge > 0.0
     ]
     materials = {name: material for name, _, material in site.layers}
     if site.fabric is not None:
