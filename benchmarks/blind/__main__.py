@@ -24,10 +24,9 @@ from . import scores as scoring
 from .drawing import draw
 from .page import write_page
 from .plan import DEVELOPMENT_SEED, TEST_SEED, plan
-from .right_model import motion_of, reductions, right
-from .rows import row_of
+from .rows import scored
 from .running import answer
-from .sealing import opened, publish, published
+from .sealing import publish, published
 
 RESULT = Path(__file__).resolve().parents[1] / "blind.json"
 JOBS = ("draw", "run", "score", "page")
@@ -56,16 +55,11 @@ def _draw(given, store):
     """Draw all cases and publish their seals."""
     cases = plan(given.cases, given.seed)
     seals = {}
-    for case, sealed in _side_by_side(partial(_drawn, store=store), cases, given.workers):
+    for case, sealed in _side_by_side(partial(draw, store=store), cases, given.workers):
         seals[case.name] = sealed
         print(f"{case.name} sealed", flush=True)
     root = publish(store, seals, {"cases": given.cases, "seed": given.seed})
     print(f"seals of {len(seals)} cases: {root}")
-
-
-def _drawn(case, store):
-    """Draw one case."""
-    return draw(case, store)
 
 
 def _run(given, store):
@@ -79,7 +73,7 @@ def _run(given, store):
 def _score(given, store):
     """Open truths and answers and write the scores."""
     table, rows = published(store), []
-    job = partial(_row, store=store, seals=table["seals"])
+    job = partial(scored, store=store, seals=table["seals"])
     for _, row in _side_by_side(job, list(table["seals"]), given.workers):
         rows.append(row)
     rows.sort(key=lambda row: row["case"])
@@ -90,22 +84,6 @@ def _score(given, store):
         "programs": len({row["code"] for row in rows}), "rows": rows, "seals": table["seals"],
     }  # fmt: skip
     write_text(_result(found["test"], store), json.dumps(found, indent=1) + "\n")
-
-
-def _row(name, store, seals):
-    """Open one case and score it; fit the right model if there is one."""
-    truth, said = opened(store, name, seals)
-    measured = {}
-    if truth["effects"]:
-        kept = store / "right" / f"{name}.json"
-        if not kept.exists():
-            kept.parent.mkdir(parents=True, exist_ok=True)
-            write_text(kept, json.dumps(right(store, name, truth)) + "\n")
-        known, motion = json.loads(kept.read_text()), motion_of(store, name, truth)
-        told = {**(said.get("foretold") or {}), "right": known["foretold"]}
-        measured = {key: reductions(motion, one) for key, one in told.items() if one}
-        measured["length"] = known["length"]
-    return row_of(truth, said, measured)
 
 
 def _page(given, store):

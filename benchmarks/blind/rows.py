@@ -1,8 +1,15 @@
 """One case scored: what was true beside what was said."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 
+from pyblast.projects.result import write_text
+
 from .plan import FAMILY, NULLS
+from .right_model import motion_of, reductions, right
+from .sealing import opened
 
 LABELS = (*FAMILY, "none", "unknown")
 # That physics of the library is missing; a crash is no better.
@@ -12,6 +19,22 @@ NEAR = 20.0  # m, within which a plane is found: a third of a wave of the middle
 LEAST_ROOM = 0.02  # of energy between the baseline and the right model, below which gain is none
 # Which unseen records a family can foretell: those of other blasts, of other receivers, of both.
 UNSEEN = {"source": ("receivers",), "instrument": ("blasts",)}
+
+
+def scored(name: str, store: Path, seals: dict) -> dict:
+    """Open one case and score it; fit the right model if there is one."""
+    truth, said = opened(store, name, seals)
+    measured = {}
+    if truth["effects"]:
+        kept = store / "right" / f"{name}.json"
+        if not kept.exists():
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            write_text(kept, json.dumps(right(store, name, truth)) + "\n")
+        known, motion = json.loads(kept.read_text()), motion_of(store, name, truth)
+        told = {**(said.get("foretold") or {}), "right": known["foretold"]}
+        measured = {key: reductions(motion, one) for key, one in told.items() if one}
+        measured["length"] = known["length"]
+    return row_of(truth, said, measured)
 
 
 def row_of(truth: dict, answer: dict, measured: dict | None = None) -> dict:
