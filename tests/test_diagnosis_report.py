@@ -22,7 +22,7 @@ from pyblast.reporting.diagnosis_words import lead, usual
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
-CHANCE = Chance(np.linspace(-4.0, 9.0, 200), {})
+CHANCE = Chance(np.linspace([-4.0, -4.0], 9.0, 200, axis=1), {})
 NOTES = {
     "case": "pit <3>", "runs": 11, "wall_s": 2.5, "kept_runs": 0, "kept_s": 0.0, "seed": 1,
     "budget": 400, "finished": True, "provenance": {"pyblast": "0"},

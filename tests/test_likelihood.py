@@ -9,6 +9,7 @@ from small_site import recorded, small_site
 from pyblast.diagnosis.chance import Chance, _elsewhere, _Fits, _Shuffled
 from pyblast.diagnosis.folds import Fold, HeldOut
 from pyblast.diagnosis.likelihood import DOUBT, THEORY, likelihood_of
+from pyblast.diagnosis.scene import Effect
 
 
 def made():
@@ -68,7 +69,7 @@ def test_what_is_shuffled_does_not_hold_an_effect_at_one_receiver():
     shuffled = _Shuffled(fits, left)
 
     def worth(order):
-        return fits.best(*shuffled.one(order, np.ones(n)), 0.0)
+        return fits.best(*shuffled.one(order, np.ones(n)), 0.0)[0]
 
     found = worth(np.arange(n))
     assert found > 20.0
@@ -91,9 +92,10 @@ def test_chance_finds_an_effect_at_all_places_together_as_the_search_does():
         fits = _Fits(likelihood, none, some)
         return fits.best(*_Shuffled(fits, left).one(order, np.ones(len(order))), 1.0)
 
-    one, all_of_them = worth(places[:1]), worth(places)
+    one, all_of_them = worth(places)
 
     assert all_of_them > 3.0 * one > 3.0
+    assert worth(places[:1])[1] == worth(places[:1])[0]
 
 
 def test_what_is_shuffled_to_a_receiver_with_a_dead_channel_has_no_part_there():
@@ -127,14 +129,22 @@ def test_few_folds_must_all_gain_and_many_need_not_gain_alike():
 
 
 def test_a_threshold_is_never_below_nothing():
-    assert Chance(np.full(200, -3.0), {}).needed(()) == 0.0
+    assert Chance(np.full((2, 200), -3.0), {}).needed(()) == 0.0
 
 
 def test_a_label_needs_what_harmless_errors_give_it_and_no_other_does():
-    chance = Chance(np.linspace(0.0, 5.0, 200), {"clock_error": np.linspace(0.0, 40.0, 200)})
-    assert chance.needed(["joint_slip"]) == pytest.approx(4.75)
-    assert chance.needed(["joint_slip", "clock_error"]) == pytest.approx(38.0)
-    assert chance.interval(["clock_error"])[0] < 38.0 < chance.interval(["clock_error"])[1]
+    rising = np.linspace(0.0, 1.0, 200)
+    clocks = {"clock_error": np.array([20.0 * rising, 40.0 * rising])}
+    chance = Chance(np.array([5.0 * rising, 6.0 * rising]), clocks)
+    slip, *clock = (
+        Effect(name, place, ()) for name, place in
+        (("joint_slip", "J1"), ("clock_error", "R1"), ("clock_error", "R2"))
+    )  # fmt: skip
+
+    assert chance.needed([slip]) == pytest.approx(4.75)
+    assert chance.needed([slip, clock[0]]) == pytest.approx(19.0)
+    assert chance.needed(clock) == pytest.approx(38.0)  # of however many places
+    assert chance.interval(clock)[0] < 38.0 < chance.interval(clock)[1]
 
 
 def test_errors_of_all_records_that_are_larger_than_supposed_are_told_from_none():

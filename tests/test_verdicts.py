@@ -16,7 +16,7 @@ from pyblast.diagnosis.verdict import judge
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 LOUD = Effect("misfire_or_charge_error/blast", "B1", ((1.0,),))
-CHANCE = Chance(np.zeros(200), {})
+CHANCE = Chance(np.zeros((2, 200)), {})
 
 
 def late_and_loud(motion):
@@ -100,11 +100,23 @@ def test_small_errors_of_every_path_are_no_clocks_that_were_wrong():
     beyond = chance(here, none, [], seed=1)
 
     assert found.worth(every) > beyond.needed(())  # shuffled among receivers they are rare
-    assert found.worth(every) < beyond.needed(["clock_error"])
+    assert found.worth(every) < beyond.needed(clocks)
 
 
 def test_one_clock_that_is_wrong_stands_out_of_small_errors():
     here, none, slow, *_ = fits()
     found = Search(here, 400, lambda *_: None, none)
 
-    assert found.worth(slow) > chance(here, none, [], seed=1).needed(["clock_error"])
+    assert found.worth(slow) > chance(here, none, [], seed=1).needed([SLOW])
+
+
+def test_noise_is_no_error_that_comes_back_in_each_blast():
+    here = with_holes(scene_of(recorded(small_site(), change=late_everywhere)))
+    none = fit(here, ())
+    likelihood = replace(here.baseline.likelihood, noisy=none.size)
+    noise = replace(here, baseline=replace(here.baseline, likelihood=likelihood))
+
+    beyond = [chance(one, none, [], seed=1) for one in (here, noise)]
+
+    assert beyond[0].needed([SLOW]) > beyond[0].needed(())
+    assert beyond[1].needed([SLOW]) == beyond[1].needed(())  # what is shuffled alone

@@ -12,7 +12,7 @@ from pyblast.diagnosis.fitting import fit, settle
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.scene import Scene
-from pyblast.diagnosis.search import started
+from pyblast.diagnosis.screening import started
 
 from .case_files import read_asked
 from .running import case_in, foretold

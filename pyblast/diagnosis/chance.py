@@ -8,7 +8,8 @@ import numpy as np
 from .fitting import Fit, Fitter
 from .hypotheses import LIBRARY
 from .scene import Scene
-from .search import GROWS, Guess, started
+from .screening import Guess, started
+from .search import GROWS
 
 SURROGATES = 200
 LEVEL = 0.95
@@ -19,33 +20,37 @@ SPREAD = 1.645  # standard deviations of 90 % of a normal distribution, both sid
 class Chance:
     """The largest evidence in each of many surrogates, in nats over that of nothing.
 
+    First of an effect at one place, then of one at however many places where it pays.
+
     Parameters
     ----------
-    shuffled : (n_surrogates,) float64
+    shuffled : (2, n_surrogates) float64
         Over the library, in residuals that changed receivers; sorted.
-    harmless : dict of str to (n_surrogates,) float64
+    harmless : dict of str to (2, n_surrogates) float64
         For each label on its own, in small errors of every path; sorted.
     """
 
     shuffled: np.ndarray
     harmless: dict
 
-    def needed(self, labels) -> float:
-        """Return what 95 % of surrogates stay below, nats, for some labels; never negative."""
-        return max(float(np.quantile(some, LEVEL)) for some in self._of(labels))
+    def needed(self, effects) -> float:
+        """Return what 95 % of surrogates stay below, nats, for some effects; never negative."""
+        return max(float(np.quantile(some, LEVEL)) for some in self._of(effects))
 
-    def interval(self, labels) -> tuple[float, float]:
+    def interval(self, effects) -> tuple[float, float]:
         """Return where that lies by its order statistics, with 90 % probability."""
-        some = max(self._of(labels), key=lambda one: float(np.quantile(one, LEVEL)))
+        some = max(self._of(effects), key=lambda one: float(np.quantile(one, LEVEL)))
         n = len(some)
         spread = SPREAD * np.sqrt(n * LEVEL * (1.0 - LEVEL))
         first, last = (int(np.clip(n * LEVEL + d, 0, n - 1)) for d in (-spread, spread))
         return float(some[first]), float(some[last])
 
-    def _of(self, labels):
-        """Return the distributions that count for labels."""
+    def _of(self, effects):
+        """Return the distributions that count for effects."""
+        labels = {effect.label for effect in effects}
+        several = int(len(effects) > len(labels))
         own = [self.harmless[label] for label in labels if label in self.harmless]
-        return [np.maximum(some, 0.0) for some in (self.shuffled, *own)]
+        return [np.maximum(some[several], 0.0) for some in (self.shuffled, *own)]
 
 
 def chance(scene: Scene, none: Fit, guesses: list[Guess], seed: int) -> Chance:
@@ -74,21 +79,21 @@ def chance(scene: Scene, none: Fit, guesses: list[Guess], seed: int) -> Chance:
     left = likelihood.left(none.motion)
     n_receivers = left.shape[1]
     if n_receivers == 1:
-        return Chance(np.full(SURROGATES, np.inf), {})
+        return Chance(np.full((2, SURROGATES), np.inf), {})
     orders = np.stack([_elsewhere(rng, n_receivers) for _ in range(SURROGATES)])
     signs = rng.choice([-1.0, 1.0], size=orders.shape)
     errors = _harmless(scene, none)
     drawn = rng.standard_normal((SURROGATES, n_receivers))
-    most, harmless = np.full(SURROGATES, -np.inf), {}
+    most, harmless = np.full((2, SURROGATES), -np.inf), {}
     for label, changes, places in _changes(scene, none, guesses):
         fits, paid = _Fits(likelihood, none.columns, changes), np.log(places)
         shuffled = _Shuffled(fits, left)
         found = [fits.best(*shuffled.one(*some), paid) for some in zip(orders, signs, strict=True)]
-        most = np.maximum(most, found)
+        most = np.maximum(most, np.transpose(found))
         for kind, error in enumerate(errors):
             alike = _Errors(fits, error)
-            found = np.array([fits.best(*alike.one(some), paid) for some in drawn])
-            known = harmless.setdefault(label, np.full((len(errors), SURROGATES), -np.inf))
+            found = np.transpose([fits.best(*alike.one(some), paid) for some in drawn])
+            known = harmless.setdefault(label, np.full((len(errors), 2, SURROGATES), -np.inf))
             known[kind] = np.maximum(known[kind], found)
     return Chance(np.sort(most), {name: _largest(some) for name, some in harmless.items()})
 
@@ -96,14 +101,16 @@ def chance(scene: Scene, none: Fit, guesses: list[Guess], seed: int) -> Chance:
 def _harmless(scene, none):
     """Return whitened errors (3, n_blasts, n_receivers, m): late, strong, turned.
 
-    Each leaves at each receiver, over its blasts, what is left at the median one in its best blast.
+    Each leaves at each receiver, over its blasts, what is left at the median one in its best blast
+    but for noise, which does not come back.
     """
     likelihood, motion = scene.baseline.likelihood, none.motion
     turned = np.zeros_like(motion)
     turned[:, :, 0], turned[:, :, 1] = motion[:, :, 1], -motion[:, :, 0]
     white = likelihood.white(np.stack([np.gradient(motion, axis=-1), motion, turned]))
     there = likelihood.kept > 0
-    best = np.min(none.size, axis=0, where=there, initial=np.inf)
+    again = np.maximum(none.size - likelihood.noisy, 0.0)
+    best = np.min(again, axis=0, where=there, initial=np.inf)
     sizes = np.sum([likelihood.size(one) * there for one in white], axis=1)
     sizes = sizes / np.maximum(there.sum(axis=0), 1)
     level = np.median(best[there.any(axis=0)])
@@ -112,8 +119,9 @@ def _harmless(scene, none):
 
 
 def _largest(kinds):
-    """Return the sorted evidence (n,) of the kind of error, of (n_kinds, n), that gives most."""
-    return np.sort(kinds[np.argmax(np.quantile(kinds, LEVEL, axis=1))])
+    """Return the sorted evidence (2, n) of the kinds (n_kinds, 2, n) of error that give most."""
+    most = np.argmax(np.quantile(kinds, LEVEL, axis=-1), axis=0)
+    return np.sort(kinds[most, np.arange(len(most))])
 
 
 def _elsewhere(rng, n):
@@ -166,21 +174,21 @@ class _Fits:
         self.places = [np.arange(*pair) for pair in pairwise(ends)]
 
     def best(self, size, pulls, paid):
-        """Return the evidence over nothing in one surrogate, when each place costs so much.
+        """Return the evidence over nothing in one surrogate, of one place and of however many.
 
-        Of the surrogate its sizes (n_blasts, n_receivers) and its products with the columns,
-        (n_blasts, n_receivers, n_columns).
+        Each place costs ``paid``. Of the surrogate its sizes (n_blasts, n_receivers) and its
+        products with the columns, (n_blasts, n_receivers, n_columns).
         """
         nothing, squares = self._one(size, pulls, [])
         alone = [self._one(size, pulls, [place]) for place in self.places]
-        most = max(evidence for evidence, _ in alone) - paid
+        one = most = max(evidence for evidence, _ in alone) - paid
         paying = [
             place for place, (_, left) in zip(self.places, alone, strict=True)
             if squares - left > 2.0 * GROWS
         ]  # fmt: skip
         if len(paying) > 1:
             most = max(most, self._one(size, pulls, paying)[0] - len(paying) * paid)
-        return most - nothing
+        return one - nothing, most - nothing
 
     def _one(self, size, pulls, places):
         """Return evidence and misfit with what the priors take, of the effect at some places."""

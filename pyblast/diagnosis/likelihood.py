@@ -27,12 +27,15 @@ class Likelihood:
         Coefficients that there are, at most m.
     freedom : (n_blasts, n_receivers) float64
         Independent numbers in a record: its duration times its bandwidth.
+    noisy : (n_blasts, n_receivers) float64
+        Mean square of whitened noise alone: the share that noise has in what is expected.
     """
 
     case: Case
     roots: np.ndarray
     kept: np.ndarray
     freedom: np.ndarray
+    noisy: np.ndarray
 
     def white(self, motion):
         """Return whitened coefficients (..., n_blasts, n_receivers, m) of motion in m/s."""
@@ -99,7 +102,7 @@ def likelihood_of(case: Case) -> Likelihood:
     band, n = case.band, 3 * case.band.n_functions
     held = band.project(case.motion)
     shape = case.motion.shape[:2]
-    roots, kept = np.zeros((*shape, n, n)), np.zeros(shape, dtype=int)
+    roots, kept, noisy = np.zeros((*shape, n, n)), np.zeros(shape, dtype=int), np.zeros(shape)
     for b, r in np.ndindex(shape):
         noise = case.noise.covariance(band, b, r)
         there = np.diag(noise) > 0.0
@@ -108,8 +111,9 @@ def likelihood_of(case: Case) -> Likelihood:
         kept[b, r] = np.count_nonzero(there)
         energy = max(np.sum(held[b, r] ** 2) - np.trace(noise), 0.0)
         covariance = noise + np.diag(there * THEORY * energy / kept[b, r])
-        roots[b, r] = symmetric_root(covariance, -0.5)
-    return Likelihood(case, roots, kept, _freedom(band.restore(held), case.dt))
+        root = roots[b, r] = symmetric_root(covariance, -0.5)
+        noisy[b, r] = np.sum(root * (noise @ root)) / kept[b, r]
+    return Likelihood(case, roots, kept, _freedom(band.restore(held), case.dt), noisy)
 
 
 def _freedom(motion, dt):

@@ -69,7 +69,7 @@ def judge(found: Search, threshold: Chance) -> Verdict:
     if not found.fits:
         return Verdict("UNKNOWN", none, (), probability, 0.0, None)
     chosen = _pruned(found, threshold)
-    least = max(threshold.needed(chosen.labels), GROWS)
+    least = _least(threshold, chosen, *chosen.labels)
     if not chosen.effects or found.worth(chosen) < least:
         return Verdict("UNKNOWN", none, (), probability, 0.0, None)
     proof = held_out(found.scene, none, chosen)
@@ -116,7 +116,7 @@ def _pruned(found, threshold):
         as_good = [
             one for one, label in shorter
             if one is not None and not (
-                found.worth(chosen) - found.worth(one) >= max(threshold.needed([label]), GROWS)
+                found.worth(chosen) - found.worth(one) >= _least(threshold, chosen, label)
                 and held_out(found.scene, one, chosen).improves
             )
         ]  # fmt: skip
@@ -124,6 +124,12 @@ def _pruned(found, threshold):
             break
         chosen = max(as_good, key=found.worth)
     return chosen
+
+
+def _least(threshold, chosen, *labels):
+    """Return the evidence, nats, that effects of a fit, of some labels, must bring."""
+    some = [effect for effect in chosen.effects if effect.label in labels]
+    return max(threshold.needed(some), GROWS)
 
 
 def _without(found, chosen, label):

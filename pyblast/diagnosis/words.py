@@ -29,7 +29,7 @@ def summarise(scene, found, shuffled, verdict) -> dict:
     """
     baseline, none = scene.baseline, found.none
     best = max(found.fits, key=found.worth, default=None)
-    labels = () if best is None else best.labels
+    effects = () if best is None else best.effects
     return {
         "outcome": verdict.outcome,
         "effects": _effects(verdict),
@@ -43,9 +43,9 @@ def summarise(scene, found, shuffled, verdict) -> dict:
         "evidence": {
             "unit": "nats over the calibrated site",
             "best": None if best is None else round(found.worth(best), 1),
-            "best_labels": list(labels),
-            "threshold": None if shuffled is None else round(shuffled.needed(labels), 1),
-            "threshold_interval": None if shuffled is None else shuffled.interval(labels),
+            "best_labels": [] if best is None else list(best.labels),
+            "threshold": None if shuffled is None else round(shuffled.needed(effects), 1),
+            "threshold_interval": None if shuffled is None else shuffled.interval(effects),
             "explained_share": round(verdict.share, 3),
             "ranking": [
                 {"labels": list(one.labels), "targets": [e.target for e in one.effects],
