@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pyblast.solving.ground_fields import Heterogeneity
+from pyblast.solving.ground_fields import EDGES_PER_LENGTH, Heterogeneity
 from pyblast.solving.materials import Material
 
 from .sites import SIZE
@@ -84,13 +84,15 @@ def shaken(site, level: int, rng):
 
 
 class Uneven(Heterogeneity):
-    """Heterogeneity that asks for fine zones inside the box of the site, not in its rim."""
+    """Heterogeneity no finer than what zones inside the box of the site carry; its rim may not."""
 
     def factor(self, places, edges):
         """Return the factor (n,) at places (n, 3) of a mesh with edges (n,) in m."""
         low, high = np.zeros(3) - (0.0, 0.0, SIZE[2]), np.array(SIZE)
         inside = ((places > low) & (places < high)).all(axis=1)
-        return super().factor(places, edges[inside])
+        finest = EDGES_PER_LENGTH * np.median(edges[inside])
+        field = Heterogeneity(self.deviation, max(self.length, float(finest)), self.seed)
+        return field.factor(places, edges[inside])
 
 
 def _moved(place, reach, rng):
