@@ -15,7 +15,7 @@ from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.foretelling import foretold
 from pyblast.diagnosis.scene import Effect
 from pyblast.diagnosis.search import Search
-from pyblast.diagnosis.verdict import Verdict, judge
+from pyblast.diagnosis.verdict import REMAINS, Verdict, judge
 from pyblast.diagnosis.words import summarise
 from pyblast.reporting.diagnosis_report import render_diagnosis
 from pyblast.reporting.diagnosis_words import lead, usual
@@ -147,8 +147,9 @@ def test_two_effects_are_told_one_after_the_other():
 
 def test_what_is_left_beside_an_effect_is_said_with_its_place():
     found, summary = made("NAMED")
-    part = summary["evidence"] | {"explained_share": 0.5}
-    partial = summary | {"outcome": "PARTIAL", "remainder": summary["located"], "evidence": part}
+    left = replace(found.verdict.fit, size=np.full_like(found.verdict.fit.size, REMAINS))
+    found = replace(found, verdict=replace(found.verdict, fit=left, share=0.5))
+    partial = summary | {"outcome": "PARTIAL", "remainder": summary["located"]}
 
     assert "But something else is missing near east" in lead(found, partial)
 

@@ -101,6 +101,10 @@ def _table(s):
         span = f"{gain['low']:.2f} to {gain['high']:.2f}"
         lines.append(f"| gain on unseen records over the right model's, median, d′ ≥ 8 "
                      f"| {gain['median']:.2f} | {span} | {gain['n']} | ≥ 0.7 |")  # fmt: skip
+    left = s["null leaves"]
+    if left["n"]:
+        lines.append(f"| size of residuals at the worst receiver or blast of nulls, median, 95 % "
+                     f"| {left['0.5']:.1f} | {left['0.95']:.1f} | {left['n']} | |")  # fmt: skip
     off = s["planes off, m"]
     if off["n"]:
         span = f"{off['low']:.1f} to {off['high']:.1f} m"

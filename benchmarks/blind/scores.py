@@ -9,6 +9,7 @@ VISIBLE, CLEAR = 4.0, 8.0  # d' below which an effect is invisible, from which i
 STRATA = ((0.0, 4.0), (4.0, 8.0), (8.0, 20.0), (20.0, np.inf))
 DRAWS = 1000
 BINS = 10
+QUANTILES = 0.5, 0.9, 0.95, 1.0
 
 
 def shares(hits, seed=0) -> dict:
@@ -69,6 +70,7 @@ def scores(rows: list[dict]) -> dict:
         "false alarm": shares([row["alarm"] for row in nulls]),
         "false alarm, hard": shares([row["alarm"] for row in hard]),
         "false alarm, invisible": shares([row["alarm"] for row in unseen]),
+        "null leaves": _spread([row["worst"] for row in nulls]),
         "null said NULL": shares([row["outcome"] == "NULL" for row in nulls]),
         "precision when named": shares([row["right_name"] for row in named]),
         "top-1": shares([row["all"] for row in clear]),
@@ -161,6 +163,13 @@ def _short(rows):
 def _block(rows, block):
     """Return the rows of a block."""
     return [row for row in rows if row["block"] == block]
+
+
+def _spread(values):
+    """Return quantiles of what is there."""
+    values = [value for value in values if value is not None]
+    each = np.quantile(values, QUANTILES) if values else [None] * len(QUANTILES)
+    return {"n": len(values), **dict(zip(map(str, QUANTILES), each, strict=True))}
 
 
 def _mean(values):

@@ -14,7 +14,7 @@ MATERIAL = 3.0  # mean size of residuals, in errors of the theory, below which n
 GROWS = 6.0  # nats that another place of the same effect must bring
 REFINED = 4  # effects on the site that are fitted by runs, in the first pass
 REFINED_LATER = 2
-SURELY = 2  # guesses that are fitted however poor they are, if much is unexplained without them
+SURELY = 3  # guesses that are fitted however poor they are, if much is unexplained without them
 MOST = 3  # effects at once
 LEAST_OF_BEST = 0.4  # of the share of the best guess
 LEAST_SHARE = 0.1  # of what is left that an effect must explain to be fitted by runs
@@ -108,7 +108,12 @@ def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
 
 def material(size) -> bool:
     """Tell whether mean squares (n_blasts, n_receivers) are more than errors of the theory."""
-    return bool(max(means(size, 0).max(), means(size, 1).max()) >= MATERIAL)
+    return worst(size) >= MATERIAL
+
+
+def worst(size) -> float:
+    """Return the largest mean, of a receiver or of a blast, of sizes (n_blasts, n_receivers)."""
+    return float(max(means(size, 0).max(), means(size, 1).max()))
 
 
 def means(size, axis):

@@ -8,9 +8,10 @@ from scipy.special import logsumexp
 from .chance import Chance
 from .fitting import Fit, fit
 from .folds import HeldOut, held_out
-from .search import GROWS, Search, material
+from .search import GROWS, Search, material, worst
 
-NAMED_SHARE = 2.0 / 3.0  # of the energy in excess that named effects must explain if more remains
+REMAINS = 9.0  # mean size of residuals that few sites leave where nothing is missing
+NAMED_SHARE = 2.0 / 3.0  # of the energy in excess that named effects must explain if that remains
 PARTIAL_SHARE = 1.0 / 3.0
 HALF = 1.645  # standard deviations on either side of the middle of a 90 % interval
 OUTCOMES = ("NULL", "NAMED", "CLASS", "COMPOSITE", "PARTIAL", "UNKNOWN")
@@ -79,12 +80,17 @@ def judge(found: Search, threshold: Chance) -> Verdict:
     case = found.scene.case
     untestable = any(effect.hypothesis.untestable(case) for effect in chosen.effects)
     rivals = _rivals(found, chosen, least if untestable else None)
-    poor = material(chosen.size) and share < NAMED_SHARE
+    more = more_remains(chosen.size, share)
     alone = untestable and len(rivals) == 1
-    if poor or alone or not proof.folds or not found.compared:
+    if more or alone or not proof.folds or not found.compared:
         return Verdict("PARTIAL", chosen, rivals, probability, share, proof)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
     return Verdict(outcome, chosen, rivals, probability, share, proof)
+
+
+def more_remains(size, share) -> bool:
+    """Tell whether something is missing beside effects that leave sizes and explain a share."""
+    return worst(size) >= REMAINS and share < NAMED_SHARE
 
 
 def intervals(fit: Fit) -> list[dict]:

@@ -8,7 +8,7 @@ from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.likelihood import THEORY
 from ..diagnosis.search import GROWS, MATERIAL
 from ..diagnosis.unknowns import SPEED_SIGMA, STIFFNESS_SIGMA
-from ..diagnosis.verdict import NAMED_SHARE, intervals
+from ..diagnosis.verdict import intervals, more_remains
 from ..units import FACTORS
 
 MEANINGS = {
@@ -63,7 +63,7 @@ def lead(made, summary) -> str:
     unsure = [label for label in made.verdict.fit.labels if label in untestable]
     if outcome in ("CLASS", "PARTIAL") and unsure:
         proof += f" But these records can't test {_and(unsure)}: {untestable[unsure[0]]}."
-    elif outcome == "PARTIAL" and summary["evidence"]["explained_share"] < NAMED_SHARE:
+    elif outcome == "PARTIAL" and more_remains(made.verdict.fit.size, made.verdict.share):
         proof += f" But something else is missing {_near(summary['remainder'])}."
     elif outcome == "PARTIAL" and not summary["finished"]:
         proof += " But the budget of runs ended before all other effects were tried."
