@@ -37,7 +37,7 @@ def main():
     """Do what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("job", nargs="?", choices=JOBS, help="all in turn if not given")
-    parser.add_argument("--cases", type=int, default=CASES)
+    parser.add_argument("--cases", type=int, default=CASES, help="the first ones [%(default)s]")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seed", type=int, default=TEST_SEED,
                         help=f"{TEST_SEED} is the test, {DEVELOPMENT_SEED} for trials")  # fmt: skip
@@ -66,7 +66,7 @@ def _run(given, store):
     """Answer all cases that are sealed."""
     seals = published(store)["seals"]
     job = partial(answer, store=store, seals=seals)
-    for _, said in _side_by_side(job, list(seals), given.workers):
+    for _, said in _side_by_side(job, list(seals)[: given.cases], given.workers):
         print(said, flush=True)
 
 
@@ -74,7 +74,7 @@ def _score(given, store):
     """Open truths and answers and write the scores."""
     table, rows = published(store), []
     job = partial(scored, store=store, seals=table["seals"])
-    for _, row in _side_by_side(job, list(table["seals"]), given.workers):
+    for _, row in _side_by_side(job, list(table["seals"])[: given.cases], given.workers):
         rows.append(row)
     rows.sort(key=lambda row: row["case"])
     seed = table["plan"]["seed"]
