@@ -112,3 +112,14 @@ def test_a_diagnosis_is_the_same_each_time():
     first = {k: v for k, v in found(late).items() if k != "wall_s"}
     found.cache_clear()
     assert {k: v for k, v in found(late).items() if k != "wall_s"} == first
+
+
+def test_a_finer_mesh_corrects_all_runs_and_runs_the_answer_again():
+    true = with_values(small_site(), unknowns_of(small_site()), TRUE)
+    case = recorded(small_site(), true, change=late)  # of the finer zones
+
+    told = diagnose(case.site, cuts=(replace(CUT, edge=2.0 * CUT.edge), CUT), seed=3).summary
+
+    assert told["outcome"] == "NAMED"
+    assert told["numerics"]["finer_mesh_changes"] > 0.03  # of the energy: three times what may be
+    assert told["numerics"]["finer_mesh_changes_answer"] < 0.2  # 0.09 errors of the theory

@@ -12,7 +12,7 @@ from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.folds import held_out
 from pyblast.diagnosis.scene import Effect
 from pyblast.diagnosis.search import MATERIAL, Search, material
-from pyblast.diagnosis.verdict import judge
+from pyblast.diagnosis.verdict import COARSE, RESOLUTION, controlled, judge
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 LOUD = Effect("misfire_or_charge_error/blast", "B1", ((1.0,),))
@@ -54,6 +54,18 @@ def test_a_clock_and_a_charge_that_are_both_wrong_make_a_composite():
     found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both)
 
     assert judge(found, CHANCE).outcome == "COMPOSITE"
+
+
+def test_what_a_finer_mesh_changes_as_much_as_small_errors_do_is_not_named():
+    here, none, _, _, both = fits()
+    named = judge(Search(here, 400, lambda *_: None, none, [both], [], both), CHANCE)
+    changed = np.full(both.size.shape, 0.5)
+
+    assert controlled(named, changed).outcome == "COMPOSITE"
+    changed[:, 1] = COARSE
+    doubted = controlled(named, changed)
+    assert doubted.outcome == "CLASS"
+    assert doubted.rivals == (*both.labels, RESOLUTION)
 
 
 def test_nothing_is_named_where_the_budget_ended_before_the_others_were_tried():

@@ -1,6 +1,6 @@
 """What a search amounts to: one outcome, effects with their names, or none."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -14,6 +14,8 @@ REMAINS = 9.0  # mean size of residuals that few sites leave where nothing is mi
 NAMED_SHARE = 2.0 / 3.0  # of the energy in excess that named effects must explain if that remains
 PARTIAL_SHARE = 1.0 / 3.0
 HALF = 1.645  # standard deviations on either side of the middle of a 90 % interval
+RESOLUTION = "numerical_resolution"
+COARSE = 1.0  # what a finer mesh may change of an answer, in errors of the theory
 OUTCOMES = ("NULL", "NAMED", "CLASS", "COMPOSITE", "PARTIAL", "UNKNOWN")
 
 
@@ -34,6 +36,9 @@ class Verdict:
     share : float
         Of the energy in excess that the best set of effects explains.
     held_out : HeldOut or None
+    mesh : float or None
+        What a finer mesh changes of the best model with effects at the worst receiver or blast, in
+        errors of the theory; None where it was not run.
     """
 
     outcome: str
@@ -42,6 +47,7 @@ class Verdict:
     probability: dict
     share: float
     held_out: HeldOut | None
+    mesh: float | None = None
 
 
 def judge(found: Search, threshold: Chance) -> Verdict:
@@ -86,6 +92,24 @@ def judge(found: Search, threshold: Chance) -> Verdict:
         return Verdict("PARTIAL", chosen, rivals, probability, share, proof)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
     return Verdict(outcome, chosen, rivals, probability, share, proof)
+
+
+def controlled(verdict: Verdict, changed) -> Verdict:
+    """Return a verdict after a finer mesh has run its model.
+
+    Parameters
+    ----------
+    verdict : Verdict
+    changed : (n_blasts, n_receivers) float64
+        As of `changed_by_mesh`. Where it is as much as all errors of the theory, what was found
+        may be the mesh.
+    """
+    verdict = replace(verdict, mesh=worst(changed))
+    if verdict.mesh < COARSE:
+        return verdict
+    labels = dict.fromkeys((*verdict.fit.labels, *verdict.rivals, RESOLUTION))
+    outcome = "PARTIAL" if verdict.outcome == "PARTIAL" else "CLASS"
+    return replace(verdict, outcome=outcome, rivals=tuple(labels))
 
 
 def more_remains(size, share) -> bool:

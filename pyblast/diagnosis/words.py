@@ -6,9 +6,10 @@ from .hypotheses import LIBRARY, untestable_labels
 from .locating import located
 from .search import GROWS
 from .targets import blast_and_hole
-from .verdict import intervals
+from .verdict import RESOLUTION, intervals
 from .visible import visible
 
+FINER = "shorter zones (`cuts` of `pyblast.diagnose`) until the answer stays"
 NOT_ASKED = {"topography": "the description of the site has no surface to compare with a plane"}
 VISIBLE = 4.0  # length of an effect in units of its errors, below which it can't be seen
 
@@ -59,6 +60,7 @@ def summarise(scene, found, shuffled, verdict) -> dict:
             "finer_mesh_changes": round(
                 float(np.sum(baseline.correction**2) / np.sum(scene.case.motion**2)), 4
             ),
+            "finer_mesh_changes_answer": None if verdict.mesh is None else round(verdict.mesh, 2),
         },
         "hygiene": {
             "dead": list(scene.case.dead),
@@ -156,6 +158,7 @@ def _next(verdict, found):
         return "a further blast, to test the prediction of this model"
     labels = verdict.rivals or [one.labels[-1] for one in found.fits[:3]]
     advice = [h.settled_by for h in LIBRARY.values() if h.label in labels and h.settled_by]
+    advice += [FINER] if RESOLUTION in labels else []
     return "; ".join(dict.fromkeys(advice)) or "receivers around the place that is located"
 
 

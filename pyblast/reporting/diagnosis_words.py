@@ -8,7 +8,8 @@ from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.likelihood import THEORY
 from ..diagnosis.search import GROWS, MATERIAL
 from ..diagnosis.unknowns import SPEED_SIGMA, STIFFNESS_SIGMA
-from ..diagnosis.verdict import intervals, more_remains
+from ..diagnosis.verdict import RESOLUTION, intervals, more_remains
+from ..diagnosis.words import FINER
 from ..units import FACTORS
 
 MEANINGS = {
@@ -27,6 +28,7 @@ USUAL = {
     "rad": (("°", radians(1.0)),),
 }
 COUNTS = {2: "Two", 3: "Three"}
+MESH = "A finer mesh changes this answer as much as all small errors of the theory do."
 PULLED = 2.5  # standard deviations of the prior: further is a hint of missing physics
 
 
@@ -237,9 +239,12 @@ def needed(summary) -> float:
 
 def class_rows(made, summary) -> list[dict]:
     """List the effects that these records can't tell apart, with what would settle it."""
-    known = {e.label: e.hypothesis for one in made.search.fits for e in one.effects}
+    known = {
+        e.label: (e.hypothesis.claim, e.hypothesis.settled_by)
+        for one in made.search.fits for e in one.effects
+    } | {RESOLUTION: (MESH, FINER)}  # fmt: skip
     return [
-        {"label": label, "claim": known[label].claim, "settled_by": known[label].settled_by}
+        {"label": label, "claim": known[label][0], "settled_by": known[label][1]}
         for label in summary["class"]
     ]
 
