@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-TEST_SEED = 20261121  # of the published table; nothing may be tuned to it
+TEST_SEED = 20261122  # of the published table; nothing may be tuned to it
 DEVELOPMENT_SEED = 7  # of trials while the program is written
 
 FAMILY = {

@@ -14,6 +14,9 @@ BAND = 5.0, 25.0
 DT, BEFORE, AFTER = 0.004, 60, 110  # s, samples before the first hole and from it on
 FURTHER, HIDDEN = "H1", "RH"  # blast and receiver that no diagnosis reads
 APART = 14.0  # m between joints
+# Depth in m of charges below the weathered rock, or below the first of the ground: what a charge
+# sends from an interface depends on the zones there more than on anything that is hidden.
+BELOW, FIRST = (4.0, 7.0), 5.0
 
 
 def draw_site(rng, poor=False) -> Site:
@@ -26,12 +29,13 @@ def draw_site(rng, poor=False) -> Site:
         One blast and one receiver beside those that are hidden.
     """
     bench = np.array([rng.uniform(22.0, 32.0), rng.uniform(28.0, 55.0)])
-    joints = _joints(rng)
+    joints, layers = _joints(rng), _layers(rng)
+    bench = *bench, -(layers[0][1] or FIRST) - rng.uniform(*BELOW)
     blasts = {
-        "S1": _blast(rng, bench + rng.uniform(-5, 5, 2), 1, rng.uniform(8.0, 15.0)),
-        "B1": _blast(rng, bench + rng.uniform(-5, 5, 2), rng.integers(1, 5), rng.uniform(25, 60)),
-        "B2": _blast(rng, bench + rng.uniform(-5, 5, 2), rng.integers(4, 9), rng.uniform(90, 200)),
-        FURTHER: _blast(rng, bench + rng.uniform(-6, 6, 2), 3, rng.uniform(60.0, 120.0)),
+        "S1": _blast(rng, bench, 5.0, 1, rng.uniform(8.0, 15.0)),
+        "B1": _blast(rng, bench, 5.0, rng.integers(1, 5), rng.uniform(25, 60)),
+        "B2": _blast(rng, bench, 5.0, rng.integers(4, 9), rng.uniform(90, 200)),
+        FURTHER: _blast(rng, bench, 6.0, 3, rng.uniform(60.0, 120.0)),
     }
     if poor:
         del blasts["S1"], blasts["B1"]
@@ -40,7 +44,7 @@ def draw_site(rng, poor=False) -> Site:
     receivers = _receivers(rng, 1 if poor else int(rng.integers(5, 8)), joints)
     return Site(
         name="", box=np.array([[0.0, SIZE[0]], [0.0, SIZE[1]], [-SIZE[2], 0.0]]),
-        layers=_layers(rng), joints=joints, quality=None, receivers=receivers,
+        layers=layers, joints=joints, quality=None, receivers=receivers,
         moment_rate=_pulse(rng), exponent=round(float(rng.uniform(0.75, 0.95)), 3), blasts=blasts,
         records={}, time_zeros={}, band=BAND, noise_window=(-BEFORE * DT, 0.0),
     )  # fmt: skip
@@ -74,11 +78,11 @@ def _joints(rng):
     return tuple(found)
 
 
-def _blast(rng, start, count, charge):
-    """Draw a row or two of holes whose charges sum to about ``charge`` kg."""
-    n = np.arange(count)
-    across, along = n % 2 * 4.0, n // 2 * 4.5
-    centres = np.column_stack([start[0] + across, start[1] + along, np.full(count, -10.0)])
+def _blast(rng, bench, reach, count, charge):
+    """Draw a row or two of holes near a place whose charges sum to about ``charge`` kg."""
+    n, start = np.arange(count), np.array(bench)
+    start[:2] += rng.uniform(-reach, reach, 2)
+    centres = start + np.column_stack([n % 2 * 4.0, n // 2 * 4.5, 0.0 * n])
     centres[:, :2] += rng.uniform(-0.3, 0.3, (count, 2))
     weights = charge / count * rng.uniform(0.9, 1.1, count)
     centres, weights = centres.round(2), weights.round(2)

@@ -17,8 +17,8 @@ from .sites import AFTER, BAND, BEFORE, DT
 
 # Another mesh than the diagnosis takes: constant strain, more zones to a wave, wider rim.
 EDGES = 9.0  # to the shortest S wave of the band in the layer that is most of the ground
-PADDING = 0.25  # of the longest S wave of the band
-GROWTH = 1.25
+PADDING = 0.4  # of the longest S wave of the band
+GROWTH = 1.2
 
 
 @dataclass(frozen=True, eq=False)

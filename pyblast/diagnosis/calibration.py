@@ -87,9 +87,10 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     places = [np.zeros(len(sigma)), *np.diag(STEP * sigma)]
     found = forward.motions([with_values(forward.case.site, unknowns, one) for one in places])
     slopes = (found[1:] - found[0]) / (STEP * sigma)[:, None, None, None, None]
-    search = _Search(forward, unknowns, sigma, slopes, likelihood_of(forward.case))
     believed = found[0] if fine is None else fine.motion(forward.case.site)
     correction = believed - found[0]
+    likelihood = likelihood_of(forward.case, correction)
+    search = _Search(forward, unknowns, sigma, slopes, likelihood)
     values, motion = search.settled(np.zeros(len(sigma)), believed, correction)
     _, covariance = search.step(values, motion)
     return Baseline(

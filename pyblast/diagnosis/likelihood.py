@@ -9,7 +9,8 @@ from scipy.special import logsumexp
 from ..residuals.noise import symmetric_root
 from .case import Case
 
-THEORY = 0.01  # share of a record's energy that places, clocks, small heterogeneity, meshes cost
+THEORY = 0.01  # share of a record's energy that places, clocks and small heterogeneity cost
+UNSETTLED = 0.2  # of the energy that a finer mesh changes: what it has wrong itself
 DOUBT = 4.0  # degrees of freedom behind that share: it may well be three times as large
 LARGER = np.geomspace(1.0, 100.0, 41)  # by which all errors may be larger than that, in energy
 
@@ -97,10 +98,18 @@ class Likelihood:
         return share * (self.freedom + DOUBT) / (DOUBT + self.freedom * size)
 
 
-def likelihood_of(case: Case) -> Likelihood:
-    """Return the likelihood of the records of a case."""
+def likelihood_of(case: Case, correction=None) -> Likelihood:
+    """Return the likelihood of the records of a case.
+
+    Parameters
+    ----------
+    case : Case
+    correction : (n_blasts, n_receivers, 3, n_samples) float64, m/s, optional
+        What a finer mesh changes; a share of its energy counts as an error of the theory.
+    """
     band, n = case.band, 3 * case.band.n_functions
     held = band.project(case.motion)
+    mesh = np.zeros_like(held) if correction is None else band.project(correction)
     shape = case.motion.shape[:2]
     roots, kept, noisy = np.zeros((*shape, n, n)), np.zeros(shape, dtype=int), np.zeros(shape)
     for b, r in np.ndindex(shape):
@@ -110,7 +119,8 @@ def likelihood_of(case: Case) -> Likelihood:
             continue
         kept[b, r] = np.count_nonzero(there)
         energy = max(np.sum(held[b, r] ** 2) - np.trace(noise), 0.0)
-        covariance = noise + np.diag(there * THEORY * energy / kept[b, r])
+        error = THEORY * energy + UNSETTLED * np.sum(mesh[b, r] ** 2)
+        covariance = noise + np.diag(there * error / kept[b, r])
         root = roots[b, r] = symmetric_root(covariance, -0.5)
         noisy[b, r] = np.sum(root * (noise @ root)) / kept[b, r]
     return Likelihood(case, roots, kept, _freedom(band.restore(held), case.dt), noisy)

@@ -5,7 +5,7 @@ from math import radians
 import numpy as np
 
 from ..diagnosis.hypotheses import LIBRARY
-from ..diagnosis.likelihood import THEORY
+from ..diagnosis.likelihood import THEORY, UNSETTLED
 from ..diagnosis.search import GROWS, MATERIAL
 from ..diagnosis.unknowns import SPEED_SIGMA, STIFFNESS_SIGMA
 from ..diagnosis.verdict import RESOLUTION, intervals, more_remains
@@ -268,9 +268,9 @@ def assumptions(scene, summary) -> list[str]:
         f"Wave speeds of layers may be off by {100 * SPEED_SIGMA:g} %, stiffness of joints by "
         f"{100 * STIFFNESS_SIGMA:g} % (one standard deviation); they are fitted anew with every "
         "effect.",
-        f"Places, clocks, small heterogeneity and the mesh cost {100 * THEORY:g} % of the energy "
-        "of each record, or a few times that: these are the small errors of the theory. Noise is "
-        "that of the windows before the blasts.",
+        f"Places, clocks and small heterogeneity cost {100 * THEORY:g} % of the energy of each "
+        f"record, the mesh {100 * UNSETTLED:g} % of what a finer one changes, or a few times that: "
+        "these are the small errors of the theory. Noise is that of the windows before the blasts.",
         f"Nothing is called missing while the mean square misfit of every receiver and of every "
         f"blast stays below {MATERIAL:g} times that.",
         f"Runs have zones of {cut.edge:.3g} m{finer}.",
