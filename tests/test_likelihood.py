@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from small_site import recorded, small_site
 
+from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.chance import Chance, _elsewhere, _Fits, _Shuffled
 from pyblast.diagnosis.folds import Fold, HeldOut
 from pyblast.diagnosis.likelihood import DOUBT, THEORY, likelihood_of
@@ -152,3 +153,7 @@ def test_errors_of_all_records_that_are_larger_than_supposed_are_told_from_none(
     as_supposed, larger = (np.full(likelihood.kept.shape, size) for size in (1.0, 20.0))
     assert likelihood.doubted(as_supposed) < 0.0
     assert likelihood.doubted(larger) > 20.0
+    for some in np.s_[0], np.s_[:, 1]:  # one blast, one receiver
+        alone = as_supposed.copy()
+        alone[some] = 40.0
+        assert likelihood.doubted(alone) > 5.0

@@ -66,17 +66,19 @@ class Likelihood:
         return (self.freedom + DOUBT) * np.log1p(self.freedom * size / DOUBT)
 
     def doubted(self, size) -> float:
-        """Return how the likelihood rises if all errors may be larger by one factor, ln.
+        """Return how the likelihood rises if errors may be larger by one factor, ln.
 
-        Each factor of `LARGER` is as likely as the others before the records are seen.
+        Of all records, of one blast or of one receiver, each third as likely as the others before
+        the records are seen, and in it each blast, receiver and factor of `LARGER`.
         """
         widened = [
             self.freedom * np.log(k)
             + (self.freedom + DOUBT) * np.log1p(self.freedom * size / (k * DOUBT))
             for k in LARGER
         ]
-        each = np.sum(np.where(self.kept > 0, widened, 0.0), axis=(1, 2))
-        return float(logsumexp(-0.5 * (each - each[0])) - np.log(len(LARGER)))
+        each = np.where(self.kept > 0, np.array(widened) - widened[0], 0.0)
+        thirds = each.sum(axis=(1, 2)), each.sum(axis=2), each.sum(axis=1)
+        return float(logsumexp([logsumexp(-0.5 * one) - np.log(3.0 * one.size) for one in thirds]))
 
     def excess(self, size, blasts=None):
         """Return the energy that noise and errors of the theory do not explain, in their units.
