@@ -32,7 +32,8 @@ class Verdict:
     rivals : tuple of str
         Labels that these data can't tell from the one that was found, that one first.
     probability : dict of str to float
-        By label, "none", or "unknown": errors larger than supposed, of all records, one blast or one receiver.
+        By label, "none", or "unknown": errors larger than supposed, of all records, one blast or
+        one receiver.
     share : float
         Of the energy in excess that the best set of effects explains.
     held_out : HeldOut or None
