@@ -10,7 +10,7 @@ from .hypotheses import LIBRARY
 from .scene import Scene
 from .screening import rescreened, screened, started
 
-MATERIAL = 3.0  # mean size of residuals, in errors of the theory, below which nothing is claimed
+MATERIAL = 2.0  # mean size of residuals, in errors of the theory, below which nothing is claimed
 GROWS = 6.0  # nats that another place of the same effect must bring
 REFINED = 4  # effects on the site that are fitted by runs, in the first pass
 REFINED_LATER = 2

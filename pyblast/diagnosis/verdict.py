@@ -10,7 +10,7 @@ from .fitting import Fit, fit
 from .folds import HeldOut, held_out
 from .search import GROWS, Search, material, worst
 
-REMAINS = 9.0  # mean size of residuals that few sites leave where nothing is missing
+REMAINS = 4.0  # mean size of residuals that few sites leave where nothing is missing
 NAMED_SHARE = 2.0 / 3.0  # of the energy in excess that named effects must explain if that remains
 PARTIAL_SHARE = 1.0 / 3.0
 HALF = 1.645  # standard deviations on either side of the middle of a 90 % interval
