@@ -4,15 +4,17 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from small_site import recorded, scene_of, small_site
+from small_site import CUT, recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.chance import Chance, chance
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.folds import held_out
+from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.mesh_control import RESOLUTION, changed_by_mesh
 from pyblast.diagnosis.scene import Effect
 from pyblast.diagnosis.search import MATERIAL, Search, material
-from pyblast.diagnosis.verdict import COARSE, RESOLUTION, controlled, judge
+from pyblast.diagnosis.verdict import COARSE, controlled, judge
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 LOUD = Effect("misfire_or_charge_error/blast", "B1", ((1.0,),))
@@ -66,6 +68,17 @@ def test_what_a_finer_mesh_changes_as_much_as_small_errors_do_is_not_named():
     doubted = controlled(named, changed)
     assert doubted.outcome == "CLASS"
     assert doubted.rivals == (*both.labels, RESOLUTION)
+
+
+def test_what_a_finer_mesh_is_held_against_is_what_was_fitted():
+    here, *_ = fits()
+    damped = fit(here, (Effect("attenuation_Q", "", ((25.0,),)),))
+    fine, runs = Forward(here.case, CUT), here.forward.runs
+
+    changed = changed_by_mesh(here, fine, damped)
+
+    assert here.forward.runs == runs  # the answer was run already, and corrected
+    assert changed.max() < 1e-12  # the same zones
 
 
 def test_nothing_is_named_where_the_budget_ended_before_the_others_were_tried():

@@ -77,7 +77,7 @@ def row_of(truth: dict, answer: dict, measured: dict | None = None) -> dict:
         "gain": _gain(true, measured), "brier": _brier(truth, true, probability),
         "confidence": max(probability.values(), default=None),
         "sure_right": _sure_right(truth, true, probability),
-        "worst": _worst(answer),
+        "worst": (answer.get("located") or {}).get("largest"),
         "lead": _lead(evidence), "leader_right": bool(first) and set(first) <= set(true),
         "runs": answer.get("runs"), "cpu_s": answer.get("cpu_s"),
         "code": answer.get("code"),
@@ -190,12 +190,6 @@ def _sure_right(truth, true, probability):
     if not probability or len(true) > 1:
         return None
     return max(probability, key=probability.get) == _wanted(truth, true)
-
-
-def _worst(answer):
-    """Return the largest mean size of residuals of a receiver or a blast at the calibrated site."""
-    places = answer.get("located") or {"receivers": {}, "blasts": {}}
-    return max([*places["receivers"].values(), *places["blasts"].values()], default=None)
 
 
 def _lead(evidence):

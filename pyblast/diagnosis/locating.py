@@ -5,7 +5,7 @@ from scipy import signal
 
 from .calibration import Baseline
 from .case import COMPONENTS
-from .search import MATERIAL, means
+from .search import MATERIAL, means, worst
 
 SHARE = 0.8  # of the energy of a residual lies in its windows
 GRID = 25  # points along the longer side of the plan
@@ -25,8 +25,9 @@ def located(baseline: Baseline, motion, size) -> dict:
     Returns
     -------
     dict
-        ``receivers`` and ``components`` by share, ``time_s``, ``frequency_hz``, ``blasts``,
-        ``points`` with their resolution.
+        ``largest`` mean size of a receiver or blast, ``receivers`` where it is material,
+        ``blasts``, ``components`` by share, ``time_s``, ``frequency_hz``, ``points`` with their
+        resolution.
     """
     case = baseline.case
     band = case.band
@@ -40,6 +41,7 @@ def located(baseline: Baseline, motion, size) -> dict:
     times = np.arange(case.n_samples) * case.dt
     shares = energy.sum(axis=-1) / max(energy.sum(), 1e-300)
     return {
+        "largest": round(worst(size), 2),
         "receivers": {
             name: round(float(v), 2) for name, v in zip(case.receivers, by_receiver, strict=True)
             if v >= MATERIAL

@@ -8,13 +8,13 @@ from scipy.special import logsumexp
 from .chance import Chance
 from .fitting import Fit, fit
 from .folds import HeldOut, held_out
+from .mesh_control import RESOLUTION
 from .search import GROWS, Search, material, worst
 
 REMAINS = 4.0  # mean size of residuals that few sites leave where nothing is missing
 NAMED_SHARE = 2.0 / 3.0  # of the energy in excess that named effects must explain if that remains
 PARTIAL_SHARE = 1.0 / 3.0
 HALF = 1.645  # standard deviations on either side of the middle of a 90 % interval
-RESOLUTION = "numerical_resolution"
 COARSE = 1.0  # what a finer mesh may change of an answer, in errors of the theory
 OUTCOMES = ("NULL", "NAMED", "CLASS", "COMPOSITE", "PARTIAL", "UNKNOWN")
 

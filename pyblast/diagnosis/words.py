@@ -4,12 +4,12 @@ import numpy as np
 
 from .hypotheses import LIBRARY, untestable_labels
 from .locating import located
+from .mesh_control import RESOLUTION, SETTLED_BY
 from .search import GROWS
 from .targets import blast_and_hole
-from .verdict import RESOLUTION, intervals
+from .verdict import intervals
 from .visible import visible
 
-FINER = "shorter zones (`cuts` of `pyblast.diagnose`) until the answer stays"
 NOT_ASKED = {"topography": "the description of the site has no surface to compare with a plane"}
 VISIBLE = 4.0  # length of an effect in units of its errors, below which it can't be seen
 
@@ -158,7 +158,7 @@ def _next(verdict, found):
         return "a further blast, to test the prediction of this model"
     labels = verdict.rivals or [one.labels[-1] for one in found.fits[:3]]
     advice = [h.settled_by for h in LIBRARY.values() if h.label in labels and h.settled_by]
-    advice += [FINER] if RESOLUTION in labels else []
+    advice += [SETTLED_BY] if RESOLUTION in labels else []
     return "; ".join(dict.fromkeys(advice)) or "receivers around the place that is located"
 
 

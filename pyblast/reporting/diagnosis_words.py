@@ -6,10 +6,10 @@ import numpy as np
 
 from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.likelihood import THEORY, UNSETTLED
+from ..diagnosis.mesh_control import CLAIM, RESOLUTION, SETTLED_BY
 from ..diagnosis.search import GROWS, MATERIAL
 from ..diagnosis.unknowns import SPEED_SIGMA, STIFFNESS_SIGMA
-from ..diagnosis.verdict import RESOLUTION, intervals, more_remains
-from ..diagnosis.words import FINER
+from ..diagnosis.verdict import intervals, more_remains
 from ..units import FACTORS
 
 MEANINGS = {
@@ -28,7 +28,6 @@ USUAL = {
     "rad": (("°", radians(1.0)),),
 }
 COUNTS = {2: "Two", 3: "Three"}
-MESH = "A finer mesh changes this answer as much as all small errors of the theory do."
 PULLED = 2.5  # standard deviations of the prior: further is a hint of missing physics
 
 
@@ -242,7 +241,7 @@ def class_rows(made, summary) -> list[dict]:
     known = {
         e.label: (e.hypothesis.claim, e.hypothesis.settled_by)
         for one in made.search.fits for e in one.effects
-    } | {RESOLUTION: (MESH, FINER)}  # fmt: skip
+    } | {RESOLUTION: (CLAIM, SETTLED_BY)}  # fmt: skip
     return [
         {"label": label, "claim": known[label][0], "settled_by": known[label][1]}
         for label in summary["class"]
