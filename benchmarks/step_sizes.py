@@ -142,14 +142,13 @@ def lines(found):
             "| | | "
             f"| {one['dt_ms']:.3f} | {one['dt_ms'] / raw:.1f} | {one['limit_ms']:.3f} |"
         )
-    gains = [one["local"] for one in found["scaled"].values() if "local" in one]
-    if gains:
-        told += [
-            "",
-            "Local steps, each zone's by halves of the longest, would leave at most "
-            f"{gains[-1]:.2f} times fewer steps of zones after that; neighbours and the order of "
-            "sums would cost part of it, so all zones march by one step.",
-        ]
+    *_, last = found["scaled"].values()
+    told += [
+        "",
+        "Local steps, each zone's by halves of the longest, would leave at most "
+        f"{last['local']:.2f} times fewer steps of zones after that; neighbours and the order of "
+        "sums would cost part of it, so all zones march by one step.",
+    ]
     if "low_passed" in found:
         kept = ", ".join(f"{name} {part:.2f}" for name, part in found["low_passed"].items())
         told += ["", f"Of the step, damping of 5 % at 4 Hz leaves: {kept}."]

@@ -17,11 +17,10 @@ from .diagnosis.calibration import calibrate
 from .diagnosis.case import Case, case_of
 from .diagnosis.chance import Chance, chance
 from .diagnosis.forward import Forward
-from .diagnosis.mesh_control import changed_by_mesh
 from .diagnosis.prediction import effects_of, predict
 from .diagnosis.scene import Scene
 from .diagnosis.search import Search, search
-from .diagnosis.verdict import Verdict, controlled, judge
+from .diagnosis.verdict import Verdict, judge
 from .diagnosis.words import summarise
 from .ensembles.input_hash import WHOLE, code_hash
 from .errors import InputError, ReadError
@@ -117,11 +116,7 @@ def diagnose(
     scene = Scene(forward, baseline, forward.hole_motion(baseline.site))
     found = search(scene, budget, tell)
     shuffled = chance(scene, found.none, found.guesses, seed) if found.fits else None
-    verdict = judge(found, shuffled)
-    if finer is not None and verdict.fit.effects:
-        tell("a finer mesh", 0, 1)
-        changed = changed_by_mesh(scene, finer, verdict.fit)
-        verdict = verdict if changed is None else controlled(verdict, changed)
+    verdict = judge(found, shuffled, finer)
     summary = summarise(scene, found, shuffled, verdict)
     used = [forward] if finer is None else [forward, finer]
     summary |= {

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pyblast.meshing.geology import Layer
 from pyblast.meshing.mesh_builder import structured_box
 from pyblast.motion.seismogram import Seismogram
 from pyblast.solving import assembly, domains
@@ -154,6 +155,41 @@ def test_a_spread_hole_keeps_its_centre():
     points = body.mesh.points[arrays["load_node"]]
     second = np.einsum("ni,ni,nj->j", arrays["load_vector"], points, points)
     assert second == pytest.approx(4.0 * place, rel=1e-9)
+
+
+def test_a_spread_hole_moves_its_own_layer_only():
+    place = np.array([9.0, 7.0, -4.5])  # half a metre below the layer on top
+    mesh = structured_box(
+        np.linspace(0.0, 20.0, 5), np.linspace(0.0, 15.0, 4), np.linspace(-12.0, 0.0, 7),
+        layers=[Layer("soil", 4.0), Layer("rock", None)],
+    )  # fmt: skip
+    hole = Hole(place, 1.0, 0.0, STEADY, spread=6.0)
+    body = Model(mesh, {"soil": ROCK, "rock": ROCK}, sources=[hole])
+
+    arrays = model_loads(body, None).arrays(np.array([0.0, 1e-3]))
+
+    points = body.mesh.points[arrays["load_node"]]
+    moved = np.abs(arrays["load_vector"]).max(axis=1) > 0.0
+    assert points[moved, 2].max() == pytest.approx(-4.0)
+    second = np.einsum("ni,ni,nj->j", arrays["load_vector"], points, points)
+    assert second == pytest.approx(4.0 * place, rel=1e-9)
+
+
+def test_a_spread_hole_moves_its_own_side_of_a_joint_only():
+    place = np.array([9.0, 7.0, 5.0])  # one metre from the joint
+    body, arrays = loads(split=True, sources=[Hole(place, 1.0, 0.0, STEADY, spread=6.0)])
+
+    points = body.mesh.points[arrays["load_node"]]
+    other = np.isin(arrays["load_node"], body.mesh.zones[beyond(body.mesh, 10.0)])
+    assert np.abs(arrays["load_vector"][~other]).max() > 0.0
+    assert not arrays["load_vector"][other].any()
+    second = np.einsum("ni,ni,nj->j", arrays["load_vector"], points, points)
+    assert second == pytest.approx(4.0 * place, rel=1e-9)
+
+
+def beyond(mesh, x):
+    """Return which zones lie east of a plane."""
+    return mesh.points[mesh.zones].mean(axis=1)[:, 0] > x
 
 
 def test_the_moment_is_the_running_integral_of_its_rate_from_the_firing_time():

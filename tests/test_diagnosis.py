@@ -9,9 +9,11 @@ from small_site import CUT, DT, recorded, small_site
 
 from pyblast.diagnose import diagnose
 from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.diagnosis.mesh_control import COARSE
 from pyblast.diagnosis.unknowns import unknowns_of, with_values
 
 TRUE = np.array([0.02, -0.02, 0.2, -0.15])
+MOVED = LIBRARY["wrong_coordinates/blast"]
 
 
 @pytest.fixture(autouse=True)
@@ -114,12 +116,18 @@ def test_a_diagnosis_is_the_same_each_time():
     assert {k: v for k, v in found(late).items() if k != "wall_s"} == first
 
 
-def test_a_finer_mesh_corrects_all_runs_and_runs_the_answer_again():
+def test_a_finer_mesh_corrects_all_runs_and_the_answer(monkeypatch):
+    monkeypatch.setitem(LIBRARY, MOVED.name, MOVED)
     true = with_values(small_site(), unknowns_of(small_site()), TRUE)
-    case = recorded(small_site(), true, change=late)  # of the finer zones
+    moved = MOVED.apply(true, "B1", east=8.0, north=-8.0)
+    case = recorded(small_site(), moved)  # of the finer zones
 
     told = diagnose(case.site, cuts=(replace(CUT, edge=2.0 * CUT.edge), CUT), seed=3).summary
 
     assert told["outcome"] == "NAMED"
     assert told["numerics"]["finer_mesh_changes"] > 0.03  # of the energy: three times what may be
-    assert told["numerics"]["finer_mesh_changes_answer"] < 0.2  # 0.09 errors of the theory
+    assert told["numerics"]["finer_mesh_changes_answer"] > COARSE
+    (effect,) = told["effects"]
+    assert effect["label"] == "wrong_coordinates"
+    assert effect["parameters"]["east"]["value"] == pytest.approx(8.0, abs=1.5)
+    assert effect["parameters"]["north"]["value"] == pytest.approx(-8.0, abs=1.5)

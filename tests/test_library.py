@@ -89,6 +89,20 @@ def test_a_misfire_takes_away_what_its_hole_sends():
     np.testing.assert_allclose(lost[1], motion[1] - without, atol=1e-3 * np.abs(lost[1]).max())
 
 
+def test_a_wrong_pace_fires_all_holes_but_the_first_at_other_times():
+    effect = Effect("delay_scatter/pace", "B1", ((1.2,),))
+    motion = scene().baseline.motion
+    heard = scene().received(motion, (effect,))
+    blasts = small_site().blasts
+    times = blasts["B1"].times
+    later = replace(blasts["B1"], times=times[0] + 1.2 * (times - times[0]))
+
+    np.testing.assert_array_equal(heard[0], motion[0])
+    late = sent_by(replace(small_site(), blasts=blasts | {"B1": later}))
+    assert shared(heard[1], late) < 1e-3
+    assert shared(motion[1], late) > 0.1
+
+
 def silenced(n):
     """Return the blasts of the small site, a hole of the last without a charge."""
     blasts = small_site().blasts

@@ -219,6 +219,14 @@ def test_a_rim_damps_outside_of_its_box_only(tmp_path):
     assert added.min() == 0.0
 
 
+def test_a_rim_may_be_told_the_lowest_frequency_that_shall_leave(tmp_path):
+    text = f"{RIM}lowest_hz = 6\n[[receivers]]"
+
+    rim = inside(tmp_path, ("[55, 10]", "[48, 10]"), ("[[receivers]]", text)).model.rim
+
+    assert (rim.width, rim.lowest) == (10.0, 6.0)
+
+
 def test_only_dashpots_around_holes_inside_are_doubtful(tmp_path):
     found = {f.code for f in check(inside(tmp_path), False).findings}
 

@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from small_site import CUT, recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
@@ -11,10 +13,11 @@ from pyblast.diagnosis.chance import Chance, chance
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.folds import held_out
 from pyblast.diagnosis.forward import Forward
-from pyblast.diagnosis.mesh_control import RESOLUTION, changed_by_mesh
+from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.diagnosis.mesh_control import COARSE, RESOLUTION, on_finer_mesh
 from pyblast.diagnosis.scene import Effect
 from pyblast.diagnosis.search import MATERIAL, Search, material
-from pyblast.diagnosis.verdict import COARSE, controlled, judge
+from pyblast.diagnosis.verdict import judge
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 LOUD = Effect("misfire_or_charge_error/blast", "B1", ((1.0,),))
@@ -58,16 +61,50 @@ def test_a_clock_and_a_charge_that_are_both_wrong_make_a_composite():
     assert judge(found, CHANCE).outcome == "COMPOSITE"
 
 
-def test_what_a_finer_mesh_changes_as_much_as_small_errors_do_is_not_named():
-    here, none, _, _, both = fits()
-    named = judge(Search(here, 400, lambda *_: None, none, [both], [], both), CHANCE)
-    changed = np.full(both.size.shape, 0.5)
+@cache
+def damped_fits():
+    """Return a scene whose ground damps unknown to it, and the fits of none and of that."""
+    here = with_holes(scene_of(recorded(small_site(), damping(8.0))))
+    return here, fit(here, ()), fit(here, (Effect("attenuation_Q", "", ((12.0,),)),))
 
-    assert controlled(named, changed).outcome == "COMPOSITE"
-    changed[:, 1] = COARSE
-    doubted = controlled(named, changed)
-    assert doubted.outcome == "CLASS"
-    assert doubted.rivals == (*both.labels, RESOLUTION)
+
+def damping(quality):
+    """Return the small site with this quality."""
+    return LIBRARY["attenuation_Q"].apply(small_site(), "", q=quality)
+
+
+def finer(scene, fitted, change):
+    """Return what stands for a finer mesh: it adds a change (n_blasts, ...) to what is sent."""
+    (sent,) = scene.sent([(fitted.values, fitted.effects)])
+    motion, blasts = sent + change, scene.case.blasts
+    return SimpleNamespace(heard=lambda pairs: [motion[blasts.index(b)] for _, b in pairs])
+
+
+def test_an_answer_that_a_finer_mesh_changes_is_corrected():
+    here, none, damped = damped_fits()
+    found = Search(here, 400, lambda *_: None, none, [damped], [], damped)
+    ((quality,),) = damped.effects[0].values
+    less = here.forward.motion(damping(3.0 * quality)) - here.forward.motion(damping(quality))
+
+    verdict = judge(found, CHANCE, finer(here, damped, less))
+
+    assert quality == pytest.approx(8.0, rel=0.1)
+    assert verdict.outcome == "NAMED"
+    assert verdict.mesh > COARSE
+    assert verdict.fit.effects[0].values[0][0] == pytest.approx(4.8, rel=0.1)  # 1/8 + 1/8 - 1/24
+
+
+def test_an_answer_that_a_finer_mesh_leaves_without_evidence_may_be_the_mesh():
+    here, none, damped = damped_fits()
+    found = Search(here, 400, lambda *_: None, none, [damped], [], damped)
+    much = Chance(np.full((2, 200), found.worth(damped) - 0.5), {})
+    beside = np.zeros_like(damped.motion)
+    beside[:, 1] = 0.12 * np.roll(damped.motion[:, 1], 20, axis=-1)
+
+    assert judge(found, much).outcome == "NAMED"
+    verdict = judge(found, much, finer(here, damped, beside))
+    assert verdict.mesh > COARSE
+    assert (verdict.outcome, verdict.rivals[-1]) == ("CLASS", RESOLUTION)
 
 
 def test_what_a_finer_mesh_is_held_against_is_what_was_fitted():
@@ -75,10 +112,11 @@ def test_what_a_finer_mesh_is_held_against_is_what_was_fitted():
     damped = fit(here, (Effect("attenuation_Q", "", ((25.0,),)),))
     fine, runs = Forward(here.case, CUT), here.forward.runs
 
-    changed = changed_by_mesh(here, fine, damped)
+    same, change = on_finer_mesh(here, fine, damped)
 
     assert here.forward.runs == runs  # the answer was run already, and corrected
-    assert changed.max() < 1e-12  # the same zones
+    assert same is damped
+    assert change < 1e-12  # the same zones
 
 
 def test_nothing_is_named_where_the_budget_ended_before_the_others_were_tried():

@@ -65,10 +65,13 @@ class Fitter:
         Values of the unknowns at which runs are made; from there the slopes of the baseline lead.
     blasts : sequence of int, optional
         Indices of those that are looked at; all by default.
+    shift : (n_blasts, n_receivers, 3, n_samples) float64, m/s, optional
+        What a finer mesh adds to all that is sent.
     """
 
-    def __init__(self, scene: Scene, effects, home, blasts=None):
+    def __init__(self, scene: Scene, effects, home, blasts=None, shift=0.0):
         self.scene, self.effects, self.home = scene, tuple(effects), np.asarray(home)
+        self.shift = shift
         self.blasts = tuple(range(len(scene.case.blasts)) if blasts is None else blasts)
         self.likelihood, self.sigma = scene.baseline.likelihood, scene.baseline.sigma
         self.knobs = [
@@ -117,7 +120,8 @@ class Fitter:
             if one is None:
                 found.append(None)
                 continue
-            one = one + np.tensordot(values - self.home, self.scene.baseline.slopes, 1)
+            slopes = self.scene.baseline.slopes
+            one = one + self.shift + np.tensordot(values - self.home, slopes, 1)
             found.append(self.scene.received(one, effects))
         return found
 
@@ -250,6 +254,31 @@ def fit(scene: Scene, effects, home=None, first=None) -> Fit | None:
         fitter.home = fitter.state(place)[0]
         motion = fitter.motions([place])[0]
         place, motion, columns, curvature = fitter.descended(place, motion, known=columns)
+    return _fit_at(fitter, place, motion, columns, curvature)
+
+
+def corrected(scene: Scene, fit: Fit, shift) -> Fit:
+    """Return a fit moved along its columns, after a finer mesh has run its site.
+
+    Parameters
+    ----------
+    scene : Scene
+    fit : Fit
+    shift : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        What that mesh adds to what the site of the fit sends.
+    """
+    fitter = Fitter(scene, fit.effects, fit.values, shift=shift)
+    place, motion = fit.place, fitter.motions([fit.place])[0]
+    for _ in range(ROUNDS):
+        start = place
+        place, motion, columns, curvature = fitter.descended(place, motion, known=fit.columns)
+        if place is start:
+            break
+    return _fit_at(fitter, place, motion, columns, curvature)
+
+
+def _fit_at(fitter, place, motion, columns, curvature):
+    """Return what a descent ended at."""
     values, effects = fitter.state(place)
     left = fitter.left(motion)
     misfit = float(fitter.likelihood.misfit(left))

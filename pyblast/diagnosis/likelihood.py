@@ -10,7 +10,7 @@ from ..residuals.noise import symmetric_root
 from .case import Case
 
 THEORY = 0.01  # share of a record's energy that places, clocks and small heterogeneity cost
-UNSETTLED = 0.15  # of the energy that a finer mesh changes: what it has wrong itself
+UNSETTLED = 0.28  # of the energy that a finer mesh changes: what it has wrong itself
 DOUBT = 4.0  # degrees of freedom behind that share: it may well be three times as large
 LARGER = np.geomspace(1.0, 100.0, 41)  # by which all errors may be larger than that, in energy
 

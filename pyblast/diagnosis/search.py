@@ -14,7 +14,8 @@ MATERIAL = 2.0  # mean size of residuals, in errors of the theory, below which n
 GROWS = 6.0  # nats that another place of the same effect must bring
 REFINED = 4  # effects on the site that are fitted by runs, in the first pass
 REFINED_LATER = 2
-SURELY = 3  # guesses that are fitted however poor they are, if much is unexplained without them
+SURELY = 3  # guesses that are fitted however poor they are, while less than this is explained:
+MOSTLY = 2.0 / 3.0  # of the energy in excess
 MOST = 3  # effects at once
 LEAST_OF_BEST = 0.4  # of the share of the best guess
 LEAST_SHARE = 0.1  # of what is left that an effect must explain to be fitted by runs
@@ -91,7 +92,7 @@ def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
         return found
     found.fits += _quick(found, ())
     found.guesses = screened(found)
-    found.fits += _refined(found, found.guesses, (), REFINED)
+    _refine(found, found.guesses, (), REFINED)
     found.compared = found.finished
     while len(found.chosen.labels) < MOST:
         better = found.best(len(found.chosen.labels) + 1)
@@ -101,8 +102,7 @@ def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
         if not material(better.size) or len(better.labels) == MOST:
             break
         found.fits += _quick(found, better.effects)
-        left = rescreened(found, better)
-        found.fits += _refined(found, left, better.effects, REFINED_LATER)
+        _refine(found, rescreened(found, better), better.effects, REFINED_LATER)
     return found
 
 
@@ -151,33 +151,33 @@ def _quick(found, base):
     return fits
 
 
-def _refined(found, guesses, base, most):
+def _refine(found, guesses, base, most):
     """Fit the best guesses by runs, one place of each label."""
-    fits, seen = [], {effect.label for effect in base}
-    known, left = (0.0, False) if base else _explained(found)
-    best = max([known, *(guess.share for guess in guesses)])
-    least, surely = max(LEAST_SHARE, LEAST_OF_BEST * best), SURELY if left else 0
+    seen, done = {effect.label for effect in base}, 0
+    largest = max((guess.share for guess in guesses), default=0.0)
     for guess in guesses:
-        poor = guess.share < least and len(fits) >= surely
-        if len(fits) == most or poor or not found.runs_left():
+        known, left = (0.0, False) if base else _explained(found)
+        poor = guess.share < max(LEAST_SHARE, LEAST_OF_BEST * max(known, largest))
+        if done == most or (poor and not (left and done < SURELY)) or not found.runs_left():
             break
         if guess.effect.label in seen:
             continue
         seen.add(guess.effect.label)
-        found.tell(f"fit {guess.effect.label}", len(fits), most)
+        found.tell(f"fit {guess.effect.label}", done, most)
         home = np.zeros(len(found.none.values)) if not base else found.chosen.values
         one = fit(found.scene, (*base, guess.effect), home, guess.blasts)
         if one is not None:
-            fits.append(one)
-    return fits
+            found.fits.append(one)
+            done += 1
 
 
 def _explained(found):
     """Return the share of the energy in excess that the best fit explains, if it is worth much.
 
-    Second, whether more than errors of the theory is left then.
+    Second, whether so little is explained that poor guesses must be fitted, too.
     """
     best, likelihood = found.best(), found.scene.baseline.likelihood
     if best is None or found.worth(best) <= GROWS:
         return 0.0, True
-    return likelihood.share(found.none.size, best.size), material(best.size)
+    share = likelihood.share(found.none.size, best.size)
+    return share, share < MOSTLY

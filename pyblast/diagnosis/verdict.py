@@ -1,6 +1,6 @@
 """What a search amounts to: one outcome, effects with their names, or none."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
@@ -8,14 +8,13 @@ from scipy.special import logsumexp
 from .chance import Chance
 from .fitting import Fit, fit
 from .folds import HeldOut, held_out
-from .mesh_control import RESOLUTION
-from .search import GROWS, Search, material, worst
+from .forward import Forward
+from .mesh_control import RESOLUTION, on_finer_mesh
+from .search import GROWS, MOSTLY, Search, material, worst
 
 REMAINS = 4.0  # mean size of residuals that few sites leave where nothing is missing
-NAMED_SHARE = 2.0 / 3.0  # of the energy in excess that named effects must explain if that remains
 PARTIAL_SHARE = 1.0 / 3.0
 HALF = 1.645  # standard deviations on either side of the middle of a 90 % interval
-COARSE = 1.0  # what a finer mesh may change of an answer, in errors of the theory
 OUTCOMES = ("NULL", "NAMED", "CLASS", "COMPOSITE", "PARTIAL", "UNKNOWN")
 
 
@@ -38,8 +37,8 @@ class Verdict:
         Of the energy in excess that the best set of effects explains.
     held_out : HeldOut or None
     mesh : float or None
-        What a finer mesh changes of the best model with effects at the worst receiver or blast, in
-        errors of the theory; None where it was not run.
+        What a finer mesh changes of the best model with effects, see `on_finer_mesh`; None where
+        it was not run.
     """
 
     outcome: str
@@ -51,7 +50,7 @@ class Verdict:
     mesh: float | None = None
 
 
-def judge(found: Search, threshold: Chance) -> Verdict:
+def judge(found: Search, threshold: Chance, fine: Forward | None = None) -> Verdict:
     """Judge a search.
 
     Parameters
@@ -59,6 +58,8 @@ def judge(found: Search, threshold: Chance) -> Verdict:
     found : Search
     threshold : Chance or None
         None where no effect was tried.
+    fine : Forward, optional
+        With a finer mesh, which runs what was found.
 
     Returns
     -------
@@ -66,10 +67,11 @@ def judge(found: Search, threshold: Chance) -> Verdict:
 
     Notes
     -----
-    A name needs more evidence than chance finds, a lead over every other label, records foretold
-    that it was not fitted to, and little left over that it can't explain; and none is given where
-    the budget ended before the others were tried. What these records can't test, see
-    `Hypothesis.untestable`, gets no name: all others that explain much are its class.
+    A name needs more evidence than chance finds, on the finer mesh too, a lead over every other
+    label, records foretold that it was not fitted to, and little left over that it can't explain;
+    and none is given where the budget ended before the others were tried. What these records
+    can't test, see `Hypothesis.untestable`, gets no name: all others that explain much are its
+    class.
     """
     probability, none = _probabilities(found), found.none
     if not material(none.size):
@@ -80,42 +82,30 @@ def judge(found: Search, threshold: Chance) -> Verdict:
     least = _least(threshold, chosen, *chosen.labels)
     if not chosen.effects or found.worth(chosen) < least:
         return Verdict("UNKNOWN", none, (), probability, 0.0, None)
+    mesh = None
+    if fine is not None:
+        found.tell("a finer mesh", 0, 1)
+        chosen, mesh = on_finer_mesh(found.scene, fine, chosen)
     proof = held_out(found.scene, none, chosen)
     share = found.scene.baseline.likelihood.share(none.size, chosen.size)
     if (proof.folds and not proof.improves) or share < PARTIAL_SHARE:
-        return Verdict("UNKNOWN", none, (), probability, share, proof)
+        return Verdict("UNKNOWN", none, (), probability, share, proof, mesh)
     case = found.scene.case
     untestable = any(effect.hypothesis.untestable(case) for effect in chosen.effects)
     rivals = _rivals(found, chosen, least if untestable else None)
     more = more_remains(chosen.size, share)
     alone = untestable and len(rivals) == 1
+    if found.worth(chosen) < least:
+        rivals = tuple(dict.fromkeys((*chosen.labels, *rivals, RESOLUTION)))
     if more or alone or not proof.folds or not found.compared:
-        return Verdict("PARTIAL", chosen, rivals, probability, share, proof)
+        return Verdict("PARTIAL", chosen, rivals, probability, share, proof, mesh)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
-    return Verdict(outcome, chosen, rivals, probability, share, proof)
-
-
-def controlled(verdict: Verdict, changed) -> Verdict:
-    """Return a verdict after a finer mesh has run its model.
-
-    Parameters
-    ----------
-    verdict : Verdict
-    changed : (n_blasts, n_receivers) float64
-        As of `changed_by_mesh`. Where it is as much as all errors of the theory, what was found
-        may be the mesh.
-    """
-    verdict = replace(verdict, mesh=worst(changed))
-    if verdict.mesh < COARSE:
-        return verdict
-    labels = dict.fromkeys((*verdict.fit.labels, *verdict.rivals, RESOLUTION))
-    outcome = "PARTIAL" if verdict.outcome == "PARTIAL" else "CLASS"
-    return replace(verdict, outcome=outcome, rivals=tuple(labels))
+    return Verdict(outcome, chosen, rivals, probability, share, proof, mesh)
 
 
 def more_remains(size, share) -> bool:
     """Tell whether something is missing beside effects that leave sizes and explain a share."""
-    return worst(size) >= REMAINS and share < NAMED_SHARE
+    return worst(size) >= REMAINS and share < MOSTLY
 
 
 def intervals(fit: Fit) -> list[dict]:

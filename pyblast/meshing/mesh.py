@@ -90,10 +90,17 @@ class Mesh:
         """Double the nodes along named internal surfaces; see ``split_mesh``."""
         return split_mesh(self, names)
 
-    def blocks(self) -> np.ndarray:
-        """Return the block (n_zones,) of each zone: zones connected without crossing a joint."""
+    def blocks(self, among=None) -> np.ndarray:
+        """Return the block (n,) of each zone: zones connected without crossing a joint.
+
+        Of all, or of zones (n,) that are connected through each other alone.
+        """
+        among = np.arange(len(self.zones)) if among is None else among
+        number = np.full(len(self.zones), -1)
+        number[among] = np.arange(len(among))
         first, second, _, _ = self.paired_faces
-        return components(first // 4, second // 4, len(self.zones))[1]
+        pairs = number[np.stack([first, second]) // 4]
+        return components(*pairs[:, (pairs >= 0).all(axis=0)], len(among))[1]
 
 
 def _indices(values, width):
@@ -172,27 +179,9 @@ def split_mesh(mesh: Mesh, names) -> Mesh:
     )
 
 
-def _lookup(mesh, triangles, faces):
-    """Return the position in ``faces`` (``4 zone + local``) of each triangle, -1 where none."""
-    n_nodes = len(mesh.points)
-    on = np.zeros(n_nodes, dtype=bool)
-    on[triangles] = True
-    marked = on[mesh.zones]
-    zone, local = np.divmod(faces, 4)
-    near = np.flatnonzero(marked.sum(axis=1)[zone] - marked[zone, local] == 3)
-    if not len(near):
-        return np.full(len(triangles), -1)
-    corners = mesh.zones[zone[near, None], tetrahedra.FACES[local[near]]]
-    keys = tetrahedra.face_keys(corners, n_nodes)
-    wanted = tetrahedra.face_keys(triangles, n_nodes)
-    order = np.argsort(keys, kind="stable")
-    at = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(near) - 1)]
-    return np.where(keys[at] == wanted, near[at], -1)
-
-
 def _facet_places(mesh, facets, joint, names, first):
     """Return where in the list of shared faces each joint facet stands."""
-    at = _lookup(mesh, facets, first)
+    at = tetrahedra.find_faces(mesh.zones, len(mesh.points), facets, first)
     lost = np.flatnonzero(at < 0)
     if len(lost):
         x, y, z = mesh.points[facets[lost[0]]].mean(axis=0)
@@ -218,7 +207,7 @@ def _moved(mesh, zones, name, faces):
 
 def _surface_faces(mesh, name, faces):
     """Return the face ``4 zone + local`` of each triangle of a surface."""
-    at = _lookup(mesh, mesh.surfaces[name], faces)
+    at = tetrahedra.find_faces(mesh.zones, len(mesh.points), mesh.surfaces[name], faces)
     if (at < 0).any():
         raise InputError(
             f"mesh.surfaces[{name!r}]: {np.count_nonzero(at < 0)} triangles are not faces of "

@@ -44,6 +44,22 @@ def pair_faces(zones, n_nodes):
     return order[shared], order[shared + 1], order[starts[counts == 1]], order[excess]
 
 
+def find_faces(zones, n_nodes, triangles, faces):
+    """Return the position (n,) in ``faces`` (``4 zone + local``) of each triangle, -1 if none."""
+    on = np.zeros(n_nodes, dtype=bool)
+    on[triangles] = True
+    marked = on[zones]
+    zone, local = np.divmod(faces, 4)
+    near = np.flatnonzero(marked.sum(axis=1)[zone] - marked[zone, local] == 3)
+    if not len(near):
+        return np.full(len(triangles), -1)
+    keys = face_keys(zones[zone[near, None], FACES[local[near]]], n_nodes)
+    wanted = face_keys(triangles, n_nodes)
+    order = np.argsort(keys, kind="stable")
+    at = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(near) - 1)]
+    return np.where(keys[at] == wanted, near[at], -1)
+
+
 def volumes(points, zones):
     """Return the signed volumes (n_zones,) in m3."""
     a, b, c, d = (points[zones[:, k]] for k in range(4))

@@ -267,6 +267,7 @@ class RimConfig(Section):
 
     box_m: Box
     width_m: Positive
+    lowest_hz: Positive | None = None
 
     @model_validator(mode="after")
     def _ascending(self):

@@ -88,7 +88,8 @@ def refuse_outside(mesh, places):
 def make_rim(config):
     """Return the rim of a `Config`: its own, or the padding around sources inside, or None."""
     if config.rim is not None:
-        return Rim(tuple(map(tuple, config.rim.box_m)), config.rim.width_m)
+        rim = config.rim
+        return Rim(tuple(map(tuple, rim.box_m)), rim.width_m, rim.lowest_hz)
     mesh = config.mesh
     inside = config.holes_inside or config.point_forces or config.moment_tensors
     if mesh.padding_m is None or not inside:

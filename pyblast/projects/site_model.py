@@ -148,7 +148,7 @@ def site_model(site: Site, blast: str, cut: Cut, mesh: Mesh | None = None) -> Mo
         materials,
         joints=[j.joint for j in site.joints],
         boundaries=[Viscous(side) for side in ("west", "east", "south", "north", "bottom")],
-        rim=Rim(tuple(map(tuple, site.box)), cut.padding),
+        rim=Rim(tuple(map(tuple, site.box)), cut.padding, site.band[0]),
         sources=sources,
         receivers=site.receivers,
         ground=site.ground,

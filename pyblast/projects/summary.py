@@ -172,7 +172,7 @@ def source_summary(project):
         ],
         "pressures": [part.surface for part in project.config.pressures],
         "air_blast": air and {"surface": air.surface, "speed": air.speed_m_per_s},
-        "rim": None if rim is None else {"box": rim.box, "width": rim.width},
+        "rim": None if rim is None else vars(rim),
     }  # fmt: skip
 
 

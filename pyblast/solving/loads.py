@@ -13,6 +13,7 @@ from .pressures import AirBlast, Pressure
 from .sources import Hole, PointForce, TimeFunction
 
 FEWEST_ZONES = 8  # that a source is spread over
+AROUND = 2.0  # radii within which ways around the end of a joint count
 PRESSURE_CUTS = 3  # of each edge of a face that a pressure passes
 # How much of a pressure that passes a node comes when, in standard deviations: Gauss-Hermite.
 PASSING = ((1.0 / 6.0, -np.sqrt(3.0)), (2.0 / 3.0, 0.0), (1.0 / 6.0, np.sqrt(3.0)))
@@ -205,7 +206,10 @@ ADDERS = {
 
 
 def _zones_of_source(mesh, position, spread):
-    """Return zones and their shares of a source: sum one, first moment at its place."""
+    """Return zones and their shares of a source: sum one, first moment at its place.
+
+    What it sends goes by the stiffness of the ground that it is in, so none is given to another.
+    """
     zone, _ = locate(mesh, position)
     if spread is None:
         spread = edge_lengths(mesh.points, mesh.zones[zone]).mean()
@@ -213,11 +217,26 @@ def _zones_of_source(mesh, position, spread):
         return zone, np.ones(1)
     centres = mesh.points[mesh.zones].mean(axis=1) - position
     distance = np.linalg.norm(centres, axis=1)
-    if len(distance) >= FEWEST_ZONES:
-        spread = max(spread, 1.2 * np.partition(distance, FEWEST_ZONES - 1)[FEWEST_ZONES - 1])
-    near = np.flatnonzero(distance < spread)
+    near = _own_ground(mesh, int(zone[0]), distance, spread)
+    if len(near) >= FEWEST_ZONES:
+        last = np.partition(distance[near], FEWEST_ZONES - 1)[FEWEST_ZONES - 1]
+        spread = max(spread, 1.2 * last)
+    near = near[distance[near] < spread]
     sides = mesh.points[mesh.zones[near, 1:]] - mesh.points[mesh.zones[near, :1]]
     weight = np.abs(np.linalg.det(sides)) * (1.0 - (distance[near] / spread) ** 2) ** 2
     basis = np.concatenate([np.ones((len(near), 1)), centres[near] / spread], axis=1)
     moments = basis.T @ (weight[:, None] * basis)
     return near, weight * (basis @ np.linalg.solve(moments, np.array([1.0, 0.0, 0.0, 0.0])))
+
+
+def _own_ground(mesh, zone, distance, spread):
+    """Return the zones around one, of its group and on its side of joints.
+
+    Blocks too small to spread a source over give way: then joints do not count.
+    """
+    alike = np.flatnonzero(mesh.zone_group == mesh.zone_group[zone])
+    nearest = np.sort(distance[alike])[:FEWEST_ZONES]
+    near = np.union1d(alike[distance[alike] < AROUND * max(spread, nearest[-1])], zone)
+    part = mesh.blocks(near)
+    block = near[part == part[np.searchsorted(near, zone)]]
+    return block if len(block) >= FEWEST_ZONES else near

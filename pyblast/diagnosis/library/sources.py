@@ -25,6 +25,21 @@ def delay_scatter(blast, target, delays):
 
 
 @hypothesis(
+    "delay_scatter", form="pace", family="source", on="holes", target="blast", axis="receivers",
+    targets=blasts_of_many_holes,
+    knobs=[
+        Knob("pace", 1.0, 0.1, log=True, starts=(1.0, 0.85, 1.15), low=0.5, high=2.0, nothing=1.0)
+    ],
+    settled_by="the log of the detonators, or a sensor beside the holes",
+)  # fmt: skip
+def wrong_pace(blast, target, pace):
+    """All delays of this blast were longer or shorter than planned, by one factor."""
+    del target
+    planned = blast.times - np.min(blast.times)
+    return (pace - 1.0) * planned, np.ones(len(planned))
+
+
+@hypothesis(
     "misfire_or_charge_error", form="holes", family="source", on="holes", target="blast",
     axis="receivers", targets=blasts_of_many_holes,
     knobs=[
