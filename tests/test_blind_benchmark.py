@@ -1,10 +1,12 @@
 """The blind benchmark: its plan, its seals and its scores, on answers made by hand."""
 
 import json
+from argparse import Namespace
 
 import numpy as np
 import pytest
 
+from benchmarks.blind import __main__ as job
 from benchmarks.blind.case_files import write_case
 from benchmarks.blind.drawing import with_effects
 from benchmarks.blind.noise import SEAM, joined
@@ -62,6 +64,22 @@ def test_a_short_plan_begins_a_long_one():
 
 def test_short_plans_mix_the_blocks():
     assert {"null", "single", "two", "out of library"} <= {c.block for c in plan(16, TEST_SEED)}
+
+
+def test_portions_are_scored_together(tmp_path, monkeypatch):
+    monkeypatch.setattr(job, "RESULT", tmp_path / "blind.json")
+    found = []
+    for name in ("case-000", "case-001", "case-001"):
+        store = tmp_path / name
+        store.mkdir(exist_ok=True)
+        publish(store, {name: "seal of " + name}, {"cases": 1, "seed": TEST_SEED})
+        row = row_of({**truth("null"), "case": name}, answer("NULL", None)) | {"code": "same"}
+        monkeypatch.setattr(job, "scored", lambda *_, row=row, **__: row)
+        job._score(Namespace(workers=1), store)
+        found.append(json.loads(job.RESULT.read_text()))
+    assert [one["scores"]["cases"] for one in found] == [1, 2, 2]
+    assert list(found[-1]["seals"]) == ["case-000", "case-001"]
+    assert len(found[-1]["roots"]) == 2
 
 
 def test_a_sealed_truth_opens_beside_its_frozen_answer(tmp_path):

@@ -40,6 +40,17 @@ def test_errors_of_the_theory_alone_have_size_one():
     assert np.all((size > 0.5) & (size < 1.1))  # the noise of the records has its part beside
 
 
+def test_errors_of_the_theory_twice_as_large_have_size_one_once_they_are_doubled():
+    likelihood = made()
+    case, size = likelihood.case, np.zeros(likelihood.kept.shape)
+    for b, r in np.ndindex(size.shape):
+        noise, root = case.noise.covariance(case.band, b, r), likelihood.roots[b, r]
+        errors = np.linalg.pinv(root @ root) - noise
+        size[b, r] = np.trace(root @ (noise + 4.0 * errors) @ root) / likelihood.kept[b, r]
+    assert np.all(size > 1.5)
+    np.testing.assert_allclose(likelihood.doubled(size), 1.0, rtol=1e-6)
+
+
 def test_a_broken_record_counts_by_its_logarithm():
     likelihood = made()
     size = np.ones(likelihood.kept.shape)

@@ -1,10 +1,12 @@
 """Draw, run and score the blind benchmark.
 
-    OMP_NUM_THREADS=1 python -m benchmarks.blind [draw|run|score|page] [--cases N] [--workers N]
+    OMP_NUM_THREADS=1 python -m benchmarks.blind [draw|run|score|page] [--cases N] [--first N]
+        [--workers N]
 
 Without a job all are done in turn. ``draw`` writes the cases and seals their truths, ``run``
 diagnoses them and freezes the answers, ``score`` opens both and writes benchmarks/blind.json, and
 ``page`` docs/blind.md. What is there is not made again: a killed job goes on with what is missing.
+A benchmark may be put together from portions, each sealed, answered and scored on its own.
 Needs the real recordings of examples/real/README.md for their noise.
 """
 
@@ -37,7 +39,8 @@ def main():
     """Do what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("job", nargs="?", choices=JOBS, help="all in turn if not given")
-    parser.add_argument("--cases", type=int, default=CASES, help="the first ones [%(default)s]")
+    parser.add_argument("--cases", type=int, default=CASES, help="up to this one [%(default)s]")
+    parser.add_argument("--first", type=int, default=0, help="of a portion [%(default)s]")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--seed", type=int, default=TEST_SEED,
                         help=f"{TEST_SEED} is the test, {DEVELOPMENT_SEED} for trials")  # fmt: skip
@@ -53,12 +56,12 @@ def main():
 
 def _draw(given, store):
     """Draw all cases and publish their seals."""
-    cases = plan(given.cases, given.seed)
+    cases = plan(given.cases, given.seed)[given.first :]
     seals = {}
     for case, sealed in _side_by_side(partial(draw, store=store), cases, given.workers):
         seals[case.name] = sealed
         print(f"{case.name} sealed", flush=True)
-    root = publish(store, seals, {"cases": given.cases, "seed": given.seed})
+    root = publish(store, seals, {"cases": len(cases), "seed": given.seed})
     print(f"seals of {len(seals)} cases: {root}")
 
 
@@ -66,24 +69,30 @@ def _run(given, store):
     """Answer all cases that are sealed."""
     seals = published(store)["seals"]
     job = partial(answer, store=store, seals=seals)
-    for _, said in _side_by_side(job, list(seals)[: given.cases], given.workers):
+    for _, said in _side_by_side(job, seals, given.workers):
         print(said, flush=True)
 
 
 def _score(given, store):
     """Open truths and answers and write the scores."""
-    table, rows = published(store), []
+    table = published(store)
     job = partial(scored, store=store, seals=table["seals"])
-    for _, row in _side_by_side(job, list(table["seals"])[: given.cases], given.workers):
-        rows.append(row)
+    rows = [row for _, row in _side_by_side(job, table["seals"], given.workers)]
+    seed, own = table["plan"]["seed"], {row["case"] for row in rows}
+    path = _result(seed == TEST_SEED, store)
+    known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    if known.get("seed") != seed:
+        known = {"rows": [], "seals": {}, "roots": []}
+    rows += [row for row in known["rows"] if row["case"] not in own]
     rows.sort(key=lambda row: row["case"])
-    seed = table["plan"]["seed"]
     found = {
-        "seed": seed, "test": seed == TEST_SEED, "root": table["root"],
+        "seed": seed, "test": seed == TEST_SEED,
+        "roots": list(dict.fromkeys([*known["roots"], table["root"]])),
         "visible": scoring.VISIBLE, "clear": scoring.CLEAR, "scores": scoring.scores(rows),
-        "programs": len({row["code"] for row in rows}), "rows": rows, "seals": table["seals"],
+        "programs": len({row["code"] for row in rows}), "rows": rows,
+        "seals": known["seals"] | table["seals"],
     }  # fmt: skip
-    write_text(_result(found["test"], store), json.dumps(found, indent=1) + "\n")
+    write_text(path, json.dumps(found, indent=1) + "\n")
 
 
 def _page(given, store):

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pyblast.diagnosis.search import MATERIAL
 from pyblast.projects.result import write_text
 
 from .plan import FAMILY, NULLS
@@ -65,6 +66,7 @@ def row_of(truth: dict, answer: dict, measured: dict | None = None) -> dict:
         "true": [one["label"] for one in truth["effects"]], "outcome": outcome, "said": said,
         "named": named, "length": measured.get("length"), "share": truth["share"],
         "alarm": outcome in CLAIMS,
+        "beyond": (evidence.get("at_twice_the_errors") or 0.0) >= MATERIAL,
         "right_name": bool(named) and set(named) <= set(true),
         "some": any(label in true for label in named),
         "all": bool(true) and set(true) <= set(named) and set(named) <= set(true),

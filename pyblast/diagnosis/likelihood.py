@@ -52,6 +52,13 @@ class Likelihood:
         """Return the mean square of each whitened record, (n_blasts, n_receivers)."""
         return np.sum(white**2, axis=-1) / np.maximum(self.kept, 1)
 
+    def doubled(self, size):
+        """Return mean squares (n_blasts, n_receivers) at errors of the theory twice as large.
+
+        As they are where all is noise, a quarter where none is.
+        """
+        return size / (self.noisy + 4.0 * (1.0 - self.noisy))
+
     def misfit(self, white, blasts=None):
         """Return -2 ln L of a whitened residual, of some blasts if indices are given."""
         return self.misfit_of(self.size(white), blasts)

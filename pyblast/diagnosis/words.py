@@ -5,7 +5,7 @@ import numpy as np
 from .hypotheses import LIBRARY, untestable_labels
 from .locating import located
 from .mesh_control import RESOLUTION, SETTLED_BY
-from .search import GROWS
+from .search import GROWS, MATERIAL, worst
 from .targets import blast_and_hole
 from .verdict import intervals
 from .visible import visible
@@ -48,6 +48,7 @@ def summarise(scene, found, shuffled, verdict) -> dict:
             "threshold": None if shuffled is None else round(shuffled.needed(effects), 1),
             "threshold_interval": None if shuffled is None else shuffled.interval(effects),
             "explained_share": round(verdict.share, 3),
+            "at_twice_the_errors": round(worst(baseline.likelihood.doubled(none.size)), 2),
             "ranking": [
                 {"labels": list(one.labels), "targets": [e.target for e in one.effects],
                  "worth": round(found.worth(one), 1), "misfit": round(one.misfit, 1)}
@@ -162,6 +163,11 @@ def _next(verdict, found):
     return "; ".join(dict.fromkeys(advice)) or "receivers around the place that is located"
 
 
+def beyond_doubled(summary) -> bool:
+    """Tell whether errors of the theory twice as large would leave something to explain, too."""
+    return summary["evidence"]["at_twice_the_errors"] >= MATERIAL
+
+
 def told_lines(summary) -> list[str]:
     """Return the outcome of ``diagnosis.json`` and what it rests on, in a few lines."""
     lines = [f"outcome: {summary['outcome']}"]
@@ -176,4 +182,6 @@ def told_lines(summary) -> list[str]:
         lines.append(f"  evidence {evidence['best']} nats; chance finds {evidence['threshold']}")
     if proof is not None:
         lines.append(f"  records left out: {proof['gain']} ± {proof['error']} nats better")
+    if summary["effects"] and not beyond_doubled(summary):
+        lines.append("  errors of speeds, places and ground twice as large would explain it, too")
     return [*lines, f"  next: {summary['next_measurement']}"]

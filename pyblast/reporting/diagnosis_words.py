@@ -10,6 +10,7 @@ from ..diagnosis.mesh_control import CLAIM, RESOLUTION, SETTLED_BY
 from ..diagnosis.search import GROWS, MATERIAL
 from ..diagnosis.unknowns import SPEED_SIGMA, STIFFNESS_SIGMA
 from ..diagnosis.verdict import intervals, more_remains
+from ..diagnosis.words import beyond_doubled
 from ..units import FACTORS
 
 MEANINGS = {
@@ -68,6 +69,11 @@ def lead(made, summary) -> str:
         proof += f" But something else is missing {_near(summary['remainder'])}."
     elif outcome == "PARTIAL" and not summary["finished"]:
         proof += " But the budget of runs ended before all other effects were tried."
+    if not beyond_doubled(summary):
+        proof += (
+            " Were speeds, places and the ground off by twice what is supposed below, that would "
+            "explain it, too."
+        )
     return " ".join([*told, proof])
 
 
