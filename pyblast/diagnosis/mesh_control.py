@@ -1,5 +1,7 @@
 """The numerical control of an answer: what a finer mesh makes of it."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from .fitting import Fit, corrected
@@ -13,7 +15,9 @@ SETTLED_BY = "shorter zones (`cuts` of `pyblast.diagnose`) until the answer stay
 COARSE = 1.0  # what a finer mesh may change of an answer that stands, in errors of the theory
 
 
-def on_finer_mesh(scene: Scene, fine: Forward, fit: Fit) -> tuple[Fit, float | None]:
+def on_finer_mesh(
+    scene: Scene, fine: Forward, fit: Fit, tell: Callable = lambda *_: None
+) -> tuple[Fit, float | None]:
     """Run a fitted site on the finer mesh, and correct the fit if that changes it.
 
     Parameters
@@ -23,6 +27,8 @@ def on_finer_mesh(scene: Scene, fine: Forward, fit: Fit) -> tuple[Fit, float | N
         With the finer mesh.
     fit : Fit
         Its effects on the site and values of the site count; all holes fire as planned.
+    tell : callable, optional
+        Called with (stage, done, total).
 
     Returns
     -------
@@ -41,7 +47,8 @@ def on_finer_mesh(scene: Scene, fine: Forward, fit: Fit) -> tuple[Fit, float | N
     each = likelihood.size(likelihood.white(sent - scene.baseline.believed)).sum(axis=1)
     most, *others = (int(b) for b in np.argsort(-each, kind="stable"))
     shift = np.zeros_like(sent)
-    for blasts in ([most], others):
+    for done, blasts in enumerate(([most], others)):
+        tell("a finer mesh", done, len(shift))
         heard = fine.heard([(site, scene.case.blasts[b]) for b in blasts])
         for b, motion in zip(blasts, heard, strict=True):
             shift[b] = motion - sent[b]

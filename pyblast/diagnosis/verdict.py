@@ -84,8 +84,7 @@ def judge(found: Search, threshold: Chance, fine: Forward | None = None) -> Verd
         return Verdict("UNKNOWN", none, (), probability, 0.0, None)
     mesh = None
     if fine is not None:
-        found.tell("a finer mesh", 0, 1)
-        chosen, mesh = on_finer_mesh(found.scene, fine, chosen)
+        chosen, mesh = on_finer_mesh(found.scene, fine, chosen, found.tell)
     proof = held_out(found.scene, none, chosen)
     share = found.scene.baseline.likelihood.share(none.size, chosen.size)
     if (proof.folds and not proof.improves) or share < PARTIAL_SHARE:
