@@ -13,6 +13,7 @@ from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.scene import Scene
 from pyblast.diagnosis.screening import started
+from pyblast.diagnosis.targets import blast_and_hole
 
 from .case_files import read_asked
 from .running import case_in, foretold
@@ -89,9 +90,9 @@ def _best_start(scene, hidden):
 
 
 def _there(targets, wanted):
-    """Return those targets that mean a true one: the same, or the nearest plane."""
+    """Return those targets that mean a true one: the same, a hole of it, or the nearest plane."""
     if "=" not in wanted:
-        return [target for target in targets if target == wanted]
+        return [target for target in targets if blast_and_hole(target)[0] == wanted]
     axis, place = wanted.split("=")
     same = [target for target in targets if target.startswith(f"{axis}=")]
     return sorted(same, key=lambda target: abs(float(target[2:]) - float(place)))[:1]

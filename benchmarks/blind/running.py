@@ -10,7 +10,8 @@ import numpy as np
 from pyblast.diagnose import cut_of, diagnose
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import Forward
-from pyblast.diagnosis.prediction import effects_of, predict, site_of
+from pyblast.diagnosis.prediction import Place, effects_of, predict, site_of
+from pyblast.diagnosis.targets import blast_and_hole
 from pyblast.ensembles.input_hash import WHOLE, code_hash
 from pyblast.projects.result import plain
 from pyblast.projects.site import read_site
@@ -69,10 +70,13 @@ def foretold(case, asked, values, effects, folder) -> dict:
     forward = Forward(replace(case, site=there, receivers=(HIDDEN,)), cut, folder)
     changed = [_fired(site, name, effects) for name in case.blasts]
     heard = forward.heard([(one, b) for (one, _), b in zip(changed, case.blasts, strict=True)])
-    hidden = [delayed(v[0], -lead) for v, (_, lead) in zip(heard, changed, strict=True)]
+    hidden = np.stack([delayed(v, -lead) for v, (_, lead) in zip(heard, changed, strict=True)])
+    for effect in effects:
+        if effect.hypothesis.on == "motion" and effect.target not in case.receivers:
+            hidden = effect.hypothesis.apply(Place(forward), hidden, effect.target, **effect.knobs)
     return {
         "blasts": list(case.blasts), "receivers": list(case.receivers),
-        "blast": _short(further), "receiver": _short(np.stack(hidden)),
+        "blast": _short(further), "receiver": _short(hidden[:, 0]),
     }  # fmt: skip
 
 
@@ -81,8 +85,8 @@ def _fired(site, name, effects):
     blast = site.blasts[name]
     times, charge = blast.times, blast.charge
     for effect in effects:
-        if effect.hypothesis.on == "holes" and effect.target == name:
-            delays, scales = effect.hypothesis.apply(blast, name, **effect.knobs)
+        if effect.hypothesis.on == "holes" and blast_and_hole(effect.target)[0] == name:
+            delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.knobs)
             times = times + delays
             charge = charge * scales ** (1.0 / site.exponent)
     lead = max(0.0, -float(times.min()))

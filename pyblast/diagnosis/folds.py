@@ -6,6 +6,7 @@ import numpy as np
 
 from .fitting import Fit, curvature_of
 from .scene import Scene
+from .targets import blast_and_hole
 
 FALLS = 0.5  # nats that a fold may lose without counting against
 MOSTLY = 0.75  # of the folds must gain
@@ -82,7 +83,8 @@ def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
     what is left out, by one linear step from where it was; theory.md (14.5).
     """
     added = [effect for effect in after.effects if effect.label not in before.labels]
-    axes, targets = {e.hypothesis.axis for e in added}, {e.target for e in added}
+    axes = {e.hypothesis.axis for e in added}
+    targets = {blast_and_hole(e.target)[0] for e in added}
     shape, case, kept = after.size.shape, scene.case, scene.baseline.likelihood.kept
     places = []
     if axes - {"blasts"}:

@@ -57,7 +57,7 @@ def predict(case: Case, cut, blast: Blast, values, effects=(), folder=None) -> n
     """
     site = replace(site_of(case.site, values, effects), blasts={NEW: blast})
     forward = Forward(replace(case, site=site, blasts=(NEW,)), cut, folder)
-    place = _Place(forward)
+    place = Place(forward)
     motion = forward.motion(site)
     for effect in effects:
         if effect.hypothesis.on == "motion":
@@ -66,8 +66,13 @@ def predict(case: Case, cut, blast: Blast, values, effects=(), folder=None) -> n
 
 
 @dataclass(eq=False)
-class _Place:
-    """What effects on motion ask of a scene."""
+class Place:
+    """What effects on motion ask of a scene: receivers and blasts of a case, and motion nearby.
+
+    Parameters
+    ----------
+    forward : Forward
+    """
 
     forward: Forward
 

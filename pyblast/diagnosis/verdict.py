@@ -36,6 +36,9 @@ class Verdict:
     share : float
         Of the energy in excess that the best set of effects explains.
     held_out : HeldOut or None
+    judged : Fit or None
+        The best set of effects, named or not, on the finer mesh if that changes it; None where
+        none paid.
     mesh : float or None
         What a finer mesh changes of the best model with effects, see `on_finer_mesh`; None where
         it was not run.
@@ -47,6 +50,7 @@ class Verdict:
     probability: dict
     share: float
     held_out: HeldOut | None
+    judged: Fit | None = None
     mesh: float | None = None
 
 
@@ -71,7 +75,7 @@ def judge(found: Search, threshold: Chance, fine: Forward | None = None) -> Verd
     label, records foretold that it was not fitted to, and little left over that it can't explain;
     and none is given where the budget ended before the others were tried. What these records
     can't test, see `Hypothesis.untestable`, gets no name: all others that explain much are its
-    class.
+    class. Leads are those on the one mesh that all were fitted on.
     """
     probability, none = _probabilities(found), found.none
     if not material(none.size):
@@ -81,25 +85,26 @@ def judge(found: Search, threshold: Chance, fine: Forward | None = None) -> Verd
     chosen = _pruned(found, threshold)
     least = _least(threshold, chosen, *chosen.labels)
     if not chosen.effects or found.worth(chosen) < least:
-        return Verdict("UNKNOWN", none, (), probability, 0.0, None)
+        judged = chosen if chosen.effects else None
+        return Verdict("UNKNOWN", none, (), probability, 0.0, None, judged)
+    case = found.scene.case
+    untestable = any(effect.hypothesis.untestable(case) for effect in chosen.effects)
+    rivals = _rivals(found, chosen, least if untestable else None)
     mesh = None
     if fine is not None:
         chosen, mesh = on_finer_mesh(found.scene, fine, chosen, found.tell)
     proof = held_out(found.scene, none, chosen)
     share = found.scene.baseline.likelihood.share(none.size, chosen.size)
     if (proof.folds and not proof.improves) or share < PARTIAL_SHARE:
-        return Verdict("UNKNOWN", none, (), probability, share, proof, mesh)
-    case = found.scene.case
-    untestable = any(effect.hypothesis.untestable(case) for effect in chosen.effects)
-    rivals = _rivals(found, chosen, least if untestable else None)
+        return Verdict("UNKNOWN", none, (), probability, share, proof, chosen, mesh)
     more = more_remains(chosen.size, share)
     alone = untestable and len(rivals) == 1
     if found.worth(chosen) < least:
         rivals = tuple(dict.fromkeys((*chosen.labels, *rivals, RESOLUTION)))
     if more or alone or not proof.folds or not found.compared:
-        return Verdict("PARTIAL", chosen, rivals, probability, share, proof, mesh)
+        return Verdict("PARTIAL", chosen, rivals, probability, share, proof, chosen, mesh)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
-    return Verdict(outcome, chosen, rivals, probability, share, proof, mesh)
+    return Verdict(outcome, chosen, rivals, probability, share, proof, chosen, mesh)
 
 
 def more_remains(size, share) -> bool:

@@ -29,7 +29,7 @@ def summarise(scene, found, shuffled, verdict) -> dict:
     dict
     """
     baseline, none = scene.baseline, found.none
-    best = max(found.fits, key=found.worth, default=None)
+    best = verdict.judged or max(found.fits, key=found.worth, default=None)
     effects = () if best is None else best.effects
     return {
         "outcome": verdict.outcome,
