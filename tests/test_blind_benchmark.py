@@ -40,7 +40,9 @@ def answer(outcome="NAMED", label="missing_joint", target="x=50.0", probability=
     ranking = [{"labels": [label]}] if label else []
     return {
         "outcome": outcome, "effects": effects, "class": [], "runs": 100, "cpu_s": 10.0,
-        "evidence": {"best": 30.0, "threshold": 12.0, "ranking": ranking,
+        "model": {"effects": []},
+        "evidence": {"best": 30.0, "best_labels": [label] if label else [], "threshold": 12.0,
+                     "ranking": ranking,
                      "probability": probability or {label or "none": 1.0}},
     }  # fmt: skip
 
@@ -218,7 +220,7 @@ def test_medians_leave_out_what_is_not_there():
 def test_probability_on_a_label_is_wrong_where_the_truth_is_in_no_library():
     outside = {**truth("out of library", "void", ""), "block": "out of library"}
     row = row_of(outside, answer(probability={"missing_joint": 1.0}))
-    assert (row["brier"], row["sure_right"]) == (2.0, False)
+    assert (row["brier"], row["sure_right"]) == (1.0, False)
 
 
 def test_a_plane_on_the_other_axis_has_no_distance():

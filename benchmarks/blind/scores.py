@@ -4,8 +4,9 @@ import numpy as np
 from scipy import stats
 
 from .plan import FAMILY, NULLS
+from .rows import VISIBLE
 
-VISIBLE, CLEAR = 4.0, 8.0  # d' below which an effect is invisible, from which it must be found
+CLEAR = 8.0  # d' from which an effect must be found
 STRATA = ((0.0, 4.0), (4.0, 8.0), (8.0, 20.0), (20.0, np.inf))
 DRAWS = 1000
 BINS = 10
@@ -79,7 +80,7 @@ def scores(rows: list[dict]) -> dict:
         "top-2": shares([row["held"] for row in clear]),
         "first in rank": shares([row["ranked"] for row in clear]),
         "family": shares([row["family"] for row in clear]),
-        "two: some": shares([row["some"] for row in two]),
+        "two: some": shares([row["right_name"] for row in two]),
         "two: both": shares([row["all"] for row in two]),
         "outside: unknown or partial": shares(
             [row["outcome"] in ("UNKNOWN", "PARTIAL") for row in outside]
@@ -90,7 +91,7 @@ def scores(rows: list[dict]) -> dict:
         ),
         "located": shares([row["located"] for row in found if row["located"] is not None]),
         "planes off, m": medians([row["metres"] for row in rows]),
-        "90 % intervals hold": shares([hit for row in found for hit in row["covered"]]),
+        "90 % intervals hold": shares([np.mean(r["covered"]) for r in found if r["covered"]]),
         "gain": medians([row["gain"] for row in clear]),
         "Brier": _mean([row["brier"] for row in rows]),
         "calibration error": calibration_error(rows),
@@ -102,7 +103,7 @@ def scores(rows: list[dict]) -> dict:
              **_short([r for r in single if low <= (r["length"] or 0.0) < high])}
             for low, high in STRATA
         ],
-        "curve": risk_curve([row for row in rows if row["lead"] is not None]),
+        "curve": risk_curve([row for row in rows if (row["lead"] or -1.0) >= 0.0]),
     }  # fmt: skip
 
 
@@ -146,10 +147,10 @@ def risk_curve(rows) -> list[dict]:
 def _by_label(rows, label):
     """Return the scores of single effects of one label, and how it was misused."""
     here = [row for row in _block(rows, "single") if row["true"] == [label]]
+    clear = [row for row in here if (row["length"] or 0.0) >= CLEAR]
     wrongly = sum(label in row["named"] and label not in row["true"] for row in rows)
     return {"family": FAMILY[label], "cases": len(here), "wrongly named": wrongly,
-            "clear": _short([r for r in here if (r["length"] or 0.0) >= CLEAR]),
-            "gain": medians([row["gain"] for row in here])}  # fmt: skip
+            "clear": _short(clear), "gain": medians([row["gain"] for row in clear])}  # fmt: skip
 
 
 def _short(rows):
