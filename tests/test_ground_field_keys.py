@@ -20,13 +20,13 @@ def test_a_gradient_begins_at_the_highest_point(tmp_path):
 
     depth = 30.0 - model.mesh.points[model.mesh.zones].mean(axis=1)[:, 2]
 
-    assert model.speed_factor() == pytest.approx(1.0 - 0.3 * np.exp(-depth / 8.0))
+    assert model.speed_factor == pytest.approx(1.0 - 0.3 * np.exp(-depth / 8.0))
 
 
 def test_ground_around_the_holes_of_the_blast_is_damaged(tmp_path):
     project = with_ground(tmp_path, DAMAGE, INTO_MODEL)
 
-    factor = project.model.speed_factor()
+    factor = project.model.speed_factor
     (zone,) = project.model.ground
 
     assert zone.holes[0] == pytest.approx(np.array([project.blast.collar[0], project.blast.toe[0]]))
@@ -51,7 +51,7 @@ def test_random_ground_is_that_of_its_seed(tmp_path):
     text = "[ground.heterogeneity]\ndeviation = 0.05\nlength_m = 60\nseed = {}\n"
 
     first, same, other = (
-        with_ground(tmp_path, text.format(seed)).model.speed_factor() for seed in (3, 3, 4)
+        with_ground(tmp_path, text.format(seed)).model.speed_factor for seed in (3, 3, 4)
     )
 
     assert np.array_equal(first, same)
@@ -78,6 +78,6 @@ def test_local_damping_reaches_the_model(tmp_path):
 )  # fmt: skip
 def test_ground_that_can_not_be_is_refused(tmp_path, text, told):
     with pytest.raises(InputError) as found:
-        _ = with_ground(tmp_path, text).model.speed_factor()
+        _ = with_ground(tmp_path, text).model.speed_factor
 
     assert told in str(found.value)

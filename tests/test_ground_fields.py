@@ -38,7 +38,7 @@ def test_damage_fades_with_the_distance_to_the_nearest_hole():
 def test_speeds_and_moduli_follow_the_field_and_density_stays():
     model = Model(box(), {"rock": ROCK}, ground=[Gradient(0.5, 10.0, top=40.0)])
     plain = Model(box(), {"rock": ROCK})
-    factor = model.speed_factor()
+    factor = model.speed_factor
 
     assert model.zone_values("cs") == pytest.approx(factor * ROCK.cs)
     assert model.zone_values("shear") == pytest.approx(factor**2 * ROCK.shear)

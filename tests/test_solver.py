@@ -236,6 +236,19 @@ def test_an_input_that_is_not_finite_is_caught_within_fifty_steps(value, bad_ste
     assert bad_step < step <= bad_step + 50
 
 
+@pytest.mark.parametrize("pressure", [95652.17391304349, 232608.69565217392, 384782.60869565216])
+def test_rounding_in_a_closed_joint_at_rest_is_no_growth(pressure):
+    mesh = structured_box((8, 12, 12), (30.0, 20.0, 20.0), planes={"J": ("x", 15.0)}).split(["J"])
+    rough = {"kn": 1.9e8, "ks": 1.7e8, "kn_max": 5.7e10, "closure": pressure * 0.58 / 0.42 / 1.9e8}
+    rough |= {"jrc": 14.0, "jcs": 1.2e8, "friction": 0.7, "peak_slip": 2e-3}
+    closed = Joint("J", "barton_bandis", rough, insitu_pressure=pressure)
+    quiet = [Viscous(side) for side in SIDES]
+
+    model = Model(mesh, {"rock": ROCK}, joints=[closed], boundaries=quiet)
+
+    assert run(model, 0.05).energy["kinetic"].max() < 1e-20
+
+
 @pytest.mark.parametrize("start", range(15, 27))
 @pytest.mark.parametrize("power", [0, 3])
 def test_a_load_may_begin_at_any_step(start, power):

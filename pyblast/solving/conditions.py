@@ -26,7 +26,7 @@ def surface_impedance(model, surface):
     z_p, z_s = (area * density * model.zone_values(speed)[zone] for speed in ("cp", "cs"))
     outer = normal[:, :, None] * normal[:, None, :]
     each = (z_p - z_s)[:, None, None] * outer + z_s[:, None, None] * np.eye(3)
-    faster = np.broadcast_to(model.speed_factor(), len(model.mesh.zones))[zone]
+    faster = np.broadcast_to(model.speed_factor, len(model.mesh.zones))[zone]
     media = {}
     for boundary in model.boundaries:
         if isinstance(boundary, Viscous) and boundary.surface == surface:

@@ -63,7 +63,7 @@ class _Side:
         self.along = mesh.points @ np.cross(self.normal, [0.0, 0.0, 1.0])
         self.zone = surface_zones(mesh, surface)
         self.corners = np.stack([self.along, mesh.points[:, 2]], axis=1)[mesh.surfaces[surface]]
-        self.factor = np.broadcast_to(model.speed_factor(), len(mesh.zones))
+        self.factor = np.broadcast_to(model.speed_factor, len(mesh.zones))
         self.base = mesh.points[:, 2].min()
         first, last = self.corners[..., 0].min(), self.corners[..., 0].max()
         apart = np.ptp(self.corners[..., 0], axis=1).mean()

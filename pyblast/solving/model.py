@@ -187,10 +187,11 @@ class Model:
         """Return a property of the materials for every zone, (n_zones,) float64."""
         values = [float(getattr(self.materials[group], name)) for group in self.mesh.groups]
         power = {"density": 0.0, "cp": 1.0, "cs": 1.0}.get(name, 2.0)
-        return np.array(values)[self.mesh.zone_group] * self.speed_factor() ** power
+        return np.array(values)[self.mesh.zone_group] * self.speed_factor**power
 
+    @cached_property
     def speed_factor(self):
-        """Return the factor of the fields of the ground on wave speeds, (n_zones,) or 1."""
+        """The factor of the fields of the ground on wave speeds, (n_zones,) or 1."""
         if not self.ground:
             return np.float64(1.0)
         centres = self.mesh.points[self.mesh.zones].mean(axis=1)
@@ -218,7 +219,7 @@ class Model:
     def zone_moduli(self):
         """Return the Lame moduli of every zone after everything has relaxed, (n_zones,) Pa."""
         pairs = [self.law(group).moduli(self.materials[group]) for group in self.mesh.groups]
-        return tuple(np.array(pairs)[self.mesh.zone_group].T * self.speed_factor() ** 2)
+        return tuple(np.array(pairs)[self.mesh.zone_group].T * self.speed_factor**2)
 
     def stiffest_moduli(self):
         """Return the Lame moduli of every zone before anything relaxes, (n_zones,) Pa."""
