@@ -7,7 +7,7 @@ import pytest
 from small_site import recorded, small_site
 
 from pyblast.diagnosis import library  # noqa: F401  fills the library
-from pyblast.diagnosis.chance import Chance, _elsewhere, _Fits, _Shuffled
+from pyblast.diagnosis.chance import Chance, _elsewhere, _Fits
 from pyblast.diagnosis.folds import Fold, HeldOut
 from pyblast.diagnosis.likelihood import DOUBT, THEORY, likelihood_of
 from pyblast.diagnosis.scene import Effect
@@ -78,10 +78,9 @@ def test_what_is_shuffled_does_not_hold_an_effect_at_one_receiver():
     n = left.shape[1]
 
     fits = _Fits(likelihood, own, [effect])
-    shuffled = _Shuffled(fits, left)
 
     def worth(order):
-        return fits.best(*shuffled.one(order, np.ones(n)), 0.0)[0]
+        return fits.best(*fits.shuffled(left, order[None], np.ones((1, n))), 0.0)[0, 0]
 
     found = worth(np.arange(n))
     assert found > 20.0
@@ -102,7 +101,7 @@ def test_chance_finds_an_effect_at_all_places_together_as_the_search_does():
 
     def worth(some):
         fits = _Fits(likelihood, none, some)
-        return fits.best(*_Shuffled(fits, left).one(order, np.ones(len(order))), 1.0)
+        return fits.best(*fits.shuffled(left, order[None], np.ones((1, len(order)))), 1.0)[:, 0]
 
     one, all_of_them = worth(places)
 
@@ -123,9 +122,9 @@ def test_what_is_shuffled_to_a_receiver_with_a_dead_channel_has_no_part_there():
     order = np.array([1, 0, 3, 2])
 
     fits = _Fits(likelihood, none, [np.zeros((1, *left.shape))])
-    size, _ = _Shuffled(fits, left).one(order, np.ones(4))
+    size, _ = fits.shuffled(left, order[None], np.ones((1, 4)))
 
-    assert np.all(size[:, 0] < 2.0)
+    assert np.all(size[0, :, 0] < 2.0)
 
 
 def test_few_folds_must_all_gain_and_many_need_not_gain_alike():

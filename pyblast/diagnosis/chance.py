@@ -87,12 +87,9 @@ def chance(scene: Scene, none: Fit, guesses: list[Guess], seed: int) -> Chance:
     most, harmless = np.full((2, SURROGATES), -np.inf), {}
     for label, changes, places in _changes(scene, none, guesses):
         fits, paid = _Fits(likelihood, none.columns, changes), np.log(places)
-        shuffled = _Shuffled(fits, left)
-        found = [fits.best(*shuffled.one(*some), paid) for some in zip(orders, signs, strict=True)]
-        most = np.maximum(most, np.transpose(found))
+        most = np.maximum(most, fits.best(*fits.shuffled(left, orders, signs), paid))
         for kind, error in enumerate(errors):
-            alike = _Errors(fits, error)
-            found = np.transpose([fits.best(*alike.one(some), paid) for some in drawn])
+            found = fits.best(*fits.errors(error, drawn), paid)
             known = harmless.setdefault(label, np.full((len(errors), 2, SURROGATES), -np.inf))
             known[kind] = np.maximum(known[kind], found)
     return Chance(np.sort(most), {name: _largest(some) for name, some in harmless.items()})
@@ -173,58 +170,62 @@ class _Fits:
         self.own = np.arange(len(own))
         self.places = [np.arange(*pair) for pair in pairwise(ends)]
 
-    def best(self, size, pulls, paid):
-        """Return the evidence over nothing in one surrogate, of one place and of however many.
+    def shuffled(self, left, orders, signs):
+        """Return sizes and products with the columns of residuals that change receivers.
 
-        Each place costs ``paid``. Of the surrogate its sizes (n_blasts, n_receivers) and its
-        products with the columns, (n_blasts, n_receivers, n_columns).
+        Parameters
+        ----------
+        left : (n_blasts, n_receivers, m) float64
+        orders, signs : (n_surrogates, n_receivers) int, float64
+
+        Returns
+        -------
+        size : (n_surrogates, n_blasts, n_receivers) float64
+        pulls : (n_surrogates, n_blasts, n_receivers, n_columns) float64
         """
-        nothing, squares = self._one(size, pulls, [])
-        alone = [self._one(size, pulls, [place]) for place in self.places]
-        one = most = max(evidence for evidence, _ in alone) - paid
-        paying = [
-            place for place, (_, left) in zip(self.places, alone, strict=True)
-            if squares - left > 2.0 * GROWS
-        ]  # fmt: skip
-        if len(paying) > 1:
-            most = max(most, self._one(size, pulls, paying)[0] - len(paying) * paid)
-        return one - nothing, most - nothing
+        there = np.diagonal(self.likelihood.roots, axis1=2, axis2=3) > 0.0
+        energy = np.einsum("brm,bsm->brs", there, left**2, optimize=True)
+        pulls = np.einsum("ibrm,bsm->brsi", self.columns, left, optimize=True)
+        here = np.arange(left.shape[1])
+        size = np.moveaxis(energy[:, here, orders], 0, 1) / self.kept
+        return size, np.moveaxis(pulls[:, here, orders], 0, 1) * signs[:, None, :, None]
 
-    def _one(self, size, pulls, places):
+    def errors(self, error, parts):
+        """Return the same of one error (n_blasts, n_receivers, m) of every path, in all blasts.
+
+        Parts (n_surrogates, n_receivers) of it.
+        """
+        size = np.sum(error**2, axis=-1) / self.kept
+        pulls = np.einsum("ibrm,brm->bri", self.columns, error, optimize=True)
+        return size * parts[:, None] ** 2, pulls * parts[:, None, :, None]
+
+    def best(self, size, pulls, paid):
+        """Return the evidence (2, n_surrogates) over nothing, of one place and of however many.
+
+        Each place costs ``paid``. Surrogates are given by `shuffled` or `errors`.
+        """
+        surrogates = size, pulls, self.likelihood.weights(size)
+        nothing, squares = self._fitted(surrogates, [])
+        alone = [self._fitted(surrogates, [place]) for place in self.places]
+        one = np.max([evidence for evidence, _ in alone], axis=0) - paid
+        most = one.copy()
+        paying = np.array([squares - left > 2.0 * GROWS for _, left in alone])
+        for n in np.flatnonzero(paying.sum(axis=0) > 1):
+            some = [place for place, pays in zip(self.places, paying[:, n], strict=True) if pays]
+            together, _ = self._fitted([part[n : n + 1] for part in surrogates], some)
+            most[n] = max(most[n], together[0] - len(some) * paid)
+        return np.stack([one - nothing, most - nothing])
+
+    def _fitted(self, surrogates, places):
         """Return evidence and misfit with what the priors take, of the effect at some places."""
         used = np.concatenate([self.own, *places])
-        weights, pulls = self.likelihood.weights(size), pulls[..., used]
-        products = self.products[..., used[:, None], used]
-        curvature = np.einsum("br,brij->ij", weights, products) + np.eye(len(used))
-        move = np.linalg.solve(curvature, np.einsum("br,bri->i", weights, pulls))
-        drop = 2.0 * pulls @ move - products @ move @ move
+        size, pulls, weights = surrogates
+        pulls, products = pulls[..., used], self.products[..., used[:, None], used]
+        curvature = np.einsum("nbr,brij->nij", weights, products, optimize=True) + np.eye(len(used))
+        pull = np.einsum("nbr,nbri->ni", weights, pulls, optimize=True)
+        move = np.linalg.solve(curvature, pull[..., None])[..., 0]
+        drop = 2.0 * np.einsum("nbri,ni->nbr", pulls, move, optimize=True)
+        drop -= np.einsum("brij,ni,nj->nbr", products, move, move, optimize=True)
         left = np.maximum(size - drop / self.kept, 0.0)
-        squares = self.likelihood.misfit_of(left) + move @ move
+        squares = self.likelihood.misfit_of(left) + np.sum(move**2, axis=-1)
         return -0.5 * (squares + np.linalg.slogdet(curvature)[1]), squares
-
-
-class _Shuffled:
-    """Residuals (n_blasts, n_receivers, m) that change receivers."""
-
-    def __init__(self, fits, left):
-        self.kept = fits.kept
-        self.pulls = np.einsum("ibrm,bsm->brsi", fits.columns, left, optimize=True)
-        there = np.diagonal(fits.likelihood.roots, axis1=2, axis2=3) > 0.0
-        self.energy = np.einsum("brm,bsm->brs", there, left**2, optimize=True)
-
-    def one(self, order, sign):
-        """Return sizes and products with the columns of one surrogate."""
-        here = np.arange(len(order))
-        return self.energy[:, here, order] / self.kept, self.pulls[:, here, order] * sign[:, None]
-
-
-class _Errors:
-    """One error (n_blasts, n_receivers, m) of every path, alike in all blasts."""
-
-    def __init__(self, fits, error):
-        self.size = np.sum(error**2, axis=-1) / fits.kept
-        self.pulls = np.einsum("ibrm,brm->bri", fits.columns, error, optimize=True)
-
-    def one(self, parts):
-        """Return sizes and products with the columns of one surrogate, parts (n_receivers,)."""
-        return self.size * parts**2, self.pulls * parts[:, None]
