@@ -141,6 +141,14 @@ def test_planes_keep_away_from_joints_and_holes_and_cover_the_rest():
     assert min(y) > 42.0  # all holes stand in the south of the receivers' span
 
 
+def test_a_gap_of_half_a_spacing_has_a_plane_in_its_middle():
+    case = scene().case
+    listed = replace(case.site.joints[0], position=52.0)
+    near = replace(case, site=replace(case.site, joints=(listed,)))
+
+    assert "x=45.0" in LIBRARY["missing_joint"].targets(near)  # last hole at 38 m, spacing 21 m
+
+
 def test_a_joint_too_stiff_to_move_changes_nothing_but_the_mesh():
     effect = LIBRARY["missing_joint"]
     knobs = {"offset": 3.0, "kn": 3e10, "ks": 3e10}

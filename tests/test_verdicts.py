@@ -54,6 +54,16 @@ def test_an_effect_beside_another_is_tested_on_its_own_folds():
     assert [f.name for f in held_out(here, slow, both).folds] == ["R0", "R1", "R2", "R3"]
 
 
+def test_records_without_which_nothing_is_told_of_an_effect_are_no_fold():
+    here, _, _, loud, both = fits()
+    columns = both.columns.copy()
+    columns[len(both.values), 0] = 0.0  # as if the clock could not be heard in S1
+
+    found = held_out(here, loud, replace(both, columns=columns))
+
+    assert [fold.name for fold in found.folds] == ["S1"]
+
+
 def test_a_clock_and_a_charge_that_are_both_wrong_make_a_composite():
     here, none, slow, loud, both = fits()
     found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both)

@@ -13,7 +13,8 @@ WORDS = """# Blind benchmark of the diagnosis
 Written by `python -m benchmarks.blind` (`./dev blind`). {cases} cases, seed {seed}{kind}. A
 generator draws small sites and hides effects in them, stronger and weaker than the diagnosis
 expects, or none; the records carry real noise. Truths were sealed before the run (hash of all
-seals {roots}), answers frozen before the truths were opened. All came from {programs}.
+seals {roots}), answers frozen before the truths were opened. All came from {programs}; what was
+answered stays as it was answered, also where a later program would do better.
 
 How truth differs from what the diagnosis believes and from how it computes:
 
@@ -159,7 +160,7 @@ def _figure(curve):
     figure = Figure(figsize=(6.0, 3.6))
     axes = figure.subplots()
     axes.step([one["coverage"] for one in curve], [one["risk"] for one in curve], where="post")
-    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0), xlabel="share of cases answered",
+    axes.set(xlim=(0.0, 1.0), ylim=(-0.02, 1.0), xlabel="share of cases answered",
              ylabel="share of these that is wrong")  # fmt: skip
     figure.tight_layout()
     figure.savefig(FIGURE, dpi=100)

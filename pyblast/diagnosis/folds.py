@@ -13,6 +13,7 @@ MOSTLY = 0.75  # of the folds must gain
 ERRORS = 2.0  # standard errors that the sum must lie above zero
 FEW = 3  # folds, of which a standard error says nothing: each must gain
 LEAST = 6.0  # nats that few folds must gain together
+TOLD = 0.5  # of the prior variance of a knob, above which nothing is told of it
 
 
 @dataclass(frozen=True)
@@ -79,8 +80,9 @@ def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
     -----
     Effects of a blast must foretell other receivers, those of a receiver other blasts, those of
     the ground both; effects that are there before have no say in it. A blast or a receiver with
-    an effect of its own is not left out, nor one without records. Each fit is made anew without
-    what is left out, by one linear step from where it was; theory.md (14.5).
+    an effect of its own is not left out, nor one without records, nor one without which nothing
+    is told of an effect: a joint that slips in one blast alone. Each fit is made anew without what
+    is left out, by one linear step from where it was; theory.md (14.5).
     """
     added = [effect for effect in after.effects if effect.label not in before.labels]
     axes = {e.hypothesis.axis for e in added}
@@ -91,15 +93,24 @@ def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
         places += [(name, (slice(None), r)) for r, name in enumerate(case.receivers)]
     if axes - {"receivers"} and shape[0] > 1:
         places += [(name, (b, slice(None))) for b, name in enumerate(case.blasts)]
+    owners = [effect for effect in after.effects for some in effect.values for _ in some]
+    knobs = [[owner is one for owner in owners] for one in added]
     folds = []
     for name, place in places:
-        if name in targets or not np.any(kept[place]):
-            continue
         out = np.zeros(shape, dtype=bool)
         out[place] = True
+        if name in targets or not np.any(kept[place]) or not _told(scene, after, out, knobs):
+            continue
         first, later = (_foretold(scene, one, out) for one in (before, after))
         folds.append(Fold(name, 0.5 * (first[0] - later[0]), first[1], later[1]))
     return HeldOut(tuple(folds))
+
+
+def _told(scene, fit, out, knobs):
+    """Tell whether records that are not left out say something of each effect, by its knobs."""
+    weights = np.where(out, 0.0, scene.baseline.likelihood.weights(fit.size))
+    spread = np.diag(np.linalg.inv(curvature_of(fit.columns, weights)))[len(fit.values) :]
+    return all(np.min(spread[own], initial=1.0) < TOLD for own in knobs if any(own))
 
 
 def _foretold(scene, fit, out):

@@ -16,7 +16,8 @@ NEAREST = 2.0  # m that an unlisted joint keeps from listed ones
 def planes(case):
     """List planes on which a joint may be missing: vertical, between holes and receivers.
 
-    They keep half a spacing from listed joints and holes, and are spread evenly in between.
+    They keep half a spacing from listed joints and holes, and are spread evenly in between; a gap
+    of half a spacing or more has one in its middle.
     """
     site, found = case.site, []
     apart = max(material.cs for _, _, material in site.layers) / (EDGES * site.band[1])
@@ -27,11 +28,11 @@ def planes(case):
         low, high = min(*heard, *holes), max(*heard, *holes)
         stops = [low, *sorted(p for p in (*holes, *taken) if low < p < high), high]
         for before, after in pairwise(stops):
-            room = after - before - apart
-            if room > 0.0:
-                count = int(np.ceil(room / apart))
-                steps = (np.arange(count) + 0.5) / count
-                found += [f"{axis}={before + 0.5 * apart + share * room:.1f}" for share in steps]
+            if after - before > 0.5 * apart:
+                room = max(after - before - apart, 0.0)
+                count = max(int(np.ceil(room / apart)), 1)
+                steps = 0.5 * (before + after - room) + room * (np.arange(count) + 0.5) / count
+                found += [f"{axis}={place:.1f}" for place in steps]
     return tuple(found)
 
 
