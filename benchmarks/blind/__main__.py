@@ -117,8 +117,12 @@ def _side_by_side(job, items, workers):
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         waiting = {pool.submit(job, item): item for item in items}
-        for done in as_completed(waiting):
-            yield waiting[done], done.result()
+        try:
+            for done in as_completed(waiting):
+                yield waiting[done], done.result()
+        finally:  # after a failure what has not begun shall not begin
+            for future in waiting:
+                future.cancel()
 
 
 if __name__ == "__main__":
