@@ -65,7 +65,8 @@ def plan_figure(plan):
     return (
         "What the records can tell",
         "Left: standard deviation of each unknown after the records over that of its range. "
-        "Right: what one more receiver would add; the best place is ringed, triangles count.",
+        "Right: what one more receiver would add; the best place is ringed, "
+        "triangles are receivers that there are.",
         shares_figure(plan),
     )
 
