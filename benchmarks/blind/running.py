@@ -11,6 +11,7 @@ from pyblast.diagnose import cut_of, diagnose
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.prediction import Place, effects_of, predict, site_of
+from pyblast.diagnosis.scene import with_motion_effects
 from pyblast.diagnosis.targets import blast_and_hole
 from pyblast.ensembles.input_hash import WHOLE, code_hash
 from pyblast.projects.result import plain
@@ -71,9 +72,8 @@ def foretold(case, asked, values, effects, folder) -> dict:
     changed = [_fired(site, name, effects) for name in case.blasts]
     heard = forward.heard([(one, b) for (one, _), b in zip(changed, case.blasts, strict=True)])
     hidden = np.stack([delayed(v, -lead) for v, (_, lead) in zip(heard, changed, strict=True)])
-    for effect in effects:
-        if effect.hypothesis.on == "motion" and effect.target not in case.receivers:
-            hidden = effect.hypothesis.apply(Place(forward), hidden, effect.target, **effect.knobs)
+    everywhere = [effect for effect in effects if effect.target not in case.receivers]
+    hidden = with_motion_effects(Place(forward), hidden, everywhere)
     return {
         "blasts": list(case.blasts), "receivers": list(case.receivers),
         "blast": _short(further), "receiver": _short(hidden[:, 0]),

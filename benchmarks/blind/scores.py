@@ -103,7 +103,7 @@ def scores(rows: list[dict]) -> dict:
              **_short([r for r in single if low <= (r["length"] or 0.0) < high])}
             for low, high in STRATA
         ],
-        "curve": risk_curve([row for row in rows if (row["lead"] or -1.0) >= 0.0]),
+        "curve": risk_curve([r for r in rows if r["lead"] is not None and r["lead"] >= 0.0]),
     }  # fmt: skip
 
 

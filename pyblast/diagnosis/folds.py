@@ -99,28 +99,51 @@ def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
     for name, place in places:
         out = np.zeros(shape, dtype=bool)
         out[place] = True
-        if name in targets or not np.any(kept[place]) or not _told(scene, after, out, knobs):
+        if name in targets or not np.any(kept[place]):
             continue
-        first, later = (_foretold(scene, one, out) for one in (before, after))
+        move, curvature = step_without(scene, after, out)
+        if not _told(np.diag(np.linalg.inv(curvature))[len(after.values) :], knobs):
+            continue
+        first = _foretold(scene, before, step_without(scene, before, out)[0], out)
+        later = _foretold(scene, after, move, out)
         folds.append(Fold(name, 0.5 * (first[0] - later[0]), first[1], later[1]))
     return HeldOut(tuple(folds))
 
 
-def _told(scene, fit, out, knobs):
-    """Tell whether records that are not left out say something of each effect, by its knobs."""
-    weights = np.where(out, 0.0, scene.baseline.likelihood.weights(fit.size))
-    spread = np.diag(np.linalg.inv(curvature_of(fit.columns, weights)))[len(fit.values) :]
+def step_without(scene: Scene, fit: Fit, out) -> tuple[np.ndarray, np.ndarray]:
+    """Return the linear step of a fit if some records have no part in it; theory.md (14.5).
+
+    Parameters
+    ----------
+    scene : Scene
+    fit : Fit
+        To all records.
+    out : (n_blasts, n_receivers) bool
+        Records that are left out.
+
+    Returns
+    -------
+    move : (n,) float64
+        In the coordinates of the fit.
+    curvature : (n, n) float64
+    """
+    likelihood, columns = scene.baseline.likelihood, fit.columns
+    weights = np.where(out, 0.0, likelihood.weights(fit.size))
+    left = likelihood.left(fit.motion)
+    pull = np.einsum("ibrm,brm,br->i", columns, left, weights, optimize=True) - fit.place
+    curvature = curvature_of(columns, weights)
+    return np.linalg.solve(curvature, pull), curvature
+
+
+def _told(spread, knobs):
+    """Tell whether variances of all knobs say something of each effect, which has some of them."""
     return all(np.min(spread[own], initial=1.0) < TOLD for own in knobs if any(own))
 
 
-def _foretold(scene, fit, out):
+def _foretold(scene, fit, move, out):
     """Return the misfit of what is left out, and the share of it that is foretold."""
     likelihood, case = scene.baseline.likelihood, scene.case
-    left, columns = likelihood.left(fit.motion), fit.columns
-    weights = np.where(out, 0.0, likelihood.weights(fit.size))
-    pull = np.einsum("ibrm,brm,br->i", columns, left, weights, optimize=True) - fit.place
-    move = np.linalg.solve(curvature_of(columns, weights), pull)
-    left = left - np.tensordot(move, columns, 1)
+    left = likelihood.left(fit.motion) - np.tensordot(move, fit.columns, 1)
     misfit = float(np.sum(likelihood.each(likelihood.size(left))[out]))
     recorded = likelihood.white(np.where(case.valid, case.motion, 0.0))
     return misfit, 1.0 - float(np.sum(left[out] ** 2) / np.sum(recorded[out] ** 2))

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from .fitting import Fit, curvature_of
+from .fitting import Fit
+from .folds import step_without
 from .scene import Scene
 
 ROUNDING = 1e-8  # of the largest singular value: what a whitener has lost for good
@@ -27,10 +28,7 @@ def foretold(scene: Scene, fit: Fit, out) -> np.ndarray:
     """
     likelihood = scene.baseline.likelihood
     band = likelihood.case.band
-    weights = np.where(out, 0.0, likelihood.weights(fit.size))
-    left = likelihood.left(fit.motion)
-    pull = np.einsum("ibrm,brm,br->i", fit.columns, left, weights, optimize=True) - fit.place
-    move = np.linalg.solve(curvature_of(fit.columns, weights), pull)
+    move, _ = step_without(scene, fit, out)
     change = np.tensordot(move, fit.columns, 1)
     coloured = np.linalg.pinv(likelihood.roots, rcond=ROUNDING, hermitian=True)
     change = np.einsum("brij,brj->bri", coloured, change).reshape(*out.shape, 3, -1)

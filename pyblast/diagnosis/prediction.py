@@ -10,7 +10,7 @@ from ..projects.site import Site
 from . import library  # noqa: F401  fills the library
 from .case import Case
 from .forward import Forward
-from .scene import Effect
+from .scene import Effect, with_motion_effects
 from .surroundings import surroundings
 from .unknowns import unknowns_of, with_values
 
@@ -57,12 +57,7 @@ def predict(case: Case, cut, blast: Blast, values, effects=(), folder=None) -> n
     """
     site = replace(site_of(case.site, values, effects), blasts={NEW: blast})
     forward = Forward(replace(case, site=site, blasts=(NEW,)), cut, folder)
-    place = Place(forward)
-    motion = forward.motion(site)
-    for effect in effects:
-        if effect.hypothesis.on == "motion":
-            motion = effect.hypothesis.apply(place, motion, effect.target, **effect.knobs)
-    return motion[0]
+    return with_motion_effects(Place(forward), forward.motion(site), effects)[0]
 
 
 @dataclass(eq=False)

@@ -152,10 +152,7 @@ class Scene:
         for effect in effects:
             if effect.hypothesis.on == "holes":
                 motion = motion + self._by_holes(effect)
-        for effect in effects:
-            if effect.hypothesis.on == "motion":
-                motion = effect.hypothesis.apply(self, motion, effect.target, **effect.knobs)
-        return motion
+        return with_motion_effects(self, motion, effects)
 
     def _by_holes(self, effect):
         """Return what other times and scales of the holes of one blast change."""
@@ -173,6 +170,14 @@ class Scene:
         change = np.zeros((len(self.case.blasts), *holes.shape[1:]))
         change[at] = fft.irfft(spectrum.sum(axis=0), size)[..., :n]
         return change
+
+
+def with_motion_effects(scene, motion, effects) -> np.ndarray:
+    """Return motion with the effects that act on it, at the receivers of a scene or a place."""
+    for effect in effects:
+        if effect.hypothesis.on == "motion":
+            motion = effect.hypothesis.apply(scene, motion, effect.target, **effect.knobs)
+    return motion
 
 
 def _of_site(effects):
