@@ -14,6 +14,7 @@ MATERIAL = 2.0  # mean size of residuals, in errors of the theory, below which n
 GROWS = 6.0  # nats that another place of the same effect must bring
 REFINED = 4  # effects on the site that are fitted by runs, in the first pass
 REFINED_LATER = 2
+UNEXPLAINED = 6  # effects that are fitted by runs, however poor, while none fitted pays
 SURELY = 3  # guesses that are fitted however poor they are, while less than this is explained:
 MOSTLY = 2.0 / 3.0  # of the energy in excess
 MOST = 3  # effects at once
@@ -156,14 +157,14 @@ def _refine(found, guesses, base, most):
     seen, done = {effect.label for effect in base}, 0
     largest = max((guess.share for guess in guesses), default=0.0)
     for guess in guesses:
-        known, left = (0.0, False) if base else _explained(found)
+        known, surely = (0.0, 0) if base else _explained(found)
         poor = guess.share < max(LEAST_SHARE, LEAST_OF_BEST * max(known, largest))
-        if done == most or (poor and not (left and done < SURELY)) or not found.runs_left():
+        if done >= (surely if poor else max(most, surely)) or not found.runs_left():
             break
         if guess.effect.label in seen:
             continue
         seen.add(guess.effect.label)
-        found.tell(f"fit {guess.effect.label}", done, most)
+        found.tell(f"fit {guess.effect.label}", done, max(most, surely))
         home = np.zeros(len(found.none.values)) if not base else found.chosen.values
         one = fit(found.scene, (*base, guess.effect), home, guess.blasts)
         if one is not None:
@@ -174,10 +175,10 @@ def _refine(found, guesses, base, most):
 def _explained(found):
     """Return the share of the energy in excess that the best fit explains, if it is worth much.
 
-    Second, whether so little is explained that poor guesses must be fitted, too.
+    Second, how many guesses must be fitted although they are poor, so little is explained.
     """
     best, likelihood = found.best(), found.scene.baseline.likelihood
     if best is None or found.worth(best) <= GROWS:
-        return 0.0, True
+        return 0.0, UNEXPLAINED
     share = likelihood.share(found.none.size, best.size)
-    return share, share < MOSTLY
+    return share, SURELY if share < MOSTLY else 0
