@@ -76,7 +76,10 @@ def check(project: ProjectFile, full: Full = False):
         loaded = load_project(project, full)
         found = look(loaded)
         console.show_check(found)
-        console.show_findings(doubts(loaded))
+        if loaded.config.back_analysis is None or loaded.recorded:
+            console.show_findings(doubts(loaded))
+        else:
+            console.say("[back_analysis]: no record yet; ask with backanalyse --plan")
         if found.failed:
             raise typer.Exit(3)
 

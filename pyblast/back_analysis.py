@@ -11,6 +11,7 @@ from .ensembles.input_hash import input_hash
 from .errors import InputError, PyblastError
 from .inversion.back_analysis import BackAnalysis, confirm, make_target
 from .inversion.doubts import doubts
+from .inversion.fit_doubts import fit_doubts
 from .inversion.methods import search
 from .inversion.plan import Plan, foreseen_plan
 from .inversion.trials import TrialLog, Trials, identity
@@ -78,7 +79,7 @@ def back_analyse(
     tell("mesh", 0, 1)
     target, table = make_target(project), project.config.back_analysis
     refuse_unready(table, f"{project.path.name}: back_analysis")
-    findings = doubts(project)
+    before = doubts(project)
     output = project.folder / "back_analysis" if output is None else Path(output)
     folder = _interrupted(output) if resume else new_folder(output)
     kept = TrialLog(folder / TRIALS, identity(target, table.method, table.seed), resume)
@@ -99,7 +100,7 @@ def back_analyse(
             folder.rmdir()
         raise
     tell("writing", 0, 1)
-    summary = summarise_search(found, findings, kept.rows)
+    summary = summarise_search(found, [*before, *fit_doubts(found)], kept.rows)
     write_summary(folder / RESULT, summary)
     write_search_report(folder / "report.html", summary, found.confirmed)
     return found, folder
@@ -175,6 +176,7 @@ def summarise_search(found: BackAnalysis, findings, rows) -> dict:
         "misfit_unit": MISFITS[target.misfit],
         "seed": found.seed,
         "runs": len(trace.misfits),
+        "evaluations": len(rows),
         "best_run": trace.best + 1,
         "best_misfit": float(trace.misfits[trace.best]),
         "confirmed_misfit": found.misfit,

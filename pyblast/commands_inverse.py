@@ -41,6 +41,7 @@ def backanalyse(
         from .back_analysis import back_analyse, plan_back_analysis, slip_told
         from .ensembles.many_runs import executor_of
         from .inversion.doubts import doubts
+        from .inversion.fit_doubts import fit_doubts
         from .projects.project import load_project
 
         loaded = load_project(project, full)
@@ -56,7 +57,7 @@ def backanalyse(
             found, folder = back_analyse(
                 loaded, out, resume=resume, executor=executor, progress=progress
             )
-        console.show_search(found, folder, slip_told(found))
+        console.show_search(found, folder, slip_told(found), fit_doubts(found))
 
 
 def diagnose(

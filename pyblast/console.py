@@ -84,7 +84,8 @@ def _table(*heads):
     """Return an empty table with numbers to the right."""
     table = Table(box=None, pad_edge=False)
     for number, head in enumerate(heads):
-        table.add_column(head, justify="left" if number == 0 else "right")
+        justify = "left" if number == 0 else "right"
+        table.add_column(head, justify=justify, overflow="fold")
     return table
 
 
@@ -211,8 +212,8 @@ def show_site_law(law, limit=None):
         _out.print(table)
 
 
-def show_search(found, folder, lines):
-    """Print what a back-analysis found, how it fits, and what it can't tell."""
+def show_search(found, folder, lines, findings):
+    """Print what a back-analysis found, how it fits, what it can't tell, and what is doubtful."""
     table = _table("unknown", "from", "to", "found")
     for one in found.target.parameters:
         value = f"{found.best[one.path]:.4g}"
@@ -229,11 +230,15 @@ def show_search(found, folder, lines):
         for name, comparison in one.comparisons.items():
             say(f"{blast}, {name}, recorded and simulated:")
             show_comparison(comparison)
+    show_findings(findings)
     trace = found.trace
     say(
         f"misfit '{found.target.misfit}' {trace.misfits[trace.best]:.3g} in run {trace.best + 1} "
-        f"of {len(trace.misfits)}, {found.misfit:.3g} in the full run that confirmed it"
+        f"of {len(trace.misfits)} of the search, {found.misfit:.3g} in the full run that confirmed "
+        "it"
     )
+    if drawn is not None and not drawn["doubt"]:
+        say("the medians and intervals of the posterior take the place of what the search found")
     say(f"results: {folder}")
     say(f"report:  {folder / 'report.html'}")
 
@@ -264,7 +269,7 @@ def show_told(summary):
         table.add_row(one["path"], within, share, one["verdict"], other)
     _out.print(table)
     say(f"by {summary['by']}; other: by {summary['by_other']}")
-    table = _table("one more, or one less", "fall of ln det", "worst after/before", "")
+    table = _table("one more, or one less", "ln det falls by", "worst then", "which is")
     for one in best_extras(summary):
         name = one["name"] if one["kind"] == "receiver" else f"{one['kind']} {one['name']}"
         table.add_row(name, f"{one['gain']:.2g}", f"{one['worst']:.2f}", one["worst_path"])

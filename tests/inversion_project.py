@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 from small_project import written
 
 from pyblast.inversion.forward import Target, held_step, simulate
@@ -15,6 +16,7 @@ PARAMETERS = (
     Parameter("damping.ratio", 0.005, 0.05),
 )
 RECORDED = '\n[receivers.recorded]\nfile = "wall.csv"\nbearing_deg = 90\n\n[run]\n'
+RMS = 2e-4  # m/s of a sample, at 256 samples a second
 
 
 def twin_file(folder, section="", changes=()):
@@ -31,3 +33,29 @@ def twin_file(folder, section="", changes=()):
 def target(project, parameters=PARAMETERS):
     """Return what a search of the twin shall meet."""
     return Target((project,), parameters, (), "paper", (held_step(project, parameters),))
+
+
+def section(**keys):
+    """Return the table of a search by waveforms."""
+    table = {"misfit": "'waveform'", "runs": 15} | keys
+    lines = ["[back_analysis]", *(f"{key} = {value}" for key, value in table.items())]
+    for one in PARAMETERS:
+        lines += ["[[back_analysis.parameters]]", f'path = "{one.path}"', "log = true"]
+        lines += [f"low = {one.low}", f"high = {one.high}"]
+        lines += ["laboratory = [0.5, 0.8]"] * one.path.endswith("ks_gpa_per_m")
+    return "\n".join(lines) + "\n"
+
+
+def noisy(folder, start=-0.4, rms=RMS, **keys):
+    """Write a project whose record has noise from before the blast on; return its path."""
+    folder.mkdir(exist_ok=True)
+    path = written(
+        folder, ("duration_s = 0.1", "duration_s = 0.5\ncompare_band_hz = [3, 20]"),
+        ("cohesion_kpa = 20", "cohesion_kpa = 500"), ("tension_kpa = 0", "tension_kpa = 1e6"),
+    )  # fmt: skip
+    motion = simulate(load_project(path), (), [()])[0]["R1"]
+    made = motion.sampled(start, 1.0 / 256.0, int(256 * (0.5 - start)))
+    noise = rms * np.random.default_rng(3).normal(size=made.velocity.shape)
+    write_csv(folder / "wall.csv", replace(made, velocity=made.velocity + noise, label="R1"))
+    path.write_text(path.read_text().replace("\n[run]\n", RECORDED) + section(**keys))
+    return path

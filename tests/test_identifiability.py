@@ -208,6 +208,29 @@ def test_the_command_prints_what_can_be_told_and_what_would_help(tmp_path):
     assert page.count("data:image/png") == 1
 
 
+def test_where_no_place_is_left_for_a_receiver_the_command_says_so(tmp_path):
+    path = table(tmp_path, candidate_grid=[1, 1])
+    crowd = "".join(
+        f'\n[[receivers]]\nname = "C{x}"\nposition_m = [{x}, 10]\n' for x in range(15, 60, 15)
+    )
+    path.write_text(path.read_text().replace("\n[run]\n", f"{crowd}\n[run]\n"))
+
+    done = call("backanalyse", path, "--plan")
+
+    assert done.exit_code == 0, done.output
+    assert "no further receiver was tried" in done.output
+    page = (tmp_path / "plan" / "001" / "report.html").read_text()
+    assert "half a wavelength of S" in page
+    assert "the best place is ringed" not in page
+
+
+def test_a_check_of_a_project_that_waits_for_its_records_points_to_the_plan(tmp_path):
+    done = call("check", table(tmp_path))
+
+    assert done.exit_code in (0, 3), done.output
+    assert "no record yet; ask with backanalyse --plan" in done.output
+
+
 def test_a_plan_is_not_resumed(tmp_path):
     done = call("backanalyse", table(tmp_path), "--plan", "--resume")
 

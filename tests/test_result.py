@@ -47,6 +47,9 @@ def test_a_result_is_read_without_pyblast(tmp_path, result):
 
     with h5py.File(tmp_path / "result.h5") as file:
         assert file["simulated/R1"].shape == (32, 3)
+        told = file["simulated/R1"].attrs
+        assert list(told["components"]) == ["longitudinal", "transverse", "vertical"]
+        assert (told["unit"], told["dt_s"], told["start_s"]) == ("m/s", 1.0 / 512.0, -0.1)
         assert json.loads(file["summary/json"][()].tobytes())["title"] == "A <script> & more"
         assert file.attrs["kind"] == "result"
 

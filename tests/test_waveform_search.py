@@ -1,12 +1,10 @@
 """Back-analysis by waveforms: noise from before the blast, levels of errors from the residual."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
-from inversion_project import PARAMETERS
-from small_project import written
+from inversion_project import PARAMETERS, noisy
 
 from pyblast import back_analyse, load_project
 from pyblast.back_analysis import RESULT, TRIALS
@@ -16,39 +14,10 @@ from pyblast.inversion.doubts import doubts
 from pyblast.inversion.forward import evaluate, simulate
 from pyblast.inversion.mesh_errors import coarser, mesh_errors_of
 from pyblast.inversion.waveforms import gathered, white_noise, window_of
-from pyblast.projects.result import write_csv
 from pyblast.residuals.band import band_functions
 from pyblast.residuals.theory_errors import usual_whitener
 
-RECORDED = '\n[receivers.recorded]\nfile = "wall.csv"\nbearing_deg = 90\n\n[run]\n'
-RMS = 2e-4  # m/s of a sample, at 256 samples a second
 TRUTH = (0.114, 0.025, 0.0112)
-
-
-def section(**keys):
-    """Return the table of a search by waveforms."""
-    table = {"misfit": "'waveform'", "runs": 15} | keys
-    lines = ["[back_analysis]", *(f"{key} = {value}" for key, value in table.items())]
-    for one in PARAMETERS:
-        lines += ["[[back_analysis.parameters]]", f'path = "{one.path}"', "log = true"]
-        lines += [f"low = {one.low}", f"high = {one.high}"]
-        lines += ["laboratory = [0.5, 0.8]"] * one.path.endswith("ks_gpa_per_m")
-    return "\n".join(lines) + "\n"
-
-
-def noisy(folder, start=-0.4, rms=RMS, **keys):
-    """Write a project whose record has noise from before the blast on; return its path."""
-    folder.mkdir(exist_ok=True)
-    path = written(
-        folder, ("duration_s = 0.1", "duration_s = 0.5\ncompare_band_hz = [3, 20]"),
-        ("cohesion_kpa = 20", "cohesion_kpa = 500"), ("tension_kpa = 0", "tension_kpa = 1e6"),
-    )  # fmt: skip
-    motion = simulate(load_project(path), (), [()])[0]["R1"]
-    made = motion.sampled(start, 1.0 / 256.0, int(256 * (0.5 - start)))
-    noise = rms * np.random.default_rng(3).normal(size=made.velocity.shape)
-    write_csv(folder / "wall.csv", replace(made, velocity=made.velocity + noise, label="R1"))
-    path.write_text(path.read_text().replace("\n[run]\n", RECORDED) + section(**keys))
-    return path
 
 
 @pytest.fixture(scope="module")

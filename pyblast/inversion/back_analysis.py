@@ -20,7 +20,7 @@ from .searching import Trace
 from .strength import Strength, watched_run
 from .waveforms import make_waveforms
 
-AT_BOUND = 0.01  # of the range
+AT_BOUND = 0.01  # of the range, on its scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,9 @@ class BackAnalysis:
 
     def at_bound(self, parameter: Parameter) -> str:
         """Return "low" or "high" where the best value lies at a bound, else nothing."""
-        share = (self.best[parameter.path] - parameter.low) / (parameter.high - parameter.low)
+        parameters = self.target.parameters
+        unit = problem_of(parameters).unit(self.trace.points[self.trace.best])
+        share = unit[parameters.index(parameter)]
         return "low" if share < AT_BOUND else "high" if share > 1.0 - AT_BOUND else ""
 
 

@@ -27,7 +27,7 @@ class Place:
     counts: bool
 
 
-def places_of(projects, counting, wavelength) -> list[Place]:
+def places_of(projects, counting, apart) -> list[Place]:
     """Return the receivers of projects, those that count first, and a grid on the surface.
 
     Parameters
@@ -35,9 +35,8 @@ def places_of(projects, counting, wavelength) -> list[Place]:
     projects : sequence of Project
         The first one says how fine the grid is.
     counting : sequence of str
-    wavelength : float, m
-        Places of the grid stand at least half of it from the receivers, since nearer ones have the
-        errors of the theory in common.
+    apart : float, m
+        Places of the grid stand at least so far from the receivers.
     """
     known = {one.name: one for project in projects[::-1] for one in project.receivers}
     own = [Place(one.name, one.position, one.name in counting) for one in known.values()]
@@ -45,8 +44,8 @@ def places_of(projects, counting, wavelength) -> list[Place]:
     stand = np.array([place.position for place in own])
     found = []
     for place in _grid(projects[0]):
-        apart = np.linalg.norm(stand - place, axis=1)
-        if np.min(apart) >= 0.5 * wavelength:
+        away = np.linalg.norm(stand - place, axis=1)
+        if np.min(away) >= apart:
             found.append(Place(f"{place[0]:.0f}, {place[1]:.0f} m", tuple(place), False))
     return [*own, *found]
 

@@ -1,5 +1,6 @@
 """What receivers and blasts can tell of unknowns, before money is spent on them, and afterwards."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,6 +52,9 @@ class Plan:
     worst : Extra
         As it is, with no extra.
     places : tuple of Place
+    apart : float, m
+        How far new receivers stand from those that there are, at least: nearer ones have the
+        errors of the theory in common.
     window : Window
     noise : str
         Where its level is from.
@@ -72,6 +76,7 @@ class Plan:
     extras: tuple[Extra, ...]
     worst: Extra
     places: tuple[Place, ...]
+    apart: float
     window: Window
     noise: str
     levels: dict[str, float]
@@ -131,7 +136,8 @@ def make_plan(
     window = window_of(everything)
     counting = list(dict.fromkeys(name for one in records for name in one))
     slowest = min(one.cs for one in blasts[0].materials.values())
-    places = places_of(everything, counting, slowest / np.sqrt(window.band[0] * window.band[1]))
+    apart = 0.5 * slowest / math.sqrt(window.band[0] * window.band[1])
+    places = places_of(everything, counting, apart)
     names = [place.name for place in places]
     noise, told = _noise(blasts, records, names, window)
     heard = np.array([[n in one or n not in counting for n in names] for one in records])
@@ -152,8 +158,8 @@ def make_plan(
     return Plan(
         tuple(parameters), values, kind, found,
         _by_other(sensitivities, len(blasts), counting), _within(parameters, unit, found),
-        _why(parameters, blasts, found, slip, kind), extras, worst, tuple(places), window, told,
-        levels or {name: level for name, level in LEVELS.items() if errors or name != "mesh"},
+        _why(parameters, blasts, found, slip, kind), extras, worst, tuple(places), apart, window,
+        told, levels or {name: level for name, level in LEVELS.items() if errors or name != "mesh"},
         slip, doubt,
     )  # fmt: skip
 

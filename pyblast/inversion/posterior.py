@@ -70,8 +70,8 @@ class Posterior:
         if share >= ENOUGH:
             return ""
         return (
-            f"the emulator is not good enough: {len(self.log_weights)} runs that checked it are "
-            f"worth {self.corrected:.1f}"
+            f"the emulator is not good enough: {len(self.log_weights)} runs that checked it agree "
+            f"with it as well as {self.corrected:.1f} that agree wholly; {ENOUGH:.0%} of them must"
         )
 
     @property

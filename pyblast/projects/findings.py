@@ -10,7 +10,7 @@ class Finding:
     Parameters
     ----------
     code : str
-        D1 to D30.
+        D1 to D33.
     title, text : str
         What it is, in words; what it is here, in numbers.
     failed : bool

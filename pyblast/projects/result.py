@@ -70,7 +70,15 @@ def write_result(path, result):
     text = np.frombuffer(json.dumps(plain(result.summary)).encode(), dtype=np.uint8)
     provenance = result.summary.get("provenance", {})
     attributes = {"kind": KIND, "title": result.summary["title"], **provenance}
-    write_arrays(path, {**result.arrays, "summary": {"json": text}}, attributes)
+    told = {
+        f"{group}/{name}": {
+            "unit": "m/s", "dt_s": head["dt"], "start_s": head["start"],
+            "components": head["components"],
+        }
+        for group, heads in result.summary.get("seismograms", {}).items()
+        for name, head in heads.items()
+    }  # fmt: skip
+    write_arrays(path, {**result.arrays, "summary": {"json": text}}, attributes, told)
 
 
 def read_result(path) -> Result:

@@ -56,7 +56,7 @@ def _map(figure, axis, plan, places):
     axis.set_aspect("equal", adjustable="datalim")
     axis.set_xlabel("east  m")
     axis.set_ylabel("north  m")
-    figure.colorbar(drawn, ax=axis, label="fall of ln det", shrink=0.85)
+    figure.colorbar(drawn, ax=axis, label="ln det falls by", shrink=0.85)
     _tidy(axis)
 
 

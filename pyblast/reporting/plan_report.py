@@ -62,13 +62,13 @@ def _trade_caption(plan, pair):
 
 def plan_figure(plan):
     """Draw what is left of the ranges and where another receiver would help."""
-    return (
-        "What the records can tell",
-        "Left: standard deviation of each unknown after the records over that of its range. "
-        "Right: what one more receiver would add; the best place is ringed, "
-        "triangles are receivers that there are.",
-        shares_figure(plan),
-    )
+    caption = "Standard deviation of each unknown after the records over that of its range."
+    if any(one["kind"] == "receiver" for one in plan["extras"]):
+        caption = (
+            f"Left: {caption[0].lower()}{caption[1:]} Right: what one more receiver would add; the "
+            "best place is ringed, triangles are receivers that there are."
+        )
+    return "What the records can tell", caption, shares_figure(plan)
 
 
 def write_plan_report(path, summary):

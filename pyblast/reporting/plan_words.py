@@ -41,6 +41,7 @@ def summarise_plan(plan) -> dict:
             for first, second, rho in plan.trade_offs
         ],
         "receivers": [asdict(one) for one in plan.places if one.counts],
+        "apart": plan.apart,
         "extras": [asdict(one) for one in plan.extras],
         "slip": [
             line for name, one in plan.slip.items() for line in slip_lines(name, _slip_table(one))
@@ -89,6 +90,12 @@ def told_lines(plan) -> list[str]:
         lines.append(
             f"most would be learnt from {place}{best['name']}: it lowers ln det of the covariance "
             f"by {best['gain']:.2g}{worst}"
+        )
+    if not any(one["kind"] == "receiver" for one in more):
+        lines.append(
+            "no further receiver was tried: none of the project is without a record, and no place "
+            "of back_analysis.candidate_grid lies on the surface, outside of the rim and at least "
+            f"{plan['apart']:.0f} m (half a wavelength of S) from every receiver"
         )
     if plan["mesh_doubt"]:
         lines.append(plan["mesh_doubt"])

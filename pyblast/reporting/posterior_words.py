@@ -45,10 +45,11 @@ def posterior_lines(table) -> list[str]:
         return []
     worst, slowest = (float(np.max(table[key])) for key in ("split_r_hat", "autocorrelation_steps"))
     checks = (
-        f"{table['runs']} runs; the last {table['checks']} check the emulator that the walks took "
-        f"and are worth {table['effective_checks']:.1f}, after their correction "
-        f"{table['effective_checks_corrected']:.1f}; split R-hat {worst:.4f}, autocorrelation "
-        f"{slowest:.0f} of {table['steps']} steps, seed {table['seed']}"
+        f"{table['runs']} runs; the last {table['checks']} check the emulator on which the walks "
+        f"went, and agree with it as well as {table['effective_checks']:.1f} that agree wholly, "
+        f"after their correction {table['effective_checks_corrected']:.1f}; split R-hat "
+        f"{worst:.4f}, autocorrelation {slowest:.0f} of {table['steps']} steps, seed "
+        f"{table['seed']}"
     )
     doubt = [f"{table['mesh_doubt']}; it is not in the intervals"] * bool(table["mesh_doubt"])
     if table["doubt"]:
@@ -63,6 +64,7 @@ def posterior_lines(table) -> list[str]:
     for i, j in zip(*np.triu_indices(len(rows), 1), strict=True):
         if abs(correlation[i, j]) >= SHOWN:
             told.append(
-                f"{rows[i]['path']} and {rows[j]['path']} go together: {correlation[i, j]:.2f}"
+                f"{rows[i]['path']} and {rows[j]['path']}: correlation {correlation[i, j]:+.2f}, "
+                "one makes up for the other"
             )
     return [*told, *doubt, checks]

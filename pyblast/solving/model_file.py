@@ -14,7 +14,7 @@ MAX_BYTES = 16 * 2**30
 _FILTERS = {"gzip", "shuffle", "fletcher32", None}
 
 
-def write_arrays(path, groups, attributes):
+def write_arrays(path, groups, attributes, told=None):
     """Write groups of named arrays beside the target, flush, then rename.
 
     Parameters
@@ -22,8 +22,11 @@ def write_arrays(path, groups, attributes):
     path : path
     groups : dict of str to dict of str to numpy array or number
     attributes : dict of str to str, int or float
+        Of the file.
+    told : dict of str to dict, optional
+        Attributes of arrays, by "group/name".
     """
-    path = Path(path)
+    path, told = Path(path), told or {}
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with h5py.File(beside, "w", libver=("earliest", "v110")) as file:
@@ -32,7 +35,8 @@ def write_arrays(path, groups, attributes):
                 file.attrs[name] = value
             for group, arrays in groups.items():
                 for name, value in arrays.items():
-                    file.create_dataset(f"{group}/{name}", data=value)
+                    made = file.create_dataset(f"{group}/{name}", data=value)
+                    made.attrs.update(told.get(f"{group}/{name}", {}))
             file.flush()
         with beside.open("rb") as file:
             os.fsync(file.fileno())
