@@ -69,6 +69,7 @@ def check(project: ProjectFile, full: Full = False):
     code 3 where a result could not be trusted.
     """
     with told():
+        from .inversion.back_analysis import is_recorded
         from .inversion.doubts import doubts
         from .projects.checks import check as look
         from .projects.project import load_project
@@ -76,10 +77,10 @@ def check(project: ProjectFile, full: Full = False):
         loaded = load_project(project, full)
         found = look(loaded)
         console.show_check(found)
-        if loaded.config.back_analysis is None or loaded.recorded:
-            console.show_findings(doubts(loaded))
-        else:
+        if loaded.config.back_analysis is not None and not is_recorded(loaded):
             console.say("[back_analysis]: no record yet; ask with backanalyse --plan")
+        else:
+            console.show_findings(doubts(loaded))
         if found.failed:
             raise typer.Exit(3)
 

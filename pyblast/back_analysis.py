@@ -16,7 +16,10 @@ from .inversion.methods import search
 from .inversion.plan import Plan, foreseen_plan
 from .inversion.trials import TrialLog, Trials, identity
 from .inversion.uncertainty import refuse_unready, uncertain
+from .motion.comparison import in_common
 from .pipeline import Interrupted, new_folder
+from .projects.checks import check
+from .projects.findings import Finding
 from .projects.project import Project, load_project
 from .projects.result import write_summary
 from .projects.summary import comparison_table, motion_table
@@ -79,7 +82,7 @@ def back_analyse(
     tell("mesh", 0, 1)
     target, table = make_target(project), project.config.back_analysis
     refuse_unready(table, f"{project.path.name}: back_analysis")
-    before = doubts(project)
+    before = doubts_before(project)
     output = project.folder / "back_analysis" if output is None else Path(output)
     folder = _interrupted(output) if resume else new_folder(output)
     kept = TrialLog(folder / TRIALS, identity(target, table.method, table.seed), resume)
@@ -104,6 +107,12 @@ def back_analyse(
     write_summary(folder / RESULT, summary)
     write_search_report(folder / "report.html", summary, found.confirmed)
     return found, folder
+
+
+def doubts_before(project: Project) -> list[Finding]:
+    """Return what is doubtful before a search: defects of the model that fail, then the table's."""
+    failed = [one for one in check(project, measure=False).findings if one.failed]
+    return [*failed, *doubts(project)]
 
 
 def plan_back_analysis(
@@ -212,6 +221,13 @@ def slip_told(found: BackAnalysis) -> list[str]:
     return [line for name, table in tables.items() for line in slip_lines(name, table)]
 
 
+def _compared(confirmed, name, band):
+    """Return motion at a receiver as its comparison sees it: in common time, within the band."""
+    both = in_common(confirmed.recorded[name], confirmed.simulated[name], band)
+    recorded, simulated = (motion_table(one, band) for one in both)
+    return {"band_hz": band, "recorded": recorded, "simulated": simulated}
+
+
 def _blast_table(confirmed):
     """Return the comparisons and the slip of one blast."""
     return {
@@ -219,6 +235,7 @@ def _blast_table(confirmed):
             name: {
                 "recorded": motion_table(confirmed.recorded[name]),
                 "simulated": motion_table(confirmed.simulated[name]),
+                "compared": _compared(confirmed, name, comparison.band),
                 "comparison": comparison_table(comparison),
                 "first_slip_ppv": float(np.nanmax(confirmed.simulated[name].ppv))
                 * confirmed.factor,

@@ -38,9 +38,8 @@ def backanalyse(
     and report.html into numbered folders in plan.
     """
     with told():
-        from .back_analysis import back_analyse, plan_back_analysis, slip_told
+        from .back_analysis import back_analyse, doubts_before, plan_back_analysis, slip_told
         from .ensembles.many_runs import executor_of
-        from .inversion.doubts import doubts
         from .inversion.fit_doubts import fit_doubts
         from .projects.project import load_project
 
@@ -52,7 +51,7 @@ def backanalyse(
                 made, folder = plan_back_analysis(loaded, out, progress=progress)
             console.show_plan(made, folder)
             return
-        console.show_findings(doubts(loaded))
+        console.show_findings(doubts_before(loaded))
         with console.Progress() as progress, executor_of(workers, dask) as executor:
             found, folder = back_analyse(
                 loaded, out, resume=resume, executor=executor, progress=progress

@@ -25,7 +25,8 @@ STAGES = {
     "delays": "search of delays",
     "writing": "results and report",
 }
-_out = Console(highlight=False, soft_wrap=True)
+WIDE = None if sys.stdout.isatty() else 120  # columns of a log
+_out = Console(highlight=False, soft_wrap=True, width=WIDE)
 _err = Console(highlight=False, soft_wrap=True, stderr=True)
 
 
@@ -145,8 +146,8 @@ def show_input(stages):
         )
 
 
-def show_comparison(comparison):
-    """Print the deviations per component."""
+def show_comparison(comparison, wanted=True):
+    """Print the deviations per component, whether or not a search wanted them small."""
     table = _table("simulated against recorded", *comparison.components)
     for name, values in (
         ("PPV", comparison.ppv_deviation),
@@ -156,9 +157,10 @@ def show_comparison(comparison):
     ):
         table.add_row(name, *(_one_percent(v) for v in values))
     table.add_row("lag in ms", *(_number(1e3 * v, 1) for v in comparison.lag))
-    table.add_row("correlation", *(_number(v, 2) for v in comparison.correlation))
+    table.add_row("correlation then", *(_number(v, 2) for v in comparison.correlation))
     _out.print(table)
-    say(f"mean deviation of PPV and dominant frequency: {comparison.misfit:.1f} %")
+    beside = "" if wanted else ", which was no target"
+    say(f"mean deviation of PPV and dominant frequency: {comparison.misfit:.1f} %{beside}")
 
 
 def show_outcome(outcome):
@@ -229,7 +231,7 @@ def show_search(found, folder, lines, findings):
     for blast, one in found.confirmed.items():
         for name, comparison in one.comparisons.items():
             say(f"{blast}, {name}, recorded and simulated:")
-            show_comparison(comparison)
+            show_comparison(comparison, found.target.misfit == "paper")
     show_findings(findings)
     trace = found.trace
     say(
@@ -251,6 +253,7 @@ def _short(value):
 def show_plan(plan, folder):
     """Print what receivers and blasts can tell, what would help, and why."""
     summary = summarise_plan(plan)
+    say("what could be told in the middle of the ranges; no record was looked at for the values:")
     show_told(summary)
     for line in summary["slip"]:
         say(line)
@@ -261,12 +264,12 @@ def show_plan(plan, folder):
 
 def show_told(summary):
     """Print what is told of unknowns, from a `summarise_plan`."""
-    table = _table("unknown", "90 % within", "after/before", "", "other")
+    table = _table("unknown", "at", "90 % within", "after/before", "", "other")
     for one in summary["parameters"]:
         within = "-" if one["why"] else "{:.3g} to {:.3g}".format(*one["within"])
         share = "-" if one["why"] else f"{one['share']:.2f}"
         other = f"{one['share_other']:.2f}"
-        table.add_row(one["path"], within, share, one["verdict"], other)
+        table.add_row(one["path"], _short(one["value"]), within, share, one["verdict"], other)
     _out.print(table)
     say(f"by {summary['by']}; other: by {summary['by_other']}")
     table = _table("one more, or one less", "ln det falls by", "worst then", "which is")
@@ -274,6 +277,7 @@ def show_told(summary):
         name = one["name"] if one["kind"] == "receiver" else f"{one['kind']} {one['name']}"
         table.add_row(name, f"{one['gain']:.2g}", f"{one['worst']:.2f}", one["worst_path"])
     _out.print(table)
+    say("(ln det: of the covariance of all unknowns; a fall of 1.4 halves where they lie together)")
     for line in told_lines(summary):
         say(line)
 

@@ -218,7 +218,7 @@ def test_where_no_place_is_left_for_a_receiver_the_command_says_so(tmp_path):
     done = call("backanalyse", path, "--plan")
 
     assert done.exit_code == 0, done.output
-    assert "no further receiver was tried" in done.output
+    assert "no receiver was tried but those of the project" in done.output
     page = (tmp_path / "plan" / "001" / "report.html").read_text()
     assert "half a wavelength of S" in page
     assert "the best place is ringed" not in page

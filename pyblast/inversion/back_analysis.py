@@ -9,7 +9,7 @@ from ..motion.seismogram import Seismogram
 from ..projects.census import input_band
 from ..projects.project import Project
 from ..residuals.misfits import MISFITS, SIGNED
-from .blasts import blasts_of, candidates_of, chosen_records
+from .blasts import blasts_of, candidates_of, chosen_records, foreseen_blasts
 from .forward import Target, band_of, held_step, misfit_of
 from .insensitive import insensitive, weakest
 from .methods import METHODS
@@ -129,6 +129,23 @@ def make_target(project: Project) -> Target:
         records = [chosen_records(blast, project) for blast in blasts]
         waveforms = make_waveforms(blasts, records, rms)
     return Target(blasts, parameters, tuple(table.receivers), table.misfit, steps, waveforms)
+
+
+def is_recorded(project: Project) -> bool:
+    """Tell whether a project has records for its back-analysis.
+
+    Raises
+    ------
+    InputError
+        If its table could not be searched, with records or without.
+    """
+    if project.recorded:
+        make_target(project)
+        return True
+    parameters = parameters_of(project)
+    for blast in foreseen_blasts(project):
+        check_parameters(blast, parameters)
+    return False
 
 
 def confirm(target: Target, method, seed, trace: Trace, progress=None) -> BackAnalysis:

@@ -1,4 +1,4 @@
-"""What is doubtful about a back-analysis before it is run, in numbers: D10, D14, D15."""
+"""What is doubtful about a back-analysis before it is run, in numbers: D10, D14, D15, D35."""
 
 import math
 
@@ -33,6 +33,7 @@ def doubts(project) -> list[Finding]:
         found = [few_numbers(blasts_of(project), unknowns)]
     elif table.misfit == "waveform":
         found = few_waves(blasts_of(project), unknowns)
+    found += late_records(blasts_of(project))
     if table.method in ("paper", "paper_eq15"):
         found += [cold_never(table.runs), worse_than_random(unknowns, table.runs)]
     return found
@@ -73,6 +74,27 @@ def few_waves(blasts, unknowns) -> list[Finding]:
         numbers={"numbers": float(numbers), "unknowns": float(unknowns)},
     )
     return [told]
+
+
+def late_records(blasts) -> list[Finding]:
+    """D35: records that begin after the first firing."""
+    late = {
+        f"{blast.path.name}, {name}": record.start
+        for blast in blasts
+        for name, record in chosen_records(blast, blasts[0]).items()
+        if record.start > 0.0
+    }
+    if not late:
+        return []
+    told = "; ".join(f"{name} by {start:.3g} s" for name, start in late.items())
+    finding = Finding(
+        "D35",
+        "A record begins after the first firing",
+        f"{told}. What came before is not compared, and its peak may have been missed. If only its "
+        "clock is another one, set its start_s; else leave it out of back_analysis.receivers.",
+        numbers=late,
+    )
+    return [finding]
 
 
 def cold_never(runs) -> Finding:

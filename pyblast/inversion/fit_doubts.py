@@ -1,8 +1,9 @@
-"""What is doubtful about values that a back-analysis found, in numbers: D31 to D33."""
+"""What is doubtful about values that a back-analysis found, in numbers: D31 to D34."""
 
 import numpy as np
 from scipy import stats
 
+from ..motion.comparison import in_common
 from ..projects.findings import Finding
 from ..residuals.levels import PRIORS
 from .forward import band_of
@@ -17,7 +18,21 @@ def fit_doubts(found) -> list[Finding]:
     Values at a bound, errors of the theory that are too large to be small, and components that
     move against the simulation.
     """
-    return [*_at_bounds(found), *_large_errors(found), *_turned(found)]
+    return [*_unmoved(found), *_at_bounds(found), *_large_errors(found), *_turned(found)]
+
+
+def _unmoved(found):
+    """D34: a search that ended before it had left its start."""
+    trace, unknowns = found.trace, len(found.target.parameters)
+    beside = unknowns if found.method == "levenberg" else 0  # runs for its derivatives
+    if trace.best <= beside:
+        yield Finding(
+            "D34",
+            "The search has not left its start",
+            f"The best of {len(trace.misfits)} runs is number {trace.best + 1}, the start or a "
+            "step beside it, so values and intervals are those of the middle of the ranges. Give "
+            "more back_analysis.runs; if that does not help, records and model disagree.",
+        )
 
 
 def _at_bounds(found):
@@ -82,9 +97,6 @@ def _turned(found):
 
 def _correlation(record, simulated, band):
     """Return the correlation of each component at equal times, (3,); NaN where one is silent."""
-    end = min(record.start + record.duration, simulated.start + simulated.duration)
-    both = record.windowed(record.start, end)
-    both = both, simulated.sampled(both.start, both.dt, len(both.velocity))
-    data, model = (s.velocity if band is None else s.bandpassed(*band).velocity for s in both)
+    data, model = (one.velocity for one in in_common(record, simulated, band))
     size = np.sqrt(np.sum(data**2, axis=0) * np.sum(model**2, axis=0))
     return np.sum(data * model, axis=0) / np.where(size > 0.0, size, np.nan)

@@ -20,11 +20,14 @@ class Place:
     position : tuple of 3 float, m
     counts : bool
         Whether its records are there or foreseen.
+    gridded : bool
+        Whether it is a place of the grid.
     """
 
     name: str
     position: tuple[float, float, float]
     counts: bool
+    gridded: bool = False
 
 
 def places_of(projects, counting, apart) -> list[Place]:
@@ -46,7 +49,7 @@ def places_of(projects, counting, apart) -> list[Place]:
     for place in _grid(projects[0]):
         away = np.linalg.norm(stand - place, axis=1)
         if np.min(away) >= apart:
-            found.append(Place(f"{place[0]:.0f}, {place[1]:.0f} m", tuple(place), False))
+            found.append(Place(f"{place[0]:.0f}, {place[1]:.0f} m", tuple(place), False, True))
     return [*own, *found]
 
 

@@ -95,9 +95,12 @@ def check_parameters(project: Project, parameters: Sequence[Parameter]):
         with named_error(f"{project.path.name}: back_analysis.parameters[{number}].path"):
             check_path(project.config, parameter.path)
         if paths.count(parameter.path) > 1:
-            raise InputError(f"back_analysis.parameters: {parameter.path!r} is given twice")
+            raise InputError(
+                f"{project.path.name}: back_analysis.parameters[{number}].path: "
+                f"{parameter.path!r} is given twice; keep one"
+            )
         for end in ("low", "high"):
-            with named_error(f"back_analysis.parameters[{number}].{end}"):
+            with named_error(f"{project.path.name}: back_analysis.parameters[{number}].{end}"):
                 vary(project, {parameter.path: getattr(parameter, end)})
 
 

@@ -198,8 +198,9 @@ def _by_other(sensitivities, n_blasts, counting):
 
 
 def _within(parameters, unit, found):
-    """Return the 90 % intervals in the units of the parameters, (n, 2)."""
+    """Return the 90 % intervals in the units of the parameters, (n, 2); they reach to the point."""
     ends = intervals(unit, found)
+    ends = np.stack([np.minimum(ends[:, 0], unit), np.maximum(ends[:, 1], unit)], axis=-1)
     problem = problem_of(parameters)
     return np.stack([problem.points(ends[:, 0]), problem.points(ends[:, 1])], axis=-1)
 

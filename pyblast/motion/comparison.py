@@ -110,12 +110,10 @@ def compare(
     InputError
         If components differ, none is in both, the record is silent or the times do not overlap.
     """
-    recorded, simulated = _aligned(recorded, simulated)
+    recorded, simulated = in_common(recorded, simulated, band)
     both = recorded.present & simulated.present & np.any(recorded.velocity != 0.0, axis=0)
     if not np.any(both):
         raise InputError("compare: no component with motion is present in both seismograms")
-    if band is not None:
-        recorded, simulated = recorded.bandpassed(*band), simulated.bandpassed(*band)
     data, model = (np.where(both, s.velocity, np.nan) for s in (recorded, simulated))
     found, wanted = (
         dominant_frequency(s, frequency_method, band).hz for s in (simulated, recorded)
@@ -160,8 +158,14 @@ def _ratio(top, bottom):
     return top / safe
 
 
-def _aligned(recorded, simulated):
-    """Both seismograms at the recorded instants, up to the earlier end."""
+def in_common(recorded: Seismogram, simulated: Seismogram, band=None):
+    """Return both seismograms at the recorded instants, up to the earlier end, within a band.
+
+    Raises
+    ------
+    InputError
+        If components differ or the times do not overlap.
+    """
     if recorded.components != simulated.components:
         raise InputError(
             f"compare: components differ, {recorded.components} recorded against "
@@ -181,4 +185,6 @@ def _aligned(recorded, simulated):
     )
     if not same:
         simulated = simulated.sampled(recorded.start, recorded.dt, len(recorded.velocity))
+    if band is not None:
+        recorded, simulated = recorded.bandpassed(*band), simulated.bandpassed(*band)
     return recorded, simulated

@@ -10,7 +10,7 @@ class Finding:
     Parameters
     ----------
     code : str
-        D1 to D33.
+        D1 to D35.
     title, text : str
         What it is, in words; what it is here, in numbers.
     failed : bool

@@ -176,9 +176,10 @@ def source_summary(project):
     }  # fmt: skip
 
 
-def motion_table(seismogram):
-    """Return peaks, frequencies and durations of a seismogram."""
-    dominant, crossing = dominant_frequency(seismogram), zero_crossing_frequency(seismogram)
+def motion_table(seismogram, band=None):
+    """Return peaks, frequencies and durations of a seismogram, the dominant one within a band."""
+    dominant = dominant_frequency(seismogram, band=band)
+    crossing = zero_crossing_frequency(seismogram)
     return {
         "components": list(seismogram.components),
         "ppv": seismogram.ppv,

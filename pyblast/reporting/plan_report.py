@@ -30,7 +30,8 @@ def found_figures(plan, points, misfits):
     yield (
         "The result within its ranges",
         "Found values with the interval that holds 90 % of what the records leave, in the ranges "
-        "that were searched, beside what the laboratory gave.",
+        "that were searched, beside what the laboratory gave. Where records tell little, intervals "
+        "lie towards the middle of the range, and reach to what was found.",
         ranges_figure(plan),
     )
     pair = trade_pair(plan)
@@ -46,7 +47,7 @@ def _trade_caption(plan, pair):
     """Say what a trade-off means for the reader."""
     first, second = (plan["parameters"][k] for k in pair)
     rho = np.array(plan["covariance"])[pair] / (first["share"] * second["share"])
-    ends = "{0[within][0]:.3g} to {0[within][1]:.3g}"
+    ends = "{0[within][0]:.3g} and {0[within][1]:.3g}"
     text = (
         f"The records leave {first['path']} between {ends.format(first)} and {second['path']} "
         f"between {ends.format(second)}; their errors have a correlation of {rho:+.2f}. Runs are "

@@ -42,6 +42,7 @@ def summarise_plan(plan) -> dict:
         ],
         "receivers": [asdict(one) for one in plan.places if one.counts],
         "apart": plan.apart,
+        "gridded": sum(one.gridded for one in plan.places),
         "extras": [asdict(one) for one in plan.extras],
         "slip": [
             line for name, one in plan.slip.items() for line in slip_lines(name, _slip_table(one))
@@ -91,10 +92,10 @@ def told_lines(plan) -> list[str]:
             f"most would be learnt from {place}{best['name']}: it lowers ln det of the covariance "
             f"by {best['gain']:.2g}{worst}"
         )
-    if not any(one["kind"] == "receiver" for one in more):
+    if not plan["gridded"]:
         lines.append(
-            "no further receiver was tried: none of the project is without a record, and no place "
-            "of back_analysis.candidate_grid lies on the surface, outside of the rim and at least "
+            "no receiver was tried but those of the project: no place of "
+            "back_analysis.candidate_grid lies on the surface, outside of the rim and at least "
             f"{plan['apart']:.0f} m (half a wavelength of S) from every receiver"
         )
     if plan["mesh_doubt"]:

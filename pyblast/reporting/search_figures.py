@@ -55,7 +55,11 @@ def places_figure(parameters, points, misfits, unit):
         shades = np.linspace(0.25, 1.0, len(place))
         axis.scatter(place, misfits, c=shades, cmap="Greys", vmin=0.0, s=14, zorder=3)
         axis.plot(place[best], misfits[best], "o", color=SIMULATED, ms=6, zorder=4)
-        axis.set_xscale("log" if one["log"] else "linear")
+        if one["log"]:
+            axis.set_xscale("log")
+            ticks = np.geomspace(one["low"], one["high"], 3)
+            axis.set_xticks(ticks, [f"{tick:.2g}" for tick in ticks])
+            axis.set_xticks([], minor=True)
         margin = 0.0 if one["log"] else 0.03 * (one["high"] - one["low"])
         axis.set_xlim(one["low"] - margin, one["high"] + margin)
         axis.set_ylim(0.0, top)

@@ -13,6 +13,10 @@ from .search_figures import misfit_figure, places_figure
 from .slip_words import slip_lines
 
 SPECTRUM_TOP = 40.0
+JUDGED_ANEW = (
+    " All runs are judged by the errors of the theory that stood at the end; trials.jsonl has what "
+    "each was worth when it was run."
+)
 
 
 def write_search_report(path, summary, confirmed):
@@ -37,6 +41,7 @@ def write_search_report(path, summary, confirmed):
     ]
     text = page("search.html").render(
         s=plain(summary),
+        laboratory=any(one["laboratory"] is not None for one in summary["parameters"]),
         extras=plain(best_extras(plan)),
         lines=told_lines(plan),
         sure=posterior_lines(summary["posterior"]),
@@ -65,7 +70,8 @@ def _search_figures(summary):
     yield (
         "Misfit",
         f"Misfit of each run; method '{summary['method']}', seed {summary['seed']}. The search "
-        f"went on from {summary['accepted']} of {summary['runs']}.",
+        f"went on from {summary['accepted']} of {summary['runs']}, starts elsewhere included."
+        f"{JUDGED_ANEW if summary['misfit_name'] == 'waveform' else ''}",
         misfit_figure(trace["misfits"], trace["accepted"], unit),
     )
     yield (
@@ -83,7 +89,7 @@ def _motion_figures(confirmed):
             yield (
                 f"Receiver {name}",
                 f"{blast}, {name}: recorded against simulated at the best point; particle velocity "
-                "and smoothed amplitude spectrum (figures 7 to 9).",
+                "and smoothed amplitude spectrum.",
                 figures.motion_figure(
                     both, [figures.RECORDED, figures.SIMULATED], SPECTRUM_TOP,
                     float(one.simulated[name].times[-1]),
