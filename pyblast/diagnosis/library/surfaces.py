@@ -7,7 +7,8 @@ from ...solving.materials import Material
 from ..hypotheses import Knob, hypothesis
 
 USUAL = 5.0  # m
-APART = 1.4  # ratio of thicknesses whose zones differ by no more than small errors of the theory
+APART = 1.4  # ratio of a thickness to start from
+ALIKE = 2.0  # ratio of thicknesses whose zones differ by less than small errors of the theory
 
 
 def _layered(site, thickness, slower):
@@ -23,7 +24,7 @@ def _layered(site, thickness, slower):
 def _as_fast(site, target, thickness, slower):
     """Return the site with a layer that is no slower, of one of few thicknesses."""
     del target, slower
-    near = USUAL * APART ** round(math.log(thickness / USUAL, APART))
+    near = USUAL * ALIKE ** round(math.log(thickness / USUAL, ALIKE))
     return _layered(site, near, 1.0) or _layered(site, thickness, 1.0)
 
 
