@@ -15,8 +15,8 @@ AGAINST = 0.7  # correlation of a component with the simulation turned upside do
 def fit_doubts(found) -> list[Finding]:
     """Return the findings about the values of a `BackAnalysis`.
 
-    Values at a bound, errors of the theory that are too large to be small, and components that
-    move against the simulation.
+    A search that has not left its start, values at a bound, errors of the theory that are too large
+    to be small, and components that run against the simulation.
     """
     return [*_unmoved(found), *_at_bounds(found), *_large_errors(found), *_turned(found)]
 
