@@ -62,6 +62,19 @@ def test_a_value_at_a_bound_is_told(tmp_path):
     assert "at the low one, 0.05" in told["D31"].text
 
 
+def test_a_record_without_one_component_is_searched(tmp_path):
+    path = noisy(tmp_path)
+    rows = [line.split(",") for line in path.with_name("wall.csv").read_text().splitlines()]
+    path.with_name("wall.csv").write_text("\n".join(",".join(row[:3]) for row in rows) + "\n")
+
+    found, _ = back_analyse(path)
+
+    (record,) = found.confirmed["project.toml"].recorded.values()
+    assert list(record.present) == [True, True, False]
+    assert np.all(found.plan.knowledge.shares[:2] < 0.5)  # noise that is one of two was not a noise
+    assert codes(found) == {}
+
+
 def test_the_example_has_its_records():
     examples = Path(__file__).parents[1] / "examples"
 

@@ -93,6 +93,18 @@ def test_a_quick_problem_that_is_wrong_gets_no_intervals():
         found.intervals  # noqa: B018
 
 
+def test_checks_that_can_not_be_run_count_as_lost():
+    def failing(points):
+        return np.where(points[:, :1] > 0.395, np.nan, linear(points))
+
+    found = posterior(problem(linear), TRUE, 5, checking=problem(failing))
+
+    lost = np.count_nonzero(np.isneginf(found.log_weights))
+    assert lost > 0.5 * len(found.log_weights)
+    assert found.corrected <= len(found.log_weights) - lost + 1e-9
+    assert "the emulator is not good enough" in found.doubt
+
+
 def test_what_records_do_not_feel_keeps_its_range():
     found = posterior(problem(lambda points: linear(points * [1.0, 0.0] + [0.0, 0.6])), TRUE, 3)
 

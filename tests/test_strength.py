@@ -63,6 +63,28 @@ def test_a_contact_that_has_nothing_left_before_the_blast_has_no_margin():
     assert factor([-4e5, 3e5, 0.0], [0.0, 1.0, 0.0]) == 0.0
 
 
+def brute(initial, moved, cohesion, friction, tension):
+    """Return the least factor of a fine grid at which (11.5) is reached."""
+    m = np.linspace(0.0, 15.0, 300_001)[1:, None]
+    traction = np.asarray(initial) + m * np.asarray(moved)
+    held = cohesion - np.minimum(0.0, traction[:, 0]) * friction
+    reached = (np.linalg.norm(traction[:, 1:], axis=1) >= held) | (traction[:, 0] >= tension)
+    return m[int(np.argmax(reached)), 0] if reached.any() else math.inf
+
+
+@pytest.mark.parametrize("rest", [-1.0, 0.5])
+def test_the_margin_is_the_least_factor_that_reaches_the_strength(rest):
+    rng, strength = np.random.default_rng(5), {"cohesion": 0.3, "friction": 0.8, "tension": 1.0}
+    for _ in range(150):
+        initial = [rest, *rng.uniform(-0.7, 0.7, 2)]
+        moved = rng.normal(size=3)
+        found, wanted = factor(initial, moved, **strength), brute(initial, moved, **strength)
+        # beyond the grid nothing is looked for
+        assert found == pytest.approx(wanted, abs=1e-4) or min(found, wanted) > 14.9 or (
+            found == 0.0 and wanted < 1e-4
+        )
+
+
 def sheared(size, **strength):
     """Return a column with one joint that a shear wave crosses."""
     mesh = structured_box((12, 2, 2), (60.0, 10.0, 10.0), planes={"J": ("x", 30.0)}).split(["J"])

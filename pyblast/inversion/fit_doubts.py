@@ -9,6 +9,7 @@ from ..residuals.levels import PRIORS
 from .forward import band_of
 
 RARE = 0.01  # chance of a larger level, as far as is known before the records
+FROM_THE_MIDDLE = ("levenberg", "paper")  # methods that begin there
 AGAINST = 0.7  # correlation of a component with the simulation turned upside down
 
 
@@ -23,9 +24,9 @@ def fit_doubts(found) -> list[Finding]:
 
 def _unmoved(found):
     """D34: a search that ended before it had left its start."""
-    trace, unknowns = found.trace, len(found.target.parameters)
-    beside = unknowns if found.method == "levenberg" else 0  # runs for its derivatives
-    if trace.best <= beside:
+    trace = found.trace
+    beside = len(found.target.parameters) if found.method == "levenberg" else 0  # derivatives
+    if found.method in FROM_THE_MIDDLE and trace.best <= beside:
         yield Finding(
             "D34",
             "The search has not left its start",

@@ -140,17 +140,18 @@ def make_plan(
     places = places_of(everything, counting, apart)
     names = [place.name for place in places]
     noise, told = _noise(blasts, records, names, window)
-    heard = np.array([[n in one or n not in counting for n in names] for one in records])
-    heard = np.vstack([heard, np.ones((len(candidates), len(names)), dtype=bool)])
+    heard = np.array([[_heard(n, one, counting) for n in names] for one in records])
+    heard = np.concatenate([heard, np.ones((len(candidates), len(names), 3), dtype=bool)])
+    heard = heard[..., None]
     motion, changes = _changes(everything, parameters, unit, places, window, tell)
     values = problem_of(parameters).points(unit)
     varied = [with_values(one, parameters, values) for one in everything]
     errors, doubt = mesh_errors_of(varied, motion, names, window, places)
     sensitivities = Sensitivities(
-        motion * heard[:, :, None, None], changes * heard[:, :, None, None],
+        motion * heard, changes * heard,
         band_functions(window.n_samples, window.dt, window.band), noise,
         {**LEVELS, **(levels or {})}, blasts[0].config.back_analysis.misfit == "paper",
-        [one * heard[:, :, None, None] for one in errors],
+        [one * heard for one in errors],
     )  # fmt: skip
     found, worst, extras = extras_of(sensitivities, parameters, places, blasts, candidates)
     kind = "paper" if sensitivities.peaks_only else "waveform"
@@ -189,6 +190,15 @@ def problem_of(parameters) -> Problem:
     """Return the ranges of parameters as a search sees them."""
     parts = [(one.low, one.high, one.log) for one in parameters]
     return Problem(*zip(*parts, strict=True), lambda points: np.zeros(len(points)))
+
+
+def _heard(name, records, counting):
+    """Tell which components count at a place in a blast, (3,): those recorded, or all foreseen."""
+    if name not in counting:
+        return np.ones(3, dtype=bool)
+    if name not in records:
+        return np.zeros(3, dtype=bool)
+    return np.ones(3, dtype=bool) if records[name] is None else records[name].present
 
 
 def _by_other(sensitivities, n_blasts, counting):

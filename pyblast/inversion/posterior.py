@@ -39,7 +39,8 @@ class Posterior:
         The same in the unit cube of the ranges.
     chains : Chains
     log_weights : (checks,) float64
-        Logarithm of true over emulated probability at fresh places of the walks, mean zero.
+        Logarithm of true over emulated probability at fresh places of the walks, mean zero but
+        for those where no model could be run, which are minus infinity.
     effective : float
         Runs that the checks are worth, of as many as there are weights; theory.md (12.11).
     corrected : float
@@ -143,7 +144,7 @@ def posterior(problem: Problem, best, seed: int, checking: Problem | None = None
     weights = _weights(emulator, fresh, checked.add(fresh))
     places, corrected = _corrected(chains, fresh, weights, rng)
     runs = learnt.count + checked.count
-    weights = weights[np.isfinite(weights)] - np.mean(weights[np.isfinite(weights)])
+    weights = weights - np.mean(weights[np.isfinite(weights)])
     return Posterior(
         problem.points(places), places, chains, weights, _effective(weights), corrected, runs, seed
     )

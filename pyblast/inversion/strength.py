@@ -15,6 +15,7 @@ from ..solving.solver import collect, failure
 PER_PERIOD = 20  # tractions that are looked at in the shortest period
 STRENGTH = ("cohesion", "friction", "tension")
 AT_YIELD = 1e-6  # of the strength: what is taken for none left
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -156,24 +157,27 @@ def factors(initial, moved, normal, cohesion, friction, tension):
     added = moved - blast[:, None] * normal
     with np.errstate(divide="ignore", invalid="ignore"):
         opens = np.where(blast > 0.0, (tension - rest) / blast, np.inf)
-        pressed = np.where(blast > 0.0, -rest / blast, np.inf)  # factor up to which it is
-    slips = _root(shear, added, cohesion - rest * friction, friction * blast)
-    pulled = _root(shear, added, cohesion, 0.0)
-    slips = np.where(slips <= pressed, slips, pulled)
-    slips = np.where(np.isfinite(cohesion), slips, np.inf)
+    pressed = _roots(shear, added, cohesion - rest * friction, friction * blast)
+    free = _roots(shear, added, cohesion, 0.0)
+    nearly = ROUNDING * np.abs(rest)
+    with np.errstate(invalid="ignore"):
+        there = np.stack([rest + pressed * blast <= nearly, rest + free * blast >= -nearly])
+    found = np.where(there, np.stack([pressed, free]), np.inf)
+    slips = np.where(np.isfinite(cohesion), found.min(axis=(0, 1)), np.inf)
     left = cohesion - np.minimum(0.0, rest) * friction
     weak = np.linalg.norm(shear, axis=1) >= (1.0 - AT_YIELD) * left
     return np.where(weak | (rest >= tension), 0.0, np.fmin(slips, opens))
 
 
-def _root(shear, added, left, loss):
-    """Return the least m > 0 with ``|shear + m added| = left - m loss``, infinite without one."""
+def _roots(shear, added, left, loss):
+    """Return both m > 0 with ``|shear + m added| = |left - m loss|``, (2, n); infinite if none."""
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         a = np.sum(added**2, axis=1) - loss**2
         b = np.sum(shear * added, axis=1) + loss * left
         q = np.sum(shear**2, axis=1) - left**2
-        slope = b + np.sqrt(b**2 - a * q)
-        return np.where(slope > 0.0, -q / slope, np.inf)
+        far = -b - np.copysign(np.sqrt(b**2 - a * q), b)
+        found = np.stack([far / a, q / far])
+        return np.where(found > 0.0, found, np.inf)
 
 
 def _by_surface(joints, run, least):

@@ -182,9 +182,12 @@ def recorded_noise(projects, records, receivers, window) -> Noise:
     for b, one in enumerate(records):
         for name, record in one.items():
             quiet = record.sampled(-n * window.dt, window.dt, n).velocity.T
-            # A component that is missing has no data; it takes the noise of one that is there.
-            there = quiet[int(np.flatnonzero(record.present)[0])]
-            windows[b, receivers.index(name)] = np.where(record.present[:, None], quiet, there)
+            windows[b, receivers.index(name)] = np.where(record.present[:, None], quiet, np.nan)
+    for each in windows.transpose(1, 2, 0, 3):
+        # A component that no blast has needs some noise: that of another, backwards, so that the
+        # two are not one.
+        there = np.isfinite(each).any(axis=(1, 2))
+        each[~there] = each[int(np.flatnonzero(there)[0]), :, ::-1]
     return noise_of(windows, window.dt, window.band)
 
 
