@@ -42,7 +42,7 @@ class PeakBands:
         _check_share(share)
         n = len(self.peaks)
         ranks = stats.binom.ppf([0.5 - 0.5 * sure, 0.5 + 0.5 * sure], n, share).astype(int)
-        return self.peaks[np.clip(ranks, 0, n - 1)]
+        return self.peaks[np.clip(ranks - [1, 0], 0, n - 1)]  # the first counts from one
 
     def coverage(self, peaks, share: float) -> float:
         """Return how many of some other peaks (n_others, n_receivers) lie in the band."""
