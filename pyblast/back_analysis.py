@@ -1,6 +1,6 @@
 """The job from recorded motion to the values of unknowns: search, confirm, write, report."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -44,6 +44,7 @@ def back_analyse(
     full: bool = False,
     executor: Executor | None = None,
     progress: Callable | None = None,
+    before: Sequence[Finding] | None = None,
 ) -> tuple[BackAnalysis, Path]:
     """Find the unknowns that table ``[back_analysis]`` of a project names.
 
@@ -62,6 +63,8 @@ def back_analyse(
         does not depend on it.
     progress : callable, optional
         Called with (stage, done, total).
+    before : sequence of Finding, optional
+        What `doubts_before` says of the project, where that was asked already.
 
     Returns
     -------
@@ -82,7 +85,7 @@ def back_analyse(
     tell("mesh", 0, 1)
     target, table = make_target(project), project.config.back_analysis
     refuse_unready(table, f"{project.path.name}: back_analysis")
-    before = doubts_before(project)
+    before = doubts_before(project) if before is None else before
     output = project.folder / "back_analysis" if output is None else Path(output)
     folder = _interrupted(output) if resume else new_folder(output)
     kept = TrialLog(folder / TRIALS, identity(target, table.method, table.seed), resume)
@@ -111,8 +114,9 @@ def back_analyse(
 
 def doubts_before(project: Project) -> list[Finding]:
     """Return what is doubtful before a search: defects of the model that fail, then the table's."""
+    own = doubts(project)  # first: it refuses what is missing before the census is taken
     failed = [one for one in check(project, measure=False).findings if one.failed]
-    return [*failed, *doubts(project)]
+    return [*failed, *own]
 
 
 def plan_back_analysis(

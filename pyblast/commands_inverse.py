@@ -51,10 +51,11 @@ def backanalyse(
                 made, folder = plan_back_analysis(loaded, out, progress=progress)
             console.show_plan(made, folder)
             return
-        console.show_findings(doubts_before(loaded))
+        before = doubts_before(loaded)
+        console.show_findings(before)
         with console.Progress() as progress, executor_of(workers, dask) as executor:
             found, folder = back_analyse(
-                loaded, out, resume=resume, executor=executor, progress=progress
+                loaded, out, resume=resume, executor=executor, progress=progress, before=before
             )
         console.show_search(found, folder, slip_told(found), fit_doubts(found))
 

@@ -277,7 +277,6 @@ def show_told(summary):
         name = one["name"] if one["kind"] == "receiver" else f"{one['kind']} {one['name']}"
         table.add_row(name, f"{one['gain']:.2g}", f"{one['worst']:.2f}", one["worst_path"])
     _out.print(table)
-    say("(ln det: of the covariance of all unknowns; a fall of 1.4 halves where they lie together)")
     for line in told_lines(summary):
         say(line)
 

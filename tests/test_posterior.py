@@ -7,8 +7,9 @@ import time
 
 import numpy as np
 import pytest
+from inversion_project import noisy
 from test_main import spawn
-from test_waveform_search import TRUTH, noisy
+from test_waveform_search import TRUTH
 
 from pyblast import back_analyse, load_project
 from pyblast.errors import InputError, SolverError

@@ -121,8 +121,7 @@ def _side_by_side(job, items, workers):
             for done in as_completed(waiting):
                 yield waiting[done], done.result()
         finally:  # after a failure what has not begun shall not begin
-            for future in waiting:
-                future.cancel()
+            pool.shutdown(cancel_futures=True)
 
 
 if __name__ == "__main__":

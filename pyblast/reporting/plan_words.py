@@ -92,6 +92,11 @@ def told_lines(plan) -> list[str]:
             f"most would be learnt from {place}{best['name']}: it lowers ln det of the covariance "
             f"by {best['gain']:.2g}{worst}"
         )
+    if plan["extras"]:
+        lines.append(
+            "ln det is that of the covariance of all unknowns: where it falls by 1.4, the region "
+            "in which they lie together has half its size"
+        )
     if not plan["gridded"]:
         lines.append(
             "no receiver was tried but those of the project: no place of "
