@@ -86,7 +86,7 @@ def diagnose(
     not fitted to. Writes diagnosis.json and report.html. The same command goes on after Ctrl-C.
     """
     with told():
-        from .diagnose import diagnose_folder, predict_file
+        from .diagnose import check_further, diagnose_folder, predict_file
         from .diagnosis.words import told_lines
         from .ensembles.many_runs import workers as pool
 
@@ -95,6 +95,8 @@ def diagnose(
             raise InputError(
                 "--predict: goes with --predict-out or --predict-baseline; give both or neither"
             )
+        if predict is not None:
+            check_further(case, predict)
         with console.Progress() as progress, pool(workers) as executor:
             found = diagnose_folder(
                 case, out, budget=budget, seed=seed, executor=executor, progress=progress

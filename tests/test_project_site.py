@@ -4,15 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from obspy import UTCDateTime
 from small_site import BAND, BEFORE, CUT, DT, SAMPLES, recorded, small_site
 
-from pyblast.diagnose import diagnose_folder, predict_file, read_case
+from pyblast.diagnose import check_further, diagnose_folder, predict_file, read_case
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import Forward
 from pyblast.errors import InputError
 from pyblast.projects.project import load_project
 from pyblast.projects.project_site import diagnosed_blasts, site_of_project
 from pyblast.projects.site import SiteJoint
+from pyblast.projects.site_writer import write_site
+from pyblast.records.recordings import read_stations
 
 TOP = 50.0  # m, height of the ground in the project; a site has it at 0
 GROUND = """
@@ -191,7 +194,7 @@ def test_records_without_time_before_the_blast_are_refused(tmp_path):
         read_case(path)
 
 
-def test_a_project_is_diagnosed_but_foretells_no_files(tmp_path, monkeypatch):
+def test_a_project_is_read_where_a_diagnosis_begins(tmp_path, monkeypatch):
     path = written(tmp_path, believed())
     calls = []
 
@@ -203,5 +206,48 @@ def test_a_project_is_diagnosed_but_foretells_no_files(tmp_path, monkeypatch):
     with pytest.raises(InputError, match="stop"):
         diagnose_folder(path, tmp_path / "out")
     assert calls == ["small"]
-    with pytest.raises(InputError, match="--predict: needs a case folder"):
-        predict_file(path, tmp_path, {"model": {"values": []}}, path, path)
+
+
+def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_path, monkeypatch):
+    site = believed()
+    project = written(tmp_path, site)
+    zeros = dict.fromkeys(site.blasts, "2024-05-01T12:00:00")
+    write_site(tmp_path / "case", replace(site, time_zeros=zeros))
+    lines = (tmp_path / "B1_holes.csv").read_text().splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    raised = [",".join([i, x, y, f"{float(z) + TOP:.12g}", *rest]) for i, x, y, z, *rest in rows]
+    (tmp_path / "raised.csv").write_text("\n".join([lines[0], *raised]))
+    monkeypatch.setattr("pyblast.diagnose.cut_of", lambda *_, **__: CUT)
+    known = {"model": {"values": [0.1, -0.1, 0.2, 0.0], "effects": []}}
+    found = []
+    for folder, holes in ((tmp_path / "case", "B1_holes.csv"), (project, "raised.csv")):
+        check_further(folder, tmp_path / holes)
+        out = tmp_path / f"{holes}.mseed"
+        predict_file(folder, tmp_path / "out", known, tmp_path / holes, out)
+        found.append(read_stations(out))
+
+    for name, one in found[0].items():
+        other = found[1][name]
+        motion = one.seismogram.velocity
+        assert one.header["channels"]["north"] == f"PB.{name}..HHN"
+        assert other.header["channels"]["north"] == f".{name}..DPN"
+        np.testing.assert_allclose(
+            other.seismogram.velocity, motion, rtol=1e-5, atol=1e-5 * np.abs(motion).max()
+        )
+    assert UTCDateTime(found[1]["R1"].time).timestamp == pytest.approx(-BEFORE * DT, abs=1e-6)
+
+
+def test_a_further_blast_that_can_not_be_foretold_is_refused_before_any_run(tmp_path):
+    path = written(tmp_path, believed())
+    holes = tmp_path / "S1_holes.csv"
+
+    with pytest.raises(InputError, match=r"S1_holes.csv: hole 1: lies outside of the box"):
+        check_further(path, holes)  # 50 m too low
+    for one in tmp_path.glob("*.toml"):
+        one.write_text(one.read_text().replace('name = "R1"', 'name = "crest_1"'))
+    head, row = holes.read_text().splitlines()[:2]
+    cells = row.split(",")
+    raised = tmp_path / "raised.csv"
+    raised.write_text("\n".join([head, ",".join([*cells[:3], "45", *cells[4:]])]))
+    with pytest.raises(InputError, match="receiver 'crest_1': miniSEED holds 5 characters"):
+        check_further(path, raised)

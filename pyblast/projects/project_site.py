@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..blasting.blast import Blast
 from ..errors import InputError
 from ..motion.seismogram import GEOGRAPHIC
 from ..solving.model import Receiver
@@ -91,7 +92,7 @@ def site_of_project(project: Project) -> Site:
         with named_error(f"{one.path.name}: diagnose"):
             _refuse(one.config)
     with named_error(f"{project.path.name}: diagnose"):
-        top = project.config.mesh.origin_m[2] + project.config.mesh.size_m[2]
+        top = ground_height(project)
         box = _box(project.config, top)
         site = Site(
             name=project.title,
@@ -102,7 +103,7 @@ def site_of_project(project: Project) -> Site:
             receivers=_receivers(every, top),
             moment_rate=project.inside.moment_rate,
             exponent=project.config.blast.charge_exponent,
-            blasts={one.path.stem: _lowered(one.blast, top) for one in every},
+            blasts={one.path.stem: lowered(one.blast, top) for one in every},
             records={one.path.stem: _records(one) for one in every},
             time_zeros={},
             band=_band(project.config),
@@ -212,7 +213,12 @@ def _receivers(every, top):
     return tuple(Receiver(name, place) for name, place in places.items())
 
 
-def _lowered(blast, top):
+def ground_height(project: Project) -> float:
+    """Return the height in m of the ground of a project, which is 0 in its site."""
+    return project.config.mesh.origin_m[2] + project.config.mesh.size_m[2]
+
+
+def lowered(blast: Blast, top: float) -> Blast:
     """Return a blast with the ground at height 0; refuse holes without a charge."""
     for name, charge in zip(blast.hole_ids, blast.charge, strict=True):
         if not charge > 0.0:
@@ -268,11 +274,15 @@ def _noise_window(config, records):
 
 def _refuse_outside(site):
     """Refuse receivers and holes that are not in the box."""
-    places = {f"receivers.{one.name}": one.position for one in site.receivers}
+    for one in site.receivers:
+        refuse_outside(site.box, f"receivers.{one.name}", one.position)
     for name, blast in site.blasts.items():
-        places |= {f"{name}: hole {i}": at for i, at in zip(blast.hole_ids, blast.centres,
-                                                            strict=True)}  # fmt: skip
-    low, high = site.box.T
-    for name, place in places.items():
-        if not (np.all(np.array(place) >= low) and np.all(np.array(place) <= high)):
-            raise InputError(f"{name}: lies outside of the box of the ground; move it into it")
+        for hole, place in zip(blast.hole_ids, blast.centres, strict=True):
+            refuse_outside(site.box, f"{name}: hole {hole}", place)
+
+
+def refuse_outside(box, name, place):
+    """Refuse a place in m, of something of a name, that is not in a box (3, 2) m."""
+    low, high = box.T
+    if not (np.all(np.array(place) >= low) and np.all(np.array(place) <= high)):
+        raise InputError(f"{name}: lies outside of the box of the ground; move it into it")
