@@ -78,6 +78,32 @@ def damped_fits():
     return here, fit(here, ()), fit(here, (Effect("attenuation_Q", "", ((12.0,),)),))
 
 
+def test_an_effect_on_top_of_another_is_fitted_by_fewer_runs_as_well():
+    """What was fitted before keeps its columns while the clock settles, then both move."""
+
+    def late(motion):
+        moved = motion.copy()
+        moved[:, 1] = np.roll(motion[:, 1], 2, axis=-1)  # 8 ms
+        return moved
+
+    truth = recorded(small_site(), damping(8.0), change=late)
+    clock = Effect("clock_error", "R1", ((0.0,),))
+    found, runs = [], []
+    for known in (False, True):
+        here = with_holes(scene_of(truth))
+        damped = fit(here, (Effect("attenuation_Q", "", ((12.0,),)),))
+        before = here.forward.runs
+        held = damped if known else None
+        found.append(fit(here, (*damped.effects, clock), damped.values, held=held))
+        runs.append(here.forward.runs - before)
+    anew, held = found
+
+    assert runs[1] < 0.5 * runs[0]
+    assert held.log_evidence == pytest.approx(anew.log_evidence, abs=1.0)
+    assert held.effects[1].values[0][0] == pytest.approx(8e-3, abs=1e-3)
+    assert held.effects[0].values[0][0] == pytest.approx(anew.effects[0].values[0][0], rel=0.05)
+
+
 def damping(quality):
     """Return the small site with this quality."""
     return LIBRARY["attenuation_Q"].apply(small_site(), "", q=quality)

@@ -5,7 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from .fitting import Fit, Fitter
+from .fitter import Fitter
+from .fitting import Fit
 from .hypotheses import LIBRARY
 from .scene import Scene
 from .screening import Guess, started

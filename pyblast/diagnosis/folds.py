@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .fitting import Fit, curvature_of
+from .fitter import curvature_of
+from .fitting import Fit
 from .scene import Scene
 from .targets import blast_and_hole
 

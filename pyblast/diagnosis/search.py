@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from .fitting import Fit, Fitter, fit, settle
+from .fitter import Fitter
+from .fitting import Fit, fit, settle
 from .hypotheses import LIBRARY
 from .scene import Scene
 from .screening import rescreened, screened, started
@@ -124,7 +125,7 @@ def means(size, axis):
 
 def _quick(found, base):
     """Fit each effect that needs no runs on top of others, at all places where it pays."""
-    fits, scene = [], found.scene
+    fits, scene, held = [], found.scene, found.chosen if base else None
     there = {effect.label for effect in base}
     labels = [h for h in LIBRARY.values() if h.on != "site" and h.label not in there]
     home = found.chosen.values
@@ -146,7 +147,7 @@ def _quick(found, base):
             paying = [most[1]] if paying else []
         if most is None or most[0] <= 0.0 or (base and not paying):
             continue
-        one = fit(scene, (*base, *(paying or [most[1]])), home)
+        one = fit(scene, (*base, *(paying or [most[1]])), home, held=held)
         if one is not None:
             fits.append(one)
     return fits
@@ -165,8 +166,10 @@ def _refine(found, guesses, base, most):
             continue
         seen.add(guess.effect.label)
         found.tell(f"fit {guess.effect.label}", done, max(most, surely))
-        home = np.zeros(len(found.none.values)) if not base else found.chosen.values
-        one = fit(found.scene, (*base, guess.effect), home, guess.blasts)
+        home, held = np.zeros(len(found.none.values)), None
+        if base:
+            home, held = found.chosen.values, found.chosen
+        one = fit(found.scene, (*base, guess.effect), home, guess.blasts, held)
         if one is not None:
             found.fits.append(one)
             done += 1

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from .fitting import DIFFERENCE, Fit, curvature_of
+from .fitter import DIFFERENCE, curvature_of
+from .fitting import Fit
 from .hypotheses import LIBRARY
 from .scene import Effect, Scene
 from .search import GROWS, material

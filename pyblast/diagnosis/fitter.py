@@ -1,0 +1,170 @@
+"""The way down from a start to the effects and the values of a site that fit best."""
+
+import numpy as np
+from scipy import linalg
+
+from .scene import Effect, Scene
+
+DIFFERENCE = 0.1  # of a knob's sigma, for derivatives
+ROUNDS = 4
+WORTH = 2.0  # drop of the misfit, one nat, that is not worth another round
+KEPT = 0.5  # of what was promised, that a step must bring if its columns are to be used again
+FARTHEST = 1.5  # sigmas that a knob may go in one round
+
+
+class Fitter:
+    """Coordinates of a set of effects: sigmas of the unknowns, then those of the knobs.
+
+    Parameters
+    ----------
+    scene : Scene
+    effects : sequence of Effect
+        At their starting values.
+    home : (n_unknowns,) float64
+        Values of the unknowns at which runs are made; from there the slopes of the baseline lead.
+    blasts : sequence of int, optional
+        Indices of those that are looked at; all by default.
+    shift : (n_blasts, n_receivers, 3, n_samples) float64, m/s, optional
+        What a finer mesh adds to all that is sent.
+    """
+
+    def __init__(self, scene: Scene, effects, home, blasts=None, shift=0.0):
+        self.scene, self.effects, self.home = scene, tuple(effects), np.asarray(home)
+        self.shift, self.costly = shift, any(e.hypothesis.on == "site" for e in self.effects)
+        self.blasts = tuple(range(len(scene.case.blasts)) if blasts is None else blasts)
+        self.likelihood, self.sigma = scene.baseline.likelihood, scene.baseline.sigma
+        self.knobs = [
+            (number, place, index, knob)
+            for number, effect in enumerate(self.effects)
+            for place, knob in enumerate(effect.hypothesis.knobs)
+            for index in range(len(effect.values[place]))
+        ]
+        low, high = (
+            [knob.coordinate(edge) if np.isfinite(edge) else edge for knob, edge in pairs]
+            for pairs in (
+                [(knob, knob.low) for *_, knob in self.knobs],
+                [(knob, knob.high) for *_, knob in self.knobs],
+            )
+        )
+        free = np.full(len(self.sigma), np.inf)
+        self.bounds = np.concatenate([-free, low]), np.concatenate([free, high])
+
+    def on_site(self, first):
+        """Tell which coordinates (n,) are knobs of the first so many effects, on the site."""
+        early = [e < first and self.effects[e].hypothesis.on == "site" for e, *_ in self.knobs]
+        return np.array([False] * len(self.sigma) + early)
+
+    def start(self):
+        """Return the coordinates of home and of the effects as they were given."""
+        at = [knob.coordinate(self.effects[e].values[p][i]) for e, p, i, knob in self.knobs]
+        return np.concatenate([self.home / self.sigma, at])
+
+    def state(self, place):
+        """Return the values of the unknowns and the effects at coordinates."""
+        n = len(self.sigma)
+        changed = [[list(some) for some in effect.values] for effect in self.effects]
+        for (e, p, i, knob), coordinate in zip(self.knobs, place[n:], strict=True):
+            changed[e][p][i] = float(knob.value(coordinate))
+        effects = tuple(
+            Effect(effect.name, effect.target, tuple(map(tuple, values)))
+            for effect, values in zip(self.effects, changed, strict=True)
+        )
+        return self.sigma * place[:n], effects
+
+    def motions(self, places):
+        """Return the motion at coordinates; runs are made only for effects on the site.
+
+        Unknowns of the site move it along the slopes of the baseline. Blasts that are not looked
+        at stay as they are recorded.
+        """
+        states = [self.state(place) for place in places]
+        sent = self.scene.sent([(self.home, effects) for _, effects in states], self.blasts)
+        found = []
+        for (values, effects), one in zip(states, sent, strict=True):
+            if one is None:
+                found.append(None)
+                continue
+            slopes = self.scene.baseline.slopes
+            one = one + self.shift + np.tensordot(values - self.home, slopes, 1)
+            found.append(self.scene.received(one, effects))
+        return found
+
+    def left(self, motion):
+        """Return the whitened residual (n_blasts, n_receivers, m)."""
+        return self.likelihood.left(motion)
+
+    def squares(self, place, motion):
+        """Return the misfit with the squares of the coordinates."""
+        return float(self.likelihood.misfit(self.left(motion), self.blasts) + place @ place)
+
+    def columns(self, place, motion, free):
+        """Return the derivatives of the whitened motion, (n_coordinates, n_blasts, ..., m).
+
+        Parameters
+        ----------
+        place : (n_coordinates,) float64
+        motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        free : (n_coordinates,) bool
+            Which may move; the others have no derivatives.
+        """
+        steps = DIFFERENCE * np.eye(len(place))
+        steps[place + DIFFERENCE > self.bounds[1]] *= -1.0
+        base = self.left(motion)
+        columns = np.zeros((len(place), *base.shape))
+        moved = self.motions(place + steps[free])
+        for at, step, one in zip(np.flatnonzero(free), steps[free], moved, strict=True):
+            columns[at] = (base - self.left(one)) / step.sum()
+        columns[:, [b for b in range(len(base)) if b not in self.blasts]] = 0.0
+        return columns
+
+    def step(self, place, columns, motion, free):
+        """Return the best move within reach, what it promises, and the curvature."""
+        left = self.left(motion)
+        weights = self.likelihood.weights(self.likelihood.size(left))
+        curvature = curvature_of(columns, weights)
+        pull = np.einsum("ibrm,brm,br->i", columns, left, weights, optimize=True) - place
+        move = np.zeros(len(place))
+        move[free] = linalg.solve(curvature[np.ix_(free, free)], pull[free], assume_a="pos")
+        n = len(self.sigma)
+        longest = np.max(np.abs(move[n:]), initial=0.0)
+        move *= min(1.0, FARTHEST / max(longest, 1e-12))
+        move = np.clip(place + move, *self.bounds) - place
+        return move, float(2.0 * pull @ move - move @ curvature @ move), curvature
+
+    def descended(self, place, motion, free=None, known=None):
+        """Go down by damped Gauss-Newton steps; return place, motion, columns and curvature.
+
+        ``known`` columns are used in place of new ones. Those that take runs are made anew only
+        where a step brought much less than they promised; Broyden's rule improves them.
+        """
+        free = np.ones(len(place), dtype=bool) if free is None else free
+        squares, columns, anew = self.squares(place, motion), known, known is None
+        for _ in range(ROUNDS):
+            if anew:
+                columns = self.columns(place, motion, free)
+            move, promised, curvature = self.step(place, columns, motion, free)
+            if promised < WORTH:
+                break
+            for _ in range(3):
+                trial = self.motions([place + move])[0]
+                found = np.inf if trial is None else self.squares(place + move, trial)
+                if found < squares:
+                    break
+                move = 0.4 * move
+            else:
+                break
+            missed = self.left(motion) - self.left(trial) - np.tensordot(move, columns, 1)
+            gained, squares = squares - found, found
+            place, motion = place + move, trial
+            if gained < WORTH:
+                break
+            anew = known is None and (not self.costly or gained < KEPT * promised)
+            if not anew:
+                columns = columns + np.multiply.outer(move / (move @ move), missed)
+        return place, motion, columns, curvature
+
+
+def curvature_of(columns, weights):
+    """Return the curvature of the misfit with that of the priors, (n, n)."""
+    found = np.einsum("ibrm,jbrm,br->ij", columns, columns, weights, optimize=True)
+    return found + np.eye(len(columns))
