@@ -8,7 +8,6 @@ from .scene import Effect, Scene
 DIFFERENCE = 0.1  # of a knob's sigma, for derivatives
 ROUNDS = 4
 WORTH = 2.0  # drop of the misfit, one nat, that is not worth another round
-KEPT = 0.5  # of what was promised, that a step must bring if its columns are to be used again
 FARTHEST = 1.5  # sigmas that a knob may go in one round
 
 
@@ -30,7 +29,7 @@ class Fitter:
 
     def __init__(self, scene: Scene, effects, home, blasts=None, shift=0.0):
         self.scene, self.effects, self.home = scene, tuple(effects), np.asarray(home)
-        self.shift, self.costly = shift, any(e.hypothesis.on == "site" for e in self.effects)
+        self.shift = shift
         self.blasts = tuple(range(len(scene.case.blasts)) if blasts is None else blasts)
         self.likelihood, self.sigma = scene.baseline.likelihood, scene.baseline.sigma
         self.knobs = [
@@ -134,14 +133,12 @@ class Fitter:
     def descended(self, place, motion, free=None, known=None):
         """Go down by damped Gauss-Newton steps; return place, motion, columns and curvature.
 
-        ``known`` columns are used in place of new ones. Those that take runs are made anew only
-        where a step brought much less than they promised; Broyden's rule improves them.
+        ``known`` columns are used in place of new ones, in every step.
         """
         free = np.ones(len(place), dtype=bool) if free is None else free
-        squares, columns, anew = self.squares(place, motion), known, known is None
+        squares = self.squares(place, motion)
         for _ in range(ROUNDS):
-            if anew:
-                columns = self.columns(place, motion, free)
+            columns = self.columns(place, motion, free) if known is None else known
             move, promised, curvature = self.step(place, columns, motion, free)
             if promised < WORTH:
                 break
@@ -153,14 +150,10 @@ class Fitter:
                 move = 0.4 * move
             else:
                 break
-            missed = self.left(motion) - self.left(trial) - np.tensordot(move, columns, 1)
             gained, squares = squares - found, found
             place, motion = place + move, trial
             if gained < WORTH:
                 break
-            anew = known is None and (not self.costly or gained < KEPT * promised)
-            if not anew:
-                columns = columns + np.multiply.outer(move / (move @ move), missed)
         return place, motion, columns, curvature
 
 

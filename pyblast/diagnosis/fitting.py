@@ -103,7 +103,7 @@ def fit(scene: Scene, effects, home=None, first=None, held: Fit | None = None) -
             return None
         waits = fitter.on_site(0 if held is None else len(held.effects))
         place, motion, columns, curvature = fitter.descended(place, motion, ~waits)
-    if fitter.costly:
+    if any(effect.hypothesis.on == "site" for effect in effects):
         if held is not None:
             columns[waits] = held.columns[waits[: len(held.columns)]]
         fitter.home = fitter.state(place)[0]

@@ -159,7 +159,8 @@ def _collect(model, duration, side, numbers, folder, executor):
         cache = Cache(folder)
         found = {n: cache.get(_key(model, duration, side, n)) for n in numbers}
     missing = [n for n in numbers if found.get(n) is None]
-    groups = [missing[n : n + LANES] for n in range(0, len(missing), LANES)]
+    abreast = 1 if model.quadratic else LANES  # lanes gain nothing there: docs/performance.md
+    groups = [missing[n : n + abreast] for n in range(0, len(missing), abreast)]
     if executor is None:
         made = [_march_group(model, duration, side, group, folder) for group in groups]
     else:

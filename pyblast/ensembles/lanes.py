@@ -14,6 +14,8 @@ from ..solving.preparation import LEDGER_EVERY, Prepared
 def march_side_by_side(prepared: Prepared, loads, n_steps, nodes) -> Iterator[np.ndarray]:
     """March a linear model from rest, all that drives it left out, under each of some loads.
 
+    A single load goes without lanes.
+
     Parameters
     ----------
     prepared : Prepared
@@ -35,12 +37,16 @@ def march_side_by_side(prepared: Prepared, loads, n_steps, nodes) -> Iterator[np
     """
     constants, state = at_rest(prepared.constants)
     constants = {**constants, **listening(constants, nodes), **_in_lanes(loads)}
-    views, state = kernels.side_by_side(_repeated(constants)), _repeated(state)
+    if len(loads) == 1:
+        views, advance = kernels.to_fortran(constants), kernels.advance
+    else:
+        views, state = kernels.side_by_side(_repeated(constants)), _repeated(state)
+        advance = kernels.advance_all
     for first, count in stretches(n_steps, 3 * kernels.LANES * len(constants["receiver_node"])):
-        motion, _, failed = kernels.advance_all(views, state, first, count, LEDGER_EVERY)
+        motion, _, failed = advance(views, state, first, count, LEDGER_EVERY)
         if failed is not None:
             raise SolverError(f"march: the motion grew without limit at step {first + len(motion)}")
-        yield motion[..., : len(loads)]
+        yield motion.reshape(*motion.shape[:3], -1)[..., : len(loads)]
 
 
 def _in_lanes(loads):
