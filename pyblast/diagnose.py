@@ -115,7 +115,7 @@ def diagnose(
     case = case_of(site)
     rough, fine = cuts or (cut_of(site), cut_of(site, fine=True))
     forward = Forward(case, rough, folder, executor)
-    finer = None if fine is None else Forward(case, fine, folder)  # few runs: each on all threads
+    finer = None if fine is None else Forward(case, fine, folder, executor)
     tell("calibration", 0, 1)
     baseline = calibrate(forward, finer)
     tell("holes", 0, 1)

@@ -1,7 +1,7 @@
 """A kept run is the run; what is broken or foreign is left aside; many runs resume."""
 
 import logging
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -104,6 +104,31 @@ def test_a_pool_gives_the_bits_of_runs_one_by_one_and_resumes(tmp_path):
     assert [one.found for one in together] == [False, True, False]
     assert all(same(*pair) for pair in zip(together, alone, strict=True))
     assert all(one.found for one in run_all(models, DURATION, folder=tmp_path))
+
+
+class Counted(ThreadPoolExecutor):
+    """A pool of two that remembers what it was given."""
+
+    def __init__(self):
+        super().__init__(2)
+        self.count, self.given = 2, []
+
+    def submit(self, function, model, *rest):
+        self.given.append(model)
+        return super().submit(function, model, *rest)
+
+
+@pytest.mark.parametrize(("least", "pooled"), [(1, 2), (10**6, 3)])
+def test_a_large_run_that_a_pool_would_make_alone_takes_all_threads(monkeypatch, least, pooled):
+    models = [small(charge) for charge in (1.0, 2.0, 3.0)]
+    alone = run_all(models, DURATION)
+    monkeypatch.setattr("pyblast.ensembles.many_runs.LEAST_SHARED", least)
+
+    with Counted() as pool:
+        together = run_all(models, DURATION, executor=pool)
+
+    assert pool.given == models[:pooled]
+    assert all(same(*pair) for pair in zip(together, alone, strict=True))
 
 
 class Interrupted(Executor):

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 
 from ..errors import InputError, SolverError
+from ..solving.kernels import LEAST_SHARED
 from ..solving.model import Model
 from .run_cache import KeptRun, cached_run, find_run
 
@@ -44,24 +45,36 @@ def run_all(
     if executor is None:
         return [cached_run(model, duration, folder) for model in models]
     kept = [find_run(model, duration, folder) for model in models]
-    waiting = [
-        executor.submit(cached_run, model, duration, folder) if run is None else None
-        for model, run in zip(models, kept, strict=True)
-    ]
+    missing = [n for n, run in enumerate(kept) if run is None]
+    here = _left_over(missing, models, executor)
+    waiting = {
+        n: executor.submit(cached_run, models[n], duration, folder)
+        for n in missing if n not in here
+    }  # fmt: skip
     try:
-        return [
-            run if future is None else future.result()
-            for run, future in zip(kept, waiting, strict=True)
-        ]
+        done = {n: future.result() for n, future in waiting.items()}
+        done |= {n: cached_run(models[n], duration, folder) for n in here}
     except BrokenProcessPool:
         raise SolverError(
             "runs: a process was lost, perhaps for want of memory; the same command goes on "
             "with what is missing"
         ) from None
     finally:  # after a failure or Ctrl-C what has not begun shall not begin
-        for future in waiting:
-            if future is not None:
-                future.cancel()
+        for future in waiting.values():
+            future.cancel()
+    return [done.get(n, run) for n, run in enumerate(kept)]
+
+
+def _left_over(missing, models, executor):
+    """Return the last of the missing, which this process makes on all threads, one by one.
+
+    What is left beyond equal shares of the pool, if it fills no more than half of it and steps of
+    its models are worth sharing.
+    """
+    count = getattr(executor, "count", 0)
+    rest = missing[len(missing) - len(missing) % count :] if count else []
+    large = all(len(models[n].nodes.points) >= LEAST_SHARED for n in rest)
+    return rest if large and 2 * len(rest) <= count else []
 
 
 @contextmanager
@@ -102,6 +115,14 @@ def _dask_client(address):
         raise InputError(f"--dask: no scheduler answers at {address} ({error})") from None
 
 
+class Processes(ProcessPoolExecutor):
+    """A pool that knows how many processes it has, ``count``."""
+
+    def __init__(self, count):
+        super().__init__(count, mp_context=get_context("spawn"))
+        self.count = count
+
+
 @contextmanager
 def workers(count: int | None = None):
     """Open a pool of processes that share the cores of this machine.
@@ -121,7 +142,7 @@ def workers(count: int | None = None):
     before = os.environ.get(THREADS)
     os.environ[THREADS] = str(max(1, cores // count))  # read by each process when it starts
     try:
-        with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+        with Processes(count) as pool:
             yield pool
     finally:
         if before is None:

@@ -21,6 +21,7 @@ ENERGIES = (
     "unbalanced",
 )
 LANES = int(_core_batch.pyblast_lanes.lanes)  # models that march side by side
+LEAST_SHARED = int(_core.pyblast_kinds.least_shared)  # nodes of a model whose steps threads share
 N_SUMS = int(_core.pyblast_kinds.n_sums)
 N_JOINT_STATE = int(_core.pyblast_kinds.n_joint_state)
 N_JOINT_PROPERTIES = int(_core.pyblast_kinds.n_joint_properties)
