@@ -8,6 +8,7 @@ from scipy import linalg
 from .fitter import Fitter
 from .scene import Effect, Scene
 
+OPEN = 8.0  # drop of the misfit that old columns promise and do not bring, above which they are old
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -94,15 +95,23 @@ def fit(scene: Scene, effects, home=None, first=None, held: Fit | None = None) -
         None where an effect can't be at this site.
     """
     home = scene.baseline.values if home is None else home
-    place = None
-    for blasts in (first, None) if first else (None,):
+    every = range(len(scene.case.blasts))
+    early = () if first is None else tuple(first)
+    place = columns = None
+    for blasts in (early, every) if 0 < len(early) < len(every) else (every,):
         fitter = Fitter(scene, effects, home, blasts)
         place = fitter.start() if place is None else place
         motion = fitter.motions([place])[0]
         if motion is None:
             return None
         waits = fitter.on_site(0 if held is None else len(held.effects))
-        place, motion, columns, curvature = fitter.descended(place, motion, ~waits)
+        if columns is not None:  # they lack the blasts that were not fitted first
+            others = Fitter(scene, effects, home, [b for b in every if b not in early])
+            columns = columns + others.columns(place, motion, ~waits)
+        known = columns
+        place, motion, columns, curvature = fitter.descended(place, motion, ~waits, known)
+        if known is not None and fitter.step(place, columns, motion, ~waits)[1] > OPEN:
+            place, motion, columns, curvature = fitter.descended(place, motion, ~waits)
     if any(effect.hypothesis.on == "site" for effect in effects):
         if held is not None:
             columns[waits] = held.columns[waits[: len(held.columns)]]
