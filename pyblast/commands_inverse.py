@@ -71,7 +71,7 @@ def diagnose(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes side by side [one for each core].")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of the shuffled residuals.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of the shuffled residuals.")] = 1,
     predict: Annotated[
         Path | None, typer.Option(help="Hole table of a further blast to foretell.")
     ] = None,
@@ -86,17 +86,18 @@ def diagnose(
     not fitted to. Writes diagnosis.json and report.html. The same command goes on after Ctrl-C.
     """
     with told():
-        from .diagnose import check_further, diagnose_folder, predict_file
+        from .diagnose import diagnose_folder
         from .diagnosis.words import told_lines
         from .ensembles.many_runs import workers as pool
+        from .foretell import check_further, predict_file
 
         wanted = [(predict_out, False), (predict_baseline, True)]
         if (predict is None) != (predict_out is None and predict_baseline is None):
             raise InputError(
-                "--predict: goes with --predict-out or --predict-baseline; give both or neither"
+                "--predict: goes with --predict-out, --predict-baseline or both, and they with it"
             )
         if predict is not None:
-            check_further(case, predict)
+            check_further(case, predict, [path for path, _ in wanted if path is not None])
         with console.Progress() as progress, pool(workers) as executor:
             found = diagnose_folder(
                 case, out, budget=budget, seed=seed, executor=executor, progress=progress

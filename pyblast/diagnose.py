@@ -8,35 +8,22 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from obspy import UTCDateTime
-
-from .blasting.hole_tables import read_blast
 from .diagnosis import library  # noqa: F401  fills the library
 from .diagnosis.calibration import calibrate
-from .diagnosis.case import Case, case_of
+from .diagnosis.case import case_of
 from .diagnosis.chance import Chance, chance
 from .diagnosis.forward import Forward
-from .diagnosis.prediction import effects_of, predict
 from .diagnosis.scene import Scene
 from .diagnosis.search import Search, search
 from .diagnosis.verdict import Verdict, judge
 from .diagnosis.words import summarise
 from .ensembles.input_hash import WHOLE, code_hash
 from .errors import InputError, ReadError
-from .motion.seismogram import Seismogram
 from .projects.project import load_project
-from .projects.project_site import (
-    diagnosed_blasts,
-    ground_height,
-    lowered,
-    refuse_outside,
-    site_of_project,
-)
-from .projects.result import plain, write_bytes, write_summary
+from .projects.project_site import diagnosed_blasts, site_of_project
+from .projects.result import plain, write_summary
 from .projects.site import Site, read_site
 from .projects.site_model import Cut
-from .records.mseed_file import channel_names, mseed_bytes
 from .reporting.diagnosis_report import write_diagnosis_report
 from .solving.provenance import versions
 
@@ -199,91 +186,20 @@ def diagnose_folder(folder, output, *, budget=BUDGET, seed=1, executor=None, pro
     return plain(summary)
 
 
-def predict_file(folder, output, summary, holes, path, baseline=False):
-    """Write what a diagnosed site sends to its receivers in a further blast, as miniSEED.
-
-    Parameters
-    ----------
-    folder, output : path
-        As of `diagnose_folder`.
-    summary : dict
-        What it returned.
-    holes : path
-        Table of the holes of the further blast.
-    path : path
-        Of the file; it has the channels, the sampling and the start of the last recorded blast. Of
-        a project, which tells no instants, the first hole fires as 1970 begins.
-    baseline : bool
-        Without the effects: the site as it was calibrated alone.
-    """
-    case, model = case_of(read_case(folder)), summary["model"]
-    blast = _further(folder, case.site, holes)
-    values = model["baseline_values"] if baseline else model["values"]
-    effects = () if baseline else effects_of(model)
-    motion = predict(
-        case, cut_of(case.site, fine=True), blast, values, effects, Path(output) / RUNS
-    )
-    write_bytes(path, _as_recorded(case, motion))
-
-
-def check_further(folder, holes):
-    """Check, before a diagnosis, that it could foretell a further blast.
-
-    Raises
-    ------
-    InputError, ReadError
-        If the table of its holes is no good, a hole lies outside of the box, or a file can't hold
-        the names of the receivers.
-    """
-    case = case_of(read_case(folder))
-    _further(folder, case.site, holes)
-    _channels(case)
-
-
-def _further(folder, site, holes):
-    """Read the table of the holes of a further blast at a site, with its ground at height 0."""
-    blast = read_blast(holes)
-    if not Path(folder).is_dir():
-        blast = lowered(blast, ground_height(load_project(folder)))
-    for name, place in zip(blast.hole_ids, blast.centres, strict=True):
-        refuse_outside(site.box, f"{holes}: hole {name}", place)
-    return blast
-
-
-def _as_recorded(case: Case, motion):
-    """Return motion as a file with the sampling and the start of the records of the last blast."""
-    records, last = case.site.records, case.blasts[-1]
-    first = next(iter(records[last].values())).seismogram
-    sampling = first.start, case.dt, len(first.velocity)
-    whole = np.stack(
-        [Seismogram(one.T, case.dt, 0.0).sampled(*sampling).velocity.T for one in motion]
-    )
-    start = UTCDateTime(case.site.time_zeros.get(last, 0)) + first.start
-    return mseed_bytes(whole, _channels(case), case.dt, str(start))
-
-
-def _channels(case: Case):
-    """Return the names of the channels of each receiver, as they were recorded last."""
-    every = [case.site.records[blast] for blast in reversed(case.blasts)]
-    records = {name: next(some[name] for some in every if name in some) for name in case.receivers}
-    return [
-        channel_names(name, record.header.get("channels", {}), case.dt)
-        for name, record in records.items()
-    ]
-
-
 def _hash_of(folder):
     """Return the hash of all files of a case folder, or of all that a project names."""
     digest = hashlib.sha256()
-    if not Path(folder).is_dir():
-        for one in diagnosed_blasts(load_project(folder)):
-            digest.update(json.dumps(one.input_files, sort_keys=True).encode())
-        return digest.hexdigest()
     try:
+        if not Path(folder).is_dir():
+            for one in diagnosed_blasts(load_project(folder)):
+                digest.update(json.dumps(one.input_files, sort_keys=True).encode())
+            return digest.hexdigest()
         for path in sorted(p for p in Path(folder).iterdir() if p.is_file()):
             digest.update(path.name.encode() + path.read_bytes())
+    except ReadError:
+        raise
     except OSError as error:
-        raise ReadError(f"{folder}: can't be read ({error.strerror})") from None
+        raise ReadError(f"{error.filename}: can't be read ({error.strerror})") from None
     return digest.hexdigest()
 
 

@@ -7,10 +7,11 @@ import pytest
 from obspy import UTCDateTime
 from small_site import BAND, BEFORE, CUT, DT, SAMPLES, recorded, small_site
 
-from pyblast.diagnose import check_further, diagnose_folder, predict_file, read_case
+from pyblast.diagnose import diagnose_folder, read_case
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import Forward
 from pyblast.errors import InputError
+from pyblast.foretell import check_further, predict_file
 from pyblast.projects.project import load_project
 from pyblast.projects.project_site import diagnosed_blasts, site_of_project
 from pyblast.projects.site import SiteJoint
@@ -217,7 +218,7 @@ def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_
     rows = [line.split(",") for line in lines[1:]]
     raised = [",".join([i, x, y, f"{float(z) + TOP:.12g}", *rest]) for i, x, y, z, *rest in rows]
     (tmp_path / "raised.csv").write_text("\n".join([lines[0], *raised]))
-    monkeypatch.setattr("pyblast.diagnose.cut_of", lambda *_, **__: CUT)
+    monkeypatch.setattr("pyblast.foretell.cut_of", lambda *_, **__: CUT)
     known = {"model": {"values": [0.1, -0.1, 0.2, 0.0], "effects": []}}
     found = []
     for folder, holes in ((tmp_path / "case", "B1_holes.csv"), (project, "raised.csv")):

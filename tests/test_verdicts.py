@@ -59,7 +59,10 @@ def test_records_without_which_nothing_is_told_of_an_effect_are_no_fold():
     columns = both.columns.copy()
     columns[len(both.values), 0] = 0.0  # as if the clock could not be heard in S1
 
-    found = held_out(here, loud, replace(both, columns=columns))
+    motion = both.motion.copy()
+    motion[0] = loud.motion[0]
+
+    found = held_out(here, loud, replace(both, columns=columns, motion=motion))
 
     assert [fold.name for fold in found.folds] == ["S1"]
 

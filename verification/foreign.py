@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.diagnose import diagnose_folder, predict_file
+from pyblast.diagnose import diagnose_folder
 from pyblast.ensembles.many_runs import workers
+from pyblast.foretell import predict_file
 from pyblast.projects.result import write_text
 from pyblast.records.recordings import read_stations
 from pyblast.residuals.band import band_functions

@@ -10,6 +10,7 @@ from ..residuals.band import Band, band_functions
 from ..residuals.noise import Noise, noise_of
 
 COMPONENTS = ("east", "north", "up")
+SHORTEST = 0.5  # of the longest record: none may end before
 ALIGNED = 0.01  # of a sample, by which records may be off the instants that are compared
 
 
@@ -84,13 +85,13 @@ def case_of(site: Site, blasts=None) -> Case:
     dt = every[0].seismogram.dt
     if any(abs(one.seismogram.dt - dt) > 1e-9 * dt for one in every):
         raise InputError("case: records differ in sampling rate; resample them to one")
-    end = min(one.seismogram.times[-1] for one in every)
-    after = 0.0, int(np.floor(end / dt + 1e-6)) + 1
+    after = 0.0, int(np.floor(_end(names, records) / dt + 1e-6)) + 1
     first, last = site.noise_window
     before = first, int(np.floor((last - first) / dt + 1e-6))
     (motion, valid), (quiet, heard) = (
         _arrays(records, receivers, start, dt, n) for start, n in (after, before)
     )
+    _check_windows(site, names, receivers, records, heard)
     silent = ~np.any(heard & (quiet != 0.0), axis=(0, 3))
     valid[:, silent] = False
     quiet[:, silent] = _loudest(quiet)
@@ -100,6 +101,37 @@ def case_of(site: Site, blasts=None) -> Case:
     whole = None if valid.all() else valid
     band = band_functions(motion.shape[-1], dt, site.band, whole)
     return Case(site, names, receivers, dt, motion, valid, band, noise, dead)
+
+
+def _end(names, records):
+    """Return the time in s at which the first record ends; refuse one that ends far too early."""
+    ends = {
+        (blast, name): float(one.seismogram.times[-1])
+        for blast, some in zip(names, records, strict=True) for name, one in some.items()
+    }  # fmt: skip
+    blast, name = early = min(ends, key=ends.get)
+    longest = max(ends.values())
+    if ends[early] < SHORTEST * longest:
+        raise InputError(
+            f"{blast}: the record of {name} ends {ends[early]:.3g} s after the first hole, others "
+            f"end at {longest:.3g} s, and all are compared as far as the shortest; mend its "
+            "time_zero, or take it out"
+        )
+    return ends[early]
+
+
+def _check_windows(site, names, receivers, records, heard):
+    """Refuse a receiver none of whose records holds the window of noise."""
+    (first, last), ever, whole = site.noise_window, heard.any(axis=(0, 3)), heard.all(axis=3)
+    for r, name in enumerate(receivers):
+        if ever[r].any() and np.all(whole[:, r].any(axis=0) | ~ever[r]):
+            continue
+        starts = [(b, some[name]) for b, some in zip(names, records, strict=True) if name in some]
+        blast, one = min(starts, key=lambda pair: pair[1].seismogram.start)
+        raise InputError(
+            f"recording.noise_window_s: no record of {name} holds {first:g} to {last:g} s whole; "
+            f"that of {blast} begins at {one.seismogram.start:.4g} s"
+        )
 
 
 def _loudest(quiet):

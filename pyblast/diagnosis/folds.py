@@ -1,6 +1,7 @@
 """Whether an effect foretells records that it was not fitted to."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ FALLS = 0.5  # nats that a fold may lose without counting against
 MOSTLY = 0.75  # of the folds must gain
 ERRORS = 2.0  # standard errors that the sum must lie above zero
 FEW = 3  # folds, of which a standard error says nothing: each must gain
-LEAST = 6.0  # nats that few folds must gain together
+LEAST = 6.0  # nats that few folds must gain together, or in which an effect is seen
 TOLD = 0.5  # of the prior variance of a knob, above which nothing is told of it
 
 
@@ -67,6 +68,11 @@ class HeldOut:
             return len(fair) > 1 and self.gain > LEAST and all(f.gain > 0.0 for f in self.folds)
         return bool(self.gain > ERRORS * self.error and np.mean(fair) >= MOSTLY)
 
+    @property
+    def bears(self):
+        """Tell whether nothing speaks against it: it improves, or no record could be left out."""
+        return self.improves or not self.folds
+
 
 def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
     """Leave out receivers, blasts or both, by the axes of the effects.
@@ -81,9 +87,9 @@ def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
     -----
     Effects of a blast must foretell other receivers, those of a receiver other blasts, those of
     the ground both; effects that are there before have no say in it. A blast or a receiver with
-    an effect of its own is not left out, nor one without records, nor one without which nothing
-    is told of an effect: a joint that slips in one blast alone. Each fit is made anew without what
-    is left out, by one linear step from where it was; theory.md (14.5).
+    an effect of its own is not left out, nor one without records, nor one without which an effect
+    is not seen, in knobs or in the misfit: a joint that slips in one blast alone. Each fit is made
+    anew without what is left out, by one linear step from where it was; theory.md (14.5).
     """
     added = [effect for effect in after.effects if effect.label not in before.labels]
     axes = {e.hypothesis.axis for e in added}
@@ -103,11 +109,12 @@ def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
         if name in targets or not np.any(kept[place]):
             continue
         move, curvature = step_without(scene, after, out)
-        if not _told(np.diag(np.linalg.inv(curvature))[len(after.values) :], knobs):
-            continue
         first = _foretold(scene, before, step_without(scene, before, out)[0], out)
         later = _foretold(scene, after, move, out)
-        folds.append(Fold(name, 0.5 * (first[0] - later[0]), first[1], later[1]))
+        seen = 0.5 * (first.others - later.others) > LEAST
+        if not (seen or _told(np.diag(np.linalg.inv(curvature))[len(after.values) :], knobs)):
+            continue
+        folds.append(Fold(name, 0.5 * (first.misfit - later.misfit), first.share, later.share))
     return HeldOut(tuple(folds))
 
 
@@ -141,10 +148,19 @@ def _told(spread, knobs):
     return all(np.min(spread[own], initial=1.0) < TOLD for own in knobs if any(own))
 
 
+class _Foretold(NamedTuple):
+    """The misfit of what is left out, the share of it that is foretold, the misfit of the rest."""
+
+    misfit: float
+    share: float
+    others: float
+
+
 def _foretold(scene, fit, move, out):
-    """Return the misfit of what is left out, and the share of it that is foretold."""
+    """Return how well records are met when some had no part in it."""
     likelihood, case = scene.baseline.likelihood, scene.case
     left = likelihood.left(fit.motion) - np.tensordot(move, fit.columns, 1)
-    misfit = float(np.sum(likelihood.each(likelihood.size(left))[out]))
+    each = likelihood.each(likelihood.size(left))
     recorded = likelihood.white(np.where(case.valid, case.motion, 0.0))
-    return misfit, 1.0 - float(np.sum(left[out] ** 2) / np.sum(recorded[out] ** 2))
+    share = 1.0 - float(np.sum(left[out] ** 2) / np.sum(recorded[out] ** 2))
+    return _Foretold(float(np.sum(each[out])), share, float(np.sum(each[~out])))

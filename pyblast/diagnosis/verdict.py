@@ -95,13 +95,13 @@ def judge(found: Search, threshold: Chance, fine: Forward | None = None) -> Verd
         chosen, mesh = on_finer_mesh(found.scene, fine, chosen, found.tell)
     proof = held_out(found.scene, none, chosen)
     share = found.scene.baseline.likelihood.share(none.size, chosen.size)
-    if (proof.folds and not proof.improves) or share < PARTIAL_SHARE:
+    if not proof.bears or share < PARTIAL_SHARE:
         return Verdict("UNKNOWN", none, (), probability, share, proof, chosen, mesh)
     more = more_remains(chosen.size, share)
     alone = untestable and len(rivals) == 1
     if found.worth(chosen) < least:
         rivals = tuple(dict.fromkeys((*chosen.labels, *rivals, RESOLUTION)))
-    if more or alone or not proof.folds or not found.compared:
+    if more or alone or not _proven(found, chosen, proof) or not found.compared:
         return Verdict("PARTIAL", chosen, rivals, probability, share, proof, chosen, mesh)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
     return Verdict(outcome, chosen, rivals, probability, share, proof, chosen, mesh)
@@ -142,13 +142,21 @@ def _pruned(found, threshold):
             one for one, label in shorter
             if one is not None and not (
                 found.worth(chosen) - found.worth(one) >= _least(threshold, chosen, label)
-                and held_out(found.scene, one, chosen).improves
+                and held_out(found.scene, one, chosen).bears
             )
         ]  # fmt: skip
         if not as_good:
             break
         chosen = max(as_good, key=found.worth)
     return chosen
+
+
+def _proven(found, chosen, proof):
+    """Tell whether records could be left out to test each of a set of effects."""
+    if len(chosen.labels) == 1:
+        return bool(proof.folds)
+    shorter = [_without(found, chosen, label) for label in chosen.labels]
+    return all(one is None or held_out(found.scene, one, chosen).folds for one in shorter)
 
 
 def _least(threshold, chosen, *labels):

@@ -65,6 +65,10 @@ def summarise(scene, found, shuffled, verdict) -> dict:
         },
         "hygiene": {
             "dead": list(scene.case.dead),
+            "unrecorded": [
+                one.name for one in scene.case.site.receivers
+                if one.name not in scene.case.receivers
+            ],
             "left_out_share": round(float(np.mean(~scene.case.valid)), 4),
         },
         "next_measurement": _next(verdict, found),
@@ -120,10 +124,15 @@ def _held_out(proof):
         "gain": round(proof.gain, 1),
         "error": round(proof.error, 1) if np.isfinite(proof.error) else None,
         "improves": proof.improves,
-        "variance_reduction_before": float(np.mean([f.before for f in proof.folds])),
-        "variance_reduction_after": float(np.mean([f.after for f in proof.folds])),
+        "variance_reduction_before": _mean([f.before for f in proof.folds]),
+        "variance_reduction_after": _mean([f.after for f in proof.folds]),
         "folds": [vars(fold) for fold in proof.folds],
     }
+
+
+def _mean(shares):
+    """Return the mean of shares, None where there are none."""
+    return float(np.mean(shares)) if shares else None
 
 
 def _not_testable(scene, found):
@@ -142,7 +151,8 @@ def _not_testable(scene, found):
         if label in told:
             continue
         if found.fits and all(one.on == "site" for one in forms) and label not in reach:
-            told[label] = "it can't be at this site, or the budget of runs ended before it"
+            ended = "the budget of runs ended before it"
+            told[label] = "it can't be at this site" if found.finished else ended
         elif reach.get(label, np.inf) < VISIBLE:
             told[label] = (
                 f"at its usual strength it changes these records by {reach[label]:.1f} times "
@@ -180,8 +190,13 @@ def told_lines(summary) -> list[str]:
     evidence, proof = summary["evidence"], summary["held_out"]
     if evidence["best"] is not None:
         lines.append(f"  evidence {evidence['best']} nats; chance finds {evidence['threshold']}")
-    if proof is not None:
-        lines.append(f"  records left out: {proof['gain']} ± {proof['error']} nats better")
+    if proof is not None and proof["folds"]:
+        error = "" if proof["error"] is None else f" ± {proof['error']}"
+        lines.append(f"  records left out: {proof['gain']}{error} nats better")
+    elif proof is not None:
+        lines.append("  no record could be left out to test it")
+    if not summary["finished"]:
+        lines.append("  the budget of runs ended before all effects were tried")
     if summary["effects"] and not beyond_doubled(summary):
         lines.append("  errors of speeds, places and ground twice as large would explain it, too")
     return [*lines, f"  next: {summary['next_measurement']}"]

@@ -14,6 +14,7 @@ from .input_motion import read_record
 from .places import make_rim
 from .project import Project, load_project
 from .site import Site, SiteJoint
+from .site_checks import check_site
 
 # What a site can't hold: key path, why, and what would do.
 REFUSED = {
@@ -109,8 +110,9 @@ def site_of_project(project: Project) -> Site:
             band=_band(project.config),
             noise_window=(0.0, 0.0),
         )
-        _refuse_outside(site)
-        return replace(site, noise_window=_noise_window(project.config, site.records))
+        site = replace(site, noise_window=_noise_window(project.config, site.records))
+        check_site(site)
+        return site
 
 
 def _refuse(config):
@@ -270,19 +272,3 @@ def _noise_window(config, records):
             "first hole, but noise is learnt from before; give records with a pre-trigger"
         )
     return last, 0.0
-
-
-def _refuse_outside(site):
-    """Refuse receivers and holes that are not in the box."""
-    for one in site.receivers:
-        refuse_outside(site.box, f"receivers.{one.name}", one.position)
-    for name, blast in site.blasts.items():
-        for hole, place in zip(blast.hole_ids, blast.centres, strict=True):
-            refuse_outside(site.box, f"{name}: hole {hole}", place)
-
-
-def refuse_outside(box, name, place):
-    """Refuse a place in m, of something of a name, that is not in a box (3, 2) m."""
-    low, high = box.T
-    if not (np.all(np.array(place) >= low) and np.all(np.array(place) <= high)):
-        raise InputError(f"{name}: lies outside of the box of the ground; move it into it")

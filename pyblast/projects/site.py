@@ -8,12 +8,13 @@ import numpy as np
 
 from ..blasting.blast import Blast
 from ..blasting.hole_tables import read_blast
-from ..errors import InputError, ReadError
+from ..errors import InputError, PyblastError, ReadError
 from ..records.recordings import Recording, read_stations
 from ..solving.joints import Joint
 from ..solving.materials import Material
 from ..solving.model import Receiver
 from ..solving.sources import TimeFunction
+from .site_checks import check_site
 from .site_fabric import Fabric
 
 
@@ -112,11 +113,15 @@ def read_site(folder) -> Site:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ReadError(f"{path}: not valid TOML ({error})") from None
     try:
-        return _site(folder, table)
+        site = _site(folder, table)
     except KeyError as error:
         raise ReadError(f"{path}: entry {error} is missing") from None
-    except (TypeError, AttributeError, IndexError) as error:
+    except PyblastError:
+        raise
+    except (TypeError, AttributeError, IndexError, ValueError) as error:
         raise ReadError(f"{path}: an entry is of the wrong kind ({error})") from None
+    check_site(site)
+    return site
 
 
 def _site(folder, table):
@@ -132,6 +137,8 @@ def _site(folder, table):
     known = table["attenuation"]["known"]
     blasts, records = {}, {}
     for row in table["blasts"]:
+        if row["id"] in blasts:
+            raise InputError(f"blasts: {row['id']!r} is there twice; each needs a name of its own")
         blasts[row["id"]] = read_blast(folder / row["holes"])
         records[row["id"]] = read_stations(folder / row["records"], time_zero=row["time_zero"])
     return Site(

@@ -18,7 +18,7 @@ MEANINGS = {
     "NAMED": "one effect is missing, and it passed every test",
     "CLASS": "an effect is missing; these records can't tell which of a few",
     "COMPOSITE": "several effects are missing together, and each is needed",
-    "PARTIAL": "an effect is missing, and something else that is not explained",
+    "PARTIAL": "an effect explains much, but not all of it is explained or tested",
     "UNKNOWN": "something is missing that no effect of the library explains",
 }
 USUAL = {
@@ -231,10 +231,15 @@ def ranking_rows(made) -> list[dict]:
                 if len(one.labels) == 1 and not several
                 else None,
                 "claim": " ".join(dict.fromkeys(e.hypothesis.claim for e in one.effects)),
-                "chosen": bool(verdict.fit.effects) and set(one.labels) == set(verdict.fit.labels),
+                "chosen": bool(verdict.fit.effects) and _places(one) == _places(verdict.fit),
             }
         )
     return rows
+
+
+def _places(fit):
+    """Return the names and targets of the effects of a fit, whatever their order."""
+    return {(effect.name, effect.target) for effect in fit.effects}
 
 
 def needed(summary) -> float:
@@ -288,6 +293,9 @@ def assumptions(scene, summary) -> list[str]:
         told.append(f"{100 * lost:.2g} % of the samples are clipped or missing and have no part.")
     if case.dead:
         told.append(f"Channels that never move have no part: {', '.join(case.dead)}.")
+    if summary["hygiene"]["unrecorded"]:
+        names = _and(summary["hygiene"]["unrecorded"])
+        told.append(f"Receivers without records have no part: {names}.")
     if not summary["finished"]:
         told.append("The budget of runs ended before the search was complete.")
     return told

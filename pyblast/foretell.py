@@ -1,0 +1,102 @@
+"""The job from a diagnosis to what receivers would record of a further blast, as a file."""
+
+from pathlib import Path
+
+import numpy as np
+from obspy import UTCDateTime
+
+from .blasting.hole_tables import read_blast
+from .diagnose import RUNS, cut_of, read_case
+from .diagnosis.case import Case, case_of
+from .diagnosis.prediction import effects_of, predict
+from .errors import InputError
+from .motion.seismogram import Seismogram
+from .projects.project import load_project
+from .projects.project_site import ground_height, lowered
+from .projects.result import write_bytes
+from .projects.site_checks import check_holes
+from .records.mseed_file import channel_names, mseed_bytes
+
+
+def predict_file(folder, output, summary, holes, path, baseline=False):
+    """Write what a diagnosed site sends to its receivers in a further blast, as miniSEED.
+
+    Parameters
+    ----------
+    folder, output : path
+        As of `diagnose_folder`.
+    summary : dict
+        What it returned.
+    holes : path
+        Table of the holes of the further blast.
+    path : path
+        Of the file; it has the channels, the sampling and the start of the last recorded blast. Of
+        a project, which tells no instants, the first hole fires as 1970 begins.
+    baseline : bool
+        Without the effects: the site as it was calibrated alone.
+    """
+    case, model = case_of(read_case(folder)), summary["model"]
+    blast = _further(folder, case, holes)
+    values = model["baseline_values"] if baseline else model["values"]
+    effects = () if baseline else effects_of(model)
+    motion = predict(
+        case, cut_of(case.site, fine=True), blast, values, effects, Path(output) / RUNS
+    )
+    write_bytes(path, _as_recorded(case, motion))
+
+
+def check_further(folder, holes, outputs=()):
+    """Check, before a diagnosis, that it could foretell a further blast into some files.
+
+    Raises
+    ------
+    InputError, ReadError
+        If the table of its holes is no good, a hole lies outside of the box or fires after the
+        records end, a file can't hold the names of the receivers, or it can't be written.
+    """
+    case = case_of(read_case(folder))
+    _further(folder, case, holes)
+    _channels(case)
+    inputs = [p.resolve() for p in Path(folder).iterdir()] if Path(folder).is_dir() else []
+    for n, path in enumerate(outputs):
+        if Path(path).resolve() in inputs or path in outputs[:n]:
+            raise InputError(f"{path}: is needed for something else; give another file name")
+        if Path(path).is_dir() or not Path(path).absolute().parent.is_dir():
+            raise InputError(f"{path}: must be a file in a folder that is there")
+
+
+def _further(folder, case, holes):
+    """Read the table of the holes of a further blast, with the ground at height 0."""
+    blast = read_blast(holes)
+    if not Path(folder).is_dir():
+        blast = lowered(blast, ground_height(load_project(folder)))
+    check_holes(case.site.box, holes, blast)
+    late = int(np.argmax(blast.times))
+    if blast.times[late] >= case.duration:
+        raise InputError(
+            f"{holes}: hole {blast.hole_ids[late]}: fires at {blast.times[late]:g} s, but what is "
+            f"foretold ends as the records do, at {case.duration:.3g} s; split the blast"
+        )
+    return blast
+
+
+def _as_recorded(case: Case, motion):
+    """Return motion as a file with the sampling and the start of the records of the last blast."""
+    records, last = case.site.records, case.blasts[-1]
+    first = next(iter(records[last].values())).seismogram
+    sampling = first.start, case.dt, len(first.velocity)
+    whole = np.stack(
+        [Seismogram(one.T, case.dt, 0.0).sampled(*sampling).velocity.T for one in motion]
+    )
+    start = UTCDateTime(case.site.time_zeros.get(last, 0)) + first.start
+    return mseed_bytes(whole, _channels(case), case.dt, str(start))
+
+
+def _channels(case: Case):
+    """Return the names of the channels of each receiver, as they were recorded last."""
+    every = [case.site.records[blast] for blast in reversed(case.blasts)]
+    records = {name: next(some[name] for some in every if name in some) for name in case.receivers}
+    return [
+        channel_names(name, record.header.get("channels", {}), case.dt)
+        for name, record in records.items()
+    ]

@@ -1,0 +1,98 @@
+"""A case folder that can't be as it is described is refused with the part that is to blame."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from small_site import recorded, small_site
+
+from pyblast.diagnosis.case import case_of
+from pyblast.errors import InputError, PyblastError
+from pyblast.foretell import check_further
+from pyblast.projects.site import read_site
+from pyblast.projects.site_writer import write_site
+
+
+@cache
+def hidden():
+    """Return the small site with records and instants."""
+    site = recorded(small_site()).site
+    return replace(site, time_zeros={"S1": "2024-05-01T12:00:00", "B1": "2024-05-01T13:00:00"})
+
+
+def changed(folder, *pairs, name="site.toml"):
+    """Write the case folder, change a text file of it, and return the folder."""
+    write_site(folder, hidden())
+    text = (folder / name).read_text()
+    for old, new in pairs:
+        assert old in text
+        text = text.replace(old, new)
+    (folder / name).write_text(text)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("noise_window_s = [-0.2, 0]", "noise_window_s = [0, 0.2]", "must begin and end before"),
+        ("noise_window_s = [-0.2, 0]", "noise_window_s = [-0.3, -0.2]", "no record of R0 holds"),
+        ("band_hz = [4, 25]", "band_hz = [25, 4]", r"band_hz: must be lowest, highest, got 25, 4"),
+        ("x = [0, 120]", "x = [120, 0]", "box: each axis must go from low to high"),
+        ("vp = 2800, vs = 1600", "vp = 2.8, vs = 1.6", "layers.rock: speeds must lie in 30"),
+        ("position = 60", "position = 260", "joints.J1.position: must lie within the box"),
+        ("x = 110, y = 30", "x = 810, y = 30", "receivers.R3: lies outside of the box"),
+        ('id = "R2"', 'id = "House"', "station 'R2' of its records is no receiver"),
+        ('id = "B1"', 'id = "S1"', "blasts: 'S1' is there twice"),
+        ("charge_exponent = 0.9", 'charge_exponent = "x"', "an entry is of the wrong kind"),
+        ("2024-05-01T13:00:00", "2024-05-01T15:00:00", "record of R0 ends -7.2e\\+03 s after"),
+    ],
+)
+def test_what_can_not_be_is_said_with_its_place(tmp_path, old, new, told):
+    with pytest.raises(PyblastError, match=told):
+        case_of(read_site(changed(tmp_path, (old, new))))
+
+
+def test_the_written_folder_itself_is_read(tmp_path):
+    assert case_of(read_site(changed(tmp_path))).receivers == ("R0", "R1", "R2", "R3")
+
+
+@pytest.mark.parametrize(
+    ("cells", "told"),
+    [
+        ("30,30,-10,nan,0", "hole 1: its charge is missing"),
+        ("30,30,-10,0,0", "no hole has a charge"),
+        ("300,30,-10,5,0", "hole 1: lies outside of the box"),
+        ("30,30,-10,5,9", "hole 1: fires at 9 s, but what is foretold ends"),
+    ],
+)
+def test_holes_that_foretell_nothing_are_refused(tmp_path, cells, told):
+    changed(tmp_path)
+    holes = tmp_path / "further.csv"
+    holes.write_text(f"id,x,y,z,charge_kg,delay_s\n1,{cells}\n")
+
+    with pytest.raises(InputError, match=told):
+        check_further(tmp_path, holes)
+
+
+def test_a_forecast_never_takes_the_place_of_a_record_or_of_another(tmp_path):
+    changed(tmp_path)
+    holes, out = tmp_path / "B1_holes.csv", tmp_path.parent / "out.mseed"
+
+    check_further(tmp_path, holes, [out])
+    for outputs in ([tmp_path / "B1.mseed"], [out, out]):
+        with pytest.raises(InputError, match="is needed for something else"):
+            check_further(tmp_path, holes, outputs)
+    with pytest.raises(InputError, match="must be a file in a folder that is there"):
+        check_further(tmp_path, holes, [tmp_path / "no" / "out.mseed"])
+
+
+def test_one_record_that_ends_early_does_not_cut_the_others(tmp_path):
+    site = hidden()
+    one = site.records["B1"]["R1"]
+    seismogram = replace(one.seismogram, velocity=one.seismogram.velocity[:70])
+    short = replace(one, seismogram=seismogram, clipped=np.zeros((70, 3), dtype=bool))
+    records = {**site.records, "B1": {**site.records["B1"], "R1": short}}
+
+    with pytest.raises(InputError, match=r"B1: the record of R1 ends 0\.0\d+ s after"):
+        case_of(replace(site, records=records))
