@@ -98,4 +98,6 @@ def main(folder):
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    if len(sys.argv) != 2:
+        sys.exit("which folder shall be written? python examples/05_hidden_closure.py hidden")
+    main(sys.argv[1])

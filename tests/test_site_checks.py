@@ -87,7 +87,7 @@ def test_a_forecast_never_takes_the_place_of_a_record_or_of_another(tmp_path):
         check_further(tmp_path, holes, [tmp_path / "no" / "out.mseed"])
 
 
-def test_one_record_that_ends_early_does_not_cut_the_others(tmp_path):
+def test_one_record_that_ends_early_does_not_cut_the_others():
     site = hidden()
     one = site.records["B1"]["R1"]
     seismogram = replace(one.seismogram, velocity=one.seismogram.velocity[:70])

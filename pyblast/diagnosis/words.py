@@ -164,7 +164,7 @@ def _not_testable(scene, found):
 def _next(verdict, found):
     """Return what to measure next."""
     if verdict.outcome == "NULL":
-        return "nothing is missing that these records could show"
+        return "nothing; larger charges or nearer receivers would show smaller effects"
     if verdict.outcome in ("NAMED", "COMPOSITE"):
         return "a further blast, to test the prediction of this model"
     labels = verdict.rivals or [one.labels[-1] for one in found.fits[:3]]

@@ -5,7 +5,7 @@ import numpy as np
 from ..diagnosis.foretelling import foretold
 from ..diagnosis.search import MATERIAL, means
 from ..projects.result import plain, write_text
-from . import diagnosis_figures, diagnosis_words
+from . import diagnosis_figures, diagnosis_ranking, diagnosis_words
 from .diagnosis_map_figures import maps_figure
 from .report import page
 
@@ -36,12 +36,13 @@ def render_diagnosis(made, summary) -> str:
         lead=words.lead(made, summary),
         meanings=words.MEANINGS,
         maps=_drawn(_map_figures(made, summary)),
-        ranking=words.ranking_rows(made),
+        ranking=diagnosis_ranking.ranking_rows(made),
+        screened=diagnosis_ranking.screened_rows(made),
         visible=words.visible_rows(summary),
         rank_figure=_drawn(_rank_figures(made, summary)),
-        needed=words.needed(summary),
+        needed=diagnosis_ranking.needed(summary),
         share=words.share(summary),
-        rivals=words.class_rows(made, summary),
+        rivals=diagnosis_ranking.class_rows(made, summary),
         parameters=words.parameter_rows(fit),
         holes=_drawn(_hole_figures(fit)),
         proof=_drawn(_proof_figures(made)),
@@ -112,7 +113,7 @@ def _time_frequency(made, summary):
 
 def _rank_figures(made, summary):
     """Draw the evidence of all effects that were fitted."""
-    rows = diagnosis_words.ranking_rows(made)
+    rows = diagnosis_ranking.ranking_rows(made)
     if not rows:
         return
     evidence = summary["evidence"]
@@ -124,7 +125,7 @@ def _rank_figures(made, summary):
         "its 90 % interval. Orange: what the outcome rests on.",
         diagnosis_figures.ranking_figure(
             [(row["name"], row["worth"]) for row in rows],
-            diagnosis_words.needed(summary),
+            diagnosis_ranking.needed(summary),
             evidence["threshold_interval"],
             {n for n, row in enumerate(rows) if row["chosen"]},
         ),

@@ -6,8 +6,7 @@ import numpy as np
 
 from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.likelihood import THEORY, UNSETTLED
-from ..diagnosis.mesh_control import CLAIM, RESOLUTION, SETTLED_BY
-from ..diagnosis.search import GROWS, MATERIAL
+from ..diagnosis.search import MATERIAL
 from ..diagnosis.unknowns import SPEED_SIGMA, STIFFNESS_SIGMA
 from ..diagnosis.verdict import intervals, more_remains
 from ..diagnosis.words import beyond_doubled
@@ -64,7 +63,7 @@ def lead(made, summary) -> str:
     untestable = {one["label"]: one["reason"] for one in summary["not_testable"]}
     unsure = [label for label in made.verdict.fit.labels if label in untestable]
     if outcome in ("CLASS", "PARTIAL") and unsure:
-        proof += f" But these records can't test {_and(unsure)}: {untestable[unsure[0]]}."
+        proof += f" But these records can't test {listed(unsure)}: {untestable[unsure[0]]}."
     elif outcome == "PARTIAL" and more_remains(made.verdict.fit.size, made.verdict.share):
         proof += f" But something else is missing {_near(summary['remainder'])}."
     elif outcome == "PARTIAL" and not summary["finished"]:
@@ -87,6 +86,8 @@ def _why_not(summary):
     proof, best = summary["held_out"], " + ".join(summary["evidence"]["best_labels"])
     if not summary["evidence"]["ranking"]:
         return "these records can test no effect of the library, so none was tried"
+    if proof is None and not summary["finished"]:
+        return "the budget of runs ended before all effects of the library were tried"
     if proof is None:
         return "nothing in the library explains it"
     fault = "does not foretell records that it was not fitted to"
@@ -120,7 +121,7 @@ def where(kind, targets) -> str:
     """Say where an effect is: its targets by their kind."""
     if not any(targets):
         return "whole site"
-    return f"{kind}{'s' if len(targets) > 1 else ''} {_and(targets)}"
+    return f"{kind}{'s' if len(targets) > 1 else ''} {listed(targets)}"
 
 
 def _near(place):
@@ -131,21 +132,21 @@ def _near(place):
         f"near east {p['x']:.0f} m, north {p['y']:.0f} m (within {0.5 * p['resolution_m']:.0f} m), "
         for p in place["points"]
     )
-    seen = f"seen at {_and(names)} " if names else "seen "
+    seen = f"seen at {listed(names)} " if names else "seen "
     return f"{points}{seen}at {f0:.3g} to {f1:.3g} Hz, {t0:.2g} to {t1:.2g} s after the first hole"
 
 
-def _and(words):
+def listed(words):
     """Join words to a list."""
-    return _listed(words, "and")
+    return _joined(words, "and")
 
 
 def _or(words):
     """Join alternatives to a list."""
-    return _listed(words, "or")
+    return _joined(words, "or")
 
 
-def _listed(words, last):
+def _joined(words, last):
     """Join words by commas and a last word."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
 
@@ -205,58 +206,12 @@ def visible_rows(summary) -> list[str]:
             size = f"{100.0 * one['amount'] / one['nothing']:.0f} %"
         place = {"site": ""}.get(one["target"], f" of any {one['target']}")
         each = " of any single hole" if one["per_hole"] else ""
-        but = f", but not at {_and(one['unseen'])}" if one["unseen"] else ""
+        but = f", but not at {listed(one['unseen'])}" if one["unseen"] else ""
         told.append(
             f"{one['label']}: {one['knob']}{each or place} off by {size} or more would have been "
             f"seen{but}."
         )
     return told
-
-
-def ranking_rows(made) -> list[dict]:
-    """List the effects that were fitted, best first, with what they claim.
-
-    Probabilities are those of single effects: there are none where several act together.
-    """
-    found, verdict = made.search, made.verdict
-    several = len(verdict.fit.labels) > 1
-    rows = []
-    for one in sorted(found.fits, key=lambda one: -found.worth(one)):
-        places = list(dict.fromkeys(effect.target for effect in one.effects if effect.target))
-        rows.append(
-            {
-                "name": " + ".join(one.labels) + (f" at {_and(places)}" if places else ""),
-                "worth": found.worth(one),
-                "probability": verdict.probability.get(one.labels[0])
-                if len(one.labels) == 1 and not several
-                else None,
-                "claim": " ".join(dict.fromkeys(e.hypothesis.claim for e in one.effects)),
-                "chosen": bool(verdict.fit.effects) and _places(one) == _places(verdict.fit),
-            }
-        )
-    return rows
-
-
-def _places(fit):
-    """Return the names and targets of the effects of a fit, whatever their order."""
-    return {(effect.name, effect.target) for effect in fit.effects}
-
-
-def needed(summary) -> float:
-    """Return the evidence that an effect must exceed, nats."""
-    return max(summary["evidence"]["threshold"] or 0.0, GROWS)
-
-
-def class_rows(made, summary) -> list[dict]:
-    """List the effects that these records can't tell apart, with what would settle it."""
-    known = {
-        e.label: (e.hypothesis.claim, e.hypothesis.settled_by)
-        for one in made.search.fits for e in one.effects
-    } | {RESOLUTION: (CLAIM, SETTLED_BY)}  # fmt: skip
-    return [
-        {"label": label, "claim": known[label][0], "settled_by": known[label][1]}
-        for label in summary["class"]
-    ]
 
 
 def calibration_rows(summary) -> list[dict]:
@@ -294,7 +249,7 @@ def assumptions(scene, summary) -> list[str]:
     if case.dead:
         told.append(f"Channels that never move have no part: {', '.join(case.dead)}.")
     if summary["hygiene"]["unrecorded"]:
-        names = _and(summary["hygiene"]["unrecorded"])
+        names = listed(summary["hygiene"]["unrecorded"])
         told.append(f"Receivers without records have no part: {names}.")
     if not summary["finished"]:
         told.append("The budget of runs ended before the search was complete.")
