@@ -11,7 +11,7 @@ from small_site import CUT, recorded, scene_of, small_site
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.chance import Chance, chance
 from pyblast.diagnosis.fitting import fit
-from pyblast.diagnosis.folds import held_out
+from pyblast.diagnosis.folds import HeldOut, held_out
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.mesh_control import COARSE, RESOLUTION, on_finer_mesh
@@ -72,6 +72,21 @@ def test_a_clock_and_a_charge_that_are_both_wrong_make_a_composite():
     found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both)
 
     assert judge(found, CHANCE).outcome == "COMPOSITE"
+
+
+def test_a_set_of_which_one_effect_can_not_be_tested_is_partial(monkeypatch):
+    here, none, slow, loud, both = fits()
+
+    def untested(scene, before, after):
+        return HeldOut(()) if before is loud else held_out(scene, before, after)
+
+    monkeypatch.setattr("pyblast.diagnosis.verdict.held_out", untested)
+    found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both)
+
+    said = judge(found, CHANCE)
+
+    assert said.outcome == "PARTIAL"
+    assert set(said.fit.labels) == set(both.labels)
 
 
 @cache
