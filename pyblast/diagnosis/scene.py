@@ -10,6 +10,7 @@ from ..projects.site import Site
 from .calibration import Baseline
 from .forward import Forward, geometry
 from .hypotheses import LIBRARY
+from .mesh_correction import carried
 from .surroundings import Surroundings, surroundings
 from .targets import blast_and_hole
 from .unknowns import with_values
@@ -127,7 +128,11 @@ class Scene:
         for cut, motion in zip(plain, done[len(asked) :], strict=True):
             self._corrections[cut] = self.baseline.believed[cut[1]] - motion
         for (key, b), motion in zip(asked, done[: len(asked)], strict=True):
-            self._sent[key, b] = motion + self._corrections[geometry(bare[key]), b]
+            correction = self._corrections[geometry(bare[key]), b]
+            if sites[key].quality != self.case.site.quality:
+                before = self.baseline.believed[b] - correction
+                correction = carried(correction, before, motion, self.case.dt, self.case.site.band)
+            self._sent[key, b] = motion + correction
 
     def _bare(self, effects):
         """Return the believed site cut into zones as effects ask for."""
