@@ -87,7 +87,7 @@ def diagnose(
     """
     with told():
         from .diagnose import diagnose_folder
-        from .diagnosis.words import told_lines
+        from .diagnosis.words import UNSURE, told_lines
         from .ensembles.many_runs import workers as pool
         from .foretell import check_further, predict_file
 
@@ -108,4 +108,5 @@ def diagnose(
         for path, baseline in wanted:
             if path is not None:
                 predict_file(case, out, found, predict, path, baseline)
-                console.say(f"written: {path}")
+                unsure = found["outcome"] in UNSURE and not baseline
+                console.say(f"written: {path}{', by an answer that is unsure' * unsure}")

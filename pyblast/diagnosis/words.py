@@ -11,6 +11,7 @@ from .verdict import intervals
 from .visible import visible
 
 NOT_ASKED = {"topography": "the description of the site has no surface to compare with a plane"}
+UNSURE = "CLASS", "PARTIAL", "UNKNOWN"  # outcomes that a forecast should not rest on
 VISIBLE = 4.0  # length of an effect in units of its errors, below which it can't be seen
 
 
