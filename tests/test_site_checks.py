@@ -1,7 +1,9 @@
 """A case folder that can't be as it is described is refused with the part that is to blame."""
 
+import re
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from pyblast.errors import InputError, PyblastError
 from pyblast.foretell import check_further
 from pyblast.projects.site import read_site
 from pyblast.projects.site_writer import write_site
+from pyblast.records.mseed_file import mseed_bytes
 
 
 @cache
@@ -55,6 +58,24 @@ def test_what_can_not_be_is_said_with_its_place(tmp_path, old, new, told):
 
 def test_the_written_folder_itself_is_read(tmp_path):
     assert case_of(read_site(changed(tmp_path))).receivers == ("R0", "R1", "R2", "R3")
+
+
+def test_the_case_folder_of_the_page_on_files_is_read(tmp_path):
+    page = (Path(__file__).parents[1] / "docs" / "files.md").read_text(encoding="utf-8")
+    (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    changed(tmp_path)
+    (tmp_path / "site.toml").write_text(text, encoding="utf-8")
+    (tmp_path / "S1_holes.csv").write_text("id,x,y,z,charge_kg,delay_s\n1,30,40,-10,20,0\n")
+    motion = np.random.default_rng(1).normal(size=(1, 3, 300))
+    channels = [[f"PB.R01..HH{letter}" for letter in "ENZ"]]
+    (tmp_path / "S1.mseed").write_bytes(
+        mseed_bytes(motion, channels, 0.004, "2024-05-01T09:59:59.6Z")
+    )
+    case = case_of(read_site(tmp_path))
+
+    assert case.receivers == ("R01",)
+    assert case.site.joints[0].joint.insitu_pressure == 2e5
+    assert [thickness for _, thickness, _ in case.site.layers] == [8, None]
 
 
 @pytest.mark.parametrize(
