@@ -48,10 +48,9 @@ class Fitter:
         free = np.full(len(self.sigma), np.inf)
         self.bounds = np.concatenate([-free, low]), np.concatenate([free, high])
 
-    def on_site(self, first):
-        """Tell which coordinates (n,) are knobs of the first so many effects, on the site."""
-        early = [e < first and self.effects[e].hypothesis.on == "site" for e, *_ in self.knobs]
-        return np.array([False] * len(self.sigma) + early)
+    def knobs_of(self, numbers):
+        """Tell which coordinates (n,) are knobs of effects of these numbers, from 0."""
+        return np.array([False] * len(self.sigma) + [e in numbers for e, *_ in self.knobs])
 
     def start(self):
         """Return the coordinates of home and of the effects as they were given."""

@@ -65,10 +65,8 @@ def settle(scene: Scene, effects, home, blasts=None, knobs=0):
     motion = fitter.motions([place])[0]
     if motion is None:
         return np.inf, None, effects
-    free = np.arange(len(place)) < len(fitter.sigma)
-    if knobs:
-        first = len(effects) - knobs
-        free = np.array([False] * len(fitter.sigma) + [e >= first for e, *_ in fitter.knobs])
+    n = len(effects)
+    free = fitter.knobs_of(range(n - knobs, n)) if knobs else ~fitter.knobs_of(range(n))
     place, motion, *_ = fitter.descended(place, motion, free)
     return fitter.squares(place, motion), motion, fitter.state(place)[1]
 
@@ -97,6 +95,8 @@ def fit(scene: Scene, effects, home=None, first=None, held: Fit | None = None) -
     home = scene.baseline.values if home is None else home
     every = range(len(scene.case.blasts))
     early = () if first is None else tuple(first)
+    fitted = () if held is None else held.effects
+    waiting = [e for e, effect in enumerate(fitted) if effect.hypothesis.on == "site"]
     place = columns = None
     for blasts in (early, every) if 0 < len(early) < len(every) else (every,):
         fitter = Fitter(scene, effects, home, blasts)
@@ -104,7 +104,7 @@ def fit(scene: Scene, effects, home=None, first=None, held: Fit | None = None) -
         motion = fitter.motions([place])[0]
         if motion is None:
             return None
-        waits = fitter.on_site(0 if held is None else len(held.effects))
+        waits = fitter.knobs_of(waiting)
         if columns is not None:  # they lack the blasts that were not fitted first
             others = Fitter(scene, effects, home, [b for b in every if b not in early])
             columns = columns + others.columns(place, motion, ~waits)

@@ -166,9 +166,8 @@ def _refine(found, guesses, base, most):
             continue
         seen.add(guess.effect.label)
         found.tell(f"fit {guess.effect.label}", done, max(most, surely))
-        home, held = np.zeros(len(found.none.values)), None
-        if base:
-            home, held = found.chosen.values, found.chosen
+        held = found.chosen if base else None
+        home = np.zeros(len(found.none.values)) if held is None else held.values
         one = fit(found.scene, (*base, guess.effect), home, guess.blasts, held)
         if one is not None:
             found.fits.append(one)
