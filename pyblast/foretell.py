@@ -12,7 +12,7 @@ from .diagnosis.prediction import effects_of, predict
 from .errors import InputError
 from .motion.seismogram import Seismogram
 from .projects.project import load_project
-from .projects.project_site import ground_height, lowered
+from .projects.project_site import diagnosed_blasts, ground_height, lowered
 from .projects.result import write_bytes
 from .projects.site_checks import check_holes
 from .records.mseed_file import channel_names, mseed_bytes
@@ -57,12 +57,20 @@ def check_further(folder, holes, outputs=()):
     case = case_of(read_case(folder))
     _further(folder, case, holes)
     _channels(case)
-    inputs = [p.resolve() for p in Path(folder).iterdir()] if Path(folder).is_dir() else []
+    inputs = {path.resolve() for path in (Path(holes), *_inputs(Path(folder)))}
     for n, path in enumerate(outputs):
         if Path(path).resolve() in inputs or path in outputs[:n]:
             raise InputError(f"{path}: is needed for something else; give another file name")
         if Path(path).is_dir() or not Path(path).absolute().parent.is_dir():
             raise InputError(f"{path}: must be a file in a folder that is there")
+
+
+def _inputs(folder):
+    """Return the files of a case folder, or all that a project and its further blasts name."""
+    if folder.is_dir():
+        return list(folder.iterdir())
+    every = diagnosed_blasts(load_project(folder))
+    return [one.folder / name for one in every for name in one.input_files]
 
 
 def _further(folder, case, holes):

@@ -238,6 +238,17 @@ def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_
     assert UTCDateTime(found[1]["R1"].time).timestamp == pytest.approx(-BEFORE * DT, abs=1e-6)
 
 
+def test_a_forecast_never_takes_the_place_of_what_a_project_reads(tmp_path):
+    path = written(tmp_path, believed())
+    holes = tmp_path / "further.csv"
+    holes.write_text("id,x,y,z,charge_kg,delay_s\n1,30,30,45,10,0\n")
+
+    check_further(path, holes, [tmp_path / "out.mseed"])
+    for name in ("B1_R2.csv", "S1.toml", "source.csv", "further.csv"):
+        with pytest.raises(InputError, match="is needed for something else"):
+            check_further(path, holes, [tmp_path / name])
+
+
 def test_a_further_blast_that_can_not_be_foretold_is_refused_before_any_run(tmp_path):
     path = written(tmp_path, believed())
     holes = tmp_path / "S1_holes.csv"
