@@ -62,6 +62,14 @@ def test_calibration_finds_speeds_and_stiffness_within_its_own_errors():
     assert np.all(error < 0.5 * np.array([one.sigma for one in baseline.unknowns]))
 
 
+@pytest.mark.parametrize("unit", [1000.0, 0.001])
+def test_records_in_another_unit_are_refused_before_anything_is_called_missing(unit):
+    case = recorded(small_site(), site(), change=lambda motion: unit * motion)
+
+    with pytest.raises(InputError, match=r"records: are .* times as large as what the site sends"):
+        calibrate(Forward(case, CUT))
+
+
 def test_nothing_is_found_where_nothing_is_hidden():
     sensor = "sensor_orientation_or_polarity"
     for label, start in (("clock_error", 8e-3), (f"{sensor}/turned", 0.3), (f"{sensor}/up", -1.0)):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
+from ..errors import InputError
 from ..projects.site import Site
 from .case import Case
 from .forward import Forward
@@ -13,6 +14,7 @@ from .unknowns import Unknown, unknowns_of, with_values
 
 STEP = 0.5  # of each prior's standard deviation, for derivatives
 ROUNDS = 4
+APART = 100.0  # times larger or smaller than what is believed: no physics that is missing does that
 SETTLED = 0.2  # of the posterior standard deviations: smaller moves end the calibration
 
 
@@ -76,6 +78,11 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     -------
     Baseline
 
+    Raises
+    ------
+    InputError
+        If the records are a hundred times larger or smaller than what the believed site sends.
+
     Notes
     -----
     Gauss-Newton steps on the misfit of the likelihood with the priors of the unknowns. Derivatives
@@ -90,6 +97,7 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     believed = found[0] if fine is None else fine.motion(forward.case.site)
     correction = believed - found[0]
     likelihood = likelihood_of(forward.case, correction)
+    _refuse_another_unit(likelihood, believed)
     search = _Search(forward, unknowns, sigma, slopes, likelihood)
     values, motion = search.settled(np.zeros(len(sigma)), believed, correction)
     _, covariance = search.step(values, motion)
@@ -98,6 +106,21 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
         with_values(forward.case.site, unknowns, values), motion, search.slopes, believed,
         correction, search.likelihood,
     )  # fmt: skip
+
+
+def _refuse_another_unit(likelihood, believed):
+    """Refuse records of a case that can't be motion in m/s of the site as it is believed to be."""
+    case, loud = likelihood.case, likelihood.noisy < 0.5
+    recorded, sent = (
+        np.linalg.norm(case.band.project(one), axis=(2, 3)) for one in (case.motion, believed)
+    )
+    told = loud & (recorded > 0.0) & (sent > 0.0)
+    times = np.median(recorded[told] / sent[told]) if np.any(told) else 1.0
+    if not 1.0 / APART < times < APART:
+        raise InputError(
+            f"records: are {times:.2g} times as large as what the site sends, in the median; give "
+            "them in m/s (mm/s are 1000 times as large), or mend the source and the charges"
+        )
 
 
 @dataclass
