@@ -28,6 +28,7 @@ from . import (
     page,
     reduced_basis,
     scale,
+    single,
     step_sizes,
     superposition,
     timing,
@@ -48,6 +49,7 @@ PARTS = {
     "case": case,
     "superposition": superposition,
     "cuts": cuts,
+    "single": single,
     "coverage": coverage,
 }
 FLAGS = ("--peers", "--quick", "--long")

@@ -14,13 +14,13 @@ from pyblast.solving.ordering import morton_keys, renumbered
 
 from .compiled import called, compiled, plain
 
-KERNELS = ("kinds", "linear_zones", "quadratic_strains", "quadratic_zones")
+KERNELS = ("kinds.f90.in", "linear_zones.f90", "quadratic_strains.f90", "quadratic_zones.f90")
 DOMAIN_ZONES = {4: 1024, 15: 128}
 
 
 def library():
     """Return the kernels with the march, compiled for the machine at hand."""
-    sources = [f"fortran/{name}.f90" for name in KERNELS]
+    sources = [f"fortran/{name}" for name in KERNELS]
     return compiled(*sources, "benchmarks/bare_march.f90")
 
 

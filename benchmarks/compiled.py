@@ -17,10 +17,19 @@ def compiled(*names):
     """Return the library of sources, paths from the root of the repository, in their order."""
     with TemporaryDirectory() as folder:
         made = Path(folder) / "made.so"
-        sources = [str(ROOT / name) for name in names]
+        sources = [str(_filled(folder, ROOT / name)) for name in names]
         command = ["gfortran", *FLAGS, "-shared", "-fPIC", *sources, "-o", str(made)]
         subprocess.run(command, check=True, cwd=folder)
         return ctypes.CDLL(str(made))
+
+
+def _filled(folder, path):
+    """Return a source, or what a template becomes for one model in numbers of eight bytes."""
+    if path.suffix != ".in":
+        return path
+    made = Path(folder) / path.stem
+    made.write_text(path.read_text().replace("@one@", "1.0d0").replace("@lanes@", "1"))
+    return made
 
 
 def plain(table):

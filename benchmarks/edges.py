@@ -100,7 +100,7 @@ def bare(lanes, single):
                 )
             paths.append(Path(folder) / Path(name).name.removesuffix(".in"))
             paths[-1].write_text(text)
-        return compiled("fortran/kinds.f90", *paths).loops
+        return compiled("fortran/kinds.f90.in", *paths).loops
 
 
 def lines(found):

@@ -107,8 +107,10 @@ class Steps:
     """
 
     def __init__(self, prepared, n_steps):
-        self.views, self.n_steps, self.step = kernels.to_fortran(prepared.constants), n_steps, 0
-        self.state = {name: value.copy() for name, value in prepared.state.items()}
+        self.views = kernels.to_fortran(prepared.as_marched(prepared.constants))
+        self.n_steps, self.step = n_steps, 0
+        state = prepared.as_marched(prepared.state)
+        self.state = {name: value.copy() for name, value in state.items()}
 
     def __call__(self):
         """March on."""

@@ -8,7 +8,7 @@ module pyblast_ledger
 
     real(dp), parameter :: growth_limit = 5.0_dp
         !! energy over the largest energy put in; theory.md (2.9) says why not 1.05
-    real(dp), parameter :: rounding = 1.0e-10_dp
+    real(dp), parameter :: rounding = max(1.0e-10_dp, 1.0e4_dp*epsilon(1.0_dp))
         !! of what contacts store at the start, whose sum is never nearer than that
 
 contains

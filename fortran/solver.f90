@@ -1,6 +1,6 @@
 module pyblast_solver
     !! The march through time: the only place that orders the kernels.
-    use, intrinsic :: ieee_arithmetic, only : ieee_is_nan
+    use, intrinsic :: ieee_arithmetic, only : ieee_is_nan, ieee_set_underflow_mode
     use pyblast_kinds, only : dp, n_energies, n_joint_properties, n_joint_state, n_sums, &
         n_zone_properties, n_zone_state
     use pyblast_lanes, only : lanes
@@ -13,6 +13,8 @@ module pyblast_solver
     implicit none
     private
     public :: advance
+
+    integer, parameter :: double = kind(1.0d0)
 
 contains
 
@@ -107,6 +109,9 @@ contains
         allocate (block_power(lanes, n_blocks), load_amplitude(n_loads))
         allocate (zone_force(lanes, 3, n_nodes))
         allocate (watch(lanes, 3, n_slots), room(lanes, n_domains))
+        !$omp parallel
+        call ieee_set_underflow_mode(gradual=dp == double)   ! else far ahead of waves all is slow
+        !$omp end parallel
         room = -1.0_dp
         domain_lost = 0.0_dp
         domain_insitu = 0.0_dp

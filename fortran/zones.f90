@@ -44,7 +44,7 @@ contains
         real(dp), intent(in) :: zone_shear(n_zones)              !! shear modulus [Pa]
         integer, intent(in) :: zone_row(n_zones)                 !! its memory; 0 has none
         integer, intent(in) :: zone_patch(n_zones)               !! shares its mean strain; or 0
-        integer, intent(in) :: n_edges, n_skews
+        integer, intent(in) :: n_edges, n_skews, n_patches, n_ends
         integer, intent(in) :: set_form(n_sets)      !! 1 zones, 2 edges in batches, 3 edges
         integer, intent(in) :: edge_start(n_slots + 1)           !! from 1
         integer, intent(in) :: edge_slot(n_edges)                !! within the domain, from 1
@@ -52,7 +52,6 @@ contains
         integer, intent(in) :: skew_start(n_domains + 1)         !! from 1
         integer, intent(in) :: skew_slot(2, n_skews)             !! within the domain, from 1
         real(dp), intent(in) :: skew_spring(3, n_skews)          !! [N/m]
-        integer, intent(in) :: n_patches, n_ends
         integer, intent(in) :: domain_patch_start(n_domains + 1) !! from 1
         integer, intent(in) :: patch_start(n_patches + 1)        !! from 1
         integer, intent(in) :: patch_slot(n_ends)                !! within the domain, from 1
@@ -141,8 +140,8 @@ contains
         end do
         damped = any(beta > 0.0_dp) .or. any(branch > 0.0_dp)
         alike = remembers(law) .or. .not. any(abs(branch(:, 1, :) - branch(:, 2, :)) > 0.0_dp)
-        if (damped) call lags(n_nodes, n_slots, n_memories, slot_node, beta, branch, alike, u, &
-                              velocity, memory, lag)
+        if (damped) call lags(n_nodes, n_slots, n_memories, slot_node, beta, branch, u, velocity, &
+                              memory, lag)
         force = 0.0_dp
         if (remembers(law)) then
             call judge(n_nodes, n_zones, n_slots, n_rows, first, last, law, tell, dt, &
@@ -269,31 +268,32 @@ contains
         end if
     end function springs
 
-    pure subroutine lags(n_nodes, n_slots, n_memories, slot_node, beta, branch, alike, u, &
-                         velocity, memory, lag)
+    pure subroutine lags(n_nodes, n_slots, n_memories, slot_node, beta, branch, u, velocity, &
+                         memory, lag)
         !! What damping and memory add to the motion that shear and compression see; (2.14).
         integer, intent(in) :: n_nodes, n_slots, n_memories, slot_node(n_slots)
         real(dp), intent(in) :: beta(lanes), branch(lanes, 2, n_memories), u(lanes, 3, n_slots)
-        logical, intent(in) :: alike               !! whether the first of both fields is enough
         real(dp), intent(in) :: velocity(lanes, 3, n_nodes), memory(lanes, 3, n_memories, n_nodes)
-        real(dp), intent(inout) :: lag(lanes, 3, n_slots, 2)
-        integer :: s, k, i, field
+        real(dp), intent(out) :: lag(lanes, 3, n_slots, 2)
+        real(dp) :: shearing(lanes, 3), swelling(lanes, 3), behind(lanes)
+        integer :: s, k, n, i, used
 
-        do field = 1, merge(1, 2, alike)
-            do s = 1, n_slots
+        used = merge(n_memories, 0, any(branch > 0.0_dp))
+        do s = 1, n_slots
+            n = slot_node(s)
+            do i = 1, 3
+                shearing(:, i) = beta*velocity(:, i, n)
+            end do
+            swelling = shearing
+            do k = 1, used
                 do i = 1, 3
-                    lag(:, i, s, field) = beta*velocity(:, i, slot_node(s))
+                    behind = u(:, i, s) - memory(:, i, k, n)
+                    shearing(:, i) = shearing(:, i) + branch(:, 1, k)*behind
+                    swelling(:, i) = swelling(:, i) + branch(:, 2, k)*behind
                 end do
             end do
-            do k = 1, n_memories
-                if (.not. any(branch(:, field, k) > 0.0_dp)) cycle
-                do s = 1, n_slots
-                    do i = 1, 3
-                        lag(:, i, s, field) = lag(:, i, s, field) + branch(:, field, k) &
-                            *(u(:, i, s) - memory(:, i, k, slot_node(s)))
-                    end do
-                end do
-            end do
+            lag(:, :, s, 1) = shearing
+            lag(:, :, s, 2) = swelling
         end do
     end subroutine lags
 

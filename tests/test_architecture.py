@@ -21,6 +21,7 @@ MARCHES = {"motion", "meshing", "solving"}
 ONE_ROOM = {
     "_core": {"solving.kernels"},
     "_core_batch": {"solving.kernels"},
+    "_core_single": {"solving.kernels"},
     "gmsh": {"meshing.gmsh_mesher"},
     "matplotlib": {
         f"reporting.{name}figures"

@@ -38,7 +38,8 @@ def march_side_by_side(prepared: Prepared, loads, n_steps, nodes) -> Iterator[np
     constants, state = at_rest(prepared.constants)
     constants = {**constants, **listening(constants, nodes), **_in_lanes(loads)}
     if len(loads) == 1:
-        views, advance = kernels.to_fortran(constants), kernels.advance
+        views, advance = kernels.to_fortran(prepared.as_marched(constants)), kernels.advance
+        state = prepared.as_marched(state)
     else:
         views, state = kernels.side_by_side(_repeated(constants)), _repeated(state)
         advance = kernels.advance_all

@@ -153,4 +153,5 @@ def site_model(site: Site, blast: str, cut: Cut, mesh: Mesh | None = None) -> Mo
         receivers=site.receivers,
         ground=site.ground,
         quadratic=cut.quadratic,
+        single=cut.quadratic,
     )

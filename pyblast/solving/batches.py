@@ -61,10 +61,13 @@ def run_many(
 
 
 def _over_one_mesh(models):
-    """Return the numbers of the models that stand on the same mesh, mesh by mesh."""
+    """Return the numbers of the models that stand on the same mesh, mesh by mesh.
+
+    Those in numbers of four bytes march alone.
+    """
     groups = {}
     for number, model in enumerate(models):
-        groups.setdefault(id(model.mesh), []).append(number)
+        groups.setdefault((id(model.mesh), model.single and number), []).append(number)
     return groups.values()
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-from .. import _core, _core_batch
+from .. import _core, _core_batch, _core_single
 
 ENERGIES = (
     "kinetic",
@@ -133,6 +133,16 @@ def numbered(arrays):
     return table
 
 
+def in_single(arrays):
+    """Return arrays with their real numbers in four bytes."""
+    return {
+        name: value.astype(np.float32)
+        if isinstance(value, np.ndarray) and value.dtype == np.float64
+        else value
+        for name, value in arrays.items()
+    }
+
+
 def to_fortran(arrays):
     """Return the views that the kernels take for one model: `numbered`, axes reversed, no copy."""
     return _reversed(_one_lane(numbered(arrays)))
@@ -166,7 +176,7 @@ def advance(constants, state, first_step, n_steps, ledger_every):
     constants : dict
         From `to_fortran`.
     state : dict of str to numpy array
-        The names of `STATE`, C-contiguous.
+        The names of `STATE`, C-contiguous; float64, or all of them and the constants float32.
     first_step, n_steps, ledger_every : int
 
     Returns
@@ -177,7 +187,8 @@ def advance(constants, state, first_step, n_steps, ledger_every):
         Node of the largest velocity, from 0, where the march stopped early.
     """
     views = _reversed(_one_lane(state))
-    motion, energy, failed = _march(_core, constants, views, first_step, n_steps, ledger_every)
+    core = _core_single if state["velocity"].dtype == np.float32 else _core
+    motion, energy, failed = _march(core, constants, views, first_step, n_steps, ledger_every)
     return motion[..., 0], energy[:, 0], None if failed is None else failed[0]
 
 
@@ -199,8 +210,9 @@ def _march(core, constants, state, first_step, n_steps, ledger_every):
     lanes = int(core.pyblast_lanes.lanes)
     last = first_step + n_steps
     n_lines = -(-last // ledger_every) - -(-first_step // ledger_every)
-    motion = np.zeros((n_steps, constants["receiver_node"].shape[1], 3, lanes))
-    energy = np.zeros((n_lines, lanes, len(ENERGIES)))
+    real = state["velocity"].dtype
+    motion = np.zeros((n_steps, constants["receiver_node"].shape[1], 3, lanes), real)
+    energy = np.zeros((n_lines, lanes, len(ENERGIES)), real)
     info, node, lane = core.pyblast_solver.advance(
         first_step=first_step,
         ledger_every=ledger_every,
@@ -209,6 +221,5 @@ def _march(core, constants, state, first_step, n_steps, ledger_every):
         **constants,
         **{name: state[name] for name in STATE},
     )
-    if info < 0:
-        return motion[:-info], energy, (node - 1, lane - 1)
-    return motion, energy, None
+    motion, energy = (one.astype(np.float64, copy=False) for one in (motion[: abs(info)], energy))
+    return motion, energy, (node - 1, lane - 1) if info < 0 else None

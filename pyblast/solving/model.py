@@ -96,6 +96,8 @@ class Model:
     quadratic : bool
         Zones of 15 nodes in place of 4: a wave then needs 2 to 3 edges a length instead of 10 or
         more. Linear isotropic ground only, joints of any law; theory.md (2.33) to (2.38).
+    single : bool
+        March in numbers of four bytes: a third quicker, good to some 1e-4 of the peak motion.
     local_damping : float
         Share of the force on each node that acts against its motion. Only for slow loading to
         failure, where waves are not wanted: 0.8 brings rest soonest.
@@ -120,6 +122,7 @@ class Model:
     step_factor: float = 0.8
     local_damping: float = 0.0
     quadratic: bool = False
+    single: bool = False
     _ordered: bool = field(default=False, repr=False)
 
     def __post_init__(self):

@@ -65,7 +65,9 @@ class Prepared:
     static : dict
         ``steps`` and ``unbalanced`` of the static stage; empty where there was none.
     fingerprint : str
-        SHA-256 of all constants and of the state.
+        SHA-256 of all constants, of the state and of ``single``.
+    single : bool
+        Whether the march is in numbers of four bytes.
     """
 
     constants: dict
@@ -74,6 +76,11 @@ class Prepared:
     limit: CriticalStep
     static: dict
     fingerprint: str
+    single: bool = False
+
+    def as_marched(self, arrays):
+        """Return constants or a state of this model in the numbers of its march."""
+        return kernels.in_single(arrays) if self.single else arrays
 
 
 def prepare(
@@ -118,7 +125,8 @@ def prepare(
     state = assembly.initial_state(constants)
     if settled is not None:
         constants, state = assembly.after_static(constants, *settled)
-    return Prepared(constants, state, n_steps, limit, static, fingerprint(constants, state))
+    marked = fingerprint(constants, state, {"single": model.single})
+    return Prepared(constants, state, n_steps, limit, static, marked, model.single)
 
 
 def _marched(model, duration):
@@ -162,7 +170,15 @@ def _equilibrate(model, geometry, progress):
 
 
 def export(prepared: Prepared, path):
-    """Write a prepared model for the program ``pyblast-run``, which marches it to the same bits."""
+    """Write a prepared model for the program ``pyblast-run``, which marches it to the same bits.
+
+    Raises
+    ------
+    InputError
+        If the model is to march in numbers of four bytes, which that program has not.
+    """
+    if prepared.single:
+        raise InputError("model.single: pyblast-run has numbers of eight bytes only; leave it out")
     march = {"n_steps": prepared.n_steps, "ledger_every": LEDGER_EVERY}
     constants = kernels.numbered(prepared.constants)
     write_model(path, constants, prepared.state, march, prepared.fingerprint)

@@ -1,0 +1,91 @@
+"""Marches in numbers of four bytes: how much quicker, and how near those in eight."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from pyblast.diagnose import cut_of
+from pyblast.diagnosis import library  # noqa: F401  fills the library
+from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.projects.site_model import site_mesh, site_model
+from pyblast.solving.preparation import prepare
+from pyblast.solving.solver import run
+
+from .blind.sites import AFTER, DT, draw_site
+from .marching import LEDGER_EVERY, Steps
+from .timing import interleaved, median, on, ratio
+
+TITLE = "Numbers of four bytes"
+BLAST, DRAWN, CLOSED = "B2", 31, 0.5  # as of the zones of a diagnosis
+QUALITY = 40.0, 20.0
+SITES = {"quick": 1, "usual": 4, "long": 12}
+NAMES = "double", "single"
+ROUNDS = 40  # of a march, that fit into the records
+
+
+def measure(effort):
+    """Return ns of a zone and step, their ratios, and the largest differences over the peak."""
+    drawn = [draw_site(np.random.default_rng([DRAWN, n])) for n in range(SITES[effort])]
+    found = {}
+    for law, changed in laws().items():
+        models = [in_eight(changed(site)) for site in drawn]
+        apart = max(difference(model) for model in models)
+        found[law] = {**times(models[0]), "apart": apart}
+    return found
+
+
+def laws():
+    """Return how a site is changed, by what its ground does."""
+    closure = LIBRARY["joint_nonlinear_closure"]
+    return {
+        "linear joints": lambda site: site,
+        "a joint that closes": lambda site: closure.apply(
+            site, site.joints[0].joint.surface, closed=CLOSED
+        ),
+        "constant Q": lambda site: replace(site, quality=QUALITY),
+    }
+
+
+def in_eight(site):
+    """Return the model of the largest blast as a diagnosis runs it, but in eight bytes."""
+    cut = cut_of(site)
+    return replace(site_model(site, BLAST, cut, site_mesh(site, cut)), single=False)
+
+
+def difference(model):
+    """Return the largest difference of motion of a run in four bytes, over the peak."""
+    double, single = (run(replace(model, single=one), AFTER * DT) for one in (False, True))
+    return max(
+        np.abs(single.seismograms[name].velocity - record.velocity).max()
+        / np.abs(record.velocity).max()
+        for name, record in double.seismograms.items()
+    )
+
+
+def times(model):
+    """Return ns of a zone and step of one thread both ways, and their ratio."""
+    ready = {name: prepare(replace(model, single=name == "single"), AFTER * DT) for name in NAMES}
+    n_steps = LEDGER_EVERY * max(1, ready["double"].n_steps // LEDGER_EVERY // ROUNDS)
+    took = interleaved({name: on(1, Steps(one, n_steps)) for name, one in ready.items()})
+    count = n_steps * len(model.mesh.zones) * 1e-9
+    return {
+        "zones": len(model.mesh.zones),
+        **{f"ns, {name}": median(some) / count for name, some in took.items()},
+        "ratio": ratio(took["double"], took["single"]),
+    }
+
+
+def lines(found):
+    """Return the table of this part."""
+    told = [
+        "Sites drawn as those of the blind benchmark, zones of 15 nodes as a diagnosis cuts them; "
+        "one thread. Energies that pressure stores in closed joints are good to 1e-3 only.",
+        "",
+        "| ground | zones | ns a zone and step | in four bytes | times as fast "
+        "| largest difference over the peak |",
+        "|---|---|---|---|---|---|",
+    ]
+    for law, one in found.items():
+        each = [f"{one[key]:.0f}" for key in ("zones", "ns, double", "ns, single")]
+        told.append(f"| {law} | {' | '.join(each)} | {one['ratio']:.2f} | {one['apart']:.0e} |")
+    return told
