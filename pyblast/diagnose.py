@@ -140,7 +140,7 @@ def cut_of(site: Site, fine: bool = False) -> Cut:
         (FINE_EDGE, FINE_PADDING, FINE_GROWTH) if fine else (EDGE, PADDING, GROWTH)
     )
     slowest = min(speeds)
-    return Cut(edge * slowest / high, padding * slowest / low, growth, quadratic=True)
+    return Cut(edge * slowest / high, padding * slowest / low, growth, quadratic=True, single=True)
 
 
 def read_case(path) -> Site:

@@ -31,6 +31,8 @@ class Cut:
         Of each cell over the one before it, out there.
     quadratic : bool
         Zones of 15 nodes, in cells cut around their centres.
+    single : bool
+        March in numbers of four bytes.
 
     Raises
     ------
@@ -42,6 +44,7 @@ class Cut:
     padding: float = 220.0
     growth: float = GROWTH
     quadratic: bool = False
+    single: bool = False
 
     def __post_init__(self):
         """Refuse what cuts nothing."""
@@ -67,7 +70,9 @@ class Cut:
         Of a third of the length, which cost about as much.
         """
         plain = site.fabric is not None and self.quadratic
-        return replace(self, edge=self.edge / 3.0, quadratic=False) if plain else self
+        if not plain:
+            return self
+        return replace(self, edge=self.edge / 3.0, quadratic=False, single=False)
 
 
 def site_mesh(site: Site, cut: Cut) -> Mesh:
@@ -153,5 +158,5 @@ def site_model(site: Site, blast: str, cut: Cut, mesh: Mesh | None = None) -> Mo
         receivers=site.receivers,
         ground=site.ground,
         quadratic=cut.quadratic,
-        single=cut.quadratic,
+        single=cut.single,
     )
