@@ -108,7 +108,7 @@ def diagnose(
     tell("holes", 0, 1)
     scene = Scene(forward, baseline, forward.hole_motion(baseline.site))
     found = search(scene, budget, tell)
-    shuffled = chance(scene, found.none, found.guesses, seed) if found.fits else None
+    shuffled = chance(scene, found.none, found.guesses, found.fits, seed) if found.fits else None
     verdict = judge(found, shuffled, finer)
     summary = summarise(scene, found, shuffled, verdict)
     used = [forward] if finer is None else [forward, finer]

@@ -17,7 +17,7 @@ from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.mesh_control import COARSE, RESOLUTION, on_finer_mesh
 from pyblast.diagnosis.scene import Effect
 from pyblast.diagnosis.search import MATERIAL, Search, material
-from pyblast.diagnosis.verdict import judge
+from pyblast.diagnosis.verdict import _without, judge
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 LOUD = Effect("misfire_or_charge_error/blast", "B1", ((1.0,),))
@@ -64,7 +64,32 @@ def test_records_without_which_nothing_is_told_of_an_effect_are_no_fold():
 
     found = held_out(here, loud, replace(both, columns=columns, motion=motion))
 
-    assert [fold.name for fold in found.folds] == ["S1"]
+    assert not found.folds
+
+
+def test_records_of_which_an_effect_says_nothing_are_no_fold():
+    here, _, slow, _, both = fits()
+    motion = both.motion.copy()
+    motion[:, 3] = slow.motion[:, 3]  # as if R3 had not recorded B1
+
+    found = held_out(here, slow, replace(both, motion=motion))
+
+    assert [fold.name for fold in found.folds] == ["R0", "R1", "R2"]
+
+
+def test_the_base_of_a_set_is_the_fit_of_the_same_effects_at_the_same_places():
+    here, none, slow, loud, both = fits()
+    elsewhere = replace(slow, effects=(replace(slow.effects[0], target="R0"),))
+    found = Search(here, 400, lambda *_: None, none, [both, elsewhere, loud, slow], [], both)
+
+    assert _without(found, both, "misfire_or_charge_error") is slow
+
+
+def test_two_effects_are_no_composite_if_the_budget_ended_before_others_were_tried_beside_one():
+    here, none, slow, loud, both = fits()
+    found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both, finished=False)
+
+    assert judge(found, CHANCE).outcome == "PARTIAL"
 
 
 def test_a_clock_and_a_charge_that_are_both_wrong_make_a_composite():
@@ -214,7 +239,7 @@ def test_small_errors_of_every_path_are_no_clocks_that_were_wrong():
     clocks = tuple(Effect("clock_error", f"R{n}", ((0.0,),)) for n in range(4))
     every, found = fit(here, clocks), Search(here, 400, lambda *_: None, none)
 
-    beyond = chance(here, none, [], seed=1)
+    beyond = chance(here, none, [], [], seed=1)
 
     assert found.worth(every) > beyond.needed(())  # shuffled among receivers they are rare
     assert found.worth(every) < beyond.needed(clocks)
@@ -224,7 +249,7 @@ def test_one_clock_that_is_wrong_stands_out_of_small_errors():
     here, none, slow, *_ = fits()
     found = Search(here, 400, lambda *_: None, none)
 
-    assert found.worth(slow) > chance(here, none, [], seed=1).needed([SLOW])
+    assert found.worth(slow) > chance(here, none, [], [], seed=1).needed([SLOW])
 
 
 def test_noise_is_no_error_that_comes_back_in_each_blast():
@@ -233,7 +258,7 @@ def test_noise_is_no_error_that_comes_back_in_each_blast():
     likelihood = replace(here.baseline.likelihood, noisy=none.size)
     noise = replace(here, baseline=replace(here.baseline, likelihood=likelihood))
 
-    beyond = [chance(one, none, [], seed=1) for one in (here, noise)]
+    beyond = [chance(one, none, [], [], seed=1) for one in (here, noise)]
 
     assert beyond[0].needed([SLOW]) > beyond[0].needed(())
     assert beyond[1].needed([SLOW]) == beyond[1].needed(())  # what is shuffled alone

@@ -54,7 +54,7 @@ class Chance:
         return [np.maximum(some[several], 0.0) for some in (self.shuffled, *own)]
 
 
-def chance(scene: Scene, none: Fit, guesses: list[Guess], seed: int) -> Chance:
+def chance(scene: Scene, none: Fit, guesses: list[Guess], fits: list[Fit], seed: int) -> Chance:
     """Search shuffled residuals, and harmless errors, for the effects of the library.
 
     Parameters
@@ -64,6 +64,8 @@ def chance(scene: Scene, none: Fit, guesses: list[Guess], seed: int) -> Chance:
         Without effects; what it leaves is shuffled.
     guesses : list of Guess
         Effects on the site, whose changes were run.
+    fits : list of Fit
+        Those of these effects that were fitted are taken by their knobs, in all blasts.
     seed : int
 
     Notes
@@ -86,7 +88,7 @@ def chance(scene: Scene, none: Fit, guesses: list[Guess], seed: int) -> Chance:
     errors = _harmless(scene, none)
     drawn = rng.standard_normal((SURROGATES, n_receivers))
     most, harmless = np.full((2, SURROGATES), -np.inf), {}
-    for label, changes, places in _changes(scene, none, guesses):
+    for label, changes, places in _changes(scene, none, guesses, fits):
         fits, paid = _Fits(likelihood, none.columns, changes), np.log(places)
         most = np.maximum(most, fits.best(*fits.shuffled(left, orders, signs), paid))
         for kind, error in enumerate(errors):
@@ -130,12 +132,14 @@ def _elsewhere(rng, n):
             return order
 
 
-def _changes(scene, none, guesses):
+def _changes(scene, none, guesses, fits):
     """Yield label, whitened columns by places that may go together, how many places it has."""
     likelihood, case = scene.baseline.likelihood, scene.case
+    fitted = {one.where: one for one in fits if len(one.effects) == 1}
     for guess in guesses:
-        places = len(guess.effect.hypothesis.targets(case))
-        yield guess.effect.label, [likelihood.white(guess.change)[None]], places
+        one = fitted.get(frozenset([guess.effect.where]))
+        changes = likelihood.white(guess.change)[None] if one is None else one.knobs
+        yield guess.effect.label, [changes], len(guess.effect.hypothesis.targets(case))
     for hypothesis in LIBRARY.values():
         if hypothesis.on == "site":
             continue

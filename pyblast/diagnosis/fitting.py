@@ -45,6 +45,16 @@ class Fit:
     log_evidence: float
 
     @property
+    def where(self):
+        """What its effects are and where, in no order: the same for fits of the same effects."""
+        return frozenset(effect.where for effect in self.effects)
+
+    @property
+    def knobs(self):
+        """Derivatives by the knobs of the effects, the last of the columns."""
+        return self.columns[len(self.values) :]
+
+    @property
     def labels(self):
         """The labels of the effects, each once, in order."""
         return tuple(dict.fromkeys(effect.label for effect in self.effects))
@@ -112,7 +122,7 @@ def fit(scene: Scene, effects, home=None, first=None, held: Fit | None = None) -
         place, motion, columns, curvature = fitter.descended(place, motion, ~waits, known)
         if known is not None and fitter.step(place, columns, motion, ~waits)[1] > OPEN:
             place, motion, columns, curvature = fitter.descended(place, motion, ~waits)
-    if any(effect.hypothesis.on == "site" for effect in effects):
+    if not effects or any(effect.hypothesis.on == "site" for effect in effects):
         if held is not None:
             columns[waits] = held.columns[waits[: len(held.columns)]]
         fitter.home = fitter.state(place)[0]

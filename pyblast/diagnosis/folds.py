@@ -10,7 +10,7 @@ from .fitting import Fit
 from .scene import Scene
 from .targets import blast_and_hole
 
-FALLS = 0.5  # nats that a fold may lose without counting against
+FALLS = 0.5  # nats that a fold may lose without counting against; of which less, it says nothing
 MOSTLY = 0.75  # of the folds must gain
 ERRORS = 2.0  # standard errors that the sum must lie above zero
 FEW = 3  # folds, of which a standard error says nothing: each must gain
@@ -87,14 +87,15 @@ def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
     -----
     Effects of a blast must foretell other receivers, those of a receiver other blasts, those of
     the ground both; effects that are there before have no say in it. A blast or a receiver with
-    an effect of its own is not left out, nor one without records, nor one without which an effect
-    is not seen, in knobs or in the misfit: a joint that slips in one blast alone. Each fit is made
-    anew without what is left out, by one linear step from where it was; theory.md (14.5).
+    an effect of its own is not left out, nor one of which they foretell nothing else (it may have
+    no records), nor one without which an effect is not seen, in knobs or in the misfit: a joint
+    that slips in one blast alone. Each fit is made anew without what is left out, by one linear
+    step from where it was; theory.md (14.5).
     """
     added = [effect for effect in after.effects if effect.label not in before.labels]
     axes = {e.hypothesis.axis for e in added}
     targets = {blast_and_hole(e.target)[0] for e in added}
-    shape, case, kept = after.size.shape, scene.case, scene.baseline.likelihood.kept
+    shape, case = after.size.shape, scene.case
     places = []
     if axes - {"blasts"}:
         places += [(name, (slice(None), r)) for r, name in enumerate(case.receivers)]
@@ -102,11 +103,12 @@ def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
         places += [(name, (b, slice(None))) for b, name in enumerate(case.blasts)]
     owners = [effect for effect in after.effects for some in effect.values for _ in some]
     knobs = [[owner is one for owner in owners] for one in added]
+    said = _said(scene, before, after)
     folds = []
     for name, place in places:
         out = np.zeros(shape, dtype=bool)
         out[place] = True
-        if name in targets or not np.any(kept[place]):
+        if name in targets or np.sum(said[place]) < FALLS:
             continue
         move, curvature = step_without(scene, after, out)
         first = _foretold(scene, before, step_without(scene, before, out)[0], out)
@@ -116,6 +118,14 @@ def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
             continue
         folds.append(Fold(name, 0.5 * (first.misfit - later.misfit), first.share, later.share))
     return HeldOut(tuple(folds))
+
+
+def _said(scene, before, after):
+    """Return how much else effects say of each record, nats (n_blasts, n_receivers)."""
+    likelihood = scene.baseline.likelihood
+    other = likelihood.white(np.where(scene.case.valid, after.motion - before.motion, 0.0))
+    nats = 0.5 * likelihood.weights(before.size) * np.sum(other**2, axis=-1)
+    return np.where(likelihood.kept > 0, nats, 0.0)
 
 
 def step_without(scene: Scene, fit: Fit, out) -> tuple[np.ndarray, np.ndarray]:

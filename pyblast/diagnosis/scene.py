@@ -40,6 +40,11 @@ class Effect:
         return LIBRARY[self.name]
 
     @property
+    def where(self):
+        """Its name and its target, whatever its values."""
+        return self.name, self.target
+
+    @property
     def label(self):
         """Its name in results, whatever its form."""
         return self.hypothesis.label

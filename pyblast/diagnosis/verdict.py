@@ -101,7 +101,8 @@ def judge(found: Search, threshold: Chance, fine: Forward | None = None) -> Verd
     alone = untestable and len(rivals) == 1
     if found.worth(chosen) < least:
         rivals = tuple(dict.fromkeys((*chosen.labels, *rivals, RESOLUTION)))
-    if more or alone or not _proven(found, chosen, proof) or not found.compared:
+    tried = found.compared and (found.finished or len(chosen.labels) == 1)
+    if more or alone or not (tried and _proven(found, chosen, proof)):
         return Verdict("PARTIAL", chosen, rivals, probability, share, proof, chosen, mesh)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
     return Verdict(outcome, chosen, rivals, probability, share, proof, chosen, mesh)
@@ -168,11 +169,9 @@ def _least(threshold, chosen, *labels):
 def _without(found, chosen, label):
     """Return the fit of a set without one label, from those there are or anew."""
     left = tuple(effect for effect in chosen.effects if effect.label != label)
-    labels = {effect.label for effect in left}
-    for one in found.fits:
-        if set(one.labels) == labels:
-            return one
-    return fit(found.scene, left, chosen.values)
+    wanted = frozenset(effect.where for effect in left)
+    known = next((one for one in found.fits if one.where == wanted), None)
+    return known or fit(found.scene, left, chosen.values)
 
 
 def _rivals(found, chosen, least=None):

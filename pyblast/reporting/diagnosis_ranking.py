@@ -22,7 +22,7 @@ def ranking_rows(made) -> list[dict]:
                 if len(one.labels) == 1 and not several
                 else None,
                 "claim": " ".join(dict.fromkeys(e.hypothesis.claim for e in one.effects)),
-                "chosen": bool(verdict.fit.effects) and _places(one) == _places(verdict.fit),
+                "chosen": bool(verdict.fit.effects) and one.where == verdict.fit.where,
             }
         )
     return rows
@@ -52,11 +52,6 @@ def screened_rows(made) -> list[str]:
         f"{label} ({100.0 * max(one.share, 0.0):.0f} % at {one.effect.target or 'the whole site'})"
         for label, one in best.items()
     ]
-
-
-def _places(fit):
-    """Return the names and targets of the effects of a fit, whatever their order."""
-    return {(effect.name, effect.target) for effect in fit.effects}
 
 
 def needed(summary) -> float:
