@@ -172,6 +172,16 @@ def test_no_joint_is_missing_where_one_is_listed():
     assert applied("missing_joint", "x=65.0", offset=-4.0, kn=1e9, ks=1e9) is None
 
 
+@pytest.mark.parametrize(("target", "offset"), [("x=105.0", 15.0), ("y=15.0", -15.0)])
+def test_no_joint_is_missing_outside_of_the_box(target, offset):
+    stiff = {"kn": 1e9, "ks": 1e9}
+    inside = applied("missing_joint", target, offset=0.99 * offset, **stiff)
+    outside = applied("missing_joint", target, offset=offset, **stiff)
+
+    assert f"missing {target}" in site_mesh(inside, CUT).surfaces
+    assert outside is None
+
+
 @pytest.mark.parametrize("name", [name for name, one in LIBRARY.items() if one.bare])
 def test_bare_sites_are_cut_into_the_zones_of_the_effect(name):
     one = LIBRARY[name]
