@@ -172,6 +172,17 @@ def test_no_joint_is_missing_where_one_is_listed():
     assert applied("missing_joint", "x=65.0", offset=-4.0, kn=1e9, ks=1e9) is None
 
 
+def test_a_soft_layer_leaves_the_ground_below_as_it_is_whatever_its_name():
+    rock = small_site().layers[0][2]
+    layered = replace(small_site(), layers=(("clay", 20.0, rock), ("soft", None, rock)))
+    knobs = {"thickness": 5.0, "slower": 0.4}
+    (own, top, slow), *below = applied("soft_surface_layer", "", layered, **knobs).layers
+
+    assert own not in ("clay", "soft")
+    assert (top, slow.cs) == pytest.approx((5.0, 0.4 * rock.cs))
+    assert below == [("clay", 15.0, rock), ("soft", None, rock)]
+
+
 @pytest.mark.parametrize(("target", "offset"), [("x=105.0", 15.0), ("y=15.0", -15.0)])
 def test_no_joint_is_missing_outside_of_the_box(target, offset):
     stiff = {"kn": 1e9, "ks": 1e9}

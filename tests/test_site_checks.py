@@ -16,6 +16,16 @@ from pyblast.projects.site import read_site
 from pyblast.projects.site_writer import write_site
 from pyblast.records.mseed_file import mseed_bytes
 
+SOIL = '{ name = "rock", thickness_m = 8, density = 2000, vp = 800, vs = 400 }'
+JOINT = """[[joints]]
+id = "J1"
+axis = "y"
+position = 70
+law = "linear"
+kn = 1e9
+ks = 1e9
+"""
+
 
 @cache
 def hidden():
@@ -46,6 +56,8 @@ def changed(folder, *pairs, name="site.toml"):
         ("position = 60", "position = 260", "joints.J1.position: must lie within the box"),
         ("x = 110, y = 30", "x = 810, y = 30", "receivers.R3: lies outside of the box"),
         ('id = "R2"', 'id = "House"', "station 'R2' of its records is no receiver"),
+        ("layers = [", f"layers = [{SOIL},", "layers: 'rock' is there twice; each needs a name"),
+        ("[[joints]]", f"{JOINT}[[joints]]", "joints: 'J1' is there twice; each needs a name"),
         ('id = "B1"', 'id = "S1"', "blasts: 'S1' is there twice"),
         ("charge_exponent = 0.9", 'charge_exponent = "x"', "an entry is of the wrong kind"),
         ("2024-05-01T13:00:00", "2024-05-01T15:00:00", "record of R0 ends -7.2e\\+03 s after"),

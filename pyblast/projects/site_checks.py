@@ -27,6 +27,8 @@ def check_site(site):
             "recording.noise_window_s: must begin and end before the first hole at 0, "
             f"got {first:g}, {last:g}"
         )
+    _check_names("layers", [name for name, *_ in site.layers])
+    _check_names("joints", [one.joint.surface for one in site.joints])
     for name, _, rock in site.layers:
         if not SPEEDS[0] <= rock.cs < rock.cp <= SPEEDS[1]:
             raise InputError(
@@ -45,6 +47,13 @@ def check_site(site):
     for name, blast in site.blasts.items():
         check_holes(site.box, name, blast)
     _check_stations(site)
+
+
+def _check_names(part, names):
+    """Refuse a name that two layers or two joints have, by which one would stand for both."""
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{part}: {name!r} is there twice; each needs a name of its own")
 
 
 def check_holes(box, name, blast: Blast):
