@@ -13,6 +13,7 @@ from pyblast.diagnosis.case import case_of
 from pyblast.errors import InputError, PyblastError
 from pyblast.foretell import check_further
 from pyblast.projects.site import read_site
+from pyblast.projects.site_checks import check_site
 from pyblast.projects.site_writer import write_site
 from pyblast.records.mseed_file import mseed_bytes
 
@@ -66,6 +67,15 @@ def changed(folder, *pairs, name="site.toml"):
 def test_what_can_not_be_is_said_with_its_place(tmp_path, old, new, told):
     with pytest.raises(PyblastError, match=told):
         case_of(read_site(changed(tmp_path, (old, new))))
+
+
+def test_a_source_that_begins_before_its_hole_fires_is_refused():
+    site = hidden()
+    early, quiet = (replace(site.moment_rate, start=start) for start in (-0.05, -0.002))
+
+    check_site(replace(site, moment_rate=quiet))  # its first sample is zero
+    with pytest.raises(InputError, match=r"source: its moment rate begins at -0\.048 s"):
+        check_site(replace(site, moment_rate=early))
 
 
 def test_the_written_folder_itself_is_read(tmp_path):

@@ -6,6 +6,7 @@ from ..blasting.blast import Blast
 from ..errors import InputError
 
 SPEEDS = 30.0, 10_000.0  # m/s, of waves in ground
+EARLY = 1e-3  # of its peak that a moment rate may reach before its hole fires
 NEAR = 1e-6  # m that a place may lie outside of the box
 
 
@@ -44,6 +45,7 @@ def check_site(site):
             )
     for one in site.receivers:
         refuse_outside(site.box, f"receivers.{one.name}", one.position)
+    _check_source(site.moment_rate)
     for name, blast in site.blasts.items():
         check_holes(site.box, name, blast)
     _check_stations(site)
@@ -54,6 +56,17 @@ def _check_names(part, names):
     for name in names:
         if names.count(name) > 1:
             raise InputError(f"{part}: {name!r} is there twice; each needs a name of its own")
+
+
+def _check_source(rate):
+    """Refuse a moment rate that begins before its hole fires: no run has begun there."""
+    size = np.abs(rate.values)
+    begins = rate.start + rate.dt * np.argmax(size > EARLY * np.max(size))
+    if begins < 0.0:
+        raise InputError(
+            f"source: its moment rate begins at {begins:g} s, but no hole sends anything before it "
+            f"fires at 0; shift the table, and all records with it, by {-begins:g} s to later"
+        )
 
 
 def check_holes(box, name, blast: Blast):
