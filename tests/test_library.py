@@ -387,6 +387,19 @@ def test_air_waves_arrive_after_their_way_and_die_with_it():
     assert np.abs(change[0, 3]).max() < 0.3 * np.abs(up).max()  # R3 is 20 m deep
 
 
+@pytest.mark.parametrize("late", [SAMPLES * DT, 2 * SAMPLES * DT])
+def test_air_waves_that_come_after_the_record_are_not_in_it(late):
+    blasts = small_site().blasts
+    holes = replace(blasts["S1"], times=np.array([late]))
+    case = replace(scene().case, site=replace(small_site(), blasts={**blasts, "S1": holes}))
+    still = np.zeros_like(scene().baseline.motion)
+    knobs = {"pressure": 1e3, "period": 0.04, "speed": 340.0, "decay": 1.0, "radial": 1.0}
+    change = LIBRARY["air_blast"].apply(SimpleNamespace(case=case), still, "", **knobs)
+
+    assert not change[0].any()
+    assert change[1].any()
+
+
 @pytest.mark.parametrize("form", ["east", "north", "up", "all"])
 def test_reversed_components_keep_their_size(form):
     motion = scene().baseline.motion
