@@ -7,17 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_site import recorded, small_site
+from small_site import CUT, recorded, small_site
 
 from pyblast.diagnosis.case import case_of
 from pyblast.errors import InputError, PyblastError
 from pyblast.foretell import check_further
 from pyblast.projects.site import read_site
 from pyblast.projects.site_checks import check_site
+from pyblast.projects.site_model import site_mesh
 from pyblast.projects.site_writer import write_site
 from pyblast.records.mseed_file import mseed_bytes
 
-SOIL = '{ name = "rock", thickness_m = 8, density = 2000, vp = 800, vs = 400 }'
+SOIL = 'layers = [{{ name = "{}", thickness_m = {}, density = 2000, vp = 800, vs = 400 }},'
 JOINT = """[[joints]]
 id = "J1"
 axis = "y"
@@ -26,6 +27,7 @@ law = "linear"
 kn = 1e9
 ks = 1e9
 """
+RIMS = "whole_box = false\nextent = [{}, {}]\ndepth = [{}, {}]"
 
 
 @cache
@@ -57,7 +59,12 @@ def changed(folder, *pairs, name="site.toml"):
         ("position = 60", "position = 260", "joints.J1.position: must lie within the box"),
         ("x = 110, y = 30", "x = 810, y = 30", "receivers.R3: lies outside of the box"),
         ('id = "R2"', 'id = "House"', "station 'R2' of its records is no receiver"),
-        ("layers = [", f"layers = [{SOIL},", "layers: 'rock' is there twice; each needs a name"),
+        ("layers = [", SOIL.format("rock", 8), "layers: 'rock' is there twice; each needs a name"),
+        ("layers = [", SOIL.format("soil", 108), "layers.soil: ends 108 m below"),
+        ("layers = [", SOIL.format("soil", -8), "soil.thickness_m: must be pos"),
+        ('"rock", density', '"rock", thickness_m = 60, density', "the last layer has no end"),
+        ("whole_box = true", RIMS.format(20, 60, 70, 80), "J1.depth: must go from low to high and"),
+        ("whole_box = true", RIMS.format(70, 20, 0, 80), "joints.J1.extent: .* 0 to 90 m, got 70"),
         ("[[joints]]", f"{JOINT}[[joints]]", "joints: 'J1' is there twice; each needs a name"),
         ('id = "B1"', 'id = "S1"', "blasts: 'S1' is there twice"),
         ("charge_exponent = 0.9", 'charge_exponent = "x"', "an entry is of the wrong kind"),
@@ -98,6 +105,26 @@ def test_the_case_folder_of_the_page_on_files_is_read(tmp_path):
     assert case.receivers == ("R01",)
     assert case.site.joints[0].joint.insitu_pressure == 2e5
     assert [thickness for _, thickness, _ in case.site.layers] == [8, None]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_joint_of_any_size_has_faces_within_its_rims(seed):
+    rng = np.random.default_rng(seed)
+    extent, depth = ((low, low + size) for low, size in rng.uniform(1.0, 8.0, (2, 2)))
+    (listed,) = small_site().joints
+    rock = small_site().layers[0][2]
+    site = replace(
+        small_site(),
+        joints=(replace(listed, extent=extent, depth=depth),),
+        layers=(("soil", rng.uniform(1.0, 20.0), rock), ("rock", None, rock)),
+        marks=(("y", rng.uniform(1.0, 20.0)),),
+    )
+    mesh = site_mesh(site, CUT)
+    _, along, up = mesh.points[mesh.surfaces["J1"]].mean(axis=1).T
+
+    assert len(along)
+    assert np.all((along > extent[0]) & (along < extent[1]))
+    assert np.all((-up > depth[0]) & (-up < depth[1]))
 
 
 @pytest.mark.parametrize(

@@ -148,7 +148,10 @@ def _box(config, top):
 
 
 def _layers(project):
-    """Return the layers; each has a material of its own, whose speeds are its own."""
+    """Return the layers; each has a material of its own, whose speeds are its own.
+
+    The last goes on below the bottom of the mesh.
+    """
     layers = project.config.mesh.layers
     names = [layer.material for layer in layers]
     for name in names:
@@ -156,9 +159,10 @@ def _layers(project):
             raise InputError(
                 f"mesh.layers: {name!r} is used twice; give each layer a material of its own"
             )
+    thicknesses = [*(layer.thickness_m for layer in layers[:-1]), None]
     return tuple(
-        (name, layer.thickness_m, replace(project.materials[name], law=Elastic()))
-        for name, layer in zip(names, layers, strict=True)
+        (name, thickness, replace(project.materials[name], law=Elastic()))
+        for name, thickness in zip(names, thicknesses, strict=True)
     )
 
 

@@ -114,13 +114,13 @@ def read_site(folder) -> Site:
         raise ReadError(f"{path}: not valid TOML ({error})") from None
     try:
         site = _site(folder, table)
+        check_site(site)
     except KeyError as error:
         raise ReadError(f"{path}: entry {error} is missing") from None
     except PyblastError:
         raise
     except (TypeError, AttributeError, IndexError, ValueError) as error:
         raise ReadError(f"{path}: an entry is of the wrong kind ({error})") from None
-    check_site(site)
     return site
 
 

@@ -3,6 +3,8 @@
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from ...solving.materials import Material
 from ..hypotheses import Knob, hypothesis
 
@@ -14,7 +16,7 @@ ALIKE = 2.0  # ratio of thicknesses whose zones differ by less than small errors
 def _layered(site, thickness, slower):
     """Return the site with a slower layer on top; None where there is no room for it."""
     name, first, rock = site.layers[0]
-    if first is not None and thickness > 0.9 * first:
+    if thickness > 0.9 * (first or np.ptp(site.box[2])):
         return None
     own, listed = "soft", [there for there, *_ in site.layers]
     while own in listed:
