@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from small_site import CUT, recorded, small_site
 
+from pyblast.diagnose import diagnose_folder
 from pyblast.diagnosis.case import case_of
 from pyblast.errors import InputError, PyblastError
 from pyblast.foretell import check_further
@@ -46,6 +47,12 @@ def changed(folder, *pairs, name="site.toml"):
         text = text.replace(old, new)
     (folder / name).write_text(text)
     return folder
+
+
+def inner(folder, name):
+    """Move a file of a case folder into a folder in it; return its path."""
+    (folder / "inner").mkdir()
+    return (folder / name).rename(folder / "inner" / name)
 
 
 @pytest.mark.parametrize(
@@ -155,6 +162,26 @@ def test_a_forecast_never_takes_the_place_of_a_record_or_of_another(tmp_path):
             check_further(tmp_path, holes, outputs)
     with pytest.raises(InputError, match="must be a file in a folder that is there"):
         check_further(tmp_path, holes, [tmp_path / "no" / "out.mseed"])
+
+
+def test_a_forecast_never_takes_the_place_of_a_record_in_another_folder(tmp_path):
+    records = inner(changed(tmp_path, ('"B1.mseed"', '"inner/B1.mseed"')), "B1.mseed")
+
+    with pytest.raises(InputError, match="is needed for something else"):
+        check_further(tmp_path, tmp_path / "B1_holes.csv", [records])
+
+
+def test_a_change_of_a_file_in_another_folder_is_another_case(tmp_path, monkeypatch):
+    holes = inner(changed(tmp_path, ('"B1_holes.csv"', '"inner/B1_holes.csv"')), "B1_holes.csv")
+    hashes = []
+    monkeypatch.setattr(
+        "pyblast.diagnose._finished", lambda _, provenance, *__: hashes.append(provenance) or {}
+    )
+    for charge in (",60,", ",30,"):
+        holes.write_text(holes.read_text().replace(",60,", charge))
+        diagnose_folder(tmp_path, tmp_path / "out")
+
+    assert hashes[0]["input_sha256"] != hashes[1]["input_sha256"]
 
 
 def test_one_record_that_ends_early_does_not_cut_the_others():
