@@ -22,7 +22,7 @@ from .errors import InputError, ReadError
 from .projects.project import load_project
 from .projects.project_site import diagnosed_blasts, site_of_project
 from .projects.result import plain, write_summary
-from .projects.site import Site, read_site
+from .projects.site import Site, case_files, read_site
 from .projects.site_model import Cut
 from .reporting.diagnosis_report import write_diagnosis_report
 from .solving.provenance import versions
@@ -187,14 +187,14 @@ def diagnose_folder(folder, output, *, budget=BUDGET, seed=1, executor=None, pro
 
 
 def _hash_of(folder):
-    """Return the hash of all files of a case folder, or of all that a project names."""
+    """Return the hash of all files of a case, or of all that a project names."""
     digest = hashlib.sha256()
     try:
         if not Path(folder).is_dir():
             for one in diagnosed_blasts(load_project(folder)):
                 digest.update(json.dumps(one.input_files, sort_keys=True).encode())
             return digest.hexdigest()
-        for path in sorted(p for p in Path(folder).iterdir() if p.is_file()):
+        for path in case_files(folder):
             digest.update(path.name.encode() + path.read_bytes())
     except ReadError:
         raise

@@ -14,6 +14,7 @@ from .motion.seismogram import Seismogram
 from .projects.project import load_project
 from .projects.project_site import diagnosed_blasts, ground_height, lowered
 from .projects.result import write_bytes
+from .projects.site import case_files
 from .projects.site_checks import check_holes
 from .records.mseed_file import channel_names, mseed_bytes
 
@@ -66,9 +67,9 @@ def check_further(folder, holes, outputs=()):
 
 
 def _inputs(folder):
-    """Return the files of a case folder, or all that a project and its further blasts name."""
+    """Return the files of a case, or all that a project and its further blasts name."""
     if folder.is_dir():
-        return list(folder.iterdir())
+        return case_files(folder)
     every = diagnosed_blasts(load_project(folder))
     return [one.folder / name for one in every for name in one.input_files]
 

@@ -28,6 +28,14 @@ def site_with(shift):
     return replace(site, records={b: dict.fromkeys(names, record) for b in site.blasts})
 
 
+def record_without(record, count, offset):
+    """Return a record whose vertical stays at an offset for so many samples."""
+    velocity = record.seismogram.velocity.copy()
+    velocity[:, 2] += offset
+    velocity[:count, 2] = offset
+    return replace(record, seismogram=replace(record.seismogram, velocity=velocity))
+
+
 @pytest.mark.parametrize("share", [0.4, -0.3])
 def test_records_between_the_instants_of_the_blast_are_read_at_them(share):
     whole, off = (case_of(site_with(part * DT)).motion for part in (0.0, share))
@@ -35,3 +43,16 @@ def test_records_between_the_instants_of_the_blast_are_read_at_them(share):
     wrong = np.sum((whole[..., :90] - off[..., :90]) ** 2) / np.sum(whole**2)
 
     assert wrong < 1e-6  # of the energy; 1.8 and 1.0 % when taken for the nearest instants
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e-3])
+def test_a_channel_that_is_still_before_the_blast_is_dead_only_if_it_stays_so(offset):
+    site = site_with(0.0)
+    live, up = (record_without(site.records["S1"]["R0"], some, offset) for some in (BEFORE, None))
+    records = {name: {**site.records[name], "R1": live, "R2": up} for name in site.blasts}
+    plain, case = case_of(site), case_of(replace(site, records=records))
+
+    assert case.dead == ("R2 up",)
+    assert case.valid[:, 1].all()
+    assert not case.valid[:, 2, 2].any()
+    np.testing.assert_allclose(case.noise.variance[1, 2], plain.noise.variance[0].max(), rtol=1e-6)

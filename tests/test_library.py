@@ -172,6 +172,27 @@ def test_no_joint_is_missing_where_one_is_listed():
     assert applied("missing_joint", "x=65.0", offset=-4.0, kn=1e9, ks=1e9) is None
 
 
+def test_a_soft_layer_leaves_the_ground_below_as_it_is_whatever_its_name():
+    rock = small_site().layers[0][2]
+    layered = replace(small_site(), layers=(("clay", 20.0, rock), ("soft", None, rock)))
+    knobs = {"thickness": 5.0, "slower": 0.4}
+    (own, top, slow), *below = applied("soft_surface_layer", "", layered, **knobs).layers
+
+    assert own not in ("clay", "soft")
+    assert (top, slow.cs) == pytest.approx((5.0, 0.4 * rock.cs))
+    assert below == [("clay", 15.0, rock), ("soft", None, rock)]
+
+
+@pytest.mark.parametrize(("target", "offset"), [("x=105.0", 15.0), ("y=15.0", -15.0)])
+def test_no_joint_is_missing_outside_of_the_box(target, offset):
+    stiff = {"kn": 1e9, "ks": 1e9}
+    inside = applied("missing_joint", target, offset=0.99 * offset, **stiff)
+    outside = applied("missing_joint", target, offset=offset, **stiff)
+
+    assert f"missing {target}" in site_mesh(inside, CUT).surfaces
+    assert outside is None
+
+
 @pytest.mark.parametrize("name", [name for name, one in LIBRARY.items() if one.bare])
 def test_bare_sites_are_cut_into_the_zones_of_the_effect(name):
     one = LIBRARY[name]
@@ -364,6 +385,19 @@ def test_air_waves_arrive_after_their_way_and_die_with_it():
         np.abs(up).max(axis=-1) * far, np.abs(up[0]).max() * far[0], rtol=0.1
     )
     assert np.abs(change[0, 3]).max() < 0.3 * np.abs(up).max()  # R3 is 20 m deep
+
+
+@pytest.mark.parametrize("late", [SAMPLES * DT, 2 * SAMPLES * DT])
+def test_air_waves_that_come_after_the_record_are_not_in_it(late):
+    blasts = small_site().blasts
+    holes = replace(blasts["S1"], times=np.array([late]))
+    case = replace(scene().case, site=replace(small_site(), blasts={**blasts, "S1": holes}))
+    still = np.zeros_like(scene().baseline.motion)
+    knobs = {"pressure": 1e3, "period": 0.04, "speed": 340.0, "decay": 1.0, "radial": 1.0}
+    change = LIBRARY["air_blast"].apply(SimpleNamespace(case=case), still, "", **knobs)
+
+    assert not change[0].any()
+    assert change[1].any()
 
 
 @pytest.mark.parametrize("form", ["east", "north", "up", "all"])

@@ -179,12 +179,19 @@ def test_quality_factors_of_all_layers_are_those_of_the_site(tmp_path):
     assert site.layers[0][2].law.name == "elastic"
 
 
-def test_blasts_of_other_ground_are_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("old", "new", "key"),
+    [
+        ("cp_m_per_s = 2800", "cp_m_per_s = 2900", "materials"),
+        ("charge_exponent = 0.9", "charge_exponent = 0.8", "blast.charge_exponent"),
+    ],
+)
+def test_blasts_of_other_ground_or_another_source_are_refused(tmp_path, old, new, key):
     path = written(tmp_path, believed())
     other = tmp_path / "B1.toml"
-    other.write_text(other.read_text().replace("cp_m_per_s = 2800", "cp_m_per_s = 2900"))
+    other.write_text(other.read_text().replace(old, new))
 
-    with pytest.raises(InputError, match=r"B1\.toml: materials: differs from S1\.toml"):
+    with pytest.raises(InputError, match=rf"B1\.toml: {key}: differs from S1\.toml"):
         diagnosed_blasts(load_project(path))
 
 

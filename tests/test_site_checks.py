@@ -7,14 +7,28 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_site import recorded, small_site
+from small_site import CUT, recorded, small_site
 
+from pyblast.diagnose import diagnose_folder
 from pyblast.diagnosis.case import case_of
 from pyblast.errors import InputError, PyblastError
 from pyblast.foretell import check_further
 from pyblast.projects.site import read_site
+from pyblast.projects.site_checks import check_site
+from pyblast.projects.site_model import site_mesh
 from pyblast.projects.site_writer import write_site
 from pyblast.records.mseed_file import mseed_bytes
+
+SOIL = 'layers = [{{ name = "{}", thickness_m = {}, density = 2000, vp = 800, vs = 400 }},'
+JOINT = """[[joints]]
+id = "J1"
+axis = "y"
+position = 70
+law = "linear"
+kn = 1e9
+ks = 1e9
+"""
+RIMS = "whole_box = false\nextent = [{}, {}]\ndepth = [{}, {}]"
 
 
 @cache
@@ -35,6 +49,12 @@ def changed(folder, *pairs, name="site.toml"):
     return folder
 
 
+def inner(folder, name):
+    """Move a file of a case folder into a folder in it; return its path."""
+    (folder / "inner").mkdir()
+    return (folder / name).rename(folder / "inner" / name)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
@@ -46,6 +66,13 @@ def changed(folder, *pairs, name="site.toml"):
         ("position = 60", "position = 260", "joints.J1.position: must lie within the box"),
         ("x = 110, y = 30", "x = 810, y = 30", "receivers.R3: lies outside of the box"),
         ('id = "R2"', 'id = "House"', "station 'R2' of its records is no receiver"),
+        ("layers = [", SOIL.format("rock", 8), "layers: 'rock' is there twice; each needs a name"),
+        ("layers = [", SOIL.format("soil", 108), "layers.soil: ends 108 m below"),
+        ("layers = [", SOIL.format("soil", -8), "soil.thickness_m: must be pos"),
+        ('"rock", density', '"rock", thickness_m = 60, density', "the last layer has no end"),
+        ("whole_box = true", RIMS.format(20, 60, 70, 80), "J1.depth: must go from low to high and"),
+        ("whole_box = true", RIMS.format(70, 20, 0, 80), "joints.J1.extent: .* 0 to 90 m, got 70"),
+        ("[[joints]]", f"{JOINT}[[joints]]", "joints: 'J1' is there twice; each needs a name"),
         ('id = "B1"', 'id = "S1"', "blasts: 'S1' is there twice"),
         ("charge_exponent = 0.9", 'charge_exponent = "x"', "an entry is of the wrong kind"),
         ("2024-05-01T13:00:00", "2024-05-01T15:00:00", "record of R0 ends -7.2e\\+03 s after"),
@@ -54,6 +81,15 @@ def changed(folder, *pairs, name="site.toml"):
 def test_what_can_not_be_is_said_with_its_place(tmp_path, old, new, told):
     with pytest.raises(PyblastError, match=told):
         case_of(read_site(changed(tmp_path, (old, new))))
+
+
+def test_a_source_that_begins_before_its_hole_fires_is_refused():
+    site = hidden()
+    early, quiet = (replace(site.moment_rate, start=start) for start in (-0.05, -0.002))
+
+    check_site(replace(site, moment_rate=quiet))  # its first sample is zero
+    with pytest.raises(InputError, match=r"source: its moment rate begins at -0\.048 s"):
+        check_site(replace(site, moment_rate=early))
 
 
 def test_the_written_folder_itself_is_read(tmp_path):
@@ -76,6 +112,26 @@ def test_the_case_folder_of_the_page_on_files_is_read(tmp_path):
     assert case.receivers == ("R01",)
     assert case.site.joints[0].joint.insitu_pressure == 2e5
     assert [thickness for _, thickness, _ in case.site.layers] == [8, None]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_joint_of_any_size_has_faces_within_its_rims(seed):
+    rng = np.random.default_rng(seed)
+    extent, depth = ((low, low + size) for low, size in rng.uniform(1.0, 8.0, (2, 2)))
+    (listed,) = small_site().joints
+    rock = small_site().layers[0][2]
+    site = replace(
+        small_site(),
+        joints=(replace(listed, extent=extent, depth=depth),),
+        layers=(("soil", rng.uniform(1.0, 20.0), rock), ("rock", None, rock)),
+        marks=(("y", rng.uniform(1.0, 20.0)),),
+    )
+    mesh = site_mesh(site, CUT)
+    _, along, up = mesh.points[mesh.surfaces["J1"]].mean(axis=1).T
+
+    assert len(along)
+    assert np.all((along > extent[0]) & (along < extent[1]))
+    assert np.all((-up > depth[0]) & (-up < depth[1]))
 
 
 @pytest.mark.parametrize(
@@ -106,6 +162,26 @@ def test_a_forecast_never_takes_the_place_of_a_record_or_of_another(tmp_path):
             check_further(tmp_path, holes, outputs)
     with pytest.raises(InputError, match="must be a file in a folder that is there"):
         check_further(tmp_path, holes, [tmp_path / "no" / "out.mseed"])
+
+
+def test_a_forecast_never_takes_the_place_of_a_record_in_another_folder(tmp_path):
+    records = inner(changed(tmp_path, ('"B1.mseed"', '"inner/B1.mseed"')), "B1.mseed")
+
+    with pytest.raises(InputError, match="is needed for something else"):
+        check_further(tmp_path, tmp_path / "B1_holes.csv", [records])
+
+
+def test_a_change_of_a_file_in_another_folder_is_another_case(tmp_path, monkeypatch):
+    holes = inner(changed(tmp_path, ('"B1_holes.csv"', '"inner/B1_holes.csv"')), "B1_holes.csv")
+    hashes = []
+    monkeypatch.setattr(
+        "pyblast.diagnose._finished", lambda _, provenance, *__: hashes.append(provenance) or {}
+    )
+    for charge in (",60,", ",30,"):
+        holes.write_text(holes.read_text().replace(",60,", charge))
+        diagnose_folder(tmp_path, tmp_path / "out")
+
+    assert hashes[0]["input_sha256"] != hashes[1]["input_sha256"]
 
 
 def test_one_record_that_ends_early_does_not_cut_the_others():

@@ -1,5 +1,6 @@
 """The smallest visible effect: a little more is seen, a little less is not."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -52,6 +53,17 @@ def test_amounts_are_small_and_of_knobs_that_need_no_runs():
     assert 0.05 < amounts["instrument_response", "gain", "gain"] < 0.5
     assert ("wrong_coordinates", "receiver", "east") not in amounts
     assert not any(label.startswith("joint") for label, _, _ in amounts)
+
+
+def test_a_logged_dud_does_not_hide_the_delays_of_other_holes():
+    site, charge = small_site(), np.array([60.0, 0.0, 60.0])
+    dud = replace(site.blasts["B1"], charge=charge)
+    here = scene_of(recorded(replace(site, blasts={**site.blasts, "B1": dud}), noise=3e-4))
+    here.holes["B1"] *= 3.0 * (charge > 0.0)[:, None, None, None]  # loud enough to be seen
+    (delays,) = (v for v in visible(here, fit(here, ()), -20.0) if v["knob"] == "delays")
+
+    assert 0.0 < delays["amount"] < 0.02
+    assert delays["unseen"] == []
 
 
 def test_nothing_is_said_beside_what_is_not_explained():

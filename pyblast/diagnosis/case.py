@@ -32,7 +32,7 @@ class Case:
         Samples that are there and not clipped.
     band : Band
     noise : Noise
-        From the windows before the blasts.
+        From the windows before the blasts; of channels that are still there, that of the loudest.
     dead : tuple of str
         Channels that never move, such as ``R3 north``; nothing of them is valid.
     """
@@ -92,12 +92,13 @@ def case_of(site: Site, blasts=None) -> Case:
         _arrays(records, receivers, start, dt, n) for start, n in (after, before)
     )
     _check_windows(site, names, receivers, records, heard)
-    silent = ~np.any(heard & (quiet != 0.0), axis=(0, 3))
-    valid[:, silent] = False
+    silent = ~np.any(heard.all(axis=3) & (np.ptp(quiet, axis=3) > 0.0), axis=0)
+    still = silent & ~np.any(np.ptp(motion, axis=3) > 0.0, axis=0)
+    valid[:, still] = False
     quiet[:, silent] = _loudest(quiet)
     heard[:, silent] = True
     noise = noise_of(np.where(heard, quiet, np.nan), dt, site.band)
-    dead = tuple(f"{receivers[r]} {COMPONENTS[c]}" for r, c in np.argwhere(silent))
+    dead = tuple(f"{receivers[r]} {COMPONENTS[c]}" for r, c in np.argwhere(still))
     whole = None if valid.all() else valid
     band = band_functions(motion.shape[-1], dt, site.band, whole)
     return Case(site, names, receivers, dt, motion, valid, band, noise, dead)
@@ -136,7 +137,7 @@ def _check_windows(site, names, receivers, records, heard):
 
 def _loudest(quiet):
     """Return the window (n_blasts, 1, n) of the channel that moves most."""
-    energy = np.sum(quiet**2, axis=(0, 3))
+    energy = np.sum(np.var(quiet, axis=3), axis=0)
     return quiet[:, [energy.argmax() // 3], energy.argmax() % 3]
 
 

@@ -103,15 +103,23 @@ class Fitter:
         place : (n_coordinates,) float64
         motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
         free : (n_coordinates,) bool
-            Which may move; the others have no derivatives.
+            Which may move; the others have no derivatives. Where a step can't be, the one the
+            other way tells the derivative; where neither can, there is none.
         """
         steps = DIFFERENCE * np.eye(len(place))
         steps[place + DIFFERENCE > self.bounds[1]] *= -1.0
-        base = self.left(motion)
+        base, asked = self.left(motion), np.flatnonzero(free)
         columns = np.zeros((len(place), *base.shape))
-        moved = self.motions(place + steps[free])
-        for at, step, one in zip(np.flatnonzero(free), steps[free], moved, strict=True):
-            columns[at] = (base - self.left(one)) / step.sum()
+        for _ in ("there", "back"):
+            moved = self.motions(place + steps[asked])
+            for at, one in zip(asked, moved, strict=True):
+                if one is not None:
+                    columns[at] = (base - self.left(one)) / steps[at, at]
+            steps *= -1.0
+            back = place + steps.sum(axis=1)
+            held = (back < self.bounds[0]) | (back > self.bounds[1])
+            refused = [at for at, one in zip(asked, moved, strict=True) if one is None]
+            asked = [at for at in refused if not held[at]]
         columns[:, [b for b in range(len(base)) if b not in self.blasts]] = 0.0
         return columns
 

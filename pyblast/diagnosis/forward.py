@@ -26,7 +26,7 @@ class Forward:
     executor : Executor, optional
         As for `run_all`.
     runs, kept : int
-        How many were asked for, and of these how many whole blasts the folder had already.
+        How many were asked for, and how many whole blasts the folder had before any was made here.
     kept_s : float, s
         How long those took when they were made.
     """
@@ -39,6 +39,7 @@ class Forward:
     kept: int = 0
     kept_s: float = 0.0
     _meshes: dict = field(default_factory=dict, repr=False)
+    _known: set = field(default_factory=set, repr=False)
 
     def motion(self, site: Site) -> np.ndarray:
         """Return the motion (n_blasts, n_receivers, 3, n_samples) in m/s of one site."""
@@ -58,9 +59,12 @@ class Forward:
     def made(self, models):
         """Run models, or read them where they are kept, and count them."""
         done = run_all(models, self.case.duration, folder=self.folder, executor=self.executor)
-        found = [run.wall_seconds for run in done if run.found]
-        self.runs, self.kept = self.runs + len(done), self.kept + len(found)
-        self.kept_s += sum(found)
+        self.runs += len(done)
+        for one in done:
+            key = one.provenance["input_sha256"], *one.seismograms
+            if one.found and key not in self._known:
+                self.kept, self.kept_s = self.kept + 1, self.kept_s + one.wall_seconds
+            self._known.add(key)
         return done
 
     def hole_motion(self, site: Site) -> dict[str, np.ndarray]:

@@ -55,9 +55,10 @@ def predict(case: Case, cut, blast: Blast, values, effects=(), folder=None) -> n
     (n_receivers, 3, n_samples) float64, m/s
         From the first hole on.
     """
-    site = replace(site_of(case.site, values, effects), blasts={NEW: blast})
-    forward = Forward(replace(case, site=site, blasts=(NEW,)), cut, folder)
-    return with_motion_effects(Place(forward), forward.motion(site), effects)[0]
+    answered = site_of(case.site, values, effects)
+    believed, site = (replace(one, blasts={NEW: blast}) for one in (case.site, answered))
+    forward = Forward(replace(case, site=believed, blasts=(NEW,)), cut, folder)
+    return with_motion_effects(Place(forward, site), forward.motion(site), effects)[0]
 
 
 @dataclass(eq=False)
@@ -67,19 +68,22 @@ class Place:
     Parameters
     ----------
     forward : Forward
+    site : Site
+        With the further blast, as it was diagnosed.
     """
 
     forward: Forward
+    site: Site
 
     @property
     def case(self):
-        """The receivers and the further blast."""
+        """The receivers and the further blast, on the ground that effects were fitted on."""
         return self.forward.case
 
     @cached_property
     def surroundings(self):
         """What is sent around the receivers."""
-        return surroundings(self.forward, self.case.site)
+        return surroundings(self.forward, self.site)
 
 
 def effects_of(table) -> tuple[Effect, ...]:

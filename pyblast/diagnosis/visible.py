@@ -57,25 +57,29 @@ def visible(scene: Scene, fit: Fit, least: float = GROWS) -> list[dict]:
 
 
 def _amount(scene, fit, one, target, place, least):
-    """Return the smallest visible change of one knob at a target, of its worst hole if of each."""
+    """Return the smallest visible change of one knob at a target, of its worst hole if of each.
+
+    Holes without a charge send nothing, whatever their knobs, and don't count.
+    """
     knob, case, likelihood = one.knobs[place], scene.case, scene.baseline.likelihood
-    count = len(case.site.blasts[target].times) if knob.per_hole else 1
+    charges = case.site.blasts[target].charge if knob.per_hole else np.ones(1)
+    live = np.flatnonzero(charges > 0.0)
     unit = knob.sigma * (knob.nothing or knob.centre or 1.0) if knob.log else knob.sigma
     step = DIFFERENCE * unit
-    cost = np.log(len(one.targets(case)) * count) + least
+    cost = np.log(len(one.targets(case)) * len(live)) + least
     farthest = max(abs(e - knob.nothing) for e in (knob.low, knob.high) if np.isfinite(e))
     left = likelihood.left(fit.motion)
 
     def change(hole, amount):
         values = [(other.centre,) for other in one.knobs]
-        changed = np.full(count, knob.nothing)
+        changed = np.full(len(charges), knob.nothing)
         changed[hole] += amount
         values[place] = tuple(changed.tolist())
         effect = Effect(one.name, target, tuple(values))
         return left - likelihood.left(scene.received(fit.motion, (effect,)))
 
     amounts = []
-    for hole in range(count):
+    for hole in live:
         slope = change(hole, step) / step
         amount = _smallest(likelihood, fit, slope, unit, cost, farthest)
         if np.isfinite(amount):

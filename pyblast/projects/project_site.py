@@ -41,7 +41,9 @@ OF_MATERIALS = {
     "transverse": "is an effect that a diagnosis looks for itself; give young_mpa and poisson",
     "joints": "is an effect that a diagnosis looks for itself; leave it out",
 }
-SHARED = "mesh", "materials", "joints", "boundaries", "rim", "holes_inside"
+SHARED = (
+    "mesh", "materials", "joints", "boundaries", "rim", "holes_inside", "blast.charge_exponent",
+)  # fmt: skip
 QUALITY = "qp", "qs"
 SIDES = "west", "east", "south", "north", "bottom"
 
@@ -61,7 +63,7 @@ def diagnosed_blasts(project: Project) -> tuple[Project, ...]:
         if names.count(name) > 1:
             raise InputError(f"{project.path.name}: diagnosis.blasts: {name!r} is named twice")
         for key in SHARED:
-            if getattr(one.config, key) != getattr(project.config, key):
+            if _entry(one.config, key) != _entry(project.config, key):
                 raise InputError(
                     f"{one.path.name}: {key}: differs from {project.path.name}; blasts that are "
                     "diagnosed together share their ground and the moment rate of 1 kg"
@@ -115,13 +117,17 @@ def site_of_project(project: Project) -> Site:
         return site
 
 
+def _entry(config, key):
+    """Return what a path of keys such as ``blast.charge_exponent`` leads to, or None."""
+    for name in key.split("."):
+        config = None if config is None else getattr(config, name)
+    return config
+
+
 def _refuse(config):
     """Refuse what a site can't hold."""
     for key, why in REFUSED.items():
-        part = config
-        for name in key.split("."):
-            part = None if part is None else getattr(part, name)
-        if part:
+        if _entry(config, key):
             raise InputError(f"{key}: {why}")
     if config.holes_inside is None:
         raise InputError("holes_inside: missing; a diagnosis fires the holes of [blast] inside")
@@ -148,7 +154,10 @@ def _box(config, top):
 
 
 def _layers(project):
-    """Return the layers; each has a material of its own, whose speeds are its own."""
+    """Return the layers; each has a material of its own, whose speeds are its own.
+
+    The last goes on below the bottom of the mesh.
+    """
     layers = project.config.mesh.layers
     names = [layer.material for layer in layers]
     for name in names:
@@ -156,9 +165,10 @@ def _layers(project):
             raise InputError(
                 f"mesh.layers: {name!r} is used twice; give each layer a material of its own"
             )
+    thicknesses = [*(layer.thickness_m for layer in layers[:-1]), None]
     return tuple(
-        (name, layer.thickness_m, replace(project.materials[name], law=Elastic()))
-        for name, layer in zip(names, layers, strict=True)
+        (name, thickness, replace(project.materials[name], law=Elastic()))
+        for name, thickness in zip(names, thicknesses, strict=True)
     )
 
 

@@ -1,6 +1,7 @@
 """Case folders: a site as it is believed to be, its blasts, and what the receivers recorded."""
 
 import tomllib
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,8 @@ from ..solving.model import Receiver
 from ..solving.sources import TimeFunction
 from .site_checks import check_site
 from .site_fabric import Fabric
+
+TABLE = "site.toml"
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,23 +108,53 @@ def read_site(folder) -> Site:
         If a value breaks a rule.
     """
     folder = Path(folder)
-    path = folder / "site.toml"
+    table = _table_of(folder)
+    with _entries_of(folder):
+        site = _site(folder, table)
+        check_site(site)
+    return site
+
+
+def case_files(folder) -> list[Path]:
+    """Return the files of a case folder and those elsewhere that its ``site.toml`` names, sorted.
+
+    Raises
+    ------
+    ReadError
+        As of `read_site`, of what names files; those themselves need not be there.
+    """
+    folder = Path(folder)
+    table = _table_of(folder)
+    with _entries_of(folder):
+        rows = table["blasts"]
+        names = [table["source"]["file"], *(row[k] for row in rows for k in ("holes", "records"))]
+        named = {folder / name for name in names}
+    return sorted(named.union(path for path in folder.iterdir() if path.is_file()))
+
+
+def _table_of(folder):
+    """Return the table of the ``site.toml`` of a folder."""
+    path = folder / TABLE
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ReadError(f"{path}: can't be read ({error.strerror})") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise ReadError(f"{path}: not valid TOML ({error})") from None
+
+
+@contextmanager
+def _entries_of(folder):
+    """Name the ``site.toml`` of a folder where an entry is missing or of a wrong kind."""
+    path = folder / TABLE
     try:
-        site = _site(folder, table)
+        yield
     except KeyError as error:
         raise ReadError(f"{path}: entry {error} is missing") from None
     except PyblastError:
         raise
     except (TypeError, AttributeError, IndexError, ValueError) as error:
         raise ReadError(f"{path}: an entry is of the wrong kind ({error})") from None
-    check_site(site)
-    return site
 
 
 def _site(folder, table):

@@ -6,6 +6,7 @@ from ..blasting.blast import Blast
 from ..errors import InputError
 
 SPEEDS = 30.0, 10_000.0  # m/s, of waves in ground
+EARLY = 1e-3  # of its peak that a moment rate may reach before its hole fires
 NEAR = 1e-6  # m that a place may lie outside of the box
 
 
@@ -27,6 +28,9 @@ def check_site(site):
             "recording.noise_window_s: must begin and end before the first hole at 0, "
             f"got {first:g}, {last:g}"
         )
+    _check_names("layers", [name for name, *_ in site.layers])
+    _check_thicknesses(site)
+    _check_names("joints", [one.joint.surface for one in site.joints])
     for name, _, rock in site.layers:
         if not SPEEDS[0] <= rock.cs < rock.cp <= SPEEDS[1]:
             raise InputError(
@@ -40,11 +44,60 @@ def check_site(site):
                 f"joints.{one.joint.surface}.position: must lie within the box, {start:g} to "
                 f"{end:g} m, got {one.position:g}"
             )
+        _check_rims(site.box, one)
     for one in site.receivers:
         refuse_outside(site.box, f"receivers.{one.name}", one.position)
+    _check_source(site.moment_rate)
     for name, blast in site.blasts.items():
         check_holes(site.box, name, blast)
     _check_stations(site)
+
+
+def _check_names(part, names):
+    """Refuse a name that two layers or two joints have, by which one would stand for both."""
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{part}: {name!r} is there twice; each needs a name of its own")
+
+
+def _check_thicknesses(site):
+    """Refuse layers that do not share out the height of the box, the last taking the rest."""
+    top, bottom = 0.0, site.box[2, 0] - site.box[2, 1]
+    for name, thickness, _ in site.layers[:-1]:
+        if thickness is None or not thickness > 0.0:
+            raise InputError(f"layers.{name}.thickness_m: must be positive, got {thickness}")
+        top -= thickness
+        if top <= bottom:
+            raise InputError(
+                f"layers.{name}: ends {-top:g} m below the ground, at or below the bottom of the "
+                f"box at {-bottom:g} m; leave out the layers below it, or give a deeper box"
+            )
+    name, thickness, _ = site.layers[-1]
+    if thickness is not None:
+        raise InputError(f"layers.{name}.thickness_m: the last layer has no end; leave it out")
+
+
+def _check_rims(box, one):
+    """Refuse a `SiteJoint` no part of which lies in the box (3, 2) m."""
+    along, down = box["yx".index(one.axis)], box[2, 1] - box[2, ::-1]
+    for name, part, room in (("extent", one.extent, along), ("depth", one.depth, down)):
+        low, high = np.clip(part, *room)
+        if not low < high:
+            raise InputError(
+                f"joints.{one.joint.surface}.{name}: must go from low to high and reach into the "
+                f"box, {room[0]:g} to {room[1]:g} m, got {part[0]:g} to {part[1]:g}"
+            )
+
+
+def _check_source(rate):
+    """Refuse a moment rate that begins before its hole fires: no run has begun there."""
+    size = np.abs(rate.values)
+    begins = rate.start + rate.dt * np.argmax(size > EARLY * np.max(size))
+    if begins < 0.0:
+        raise InputError(
+            f"source: its moment rate begins at {begins:g} s, but no hole sends anything before it "
+            f"fires at 0; shift the table, and all records with it, by {-begins:g} s to later"
+        )
 
 
 def check_holes(box, name, blast: Blast):

@@ -80,8 +80,8 @@ def site_mesh(site: Site, cut: Cut) -> Mesh:
     cut = cut.of(site)
     every = [*((j.axis, j.position) for j in site.joints), *site.marks]
     planes = {axis: [place for along, place in every if along == axis] for axis in "xy"}
-    rims = {axis: [e for j in site.joints if j.axis != axis for e in j.extent] for axis in "xy"}
-    depths = [-d for joint in site.joints for d in joint.depth]
+    rims = {axis: [j.extent for j in site.joints if j.axis != axis] for axis in "xy"}
+    depths = [(-j.depth[0], -j.depth[1]) for j in site.joints]
     heights = -np.cumsum([t for _, t, _ in site.layers[:-1]])
     axes = [
         _axis(site.box[0], planes["x"], rims["x"], cut, cut.padding),
@@ -98,6 +98,11 @@ def site_mesh(site: Site, cut: Cut) -> Mesh:
         along = centre[:, 1 if j.axis == "x" else 0]
         inside = (along > j.extent[0]) & (along < j.extent[1])
         inside &= (-centre[:, 2] > j.depth[0]) & (-centre[:, 2] < j.depth[1])
+        if not np.any(inside):
+            raise InputError(
+                f"joints.{j.joint.surface}: is too small for cells of {cut.edge:.3g} m; extend it, "
+                "or leave it out"
+            )
         surfaces[j.joint.surface] = faces[inside]
     return replace(mesh, surfaces=surfaces).split([j.joint.surface for j in site.joints])
 
@@ -105,23 +110,26 @@ def site_mesh(site: Site, cut: Cut) -> Mesh:
 def _axis(limits, planes, rims, cut, after):
     """Return the grid along an axis; ends of joints and of the box give way to what is near.
 
-    Planes are kept. Rims, where joints end, are left out where something else is nearer than half
-    a cell, so that the joint ends there, and ends of the box likewise.
+    Planes are kept. Rims, the two ends of each joint, are left out where something else is nearer
+    than half a cell and half the shortest joint, so that the joint ends there, and ends of the box
+    likewise.
     """
     kept = sorted({float(p) for p in planes if limits[0] < p < limits[1]})
     ends = list(limits)
+    lengths = [float(np.ptp(np.clip(pair, *limits))) for pair in rims]
+    near = 0.5 * min([cut.edge, *(length for length in lengths if length > 0.0)])
     if not after:
         kept.append(float(ends.pop()))
-    for rim in rims:
-        if limits[0] < rim < limits[1] and _apart(rim, kept, cut):
+    for rim in (end for pair in rims for end in pair):
+        if limits[0] < rim < limits[1] and _apart(rim, kept, near):
             kept.append(float(rim))
-    stops = sorted(kept + [float(end) for end in ends if _apart(end, kept, cut)])
+    stops = sorted(kept + [float(end) for end in ends if _apart(end, kept, near)])
     return graded_axis((stops[0], stops[-1]), stops, cut.edge, cut.padding, after, cut.growth)
 
 
-def _apart(place, others, cut):
-    """Tell whether a place is at least half a cell away from others."""
-    return all(abs(place - other) >= 0.5 * cut.edge for other in others)
+def _apart(place, others, near):
+    """Tell whether a place is at least so far in m away from others."""
+    return all(abs(place - other) >= near for other in others)
 
 
 def site_model(site: Site, blast: str, cut: Cut, mesh: Mesh | None = None) -> Model:

@@ -44,6 +44,7 @@ def air_blast(scene, motion, target, pressure, period, speed, decay, radial):
             far = np.linalg.norm(way, axis=1)
             share = blast.charge**GROWTH * (np.maximum(far, speed * period) / AFAR) ** -decay
             lag = blast.times + far / speed
+            share = np.where(lag < case.duration, share, 0.0)
             along = share[:, None] * np.exp(-2j * np.pi * np.multiply.outer(lag, frequency))
             east, north = (way / np.maximum(far, 1e-9)[:, None]).T @ along
             spectrum = [east * moved[r, 0], north * moved[r, 0], along.sum(axis=0) * moved[r, 1]]

@@ -3,6 +3,8 @@
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from ...solving.materials import Material
 from ..hypotheses import Knob, hypothesis
 
@@ -14,11 +16,14 @@ ALIKE = 2.0  # ratio of thicknesses whose zones differ by less than small errors
 def _layered(site, thickness, slower):
     """Return the site with a slower layer on top; None where there is no room for it."""
     name, first, rock = site.layers[0]
-    if name == "soft" or (first is not None and thickness > 0.9 * first):
+    if thickness > 0.9 * (first or np.ptp(site.box[2])):
         return None
+    own, listed = "soft", [there for there, *_ in site.layers]
+    while own in listed:
+        own = f"unlisted {own}"
     soft = Material.from_speeds(rock.density, slower * rock.cp, slower * rock.cs)
     rest = (name, None if first is None else first - thickness, rock)
-    return replace(site, layers=(("soft", thickness, soft), rest, *site.layers[1:]))
+    return replace(site, layers=((own, thickness, soft), rest, *site.layers[1:]))
 
 
 def _as_fast(site, target, thickness, slower):

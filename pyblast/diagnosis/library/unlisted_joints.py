@@ -37,10 +37,12 @@ def planes(case):
 
 
 def _plane(site, target, offset):
-    """Return axis and place of a plane; None where a listed joint is too near."""
+    """Return axis and place of a plane; None outside of the box or too near a listed joint."""
     axis, place = target[0], float(target[2:]) + offset
+    low, high = site.box["xy".index(axis)]
     listed = [j.position for j in site.joints if j.axis == axis]
-    return None if any(abs(place - other) < NEAREST for other in listed) else (axis, place)
+    near = any(abs(place - other) < NEAREST for other in listed)
+    return (axis, place) if low < place < high and not near else None
 
 
 def _cut_there(site, target, offset, kn, ks):
