@@ -16,6 +16,7 @@ from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.mesh_control import COARSE, RESOLUTION, on_finer_mesh
 from pyblast.diagnosis.scene import Effect
+from pyblast.diagnosis.screening import Guess
 from pyblast.diagnosis.search import MATERIAL, Search, material
 from pyblast.diagnosis.verdict import _without, judge
 
@@ -250,6 +251,23 @@ def test_one_clock_that_is_wrong_stands_out_of_small_errors():
     found = Search(here, 400, lambda *_: None, none)
 
     assert found.worth(slow) > chance(here, none, [], [], seed=1).needed([SLOW])
+
+
+def test_what_an_effect_on_the_ground_finds_by_chance_is_of_all_blasts_that_its_fit_has():
+    here = with_holes(scene_of(recorded(small_site(), change=late_everywhere)))
+    none, damped = fit(here, ()), fit(here, (Effect("attenuation_Q", "", ((30.0,),)),))
+    change = damped.motion - none.motion
+    change[0] = 0.0  # screened in B1 alone
+    guess = Guess(damped.effects[0], 0.1, change, (1,))
+
+    screened, fitted = (
+        np.quantile(
+            chance(here, none, [guess], some, seed=1).harmless["attenuation_Q"], 0.95, axis=1
+        )
+        for some in ([], [damped])
+    )
+
+    assert np.all(fitted > screened)
 
 
 def test_noise_is_no_error_that_comes_back_in_each_blast():
