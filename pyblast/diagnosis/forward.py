@@ -70,6 +70,8 @@ class Forward:
     def hole_motion(self, site: Site) -> dict[str, np.ndarray]:
         """Return by blast what each hole sends with its believed charge, fired at zero.
 
+        By a run for each hole, or three for each receiver if these are fewer.
+
         Returns
         -------
         dict of str to (n_holes, n_receivers, 3, n_samples) float64, m/s
@@ -79,7 +81,6 @@ class Forward:
         bank = greens_functions(
             replace(models[0], sources=sources),
             self.case.duration,
-            side="source",
             folder=self.folder,
             executor=self.executor,
         )
