@@ -73,6 +73,7 @@ def inner(folder, name):
         ("whole_box = true", RIMS.format(20, 60, 70, 80), "J1.depth: must go from low to high and"),
         ("whole_box = true", RIMS.format(70, 20, 0, 80), "joints.J1.extent: .* 0 to 90 m, got 70"),
         ("[[joints]]", f"{JOINT}[[joints]]", "joints: 'J1' is there twice; each needs a name"),
+        ('id = "J1"', 'id = "top"', "joints.top: is a side of the box; take another name"),
         ('id = "B1"', 'id = "S1"', "blasts: 'S1' is there twice"),
         ("charge_exponent = 0.9", 'charge_exponent = "x"', "an entry is of the wrong kind"),
         ("2024-05-01T13:00:00", "2024-05-01T15:00:00", "record of R0 ends -7.2e\\+03 s after"),

@@ -4,6 +4,7 @@ import numpy as np
 
 from ..blasting.blast import Blast
 from ..errors import InputError
+from ..meshing.rock_cells import SIDES
 
 SPEEDS = 30.0, 10_000.0  # m/s, of waves in ground
 EARLY = 1e-3  # of its peak that a moment rate may reach before its hole fires
@@ -38,6 +39,8 @@ def check_site(site):
                 f"got vp {rock.cp:g}, vs {rock.cs:g}"
             )
     for one in site.joints:
+        if one.joint.surface in SIDES:
+            raise InputError(f"joints.{one.joint.surface}: is a side of the box; take another name")
         start, end = site.box["xy".index(one.axis)]
         if not start < one.position < end:
             raise InputError(
