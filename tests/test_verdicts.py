@@ -115,6 +115,15 @@ def test_a_set_of_which_one_effect_can_not_be_tested_is_partial(monkeypatch):
     assert set(said.fit.labels) == set(both.labels)
 
 
+def test_an_effect_that_gains_nothing_in_the_first_blast_is_given_up_there():
+    here, none, damped = damped_fits()
+    sound = with_holes(scene_of(recorded(small_site())))
+
+    assert fit(sound, damped.effects, np.zeros(4), (1,), fit(sound, ())) is None
+    found = fit(here, damped.effects, np.zeros(4), (1,), none)
+    assert found.log_evidence == pytest.approx(damped.log_evidence, abs=0.5)
+
+
 @cache
 def damped_fits():
     """Return a scene whose ground damps unknown to it, and the fits of none and of that."""

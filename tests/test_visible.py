@@ -9,9 +9,9 @@ from scipy import fft
 from small_site import DT, recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
-from pyblast.diagnosis.fitting import fit
+from pyblast.diagnosis.fitting import GROWS, fit
 from pyblast.diagnosis.scene import Effect
-from pyblast.diagnosis.search import GROWS, Search, material
+from pyblast.diagnosis.search import Search, material
 from pyblast.diagnosis.visible import visible
 from pyblast.reporting.diagnosis_words import visible_rows
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.diagnosis.search import GROWS, MATERIAL
+from pyblast.diagnosis.fitting import GROWS
+from pyblast.diagnosis.search import MATERIAL
 from pyblast.projects.result import write_text
 
 from .plan import FAMILY, NULLS

@@ -6,11 +6,10 @@ from itertools import pairwise
 import numpy as np
 
 from .fitter import Fitter
-from .fitting import Fit
+from .fitting import GROWS, Fit
 from .hypotheses import LIBRARY
 from .scene import Scene
 from .screening import Guess, started
-from .search import GROWS
 
 SURROGATES = 200
 LEVEL = 0.95

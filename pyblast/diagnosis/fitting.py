@@ -8,7 +8,9 @@ from scipy import linalg
 from .fitter import Fitter
 from .scene import Effect, Scene
 
+GROWS = 6.0  # nats that an effect must bring, or another place of the same effect
 OPEN = 8.0  # drop of the misfit that old columns promise and do not bring, above which they are old
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -95,12 +97,13 @@ def fit(scene: Scene, effects, home=None, first=None, held: Fit | None = None) -
         Indices of blasts that are fitted alone before all are, which saves runs.
     held : Fit, optional
         Of the first of these effects. Those on the site wait for the others to settle, and move
-        along its columns then, which saves runs, too.
+        along its columns then, which saves runs, too. If the blasts that are fitted alone gain so
+        little over it that all together would not pay, none else is fitted.
 
     Returns
     -------
     Fit or None
-        None where an effect can't be at this site.
+        None where an effect can't be at this site, or would not pay.
     """
     home = scene.baseline.values if home is None else home
     every = range(len(scene.case.blasts))
@@ -122,6 +125,8 @@ def fit(scene: Scene, effects, home=None, first=None, held: Fit | None = None) -
         place, motion, columns, curvature = fitter.descended(place, motion, ~waits, known)
         if known is not None and fitter.step(place, columns, motion, ~waits)[1] > OPEN:
             place, motion, columns, curvature = fitter.descended(place, motion, ~waits)
+        if held is not None and not _promising(fitter, held, place, motion):
+            return None
     if not effects or any(effect.hypothesis.on == "site" for effect in effects):
         if held is not None:
             columns[waits] = held.columns[waits[: len(held.columns)]]
@@ -129,6 +134,15 @@ def fit(scene: Scene, effects, home=None, first=None, held: Fit | None = None) -
         motion = fitter.motions([place])[0]
         place, motion, columns, curvature = fitter.descended(place, motion, known=columns)
     return _fit_at(fitter, place, motion, columns, curvature)
+
+
+def _promising(fitter, held, place, motion):
+    """Tell whether an effect would pay if all blasts gained as those that were fitted first."""
+    share = len(fitter.blasts) / len(held.size)
+    if share == 1.0:
+        return True
+    known = fitter.likelihood.misfit_of(held.size, fitter.blasts) + held.place @ held.place
+    return known - fitter.squares(place, motion) > 2.0 * GROWS * share
 
 
 def corrected(scene: Scene, fit: Fit, shift) -> Fit:

@@ -6,13 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .fitter import Fitter
-from .fitting import Fit, fit, settle
+from .fitting import GROWS, Fit, fit, settle
 from .hypotheses import LIBRARY
 from .scene import Scene
 from .screening import rescreened, screened, started
 
 MATERIAL = 2.0  # mean size of residuals, in errors of the theory, below which nothing is claimed
-GROWS = 6.0  # nats that another place of the same effect must bring
 REFINED = 4  # effects on the site that are fitted by runs, in the first pass
 REFINED_LATER = 2
 UNEXPLAINED = 6  # effects that are fitted by runs, however poor, while none fitted pays
@@ -166,12 +165,12 @@ def _refine(found, guesses, base, most):
             continue
         seen.add(guess.effect.label)
         found.tell(f"fit {guess.effect.label}", done, max(most, surely))
-        held = found.chosen if base else None
-        home = np.zeros(len(found.none.values)) if held is None else held.values
-        one = fit(found.scene, (*base, guess.effect), home, guess.blasts, held)
+        home = found.chosen.values if base else np.zeros(len(found.none.values))
+        before = found.scene.forward.runs
+        one = fit(found.scene, (*base, guess.effect), home, guess.blasts, found.chosen)
         if one is not None:
             found.fits.append(one)
-            done += 1
+        done += found.scene.forward.runs > before
 
 
 def _explained(found):

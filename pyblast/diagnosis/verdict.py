@@ -6,11 +6,11 @@ import numpy as np
 from scipy.special import logsumexp
 
 from .chance import Chance
-from .fitting import Fit, fit
+from .fitting import GROWS, Fit, fit
 from .folds import HeldOut, held_out
 from .forward import Forward
 from .mesh_control import RESOLUTION, on_finer_mesh
-from .search import GROWS, MOSTLY, Search, material, worst
+from .search import MOSTLY, Search, material, worst
 
 REMAINS = 4.0  # mean size of residuals that few sites leave where nothing is missing
 PARTIAL_SHARE = 1.0 / 3.0

@@ -3,10 +3,10 @@
 import numpy as np
 
 from .fitter import DIFFERENCE, curvature_of
-from .fitting import Fit
+from .fitting import GROWS, Fit
 from .hypotheses import LIBRARY
 from .scene import Effect, Scene
-from .search import GROWS, material
+from .search import material
 
 HALVINGS = 40
 LINEAR = 2.0  # by which the energy of a change may be off its derivative

@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from .fitting import GROWS
 from .hypotheses import LIBRARY, untestable_labels
 from .locating import located
 from .mesh_control import RESOLUTION, SETTLED_BY
-from .search import GROWS, MATERIAL, worst
+from .search import MATERIAL, worst
 from .targets import blast_and_hole
 from .verdict import intervals
 from .visible import visible

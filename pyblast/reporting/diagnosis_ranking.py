@@ -1,7 +1,7 @@
 """Which effects were tried, how they rank, and which these records can't tell apart, in words."""
 
+from ..diagnosis.fitting import GROWS
 from ..diagnosis.mesh_control import CLAIM, RESOLUTION, SETTLED_BY
-from ..diagnosis.search import GROWS
 from .diagnosis_words import listed
 
 
