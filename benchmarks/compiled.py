@@ -24,11 +24,11 @@ def compiled(*names):
 
 
 def _filled(folder, path):
-    """Return a source, or what a template becomes for one model in numbers of eight bytes."""
+    """Return a source, or what a template becomes in numbers of eight bytes."""
     if path.suffix != ".in":
         return path
     made = Path(folder) / path.stem
-    made.write_text(path.read_text().replace("@one@", "1.0d0").replace("@lanes@", "1"))
+    made.write_text(path.read_text().replace("@one@", "1.0d0"))
     return made
 
 

@@ -73,8 +73,7 @@ class March:
             constants, self.state = stacked(*every)
             self.views = kernels.side_by_side(constants)
         else:
-            self.views = kernels.to_fortran(prepared.constants)
-            self.state = {name: value.copy() for name, value in prepared.state.items()}
+            self.views, self.state = prepared.begun()
         moving = np.random.default_rng(0).normal(size=self.state["velocity"].shape)
         self.state["velocity"][:] = 1e-6 * moving
 
@@ -107,10 +106,8 @@ class Steps:
     """
 
     def __init__(self, prepared, n_steps):
-        self.views = kernels.to_fortran(prepared.as_marched(prepared.constants))
+        self.views, self.state = prepared.begun()
         self.n_steps, self.step = n_steps, 0
-        state = prepared.as_marched(prepared.state)
-        self.state = {name: value.copy() for name, value in state.items()}
 
     def __call__(self):
         """March on."""

@@ -7,7 +7,7 @@ module pyblast_quadratic_strains
     use pyblast_kinds, only : dp, n_abreast, n_quadratic, n_quadratic_strains
     implicit none
     private
-    public :: dilations, integrals, loads, strains, stresses, to_coefficients
+    public :: integrals, loads, strains, stresses, to_coefficients
 
     integer, parameter :: edge_end(2, 6) = reshape([1, 2, 1, 3, 1, 4, 2, 3, 2, 4, 3, 4], [2, 6])
     integer, parameter :: face_edge(3, 4) = reshape([8, 9, 10, 6, 7, 10, 5, 7, 9, 5, 6, 8], [3, 4])
@@ -78,42 +78,6 @@ contains
             e(i, 6) = e(i, 6) + c(i, 1)*g(i, 2) + c(i, 2)*g(i, 1)
         end do
     end subroutine add_dyad
-
-    pure subroutine dilations(c, g, e)
-        !! Sum of the normal strains of `strains` alone.
-        real(dp), intent(in) :: c(n_abreast, 3, n_quadratic), g(n_abreast, 3, 4)
-        real(dp), intent(out) :: e(n_abreast, n_quadratic_strains)
-        integer :: a, i, j, k, l
-
-        e = 0.0_dp
-        do k = 2, 4
-            call add_product(c(:, :, k), g(:, :, k), e(:, 1))
-        end do
-        do k = 2, 4
-            e(:, k) = e(:, 1)
-        end do
-        do a = 1, 6
-            i = edge_end(1, a)
-            j = edge_end(2, a)
-            k = edge_end(1, 7 - a)
-            l = edge_end(2, 7 - a)
-            call add_product(c(:, :, 4 + a), g(:, :, j), e(:, i))
-            call add_product(c(:, :, 4 + a), g(:, :, i), e(:, j))
-            call add_product(c(:, :, 10 + l), g(:, :, k), e(:, 4 + a))
-            call add_product(c(:, :, 10 + k), g(:, :, l), e(:, 4 + a))
-        end do
-        do l = 1, 4
-            call add_product(c(:, :, 15), g(:, :, l), e(:, 10 + l))
-        end do
-    end subroutine dilations
-
-    pure subroutine add_product(c, g, e)
-        !! Add the dilation of a motion c along a gradient g.
-        real(dp), intent(in) :: c(n_abreast, 3), g(n_abreast, 3)
-        real(dp), intent(inout) :: e(n_abreast)
-
-        e = e + c(:, 1)*g(:, 1) + c(:, 2)*g(:, 2) + c(:, 3)*g(:, 3)
-    end subroutine add_product
 
     pure subroutine stresses(lambda, mu, swelling, e)
         !! Stress in place of strain, from the dilation of another field; theory.md (2.14).

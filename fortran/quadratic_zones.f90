@@ -4,7 +4,7 @@ module pyblast_quadratic_zones
     !! Nodes: 4 corners, middles of the edges 12 13 14 23 24 34, centroids of the faces opposite to
     !! corners 1 to 4, and of the zone. Sides are straight, moduli the same all over a zone.
     use pyblast_kinds, only : dp, n_abreast, n_quadratic, n_quadratic_strains
-    use pyblast_quadratic_strains, only : dilations, integrals, loads, strains, stresses, to_coefficients
+    use pyblast_quadratic_strains, only : integrals, loads, strains, stresses, to_coefficients
     implicit none
     private
     public :: quadratic_energy, quadratic_forces
@@ -34,7 +34,8 @@ contains
             if (.not. alike) then
                 call gather(n_slots, slot, swelling, c)
                 call to_coefficients(c)
-                call dilations(c, g, other)
+                call strains(c, g, e)
+                other = e(:, 1, :) + e(:, 2, :) + e(:, 3, :)
             end if
             call gather(n_slots, slot, shearing, c)
             call to_coefficients(c)

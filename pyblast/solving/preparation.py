@@ -82,6 +82,11 @@ class Prepared:
         """Return constants or a state of this model in the numbers of its march."""
         return kernels.in_single(arrays) if self.single else arrays
 
+    def begun(self):
+        """Return the constants as the kernels take them, and a state of its own to march from."""
+        state = {name: value.copy() for name, value in self.as_marched(self.state).items()}
+        return kernels.to_fortran(self.as_marched(self.constants)), state
+
 
 def prepare(
     model: Model, duration: float, progress: Callable | None = None, step=None

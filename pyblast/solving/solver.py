@@ -111,9 +111,7 @@ class _March:
     def __init__(self, model, prepared):
         self.model, self.prepared = model, prepared
         self.dt = prepared.constants["dt"]
-        self.views = kernels.to_fortran(prepared.as_marched(prepared.constants))
-        state = prepared.as_marched(prepared.state)
-        self.state = {name: value.copy() for name, value in state.items()}
+        self.views, self.state = prepared.begun()
         self.step = 0
         self.motion = np.zeros((prepared.n_steps, max(1, len(model.receivers)), 3))
         self.energy = np.zeros((-(-prepared.n_steps // LEDGER_EVERY), len(kernels.ENERGIES)))
