@@ -11,7 +11,7 @@ from small_site import recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.chance import Chance
-from pyblast.diagnosis.fitting import fit
+from pyblast.diagnosis.fitting import GROWS, fit
 from pyblast.diagnosis.foretelling import foretold
 from pyblast.diagnosis.scene import Effect
 from pyblast.diagnosis.search import Search
@@ -124,6 +124,16 @@ def test_an_unknown_is_located_and_no_effect_is_listed():
     assert re.search(r"Something is missing near east \d+ m, north \d+ m \(within \d+ m\)", words)
     assert "No effect was found." in words
     assert "Receiver R2" in figures("UNKNOWN")
+
+
+def test_where_no_effect_pays_the_next_receivers_belong_where_most_is_missing():
+    found, _ = made("UNKNOWN")
+    poor = replace(found.search, fits=found.search.fits[1:])
+    verdict = replace(found.verdict, rivals=())
+
+    assert poor.worth(poor.fits[0]) < GROWS
+    words = summarise(found.scene, poor, CHANCE, verdict)["next_measurement"]
+    assert re.match(r"more receivers around east \d+ m, north \d+ m and R2, and a shot", words)
 
 
 def test_a_null_says_that_nothing_is_missing_and_ranks_nothing():

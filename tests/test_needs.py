@@ -48,6 +48,13 @@ def test_charges_of_six_to_one_and_receivers_around_test_every_effect():
     assert untestable_labels(heard(small_site())) == {}
 
 
+def test_known_quality_factors_are_not_asked_for():
+    told = untestable_labels(heard(replace(small_site(), quality=(60.0, 40.0))))
+
+    assert set(told) == {"attenuation_Q", "anisotropy"}
+    assert "Qp 60 and Qs 40" in told["attenuation_Q"]
+
+
 def test_one_blast_tests_nothing_that_grows_with_charge():
     told = untestable_labels(heard(with_blasts("B1")))
 

@@ -49,6 +49,21 @@ def three_directions(case: Case) -> str:
     return f"paths lie in {there} of {SECTORS} directions: {DIRECTIONS} tell along from across"
 
 
+def unknown_quality(case: Case) -> str:
+    """Ask for ground of which nobody has said how it fades waves."""
+    if case.site.quality is None:
+        return ""
+    p, s = case.site.quality
+    return f"the site gives it, Qp {p:.3g} and Qs {s:.3g}, and every run has it"
+
+
+def ground_without_loss(case: Case) -> str:
+    """Ask for ground that does not fade waves: with a grain as well, it is not simulated."""
+    if case.site.quality is None:
+        return ""
+    return "the site gives quality factors, and ground with them and a grain is not simulated"
+
+
 # What must be there to hold out, by the axis of an effect.
 TO_HOLD_OUT = {
     "receivers": (two_receivers,),

@@ -36,7 +36,7 @@ class Search:
     none : Fit
         Nothing but the site's own values.
     fits : list of Fit
-        One for each label, or set of labels, that was fitted; best evidence first.
+        One for each label, or set of labels, that was fitted.
     guesses : list of Guess
     chosen : Fit
         The best set of effects.
@@ -58,6 +58,10 @@ class Search:
         """Return the evidence of a fit in nats over that of nothing, its places paid; (14.3)."""
         paid = sum(np.log(len(e.hypothesis.targets(self.scene.case))) for e in found.effects)
         return found.log_evidence - self.none.log_evidence - paid
+
+    def ranked(self):
+        """Return all fits, best evidence first."""
+        return sorted(self.fits, key=self.worth, reverse=True)
 
     def best(self, n_labels=1):
         """Return the best fit of so many labels, or None."""

@@ -31,8 +31,7 @@ def summarise(scene, found, shuffled, verdict) -> dict:
     dict
     """
     baseline, none = scene.baseline, found.none
-    best = verdict.judged or max(found.fits, key=found.worth, default=None)
-    effects = () if best is None else best.effects
+    remainder = located(baseline, verdict.fit.motion, verdict.fit.size)
     return {
         "outcome": verdict.outcome,
         "effects": _effects(verdict),
@@ -42,22 +41,8 @@ def summarise(scene, found, shuffled, verdict) -> dict:
             scene, verdict.fit, max(GROWS, 0.0 if shuffled is None else shuffled.needed(()))
         ),
         "located": located(baseline, none.motion, none.size),
-        "remainder": located(baseline, verdict.fit.motion, verdict.fit.size),
-        "evidence": {
-            "unit": "nats over the calibrated site",
-            "best": None if best is None else round(found.worth(best), 1),
-            "best_labels": [] if best is None else list(best.labels),
-            "threshold": None if shuffled is None else round(shuffled.needed(effects), 1),
-            "threshold_interval": None if shuffled is None else shuffled.interval(effects),
-            "explained_share": round(verdict.share, 3),
-            "at_twice_the_errors": round(worst(baseline.likelihood.doubled(none.size)), 2),
-            "ranking": [
-                {"labels": list(one.labels), "targets": [e.target for e in one.effects],
-                 "worth": round(found.worth(one), 1), "misfit": round(one.misfit, 1)}
-                for one in sorted(found.fits, key=lambda one: -found.worth(one))
-            ],
-            "probability": verdict.probability,
-        },
+        "remainder": remainder,
+        "evidence": _evidence(scene, found, shuffled, verdict),
         "held_out": _held_out(verdict.held_out),
         "numerics": {
             "finer_mesh_changes": round(
@@ -73,7 +58,7 @@ def summarise(scene, found, shuffled, verdict) -> dict:
             ],
             "left_out_share": round(float(np.mean(~scene.case.valid)), 4),
         },
-        "next_measurement": _next(verdict, found),
+        "next_measurement": _next(verdict, found, remainder),
         "calibration": [
             {"value": one.label, "factor": float(np.exp(v)), "pull": float(pull)}
             for one, v, pull in zip(
@@ -89,6 +74,29 @@ def summarise(scene, found, shuffled, verdict) -> dict:
             ],
             "baseline_values": baseline.values.tolist(),
         },
+    }  # fmt: skip
+
+
+def _evidence(scene, found, shuffled, verdict):
+    """Return what the best effects are worth, what chance finds, and all that was fitted."""
+    ranked = found.ranked()
+    best = verdict.judged or next(iter(ranked), None)
+    effects = () if best is None else best.effects
+    twice = scene.baseline.likelihood.doubled(found.none.size)
+    return {
+        "unit": "nats over the calibrated site",
+        "best": None if best is None else round(found.worth(best), 1),
+        "best_labels": [] if best is None else list(best.labels),
+        "threshold": None if shuffled is None else round(shuffled.needed(effects), 1),
+        "threshold_interval": None if shuffled is None else shuffled.interval(effects),
+        "explained_share": round(verdict.share, 3),
+        "at_twice_the_errors": round(worst(twice), 2),
+        "ranking": [
+            {"labels": list(one.labels), "targets": [e.target for e in one.effects],
+             "worth": round(found.worth(one), 1), "misfit": round(one.misfit, 1)}
+            for one in ranked
+        ],
+        "probability": verdict.probability,
     }  # fmt: skip
 
 
@@ -163,16 +171,26 @@ def _not_testable(scene, found):
     return [{"label": label, "reason": reason} for label, reason in told.items()]
 
 
-def _next(verdict, found):
-    """Return what to measure next."""
+def _next(verdict, found, remainder):
+    """Return what to measure next; remains tell where, if no effect is worth a test of its own."""
     if verdict.outcome == "NULL":
         return "nothing; larger charges or nearer receivers would show smaller effects"
     if verdict.outcome in ("NAMED", "COMPOSITE"):
         return "a further blast, to test the prediction of this model"
-    labels = verdict.rivals or [one.labels[-1] for one in found.fits[:3]]
+    paying = [one.labels[-1] for one in found.ranked()[:3] if found.worth(one) > GROWS]
+    labels = verdict.rivals or paying
     advice = [h.settled_by for h in LIBRARY.values() if h.label in labels and h.settled_by]
     advice += [SETTLED_BY] if RESOLUTION in labels else []
-    return "; ".join(dict.fromkeys(advice)) or "receivers around the place that is located"
+    return "; ".join(dict.fromkeys(advice)) or _around(remainder)
+
+
+def _around(remainder):
+    """Return where receivers would tell more of what remains."""
+    seen = remainder["receivers"]
+    near = [f"east {one['x']:.0f} m, north {one['y']:.0f} m" for one in remainder["points"]]
+    near += [max(seen, key=seen.get)] if seen else []
+    there = " and ".join(near) or "what is located"
+    return f"more receivers around {there}, and a shot from another side of them"
 
 
 def beyond_doubled(summary) -> bool:

@@ -13,7 +13,7 @@ def ranking_rows(made) -> list[dict]:
     found, verdict = made.search, made.verdict
     several = len(verdict.fit.labels) > 1
     rows = []
-    for one in sorted(found.fits, key=lambda one: -found.worth(one)):
+    for one in found.ranked():
         rows.append(
             {
                 "name": _name(one, found.fits),

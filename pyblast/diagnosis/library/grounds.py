@@ -6,19 +6,21 @@ import numpy as np
 
 from ...projects.site_fabric import Fabric
 from ..hypotheses import Knob, hypothesis
-from ..needs import three_directions
+from ..needs import ground_without_loss, three_directions, unknown_quality
 
 
 @hypothesis(
     "attenuation_Q", family="path", on="site", target="site", axis="both",
     knobs=[Knob("q", 20.0, 0.8, log=True, starts=(8.0, 25.0), low=4.0, high=300.0)],
     settled_by="receivers at distances of three to one, without a joint between them",
+    needs=(unknown_quality,),
 )  # fmt: skip
 def attenuation_q(site, target, q):
     """The ground takes energy from all waves alike, as constant Q of S waves does."""
     del target
-    there = site.quality is not None or site.fabric is not None
-    return None if there else replace(site, quality=(1.3 * q, q))
+    if site.quality is not None or site.fabric is not None:
+        return None
+    return replace(site, quality=(1.3 * q, q))
 
 
 def _as_stiff(site, target, azimuth, normal, shear):
@@ -34,7 +36,8 @@ def _as_stiff(site, target, azimuth, normal, shear):
         Knob("normal", 0.2, 0.15, starts=(0.25,), low=0.0, high=0.8),
         Knob("shear", 0.2, 0.15, starts=(0.15,), low=0.0, high=0.8),
     ],
-    settled_by="receivers in five or more directions from the blast", needs=(three_directions,),
+    settled_by="receivers in five or more directions from the blast",
+    needs=(ground_without_loss, three_directions),
 )  # fmt: skip
 def anisotropy(site, target, azimuth, normal, shear):
     """Upright fissures slow waves across them, at an azimuth from north, more than along them."""
