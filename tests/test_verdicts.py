@@ -9,7 +9,7 @@ import pytest
 from small_site import CUT, recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
-from pyblast.diagnosis.chance import Chance, chance
+from pyblast.diagnosis.chance import Chance, chance, lent
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.folds import HeldOut, held_out
 from pyblast.diagnosis.forward import Forward
@@ -277,6 +277,17 @@ def test_what_an_effect_on_the_ground_finds_by_chance_is_of_all_blasts_that_its_
     )
 
     assert np.all(fitted > screened)
+
+
+def test_a_blast_that_a_receiver_missed_has_what_it_left_in_another():
+    left = np.arange(12.0).reshape(3, 2, 2)
+    kept = np.array([[5, 0], [5, 5], [0, 5]])
+
+    given = lent(left, kept)
+
+    assert np.array_equal(given[0, 1], left[1, 1])
+    assert np.array_equal(given[2, 0], left[0, 0])
+    assert np.array_equal(given[kept > 0], left[kept > 0])
 
 
 def test_noise_is_no_error_that_comes_back_in_each_blast():

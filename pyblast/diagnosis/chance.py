@@ -78,7 +78,7 @@ def chance(scene: Scene, none: Fit, guesses: list[Guess], fits: list[Fit], seed:
     """
     rng = np.random.default_rng(seed)
     likelihood = scene.baseline.likelihood
-    left = likelihood.left(none.motion)
+    left = lent(likelihood.left(none.motion), likelihood.kept)
     n_receivers = left.shape[1]
     if n_receivers == 1:
         return Chance(np.full((2, SURROGATES), np.inf), {})
@@ -95,6 +95,16 @@ def chance(scene: Scene, none: Fit, guesses: list[Guess], fits: list[Fit], seed:
             known = harmless.setdefault(label, np.full((len(errors), 2, SURROGATES), -np.inf))
             known[kind] = np.maximum(known[kind], found)
     return Chance(np.sort(most), {name: _largest(some) for name, some in harmless.items()})
+
+
+def lent(left, kept):
+    """Return residuals (n_blasts, n_receivers, m) with those of another blast where none is kept.
+
+    They go to receivers that recorded: nothing in their place would be less than chance leaves.
+    """
+    known = kept > 0
+    other = np.where(known, np.arange(len(kept))[:, None], np.argmax(known, axis=0))
+    return np.take_along_axis(left, other[..., None], axis=0)
 
 
 def _harmless(scene, none):
