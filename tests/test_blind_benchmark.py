@@ -5,6 +5,7 @@ from argparse import Namespace
 
 import numpy as np
 import pytest
+from small_site import recorded, small_site
 
 from benchmarks.blind import __main__ as job
 from benchmarks.blind.case_files import write_case
@@ -20,6 +21,7 @@ from benchmarks.blind.plan import (
     plan,
 )
 from benchmarks.blind.rows import row_of
+from benchmarks.blind.running import foretold
 from benchmarks.blind.scores import calibration_error, medians, risk_curve, scores, shares
 from benchmarks.blind.sealing import freeze, opened, publish, published, seal
 from benchmarks.blind.sites import AFTER, BEFORE, FURTHER, HIDDEN, draw_site
@@ -264,3 +266,16 @@ def stored(folder):
     path.write_text(text)
     publish(folder, {"case-000": sealed}, {"cases": 1, "seed": 1})
     return published(folder)["seals"]
+
+
+def test_a_further_receiver_beside_a_known_one_is_foretold_the_same():
+    case = recorded(small_site())
+    asked = case.site.blasts["B1"], case.site.receivers[1].position
+
+    told = foretold(case, asked, np.zeros(4), (), None)
+
+    known = np.array(told["blast"][1])
+    there = np.array(told["receiver"][told["blasts"].index("B1")])
+    assert told["receivers"][1] == "R1"
+    assert np.abs(known).max() > 1e-4
+    assert np.abs(there - known).max() < 0.02 * np.abs(known).max()

@@ -73,7 +73,7 @@ def foretold(case, asked, values, effects, folder) -> dict:
     heard = forward.heard([(one, b) for (one, _), b in zip(changed, case.blasts, strict=True)])
     hidden = np.stack([delayed(v, -lead) for v, (_, lead) in zip(heard, changed, strict=True)])
     everywhere = [effect for effect in effects if effect.target not in case.receivers]
-    hidden = with_motion_effects(Place(forward), hidden, everywhere)
+    hidden = with_motion_effects(Place(forward, site), hidden, everywhere)
     return {
         "blasts": list(case.blasts), "receivers": list(case.receivers),
         "blast": _short(further), "receiver": _short(hidden[:, 0]),
