@@ -121,7 +121,7 @@ def test_a_class_names_its_members_as_not_told_apart():
 def test_an_unknown_is_located_and_no_effect_is_listed():
     words = text("UNKNOWN")
 
-    assert re.search(r"Something is missing near east \d+ m, north \d+ m \(within \d+ m\)", words)
+    assert re.search(r"Something is missing, seen at R2 at [\d.]+ to [\d.]+ Hz", words)
     assert "No effect was found." in words
     assert "Receiver R2" in figures("UNKNOWN")
 
@@ -133,7 +133,7 @@ def test_where_no_effect_pays_the_next_receivers_belong_where_most_is_missing():
 
     assert poor.worth(poor.fits[0]) < GROWS
     words = summarise(found.scene, poor, CHANCE, verdict)["next_measurement"]
-    assert re.match(r"more receivers around east \d+ m, north \d+ m and R2, and a shot", words)
+    assert words == "more receivers around R2, and a shot from another side"
 
 
 def test_a_null_says_that_nothing_is_missing_and_ranks_nothing():
@@ -159,9 +159,14 @@ def test_what_is_left_beside_an_effect_is_said_with_its_place():
     found, summary = made("NAMED")
     left = replace(found.verdict.fit, size=np.full_like(found.verdict.fit.size, REMAINS))
     found = replace(found, verdict=replace(found.verdict, fit=left, share=0.5))
-    partial = summary | {"outcome": "PARTIAL", "remainder": summary["located"]}
+    point = {"x": 71.2, "y": 40.0, "coherence": 0.9, "resolution_m": 24.0}
+    partial = summary | {
+        "outcome": "PARTIAL",
+        "remainder": summary["located"] | {"points": [point]},
+    }
 
-    assert "But something else is missing near east" in lead(found, partial)
+    said = lead(found, partial)
+    assert "But something else is missing near east 71 m, north 40 m (within 12 m), seen at" in said
 
 
 def test_what_no_record_was_left_out_for_is_not_said_to_foretell():

@@ -9,7 +9,7 @@ from .search import MATERIAL, means, worst
 
 SHARE = 0.8  # of the energy of a residual lies in its windows
 GRID = 25  # points along the longer side of the plan
-HALF_POWER = 0.5**0.5
+NEARLY = 0.9  # of the largest stack, above which a place is no worse
 
 
 def located(baseline: Baseline, motion, size) -> dict:
@@ -52,7 +52,7 @@ def located(baseline: Baseline, motion, size) -> dict:
         "components": dict(zip(COMPONENTS, np.round(shares, 3).tolist(), strict=True)),
         "time_s": _window(times, energy.sum(axis=0)),
         "frequency_hz": _window(frequency, spectrum),
-        "points": scattering_points(baseline, weighed),
+        "points": sending_points(baseline, band.restore(held), size),
     }  # fmt: skip
 
 
@@ -63,49 +63,56 @@ def _window(axis, energy):
     return [round(float(axis[min(end, len(axis) - 1)]), 4) for end in ends]
 
 
-def scattering_points(baseline: Baseline, residual) -> list[dict]:
-    """Find where in plan one scatterer would send a residual from: a diffraction stack.
+def sending_points(baseline: Baseline, residual, size) -> list[dict]:
+    """Find where in plan something would send a residual from: a stack over places and times.
 
     Parameters
     ----------
     baseline : Baseline
-    residual : (n_blasts, n_receivers, 3, n_samples) float64
+    residual : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        In the band that is compared.
+    size : (n_blasts, n_receivers) float64
+        Mean squares of the whitened residuals.
 
     Returns
     -------
     list of dict
         The best point: ``x``, ``y`` in m, ``coherence`` (0 to 1), ``resolution_m``: the width
-        of the stack at -3 dB. None where receivers in a wrong order do as well.
+        of the stack where it is within a tenth of its largest. None where receivers in a wrong
+        order do as well.
 
     Notes
     -----
-    Envelopes are stacked at the time of an S wave from the first hole to the point and on to each
-    receiver, with the speed of the uppermost layer, in the blast of the fewest holes.
+    Of the blast that is explained worst. Envelopes, less what small errors leave, are stacked as
+    they would come from a point on top at one time, whichever fits best: with the S speed of the
+    uppermost layer, and smaller with distance. When it was sent is left open, so that neither
+    what sent it nor the way to it need be known: a scatterer, a hole or a shot of somebody else.
     """
     case, site = baseline.case, baseline.site
-    counts = [len(site.blasts[name].times) for name in case.blasts]
-    b = int(np.argmin(counts))
-    envelope = np.sqrt(np.sum(np.abs(signal.hilbert(residual[b])) ** 2, axis=1))
-    envelope /= np.maximum(envelope.max(axis=1, keepdims=True), 1e-300)
+    b = int(np.argmax(means(size, 1)))
+    excess = np.sqrt(np.maximum(1.0 - 1.0 / np.maximum(size[b], 1.0), 0.0))
+    envelope = np.sqrt(np.sum(np.abs(signal.hilbert(residual[b])) ** 2, axis=1)) * excess[:, None]
+    if not envelope.any():
+        return []
     speed = site.layers[0][2].cs
-    source = site.blasts[case.blasts[b]].centres.mean(axis=0)
     places = {r.name: np.array(r.position) for r in site.receivers}
     at = np.array([places[name] for name in case.receivers])
     (x0, x1), (y0, y1) = site.box[:2]
     spacing = max(x1 - x0, y1 - y0) / GRID
     x, y = np.arange(x0, x1 + spacing, spacing), np.arange(y0, y1 + spacing, spacing)
     points = np.stack([*np.meshgrid(x, y, indexing="ij"), np.zeros((len(x), len(y)))], axis=-1)
-    delay = _pulse_peak(site.moment_rate)
-    ways = np.linalg.norm(points - source, axis=-1)[..., None]
-    ways = ways + np.linalg.norm(points[:, :, None] - at, axis=-1)
-    sample = np.clip(np.rint((ways / speed + delay) / case.dt).astype(int), 0, case.n_samples - 1)
-    here = np.arange(len(at))
-    stacks = [envelope[np.roll(here, k), sample].mean(axis=-1) for k in here]
-    stack = stacks[0]
-    if stack.max() <= max((one.max() for one in stacks[1:]), default=np.inf):
+    way = np.linalg.norm(points[:, :, None] - at, axis=-1)
+    lag = np.rint(way / speed / case.dt).astype(int)
+    wave = speed / np.sqrt(np.prod(site.band))
+    share = 1.0 / (way + 0.5 * wave)
+    share /= np.linalg.norm(share, axis=-1, keepdims=True)
+    orders = [np.roll(np.arange(len(at)), k) for k in range(len(at))]
+    stacks = [_stacked(envelope[order], lag, share) for order in orders]
+    stack = stacks[0] / np.linalg.norm(envelope.max(axis=1))
+    if stacks[0].max() <= max((one.max() for one in stacks[1:]), default=np.inf):
         return []
     best = np.unravel_index(np.argmax(stack), stack.shape)
-    width = spacing * np.sqrt(np.count_nonzero(stack >= HALF_POWER * stack[best]))
+    width = spacing * np.sqrt(np.count_nonzero(stack >= NEARLY * stack[best]))
     return [
         {
             "x": round(float(x[best[0]]), 1),
@@ -116,6 +123,14 @@ def scattering_points(baseline: Baseline, residual) -> list[dict]:
     ]
 
 
-def _pulse_peak(pulse):
-    """Return when a pulse is largest, s."""
-    return pulse.start + pulse.dt * float(np.argmax(np.abs(pulse.values)))
+def _stacked(envelope, lag, share):
+    """Return the largest sum over time (nx, ny) of envelopes (n_receivers, n_samples).
+
+    Each is taken ``lag`` samples later and by its ``share``, (nx, ny, n_receivers).
+    """
+    times = np.arange(envelope.shape[1])
+    later = np.pad(envelope, ((0, 0), (0, int(lag.max()))))
+    sums = np.zeros((*lag.shape[:2], len(times)))
+    for r, one in enumerate(later):
+        sums += share[:, :, r, None] * one[lag[:, :, r, None] + times]
+    return sums.max(axis=-1)

@@ -190,7 +190,7 @@ def _around(remainder):
     near = [f"east {one['x']:.0f} m, north {one['y']:.0f} m" for one in remainder["points"]]
     near += [max(seen, key=seen.get)] if seen else []
     there = " and ".join(near) or "what is located"
-    return f"more receivers around {there}, and a shot from another side of them"
+    return f"more receivers around {there}, and a shot from another side"
 
 
 def beyond_doubled(summary) -> bool:

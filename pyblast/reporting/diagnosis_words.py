@@ -47,7 +47,7 @@ def lead(made, summary) -> str:
             "receivers within small errors of the theory."
         )
     if outcome == "UNKNOWN":
-        return f"Something is missing {_near(summary['located'])}, and {_why_not(summary)}."
+        return f"Something is missing{_near(summary['located'])}, and {_why_not(summary)}."
     told = [f"{claim} ({label})." for label, claim in claims(made.verdict.fit)]
     proof = f"This explains {share(summary)} of the misfit that noise and small errors leave open, "
     if summary["held_out"]["folds"]:
@@ -65,7 +65,7 @@ def lead(made, summary) -> str:
     if outcome in ("CLASS", "PARTIAL") and unsure:
         proof += f" But these records can't test {listed(unsure)}: {untestable[unsure[0]]}."
     elif outcome == "PARTIAL" and more_remains(made.verdict.fit.size, made.verdict.share):
-        proof += f" But something else is missing {_near(summary['remainder'])}."
+        proof += f" But something else is missing{_near(summary['remainder'])}."
     elif outcome == "PARTIAL" and not summary["finished"]:
         proof += " But the budget of runs ended before all other effects were tried."
     if not beyond_doubled(summary):
@@ -129,11 +129,11 @@ def _near(place):
     names = list(place["receivers"])
     (f0, f1), (t0, t1) = place["frequency_hz"], place["time_s"]
     points = "".join(
-        f"near east {p['x']:.0f} m, north {p['y']:.0f} m (within {0.5 * p['resolution_m']:.0f} m), "
+        f" near east {p['x']:.0f} m, north {p['y']:.0f} m (within {0.5 * p['resolution_m']:.0f} m)"
         for p in place["points"]
     )
-    seen = f"seen at {listed(names)} " if names else "seen "
-    return f"{points}{seen}at {f0:.3g} to {f1:.3g} Hz, {t0:.2g} to {t1:.2g} s after the first hole"
+    seen = f", seen at {listed(names)}" if names else ", seen"
+    return f"{points}{seen} at {f0:.3g} to {f1:.3g} Hz, {t0:.2g} to {t1:.2g} s after the first hole"
 
 
 def listed(words):
