@@ -18,7 +18,7 @@ from pyblast.diagnosis.mesh_control import COARSE, RESOLUTION, on_finer_mesh
 from pyblast.diagnosis.scene import Effect
 from pyblast.diagnosis.screening import Guess
 from pyblast.diagnosis.search import MATERIAL, Search, material
-from pyblast.diagnosis.verdict import _without, judge
+from pyblast.diagnosis.verdict import _without, intervals, judge
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 LOUD = Effect("misfire_or_charge_error/blast", "B1", ((1.0,),))
@@ -277,6 +277,17 @@ def test_what_an_effect_on_the_ground_finds_by_chance_is_of_all_blasts_that_its_
     )
 
     assert np.all(fitted > screened)
+
+
+def test_a_blast_that_is_fired_again_makes_no_interval_narrower():
+    _, _, slow, *_ = fits()
+    again = replace(slow, size=np.repeat(slow.size, 3, axis=0), covariance=slow.covariance / 3.0)
+
+    (once,), (thrice,) = intervals(slow), intervals(again)
+
+    assert once["shift"]["low"] < once["shift"]["value"] < once["shift"]["high"]
+    for end in ("low", "value", "high"):
+        assert thrice["shift"][end] == pytest.approx(once["shift"][end], rel=1e-9)
 
 
 def test_a_blast_that_a_receiver_missed_has_what_it_left_in_another():

@@ -114,8 +114,12 @@ def more_remains(size, share) -> bool:
 
 
 def intervals(fit: Fit) -> list[dict]:
-    """Return the knobs of each effect with their 90 % intervals, in their units."""
-    at, spread = len(fit.values), np.sqrt(np.diag(fit.covariance))
+    """Return the knobs of each effect with their 90 % intervals, in their units.
+
+    Errors of a site come back in each of its blasts: all blasts tell as much as one; (14.9).
+    """
+    blasts = np.count_nonzero(fit.size.any(axis=1))
+    at, spread = len(fit.values), np.sqrt(blasts * np.diag(fit.covariance))
     tables = []
     for effect in fit.effects:
         table = {}
