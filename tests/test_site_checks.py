@@ -61,6 +61,7 @@ def inner(folder, name):
         ("noise_window_s = [-0.2, 0]", "noise_window_s = [0, 0.2]", "must begin and end before"),
         ("noise_window_s = [-0.2, 0]", "noise_window_s = [-0.3, -0.2]", "no record of R0 holds"),
         ("band_hz = [4, 25]", "band_hz = [25, 4]", r"band_hz: must be lowest, highest, got 25, 4"),
+        ("band_hz = [4, 25]", "band_hz = [4, 110]", "band_hz: .* is whole up to 100 Hz; narrow it"),
         ("x = [0, 120]", "x = [120, 0]", "box: each axis must go from low to high"),
         ("vp = 2800, vs = 1600", "vp = 2.8, vs = 1.6", "layers.rock: speeds must lie in 30"),
         ("position = 60", "position = 260", "joints.J1.position: must lie within the box"),

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..motion.seismogram import PASS_BAND
 from ..projects.site import Site
 from ..residuals.band import Band, band_functions
 from ..residuals.noise import Noise, noise_of
@@ -70,7 +71,8 @@ def case_of(site: Site, blasts=None) -> Case:
     Raises
     ------
     InputError
-        If a blast is not there, or records differ in sampling, or none begins before the blast.
+        If a blast is not there, records differ in sampling, none begins before the blast, or the
+        band comes near half the sampling rate.
     """
     names = tuple(blasts or site.blasts)
     for name in names:
@@ -85,6 +87,11 @@ def case_of(site: Site, blasts=None) -> Case:
     dt = every[0].seismogram.dt
     if any(abs(one.seismogram.dt - dt) > 1e-9 * dt for one in every):
         raise InputError("case: records differ in sampling rate; resample them to one")
+    if site.band[1] > PASS_BAND * 0.5 / dt:
+        raise InputError(
+            f"recording.band_hz: reaches to {site.band[1]:g} Hz; at {1.0 / dt:g} samples a second "
+            f"what is simulated is whole up to {PASS_BAND * 0.5 / dt:.4g} Hz; narrow it to that"
+        )
     after = 0.0, int(np.floor(_end(names, records) / dt + 1e-6)) + 1
     first, last = site.noise_window
     before = first, int(np.floor((last - first) / dt + 1e-6))
