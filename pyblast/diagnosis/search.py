@@ -18,6 +18,7 @@ UNEXPLAINED = 6  # effects that are fitted by runs, however poor, while none fit
 SURELY = 3  # guesses that are fitted however poor they are, while less than this is explained:
 MOSTLY = 2.0 / 3.0  # of the energy in excess
 MOST = 3  # effects at once
+BEAM = 2  # sets of effects that go on together, of those that records can't tell apart
 LEAST_OF_BEST = 0.4  # of the share of the best guess
 LEAST_SHARE = 0.1  # of what is left that an effect must explain to be fitted by runs
 
@@ -63,10 +64,12 @@ class Search:
         """Return all fits, best evidence first."""
         return sorted(self.fits, key=self.worth, reverse=True)
 
-    def best(self, n_labels=1):
-        """Return the best fit of so many labels, or None."""
-        some = [one for one in self.fits if len(one.labels) == n_labels]
-        return max(some, key=self.worth, default=None)
+    def leaders(self, n_labels=1):
+        """Return the best fits of so many labels, those that can't be told from the first."""
+        some = [one for one in self.ranked() if len(one.labels) == n_labels]
+        near = [one for one in some if self.worth(some[0]) - self.worth(one) < GROWS]
+        labels = [set(one.labels) for one in near]
+        return [one for k, one in enumerate(near) if labels[k] not in labels[:k]][:BEAM]
 
     def runs_left(self):
         """Tell whether the budget allows more runs."""
@@ -95,19 +98,21 @@ def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
     testable = any(not one.untestable(scene.case) for one in LIBRARY.values())
     if not (testable and material(found.none.size)):
         return found
-    found.fits += _quick(found, ())
+    found.fits += _quick(found, found.none)
     found.guesses = screened(found)
-    _refine(found, found.guesses, (), REFINED)
+    _refine(found, found.guesses, found.none, REFINED)
     found.compared = found.finished
-    while len(found.chosen.labels) < MOST:
-        better = found.best(len(found.chosen.labels) + 1)
-        if better is None or found.worth(better) - found.worth(found.chosen) < GROWS:
+    for n_labels in range(1, MOST + 1):
+        least = found.worth(found.chosen) + GROWS
+        leaders = [one for one in found.leaders(n_labels) if found.worth(one) >= least]
+        if not leaders:
             break
-        found.chosen = better
-        if not material(better.size) or len(better.labels) == MOST:
+        found.chosen = leaders[0]
+        if not material(found.chosen.size) or n_labels == MOST:
             break
-        found.fits += _quick(found, better.effects)
-        _refine(found, rescreened(found, better), better.effects, REFINED_LATER)
+        for base in leaders:
+            found.fits += _quick(found, base)
+            _refine(found, rescreened(found, base), base, REFINED_LATER)
     return found
 
 
@@ -127,19 +132,17 @@ def means(size, axis):
 
 
 def _quick(found, base):
-    """Fit each effect that needs no runs on top of others, at all places where it pays."""
-    fits, scene, held = [], found.scene, found.chosen if base else None
-    there = {effect.label for effect in base}
-    labels = [h for h in LIBRARY.values() if h.on != "site" and h.label not in there]
-    home = found.chosen.values
-    start = Fitter(scene, base, home)
+    """Fit each effect that needs no runs on top of a fit, at all places where it pays."""
+    fits, scene, before = [], found.scene, base.effects
+    labels = [h for h in LIBRARY.values() if h.on != "site" and h.label not in base.labels]
+    start = Fitter(scene, before, base.values)
     squares = start.squares(start.start(), start.motions([start.start()])[0])
     for done, hypothesis in enumerate(labels):
         found.tell("effects that need no runs", done, len(labels))
         best = {}
         for target in hypothesis.targets(scene.case):
             trials = [
-                settle(scene, (*base, one), home, knobs=1)
+                settle(scene, (*before, one), base.values, knobs=1)
                 for one in started(hypothesis, target, scene)
             ]
             gained, _, effects = min(trials, key=lambda one: one[0])
@@ -148,20 +151,22 @@ def _quick(found, base):
         most = max(best.values(), key=lambda one: one[0], default=None)
         if hypothesis.single:
             paying = [most[1]] if paying else []
-        if most is None or most[0] <= 0.0 or (base and not paying):
+        if most is None or most[0] <= 0.0 or (before and not paying):
             continue
-        one = fit(scene, (*base, *(paying or [most[1]])), home, held=held)
+        added = paying or [most[1]]
+        one = fit(scene, (*before, *added), base.values, held=base if before else None)
         if one is not None:
             fits.append(one)
     return fits
 
 
 def _refine(found, guesses, base, most):
-    """Fit the best guesses by runs, one place of each label."""
-    seen, done = {effect.label for effect in base}, 0
+    """Fit the best guesses by runs on top of a fit, one place of each label."""
+    seen, done = set(base.labels), 0
     largest = max((guess.share for guess in guesses), default=0.0)
+    home = base.values if base.effects else np.zeros(len(base.values))
     for guess in guesses:
-        known, surely = (0.0, 0) if base else _explained(found)
+        known, surely = (0.0, 0) if base.effects else _explained(found)
         poor = guess.share < max(LEAST_SHARE, LEAST_OF_BEST * max(known, largest))
         if done >= (surely if poor else max(most, surely)) or not found.runs_left():
             break
@@ -169,9 +174,8 @@ def _refine(found, guesses, base, most):
             continue
         seen.add(guess.effect.label)
         found.tell(f"fit {guess.effect.label}", done, max(most, surely))
-        home = found.chosen.values if base else np.zeros(len(found.none.values))
         before = found.scene.forward.runs
-        one = fit(found.scene, (*base, guess.effect), home, guess.blasts, found.chosen)
+        one = fit(found.scene, (*base.effects, guess.effect), home, guess.blasts, base)
         if one is not None:
             found.fits.append(one)
         done += found.scene.forward.runs > before
@@ -182,7 +186,7 @@ def _explained(found):
 
     Second, how many guesses must be fitted although they are poor, so little is explained.
     """
-    best, likelihood = found.best(), found.scene.baseline.likelihood
+    best, likelihood = next(iter(found.leaders()), None), found.scene.baseline.likelihood
     if best is None or found.worth(best) <= GROWS:
         return 0.0, UNEXPLAINED
     share = likelihood.share(found.none.size, best.size)
