@@ -214,15 +214,30 @@ def test_a_closing_joint_is_as_stiff_at_rest_as_it_is_listed():
     assert kn * (1.0 + joint.insitu_pressure / (kn * closure)) ** 2 == pytest.approx(8e8)
 
 
+@pytest.mark.parametrize("name", ["joint_slip", "joint_slip/frictional"])
 @pytest.mark.parametrize("strength", [2e5, 3e4])  # friction of 30 degrees bears 5.8e4 alone
-def test_a_slipping_joint_bears_its_strength_at_rest(strength):
-    slips = applied("joint_slip", "J1", strength=strength, residual=0.5)
+def test_a_slipping_joint_bears_its_strength_at_rest(name, strength):
+    slips = applied(name, "J1", strength=strength, residual=0.5)
     (joint,) = (j.joint for j in slips.joints)
     values, pressure = joint.properties, joint.insitu_pressure
 
     assert values["cohesion"] + values["friction"] * pressure == pytest.approx(strength)
     left = values["cohesion_residual"] + values["friction_residual"] * pressure
     assert left == pytest.approx(0.5 * strength)
+
+
+def test_what_slips_by_friction_alone_has_no_cohesion_and_needs_a_pressure():
+    slips = applied("joint_slip/frictional", "J1", strength=2e5, residual=0.5)
+    (listed,) = small_site().joints
+    free = replace(small_site(), joints=(replace(listed, joint=unpressed(listed.joint)),))
+
+    assert slips.joints[0].joint.properties["cohesion"] == 0.0
+    assert applied("joint_slip/frictional", "J1", free, strength=2e5, residual=0.5) is None
+
+
+def unpressed(joint):
+    """Return a joint that nothing presses on at rest."""
+    return replace(joint, insitu_pressure=0.0)
 
 
 def test_a_slipping_joint_may_have_any_strength_of_its_range():

@@ -20,6 +20,11 @@ def _on_joint(site, target, change):
     return replace(site, joints=joints) if chosen.joint.law == "elastic" else None
 
 
+def _pressure(site, target):
+    """Return what presses on a joint at rest, Pa."""
+    return next(j.joint.insitu_pressure for j in site.joints if j.joint.surface == target)
+
+
 def _filled(site, target, law, relaxation):
     """Return the site with a viscous law of one joint, its dashpots in step with its springs."""
 
@@ -47,34 +52,58 @@ def joint_nonlinear_closure(site, target, closed):
                       "kn_max": STIFFEST * rest}  # fmt: skip
         return Joint(joint.surface, "closure", properties, joint.insitu_pressure)
 
-    chosen = next(j for j in site.joints if j.joint.surface == target)
-    return _on_joint(site, target, closing) if chosen.joint.insitu_pressure > 0.0 else None
+    return _on_joint(site, target, closing) if _pressure(site, target) > 0.0 else None
 
 
-@hypothesis(
-    "joint_slip", family="path", on="site", target="joint", axis="both", linear=False,
-    knobs=[
-        Knob("strength", 1e5, 1.0, "Pa", log=True, starts=(3e4, 2e5), low=1e3, high=1e7),
-        Knob("residual", 0.5, 0.2, starts=(0.5,), low=0.05, high=1.0),
-    ],
-    settled_by="charges of three to one or more across the joint, and on a path that avoids it",
-)  # fmt: skip
-def joint_slip(site, target, strength, residual):
-    """This joint slips: it bears no more shear than its strength; large blasts lose S waves."""
+def _slipping(site, target, cohesion, friction, residual):
+    """Return the site with a joint of some strength that keeps a share of it once it slips."""
 
     def slipping(joint):
-        pressure, friction = joint.insitu_pressure, np.tan(np.radians(30.0))
-        peak = strength - pressure * friction
-        if peak < 0.0:  # no cohesion, and less friction
-            peak, friction = 0.0, strength / pressure
         properties = {
-            **joint.properties, "cohesion": peak, "friction": friction, "tension": NEVER,
-            "cohesion_residual": residual * peak, "friction_residual": residual * friction,
+            **joint.properties, "cohesion": cohesion, "friction": friction, "tension": NEVER,
+            "cohesion_residual": residual * cohesion, "friction_residual": residual * friction,
             "tension_residual": NEVER,
         }  # fmt: skip
         return Joint(joint.surface, "coulomb", properties, joint.insitu_pressure)
 
     return _on_joint(site, target, slipping)
+
+
+_SLIP = {
+    "family": "path", "on": "site", "target": "joint", "axis": "both", "linear": False,
+    "settled_by": "charges of three to one or more across the joint, and on a path that avoids it",
+}  # fmt: skip
+
+
+@hypothesis(
+    "joint_slip",
+    knobs=[
+        Knob("strength", 1e5, 1.0, "Pa", log=True, starts=(3e4, 2e5), low=1e3, high=1e7),
+        Knob("residual", 0.5, 0.2, starts=(0.5,), low=0.05, high=1.0),
+    ],
+    **_SLIP,
+)
+def joint_slip(site, target, strength, residual):
+    """This joint slips: it bears no more shear than its strength; large blasts lose S waves."""
+    pressure, friction = _pressure(site, target), np.tan(np.radians(30.0))
+    cohesion = strength - pressure * friction
+    if cohesion < 0.0:  # none, and less friction
+        cohesion, friction = 0.0, strength / pressure
+    return _slipping(site, target, cohesion, friction, residual)
+
+
+@hypothesis(
+    "joint_slip", form="frictional",
+    knobs=[
+        Knob("strength", 1e5, 1.0, "Pa", log=True, starts=(2e5,), low=1e3, high=1e7),
+        Knob("residual", 0.5, 0.2, starts=(0.5,), low=0.05, high=1.0),
+    ],
+    **_SLIP,
+)  # fmt: skip
+def joint_frictional_slip(site, target, strength, residual):
+    """This joint slips, by friction alone: it bears a share of what presses on it at the time."""
+    pressure = _pressure(site, target)
+    return _slipping(site, target, 0.0, strength / pressure, residual) if pressure > 0.0 else None
 
 
 @hypothesis(
