@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from . import commands_inverse, console
+from . import blas, commands_inverse, console  # noqa: F401  blas: before numpy
 from .command_words import Full, ProjectFile, told
 from .errors import InputError
 

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+import pyblast.blas  # noqa: F401  before numpy
+
 
 @pytest.fixture(scope="session")
 def recordings():

@@ -1,1 +1,3 @@
 """What pyblast is measured against: the ladder, and an independent program."""
+
+import pyblast.blas  # noqa: F401  before numpy
