@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from small_project import written
 
-from pyblast import pipeline
+from pyblast import Seismogram, pipeline
+from pyblast.motion.limits import load_limits
 from pyblast.projects.result import read_result, write_csv
+from pyblast.reporting.limit_figures import limits_figure, peaks_of
 from pyblast.reporting.report import angle, number, render, scaled
 from pyblast.reporting.section import section_of_surface, section_of_zones
 
@@ -68,6 +70,39 @@ def test_the_figures_of_the_paper_are_there(page):
     images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
     assert len(images) == 7
     assert all(base64.b64decode(image)[:8] == b"\x89PNG\r\n\x1a\n" for image in images)
+
+
+def test_limit_curves_are_drawn_with_all_peaks_when_they_are_asked_for(tmp_path, page):
+    curves = 'duration_s = 0.1\nlimit_curves = ["din_4150_dwelling", "as_2187_occupied"]'
+    outcome = pipeline.run(written(tmp_path, ("duration_s = 0.1", curves)))
+
+    drawn = render(outcome.result)
+
+    assert "Limit curves" not in page
+    assert "nothing is judged" in drawn
+    assert "AS 2187" in drawn
+    assert drawn.count("data:image/png") == page.count("data:image/png") + 1
+
+
+def test_peaks_of_a_decaying_sine_lie_at_its_frequency_the_sum_at_that_of_the_largest():
+    time = np.arange(0.0, 2.0, 0.001)
+    waves = [np.exp(-time) * np.sin(2.0 * np.pi * hz * time) for hz in (4.0, 10.0)]
+    motion = Seismogram(np.column_stack([0.01 * waves[0], 0.002 * waves[1], 0.0 * time]), 0.001)
+
+    (_, *first), (_, *second), (name, *total) = peaks_of(motion, summed=True)
+
+    np.testing.assert_allclose(first, [motion.ppv[0], 4.0], rtol=0.01)
+    np.testing.assert_allclose(second, [motion.ppv[1], 10.0], rtol=0.01)
+    assert (name, total) == ("vector sum", [motion.pvs, first[1]])
+    assert len(peaks_of(motion, summed=False)) == 2
+
+
+def test_peaks_without_a_frequency_are_told():
+    step = Seismogram(np.outer(np.linspace(0.0, 1.0, 50), [0.01, 0.0, 0.0]), 0.001)
+
+    _, left_out = limits_figure({"simulated": {"R1": step}}, [load_limits()["usbm_plaster"]])
+
+    assert left_out == ["R1 E (simulated)"]
 
 
 def test_recorded_and_simulated_stand_side_by_side(page):

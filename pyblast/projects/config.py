@@ -22,6 +22,7 @@ from .config_section import (
     Band,
     Bearing,
     Count,
+    Curve,
     Inclination,
     Name,
     NotNegative,
@@ -150,6 +151,7 @@ class RunConfig(Section):
     local_damping: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     snapshots_s: list[NotNegative] = Field([])
     compare_band_hz: Band | None = None
+    limit_curves: list[Curve] = Field([])
 
     @model_validator(mode="after")
     def _snapshots_within(self):

@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from .config_recording import RecordingConfig
-from .config_section import Band, Count, Name, NotNegative, Point, Positive, Section
+from .config_section import Band, Count, Curve, Name, NotNegative, Point, Positive, Section
 
 Ends = Annotated[list[NotNegative], Field(min_length=2, max_length=2)]
 
@@ -15,7 +15,7 @@ class HouseConfig(Section):
 
     name: Name
     limit_mm_per_s: Positive | None = None
-    limit_curve: Name | None = None
+    limit_curve: Curve | None = None
     recorded: RecordingConfig | None = None
     position_m: Point | None = None
 

@@ -6,6 +6,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from ..errors import InputError, ReadError
+from ..motion.limits import load_limits
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -26,6 +27,7 @@ Band = Annotated[
 ]
 Infill = Annotated[list[Positive], Field(min_length=1, max_length=2)]
 Name = Annotated[str, Field(min_length=1, max_length=80)]
+Curve = Annotated[str, AfterValidator(lambda key: _known(key))]
 
 
 class Section(BaseModel):
@@ -50,6 +52,13 @@ def named_error(where):
         yield
     except (InputError, ReadError) as error:
         raise type(error)(f"{where}: {error}") from None
+
+
+def _known(key):
+    """Refuse a limit curve that does not come with pyblast."""
+    if key not in load_limits():
+        raise ValueError(f"must be one of {', '.join(load_limits())}, got {key!r}")
+    return key
 
 
 def _rising(band):

@@ -37,6 +37,7 @@ def summarise(project, checked, run, simulated, comparisons):
         "input": None if project.input is None else input_table(project),
         "sources": source_summary(project),
         "band": input_band(project),
+        "limit_curves": list(project.config.run.limit_curves),
         "receivers": receiver_tables(project, simulated),
         "comparisons": {n: comparison_table(c) for n, c in comparisons.items()},
         "findings": [asdict(finding) for finding in checked.findings],

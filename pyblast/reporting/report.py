@@ -7,8 +7,10 @@ from importlib import resources
 import numpy as np
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
+from ..motion.limits import load_limits
 from ..projects.result import Result, plain, write_text
 from . import figures
+from .limit_figures import limits_figure
 
 SPECTRUM_TOP = 40.0
 SOURCES = {"forces": "point forces", "tensors": "moment tensors", "pressures": "pressed surfaces"}
@@ -62,6 +64,7 @@ def _figures(result):
         ),
         *_section_figures(result),
         *_receiver_figures(result, wide),
+        *_limit_figures(result),
         (
             "Energy",
             "Where the energy that was put in went; the ledger closes within "
@@ -190,6 +193,26 @@ def _receiver_figures(result, top):
             ("receivers", "signature", "mesh", "joints", "damping"),
             figures.motion_figure(both, colours, top, float(simulated.times[-1])),
         )
+
+
+def _limit_figures(result):
+    """Draw all peaks under the limit curves that were asked for."""
+    names, curves = result.summary.get("limit_curves", []), load_limits()
+    some = [curves[name] for name in names if name in curves]
+    if not some:
+        return
+    motions = {kind: result.seismograms(kind) for kind in ("simulated", "recorded")}
+    image, left_out = limits_figure(motions, some)
+    without = f" Without crossings on both sides, and left out: {', '.join(left_out)}."
+    yield (
+        "Limit curves",
+        "Peaks of each component against their frequency by zero crossing. Curves are drawn, and "
+        "nothing is judged: who uses one has to compare it with the standard "
+        f"({'; '.join(curve.source for curve in some)}). What is simulated holds little above "
+        f"{result.summary['band']:.3g} Hz.{without if left_out else ''}",
+        ("receivers", "signature"),
+        image,
+    )
 
 
 def _towards(table):
