@@ -14,6 +14,20 @@ ONSET = {"Tran": 0.0625, "Vert": 0.0, "Long": 0.03125}
 GRAVITY = 9806.65
 
 
+def write(folder, content, name="record"):
+    """Write text or bytes into a file and return its path."""
+    path = folder / name
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def write_trace(path, samples, format, **header):
+    """Write one vertical channel by obspy and return its path."""
+    trace = obspy.Trace(np.asarray(samples), {"delta": 0.002, "channel": "HHZ"} | header)
+    trace.write(str(path), format=format)
+    return path
+
+
 def motion(n_samples=384):
     """Two cycles of a sine on each channel, mm/s; every peak falls on a sample."""
     times = np.arange(n_samples) / RATE - BEFORE

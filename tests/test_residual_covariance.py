@@ -1,187 +1,24 @@
-"""Covariance of residuals: noise, errors of the theory, and what it makes white."""
+"""Covariance of residuals: errors of the theory beside noise, and how large they are."""
 
 import math
 
 import numpy as np
 import pytest
-from scipy import fft, linalg, stats
+from residual_case import BAND, DT, TIMES, N, coloured, dense, residual_case, seismograms, whole
+from scipy import linalg, stats
 
 from pyblast.errors import InputError
 from pyblast.residuals.band import band_functions
 from pyblast.residuals.levels import _evidence, infer_levels
 from pyblast.residuals.noise import noise_of
-from pyblast.residuals.nuisances import mesh_columns, mesh_error, nuisances, phase_shares
+from pyblast.residuals.nuisances import mesh_error, nuisances, phase_shares
 from pyblast.residuals.scattering import scattering
 from pyblast.residuals.whitening import whitener
 
-DT, BAND, N = 2e-3, (3.0, 30.0), 300
-TIMES = DT * np.arange(N)
 
-
-def coloured(rng, shape, level=1e-5):
-    """Noise whose density falls tenfold from 3 to 30 Hz, made in 8 times its length."""
-    n = 8 * shape[-1]
-    frequency = fft.rfftfreq(n, DT)
-    reply = 1.0 / np.hypot(1.0, frequency / 10.0)
-    white = rng.normal(size=(*shape[:-1], n))
-    return level * fft.irfft(fft.rfft(white) * reply, n)[..., : shape[-1]]
-
-
-def seismograms(n_blasts=2, n_receivers=3):
-    """Pulses of 10 to 16 Hz, different in each channel."""
-    motion = np.empty((n_blasts, n_receivers, 3, N))
-    for place in np.ndindex(motion.shape[:3]):
-        late = TIMES - 0.25 - 0.03 * place[1] - 0.02 * place[2]
-        turn = 2.0 * np.pi * (10.0 + 2.0 * place[1] + place[2]) * late
-        pulse = np.exp(-0.5 * (late / 0.06) ** 2) * np.cos(turn + place[0])
-        motion[place] = 1e-3 * (1.0 + place[0]) * pulse / (1.0 + place[1])
-    return motion
-
-
-@pytest.fixture(scope="module")
+@pytest.fixture
 def case():
-    rng = np.random.default_rng(1)
-    noise = noise_of(coloured(rng, (6, 3, 3, 125)), DT, BAND)
-    return noise, band_functions(N, DT, BAND), seismograms()
-
-
-def whole(case, **levels):
-    noise, band, motion = case
-    parts = nuisances(motion, band) + mesh_columns(0.02 * np.roll(motion, 3, -1)[None], band)
-    return whitener(
-        noise, band, 2, nuisances=parts, scattering=scattering(motion, band), levels=levels
-    )
-
-
-def dense(white):
-    """Covariance of all coefficients, written out."""
-    size = white.spread.size
-    root = linalg.block_diag(
-        *[np.linalg.inv(t) for t in white.turns.reshape(-1, *[white.turns.shape[-1]] * 2)]
-    )
-    inner = np.diag(white.deviation**2)
-    scale = np.array([white.levels[group] for group in white.groups])
-    columns = white.columns * scale[:, None]
-    return root @ (inner + columns.T @ columns) @ root.T, size
-
-
-def test_functions_of_a_band_are_orthonormal():
-    basis = band_functions(N, DT, BAND).basis
-
-    assert basis.T @ basis == pytest.approx(np.eye(basis.shape[1]), abs=1e-12)
-
-
-def test_functions_of_a_band_have_nine_tenths_of_their_energy_in_it():
-    basis = band_functions(N, DT, BAND).basis
-    n_padded = 64 * N
-    power = np.abs(fft.rfft(basis, n_padded, axis=0)) ** 2
-    frequency = fft.rfftfreq(n_padded, DT)
-    inside = (frequency >= BAND[0]) & (frequency <= BAND[1])
-
-    assert np.min(power[inside].sum(axis=0) / power.sum(axis=0)) > 0.9 - 1e-3
-
-
-def test_a_band_holds_a_pulse_that_lies_within_it():
-    motion = seismograms()
-    band = band_functions(N, DT, BAND)
-
-    left = motion - band.restore(band.project(motion))
-
-    assert np.sum(left**2) < 0.005 * np.sum(motion**2)
-
-
-def test_invalid_samples_have_no_part_in_what_the_band_holds():
-    motion, valid = seismograms(), np.ones((2, 3, 3, N), bool)
-    valid[1, 2, 0, 50:80] = False
-    band = band_functions(N, DT, BAND, valid)
-
-    held = band.project(motion)
-    motion[1, 2, 0, 50:80] = np.nan
-
-    assert np.array_equal(band.project(motion), held)
-
-
-def test_a_channel_without_a_valid_sample_carries_no_data(case):
-    noise, band, motion = case
-    valid = np.ones(motion.shape, bool)
-    valid[0, 1, 2] = False
-    gapped = band_functions(N, DT, BAND, valid)
-
-    assert whitener(noise, gapped, 2).n_data == whitener(noise, band, 2).n_data - band.n_functions
-
-
-def test_a_valid_sample_that_is_not_finite_is_refused(case):
-    motion = seismograms()
-    motion[1, 2, 0, 5] = np.nan
-
-    with pytest.raises(InputError, match="blast 1, receiver 2, component 0"):
-        case[1].project(motion)
-
-
-def test_noise_that_was_not_learnt_from_becomes_white():
-    rng = np.random.default_rng(2)
-    noise = noise_of(coloured(rng, (3, 60, 3, 125)), DT, BAND)
-    white = whitener(noise, band_functions(N, DT, BAND), 1)
-
-    residual = white.apply(coloured(rng, (1, 60, 3, N)))
-
-    # three windows raise a level known to a third of its size: 0.75 of the variance in truth,
-    # 1 in the mean of what is whitened; 2 % of floor
-    assert np.mean(residual**2) == pytest.approx(1.0, abs=0.1)
-
-
-def test_whitened_noise_has_no_autocorrelation_and_a_flat_spectrum():
-    rng = np.random.default_rng(3)
-    noise = noise_of(coloured(rng, (40, 10, 3, 125)), DT, BAND)
-    band = band_functions(N, DT, BAND)
-    white = whitener(noise, band, 20)
-    residual = white.apply(coloured(rng, (20, 10, 3, N)))
-
-    power = np.mean(np.abs(fft.rfft(band.restore(residual), 4 * N)) ** 2, axis=(0, 1, 2))
-    flat = np.sum(np.abs(fft.rfft(band.basis, 4 * N, axis=0)) ** 2, axis=1)
-    thirds = [slice(*edges) for edges in zip((8, 29, 50), (29, 50, 71), strict=True)]
-    level = [power[part].sum() / flat[part].sum() for part in thirds]
-    assert level == pytest.approx([1.0, 1.0, 1.0], abs=0.1)
-
-
-def test_chi_square_of_noise_follows_its_distribution_when_noise_is_well_known():
-    rng = np.random.default_rng(4)
-    noise = noise_of(coloured(rng, (200, 2, 3, 250)), DT, BAND)
-    white = whitener(noise, band_functions(N, DT, BAND), 1)
-
-    found = white.chi_square(coloured(rng, (300, 1, 2, 3, N)))
-
-    assert np.mean(found) == pytest.approx(white.n_data, rel=0.05)
-    assert np.var(found) == pytest.approx(2.0 * white.n_data, rel=0.3)
-
-
-def test_independent_components_are_taken_as_such():
-    rng = np.random.default_rng(5)
-
-    noise = noise_of(coloured(rng, (3, 100, 3, 125)), DT, BAND)
-
-    mixed = np.any(noise.correlation != np.eye(3), axis=(1, 2))
-    assert np.mean(mixed) < 0.05
-
-
-def test_components_that_move_together_are_whitened_together():
-    rng = np.random.default_rng(6)
-    mixture = linalg.cholesky([[1.0, 0.8, 0.0], [0.8, 1.0, 0.0], [0.0, 0.0, 1.0]], lower=True)
-    motion = np.einsum("cd,brdn->brcn", mixture, coloured(rng, (200, 1, 3, 125)))
-    noise = noise_of(motion[:100], DT, BAND)
-
-    residual = whitener(noise, band_functions(125, DT, BAND), 100).apply(motion[100:])
-
-    found = np.corrcoef(residual[:, 0].transpose(1, 0, 2).reshape(3, -1))
-    assert noise.correlation[0, 0, 1] == pytest.approx(0.8, abs=0.03)
-    assert found == pytest.approx(np.eye(3), abs=0.08)
-
-
-def test_a_channel_that_never_moves_before_the_blasts_is_refused():
-    windows = np.ones((2, 2, 3, 125))
-
-    with pytest.raises(InputError, match="receiver 0, component 0 has none that moves"):
-        noise_of(windows, DT, BAND)
+    return residual_case()
 
 
 def test_the_quick_solve_equals_the_written_out_covariance(case):

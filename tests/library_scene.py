@@ -1,0 +1,51 @@
+"""The small site as effects of the library are tried on it."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+from small_site import CUT, recorded, small_site
+
+import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.diagnosis.scene import Scene
+
+
+@cache
+def scene():
+    """Return the small site, believed and true alike, and what its holes send."""
+    forward = Forward(recorded(small_site()), CUT)
+    motion = forward.motion(small_site())
+    baseline = SimpleNamespace(site=small_site(), motion=motion)
+    there = object.__new__(Scene)  # without the memory of a calibration
+    there.forward, there.baseline = forward, baseline
+    there.holes = forward.hole_motion(small_site())
+    return there
+
+
+def applied(name, target, site=None, **knobs):
+    """Return the small site with an effect."""
+    return LIBRARY[name].apply(site or small_site(), target, **knobs)
+
+
+@cache
+def first():
+    """Return the solver for the first blast alone."""
+    return Forward(replace(scene().case, blasts=("S1",)), CUT)
+
+
+def sent(site):
+    """Return what the first blast of a site sends, (1, n_receivers, 3, n_samples) m/s."""
+    return first().motion(site)
+
+
+def received(name, target, **knobs):
+    """Return what is received of the small site with an effect that needs no runs."""
+    return LIBRARY[name].apply(scene(), scene().baseline.motion, target, **knobs)
+
+
+def shared(one, other):
+    """Return the rms of a difference over that of the other."""
+    return np.sqrt(np.mean((one - other) ** 2) / np.mean(other**2))
