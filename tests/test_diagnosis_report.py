@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass, replace
 from functools import cache
 from html import unescape
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from pyblast.diagnosis.search import Search
 from pyblast.diagnosis.verdict import REMAINS, Verdict, judge
 from pyblast.diagnosis.words import summarise
 from pyblast.reporting.diagnosis_report import render_diagnosis
-from pyblast.reporting.diagnosis_words import lead, usual
+from pyblast.reporting.diagnosis_words import claims, lead, usual
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
@@ -153,6 +154,15 @@ def test_two_effects_are_told_one_after_the_other():
 
     assert told.startswith("Two effects act together. The clock of receiver R2")
     assert "The holes of blast B1 did not fire at their planned times" in told
+
+
+def test_a_joint_that_was_moved_is_told_where_it_is():
+    moved = Effect("missing_joint", "x=50.0", ((-2.5,), (1e9,), (4e8,)))
+
+    ((label, claim),) = claims(SimpleNamespace(effects=(moved,)))
+
+    assert label == "missing_joint"
+    assert claim.endswith("crosses it at plane x=47.5")
 
 
 def test_what_is_left_beside_an_effect_is_said_with_its_place():

@@ -102,8 +102,17 @@ def claims(fit) -> list[tuple[str, str]]:
     """List each kind of effect of a fit once: its label, and its claim with its places in it."""
     places = {}
     for effect in fit.effects:
-        places.setdefault(effect.label, (effect.hypothesis, []))[1].append(effect.target)
+        places.setdefault(effect.label, (effect.hypothesis, []))[1].append(_place(effect))
     return [(label, _claim(kind, targets)) for label, (kind, targets) in places.items()]
+
+
+def _place(effect):
+    """Return the target of an effect; a plane where it was moved to."""
+    offset = effect.knobs.get("offset")
+    if offset is None:
+        return effect.target
+    axis, _, at = effect.target.partition("=")
+    return f"{axis}={float(at) + offset:.1f}"
 
 
 def _claim(hypothesis, targets):

@@ -63,7 +63,7 @@ def _cut_there(site, target, offset, kn, ks):
     settled_by="receivers close to the plane on both sides, or a blast on its other side",
 )  # fmt: skip
 def missing_joint(site, target, offset, kn, ks):
-    """A vertical joint that the site does not list crosses it, this far from this plane."""
+    """A vertical joint that the site does not list crosses it at this plane."""
     plane = _plane(site, target, offset)
     if plane is None:
         return None
