@@ -31,6 +31,7 @@ def searched(monkeypatch, first, further):
     monkeypatch.setattr(module, "LIBRARY", {"": SimpleNamespace(untestable=lambda _: "")})
     monkeypatch.setattr(module, "_quick", quick)
     monkeypatch.setattr(module, "_refine", lambda *_: None)
+    monkeypatch.setattr(module, "_around", lambda _: None)
     monkeypatch.setattr(module, "screened", lambda _: [])
     monkeypatch.setattr(module, "rescreened", lambda *_: [])
     return module.search(scene, 100).chosen.labels, asked

@@ -2,13 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
 from .fitter import Fitter
 from .fitting import GROWS, Fit, fit, settle
 from .hypotheses import LIBRARY
-from .scene import Scene
+from .scene import Effect, Scene
 from .screening import rescreened, screened, started
 
 MATERIAL = 2.0  # mean size of residuals, in errors of the theory, below which nothing is claimed
@@ -19,6 +20,7 @@ SURELY = 3  # guesses that are fitted however poor they are, while less than thi
 MOSTLY = 2.0 / 3.0  # of the energy in excess
 MOST = 3  # effects at once
 BEAM = 2  # sets of effects that go on together, of those that records can't tell apart
+AROUND = (-0.6, -0.3, 0.0, 0.3, 0.6)  # sigmas of each knob
 LEAST_OF_BEST = 0.4  # of the share of the best guess
 LEAST_SHARE = 0.1  # of what is left that an effect must explain to be fitted by runs
 
@@ -71,6 +73,12 @@ class Search:
         labels = [set(one.labels) for one in near]
         return [one for k, one in enumerate(near) if labels[k] not in labels[:k]][:BEAM]
 
+    def keep(self, one):
+        """Keep a fit, or the better one of two of the same effects."""
+        same = [fit for fit in self.fits if fit.where == one.where]
+        best = max([*same, one], key=self.worth)
+        self.fits = [*(fit for fit in self.fits if fit.where != one.where), best]
+
     def runs_left(self):
         """Tell whether the budget allows more runs."""
         self.finished = self.finished and self.scene.forward.runs < self.limit
@@ -101,6 +109,7 @@ def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
     found.fits += _quick(found, found.none)
     found.guesses = screened(found)
     _refine(found, found.guesses, found.none, REFINED)
+    _around(found)
     found.compared = found.finished
     for n_labels in range(1, MOST + 1):
         least = found.worth(found.chosen) + GROWS
@@ -179,6 +188,36 @@ def _refine(found, guesses, base, most):
         if one is not None:
             found.fits.append(one)
         done += found.scene.forward.runs > before
+
+
+def _around(found):
+    """Look around what leads in all its forms, and fit it anew from the best place, if not linear.
+
+    What grows with charge has a narrow valley, and a way down to it may end on its side.
+    """
+    scene, home = found.scene, np.zeros(len(found.none.values))
+    for leader in found.leaders():
+        first = leader.effects[0]
+        forms = [h for h in LIBRARY.values() if h.label == first.label and not h.linear]
+        near = [
+            [knob.value(knob.coordinate(value) + step) for step in AROUND]
+            for knob, (value,) in zip(first.hypothesis.knobs, first.values, strict=True)
+        ]
+        places = [
+            tuple((value,) for value in values)
+            for values in product(*near)
+            if all(k.low <= v <= k.high for k, v in zip(forms[0].knobs, values, strict=True))
+        ] if forms else []  # fmt: skip
+        ways = [Effect(form.name, first.target, place) for form in forms for place in places]
+        if not ways or not found.runs_left():
+            continue
+        found.tell(f"around {first.label}", 0, 1)
+        blasts = next(g.blasts for g in found.guesses if g.effect.where == first.where)
+        scene.sent([(home, (way,)) for way in ways], blasts)
+        best = min(ways, key=lambda way: settle(scene, (way,), home, blasts)[0])
+        one = fit(scene, (best,), home, blasts, found.none)
+        if one is not None:
+            found.keep(one)
 
 
 def _explained(found):
