@@ -1,5 +1,6 @@
 """What grows with charge is fitted anew from the best place around its first fit."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,17 +8,21 @@ import pytest
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis import search as module
+from pyblast.diagnosis.fitting import Fit
 from pyblast.diagnosis.scene import Effect
 from pyblast.diagnosis.search import Search
+from pyblast.diagnosis.verdict import intervals
 
 SLIP = Effect("joint_slip", "J1", ((5e4,), (1.0,)))
 TRUE = ("joint_slip/frictional", 8e4, 0.88)  # form, strength, residual
 
 
 def fitted(effect, worth):
-    return SimpleNamespace(
-        effects=(effect,), labels=(effect.label,), where=frozenset([effect.where]),
-        log_evidence=worth,
+    knobs = effect.hypothesis.knobs
+    place = [knob.coordinate(value) for knob, (value,) in zip(knobs, effect.values, strict=True)]
+    return Fit(
+        (effect,), np.zeros(0), 0.01 * np.eye(len(place)), None, np.array(place), None,
+        np.ones((1, 1)), 0.0, worth,
     )  # fmt: skip
 
 
@@ -83,3 +88,26 @@ def test_the_better_of_two_fits_of_the_same_effects_is_kept(monkeypatch, refit):
     found, _ = looked(monkeypatch, SLIP, refit)
 
     assert [one.log_evidence for one in found.fits] == [20.0]
+
+
+@pytest.mark.parametrize(
+    ("form", "refit", "reaches"),
+    [("joint_slip", 22.0, True), ("joint_slip", 30.0, False), (TRUE[0], 22.0, False)],
+)
+def test_an_interval_reaches_over_fits_of_one_form_that_records_can_not_tell_apart(
+    monkeypatch, form, refit, reaches
+):
+    monkeypatch.setitem(globals(), "TRUE", (form, *TRUE[1:]))
+    found, _ = looked(monkeypatch, SLIP, refit)
+    (best,) = found.leaders()
+    (own,) = intervals(replace(best, twins=()))
+    (first,) = intervals(fitted(SLIP, 20.0))
+
+    (said,) = intervals(best)
+
+    assert best.log_evidence == refit
+    assert own["strength"]["low"] > first["strength"]["low"]
+    assert own["residual"]["high"] < first["residual"]["high"]
+    assert said["strength"]["low"] == (first if reaches else own)["strength"]["low"]
+    assert said["strength"]["high"] == own["strength"]["high"]
+    assert said["residual"]["high"] == (first if reaches else own)["residual"]["high"]

@@ -102,6 +102,9 @@ def main(arguments):
     names = [one for one in arguments if one.startswith("case-")]
     folders = [one for one in arguments if one not in names]
     cases = Path(folders[0] if folders else ROOT.parent / "shared" / "cases")
+    if not (cases / "truth").is_dir():
+        print(f"foreign: skipped, no case folders in {cases}")
+        return
     rows = json.loads(OUT.read_text()) if OUT.is_file() else {}
     with tempfile.TemporaryDirectory() as temporary, workers() as executor:
         for name in names or sorted(p.name for p in cases.glob("case-*")):

@@ -1,6 +1,6 @@
 """Effects fitted together with what is calibrated, and what the data think of them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
@@ -34,6 +34,8 @@ class Fit:
         -2 ln L.
     log_evidence : float
         Up to a constant of the records: Laplace's approximation, theory.md (14.3).
+    twins : tuple of Fit
+        Others of the same effects, elsewhere, that the records can't tell from this one.
     """
 
     effects: tuple[Effect, ...]
@@ -45,6 +47,7 @@ class Fit:
     size: np.ndarray
     misfit: float
     log_evidence: float
+    twins: tuple["Fit", ...] = ()
 
     @property
     def where(self):
@@ -157,7 +160,8 @@ def corrected(scene: Scene, fit: Fit, shift) -> Fit:
     """
     fitter = Fitter(scene, fit.effects, fit.values, shift=shift)
     motion = fitter.motions([fit.place])[0]
-    return _fit_at(fitter, *fitter.descended(fit.place, motion, known=fit.columns))
+    moved = _fit_at(fitter, *fitter.descended(fit.place, motion, known=fit.columns))
+    return replace(moved, twins=fit.twins)
 
 
 def _fit_at(fitter, place, motion, columns, curvature):

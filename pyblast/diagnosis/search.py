@@ -1,7 +1,7 @@
 """Look for what a site lacks: screen every effect, fit the best, add effects while they pay."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -74,10 +74,13 @@ class Search:
         return [one for k, one in enumerate(near) if labels[k] not in labels[:k]][:BEAM]
 
     def keep(self, one):
-        """Keep a fit, or the better one of two of the same effects."""
-        same = [fit for fit in self.fits if fit.where == one.where]
-        best = max([*same, one], key=self.worth)
-        self.fits = [*(fit for fit in self.fits if fit.where != one.where), best]
+        """Keep a fit, or the better one of two of the same effects, and its twin if near it."""
+        same = [one, *(fit for fit in self.fits if fit.where == one.where)]
+        best = max(same, key=self.worth)
+        near = [fit for fit in same if self.worth(best) - self.worth(fit) < GROWS]
+        twins = tuple(fit for fit in near if fit is not best)
+        self.fits = [fit for fit in self.fits if fit.where != one.where]
+        self.fits.append(replace(best, twins=twins))
 
     def runs_left(self):
         """Tell whether the budget allows more runs."""

@@ -117,25 +117,38 @@ def intervals(fit: Fit) -> list[dict]:
     """Return the knobs of each effect with their 90 % intervals, in their units.
 
     Errors of a site come back in each of its blasts: all blasts tell as much as one; (14.9).
+    Where twins of a fit lie elsewhere, an interval holds theirs, too.
     """
-    blasts = np.count_nonzero(fit.size.any(axis=1))
-    at, spread = len(fit.values), np.sqrt(blasts * np.diag(fit.covariance))
+    ends = np.array([_ends(one) for one in (fit, *fit.twins)])
+    lows, highs = iter(ends[:, 0].min(axis=0)), iter(ends[:, 1].max(axis=0))
     tables = []
     for effect in fit.effects:
         table = {}
         for knob, values in zip(effect.hypothesis.knobs, effect.values, strict=True):
-            each = []
-            for value in values:
-                middle = fit.place[at]
-                ends = [middle - HALF * spread[at], middle + HALF * spread[at]]
-                low, high = np.clip([knob.value(end) for end in ends], knob.low, knob.high)
-                each.append(
-                    {"value": value, "low": float(low), "high": float(high), "unit": knob.unit}
-                )
-                at += 1
+            each = [
+                {"value": value, "low": float(next(lows)), "high": float(next(highs)),
+                 "unit": knob.unit}
+                for value in values
+            ]  # fmt: skip
             table[knob.name] = each if knob.per_hole else each[0]
         tables.append(table)
     return tables
+
+
+def _ends(fit):
+    """Return the lower and upper ends (2, n_knobs) of 90 % intervals around one fit."""
+    blasts = np.count_nonzero(fit.size.any(axis=1))
+    half = HALF * np.sqrt(blasts * np.diag(fit.covariance))
+    lower, upper = (place[len(fit.values) :] for place in (fit.place - half, fit.place + half))
+    knobs = [
+        knob for effect in fit.effects
+        for knob, values in zip(effect.hypothesis.knobs, effect.values, strict=True)
+        for _ in values
+    ]  # fmt: skip
+    return [
+        [np.clip(k.value(at), k.low, k.high) for k, at in zip(knobs, end, strict=True)]
+        for end in (lower, upper)
+    ]
 
 
 def _pruned(found, threshold):
