@@ -91,7 +91,7 @@ def _further(folder, case, holes):
 
 def _as_recorded(case: Case, motion):
     """Return motion as a file with the sampling and the start of the records of the last blast."""
-    records, last = case.site.records, case.blasts[-1]
+    records, last = case.site.records, _as_fired(case)[-1]
     first = next(iter(records[last].values())).seismogram
     sampling = first.start, case.dt, len(first.velocity)
     whole = np.stack(
@@ -103,9 +103,15 @@ def _as_recorded(case: Case, motion):
 
 def _channels(case: Case):
     """Return the names of the channels of each receiver, as they were recorded last."""
-    every = [case.site.records[blast] for blast in reversed(case.blasts)]
+    every = [case.site.records[blast] for blast in reversed(_as_fired(case))]
     records = {name: next(some[name] for some in every if name in some) for name in case.receivers}
     return [
         channel_names(name, record.header.get("channels", {}), case.dt)
         for name, record in records.items()
     ]
+
+
+def _as_fired(case: Case):
+    """Return the names of the blasts, the last one last, as listed where no instants are told."""
+    zeros = case.site.time_zeros
+    return sorted(case.site.records, key=lambda blast: UTCDateTime(zeros.get(blast, 0)))

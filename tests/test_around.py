@@ -111,3 +111,15 @@ def test_an_interval_reaches_over_fits_of_one_form_that_records_can_not_tell_apa
     assert said["strength"]["low"] == (first if reaches else own)["strength"]["low"]
     assert said["strength"]["high"] == own["strength"]["high"]
     assert said["residual"]["high"] == (first if reaches else own)["residual"]["high"]
+
+
+def test_what_has_one_value_for_each_hole_is_fitted_once(monkeypatch):
+    scatter = Effect("delay_scatter", "B1", ((0.001, -0.002, 0.0),))
+    monkeypatch.setitem(globals(), "fitted", lambda effect, worth: SimpleNamespace(
+        effects=(effect,), labels=(effect.label,), log_evidence=worth,
+    ))  # fmt: skip
+
+    found, asked = looked(monkeypatch, scatter, 30.0)
+
+    assert asked == []
+    assert [one.effects for one in found.fits] == [(scatter,)]

@@ -56,3 +56,17 @@ def test_a_channel_that_is_still_before_the_blast_is_dead_only_if_it_stays_so(of
     assert case.valid[:, 1].all()
     assert not case.valid[:, 2, 2].any()
     np.testing.assert_allclose(case.noise.variance[1, 2], plain.noise.variance[0].max(), rtol=1e-6)
+
+
+def test_a_channel_that_stands_still_in_one_blast_has_no_part_in_that_blast():
+    site = site_with(0.0)
+    lost = record_without(site.records["B1"]["R1"], None, 1e-3)
+    lame = replace(site, records=site.records | {"B1": site.records["B1"] | {"R1": lost}})
+    plain, case = case_of(site), case_of(lame)
+
+    assert case.dead == ("R1 up in B1",)
+    assert not case.valid[case.blasts.index("B1"), 1, 2].any()
+    assert case.valid.sum() == plain.valid.sum() - case.n_samples
+    more = case.noise.variance / plain.noise.variance
+    assert 1.0 < more[1, 2] < 2.0  # one window tells of it now: nu / (nu - 2) of half as many
+    assert np.delete(more, 5) == pytest.approx(1.0)

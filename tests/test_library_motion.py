@@ -13,7 +13,7 @@ from pyblast.diagnosis import air_waves
 from pyblast.diagnosis.air_waves import ground_response
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.diagnosis.scene import Effect
+from pyblast.diagnosis.scene import Effect, Scene
 from pyblast.solving.materials import Material
 
 
@@ -200,3 +200,49 @@ def test_a_wrong_gain_scales_one_receiver():
     changed = received("instrument_response/gain", "R3", gain=2.0)
 
     np.testing.assert_array_equal(changed[:, 3], 2.0 * motion[:, 3])
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_an_instrument_acts_on_all_that_arrives_whichever_effect_was_found_first(turn):
+    flipped = Effect("sensor_orientation_or_polarity/all", "R2", ((-1.0,),))
+    moved = Effect("wrong_coordinates/receiver", "R2", ((8.0,), (0.0,)))
+    motion = scene().baseline.motion
+
+    both = scene().received(motion, (flipped, moved)[::turn])
+
+    np.testing.assert_array_equal(both[:, 2], -scene().received(motion, (moved,))[:, 2])
+
+
+def test_the_damage_around_holes_moves_with_them():
+    damaged = Effect("damaged_zone", "B1", ((0.4,), (10.0,)))
+    moved = Effect("wrong_coordinates/blast", "B1", ((6.0,), (-4.0,)))
+    fields = SimpleNamespace(case=SimpleNamespace(site=small_site()),
+                             baseline=SimpleNamespace(unknowns=()))  # fmt: skip
+
+    here, there = (
+        Scene.site(fields, (), some).ground for some in ((damaged, moved), (moved, damaged))
+    )
+
+    assert repr(here) == repr(there)
+
+
+def test_a_hole_that_fires_after_the_record_changes_nothing():
+    last = SAMPLES * DT  # holes fire at whole samples: motion that is cut off rings in between
+    blast = small_site().blasts["B1"]
+    late = replace(blast, times=np.array([0.0, 0.03, 2.0 * last - 0.052]))
+    site = replace(small_site(), blasts=small_site().blasts | {"B1": late})
+    there = replace_case(site)
+    scatter = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.02),))
+
+    motion = scene().baseline.motion
+    change = np.abs(there.received(motion, (scatter,)) - motion)
+
+    assert change.max() < 1e-9 * np.abs(motion).max()
+
+
+def replace_case(site):
+    """Return the scene with other blasts, whose holes send the same."""
+    there = object.__new__(Scene)
+    there.forward = SimpleNamespace(case=replace(scene().case, site=site))
+    there.baseline, there.holes = scene().baseline, scene().holes
+    return there

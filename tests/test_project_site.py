@@ -1,6 +1,7 @@
 """A project as a site: the same fields, the same motion, and one sentence for what can't be."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -243,6 +244,43 @@ def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_
             other.seismogram.velocity, motion, rtol=1e-5, atol=1e-5 * np.abs(motion).max()
         )
     assert UTCDateTime(found[1]["R1"].time).timestamp == pytest.approx(-BEFORE * DT, abs=1e-6)
+
+
+def test_a_further_blast_begins_as_the_record_of_the_last_one_that_was_fired(tmp_path, monkeypatch):
+    zeros = {"B1": "2024-05-01T12:00:00", "S1": "2024-05-02T12:00:00"}
+    write_site(tmp_path / "case", replace(believed(), time_zeros=zeros))
+    monkeypatch.setattr("pyblast.foretell.cut_of", lambda *_, **__: CUT)
+    known = {"model": {"values": [0.0] * 4, "effects": []}}
+    out = tmp_path / "B1.mseed"
+
+    predict_file(tmp_path / "case", tmp_path / "out", known, tmp_path / "case/B1_holes.csv", out)
+
+    began = UTCDateTime(read_stations(out)["R1"].time) - UTCDateTime(zeros["S1"])
+    assert began == pytest.approx(-BEFORE * DT, abs=1e-6)
+
+
+@pytest.mark.parametrize(("threads", "again"), [("1", False), ("2", False), (None, True)])
+def test_a_finished_diagnosis_is_read_whatever_the_number_of_threads(
+    tmp_path, monkeypatch, threads, again
+):
+    case, out = tmp_path / "case", tmp_path / "case" / "out"
+    write_site(case, replace(believed(), time_zeros=dict.fromkeys(believed().blasts, "2024-05-01")))
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.setattr("pyblast.diagnose.diagnose", lambda *_, **__: SimpleNamespace(
+        summary={"budget": 400, "seed": 1}
+    ))  # fmt: skip
+    monkeypatch.setattr("pyblast.diagnose.write_diagnosis_report", lambda *_: None)
+    diagnose_folder(case, out)
+    monkeypatch.delattr("pyblast.diagnose.diagnose")
+    (case / "pred.mseed").write_text("what a forecast left beside what is read")
+    if threads:
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+    if again:
+        (case / "S1_holes.csv").write_text((case / "S1_holes.csv").read_text() + "\n")
+        with pytest.raises(NameError, match="diagnose"):
+            diagnose_folder(case, out)
+    else:
+        assert diagnose_folder(case, out)["budget"] == 400
 
 
 def test_a_forecast_never_takes_the_place_of_what_a_project_reads(tmp_path):

@@ -36,3 +36,12 @@ def test_what_a_case_folder_cannot_say_is_refused(tmp_path):
     slipping = site_of(site, np.zeros(4), [effect])
     with pytest.raises(InputError, match="only elastic joints"):
         write_site(tmp_path, slipping)
+
+
+def test_a_site_without_joints_comes_back_without_joints(tmp_path):
+    site = replace(recorded(small_site()).site, joints=())
+    zeros = dict.fromkeys(site.blasts, "2024-05-01T10:00:00Z")
+
+    write_site(tmp_path, replace(site, time_zeros=zeros))
+
+    assert read_site(tmp_path).joints == ()

@@ -311,3 +311,16 @@ def test_noise_is_no_error_that_comes_back_in_each_blast():
 
     assert beyond[0].needed([SLOW]) > beyond[0].needed(())
     assert beyond[1].needed([SLOW]) == beyond[1].needed(())  # what is shuffled alone
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_a_set_of_effects_counts_once_whichever_was_found_first(turn):
+    here, none, _, _, both = fits()
+    found = Search(here, 400, lambda *_: None, none)
+    other = replace(both, effects=both.effects[::-1], log_evidence=both.log_evidence - 1.0)
+
+    for one in (both, other)[::turn]:
+        found.keep(one)
+
+    assert [one.effects for one in found.fits] == [both.effects]
+    assert found.fits[0].twins == ()

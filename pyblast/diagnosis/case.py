@@ -99,16 +99,26 @@ def case_of(site: Site, blasts=None) -> Case:
         _arrays(records, receivers, start, dt, n) for start, n in (after, before)
     )
     _check_windows(site, names, receivers, records, heard)
+    still = valid.any(axis=3) & (np.ptp(motion, axis=3) == 0.0)
+    valid[still], heard[still] = False, False
     silent = ~np.any(heard.all(axis=3) & (np.ptp(quiet, axis=3) > 0.0), axis=0)
-    still = silent & ~np.any(np.ptp(motion, axis=3) > 0.0, axis=0)
-    valid[:, still] = False
     quiet[:, silent] = _loudest(quiet)
     heard[:, silent] = True
     noise = noise_of(np.where(heard, quiet, np.nan), dt, site.band)
-    dead = tuple(f"{receivers[r]} {COMPONENTS[c]}" for r, c in np.argwhere(still))
+    dead = _dead(still, valid, names, receivers)
     whole = None if valid.all() else valid
     band = band_functions(motion.shape[-1], dt, site.band, whole)
     return Case(site, names, receivers, dt, motion, valid, band, noise, dead)
+
+
+def _dead(still, valid, names, receivers):
+    """Name the channels that stand still, (n_blasts, n_receivers, 3), by blast if not in all."""
+    ever, told = valid.any(axis=(0, 3)), []
+    for r, c in np.argwhere(still.any(axis=0)):
+        channel = f"{receivers[r]} {COMPONENTS[c]}"
+        blasts = [f"{channel} in {names[b]}" for b in np.flatnonzero(still[:, r, c])]
+        told += blasts if ever[r, c] else [channel]
+    return tuple(told)
 
 
 def _end(names, records):

@@ -149,6 +149,11 @@ def _changes(scene, none, guesses, fits):
         one = fitted.get(frozenset([guess.effect.where]))
         changes = likelihood.white(guess.change)[None] if one is None else one.knobs
         yield guess.effect.label, [changes], len(guess.effect.hypothesis.targets(case))
+    guessed = {frozenset([guess.effect.where]) for guess in guesses}
+    for where, one in fitted.items():  # forms that no screening had
+        hypothesis = one.effects[0].hypothesis
+        if hypothesis.on == "site" and where not in guessed:
+            yield hypothesis.label, [one.knobs], len(hypothesis.targets(case))
     for hypothesis in LIBRARY.values():
         if hypothesis.on == "site":
             continue

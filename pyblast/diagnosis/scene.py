@@ -9,7 +9,7 @@ from scipy import fft
 from ..projects.site import Site
 from .calibration import Baseline
 from .forward import Forward, geometry
-from .hypotheses import LIBRARY
+from .hypotheses import FAMILIES, LIBRARY
 from .mesh_correction import carried
 from .surroundings import Surroundings, surroundings
 from .targets import blast_and_hole
@@ -96,8 +96,8 @@ class Scene:
     def site(self, values, effects) -> Site | None:
         """Return the site with factors and with all effects that change it."""
         site = with_values(self.case.site, self.baseline.unknowns, values)
-        for effect in effects:
-            if effect.hypothesis.on == "site" and site is not None:
+        for effect in _acting(effects, "site"):
+            if site is not None:
                 site = effect.hypothesis.apply(site, effect.target, **effect.knobs)
         return site
 
@@ -116,7 +116,7 @@ class Scene:
             None where an effect can't be.
         """
         blasts = tuple(range(len(self.case.blasts)) if blasts is None else blasts)
-        keys = [(tuple(map(float, values)), _of_site(effects)) for values, effects in states]
+        keys = [(tuple(map(float, values)), _acting(effects, "site")) for values, effects in states]
         sites = {key: self.site(*key) for key in dict.fromkeys(keys)}
         there = [key for key, site in sites.items() if site is not None]
         self._run([(key, b) for key in there for b in blasts], sites)
@@ -159,9 +159,8 @@ class Scene:
     def received(self, sent, effects) -> np.ndarray:
         """Return what the receivers record of it, with effects on holes and on motion."""
         motion = sent
-        for effect in effects:
-            if effect.hypothesis.on == "holes":
-                motion = motion + self._by_holes(effect)
+        for effect in _acting(effects, "holes"):
+            motion = motion + self._by_holes(effect)
         return with_motion_effects(self, motion, effects)
 
     def _by_holes(self, effect):
@@ -172,7 +171,8 @@ class Scene:
         other = (delays != 0.0) | (scales != 1.0)
         delays, scales, times = delays[other], scales[other], blast.times[other]
         holes, n = self.holes[name][other], self.case.n_samples
-        size = fft.next_fast_len(2 * n, real=True)
+        latest = int(np.max([times, times + delays], initial=0.0) / self.case.dt) + 1
+        size = fft.next_fast_len(n + max(n, latest), real=True)  # what is late must not come round
         turns = -2j * np.pi * fft.rfftfreq(size, self.case.dt)
         nominal = np.exp(np.multiply.outer(times, turns))
         changed = scales[:, None] * np.exp(np.multiply.outer(times + delays, turns))
@@ -184,12 +184,19 @@ class Scene:
 
 def with_motion_effects(scene, motion, effects) -> np.ndarray:
     """Return motion with the effects that act on it, at the receivers of a scene or a place."""
-    for effect in effects:
-        if effect.hypothesis.on == "motion":
-            motion = effect.hypothesis.apply(scene, motion, effect.target, **effect.knobs)
+    for effect in _acting(effects, "motion"):
+        motion = effect.hypothesis.apply(scene, motion, effect.target, **effect.knobs)
     return motion
 
 
-def _of_site(effects):
-    """Return the effects that need runs."""
-    return tuple(effect for effect in effects if effect.hypothesis.on == "site")
+def _acting(effects, on):
+    """Return the effects on one thing in the order in which they act, whatever was found first.
+
+    From the source over path and receiver to the instrument; those of one family as they stand in
+    the library.
+    """
+    order = list(LIBRARY)
+    some = [effect for effect in effects if effect.hypothesis.on == on]
+    return tuple(
+        sorted(some, key=lambda e: (FAMILIES.index(e.hypothesis.family), order.index(e.name)))
+    )

@@ -78,7 +78,8 @@ class Search:
         same = [one, *(fit for fit in self.fits if fit.where == one.where)]
         best = max(same, key=self.worth)
         near = [fit for fit in same if self.worth(best) - self.worth(fit) < GROWS]
-        twins = tuple(fit for fit in near if fit is not best)
+        alone = len(one.effects) == 1  # others may have the same effects in another order
+        twins = tuple(fit for fit in near if alone and fit is not best)
         self.fits = [fit for fit in self.fits if fit.where != one.where]
         self.fits.append(replace(best, twins=twins))
 
@@ -109,7 +110,7 @@ def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
     testable = any(not one.untestable(scene.case) for one in LIBRARY.values())
     if not (testable and material(found.none.size)):
         return found
-    found.fits += _quick(found, found.none)
+    _quick(found, found.none)
     found.guesses = screened(found)
     _refine(found, found.guesses, found.none, REFINED)
     _around(found)
@@ -123,7 +124,7 @@ def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
         if not material(found.chosen.size) or n_labels == MOST:
             break
         for base in leaders:
-            found.fits += _quick(found, base)
+            _quick(found, base)
             _refine(found, rescreened(found, base), base, REFINED_LATER)
     return found
 
@@ -145,7 +146,7 @@ def means(size, axis):
 
 def _quick(found, base):
     """Fit each effect that needs no runs on top of a fit, at all places where it pays."""
-    fits, scene, before = [], found.scene, base.effects
+    scene, before = found.scene, base.effects
     labels = [h for h in LIBRARY.values() if h.on != "site" and h.label not in base.labels]
     start = Fitter(scene, before, base.values)
     squares = start.squares(start.start(), start.motions([start.start()])[0])
@@ -168,8 +169,7 @@ def _quick(found, base):
         added = paying or [most[1]]
         one = fit(scene, (*before, *added), base.values, held=base if before else None)
         if one is not None:
-            fits.append(one)
-    return fits
+            found.keep(one)
 
 
 def _refine(found, guesses, base, most):
@@ -189,7 +189,7 @@ def _refine(found, guesses, base, most):
         before = found.scene.forward.runs
         one = fit(found.scene, (*base.effects, guess.effect), home, guess.blasts, base)
         if one is not None:
-            found.fits.append(one)
+            found.keep(one)
         done += found.scene.forward.runs > before
 
 
@@ -202,6 +202,8 @@ def _around(found):
     for leader in found.leaders():
         first = leader.effects[0]
         forms = [h for h in LIBRARY.values() if h.label == first.label and not h.linear]
+        if not forms or not found.runs_left():
+            continue
         near = [
             [knob.value(knob.coordinate(value) + step) for step in AROUND]
             for knob, (value,) in zip(first.hypothesis.knobs, first.values, strict=True)
@@ -210,10 +212,8 @@ def _around(found):
             tuple((value,) for value in values)
             for values in product(*near)
             if all(k.low <= v <= k.high for k, v in zip(forms[0].knobs, values, strict=True))
-        ] if forms else []  # fmt: skip
+        ]  # fmt: skip
         ways = [Effect(form.name, first.target, place) for form in forms for place in places]
-        if not ways or not found.runs_left():
-            continue
         found.tell(f"around {first.label}", 0, 1)
         blasts = next(g.blasts for g in found.guesses if g.effect.where == first.where)
         scene.sent([(home, (way,)) for way in ways], blasts)

@@ -67,7 +67,7 @@ class Site:
     records : dict of str to dict of str to Recording
         By blast and receiver.
     time_zeros : dict of str to str
-        Instant of the first hole of each blast.
+        Instant of each blast at which its table of holes has time 0.
     band : tuple of 2 float, Hz
     noise_window : tuple of 2 float, s
         After the first hole of a blast: when nothing but noise was recorded.
@@ -116,7 +116,7 @@ def read_site(folder) -> Site:
 
 
 def case_files(folder) -> list[Path]:
-    """Return the files of a case folder and those elsewhere that its ``site.toml`` names, sorted.
+    """Return ``site.toml`` of a case folder and the files that it names, sorted.
 
     Raises
     ------
@@ -128,8 +128,7 @@ def case_files(folder) -> list[Path]:
     with _entries_of(folder):
         rows = table["blasts"]
         names = [table["source"]["file"], *(row[k] for row in rows for k in ("holes", "records"))]
-        named = {folder / name for name in names}
-    return sorted(named.union(path for path in folder.iterdir() if path.is_file()))
+        return sorted({folder / TABLE, *(folder / name for name in names)})
 
 
 def _table_of(folder):
@@ -178,7 +177,7 @@ def _site(folder, table):
         name=table["case"],
         box=np.array([table["box"][axis] for axis in "xyz"], dtype=float),
         layers=layers,
-        joints=tuple(_joint(row) for row in table["joints"]),
+        joints=tuple(_joint(row) for row in table.get("joints", [])),
         quality=(table["attenuation"]["Qp"], table["attenuation"]["Qs"]) if known else None,
         receivers=tuple(Receiver(r["id"], (r["x"], r["y"], r["z"])) for r in table["receivers"]),
         moment_rate=_moment_rate(folder / table["source"]["file"]),
