@@ -94,10 +94,10 @@ def diagnose(
         wanted = [(predict_out, False), (predict_baseline, True)]
         if (predict is None) != (predict_out is None and predict_baseline is None):
             raise InputError(
-                "--predict: goes with --predict-out, --predict-baseline or both, and they with it"
+                "--predict: needs --predict-out, --predict-baseline or both, and they need it"
             )
         if predict is not None:
-            check_further(case, predict, [path for path, _ in wanted if path is not None])
+            check_further(case, predict, [path for path, _ in wanted if path is not None], out)
         with console.Progress() as progress, pool(workers) as executor:
             found = diagnose_folder(
                 case, out, budget=budget, seed=seed, executor=executor, progress=progress

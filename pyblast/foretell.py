@@ -6,7 +6,7 @@ import numpy as np
 from obspy import UTCDateTime
 
 from .blasting.hole_tables import read_blast
-from .diagnose import RUNS, cut_of, read_case
+from .diagnose import REPORT, RESULT, RUNS, cut_of, read_case
 from .diagnosis.case import Case, case_of
 from .diagnosis.prediction import effects_of, predict
 from .errors import InputError
@@ -46,8 +46,8 @@ def predict_file(folder, output, summary, holes, path, baseline=False):
     write_bytes(path, _as_recorded(case, motion))
 
 
-def check_further(folder, holes, outputs=()):
-    """Check, before a diagnosis, that it could foretell a further blast into some files.
+def check_further(folder, holes, outputs=(), out=None):
+    """Check, before a diagnosis into ``out``, that it could foretell a further blast into files.
 
     Raises
     ------
@@ -58,12 +58,15 @@ def check_further(folder, holes, outputs=()):
     case = case_of(read_case(folder))
     _further(folder, case, holes)
     _channels(case)
-    inputs = {path.resolve() for path in (Path(holes), *_inputs(Path(folder)))}
-    for n, path in enumerate(outputs):
-        if Path(path).resolve() in inputs or path in outputs[:n]:
-            raise InputError(f"{path}: is needed for something else; give another file name")
-        if Path(path).is_dir() or not Path(path).absolute().parent.is_dir():
-            raise InputError(f"{path}: must be a file in a folder that is there")
+    made = None if out is None else Path(out).resolve()
+    taken = {path.resolve() for path in (Path(holes), *_inputs(Path(folder)))}
+    taken |= set() if made is None else {made / RESULT, made / REPORT}
+    for n, one in enumerate(outputs):
+        path = Path(one).resolve()
+        if path in taken or one in outputs[:n]:
+            raise InputError(f"{one}: is read or written by the diagnosis; give another file name")
+        if path.is_dir() or not (path.parent.is_dir() or path.parent == made):
+            raise InputError(f"{one}: must be a file in a folder that is there, or in --out")
 
 
 def _inputs(folder):

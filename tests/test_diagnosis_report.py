@@ -17,7 +17,7 @@ from pyblast.diagnosis.foretelling import foretold
 from pyblast.diagnosis.scene import Effect
 from pyblast.diagnosis.search import Search
 from pyblast.diagnosis.verdict import REMAINS, Verdict, judge
-from pyblast.diagnosis.words import summarise
+from pyblast.diagnosis.words import summarise, told_lines
 from pyblast.reporting.diagnosis_report import render_diagnosis
 from pyblast.reporting.diagnosis_words import claims, lead, usual
 
@@ -177,6 +177,14 @@ def test_what_is_left_beside_an_effect_is_said_with_its_place():
 
     said = lead(found, partial)
     assert "But something else is missing near east 71 m, north 40 m (within 12 m), seen at" in said
+
+
+@pytest.mark.parametrize(("outcome", "shown"), [("NAMED", 0), ("UNKNOWN", 1), ("NULL", 0)])
+def test_the_terminal_says_of_what_the_evidence_is_where_no_effect_is_told(outcome, shown):
+    told = "\n".join(told_lines({"finished": True, **made(outcome)[1]}))
+
+    assert told.startswith(f"outcome: {outcome}")
+    assert told.count("the best try, not taken: clock_error") == shown
 
 
 def test_what_no_record_was_left_out_for_is_not_said_to_foretell():

@@ -290,7 +290,7 @@ def test_a_forecast_never_takes_the_place_of_what_a_project_reads(tmp_path):
 
     check_further(path, holes, [tmp_path / "out.mseed"])
     for name in ("B1_R2.csv", "S1.toml", "source.csv", "further.csv"):
-        with pytest.raises(InputError, match="is needed for something else"):
+        with pytest.raises(InputError, match="is read or written by the diagnosis"):
             check_further(path, holes, [tmp_path / name])
 
 

@@ -160,16 +160,29 @@ def test_a_forecast_never_takes_the_place_of_a_record_or_of_another(tmp_path):
 
     check_further(tmp_path, holes, [out])
     for outputs in ([tmp_path / "B1.mseed"], [out, out]):
-        with pytest.raises(InputError, match="is needed for something else"):
+        with pytest.raises(InputError, match="is read or written by the diagnosis"):
             check_further(tmp_path, holes, outputs)
     with pytest.raises(InputError, match="must be a file in a folder that is there"):
         check_further(tmp_path, holes, [tmp_path / "no" / "out.mseed"])
 
 
+def test_a_forecast_may_lie_beside_a_diagnosis_and_never_takes_its_place(tmp_path):
+    case, out = changed(tmp_path), tmp_path / "out"
+    holes = case / "B1_holes.csv"
+
+    check_further(case, holes, [out / "pred.mseed"], out)
+    assert not out.exists()
+    for name in ("diagnosis.json", "report.html"):
+        with pytest.raises(InputError, match="is read or written by the diagnosis"):
+            check_further(case, holes, [out / name], out)
+    with pytest.raises(InputError, match="must be a file in a folder that is there, or in --out"):
+        check_further(case, holes, [out / "inner" / "pred.mseed"], out)
+
+
 def test_a_forecast_never_takes_the_place_of_a_record_in_another_folder(tmp_path):
     records = inner(changed(tmp_path, ('"B1.mseed"', '"inner/B1.mseed"')), "B1.mseed")
 
-    with pytest.raises(InputError, match="is needed for something else"):
+    with pytest.raises(InputError, match="is read or written by the diagnosis"):
         check_further(tmp_path, tmp_path / "B1_holes.csv", [records])
 
 

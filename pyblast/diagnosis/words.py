@@ -208,6 +208,8 @@ def told_lines(summary) -> list[str]:
     if summary["class"]:
         lines.append(f"  these records can't tell between {', '.join(summary['class'])}")
     evidence, proof = summary["evidence"], summary["held_out"]
+    if evidence["best_labels"] and not summary["effects"]:
+        lines.append(f"  the best try, not taken: {', '.join(evidence['best_labels'])}")
     if evidence["best"] is not None:
         lines.append(f"  evidence {evidence['best']} nats; chance finds {evidence['threshold']}")
     if proof is not None and proof["folds"]:
