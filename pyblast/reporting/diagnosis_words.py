@@ -247,7 +247,7 @@ def assumptions(scene, summary) -> list[str]:
         "these are the small errors of the theory. Noise is that of the windows before the blasts.",
         f"Nothing is called missing while the mean square misfit of every receiver and of every "
         f"blast stays below {MATERIAL:g} times that.",
-        f"Runs have zones of {cut.edge:.3g} m{finer}.",
+        f"Runs have zones with edges of {cut.edge:.3g} m, within which motion may bend{finer}.",
         "Attenuation of the believed site: "
         + ("none." if quality is None else f"Qp {quality[0]:g}, Qs {quality[1]:g}."),
         f"The library holds {len(labels)} effects: {', '.join(labels)}. What is not among them can "
