@@ -22,7 +22,14 @@ from benchmarks.blind.plan import (
 )
 from benchmarks.blind.rows import row_of
 from benchmarks.blind.running import foretold
-from benchmarks.blind.scores import calibration_error, medians, risk_curve, scores, shares
+from benchmarks.blind.scores import (
+    by_program,
+    calibration_error,
+    medians,
+    risk_curve,
+    scores,
+    shares,
+)
 from benchmarks.blind.sealing import freeze, opened, publish, published, seal
 from benchmarks.blind.sites import AFTER, BEFORE, FURTHER, HIDDEN, draw_site
 from benchmarks.blind.worlds import World
@@ -84,6 +91,18 @@ def test_portions_are_scored_together(tmp_path, monkeypatch):
     assert [one["scores"]["cases"] for one in found] == [1, 2, 2]
     assert list(found[-1]["seals"]) == ["case-000", "case-001"]
     assert len(found[-1]["roots"]) == 2
+
+
+def test_each_program_is_counted_on_its_own():
+    some = rows(
+        (truth("null"), answer("NULL", None)), (truth(), answer()),
+        ({**truth("null"), "block": "hard null"}, answer()), (truth(), answer("UNKNOWN", None)),
+    )  # fmt: skip
+    old, new = by_program([row | {"code": code} for row, code in zip(some, "aabb", strict=True)])
+
+    assert [old[key] for key in ("nulls", "alarms", "named", "right")] == [1, 0, 1, 1]
+    assert [new[key] for key in ("nulls", "alarms", "named", "right")] == [1, 1, 1, 0]
+    assert [(one["clear"], one["found"]) for one in (old, new)] == [(1, 1), (1, 0)]
 
 
 def test_a_sealed_truth_opens_beside_its_frozen_answer(tmp_path):

@@ -89,7 +89,7 @@ def _score(given, store):
         "seed": seed, "test": seed == TEST_SEED,
         "roots": list(dict.fromkeys([*known["roots"], table["root"]])),
         "visible": scoring.VISIBLE, "clear": scoring.CLEAR, "scores": scoring.scores(rows),
-        "programs": len({row["code"] for row in rows}), "rows": rows,
+        "programs": scoring.by_program(rows), "rows": rows,
         "seals": known["seals"] | table["seals"],
     }  # fmt: skip
     write_text(path, json.dumps(found, indent=1) + "\n")

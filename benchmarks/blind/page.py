@@ -13,7 +13,7 @@ WORDS = """# Blind benchmark of the diagnosis
 Written by `python -m benchmarks.blind` (`./dev blind`). {cases} cases, seed {seed}{kind}. A
 generator draws small sites and hides effects in them, stronger and weaker than the diagnosis
 expects, or none; the records carry real noise. Truths were sealed before the run (hash of all
-seals {roots}), answers frozen before the truths were opened. All came from {programs}; what was
+seals {roots}), answers frozen before the truths were opened. All came from {count}; what was
 answered stays as it was answered, also where a later program would do better.
 
 How truth differs from what the diagnosis believes and from how it computes:
@@ -37,6 +37,10 @@ right model explains at least 2 % more of them. The truth and the diagnosis shar
 solves the wave equation: what it has wrong, both have.
 
 {table}
+
+## By program
+
+{programs}
 
 ## By label, single effects of d′ ≥ {clear:g}
 
@@ -88,7 +92,7 @@ def write_page(found: dict):
         roots=", ".join(f"`{root}`" for root in found["roots"]),
         kind="" if found["test"] else ", of development: no figure here is a proof",
         labels=_labels(s["by label"]), lengths=_lengths(s["by length"]), risk=risk,
-        programs={1: "one program"}.get(found["programs"], f"{found['programs']} programs"),
+        programs=_programs(found["programs"]), count=_count(found["programs"]),
         visible=found["visible"], clear=found["clear"], cpu=_middle(s["cpu_s"], " s"),
         runs=_middle(s["runs"], ""),
     )  # fmt: skip
@@ -122,6 +126,23 @@ def _table(s):
         if s[key] is not None:
             lines.append(f"| {key} | {s[key]:.2f} | | | |")
     lines.append(f"| crashes | {s['crashes']} | | {s['cases']} | |")
+    return "\n".join(lines)
+
+
+def _count(programs):
+    """Say how many programs answered."""
+    return "one program" if len(programs) == 1 else f"{len(programs)} programs"
+
+
+def _programs(table):
+    """Return the table by program."""
+    lines = ["| cases | nulls | physics claimed | names | all right | d′ ≥ 8 | named and right |",
+             "|---|---|---|---|---|---|---|"]  # fmt: skip
+    for one in table:
+        lines.append(
+            f"| {one['first']} to {one['last']} | {one['nulls']} | {one['alarms']} "
+            f"| {one['named']} | {one['right']} | {one['clear']} | {one['found']} |"
+        )
     return "\n".join(lines)
 
 

@@ -107,6 +107,25 @@ def scores(rows: list[dict]) -> dict:
     }  # fmt: skip
 
 
+def by_program(rows: list[dict]) -> list[dict]:
+    """Return the main counts of the answers of each program, in the order of their cases."""
+    return [_counts([row for row in rows if row["code"] == code])
+            for code in dict.fromkeys(row["code"] for row in rows)]  # fmt: skip
+
+
+def _counts(rows):
+    """Return the counts that the targets are about."""
+    nulls = [row for row in rows if row["block"] in NULLS]
+    named = [row for row in rows if row["named"]]
+    clear = [row for row in _block(rows, "single") if (row["length"] or 0.0) >= CLEAR]
+    return {
+        "first": rows[0]["case"], "last": rows[-1]["case"], "cases": len(rows),
+        "nulls": len(nulls), "alarms": sum(row["alarm"] for row in nulls),
+        "named": len(named), "right": sum(row["right_name"] for row in named),
+        "clear": len(clear), "found": sum(row["all"] for row in clear),
+    }  # fmt: skip
+
+
 def calibration_error(rows) -> float | None:
     """Return the mean gap between probability and share of right answers, over ten bins."""
     some = [r for r in rows if r["confidence"] is not None and r["sure_right"] is not None]
