@@ -1,6 +1,7 @@
 """Effects of the library on the ground do what their claims say, on the small site."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -224,3 +225,17 @@ def test_undamaged_rock_is_as_it_was():
     same = sent(applied("damaged_zone", "B1", reduction=0.0, length=5.0))
 
     np.testing.assert_array_equal(same, scene().baseline.motion[:1])
+
+
+@pytest.mark.parametrize(("thickness", "slower"), [(6.0, 0.15), (4.0, 0.15), (8.0, 0.2)])
+def test_the_search_of_slow_soil_begins_at_a_layer_that_rings_as_the_records_do(thickness, slower):
+    here, rock = scene(), small_site().layers[0][2]
+    ringing = sent(applied("soft_surface_layer", "", thickness=thickness, slower=slower))
+    both = np.concatenate([ringing, here.baseline.motion[1:]])
+    heard = SimpleNamespace(case=replace(here.case, motion=both), baseline=here.baseline)
+
+    depth, factor = LIBRARY["soft_surface_layer"].begins(heard)
+
+    assert factor * rock.cs / (4.0 * depth) == pytest.approx(
+        slower * rock.cs / (4.0 * thickness), rel=0.15
+    )

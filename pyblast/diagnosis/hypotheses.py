@@ -109,6 +109,9 @@ class Hypothesis:
         ``(case) -> str``: why records can't test it, empty where they can.
     single : bool
         Whether it is claimed of one target at a time, the best, however many would pay.
+    begins : callable or None
+        ``(scene) -> tuple of values``, one of each knob: where the search begins, too, read from
+        what the records miss.
     """
 
     label: str
@@ -126,6 +129,7 @@ class Hypothesis:
     settled_by: str = ""
     needs: tuple[Callable, ...] = ()
     single: bool = False
+    begins: Callable | None = None
 
     @property
     def name(self):
@@ -144,7 +148,7 @@ LIBRARY: dict[str, Hypothesis] = {}
 
 def hypothesis(
     label, *, family, on, target, axis, knobs, form="", targets=None, bare=None, linear=True,
-    settled_by="", needs=(), single=False,
+    settled_by="", needs=(), single=False, begins=None,
 ):  # fmt: skip
     """Enter the decorated function into the library.
 
@@ -167,7 +171,7 @@ def hypothesis(
         claim = (function.__doc__ or "").strip().split("\n\n")[0]
         one = Hypothesis(
             label, form, " ".join(claim.split()), family, on, target, targets, axis, tuple(knobs),
-            function, bare, linear, settled_by, needs, single,
+            function, bare, linear, settled_by, needs, single, begins,
         )  # fmt: skip
         if one.name in LIBRARY:
             raise InputError(f"hypothesis {one.name}: is in the library already")

@@ -37,6 +37,7 @@ def started(hypothesis, target, scene):
     """Return an effect at each of its starting values."""
     blasts = scene.case.site.blasts
     count = len(blasts[target].times) if target in blasts else 1
+    read = () if hypothesis.begins is None else (hypothesis.begins(scene),)
     return [
         Effect(
             hypothesis.name,
@@ -46,7 +47,7 @@ def started(hypothesis, target, scene):
                 for knob, value in zip(hypothesis.knobs, values, strict=True)
             ),
         )
-        for values in product(*[knob.starts for knob in hypothesis.knobs])
+        for values in (*product(*[knob.starts for knob in hypothesis.knobs]), *read)
     ]
 
 

@@ -10,6 +10,9 @@ from ..hypotheses import Knob, hypothesis
 
 USUAL = 5.0  # m
 APART = 1.4  # ratio of a thickness to start from
+THIN, THICK = 1.0, 20.0  # m
+SLOWEST, FASTEST = 0.1, 0.9  # factors on the speeds of the ground
+FINER = 8  # frequencies of a spectrum in place of one
 ALIKE = 2.0  # ratio of thicknesses whose zones differ by less than small errors of the theory
 
 
@@ -33,12 +36,31 @@ def _as_fast(site, target, thickness, slower):
     return _layered(site, near, 1.0) or _layered(site, thickness, 1.0)
 
 
+def _ringing(scene):
+    """Return thickness and factor of a layer that rings where the records miss most.
+
+    A soft layer rings at a quarter of a wave, f = c_s / (4 H) (Kramer 1996, section 7.2.1.1), and
+    slow soil on rock for so long that one of another frequency explains nothing.
+    """
+    case, rock = scene.case, scene.baseline.site.layers[0][2]
+    missed = np.where(case.valid, case.motion - scene.baseline.motion, 0.0)
+    missed, heard = (case.band.restore(case.band.project(one)) for one in (missed, case.motion))
+    size = np.linalg.norm(heard, axis=(2, 3), keepdims=True)
+    shares = missed[:, :, :2] / np.maximum(size, np.finfo(float).tiny)
+    length = FINER * case.n_samples
+    spectrum = np.sum(np.abs(np.fft.rfft(shares, length)) ** 2, axis=(0, 1, 2))
+    per_metre = 4.0 * np.fft.rfftfreq(length, case.dt)[max(1, np.argmax(spectrum))] / rock.cs
+    slower = float(np.clip(USUAL * per_metre, SLOWEST, FASTEST))
+    return float(np.clip(slower / per_metre, THIN, THICK)), slower
+
+
 @hypothesis(
     "soft_surface_layer", family="receiver", on="site", target="site", axis="both", bare=_as_fast,
+    begins=_ringing,
     knobs=[
         Knob("thickness", USUAL, 0.5, "m", log=True,
-             starts=(USUAL / APART, USUAL * APART), low=1.0, high=20.0),
-        Knob("slower", 0.4, 0.4, log=True, starts=(0.4,), low=0.1, high=0.9),
+             starts=(USUAL / APART, USUAL * APART), low=THIN, high=THICK),
+        Knob("slower", 0.4, 0.4, log=True, starts=(0.4,), low=SLOWEST, high=FASTEST),
     ],
     settled_by="a receiver on bare rock beside one on the ground, or a hammer test",
 )  # fmt: skip
