@@ -61,12 +61,13 @@ def check_further(folder, holes, outputs=(), out=None):
     made = None if out is None else Path(out).resolve()
     taken = {path.resolve() for path in (Path(holes), *_inputs(Path(folder)))}
     taken |= set() if made is None else {made / RESULT, made / REPORT}
-    for n, one in enumerate(outputs):
+    for one in outputs:
         path = Path(one).resolve()
-        if path in taken or one in outputs[:n]:
+        if path in taken:
             raise InputError(f"{one}: is read or written by the diagnosis; give another file name")
         if path.is_dir() or not (path.parent.is_dir() or path.parent == made):
             raise InputError(f"{one}: must be a file in a folder that is there, or in --out")
+        taken.add(path)
 
 
 def _inputs(folder):

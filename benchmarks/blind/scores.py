@@ -62,7 +62,7 @@ def scores(rows: list[dict]) -> dict:
     nulls, hard = (_block(rows, block) for block in NULLS)
     single, two = _block(rows, "single"), _block(rows, "two")
     outside, poor = _block(rows, "out of library"), _block(rows, "poor")
-    clear = [row for row in single if (row["length"] or 0.0) >= CLEAR]
+    clear = _clear(rows)
     unseen = [row for row in single if (row["length"] or 0.0) < VISIBLE]
     named = [row for row in rows if row["named"]]
     found = [row for row in clear if row["some"]]
@@ -117,7 +117,7 @@ def _counts(rows):
     """Return the counts that the targets are about."""
     nulls = [row for row in rows if row["block"] in NULLS]
     named = [row for row in rows if row["named"]]
-    clear = [row for row in _block(rows, "single") if (row["length"] or 0.0) >= CLEAR]
+    clear = _clear(rows)
     return {
         "first": rows[0]["case"], "last": rows[-1]["case"], "cases": len(rows),
         "nulls": len(nulls), "alarms": sum(row["alarm"] for row in nulls),
@@ -166,7 +166,7 @@ def risk_curve(rows) -> list[dict]:
 def _by_label(rows, label):
     """Return the scores of single effects of one label, and how it was misused."""
     here = [row for row in _block(rows, "single") if row["true"] == [label]]
-    clear = [row for row in here if (row["length"] or 0.0) >= CLEAR]
+    clear = _clear(here)
     wrongly = sum(label in row["named"] and label not in row["true"] for row in rows)
     return {"family": FAMILY[label], "cases": len(here), "wrongly named": wrongly,
             "clear": _short(clear), "gain": medians([row["gain"] for row in clear])}  # fmt: skip
@@ -185,6 +185,11 @@ def _short(rows):
 def _block(rows, block):
     """Return the rows of a block."""
     return [row for row in rows if row["block"] == block]
+
+
+def _clear(rows):
+    """Return the rows of single effects that must be found."""
+    return [row for row in _block(rows, "single") if (row["length"] or 0.0) >= CLEAR]
 
 
 def _spread(values):

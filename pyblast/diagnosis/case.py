@@ -58,6 +58,10 @@ class Case:
         """How long a simulation has to last, s."""
         return self.n_samples * self.dt
 
+    def in_band(self, motion):
+        """Return what of some motion is compared, as motion of the same shape."""
+        return self.band.restore(self.band.project(motion))
+
 
 def case_of(site: Site, blasts=None) -> Case:
     """Gather the records of a site.

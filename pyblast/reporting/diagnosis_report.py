@@ -92,8 +92,8 @@ def _time_frequency(made, summary):
     case, fits = made.scene.case, _fits(made)
     b, r = np.unravel_index(np.argmax(made.search.none.size), made.search.none.size.shape)
     band = case.band
-    recorded = _in_band(case, case.motion)
-    missed = {title: recorded - _in_band(case, fit.motion) for title, fit in fits.items()}
+    recorded = case.in_band(case.motion)
+    missed = {title: recorded - case.in_band(fit.motion) for title, fit in fits.items()}
     k = int(np.argmax(np.sum(missed[BEFORE][b, r] ** 2, axis=-1)))
     located = summary["located"]
     return (
@@ -152,7 +152,7 @@ def _proof_figures(made):
             f"Receiver {case.receivers[r]}",
             "The receiver that is explained worst: recorded and calibrated, in the band that is "
             "compared.",
-            _compared(made, _blasts_at(case, r), {BEFORE: _in_band(case, none.motion)}),
+            _compared(made, _blasts_at(case, r), {BEFORE: case.in_band(none.motion)}),
         )
         return
     folds = {fold.name for fold in made.verdict.held_out.folds} if made.verdict.held_out else set()
@@ -191,14 +191,9 @@ def _blasts_at(case, r):
 def _compared(made, places, motions):
     """Draw recorded motion and others at some records."""
     case = made.scene.case
-    parts = {"recorded": _in_band(case, case.motion), **motions}
+    parts = {"recorded": case.in_band(case.motion), **motions}
     columns = [
         (f"{case.blasts[b]} at {case.receivers[r]}", {k: v[b, r] for k, v in parts.items()})
         for b, r in places
     ]
     return diagnosis_figures.compared_figure(columns, case.dt)
-
-
-def _in_band(case, motion):
-    """Return what the likelihood sees of motion."""
-    return case.band.restore(case.band.project(np.where(case.valid, motion, 0.0)))

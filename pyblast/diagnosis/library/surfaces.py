@@ -43,10 +43,9 @@ def _ringing(scene):
     slow soil on rock for so long that one of another frequency explains nothing.
     """
     case, rock = scene.case, scene.baseline.site.layers[0][2]
-    missed = np.where(case.valid, case.motion - scene.baseline.motion, 0.0)
-    missed, heard = (case.band.restore(case.band.project(one)) for one in (missed, case.motion))
+    heard, simulated = (case.in_band(one) for one in (case.motion, scene.baseline.motion))
     size = np.linalg.norm(heard, axis=(2, 3), keepdims=True)
-    shares = missed[:, :, :2] / np.maximum(size, np.finfo(float).tiny)
+    shares = (heard - simulated)[:, :, :2] / np.maximum(size, np.finfo(float).tiny)
     length = FINER * case.n_samples
     spectrum = np.sum(np.abs(np.fft.rfft(shares, length)) ** 2, axis=(0, 1, 2))
     per_metre = 4.0 * np.fft.rfftfreq(length, case.dt)[max(1, np.argmax(spectrum))] / rock.cs
