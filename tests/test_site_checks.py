@@ -159,7 +159,7 @@ def test_a_forecast_never_takes_the_place_of_a_record_or_of_another(tmp_path):
     holes, out = tmp_path / "B1_holes.csv", tmp_path.parent / "out.mseed"
 
     check_further(tmp_path, holes, [out])
-    for outputs in ([tmp_path / "B1.mseed"], [out, out]):
+    for outputs in ([tmp_path / "B1.mseed"], [out, out], [out, tmp_path / ".." / out.name]):
         with pytest.raises(InputError, match="is read or written by the diagnosis"):
             check_further(tmp_path, holes, outputs)
     with pytest.raises(InputError, match="must be a file in a folder that is there"):
