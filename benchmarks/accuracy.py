@@ -11,9 +11,9 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.bare import bare
 from benchmarks.box_solution import Ricker, past_joints, roller_box
-from pyblast.meshing.grid import structured_box
-from pyblast.meshing.mesh_builder import Layer, build_mesh
-from pyblast.solving.materials import Material
+from pyblast.mesh.builder import Layer, build_mesh
+from pyblast.mesh.grid import structured_box
+from pyblast.model.material import Material
 
 ROCK = Material.from_speeds(2700.0, 1871.0, 1000.0)
 TITLE = "Error against cost"

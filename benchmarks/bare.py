@@ -7,10 +7,10 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from pyblast.meshing import tetrahedra
-from pyblast.meshing.mesh import locate
-from pyblast.meshing.nodes import nodes_of
-from pyblast.solving.ordering import morton_keys, renumbered
+from pyblast.mesh import tetrahedra
+from pyblast.mesh.mesh import locate
+from pyblast.mesh.nodes import nodes_of
+from pyblast.mesh.ordering import morton_keys, renumbered
 
 from .compiled import called, compiled, plain
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from pyblast.meshing.mesh_builder import Fault, JointSet, Layer, build_mesh_report
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model
+from pyblast.mesh.builder import Fault, JointSet, Layer, build_mesh_report
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material
+from pyblast.model.model import Model
 
 SETS = (("A", 75.0, 90.0, 14.0), ("B", 80.0, 10.0, 11.0), ("C", 20.0, 260.0, 20.0))
 FAULT = (60.0, 113.0)

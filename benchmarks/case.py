@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from pyblast.meshing.grid import graded_axis
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.projects.site_model import Cut
-from pyblast.solving.assembly import time_step
-from pyblast.solving.boundaries import Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model, Receiver, Rim
-from pyblast.solving.preparation import prepare
-from pyblast.solving.sources import Hole, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.grid import graded_axis
+from pyblast.model.boundary import Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material
+from pyblast.model.model import Model, Receiver, Rim
+from pyblast.model.source import Hole, TimeFunction
+from pyblast.project.site_model import Cut
+from pyblast.solver.assembly import time_step
+from pyblast.solver.preparation import prepare
 
 from .marching import LEDGER_EVERY, QUIET, March, rounds_of_ledger
 from .timing import interleaved, median, on

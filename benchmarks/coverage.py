@@ -5,18 +5,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pyblast.inversion.levenberg import levenberg_search
-from pyblast.inversion.posterior import posterior
-from pyblast.inversion.searching import Problem
-from pyblast.residuals.band import band_functions
-from pyblast.residuals.levels import PRIORS, infer_levels
-from pyblast.residuals.noise import noise_of
-from pyblast.residuals.nuisances import mesh_error, nuisances
-from pyblast.residuals.scattering import scattering
-from pyblast.residuals.theory_errors import usual_whitener, whitener_beside
-from pyblast.residuals.whitening import SCATTER
-from pyblast.solving.batches import run_many
-from pyblast.solving.kernels import LANES
+from pyblast.core import LANES
+from pyblast.inference.covariance import (
+    PRIORS,
+    SCATTER,
+    infer_levels,
+    usual_whitener,
+    whitener_beside,
+)
+from pyblast.inference.error_model import mesh_error, nuisances, scattering
+from pyblast.inference.gauss_newton import levenberg_search
+from pyblast.inference.noise import band_functions, noise_of
+from pyblast.inference.posterior import posterior
+from pyblast.inference.problem import Problem
+from pyblast.solver.run import run_many
 
 from .search_twin import (
     CELL,

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.diagnose import EDGE, FINE_EDGE, GROWTH, PADDING, cut_of
 from pyblast.diagnosis import library  # noqa: F401  fills the library
+from pyblast.diagnosis.calibration import unknowns_of, with_values
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.diagnosis.unknowns import unknowns_of, with_values
-from pyblast.ensembles.run_cache import cached_run
-from pyblast.projects.site_model import Cut, site_mesh, site_model
-from pyblast.residuals.band import band_functions
+from pyblast.inference.noise import band_functions
+from pyblast.project.site_model import Cut, site_mesh, site_model
+from pyblast.runs.cache import cached_run
+from pyblast.workflows.diagnose import EDGE, FINE_EDGE, GROWTH, PADDING, cut_of
 
 from .blind.sites import AFTER, DT, draw_site
 

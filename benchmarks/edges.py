@@ -9,12 +9,12 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from pyblast.meshing.mesh_builder import Layer, build_mesh
-from pyblast.solving import kernels
-from pyblast.solving.edges import EDGE_ARRAYS
-from pyblast.solving.ground_fields import Heterogeneity
-from pyblast.solving.materials import Damping
-from pyblast.solving.model import Model
+from pyblast import core
+from pyblast.mesh.builder import Layer, build_mesh
+from pyblast.model.ground_fields import Heterogeneity
+from pyblast.model.material import Damping
+from pyblast.model.model import Model
+from pyblast.solver.edge_springs import EDGE_ARRAYS
 
 from .blocky import ROCK, blocky_mesh, blocky_model
 from .compiled import ROOT, called, compiled
@@ -48,7 +48,7 @@ def cases(quick):
 
 def of_ground(model):
     """Return what one kind of ground gives, alone and in batches."""
-    n_zones, lanes = len(model.mesh.zones), kernels.LANES
+    n_zones, lanes = len(model.mesh.zones), core.LANES
     n_steps = rounds_of_ledger(n_zones, ZONE_STEPS)
     edges = prepared(model, n_steps)
     took = interleaved({
@@ -72,7 +72,7 @@ def of_ground(model):
 
 def precision(constants, lanes):
     """Return seconds of the edges alone, springs in double over springs in single precision."""
-    constants = kernels.numbered(constants)
+    constants = core.numbered(constants)
     tables = {name: constants[name] for name in TABLES}
     n_nodes, n_slots = len(constants["node_mass"]), len(constants["slot_node"])
     sizes = (len(tables[name]) for name in ("edge_slot", "skew_slot"))
@@ -118,7 +118,7 @@ def lines(found):
     for name, one in found.items():
         rate = one["million_zone_steps_per_s"]
         pairs = [", ".join(f"{rate[f'{way}_{n}']:.0f}" for way in ("zones", "edges"))
-                 for n in (1, kernels.LANES)]  # fmt: skip
+                 for n in (1, core.LANES)]  # fmt: skip
         pairs += [", ".join(f"{gain:.2f}" for gain in one[way])
                   for way in ("edges_over_zones", "double_over_single")]  # fmt: skip
         told.append(

@@ -5,10 +5,10 @@ Ground that is linear marches by its edges; what it would cost by zones is timed
 
 import numpy as np
 
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.tetrahedra import volumes
-from pyblast.solving.materials import Damping
-from pyblast.solving.ordering import renumbered
+from pyblast.mesh.mesh import Mesh
+from pyblast.mesh.ordering import renumbered
+from pyblast.mesh.tetrahedra import volumes
+from pyblast.model.material import Damping
 
 from .bare import bare, library
 from .compiled import called, compiled, plain

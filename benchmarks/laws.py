@@ -6,10 +6,8 @@ same ground marched zone by zone is timed beside it.
 
 from dataclasses import replace
 
-from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.edges import ALONE, SIDE_BY_SIDE
-from pyblast.solving.materials import Damping
-from pyblast.solving.plasticity import MohrCoulomb
+from pyblast.model.material import ConstantQ, Damping, MohrCoulomb
+from pyblast.solver.edge_springs import ALONE, SIDE_BY_SIDE
 
 from .marching import (
     LEDGER_EVERY,

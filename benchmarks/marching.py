@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.meshing.grid import structured_box
-from pyblast.solving import kernels
-from pyblast.solving.assembly import time_step
-from pyblast.solving.batches import stacked
-from pyblast.solving.boundaries import Viscous
-from pyblast.solving.edges import without_edges
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.preparation import LEDGER_EVERY, prepare
+from pyblast import core
+from pyblast.mesh.grid import structured_box
+from pyblast.model.boundary import Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material
+from pyblast.model.model import Model, Receiver
+from pyblast.solver.assembly import time_step
+from pyblast.solver.edge_springs import without_edges
+from pyblast.solver.preparation import LEDGER_EVERY, prepare
+from pyblast.solver.run import stacked
 
 ROCK = Material.from_speeds(2700.0, 3000.0, 1700.0)
 EDGE = 5.0  # m
@@ -67,11 +67,11 @@ class March:
 
     def __init__(self, prepared, n_steps, lanes=False):
         self.n_steps, self.constants = n_steps, prepared.constants
-        self.advance = kernels.advance_all if lanes else kernels.advance
+        self.advance = core.advance_all if lanes else core.advance
         if lanes:
-            every = ([one] * kernels.LANES for one in (prepared.constants, prepared.state))
+            every = ([one] * core.LANES for one in (prepared.constants, prepared.state))
             constants, self.state = stacked(*every)
-            self.views = kernels.side_by_side(constants)
+            self.views = core.side_by_side(constants)
         else:
             self.views, self.state = prepared.begun()
         moving = np.random.default_rng(0).normal(size=self.state["velocity"].shape)
@@ -111,9 +111,7 @@ class Steps:
 
     def __call__(self):
         """March on."""
-        _, _, failed = kernels.advance(
-            self.views, self.state, self.step, self.n_steps, LEDGER_EVERY
-        )
+        _, _, failed = core.advance(self.views, self.state, self.step, self.n_steps, LEDGER_EVERY)
         self.step += self.n_steps
         if failed is not None:
             raise ArithmeticError(f"a timed march failed at node {failed}")

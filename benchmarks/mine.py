@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.meshing.memory import ZONES_PER_CUBE
-from pyblast.meshing.tetrahedra import volumes
-from pyblast.projects.project import load_project
-from pyblast.solving.assembly import time_step
-from pyblast.solving.footprint import HELD_QUADRATIC, NUMBERED
-from pyblast.solving.materials import Damping
-from pyblast.solving.preparation import prepare
+from pyblast.mesh.quality import ZONES_PER_CUBE
+from pyblast.mesh.tetrahedra import volumes
+from pyblast.model.material import Damping
+from pyblast.project.project import load_project
+from pyblast.solver.assembly import time_step
+from pyblast.solver.edge_springs import HELD_QUADRATIC, NUMBERED
+from pyblast.solver.preparation import prepare
 
 from .marching import Steps
 from .timing import interleaved, median, on, ratio

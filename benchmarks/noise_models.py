@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.records.recordings import read_gather
-from pyblast.residuals import noise as noises
-from pyblast.residuals.band import band_functions
-from pyblast.residuals.whitening import whitener
+from pyblast.inference import noise as noises
+from pyblast.inference.covariance import whitener
+from pyblast.inference.noise import band_functions
+from pyblast.recordings.recording import read_gather
 
 PAGE = Path(__file__).with_suffix(".json")
 PLACES = (range(6, 11), range(11, 16), range(16, 21), range(26, 31), range(31, 36), range(36, 41))

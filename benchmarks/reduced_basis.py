@@ -6,20 +6,19 @@ import time
 
 import numpy as np
 
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.reduction.projection import project, solve
-from pyblast.reduction.reduced import TOLERANCE, difference, reduced
-from pyblast.reduction.training import samples
-from pyblast.solving import kernels
-from pyblast.solving.batches import run_many
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.preparation import LEDGER_EVERY
-from pyblast.solving.solver import run
+from benchmarks.reduction.projection import project, solve
+from benchmarks.reduction.reduced import TOLERANCE, difference, reduced
+from benchmarks.reduction.training import samples
+from pyblast import core
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Damping, Material
+from pyblast.model.model import Model, Receiver
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.preparation import LEDGER_EVERY
+from pyblast.solver.run import run_many, simulate
 
 from .timing import interleaved, median, on
 
@@ -105,10 +104,10 @@ def errors(small, known):
 def full_seconds(family):
     """Return what the march of a full run takes on one thread, s of the processor."""
     prepared = family.prepared(family.ranges.middle())
-    views = kernels.to_fortran(prepared.constants)
+    views = core.to_fortran(prepared.constants)
     state = {name: value.copy() for name, value in prepared.state.items()}
     began = time.process_time()
-    kernels.advance(views, state, 0, family.n_steps, LEDGER_EVERY)
+    core.advance(views, state, 0, family.n_steps, LEDGER_EVERY)
     return time.process_time() - began
 
 
@@ -162,7 +161,7 @@ def many_evaluations(training, learnt):
     """Return wall seconds of one evaluation, three ways, and of many of them; totals composed."""
     tried = [learnt.family.model(v) for v in learnt.family.ranges.unseen(8, SEED + 3)]
     took = interleaved({
-        "single runs": on(2, lambda: run(tried[0], DURATION)),
+        "single runs": on(2, lambda: simulate(tried[0], DURATION)),
         "batches of 8": on(2, lambda: run_many(tried, DURATION)),
         "reduced": on(2, lambda: learnt.predict(learnt.trained[0])),
     }, 3)  # fmt: skip

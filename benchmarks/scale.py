@@ -6,7 +6,7 @@ import os
 import time
 from pathlib import Path
 
-from pyblast.solving.footprint import marching_bytes
+from pyblast.solver.edge_springs import marching_bytes
 
 from .marching import March, cube, prepared, rock_model, rounds_of_ledger
 from .timing import Probes, interleaved, median, on, ratio

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pyblast.inversion.searching import Problem
-from pyblast.meshing.grid import structured_box
-from pyblast.meshing.mesh import Mesh
-from pyblast.motion.seismogram import Seismogram
-from pyblast.reduction.reduced import Reduced, reduced
-from pyblast.residuals.misfits import misfit
-from pyblast.solving.batches import run_many
-from pyblast.solving.materials import Material
+from benchmarks.reduction.reduced import Reduced, reduced
+from pyblast.inference.misfits import misfit
+from pyblast.inference.problem import Problem
+from pyblast.mesh.grid import structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.model.material import Material
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.run import run_many
 
 from .reduced_basis import shaken
 

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.inversion.methods import METHODS
-from pyblast.solving.kernels import LANES
+from pyblast.back_analysis.search import METHODS
+from pyblast.core import LANES
 
 from .search_page import write_page
 from .search_twin import NOISE, RANGES, paper, problem, quick_model, twins, waveform

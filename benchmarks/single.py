@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.diagnose import cut_of
 from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.projects.site_model import site_mesh, site_model
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
+from pyblast.project.site_model import site_mesh, site_model
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
+from pyblast.workflows.diagnose import cut_of
 
 from .blind.sites import AFTER, DT, draw_site
 from .marching import LEDGER_EVERY, Steps
@@ -54,7 +54,7 @@ def in_eight(site):
 
 def difference(model):
     """Return the largest difference of motion of a run in four bytes, over the peak."""
-    double, single = (run(replace(model, single=one), AFTER * DT) for one in (False, True))
+    double, single = (simulate(replace(model, single=one), AFTER * DT) for one in (False, True))
     return max(
         np.abs(single.seismograms[name].velocity - record.velocity).max()
         / np.abs(record.velocity).max()

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.materials import Damping
-from pyblast.solving.model import Receiver
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
-from pyblast.solving.stability import critical_step, model_frequencies
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.material import Damping
+from pyblast.model.model import Receiver
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
+from pyblast.solver.time_step import critical_step, model_frequencies
 from verification.step_limits import true_limit
 
 from .blocky import blocky_mesh, blocky_model
@@ -98,10 +98,10 @@ def differences(mesh, frequency):
     """Return by share how far waveforms (L2) and PPVs are off those without, (n_shares, 2, n)."""
     sides = [*(Viscous(side) for side in SIDES), StressInput("west", pulse(frequency))]
     model = blocky_model(mesh, boundaries=sides, receivers=receivers())
-    bare = run(replace(model, added_mass=0.0), DURATION).seismograms
+    bare = simulate(replace(model, added_mass=0.0), DURATION).seismograms
     found = []
     for share in SHARES:
-        scaled = run(replace(model, added_mass=share), DURATION).seismograms
+        scaled = simulate(replace(model, added_mass=share), DURATION).seismograms
         found.append(np.transpose([apart(bare[name], other) for name, other in scaled.items()]))
     return found
 

@@ -10,21 +10,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.ensembles.banks import greens_functions
-from pyblast.ensembles.control_variate import controlled_mean
-from pyblast.ensembles.greens import GreensFunctions
-from pyblast.ensembles.input_hash import input_hash
-from pyblast.ensembles.many_runs import run_all, workers
-from pyblast.ensembles.quiet_end import run_until_quiet
-from pyblast.ensembles.run_cache import cached_run
-from pyblast.ensembles.scatter import blast_spectra
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, TimeFunction
+from benchmarks.control_variate import controlled_mean
+from benchmarks.quiet_end import run_until_quiet
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Damping, Material
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import Hole, TimeFunction
+from pyblast.runs.blast_ensemble import blast_spectra
+from pyblast.runs.cache import cached_run, input_hash
+from pyblast.runs.greens import GreensFunctions
+from pyblast.runs.greens_bank import greens_functions
+from pyblast.runs.parallel import run_all, workers
+from pyblast.solver.run import simulate
 from verification.columns import ricker
 
 TITLE = "Runs that are not made"
@@ -72,7 +71,7 @@ def timed(work, repeats=REPEATS):
 
 def responses(model):
     """Measure both sides of stored responses against a run of all holes."""
-    direct, made = timed(lambda: run(model, DURATION))
+    direct, made = timed(lambda: simulate(model, DURATION))
     top = max(record.pvs for record in made.seismograms.values())
     found = {"zones": len(model.mesh.zones), "steps": made.prepared.n_steps, "run_s": direct}
     for side, some in (
@@ -146,7 +145,7 @@ def two_meshes(fine=24, coarse=12, pairs=8, more=60):
 
     def peak(cells, kn):
         model = site(cells, 1, 1, kn)
-        return run(model, 0.35).seismograms["0"].pvs
+        return simulate(model, 0.35).seismograms["0"].pvs
 
     cost = [timed(lambda cells=cells: peak(cells, 1e9), 1)[0] for cells in (fine, coarse)]
     answers = [[peak(fine, kn) for kn in stiffness[:pairs]], [peak(coarse, kn) for kn in stiffness]]

@@ -5,12 +5,12 @@ from pathlib import Path
 
 from matplotlib import pyplot as plt
 
-from pyblast.blasting.hole_tables import read_blast
-from pyblast.blasting.signatures import SmoothPulse, cavity_seismogram, pressure_for_peak
-from pyblast.blasting.site_law import scaled_distance_ppv as ppv_law
-from pyblast.blasting.superposition import superpose, travel_shifts
-from pyblast.motion.limits import load_limits
-from pyblast.motion.spectra import smoothed_spectrum, zero_crossing_frequency
+from pyblast.blasts.hole_tables import read_blast
+from pyblast.blasts.signature import SmoothPulse, cavity_seismogram, pressure_for_peak
+from pyblast.blasts.site_law import scaled_distance_ppv as ppv_law
+from pyblast.blasts.superposition import superpose, travel_shifts
+from pyblast.signals.limits import load_limits
+from pyblast.signals.spectra import smoothed_spectrum, zero_crossing_frequency
 
 CURVES = ("usbm_plaster", "din_4150_dwelling", "bs_7385_residential")
 ROCK = {"density": 2600.0, "cp": 4000.0, "cs": 2300.0, "radius": 2.0}

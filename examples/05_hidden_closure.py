@@ -13,19 +13,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.blasting.blast import Blast
+from pyblast.blasts.blast import Blast
+from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.prediction import site_of
-from pyblast.diagnosis.scene import Effect
-from pyblast.motion.seismogram import Seismogram
-from pyblast.projects.site import Site, SiteJoint
-from pyblast.projects.site_model import Cut, site_model
-from pyblast.projects.site_writer import write_site
-from pyblast.records.recordings import Recording
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Receiver
-from pyblast.solving.solver import run
-from pyblast.solving.sources import TimeFunction
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material
+from pyblast.model.model import Receiver
+from pyblast.model.source import TimeFunction
+from pyblast.project.site import Site, SiteJoint
+from pyblast.project.site_file import write_site
+from pyblast.project.site_model import Cut, site_model
+from pyblast.recordings.recording import Recording
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.run import simulate
 
 PLACES = ((20, 70, 0), (80, 20, 0), (100, 60, 0), (110, 30, -20), (95, 85, 0), (35, 10, 0))
 CUT = Cut(20.0, 180.0, 1.1, quadratic=True)
@@ -70,7 +70,7 @@ def recorded(site, seed):
     rng = np.random.default_rng(seed)
     motions = {}
     for name in site.blasts:
-        done = run(site_model(site, name, CUT), SAMPLES * DT)
+        done = simulate(site_model(site, name, CUT), SAMPLES * DT)
         motions[name] = {
             r: s.sampled(0.0, DT, SAMPLES).velocity for r, s in done.seismograms.items()
         }

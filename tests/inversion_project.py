@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 from small_project import written
 
-from pyblast.inversion.forward import Target, held_step, simulate
-from pyblast.inversion.parameters import Parameter
-from pyblast.projects.project import load_project
-from pyblast.projects.result import write_csv
+from pyblast.back_analysis.parameters import Parameter
+from pyblast.back_analysis.trials import Target, held_step, simulate
+from pyblast.project.project import load_project
+from pyblast.project.result import write_csv
 
 PARAMETERS = (
     Parameter("joints.F1.kn_gpa_per_m", 0.01, 0.5),

@@ -8,9 +8,9 @@ import numpy as np
 from small_site import CUT, recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.diagnosis.scene import Scene
 
 
 @cache

@@ -5,11 +5,9 @@ from functools import cache
 import numpy as np
 from scipy import fft, linalg
 
-from pyblast.residuals.band import band_functions
-from pyblast.residuals.noise import noise_of
-from pyblast.residuals.nuisances import mesh_columns, nuisances
-from pyblast.residuals.scattering import scattering
-from pyblast.residuals.whitening import whitener
+from pyblast.inference.covariance import whitener
+from pyblast.inference.error_model import mesh_columns, nuisances, scattering
+from pyblast.inference.noise import band_functions, noise_of
 
 DT, BAND, N = 2e-3, (3.0, 30.0), 300
 TIMES = DT * np.arange(N)

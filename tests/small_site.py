@@ -4,21 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.blasting.blast import Blast
-from pyblast.diagnosis.calibration import Baseline
+from pyblast.blasts.blast import Blast
+from pyblast.diagnosis.calibration import Baseline, unknowns_of
 from pyblast.diagnosis.case import Case, case_of
+from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.likelihood import likelihood_of
-from pyblast.diagnosis.scene import Scene
-from pyblast.diagnosis.unknowns import unknowns_of
-from pyblast.motion.seismogram import Seismogram
-from pyblast.projects.site import Site, SiteJoint
-from pyblast.projects.site_model import Cut
-from pyblast.records.recordings import Recording
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Receiver
-from pyblast.solving.sources import TimeFunction
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material
+from pyblast.model.model import Receiver
+from pyblast.model.source import TimeFunction
+from pyblast.project.site import Site, SiteJoint
+from pyblast.project.site_model import Cut
+from pyblast.recordings.recording import Recording
+from pyblast.signals.seismogram import Seismogram
 
 CUT = Cut(30.0, 60.0, 1.3, quadratic=True)
 DT, SAMPLES, BEFORE = 0.004, 100, 50

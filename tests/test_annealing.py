@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from pyblast.inversion.annealing import PAPER, Schedule, accepts, anneal, paper, paper_eq15
-from pyblast.inversion.searching import Problem
+from pyblast.inference.global_search import PAPER, Schedule, accepts, anneal, paper, paper_eq15
+from pyblast.inference.problem import Problem
 
 
 def bowl(points):

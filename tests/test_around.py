@@ -8,10 +8,10 @@ import pytest
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis import search as module
+from pyblast.diagnosis.decision import intervals
+from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import Fit
-from pyblast.diagnosis.scene import Effect
 from pyblast.diagnosis.search import Search
-from pyblast.diagnosis.verdict import intervals
 
 SLIP = Effect("joint_slip", "J1", ((5e4,), (1.0,)))
 TRUE = ("joint_slip/frictional", 8e4, 0.88)  # form, strength, residual

@@ -5,18 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyblast.meshing.geology import Layer
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving import assembly, domains
-from pyblast.solving.boundaries import Fixed, Roller, StressInput, Viscous
-from pyblast.solving.conditions import dynamic_conditions, static_conditions, surface_impedance
-from pyblast.solving.joints import Joint
-from pyblast.solving.loads import Loads, model_loads
-from pyblast.solving.materials import Damping
-from pyblast.solving.model import Model
-from pyblast.solving.preparation import prepare
-from pyblast.solving.sources import Hole, PointForce, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.grid import Layer
+from pyblast.model.boundary import Fixed, Roller, StressInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Damping
+from pyblast.model.model import Model
+from pyblast.model.source import Hole, PointForce, TimeFunction
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver import assembly
+from pyblast.solver.loads import (
+    Loads,
+    dynamic_conditions,
+    model_loads,
+    static_conditions,
+    surface_impedance,
+)
+from pyblast.solver.preparation import prepare
 from verification.columns import ROCK
 
 STEADY = TimeFunction(np.ones(10), 1e-3)
@@ -61,7 +66,7 @@ def test_mass_damping_of_a_node_is_that_of_its_zones():
 
 @pytest.mark.parametrize("zones_per_domain", [7, 1024])
 def test_every_part_of_a_node_is_listed_once(zones_per_domain, monkeypatch):
-    monkeypatch.setattr(domains, "DOMAIN_ZONES", zones_per_domain)
+    monkeypatch.setattr(assembly, "DOMAIN_ZONES", zones_per_domain)
     body = model(split=True)
     arrays, _ = assembly.geometry_arrays(body)
 
@@ -74,7 +79,7 @@ def test_every_part_of_a_node_is_listed_once(zones_per_domain, monkeypatch):
 
 
 def test_slots_lead_back_to_the_nodes_of_each_zone(monkeypatch):
-    monkeypatch.setattr(domains, "DOMAIN_ZONES", 7)
+    monkeypatch.setattr(assembly, "DOMAIN_ZONES", 7)
     body = model()
     arrays, _ = assembly.geometry_arrays(body)
 

@@ -5,11 +5,11 @@ import pytest
 from small_project import written
 
 from pyblast.errors import InputError
-from pyblast.projects.checks import check
-from pyblast.projects.project import load_project
-from pyblast.projects.site import read_site
-from pyblast.projects.site_model import Cut, site_model
-from pyblast.solving.attenuation import ConstantQ
+from pyblast.model.material import ConstantQ
+from pyblast.project.checks import check
+from pyblast.project.project import load_project
+from pyblast.project.site import read_site
+from pyblast.project.site_model import Cut, site_model
 
 SOIL = "shear_mpa = 57.7"
 FADING = "shear_mpa = 57.7\nqp = 20\nqs = 10\nquality_band_hz = [1, 40]"

@@ -11,11 +11,11 @@ from inversion_project import twin_file
 from test_main import call, spawn
 
 from pyblast import back_analyse, load_project
-from pyblast.back_analysis import RESULT, TRIALS
+from pyblast.back_analysis.findings import doubts, worse_than_random
+from pyblast.back_analysis.search import make_target
+from pyblast.back_analysis.trials import evaluate
 from pyblast.errors import InputError
-from pyblast.inversion.back_analysis import make_target
-from pyblast.inversion.doubts import doubts, worse_than_random
-from pyblast.inversion.forward import evaluate
+from pyblast.workflows.back_analysis import RESULT, TRIALS
 
 RANGES = {
     "joints.F1.kn_gpa_per_m": (0.01, 0.5),
@@ -180,7 +180,7 @@ def test_nothing_to_resume_is_said_with_exit_code_2(tmp_path):
 
 def test_a_scheduler_that_does_not_answer_is_refused(tmp_path, monkeypatch):
     pytest.importorskip("distributed", reason="needs pip install pyblast[dask]")
-    monkeypatch.setattr("pyblast.ensembles.many_runs.DASK_SECONDS", 0.3)
+    monkeypatch.setattr("pyblast.runs.parallel.DASK_SECONDS", 0.3)
 
     done = call("backanalyse", strong(tmp_path), "--dask", "tcp://127.0.0.1:9")
 

@@ -5,21 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pyblast import core
 from pyblast.errors import InputError, SolverError
-from pyblast.meshing.mesh_builder import Layer, structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving import assembly, kernels
-from pyblast.solving.anisotropy import jointed
-from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.batches import run_many, stacked
-from pyblast.solving.boundaries import StressInput, VelocityInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import InSitu, Model, Receiver, Rim
-from pyblast.solving.plasticity import MohrCoulomb
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, TimeFunction
+from pyblast.mesh.builder import Layer, structured_box
+from pyblast.model.anisotropy import jointed
+from pyblast.model.boundary import StressInput, VelocityInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import ConstantQ, Damping, Material, MohrCoulomb
+from pyblast.model.model import InSitu, Model, Receiver, Rim
+from pyblast.model.source import Hole, TimeFunction
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver import assembly
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import run_many, simulate, stacked
 from verification.columns import ROCK, ricker
 
 SIDES = ("west", "east", "south", "north", "bottom")
@@ -65,8 +63,8 @@ def variants():
 
 def alone(model, dt):
     """March one model by itself with the time step of a batch."""
-    own = run(model, 1e-3).dt
-    return run(replace(model, step_factor=model.step_factor * dt / own), 0.1)
+    own = simulate(model, 1e-3).dt
+    return simulate(replace(model, step_factor=model.step_factor * dt / own), 0.1)
 
 
 def test_models_side_by_side_move_as_they_do_alone():
@@ -94,7 +92,7 @@ def test_a_lane_knows_nothing_of_its_neighbours():
 
     for name, record in pair[0].seismograms.items():
         assert np.array_equal(record.velocity, full[slow].seismograms[name].velocity)
-    for name in kernels.STATE:
+    for name in core.STATE:
         assert name == "memory" or np.array_equal(pair[0].state[name], full[slow].state[name])
 
 
@@ -152,7 +150,7 @@ def test_models_of_other_meshes_march_by_themselves_and_order_is_kept():
     found = run_many(models, 0.02)
 
     for model, one in zip(models, found, strict=True):
-        assert one.prepared.fingerprint == run(model, 0.02).prepared.fingerprint
+        assert one.prepared.fingerprint == simulate(model, 0.02).prepared.fingerprint
 
 
 def test_ground_that_differs_is_refused_with_its_name():
@@ -193,9 +191,9 @@ def test_lanes_that_are_left_over_move_as_the_first():
     prepared = [prepare(model, 0.05, step=step) for model in models]
     together, state = stacked([p.constants for p in prepared], [p.state for p in prepared])
 
-    kernels.advance_all(kernels.side_by_side(together), state, 0, 50, 10)
+    core.advance_all(core.side_by_side(together), state, 0, 50, 10)
 
-    moved = np.moveaxis(state["velocity"], kernels.LANE_AXIS["velocity"], 0)
+    moved = np.moveaxis(state["velocity"], core.LANE_AXIS["velocity"], 0)
     assert np.any(moved[0])
-    for lane in range(2, kernels.LANES):
+    for lane in range(2, core.LANES):
         assert np.array_equal(moved[lane], moved[0])

@@ -11,8 +11,8 @@ from benchmarks.compiled import called
 from benchmarks.kernels import Naive, bytes_per_zone, shuffled
 from benchmarks.marching import ROCK, March, cube, prepared, rock_model
 from benchmarks.timing import interleaved, ratio
-from pyblast.solving import kernels
-from pyblast.solving.ordering import renumbered
+from pyblast import core
+from pyblast.mesh.ordering import renumbered
 
 
 def test_the_naive_loop_marches_as_the_model_does():
@@ -23,7 +23,7 @@ def test_the_naive_loop_marches_as_the_model_does():
     state["velocity"][:] = velocity
     naive.tables[5][:] = 0.0
     called(naive.library().naive_march, naive.counts, (still.constants["dt"],), naive.tables)
-    kernels.advance(kernels.to_fortran(still.constants), state, 0, 20, 20)
+    core.advance(core.to_fortran(still.constants), state, 0, 20, 20)
 
     assert np.allclose(naive.tables[7], state["velocity"], atol=1e-12 * np.abs(velocity).max())
 
@@ -37,7 +37,7 @@ def test_zones_alone_march_as_the_model_does():
     (counts, tables), _, _, moving = box.arguments(20, (np.zeros_like(velocity), velocity))
     tables[7][:] = 1.0 / box.mass[:, None]
     called(library().march, counts, (still.constants["dt"],), tables)
-    kernels.advance(kernels.to_fortran(still.constants), state, 0, 20, 20)
+    core.advance(core.to_fortran(still.constants), state, 0, 20, 20)
 
     assert np.allclose(moving, state["velocity"], atol=1e-12 * np.abs(velocity).max())
 

@@ -26,9 +26,9 @@ def told(module, **given):
 
 
 def test_commands_have_one_thread_of_blas_unless_told_otherwise():
-    assert told("pyblast.__main__") == "1"
-    assert told("pyblast.__main__", OPENBLAS_NUM_THREADS="3") == "3"
+    assert told("pyblast.cli.commands") == "1"
+    assert told("pyblast.cli.commands", OPENBLAS_NUM_THREADS="3") == "3"
 
 
 def test_a_script_that_uses_pyblast_keeps_its_own():
-    assert told("pyblast.motion.seismogram") == "None"
+    assert told("pyblast.signals.seismogram") == "None"

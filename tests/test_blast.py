@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pyblast.blasting.blast import Blast, Firing
+from pyblast.blasts.blast import Blast, Firing
 from pyblast.errors import InputError
 
 PAPER = Firing.rows(4, 15, 0.040)

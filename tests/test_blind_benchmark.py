@@ -12,14 +12,7 @@ from benchmarks.blind.case_files import write_case
 from benchmarks.blind.drawing import with_effects
 from benchmarks.blind.noise import SEAM, joined
 from benchmarks.blind.nuisances import shaken
-from benchmarks.blind.plan import (
-    DEVELOPMENT_SEED,
-    FAMILY,
-    OUTSIDE,
-    SHARES,
-    TEST_SEED,
-    plan,
-)
+from benchmarks.blind.plan import DEVELOPMENT_SEED, FAMILY, OUTSIDE, SHARES, TEST_SEED, plan
 from benchmarks.blind.rows import row_of
 from benchmarks.blind.running import foretold
 from benchmarks.blind.scores import (
@@ -34,7 +27,7 @@ from benchmarks.blind.sealing import freeze, opened, publish, published, seal
 from benchmarks.blind.sites import AFTER, BEFORE, FURTHER, HIDDEN, draw_site
 from benchmarks.blind.worlds import World
 from pyblast.errors import InputError
-from pyblast.projects.site import read_site
+from pyblast.project.site import read_site
 
 
 def truth(block="single", label="missing_joint", target="x=60.0", **parameters):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.box_solution import Ricker, past_joints, roller_box
-from pyblast.solving.materials import Material
+from pyblast.model.material import Material
 from verification.solutions import full_space
 
 ROCK = Material.from_speeds(2700.0, 1871.0, 1000.0)

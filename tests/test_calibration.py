@@ -9,12 +9,11 @@ from small_site import CUT, recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast import InputError
-from pyblast.diagnosis.calibration import calibrate
+from pyblast.diagnosis.calibration import calibrate, unknowns_of, with_values
+from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY, Knob, hypothesis
-from pyblast.diagnosis.scene import Effect, Scene
-from pyblast.diagnosis.unknowns import unknowns_of, with_values
 
 TRUE = np.array([0.02, -0.02, 0.2, -0.15])
 

@@ -7,8 +7,8 @@ import pytest
 from small_site import BEFORE, DT, SAMPLES, small_site
 
 from pyblast.diagnosis.case import case_of
-from pyblast.motion.seismogram import Seismogram
-from pyblast.records.recordings import Recording
+from pyblast.recordings.recording import Recording
+from pyblast.signals.seismogram import Seismogram
 
 RICKER = 12.0  # Hz
 

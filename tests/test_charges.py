@@ -5,13 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pyblast.errors import InputError
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.charges import Column, MomentTensor
-from pyblast.solving.loads import model_loads
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.pressures import AirBlast, Pressure
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import AirBlast, Column, Hole, MomentTensor, Pressure, TimeFunction
+from pyblast.solver.loads import model_loads
+from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 
 TIMES = np.arange(0.0, 0.06, 5e-4)
@@ -32,7 +30,7 @@ def arrays(*sources):
 
 def motion(source):
     model = Model(box(), {"rock": ROCK}, sources=[source], receivers=[Receiver("R", (30, 12, 28))])
-    return run(model, 0.05).seismograms["R"].velocity
+    return simulate(model, 0.05).seismograms["R"].velocity
 
 
 def test_an_isotropic_tensor_is_a_hole():

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from small_project import written
 
-from pyblast.blasting.blast import Firing
-from pyblast.motion.seismogram import Seismogram
-from pyblast.projects import ground_defects, load_defects
-from pyblast.projects.census import carried_frequency
-from pyblast.projects.checks import check, face_distance
-from pyblast.projects.project import load_project
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
+from pyblast.blasts.blast import Firing
+from pyblast.model.joint import Joint
+from pyblast.model.material import Damping, Material
+from pyblast.project import checks_ground, checks_loads
+from pyblast.project.census import carried_frequency
+from pyblast.project.checks import check, face_distance
+from pyblast.project.project import load_project
+from pyblast.signals.seismogram import Seismogram
 
 SOIL = Material(2000.0, 125e6, 57.7e6, cohesion=15e3)
 SCHIST = Material(2660.0, 15.6e9, 7.2e9, cohesion=11e6)
@@ -36,7 +36,7 @@ def test_d1_frequency_carried_by_five_metre_zones(material, hz):
 
 
 def test_d1_the_soil_fails_and_says_what_it_would_cost():
-    finding = ground_defects.coarse_zones("soil", SOIL, 5.0, 1e5, 20.0, ["R1"])
+    finding = checks_ground.coarse_zones("soil", SOIL, 5.0, 1e5, 20.0, ["R1"])
 
     assert finding.failed
     assert finding.numbers["carried_8"] == pytest.approx(4.25, abs=0.01)
@@ -55,16 +55,16 @@ def test_d1_asks_three_edges_of_zones_with_15_nodes(tmp_path):
     found = [f for f in check(project, measure=False).findings if f.code == "D1"]
 
     assert [f.numbers["carried"] for f in found] == [pytest.approx(carried["soil"])]
-    assert ground_defects.coarse_zones("soil", SOIL, 2.7, 1e5, 20.0, (), 3.0) is None
+    assert checks_ground.coarse_zones("soil", SOIL, 2.7, 1e5, 20.0, (), 3.0) is None
 
 
 def test_d1_the_rocks_pass():
-    assert ground_defects.coarse_zones("schist", SCHIST, 5.0, 1e5, 20.0) is None
-    assert ground_defects.coarse_zones("magnetite", MAGNETITE, 5.0, 1e5, 20.0) is None
+    assert checks_ground.coarse_zones("schist", SCHIST, 5.0, 1e5, 20.0) is None
+    assert checks_ground.coarse_zones("magnetite", MAGNETITE, 5.0, 1e5, 20.0) is None
 
 
 def test_d2_wavelengths_at_four_hertz():
-    finding = ground_defects.short_model(300.0, {"schist": SCHIST, "ore": MAGNETITE}, 4.0)
+    finding = checks_ground.short_model(300.0, {"schist": SCHIST, "ore": MAGNETITE}, 4.0)
 
     assert [
         finding.numbers[k] for k in ("p_schist", "s_schist", "p_ore", "s_ore")
@@ -72,11 +72,11 @@ def test_d2_wavelengths_at_four_hertz():
 
 
 def test_d2_a_long_model_passes():
-    assert ground_defects.short_model(900.0, {"schist": SCHIST, "ore": MAGNETITE}, 4.0) is None
+    assert checks_ground.short_model(900.0, {"schist": SCHIST, "ore": MAGNETITE}, 4.0) is None
 
 
 def test_d3_the_comb_of_four_rows():
-    finding = load_defects.firing_comb(FIRING, 4.0, 20.0)
+    finding = checks_loads.firing_comb(FIRING, 4.0, 20.0)
 
     zeros = [finding.numbers[f"zero_{n}"] for n in (1, 2, 3)]
     assert zeros == pytest.approx([6.25, 12.5, 18.75], abs=0.006)
@@ -96,13 +96,13 @@ def test_d3_the_level_is_the_closed_form():
 
 
 def test_d3_a_single_hole_has_no_comb():
-    assert load_defects.firing_comb(Firing(np.zeros(1), 1.0), 4.0, 20.0) is None
+    assert checks_loads.firing_comb(Firing(np.zeros(1), 1.0), 4.0, 20.0) is None
 
 
 def test_d4_the_comb_returns_just_above_the_filter(tmp_path):
     low_passed = load_project(written(tmp_path)).input.low_passed
 
-    finding = load_defects.comb_return(FIRING, 4.0, low_passed)
+    finding = checks_loads.comb_return(FIRING, 4.0, low_passed)
 
     assert finding.numbers["returns"] == pytest.approx(25.0, abs=0.01)
     assert finding.numbers["band_level"] == pytest.approx(0.25, abs=0.001)
@@ -110,7 +110,7 @@ def test_d4_the_comb_returns_just_above_the_filter(tmp_path):
 
 
 def test_d6_the_edge_of_the_face_is_far():
-    finding = load_defects.plane_load(39.0, 150.0, MAGNETITE, 20.0)
+    finding = checks_loads.plane_load(39.0, 150.0, MAGNETITE, 20.0)
 
     assert finding.numbers["edge"] == pytest.approx(155.0, abs=0.5)
     assert finding.numbers["ratio"] == pytest.approx(4.0, abs=0.05)
@@ -118,14 +118,14 @@ def test_d6_the_edge_of_the_face_is_far():
 
 
 def test_d7_stress_per_velocity_of_three_materials():
-    finding = load_defects.layered_face("west", {"soil": SOIL, "schist": SCHIST, "ore": MAGNETITE})
+    finding = checks_loads.layered_face("west", {"soil": SOIL, "schist": SCHIST, "ore": MAGNETITE})
 
     found = [finding.numbers[f"{w}_{n}"] / 1e6 for n in ("soil", "schist", "ore") for w in "ps"]
     assert found == pytest.approx([1.27, 0.68, 16.37, 8.75, 30.55, 16.32], abs=0.01)
 
 
 def test_d8_the_fault_is_a_low_pass():
-    finding = ground_defects.fault_low_pass("F1", FAULT.tangents(0.0), "schist", SCHIST, 4.0, 20.0)
+    finding = checks_ground.fault_low_pass("F1", FAULT.tangents(0.0), "schist", SCHIST, 4.0, 20.0)
 
     assert finding.numbers["corner_p"] == pytest.approx(4.4, abs=0.05)
     assert finding.numbers["corner_s"] == pytest.approx(1.8, abs=0.05)
@@ -135,7 +135,7 @@ def test_d8_the_fault_is_a_low_pass():
 
 
 def test_d9_sensitivity_of_amplitude_to_stiffness():
-    finding = ground_defects.fault_low_pass("F1", FAULT.tangents(0.0), "schist", SCHIST, 4.0, 20.0)
+    finding = checks_ground.fault_low_pass("F1", FAULT.tangents(0.0), "schist", SCHIST, 4.0, 20.0)
 
     assert finding.numbers["gain_s"] == pytest.approx(0.08, abs=0.005)
     assert finding.numbers["gain_p"] == pytest.approx(0.04, abs=0.005)
@@ -172,7 +172,7 @@ def test_d8_a_closing_fault_passes_what_its_tangent_under_the_pressure_passes(tm
     ],
 )
 def test_d11_joints_delay_but_do_not_weaken(rock, stiff, spacing, speeds, least):
-    finding = ground_defects.jointed_speeds("J", stiff.tangents(0.0), spacing, "rock", rock, 4.0)
+    finding = checks_ground.jointed_speeds("J", stiff.tangents(0.0), spacing, "rock", rock, 4.0)
 
     assert min(finding.numbers["t_p"], finding.numbers["t_s"]) >= least - 5e-4
     found = finding.numbers["speed_p"], finding.numbers["speed_s"]
@@ -180,25 +180,25 @@ def test_d11_joints_delay_but_do_not_weaken(rock, stiff, spacing, speeds, least)
 
 
 def test_d12_the_thickness_that_resonates_at_four_hertz():
-    finding = ground_defects.soil_resonance("soil", SOIL, 20.0, SCHIST, 4.0, 20.0)
+    finding = checks_ground.soil_resonance("soil", SOIL, 20.0, SCHIST, 4.0, 20.0)
 
     assert finding.numbers["thickness_at_centre"] == pytest.approx(10.6, abs=0.05)
     assert finding.numbers["own"] == pytest.approx(169.9 / 80.0, rel=1e-3)
 
 
 def test_d13_the_air_blast_arrives_before_one_second():
-    finding = load_defects.air_blast("R1", 300.0, 0.12, 2.0)
+    finding = checks_loads.air_blast("R1", 300.0, 0.12, 2.0)
 
     assert finding.numbers["first"] == pytest.approx(0.88, abs=0.005)
     assert finding.numbers["last"] == pytest.approx(1.0, abs=0.005)
 
 
 def test_d13_is_silent_where_the_record_ends_before():
-    assert load_defects.air_blast("R1", 300.0, 0.12, 0.8) is None
+    assert checks_loads.air_blast("R1", 300.0, 0.12, 0.8) is None
 
 
 def test_d16_rayleigh_damping_off_centre():
-    finding = ground_defects.rayleigh_price(Damping(0.0112, 4.0), 0.6e-3)
+    finding = checks_ground.rayleigh_price(Damping(0.0112, 4.0), 0.6e-3)
 
     ratios = [100 * finding.numbers[f"ratio_{f}"] for f in (1, 2, 4, 8, 20)]
     assert ratios == pytest.approx([2.38, 1.40, 1.12, 1.40, 2.91], abs=0.006)
@@ -206,13 +206,13 @@ def test_d16_rayleigh_damping_off_centre():
 
 
 def test_d16_five_percent_cost_more():
-    finding = ground_defects.rayleigh_price(Damping(0.05, 4.0), 0.6e-3)
+    finding = checks_ground.rayleigh_price(Damping(0.05, 4.0), 0.6e-3)
 
     assert finding.numbers["factor"] == pytest.approx(0.15, abs=0.005)
 
 
 def test_d17_fifteen_holes_in_phase_exceed_the_cohesion():
-    finding = load_defects.yielding_rock(0.254, FIRING, "magnetite", MAGNETITE)
+    finding = checks_loads.yielding_rock(0.254, FIRING, "magnetite", MAGNETITE)
 
     assert finding.numbers["single"] == pytest.approx(3.9e6, abs=0.05e6)
     assert finding.numbers["velocity"] == pytest.approx(3.8, abs=0.02)
@@ -220,11 +220,11 @@ def test_d17_fifteen_holes_in_phase_exceed_the_cohesion():
 
 
 def test_d17_a_weak_blast_passes():
-    assert load_defects.yielding_rock(0.05, FIRING, "magnetite", MAGNETITE) is None
+    assert checks_loads.yielding_rock(0.05, FIRING, "magnetite", MAGNETITE) is None
 
 
 def test_d18_infill_of_ten_to_fifty_centimetres():
-    finding = ground_defects.infill_as_layer("F1", FAULT, [0.1, 0.5])
+    finding = checks_ground.infill_as_layer("F1", FAULT, [0.1, 0.5])
 
     moduli = [finding.numbers[k] / 1e6 for k in ("m_1", "m_2", "g_1", "g_2")]
     assert moduli == pytest.approx([11.4, 57.0, 2.5, 12.5], rel=1e-6)
@@ -232,14 +232,14 @@ def test_d18_infill_of_ten_to_fifty_centimetres():
 
 
 def test_d20_the_charge_fits():
-    finding = load_defects.charge_fits(450.0, 0.25, 17.0)
+    finding = checks_loads.charge_fits(450.0, 0.25, 17.0)
 
     assert finding.numbers["length"] == pytest.approx(10.8, abs=0.05)
     assert not finding.failed
 
 
 def test_d20_too_large_a_charge_fails():
-    assert load_defects.charge_fits(900.0, 0.25, 17.0).failed
+    assert checks_loads.charge_fits(900.0, 0.25, 17.0).failed
 
 
 def test_a_check_names_the_failing_material_and_the_receiver_on_it(tmp_path):
@@ -288,7 +288,7 @@ def test_d21_the_energy_of_a_plane_wave_is_that_of_its_closed_form():
     pulse = 0.5 * np.sin(np.linspace(0.0, np.pi, 1001))[:, None] * [1.0, 0.0, 0.0]
     motion = Seismogram(pulse, 1e-4)
 
-    finding = load_defects.load_energy(motion, [(1e4, MAGNETITE)], 1000.0)
+    finding = checks_loads.load_energy(motion, [(1e4, MAGNETITE)], 1000.0)
 
     assert finding.numbers["energy"] == pytest.approx(
         1e4 * MAGNETITE.density * MAGNETITE.cp * 0.25 * 0.05, rel=1e-6
@@ -299,4 +299,4 @@ def test_d21_the_energy_of_a_plane_wave_is_that_of_its_closed_form():
 def test_d21_is_silent_where_little_of_the_charge_becomes_waves():
     motion = Seismogram(np.full((100, 3), 0.01), 1e-3)
 
-    assert load_defects.load_energy(motion, [(1e4, MAGNETITE)], 27000.0) is None
+    assert checks_loads.load_energy(motion, [(1e4, MAGNETITE)], 27000.0) is None

@@ -5,8 +5,8 @@ import pytest
 from obspy.signal import tf_misfit
 
 from pyblast.errors import InputError
-from pyblast.motion.comparison import compare
-from pyblast.motion.seismogram import Seismogram
+from pyblast.signals.comparison import compare
+from pyblast.signals.seismogram import Seismogram
 
 DT = 1.0 / 512.0
 

@@ -5,11 +5,10 @@ import pickle
 import numpy as np
 import pytest
 
-from pyblast.meshing.grid import structured_box
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model
-from pyblast.solving.quadratic_frequencies import zone_stiffness
-from pyblast.solving.stability import model_frequencies
+from pyblast.mesh.grid import structured_box
+from pyblast.model.material import Material
+from pyblast.model.model import Model
+from pyblast.solver.time_step import model_frequencies, zone_stiffness
 
 SIZE = (3.0, 2.1, 1.3)  # m
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pyblast.ensembles.control_variate import controlled_mean
+from benchmarks.control_variate import controlled_mean
 from pyblast.errors import InputError
 
 

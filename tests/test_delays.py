@@ -10,10 +10,10 @@ from test_how_to import INSIDE
 from test_main import call
 
 from pyblast import Seismogram, load_project
-from pyblast.delays import find_delays, house_limits
-from pyblast.inversion.forward import simulate
-from pyblast.motion.seismogram import BLAST_AXES
-from pyblast.projects.result import write_csv
+from pyblast.back_analysis.trials import simulate
+from pyblast.project.result import write_csv
+from pyblast.signals.seismogram import BLAST_AXES
+from pyblast.workflows.delays import find_delays, house_limits
 
 ROWS = ("rows = 4\nholes_per_row = 15", "rows = 2\nholes_per_row = 1")
 TABLE = """

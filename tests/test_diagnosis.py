@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from small_site import CUT, DT, recorded, small_site
 
-from pyblast.diagnose import diagnose
+from pyblast.diagnosis.calibration import unknowns_of, with_values
+from pyblast.diagnosis.decision import COARSE
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.diagnosis.mesh_control import COARSE
-from pyblast.diagnosis.unknowns import unknowns_of, with_values
+from pyblast.workflows.diagnose import diagnose
 
 TRUE = np.array([0.02, -0.02, 0.2, -0.15])
 MOVED = LIBRARY["wrong_coordinates/blast"]

@@ -11,15 +11,14 @@ import pytest
 from small_site import recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
-from pyblast.diagnosis.chance import Chance
+from pyblast.diagnosis.cross_validation import foretold
+from pyblast.diagnosis.decision import REMAINS, Verdict, judge
+from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import GROWS, fit
-from pyblast.diagnosis.foretelling import foretold
-from pyblast.diagnosis.scene import Effect
+from pyblast.diagnosis.null_distribution import Chance
 from pyblast.diagnosis.search import Search
-from pyblast.diagnosis.verdict import REMAINS, Verdict, judge
-from pyblast.diagnosis.words import summarise, told_lines
-from pyblast.reporting.diagnosis_report import render_diagnosis
-from pyblast.reporting.diagnosis_words import claims, lead, usual
+from pyblast.diagnosis.summary import claims, lead, summarise, told_lines, usual
+from pyblast.report.diagnosis import render_diagnosis
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from pyblast.meshing import elements, tetrahedra
-from pyblast.meshing.grid import structured_box
-from pyblast.meshing.mesh import locate
-from pyblast.meshing.nodes import nodes_of
+from pyblast.mesh import tetrahedra
+from pyblast.mesh.grid import structured_box
+from pyblast.mesh.mesh import locate
+from pyblast.mesh.nodes import nodes_of
 
 
 def halves(planes, shape=(4, 4, 4)):
@@ -27,27 +27,29 @@ def slit(corners):
 
 @pytest.mark.parametrize("linear", range(4))
 def test_lumped_mass_integrates_motion_times_linear_functions(linear):
-    powers = elements.POWERS + np.eye(4, dtype=int)[linear]
-    at_nodes = np.prod(elements.NODES[:, None, :] ** powers, axis=2)
+    powers = tetrahedra.POWERS + np.eye(4, dtype=int)[linear]
+    at_nodes = np.prod(tetrahedra.NODES[:, None, :] ** powers, axis=2)
 
-    assert elements.VOLUME_SHARE @ at_nodes == pytest.approx(elements.integral(powers), rel=1e-13)
+    assert tetrahedra.VOLUME_SHARE @ at_nodes == pytest.approx(
+        tetrahedra.integral(powers), rel=1e-13
+    )
 
 
 def test_lumped_areas_integrate_cubics():
-    corners = elements.NODES[elements.FACE_NODES[3]][:, :3]
+    corners = tetrahedra.NODES[tetrahedra.FACE_NODES[3]][:, :3]
     powers = np.array([[3, 0, 0], [2, 1, 0], [1, 1, 1], [0, 2, 0], [0, 0, 0]])
 
-    found = elements.AREA_SHARE @ np.prod(corners[:, None, :] ** powers, axis=2)
+    found = tetrahedra.AREA_SHARE @ np.prod(corners[:, None, :] ** powers, axis=2)
 
     assert found == pytest.approx([1 / 10, 1 / 30, 1 / 60, 1 / 6, 1.0], rel=1e-13)
 
 
 def test_each_shape_function_is_one_at_its_node_and_nothing_at_others():
-    assert elements.shape_values(elements.NODES) == pytest.approx(np.eye(15), abs=1e-13)
+    assert tetrahedra.shape_values(tetrahedra.NODES) == pytest.approx(np.eye(15), abs=1e-13)
 
 
 def test_face_nodes_lie_on_their_face_with_edges_between_their_corners():
-    places = elements.NODES[elements.FACE_NODES]
+    places = tetrahedra.NODES[tetrahedra.FACE_NODES]
 
     for face in range(4):
         corners = places[face, :3]
@@ -66,7 +68,7 @@ def test_zones_share_the_nodes_of_edges_and_faces():
     parts = len(mesh.points) + len(edges) + len(faces) + len(mesh.zones)
     assert len(quadratic.points) == len(np.unique(quadratic.points.round(9), axis=0)) == parts
     corners = quadratic.points[quadratic.zone_nodes[:, :4]]
-    every = np.einsum("ni,zij->znj", elements.NODES, corners)
+    every = np.einsum("ni,zij->znj", tetrahedra.NODES, corners)
     assert quadratic.points[quadratic.zone_nodes] == pytest.approx(every, abs=1e-12)
 
 

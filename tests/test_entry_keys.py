@@ -7,7 +7,7 @@ import pytest
 from small_project import written
 
 from pyblast import FreeField, InputError, PlaneWave, StressInput, check, load_project
-from pyblast.solving.preparation import prepare
+from pyblast.solver.preparation import prepare
 
 ALL = 'viscous = ["west", "east", "south", "north", "bottom"]'
 BELOW = (ALL, 'viscous = ["bottom"]\nfree_field = ["south", "north", "east", "west"]')

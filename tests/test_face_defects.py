@@ -7,14 +7,14 @@ import pytest
 from small_project import TEXT, written
 
 from pyblast import Joint, Material, Model, Receiver, Seismogram
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.projects.checks import check
-from pyblast.projects.face_defects import drained, draining_sides, jointed_face, jointed_stiffness
-from pyblast.projects.project import load_project
-from pyblast.solving.anisotropy import jointed
-from pyblast.solving.boundaries import Fixed, Roller, StressInput, Viscous
-from pyblast.solving.conditions import surface_impedance
-from pyblast.solving.solver import run
+from pyblast.mesh.builder import structured_box
+from pyblast.model.anisotropy import jointed
+from pyblast.model.boundary import Fixed, Roller, StressInput, Viscous
+from pyblast.project.checks import check
+from pyblast.project.checks_ground import drained, draining_sides, jointed_face, jointed_stiffness
+from pyblast.project.project import load_project
+from pyblast.solver.loads import surface_impedance
+from pyblast.solver.run import simulate
 
 ROCK = Material(4500.0, 32.1e9, 14.8e9)
 KN, KS = 1.5e9, 0.734e9
@@ -41,7 +41,7 @@ def test_a_quiet_side_drains_a_long_wave_as_foretold():
     )
     face, side = (sum(surface_impedance(model, n).values()) for n in ("west", "south"))
 
-    peaks = [s.ppv[0] for s in run(model, 0.75).seismograms.values()]
+    peaks = [s.ppv[0] for s in simulate(model, 0.75).seismograms.values()]
 
     assert peaks[1] / peaks[0] == pytest.approx(drained(face, side, 100.0 / 300.0)[0], rel=0.05)
 
@@ -90,7 +90,7 @@ def test_a_face_of_jointed_rock_moves_more_than_asked_for_by_the_number_of_d24()
         receivers=[Receiver("inside", (420.0, 1.75, 1.75))],
     )
 
-    peak = run(model, 0.65).seismograms["inside"].ppv[0]
+    peak = simulate(model, 0.65).seismograms["inside"].ppv[0]
 
     joints = [(EAST, KN, KS, 14.0)]
     excess = jointed_face("rock", ROCK, joints, EAST).numbers["excess_p"]

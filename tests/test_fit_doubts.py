@@ -8,9 +8,9 @@ import pytest
 from inversion_project import PARAMETERS, noisy
 
 from pyblast import back_analyse, load_project
-from pyblast.back_analysis import RESULT
-from pyblast.inversion.back_analysis import make_target
-from pyblast.inversion.fit_doubts import fit_doubts
+from pyblast.back_analysis.findings import fit_doubts
+from pyblast.back_analysis.search import make_target
+from pyblast.workflows.back_analysis import RESULT
 
 
 def codes(found):

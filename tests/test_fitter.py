@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
-from pyblast.diagnosis.fitter import DIFFERENCE, Fitter
-from pyblast.diagnosis.scene import Effect
+from pyblast.diagnosis.effects import Effect
+from pyblast.diagnosis.fitting import DIFFERENCE, Fitter
 
 SLOPE = -0.8  # of the motion by the logarithm of a thickness
 

@@ -25,11 +25,10 @@ from pyblast import (
     structured_box,
     tangents,
 )
-from pyblast.meshing.geology import Layer
-from pyblast.solving.free_field import _Side
-from pyblast.solving.preparation import _marched, prepare
-from pyblast.solving.side_columns import GroundColumn, shake
-from pyblast.solving.solver import run
+from pyblast.mesh.grid import Layer
+from pyblast.solver.free_field import GroundColumn, _Side, shake
+from pyblast.solver.preparation import _marched, prepare
+from pyblast.solver.run import simulate
 from verification.columns import misfit, ricker
 
 SOIL = Material.from_speeds(1900.0, 600.0, 300.0)
@@ -91,7 +90,7 @@ def guided(axis, height=40.0, inputs=None, materials=MATERIALS):
         boundaries=[*sides, *(inputs or from_below([axis]))],
         receivers=[Receiver("top", (1.0, 1.0, height))],
     )
-    return run(model, DURATION).seismograms["top"]
+    return simulate(model, DURATION).seismograms["top"]
 
 
 def apart(found, columns):
@@ -106,8 +105,8 @@ def test_free_field_sides_move_as_columns_where_viscous_ones_drain_the_wave():
     top = [Receiver("top", (0.0, 1.0, 40.0))]
     column = {0: guided(0)}
 
-    follows = run(slab(free("west", "east"), receivers=top), DURATION)
-    drains = run(slab([Viscous("west"), Viscous("east")], receivers=top), DURATION)
+    follows = simulate(slab(free("west", "east"), receivers=top), DURATION)
+    drains = simulate(slab([Viscous("west"), Viscous("east")], receivers=top), DURATION)
 
     assert apart(follows.seismograms["top"], column) < 0.006  # 0.004 at 8 edges to the layer
     assert apart(drains.seismograms["top"], column) > 0.9
@@ -123,7 +122,7 @@ def test_a_block_with_four_free_field_sides_carries_p_and_both_s_waves():
         receivers=[Receiver("corner", (20.0, 15.0, 40.0)), Receiver("mid", (10.0, 7.5, 40.0))],
     )
 
-    result = run(model, DURATION)
+    result = simulate(model, DURATION)
 
     columns = {axis: guided(axis) for axis in range(3)}
     assert apart(result.seismograms["mid"], columns) < 0.008  # measured 0.005
@@ -136,7 +135,9 @@ def test_p_waves_pass_sides_of_ground_that_fades_as_in_a_column():
     top = [Receiver("top", (0.0, 1.0, 40.0))]
     model = slab(free("west", "east"), fading, top)
 
-    result = run(replace(model, boundaries=[*SLAB, *from_below([2]), *free("west", "east")]), 0.5)
+    result = simulate(
+        replace(model, boundaries=[*SLAB, *from_below([2]), *free("west", "east")]), 0.5
+    )
 
     column = guided(2, materials=fading)
     assert apart(result.seismograms["top"], {2: column}) < 0.012  # 0.006 without fading
@@ -147,7 +148,7 @@ def test_sides_of_uneven_ground_follow_columns_of_their_own_heights():
     ends = [Receiver("west", (0.0, 1.0, 40.0)), Receiver("east", (120.0, 1.0, 52.0 - 1e-9))]
     model = slab(free("west", "east"), mesh=ground_mesh(120.0, rise=12.0), receivers=ends)
 
-    motion = run(model, 0.35).seismograms  # before the waves of the ramp arrive
+    motion = simulate(model, 0.35).seismograms  # before the waves of the ramp arrive
 
     low, high = {0: guided(0)}, {0: guided(0, 52.0)}
     assert apart(motion["west"], low) < 0.02  # measured 0.014 and 0.011
@@ -193,7 +194,7 @@ def test_a_prescribed_motion_of_the_base_moves_the_columns_too():
         ground_mesh(), MATERIALS, boundaries=[*SLAB, base, *free("west", "east")], receivers=top
     )
 
-    found = run(model, DURATION).seismograms["top"]
+    found = simulate(model, DURATION).seismograms["top"]
 
     assert apart(found, {0: guided(0, inputs=[base])}) < 0.008  # measured 0.005
 

@@ -7,7 +7,7 @@ import recorder_files as files
 from recorder_files import write
 
 from pyblast.errors import InputError, ReadError
-from pyblast.records.recordings import read_gather, read_recording, read_stations
+from pyblast.recordings.recording import read_gather, read_recording, read_stations
 
 RNG = np.random.default_rng(7)
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pyblast.projects.ground import mean_edge
-from pyblast.projects.project import load_project
+from pyblast.project.ground import mean_edge
+from pyblast.project.project import load_project
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "gol_e_gohar" / "project.toml"
 

@@ -6,24 +6,22 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving import histories
-from pyblast.solving.anisotropy import jointed as medium
-from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.born import tangents
-from pyblast.solving.boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
-from pyblast.solving.gradients import gradient
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import InSitu, Model, Receiver
-from pyblast.solving.perturbations import with_speeds
-from pyblast.solving.plane_waves import PlaneWave
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, TimeFunction
-from pyblast.solving.tracks import track
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.model.anisotropy import jointed as medium
+from pyblast.model.boundary import Fixed, Roller, StressInput, VelocityInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import ConstantQ, Damping, Material
+from pyblast.model.model import InSitu, Model, Receiver
+from pyblast.model.plane_wave import PlaneWave
+from pyblast.model.source import Hole, TimeFunction
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver import tracks
+from pyblast.solver.perturbation import with_speeds
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
+from pyblast.solver.sensitivity import gradient, tangents
+from pyblast.solver.tracks import track
 from verification.columns import ROCK, misfit, ricker
 
 TIMES = np.arange(0.0, 0.06, 5e-4)
@@ -94,7 +92,7 @@ def together(seismograms):
 def motion(model, dt):
     own = prepare(model, DURATION).constants["dt"]
     alike = replace(model, step_factor=model.step_factor * dt / own)
-    return together(run(alike, DURATION).seismograms)
+    return together(simulate(alike, DURATION).seismograms)
 
 
 def slope(model, change, dt):
@@ -191,11 +189,11 @@ def test_stretches_of_the_march_change_nothing(name, monkeypatch):
     known, _, derivative = tracked(model)
     wanted = gradient(known, derivative), together(tangents(model, [changed], DURATION)[1][0])
 
-    monkeypatch.setattr(histories, "STRETCH_VALUES", 100_000)
+    monkeypatch.setattr(tracks, "STRETCH_VALUES", 100_000)
     known = track(model, DURATION, highest=None)
     found = gradient(known, derivative), together(tangents(model, [changed], DURATION)[1][0])
 
-    assert len(histories.stretches(known.prepared.n_steps, 3 * len(known.nodes))) > 1
+    assert len(tracks.stretches(known.prepared.n_steps, 3 * len(known.nodes))) > 1
     assert found[0].along(changed) == pytest.approx(wanted[0].along(changed), rel=1e-6)
     assert misfit(found[1], wanted[1]) < 1e-9
 

@@ -5,22 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyblast.ensembles.banks import cluster_error, greens_functions
-from pyblast.ensembles.many_runs import workers
 from pyblast.errors import InputError
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving.anisotropy import jointed as medium
-from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.charges import Column, MomentTensor
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping
-from pyblast.solving.model import InSitu, Model, Receiver
-from pyblast.solving.plasticity import MohrCoulomb
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, PointForce, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.model.anisotropy import jointed as medium
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import ConstantQ, Damping, MohrCoulomb
+from pyblast.model.model import InSitu, Model, Receiver
+from pyblast.model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
+from pyblast.runs.greens_bank import cluster_error, greens_functions
+from pyblast.runs.parallel import workers
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 
 TIMES = np.arange(0.0, 0.06, 5e-4)
@@ -83,7 +80,7 @@ def gap(found, wanted):
 @pytest.mark.parametrize("side", ["source", "receiver"])
 def test_a_blast_is_that_of_its_run(parts, side):
     model = jointed(**parts)
-    direct = run(model, DURATION).seismograms
+    direct = simulate(model, DURATION).seismograms
 
     bank = greens_functions(model, DURATION, side=side)
 
@@ -101,7 +98,7 @@ def test_a_column_detonates_in_its_stored_response():
     bank = greens_functions(model, DURATION)
 
     assert bank.side == "source"
-    assert gap(bank.blast([column]), run(model, DURATION).seismograms) < 1e-10
+    assert gap(bank.blast([column]), simulate(model, DURATION).seismograms) < 1e-10
     with pytest.raises(InputError, match="columns are stored from their own side"):
         greens_functions(model, DURATION, side="receiver")
 
@@ -122,7 +119,7 @@ def test_holes_share_a_run_within_a_stated_part_of_the_wavelength():
     model = jointed(sources=[near])
     bank = greens_functions(jointed(sources=[HOLES[0], near]), DURATION, within=0.5)
 
-    error = gap(bank.blast([near]), run(model, DURATION).seismograms)
+    error = gap(bank.blast([near]), simulate(model, DURATION).seismograms)
 
     assert bank.runs == 1
     bound = cluster_error(model, 0.5, 125.0)
@@ -179,7 +176,7 @@ def test_what_does_not_superpose_is_refused(words):
 def test_anisotropic_ground_superposes_from_both_sides():
     ground = medium(ROCK, (0.0, 0.6, 0.8), 5.0, 4e9, 2e9)
     model = jointed(materials={"rock": ground}, sources=HOLES[:2])
-    direct = run(model, DURATION).seismograms
+    direct = simulate(model, DURATION).seismograms
 
     for side in ("source", "receiver"):
         assert gap(greens_functions(model, DURATION, side=side).blast(HOLES[:2]), direct) < 1e-10

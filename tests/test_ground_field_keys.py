@@ -5,7 +5,7 @@ import pytest
 from small_project import written
 
 from pyblast.errors import InputError
-from pyblast.projects.project import load_project
+from pyblast.project.project import load_project
 
 DAMAGE = "[ground.damaged_zone]\nreduction = 0.4\nlength_m = 5\n"
 INTO_MODEL = ("[-39, 10, 30]", "[15, 10, 30]")

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_group
-from pyblast.solving.materials import Material, saturated_rock
-from pyblast.solving.model import Model
-from pyblast.solving.stability import critical_step
+from pyblast.mesh.builder import structured_box
+from pyblast.model.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_group
+from pyblast.model.material import Material, saturated_rock
+from pyblast.model.model import Model
+from pyblast.solver.time_step import critical_step
 from verification.columns import ROCK
 
 RNG = np.random.default_rng(0)

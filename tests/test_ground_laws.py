@@ -4,17 +4,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from pyblast.projects.config_ground import (
-    BoundariesConfig,
-    InSituConfig,
-    MaterialConfig,
-    MeshConfig,
-)
-from pyblast.projects.ground import make_boundaries, make_insitu, make_material
-from pyblast.projects.jointed_ground import jointed_media
-from pyblast.solving.anisotropy import jointed, transverse
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
+from pyblast.model.anisotropy import jointed, transverse
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material
+from pyblast.project.config_ground import BoundariesConfig, InSituConfig, MaterialConfig, MeshConfig
+from pyblast.project.ground import jointed_media, make_boundaries, make_insitu, make_material
 
 ROCK = {"density_kg_per_m3": 2700.0, "cp_m_per_s": 4000.0, "cs_m_per_s": 2300.0}
 STRONG = {"cohesion_kpa": 500.0, "friction_angle_deg": 30.0, "tension_kpa": 100.0}

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from pyblast.blasting.hole_tables import absolute_times, read_blast
+from pyblast.blasts.hole_tables import absolute_times, read_blast
 from pyblast.errors import ReadError
 
 MINIMUM = "id,x_m,y_m,z_m,x_toe_m,y_toe_m,z_toe_m,charge_kg,delay_ms"

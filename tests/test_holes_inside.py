@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pyblast import pipeline
-from pyblast.projects.config_file import check_config
-from pyblast.projects.project import load_project, make_project
-from pyblast.solving.solver import run
-from pyblast.solving.sources import PointForce, TimeFunction
+from pyblast.model.source import PointForce, TimeFunction
+from pyblast.project.config_file import check_config
+from pyblast.project.project import load_project, make_project
+from pyblast.solver.run import simulate
+from pyblast.workflows import run
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "holes_inside" / "project.toml"
 PULSE = TimeFunction(1e6 * np.sin(np.pi * np.arange(0.0, 0.0501, 0.001) / 0.05) ** 2, 0.001)
@@ -32,7 +32,7 @@ def project():
 
 
 def motion(model):
-    return run(model, 0.1).seismograms
+    return simulate(model, 0.1).seismograms
 
 
 def test_twice_the_charge_doubles_the_motion(project):
@@ -65,13 +65,13 @@ def test_the_padding_is_the_rim(project):
 
 
 def test_the_example_holds_the_band_of_its_source():
-    from pyblast.projects.checks import check
+    from pyblast.project.checks import check
 
     assert not check(load_project(EXAMPLE), measure=False).failed
 
 
 def test_the_report_shows_the_sources(project, tmp_path):
-    outcome = pipeline.run(project, tmp_path)
+    outcome = run.run(project, tmp_path)
 
     page = (outcome.folder / "report.html").read_text(encoding="utf-8")
     assert "6 holes inside the model, M = M(1 kg) W^1" in page

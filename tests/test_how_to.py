@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from small_project import TEXT
 
-from pyblast.blasting.hole_tables import read_blast
-from pyblast.projects.config import Config
-from pyblast.projects.config_file import _merged as merged
-from pyblast.projects.project import make_project
-from pyblast.records.recordings import read_recording
+from pyblast.blasts.hole_tables import read_blast
+from pyblast.project.config import Config
+from pyblast.project.config_file import _merged as merged
+from pyblast.project.project import make_project
+from pyblast.recordings.recording import read_recording
 
 PAGE = (Path(__file__).parents[1] / "docs" / "how_to.md").read_text(encoding="utf-8")
 TITLES = re.findall(r"^## (.+)$", PAGE, re.MULTILINE)

@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from docs.hypotheses_page import written
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.reporting.hypotheses_page import written
 
 PAGE = Path(__file__).parents[1] / "docs" / "hypotheses.md"
 

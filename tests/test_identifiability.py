@@ -9,12 +9,17 @@ from small_project import written
 from test_main import call
 
 from pyblast import load_project, plan_back_analysis
+from pyblast.back_analysis.identifiability import (
+    UNIFORM,
+    Knowledge,
+    Sensitivities,
+    intervals,
+)
+from pyblast.back_analysis.waveforms import Window, white_noise
 from pyblast.errors import InputError
-from pyblast.inversion.identifiability import UNIFORM, Knowledge, Sensitivities, intervals
-from pyblast.inversion.waveforms import Window, white_noise
-from pyblast.reporting.plan_words import beside_laboratory
-from pyblast.residuals.band import band_functions
-from pyblast.residuals.whitening import LEVELS
+from pyblast.inference.covariance import LEVELS
+from pyblast.inference.noise import band_functions
+from pyblast.report.survey_design import beside_laboratory
 
 WINDOW = Window((5.0, 20.0), 1.0 / 160.0, 160)
 RMS = 1e-4

@@ -4,8 +4,8 @@ import pytest
 from pydantic import ValidationError
 
 from pyblast.errors import InputError
-from pyblast.projects.config_ground import JointConfig
-from pyblast.projects.joint_keys import make_joint
+from pyblast.project.config_ground import JointConfig
+from pyblast.project.ground import make_joint
 
 SPRINGS = {"kn_gpa_per_m": 1.0, "ks_gpa_per_m": 0.5}
 

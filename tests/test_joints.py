@@ -4,9 +4,9 @@ import math
 
 import pytest
 
+from pyblast.core import JOINT_LAWS
 from pyblast.errors import InputError
-from pyblast.solving.joints import Joint, saturated
-from pyblast.solving.kernels import JOINT_LAWS
+from pyblast.model.joint import Joint, saturated
 
 STRONG = {"kn": 1e9, "ks": 5e8, "cohesion": 1e5, "friction": 0.6, "tension": 2e4}
 

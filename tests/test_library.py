@@ -11,9 +11,9 @@ from small_site import CUT, DT, SAMPLES, small_site
 
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.projects.site_fabric import Fabric
-from pyblast.projects.site_model import site_mesh
-from pyblast.solving.anisotropy import christoffel, stiffness_of
+from pyblast.model.anisotropy import christoffel, stiffness_of
+from pyblast.project.site import Fabric
+from pyblast.project.site_model import site_mesh
 
 
 def test_every_effect_lists_where_it_may_be():

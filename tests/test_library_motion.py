@@ -9,12 +9,12 @@ from library_scene import applied, received, scene, sent, shared
 from scipy import fft
 from small_site import CUT, DT, SAMPLES, small_site
 
-from pyblast.diagnosis import air_waves
-from pyblast.diagnosis.air_waves import ground_response
+from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.diagnosis.scene import Effect, Scene
-from pyblast.solving.materials import Material
+from pyblast.diagnosis.library import air
+from pyblast.diagnosis.library.air import ground_response
+from pyblast.model.material import Material
 
 
 def test_a_misfire_takes_away_what_its_hole_sends():
@@ -111,7 +111,7 @@ def test_a_wrong_zero_of_time_delays_all_receivers_of_a_blast():
 
 
 def test_ground_under_running_pressure_moves_as_the_closed_form_says(monkeypatch):
-    monkeypatch.setattr(air_waves, "QUALITY", 1e9)
+    monkeypatch.setattr(air, "QUALITY", 1e9)
     for cp, cs in ((2800.0, 1600.0), (600.0, 170.0)):
         rock, frequency, speed = Material.from_speeds(2000.0, cp, cs), np.array([5.0, 20.0]), 340.0
         omega = 2 * np.pi * frequency

@@ -7,10 +7,10 @@ import pytest
 from small_site import recorded, small_site
 
 from pyblast.diagnosis import library  # noqa: F401  fills the library
-from pyblast.diagnosis.chance import Chance, _elsewhere, _Fits
-from pyblast.diagnosis.folds import Fold, HeldOut
+from pyblast.diagnosis.cross_validation import Fold, HeldOut
+from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.likelihood import DOUBT, THEORY, likelihood_of
-from pyblast.diagnosis.scene import Effect
+from pyblast.diagnosis.null_distribution import Chance, _elsewhere, _Fits
 
 
 def made():

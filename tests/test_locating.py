@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 from small_site import recorded, scene_of, small_site
 
-from pyblast.diagnosis.locating import located
+from pyblast.diagnosis.localization import located
 
 PLACE = np.array([75.0, 55.0, 0.0])
 SENT = 0.13  # s after the first hole

@@ -10,10 +10,10 @@ import pytest
 from small_project import TEXT, written
 from typer.testing import CliRunner
 
-from pyblast import pipeline
-from pyblast.__main__ import app
+from pyblast.cli.commands import app
 from pyblast.errors import InputError
-from pyblast.projects.result import read_result, write_csv
+from pyblast.project.result import read_result, write_csv
+from pyblast.workflows import run
 
 LONG = "grid_cells = [6, 2, 3]", "grid_cells = [30, 10, 15]"
 
@@ -36,7 +36,7 @@ def spawn(*arguments, **options):
 
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory):
-    return pipeline.run(written(tmp_path_factory.mktemp("project")), report=False)
+    return run.run(written(tmp_path_factory.mktemp("project")), report=False)
 
 
 def test_a_run_writes_everything(tmp_path):
@@ -55,13 +55,13 @@ def test_a_run_writes_everything(tmp_path):
 def test_earlier_results_stay(tmp_path):
     path = written(tmp_path)
 
-    folders = [pipeline.run(path, report=False).folder.name for _ in range(2)]
+    folders = [run.run(path, report=False).folder.name for _ in range(2)]
 
     assert folders == ["001", "002"]
 
 
 def test_the_same_project_gives_the_same_bits(tmp_path, outcome):
-    again = pipeline.run(written(tmp_path), report=False)
+    again = run.run(written(tmp_path), report=False)
 
     assert np.array_equal(again.seismograms["R1"].velocity, outcome.seismograms["R1"].velocity)
     hashes = [o.result.summary["provenance"]["input_sha256"] for o in (again, outcome)]
@@ -141,7 +141,7 @@ def test_a_record_is_compared_with_a_receiver(tmp_path, outcome):
     result = outcome.folder / "result.h5"
     write_csv(tmp_path / "R1.csv", read_result(result).seismogram("simulated", "R1"))
 
-    found = pipeline.compare_files(tmp_path / "R1.csv", result)
+    found = run.compare_files(tmp_path / "R1.csv", result)
 
     assert found.misfit == pytest.approx(0.0, abs=1e-4)
     assert call("compare", tmp_path / "R1.csv", result).exit_code == 0
@@ -152,7 +152,7 @@ def test_a_record_in_east_and_north_is_turned_to_the_receiver(tmp_path, outcome)
     simulated = read_result(result).seismogram("simulated", "R1")
     write_csv(tmp_path / "R1.csv", simulated.rotated(np.pi / 2.0))
 
-    found = pipeline.compare_files(tmp_path / "R1.csv", result, "R1", (1.0, 20.0))
+    found = run.compare_files(tmp_path / "R1.csv", result, "R1", (1.0, 20.0))
 
     assert found.misfit == pytest.approx(0.0, abs=1e-3)
 
@@ -185,7 +185,7 @@ def test_a_model_file_is_written_for_the_program(tmp_path):
 
 def test_nothing_to_resume_is_an_input_error(tmp_path):
     with pytest.raises(InputError, match="nothing to resume"):
-        pipeline.run(written(tmp_path), resume=True)
+        run.run(written(tmp_path), resume=True)
 
 
 def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path, outcome):
@@ -194,8 +194,8 @@ def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path, outcome):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt, match="checkpoint written"):
-        pipeline.run(written(tmp_path), progress=stop)
-    resumed = pipeline.run(tmp_path / "project.toml", resume=True, report=False)
+        run.run(written(tmp_path), progress=stop)
+    resumed = run.run(tmp_path / "project.toml", resume=True, report=False)
 
     assert resumed.folder.name == "001"
     assert np.array_equal(resumed.seismograms["R1"].velocity, outcome.seismograms["R1"].velocity)

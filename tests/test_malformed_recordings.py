@@ -10,7 +10,7 @@ import pytest
 import recorder_files as files
 
 from pyblast.errors import InputError, ReadError
-from pyblast.records.recordings import read_gather, read_recording, read_stations
+from pyblast.recordings.recording import read_gather, read_recording, read_stations
 
 MOTION = np.random.default_rng(3).normal(size=(400, 3))
 MSEED = files.miniseed({"R01": MOTION}, reclen=512)

@@ -7,15 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyblast.ensembles.input_hash import input_hash
-from pyblast.ensembles.many_runs import run_all, workers
-from pyblast.ensembles.run_cache import Cache, cached_run
 from pyblast.errors import InputError
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Viscous
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Viscous
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import Hole, TimeFunction
+from pyblast.runs.cache import Cache, cached_run, input_hash
+from pyblast.runs.parallel import run_all, workers
+from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 
 RATE = TimeFunction(1e8 * ricker(np.arange(0.0, 0.06, 5e-4), 50.0), 5e-4)
@@ -40,7 +39,7 @@ def same(one, other):
 
 
 def test_a_kept_run_has_the_bits_of_the_run(tmp_path):
-    direct = run(small(), DURATION)
+    direct = simulate(small(), DURATION)
     first, second = (cached_run(small(), DURATION, tmp_path) for _ in range(2))
 
     assert (first.found, second.found) == (False, True)
@@ -122,7 +121,7 @@ class Counted(ThreadPoolExecutor):
 def test_a_large_run_that_a_pool_would_make_alone_takes_all_threads(monkeypatch, least, pooled):
     models = [small(charge) for charge in (1.0, 2.0, 3.0)]
     alone = run_all(models, DURATION)
-    monkeypatch.setattr("pyblast.ensembles.many_runs.LEAST_SHARED", least)
+    monkeypatch.setattr("pyblast.runs.parallel.LEAST_SHARED", least)
 
     with Counted() as pool:
         together = run_all(models, DURATION, executor=pool)

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.solving.materials import Damping, Material
+from pyblast.model.material import Damping, Material
 
 
 @pytest.mark.parametrize("poisson", [0.05, 0.25, 0.33, 0.45])

@@ -7,19 +7,17 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.meshing import memory
-from pyblast.meshing.mesh_builder import Layer, build_mesh, structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving.assembly import time_step
-from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.boundaries import FreeField, Roller, StressInput, Viscous
-from pyblast.solving.footprint import marching_bytes
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping
-from pyblast.solving.model import InSitu, Model, Receiver
-from pyblast.solving.plasticity import MohrCoulomb
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
+from pyblast.mesh import quality
+from pyblast.mesh.builder import Layer, build_mesh, structured_box
+from pyblast.model.boundary import FreeField, Roller, StressInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import ConstantQ, Damping, MohrCoulomb
+from pyblast.model.model import InSitu, Model, Receiver
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.assembly import time_step
+from pyblast.solver.edge_springs import marching_bytes
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 from verification.columns import ROCK
 
 
@@ -47,28 +45,28 @@ def beside_slopes():
 @pytest.fixture
 def machine(monkeypatch):
     def left(megabytes):
-        monkeypatch.setattr(memory, "available", lambda: 1e6 * megabytes)
+        monkeypatch.setattr(quality, "available", lambda: 1e6 * megabytes)
 
     return left
 
 
 def test_the_machine_has_some_memory_left():
-    assert memory.available() > 1e7
+    assert quality.available() > 1e7
 
 
 def test_a_container_leaves_what_its_limit_leaves(tmp_path):
     (tmp_path / "max").write_text("3000000\n")
     (tmp_path / "current").write_text("1000000\n")
 
-    assert memory._left(tmp_path / "max", tmp_path / "current") == 2e6
+    assert quality._left(tmp_path / "max", tmp_path / "current") == 2e6
     (tmp_path / "max").write_text("max\n")
-    assert memory._left(tmp_path / "max", tmp_path / "current") == np.inf
+    assert quality._left(tmp_path / "max", tmp_path / "current") == np.inf
 
 
 def taken_by(model, n_steps=1):
     """Return the most bytes of arrays that a run holds at any time."""
     tracemalloc.start()
-    found = run(model, n_steps * time_step(model)[0])
+    found = simulate(model, n_steps * time_step(model)[0])
     taken = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return taken, found.prepared.constants

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.meshing import mesh as meshes
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import Layer, structured_box
+from pyblast.mesh import mesh as meshes
+from pyblast.mesh.builder import Layer, structured_box
+from pyblast.mesh.mesh import Mesh
 
 
 def cross(planes, pattern="kuhn"):

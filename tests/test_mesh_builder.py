@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.meshing import mesh as meshes
-from pyblast.meshing import tetrahedra
-from pyblast.meshing.mesh_builder import Fault, JointSet, Layer, build_mesh, build_mesh_report
-from pyblast.meshing.smoothing import SLIVER, thinness
+from pyblast.mesh import mesh as meshes
+from pyblast.mesh import tetrahedra
+from pyblast.mesh.builder import Fault, JointSet, Layer, build_mesh, build_mesh_report
+from pyblast.mesh.gmsh import SLIVER, thinness
 
 pytest.importorskip("gmsh", exc_type=ImportError)
 
@@ -98,9 +98,9 @@ def test_every_cell_between_upright_joints_becomes_a_block():
     mesh = build_mesh(BOX, [Layer("rock")], joints, edge=6.0).split("ab")
 
     assert mesh.blocks().max() + 1 == 12
-    assert np.bincount(
-        mesh.contacts.joint, weights=mesh.contacts.area
-    ) == pytest.approx([3 * 600.0, 2 * 800.0], rel=1e-12)
+    assert np.bincount(mesh.contacts.joint, weights=mesh.contacts.area) == pytest.approx(
+        [3 * 600.0, 2 * 800.0], rel=1e-12
+    )
 
 
 def test_area_of_a_dipping_set_follows_from_its_spacing():

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import JointSet, Layer, build_mesh, structured_box
-from pyblast.meshing.mesh_checks import block_census, joint_spacing, validate
+from pyblast.mesh.builder import JointSet, Layer, build_mesh, structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.mesh.quality import block_census, joint_spacing, validate
 
 
 def test_a_split_mesh_is_valid_although_its_nodes_coincide():

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import fft
 
-from pyblast.diagnosis.mesh_correction import carried
+from pyblast.diagnosis.calibration import carried
 
 DT, BAND, N = 0.004, (4.0, 30.0), 250
 

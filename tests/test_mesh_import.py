@@ -3,9 +3,9 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError, ReadError
-from pyblast.meshing import mesh as meshes
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.meshing.mesh_import import read_mesh
+from pyblast.mesh import mesh as meshes
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.importer import read_mesh
 
 
 def raw_mesh(tags=True, **changes):

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.motion.comparison import compare
-from pyblast.motion.seismogram import Seismogram
-from pyblast.residuals.band import band_functions
-from pyblast.residuals.misfits import misfit
-from pyblast.residuals.noise import noise_of
-from pyblast.residuals.whitening import whitener
+from pyblast.inference.covariance import whitener
+from pyblast.inference.misfits import misfit
+from pyblast.inference.noise import band_functions, noise_of
+from pyblast.signals.comparison import compare
+from pyblast.signals.seismogram import Seismogram
 
 DT, N = 2e-3, 400
 TIMES = DT * np.arange(N)

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.meshing.mesh_builder import Layer, structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving.boundaries import Fixed, StressInput, VelocityInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import InSitu, Model, Receiver, Rim
-from pyblast.solving.preparation import prepare
-from pyblast.solving.sources import Hole, TimeFunction
+from pyblast.mesh.builder import Layer, structured_box
+from pyblast.model.boundary import Fixed, StressInput, VelocityInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Damping, Material
+from pyblast.model.model import InSitu, Model, Receiver, Rim
+from pyblast.model.source import Hole, TimeFunction
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.preparation import prepare
 from verification.columns import ROCK
 
 SOFT = Material.from_speeds(1800.0, 800.0, 170.0)

@@ -9,14 +9,14 @@ from small_site import BEFORE, CUT, DT, SAMPLES, recorded, small_site
 from test_verdicts import CHANCE, LOUD, fits
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
-from pyblast.diagnose import diagnose
 from pyblast.diagnosis.case import case_of
+from pyblast.diagnosis.decision import judge
+from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.hypotheses import LIBRARY, untestable_labels
-from pyblast.diagnosis.scene import Effect
 from pyblast.diagnosis.search import Search
-from pyblast.diagnosis.verdict import judge
-from pyblast.motion.seismogram import Seismogram
-from pyblast.records.recordings import Recording
+from pyblast.recordings.recording import Recording
+from pyblast.signals.seismogram import Seismogram
+from pyblast.workflows.diagnose import diagnose
 
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
 AMPLITUDE = {"joint_nonlinear_closure", "joint_slip"}

@@ -19,12 +19,12 @@ from pyblast import (
     Viscous,
     structured_box,
 )
-from pyblast.meshing.geology import Layer
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.plane_waves import reflected, stress_of
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
+from pyblast.mesh.grid import Layer
+from pyblast.model.material import ConstantQ
+from pyblast.model.plane_wave import reflected, stress_of
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 from verification.columns import ricker
 from verification.solutions.free_surface import plane_field
 
@@ -110,7 +110,7 @@ def test_energy_that_arrives_at_the_surface_goes_back():
 def test_a_block_moves_as_the_half_space_around_it_would():
     model = block(wave("P", 35.0), n=12, receivers=[Receiver("mid", (52.0, 48.0, 55.0))])
 
-    result = run(model, 0.2)
+    result = simulate(model, 0.2)
 
     record = result.seismograms["mid"]
     turn = np.radians(40.0)
@@ -139,7 +139,7 @@ def test_a_wave_that_runs_straight_up_is_a_stress_input_with_quiet_sides_left_ou
     plane = PlaneWave("P", PULSE)
     seen = Model(boundaries=[*rollers, Viscous("bottom")], sources=[plane], **common)
 
-    wanted, found = (run(model, 0.2).seismograms["top"].velocity for model in (given, seen))
+    wanted, found = (simulate(model, 0.2).seismograms["top"].velocity for model in (given, seen))
 
     assert found == pytest.approx(wanted, abs=1e-12)
 

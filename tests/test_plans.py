@@ -18,9 +18,9 @@ from pyblast import (
     signature_spectra,
     superpose,
 )
-from pyblast.blasting.blast import Firing
-from pyblast.planning.best_delays import gain, rows_pattern, severity
-from pyblast.planning.peak_bands import drawn_peaks
+from pyblast.blasts.blast import Firing
+from pyblast.planning.delays import gain, rows_pattern, severity
+from pyblast.planning.peak_distribution import drawn_peaks
 
 DT = 1e-3
 TIMES = np.array([0.0, 0.0173, 0.0341, 0.0625])

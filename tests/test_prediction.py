@@ -7,10 +7,10 @@ import pytest
 from small_site import CUT, recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.prediction import predict
-from pyblast.diagnosis.scene import Effect
 
 AIR = Effect("air_blast", "", ((800.0,), (0.05,), (340.0,), (1.1,), (1.0,)))
 SOFT = Effect("soft_surface_layer", "", ((5.0,), (0.4,)))

@@ -6,13 +6,13 @@ import pytest
 from small_project import TEXT, written
 
 from pyblast.errors import InputError, ReadError
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.projects.checks import check
-from pyblast.projects.ground import read_surface
-from pyblast.projects.project import load_project
-from pyblast.projects.result import write_csv
-from pyblast.solving.boundaries import Roller, StressInput, Viscous
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Roller, StressInput, Viscous
+from pyblast.project.checks import check
+from pyblast.project.ground import read_surface
+from pyblast.project.project import load_project
+from pyblast.project.result import write_csv
+from pyblast.signals.seismogram import Seismogram
 
 
 def test_units_in_key_names_become_si(tmp_path):
@@ -147,9 +147,9 @@ def test_the_stress_on_a_viscous_face_is_doubled(tmp_path):
 
 
 def test_edges_follow_from_edges_per_wavelength():
-    from pyblast.projects.config_ground import LayerConfig, MeshConfig
-    from pyblast.projects.ground import mean_edge
-    from pyblast.solving.materials import Material
+    from pyblast.model.material import Material
+    from pyblast.project.config_ground import LayerConfig, MeshConfig
+    from pyblast.project.ground import mean_edge
 
     soil = Material(2000.0, 125e6, 57.7e6)
     layer = LayerConfig(material="soil", edges_per_wavelength=10.0)

@@ -8,11 +8,11 @@ from typing import get_args, get_origin
 
 import pytest
 
-from pyblast.projects.config import Config
-from pyblast.projects.config_ground import JointConfig
-from pyblast.projects.config_section import Section
-from pyblast.solving.joints import may_be_left_out
-from pyblast.solving.kernels import JOINT_LAWS
+from pyblast.core import JOINT_LAWS
+from pyblast.model.joint import may_be_left_out
+from pyblast.project.config import Config
+from pyblast.project.config_ground import JointConfig
+from pyblast.project.section import Section
 from pyblast.units import split_key
 
 PAGE = (Path(__file__).parents[1] / "docs" / "project_file.md").read_text(encoding="utf-8")

@@ -8,16 +8,15 @@ import pytest
 from obspy import UTCDateTime
 from small_site import BAND, BEFORE, CUT, DT, SAMPLES, recorded, small_site
 
-from pyblast.diagnose import diagnose_folder, read_case
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import Forward
 from pyblast.errors import InputError
-from pyblast.foretell import check_further, predict_file
-from pyblast.projects.project import load_project
-from pyblast.projects.project_site import diagnosed_blasts, site_of_project
-from pyblast.projects.site import SiteJoint
-from pyblast.projects.site_writer import write_site
-from pyblast.records.recordings import read_stations
+from pyblast.project.project import load_project
+from pyblast.project.site import SiteJoint
+from pyblast.project.site_file import write_site
+from pyblast.project.site_from_project import diagnosed_blasts, site_of_project
+from pyblast.recordings.recording import read_stations
+from pyblast.workflows.diagnose import check_further, diagnose_folder, predict_file, read_case
 
 TOP = 50.0  # m, height of the ground in the project; a site has it at 0
 GROUND = """
@@ -211,7 +210,7 @@ def test_a_project_is_read_where_a_diagnosis_begins(tmp_path, monkeypatch):
         calls.append(site.name)
         raise InputError("stop")
 
-    monkeypatch.setattr("pyblast.diagnose.diagnose", made)
+    monkeypatch.setattr("pyblast.workflows.diagnose.diagnose", made)
     with pytest.raises(InputError, match="stop"):
         diagnose_folder(path, tmp_path / "out")
     assert calls == ["small"]
@@ -226,7 +225,7 @@ def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_
     rows = [line.split(",") for line in lines[1:]]
     raised = [",".join([i, x, y, f"{float(z) + TOP:.12g}", *rest]) for i, x, y, z, *rest in rows]
     (tmp_path / "raised.csv").write_text("\n".join([lines[0], *raised]))
-    monkeypatch.setattr("pyblast.foretell.cut_of", lambda *_, **__: CUT)
+    monkeypatch.setattr("pyblast.workflows.diagnose.cut_of", lambda *_, **__: CUT)
     known = {"model": {"values": [0.1, -0.1, 0.2, 0.0], "effects": []}}
     found = []
     for folder, holes in ((tmp_path / "case", "B1_holes.csv"), (project, "raised.csv")):
@@ -249,7 +248,7 @@ def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_
 def test_a_further_blast_begins_as_the_record_of_the_last_one_that_was_fired(tmp_path, monkeypatch):
     zeros = {"B1": "2024-05-01T12:00:00", "S1": "2024-05-02T12:00:00"}
     write_site(tmp_path / "case", replace(believed(), time_zeros=zeros))
-    monkeypatch.setattr("pyblast.foretell.cut_of", lambda *_, **__: CUT)
+    monkeypatch.setattr("pyblast.workflows.diagnose.cut_of", lambda *_, **__: CUT)
     known = {"model": {"values": [0.0] * 4, "effects": []}}
     out = tmp_path / "B1.mseed"
 
@@ -266,12 +265,12 @@ def test_a_finished_diagnosis_is_read_whatever_the_number_of_threads(
     case, out = tmp_path / "case", tmp_path / "case" / "out"
     write_site(case, replace(believed(), time_zeros=dict.fromkeys(believed().blasts, "2024-05-01")))
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
-    monkeypatch.setattr("pyblast.diagnose.diagnose", lambda *_, **__: SimpleNamespace(
+    monkeypatch.setattr("pyblast.workflows.diagnose.diagnose", lambda *_, **__: SimpleNamespace(
         summary={"budget": 400, "seed": 1}
     ))  # fmt: skip
-    monkeypatch.setattr("pyblast.diagnose.write_diagnosis_report", lambda *_: None)
+    monkeypatch.setattr("pyblast.workflows.diagnose.write_diagnosis_report", lambda *_: None)
     diagnose_folder(case, out)
-    monkeypatch.delattr("pyblast.diagnose.diagnose")
+    monkeypatch.delattr("pyblast.workflows.diagnose.diagnose")
     (case / "pred.mseed").write_text("what a forecast left beside what is read")
     if threads:
         monkeypatch.setenv("OMP_NUM_THREADS", threads)

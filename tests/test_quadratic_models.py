@@ -6,21 +6,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pyblast import core
 from pyblast.errors import InputError, SolverError
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import Layer, structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving import kernels
-from pyblast.solving.anisotropy import jointed
-from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.batches import run_many
-from pyblast.solving.boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import InSitu, Model, Receiver
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, PointForce, TimeFunction
+from pyblast.mesh.builder import Layer, structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.model.anisotropy import jointed
+from pyblast.model.boundary import Fixed, Roller, StressInput, VelocityInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import ConstantQ, Damping, Material
+from pyblast.model.model import InSitu, Model, Receiver
+from pyblast.model.source import Hole, PointForce, TimeFunction
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import run_many, simulate
 from verification.columns import AXIS, ROCK, SPEED, column, column_model, pulse, ricker, started
 
 SIDES = ("west", "east", "south", "north", "bottom")
@@ -55,7 +53,7 @@ def travelled(wave, edges, quadratic):
     ends = [Viscous("west"), Viscous("east"), StressInput("west", pulse(20.0, wave))]
     place = round(5 * edges) * edge
     model = column_model(column(round(6 * edges), edge), wave, ends, receivers_at=[place])
-    (record,) = run(replace(model, quadratic=quadratic), 0.45).seismograms.values()
+    (record,) = simulate(replace(model, quadratic=quadratic), 0.45).seismograms.values()
     sent = pulse(20.0, wave)
     wanted = np.interp(record.times - place / SPEED[wave], sent.times, sent.velocity[:, AXIS[wave]])
     found = record.velocity[:, AXIS[wave]]
@@ -75,7 +73,7 @@ def test_the_ledger_closes(parts):
     hole = Hole(np.array([8.0, 11.0, 6.0]), 20.0, 0.004, rate)
     push = PointForce(np.array([11.0, 7.0, 13.0]), np.array([1.0, 2.0, 0.5]), rate)
 
-    result = run(site(joints=[linear], sources=[hole, push], **parts), 0.1)
+    result = simulate(site(joints=[linear], sources=[hole, push], **parts), 0.1)
 
     assert result.energy["input"][-1] > 0.0
     assert result.balance_error < 1e-10
@@ -84,7 +82,7 @@ def test_the_ledger_closes(parts):
 def test_slip_takes_energy_and_none_is_lost():
     boundaries = [*map(Viscous, SIDES), StressInput("west", shaking(None, 5.0))]
 
-    result = run(site(boundaries=boundaries), 0.1)
+    result = simulate(site(boundaries=boundaries), 0.1)
 
     assert result.energy["joint_dissipated"][-1] > 0.001 * result.energy["input"][-1]
     assert result.balance_error < 0.01
@@ -93,14 +91,14 @@ def test_slip_takes_energy_and_none_is_lost():
 def test_a_turned_model_gives_turned_seismograms():
     turn = Rotation.random(rng=np.random.default_rng(1))
 
-    straight, other = (run(site(t), 0.08).seismograms["A"] for t in (None, turn))
+    straight, other = (simulate(site(t), 0.08).seismograms["A"] for t in (None, turn))
 
     wanted = turn.apply(straight.velocity.copy())
     assert other.velocity == pytest.approx(wanted, abs=1e-9 * straight.pvs)
 
 
 def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path, monkeypatch):
-    monkeypatch.setattr("pyblast.solving.preparation.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pyblast.solver.preparation.CHUNK_SECONDS", 0.0)
     path = tmp_path / "checkpoint.h5"
 
     def stop(_, done, total):
@@ -108,10 +106,10 @@ def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path, monkeypatch):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run(site(), 0.05, progress=stop, checkpoint=path)
+        simulate(site(), 0.05, progress=stop, checkpoint=path)
 
-    whole, resumed = run(site(), 0.05), run(site(), 0.05, resume=path)
-    for name in kernels.STATE:
+    whole, resumed = simulate(site(), 0.05), simulate(site(), 0.05, resume=path)
+    for name in core.STATE:
         assert np.array_equal(whole.state[name], resumed.state[name]), name
 
 
@@ -120,16 +118,14 @@ def test_a_linear_joint_passes_what_theory_says():
     edge = SPEED["P"] / 20.0 / 4.0
     mesh = column(24, edge)
     at = float(np.sort(np.unique(mesh.points[:, 0]))[12])
-    mesh = structured_box(
-        (24, 1, 1), (24 * edge, edge, edge), planes={"J": ("x", at)}
-    ).split(["J"])
+    mesh = structured_box((24, 1, 1), (24 * edge, edge, edge), planes={"J": ("x", at)}).split(["J"])
     ends = [Viscous("west"), Viscous("east"), StressInput("west", pulse(20.0, "P"))]
     sides = [Roller(side) for side in ("south", "north", "bottom", "top")]
     joint = Joint("J", "elastic", {"kn": kn, "ks": kn})
     receiver = [Receiver("A", (18 * edge, 0.4 * edge, 0.6 * edge))]
 
     def spectrum(model):
-        record = run(model, 0.45).seismograms["A"]
+        record = simulate(model, 0.45).seismograms["A"]
         return record.velocity[:, 0] @ np.exp(-1j * omega * record.times) * record.dt
 
     with_it = spectrum(Model(mesh, {"rock": ROCK}, joints=[joint], boundaries=[*ends, *sides],
@@ -148,7 +144,7 @@ def test_ground_at_rest_under_its_weight_stays_at_rest():
                  joints=[Joint("J", "coulomb", {**COULOMB, "friction": 0.7})])  # fmt: skip
 
     prepared = prepare(model, 0.02)
-    still = run(model, 0.02, prepared=prepared)
+    still = simulate(model, 0.02, prepared=prepared)
 
     assert prepared.static["unbalanced"] <= 1e-5
     assert not still.energy["kinetic"].any()
@@ -188,13 +184,13 @@ def test_a_step_that_is_too_long_is_blamed_at_a_node_of_any_kind():
     constants = {**prepared.constants, "dt": 1.6 * prepared.limit.dt}
 
     with pytest.raises(SolverError, match=r"largest velocity at .* in '(rock|soil)'; likely cause"):
-        run(model, 0.05, prepared=replace(prepared, constants=constants))
+        simulate(model, 0.05, prepared=replace(prepared, constants=constants))
 
 
 def test_prescribed_motion_and_fixed_faces_hold_every_node():
     model = site(boundaries=[VelocityInput("west", shaking()), Fixed("bottom")])
 
-    result = run(model, 0.1)
+    result = simulate(model, 0.1)
 
     low = model.nodes.points[:, 2] < 1e-9
     off = np.setdiff1d(np.flatnonzero(low), np.unique(model.nodes.surfaces["west"]))
@@ -208,8 +204,8 @@ def test_fading_ground_and_batches_take_them():
     models = [one, one.with_joint("J", ks=1e9)]
 
     for model, found in zip(models, run_many(models, 0.06), strict=True):
-        own = run(model, 1e-3).dt
-        alone = run(replace(model, step_factor=model.step_factor * found.dt / own), 0.06)
+        own = simulate(model, 1e-3).dt
+        alone = simulate(replace(model, step_factor=model.step_factor * found.dt / own), 0.06)
         record = alone.seismograms["A"]
         assert found.seismograms["A"].velocity == pytest.approx(
             record.velocity, abs=1e-9 * record.pvs

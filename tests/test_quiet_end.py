@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyblast.ensembles.quiet_end import run_until_quiet
+from benchmarks.quiet_end import run_until_quiet
 from pyblast.errors import InputError
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Viscous
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Viscous
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import Hole, TimeFunction
+from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 
 RATE = TimeFunction(1e8 * ricker(np.arange(0.0, 0.03, 2.5e-4), 100.0), 2.5e-4)
@@ -33,7 +33,7 @@ def box(boundaries=SIDES, times=(0.0,)):
 def test_it_ends_early_with_the_bits_of_a_run(quadratic):
     model = replace(box(), quadratic=quadratic)
     found = run_until_quiet(model, 0.5, share=0.02)
-    whole = run(model, 0.5).seismograms
+    whole = simulate(model, 0.5).seismograms
 
     assert found.quiet
     assert 0.03 + np.sqrt(1200.0) / ROCK.cs <= found.duration < 0.25

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pyblast.blasting.blast import Firing
-from pyblast.blasting.hole_tables import read_blast
-from pyblast.blasting.superposition import superpose
-from pyblast.inversion.firing_times import firing_times
-from pyblast.motion.comparison import compare
-from pyblast.motion.seismogram import Seismogram
-from pyblast.records.recordings import read_gather
+from pyblast.blasts.blast import Firing
+from pyblast.blasts.firing_times import firing_times
+from pyblast.blasts.hole_tables import read_blast
+from pyblast.blasts.superposition import superpose
+from pyblast.recordings.recording import read_gather
+from pyblast.signals.comparison import compare
+from pyblast.signals.seismogram import Seismogram
 
 README = Path(__file__).parents[1] / "examples" / "real" / "README.md"
 PLACES = {-5.0: "6", -10.0: "11", -20.0: "16", 51.0: "26", 56.0: "31", 66.0: "36"}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.motion import recorder
-from pyblast.motion.seismogram import Seismogram
+from pyblast.signals import recorder
+from pyblast.signals.seismogram import Seismogram
 
 DT = 1e-3
 TIMES = DT * np.arange(4000)

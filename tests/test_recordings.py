@@ -10,7 +10,7 @@ import recorder_files as files
 from recorder_files import write, write_trace
 
 from pyblast.errors import InputError, PyblastWarning, ReadError
-from pyblast.records.recordings import FORMATS, read_recording, read_stations
+from pyblast.recordings.recording import FORMATS, read_recording, read_stations
 
 RNG = np.random.default_rng(7)
 ZERO = "2025-01-02T03:04:05.100"

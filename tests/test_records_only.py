@@ -5,16 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyblast.diagnosis.records_only.air_wave import air_wave
-from pyblast.diagnosis.records_only.blast_causes import blast_cause
-from pyblast.diagnosis.records_only.closure_law import closure_law, hyperbola
-from pyblast.diagnosis.records_only.line import Shot, shifted
-from pyblast.diagnosis.records_only.odd_channels import odd_channels
-from pyblast.diagnosis.records_only.sensor_response import sensor_response
-from pyblast.diagnosis.records_only.soft_layer import soft_layer
-from pyblast.diagnosis.records_only.thin_layers import rayleigh_speeds
-from pyblast.diagnosis.records_only.unusable import masked, unusable
 from pyblast.errors import InputError
+from pyblast.line_records.air_wave import air_wave
+from pyblast.line_records.layering import rayleigh_speeds, soft_layer
+from pyblast.line_records.quality import masked, odd_channels, unusable
+from pyblast.line_records.sensor import sensor_response
+from pyblast.line_records.shots import Shot, shifted
+from pyblast.line_records.source import blast_cause, closure_law, hyperbola
 
 DT, N, PLACES = 1e-3, 600, 2.0 * np.arange(24)
 FREQUENCY = np.fft.rfftfreq(2 * N, DT)

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from pyblast.diagnosis.records_only.air_wave import air_wave
-from pyblast.diagnosis.records_only.closure_law import closure_law
-from pyblast.diagnosis.records_only.line import shot_of
-from pyblast.diagnosis.records_only.odd_channels import odd_channels
-from pyblast.diagnosis.records_only.soft_layer import soft_layer
-from pyblast.diagnosis.records_only.unusable import unusable
-from pyblast.records.recordings import read_gather
+from pyblast.line_records.air_wave import air_wave
+from pyblast.line_records.layering import soft_layer
+from pyblast.line_records.quality import odd_channels, unusable
+from pyblast.line_records.shots import shot_of
+from pyblast.line_records.source import closure_law
+from pyblast.recordings.recording import read_gather
 
 
 def shots(recordings, line, numbers):

@@ -5,25 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.reduction import reduced as learning
+from benchmarks.reduction import training
+from benchmarks.reduction.family import family
+from benchmarks.reduction.projection import project, solve
+from benchmarks.reduction.ranges import Ranges
+from benchmarks.reduction.reduced import reduced
 from pyblast.errors import InputError
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.reduction import reduced as learning
-from pyblast.reduction import training
-from pyblast.reduction.family import family
-from pyblast.reduction.projection import project, solve
-from pyblast.reduction.ranges import Ranges
-from pyblast.reduction.reduced import reduced
-from pyblast.solving.anisotropy import jointed as medium
-from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.boundaries import FreeField, Roller, StressInput, VelocityInput, Viscous
-from pyblast.solving.charges import Column
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import InSitu, Model, Receiver, Rim
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.model.anisotropy import jointed as medium
+from pyblast.model.boundary import FreeField, Roller, StressInput, VelocityInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import ConstantQ, Damping, Material
+from pyblast.model.model import InSitu, Model, Receiver, Rim
+from pyblast.model.source import Column, Hole, TimeFunction
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 
 TIMES = np.arange(0.0, 0.04, 5e-4)
@@ -92,7 +90,7 @@ def waveforms(records):
 
 def off(one, small, found, values):
     """Return how far a solution is from a run, over the largest motion."""
-    known = run(one.model(values), one.duration, prepared=one.stressed(values))
+    known = simulate(one.model(values), one.duration, prepared=one.stressed(values))
     motion = small.line.back(found.velocity).reshape(one.n_steps, -1, 3)
     wanted = waveforms(known.seismograms)
     got = waveforms(learning.seismograms(one.base, motion, one.dt))
@@ -222,7 +220,7 @@ def test_it_refuses_where_contacts_of_a_full_run_slip():
     with pytest.raises(InputError, match=r"joints.J: \d+ of \d+ watched contacts slip or open"):
         learnt(slips, runs=3).predict(VALUES)
     one = family(slips, Ranges(RANGES), 0.08, 300.0)
-    ended = run(one.model(VALUES), one.duration, prepared=one.stressed(VALUES))
+    ended = simulate(one.model(VALUES), one.duration, prepared=one.stressed(VALUES))
     assert learning.count_failed(ended) > 0
 
 

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 from small_project import written
 
-from pyblast import Seismogram, pipeline
-from pyblast.motion.limits import load_limits
-from pyblast.projects.result import read_result, write_csv
-from pyblast.reporting.limit_figures import limits_figure, peaks_of
-from pyblast.reporting.report import angle, number, render, scaled
-from pyblast.reporting.section import section_of_surface, section_of_zones
+from pyblast import Seismogram
+from pyblast.project.result import read_result, write_csv
+from pyblast.report.figures import limits_figure, peaks_of, section_of_surface, section_of_zones
+from pyblast.report.html import angle, number, render, scaled
+from pyblast.signals.limits import load_limits
+from pyblast.workflows import run
 
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
-    project = pipeline.load_project(
+    project = run.load_project(
         written(folder, ('"Small column"', '"Ore <script>alert(1)</script> & soil"'))
     )
     write_csv(folder / "R1.csv", project.input.motion.rotated(np.pi / 2.0))
@@ -26,7 +26,7 @@ def page(tmp_path_factory):
         ('"Small column"', '"Ore <script>alert(1)</script> & soil"'),
         ('name = "R1"', 'name = "R1<b>"\nrecorded = { file = "R1.csv" }'),
     )
-    outcome = pipeline.run(path)
+    outcome = run.run(path)
     return render(read_result(outcome.folder / "result.h5"))
 
 
@@ -74,7 +74,7 @@ def test_the_figures_of_the_paper_are_there(page):
 
 def test_limit_curves_are_drawn_with_all_peaks_when_they_are_asked_for(tmp_path, page):
     curves = 'duration_s = 0.1\nlimit_curves = ["din_4150_dwelling", "as_2187_occupied"]'
-    outcome = pipeline.run(written(tmp_path, ("duration_s = 0.1", curves)))
+    outcome = run.run(written(tmp_path, ("duration_s = 0.1", curves)))
 
     drawn = render(outcome.result)
 

@@ -8,12 +8,9 @@ from residual_case import BAND, DT, TIMES, N, coloured, dense, residual_case, se
 from scipy import linalg, stats
 
 from pyblast.errors import InputError
-from pyblast.residuals.band import band_functions
-from pyblast.residuals.levels import _evidence, infer_levels
-from pyblast.residuals.noise import noise_of
-from pyblast.residuals.nuisances import mesh_error, nuisances, phase_shares
-from pyblast.residuals.scattering import scattering
-from pyblast.residuals.whitening import whitener
+from pyblast.inference.covariance import _evidence, infer_levels, whitener
+from pyblast.inference.error_model import mesh_error, nuisances, phase_shares, scattering
+from pyblast.inference.noise import band_functions, noise_of
 
 
 @pytest.fixture

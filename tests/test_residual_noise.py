@@ -1,15 +1,13 @@
 """Functions of a band, and noise that its covariance makes white."""
 
-
 import numpy as np
 import pytest
 from residual_case import BAND, DT, N, coloured, residual_case, seismograms
 from scipy import fft, linalg
 
 from pyblast.errors import InputError
-from pyblast.residuals.band import band_functions
-from pyblast.residuals.noise import noise_of
-from pyblast.residuals.whitening import whitener
+from pyblast.inference.covariance import whitener
+from pyblast.inference.noise import band_functions, noise_of
 
 
 @pytest.fixture

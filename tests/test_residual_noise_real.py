@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from scipy import fft
 
-from pyblast.records.recordings import read_gather
-from pyblast.residuals.band import band_functions
-from pyblast.residuals.noise import noise_of
-from pyblast.residuals.whitening import whitener
+from pyblast.inference.covariance import whitener
+from pyblast.inference.noise import band_functions, noise_of
+from pyblast.recordings.recording import read_gather
 
 HITS, BAND, DT, N = range(6, 21), (3.0, 30.0), 1e-3, 250
 

@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from pyblast.errors import ReadError
-from pyblast.motion.seismogram import Seismogram
-from pyblast.projects.result import (
+from pyblast.project.result import (
     Result,
     plain,
     read_result,
@@ -15,7 +14,8 @@ from pyblast.projects.result import (
     write_result,
     write_summary,
 )
-from pyblast.records.recordings import read_recording
+from pyblast.recordings.recording import read_recording
+from pyblast.signals.seismogram import Seismogram
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ import pytest
 from small_site import CUT, DT, SAMPLES, small_site
 
 from pyblast.errors import InputError
-from pyblast.projects.site_model import site_mesh, site_model
-from pyblast.solving.rim import DRAG, Rim
-from pyblast.solving.solver import run
+from pyblast.model.boundary import DRAG, Rim
+from pyblast.project.site_model import site_mesh, site_model
+from pyblast.solver.run import simulate
 
 BOX = ((0.0, 120.0), (0.0, 90.0), (-60.0, 0.0))
 LOWEST = small_site().band[0]
@@ -41,7 +41,7 @@ def heard(site, cut, rim=None):
     """Return what the receivers of a site hear of its first blast."""
     model = site_model(site, "S1", cut, site_mesh(site, cut))
     model = model if rim is None else replace(model, rim=rim)
-    seismograms = run(model, DT * SAMPLES).seismograms
+    seismograms = simulate(model, DT * SAMPLES).seismograms
     return np.stack([one.sampled(0.0, DT, SAMPLES).velocity for one in seismograms.values()])
 
 

@@ -5,17 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyblast.ensembles import scatter
-from pyblast.ensembles.banks import greens_functions
-from pyblast.ensembles.scatter import blast_spectra
 from pyblast.errors import InputError
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.planning.firing_scatter import FiringScatter
-from pyblast.planning.peak_bands import drawn_peaks, peak_bands
-from pyblast.solving.boundaries import Viscous
-from pyblast.solving.charges import MomentTensor
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.sources import Hole, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Viscous
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import Hole, MomentTensor, TimeFunction
+from pyblast.planning.peak_distribution import FiringScatter, drawn_peaks, peak_bands
+from pyblast.runs import blast_ensemble
+from pyblast.runs.blast_ensemble import blast_spectra
+from pyblast.runs.greens_bank import greens_functions
 from verification.columns import ROCK, ricker
 
 SIDES = ("west", "east", "south", "north", "bottom")
@@ -82,7 +80,7 @@ def test_seismograms_are_those_of_the_blast(bank, spectra):
 
 def test_peaks_do_not_depend_on_how_many_blasts_go_together(spectra, monkeypatch):
     at_once = spectra.peaks(TIMES, SCALES)
-    monkeypatch.setattr(scatter, "AT_ONCE", 7 * 6 * spectra.n_samples)
+    monkeypatch.setattr(blast_ensemble, "AT_ONCE", 7 * 6 * spectra.n_samples)
 
     in_batches = spectra.peaks(TIMES, SCALES)
 

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.inversion.adaptive_annealing import adaptive_annealing
-from pyblast.inversion.evaluations import Evaluations, Spent
-from pyblast.inversion.evolution import evolution_search
-from pyblast.inversion.gaussian_process import learn, settings
-from pyblast.inversion.levenberg import levenberg_search
-from pyblast.inversion.sampling import random_search, sobol_search
-from pyblast.inversion.searching import Problem
-from pyblast.inversion.surrogate import surrogate_search
+from pyblast.inference.gauss_newton import levenberg_search
+from pyblast.inference.gaussian_process import learn, settings, surrogate_search
+from pyblast.inference.global_search import (
+    adaptive_annealing,
+    evolution_search,
+    random_search,
+    sobol_search,
+)
+from pyblast.inference.problem import Evaluations, Problem, Spent
 
 LEARNING = [adaptive_annealing, evolution_search, levenberg_search, surrogate_search]
 ALL = [random_search, sobol_search, *LEARNING]

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.motion.seismogram import Seismogram
+from pyblast.signals.seismogram import Seismogram
 
 DT = 1.0 / 1024.0
 

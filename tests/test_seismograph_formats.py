@@ -8,7 +8,7 @@ import pytest
 import recorder_files as files
 
 from pyblast.errors import PyblastWarning
-from pyblast.records.recordings import read_recording
+from pyblast.recordings.recording import read_recording
 
 PRINTED_DIGIT = 0.5e-4 * 1e-3 * 1.01
 LAYOUTS = {

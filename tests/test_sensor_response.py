@@ -7,7 +7,7 @@ import recorder_files as files
 from recorder_files import write, write_trace
 
 from pyblast.errors import InputError, ReadError
-from pyblast.records.recordings import read_recording, remove_response
+from pyblast.recordings.recording import read_recording, remove_response
 
 GEOPHONE = {
     "poles": [-19.8 + 20.2j, -19.8 - 20.2j], "zeros": [0j, 0j], "gain": 1.0, "sensitivity": 4e5,

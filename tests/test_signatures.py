@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from pyblast.blasting.signatures import (
+from pyblast.blasts.signature import (
     CavityPulse,
     SmoothPulse,
     cavity_moment,
@@ -11,7 +11,7 @@ from pyblast.blasting.signatures import (
     cavity_signature,
     pressure_for_peak,
 )
-from pyblast.blasting.site_law import scaled_distance_ppv
+from pyblast.blasts.site_law import scaled_distance_ppv
 from pyblast.errors import InputError
 
 DENSITY, CP, CS, RADIUS = 4500.0, 3393.9, 1813.5, 4.0

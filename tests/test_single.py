@@ -12,15 +12,14 @@ import pytest
 from test_quadratic_models import ROCK, SIDES, SOIL, TIMES, shaking, site
 from test_solver import digest
 
-from pyblast.ensembles.banks import greens_functions
 from pyblast.errors import InputError
-from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.batches import run_many
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.preparation import export, prepare
-from pyblast.solving.solver import run
-from pyblast.solving.sources import PointForce, TimeFunction
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import ConstantQ
+from pyblast.model.source import PointForce, TimeFunction
+from pyblast.runs.greens_bank import greens_functions
+from pyblast.solver.preparation import export, prepare
+from pyblast.solver.run import run_many, simulate
 from verification.columns import ricker
 
 DURATION = 0.06
@@ -49,7 +48,7 @@ def apart(one, other):
 def test_motion_and_energy_are_those_of_eight_bytes(name, quadratic):
     model = site(**SITES[name], quadratic=quadratic)
 
-    double, single = run(model, DURATION), run(replace(model, single=True), DURATION)
+    double, single = simulate(model, DURATION), simulate(replace(model, single=True), DURATION)
 
     assert 0.0 < apart(double, single) < NEAR
     allowed = NEAR * double.energy["input"].max() + 1e-3 * double.energy["joint_stored"][0]
@@ -63,9 +62,9 @@ def test_a_joint_that_pressure_has_closed_rests_until_waves_come():
     boundaries = [*map(Viscous, SIDES), StressInput("west", shaking(None, 1e-4))]
     model = site(joints=[joint], boundaries=boundaries, single=True)
 
-    result = run(model, DURATION)
+    result = simulate(model, DURATION)
 
-    assert apart(run(replace(model, single=False), DURATION), result) < 0.01
+    assert apart(simulate(replace(model, single=False), DURATION), result) < 0.01
 
 
 SCRIPT = """
@@ -87,12 +86,12 @@ def test_any_number_of_threads_gives_the_same_bits(threads):
 
     out = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
 
-    whole = run(site(**SITES["fades"], single=True), DURATION)
+    whole = simulate(site(**SITES["fades"], single=True), DURATION)
     assert json.loads(out.stdout.strip().splitlines()[-1]) == digest(whole)
 
 
 def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path, monkeypatch):
-    monkeypatch.setattr("pyblast.solving.preparation.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pyblast.solver.preparation.CHUNK_SECONDS", 0.0)
     path, model = tmp_path / "checkpoint.h5", site(single=True)
 
     def stop(_, done, total):
@@ -100,18 +99,18 @@ def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path, monkeypatch):
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run(model, DURATION, progress=stop, checkpoint=path)
+        simulate(model, DURATION, progress=stop, checkpoint=path)
 
-    assert digest(run(model, DURATION, resume=path)) == digest(run(model, DURATION))
+    assert digest(simulate(model, DURATION, resume=path)) == digest(simulate(model, DURATION))
     with pytest.raises(InputError, match="another model"):
-        run(replace(model, single=False), DURATION, resume=path)
+        simulate(replace(model, single=False), DURATION, resume=path)
 
 
 def test_many_runs_are_those_of_one():
     models = [replace(site(**SITES["linear"], quadratic=False), single=True)] * 2
 
     for one in run_many(models, DURATION):
-        assert digest(one) == digest(run(models[0], DURATION))
+        assert digest(one) == digest(simulate(models[0], DURATION))
 
 
 def test_stored_responses_superpose_to_the_run():
@@ -122,7 +121,7 @@ def test_stored_responses_superpose_to_the_run():
 
     found = greens_functions(model, DURATION, side="source").blast([push])["A"]
 
-    wanted = run(model, DURATION).seismograms["A"]
+    wanted = simulate(model, DURATION).seismograms["A"]
     n = min(len(found.velocity), len(wanted.velocity))
     gap = np.abs(found.velocity[:n] - wanted.velocity[:n]).max()
     assert gap < NEAR * np.abs(wanted.velocity).max()

@@ -9,15 +9,13 @@ import numpy as np
 import pytest
 from small_site import CUT, recorded, small_site
 
-from pyblast.diagnose import diagnose_folder
 from pyblast.diagnosis.case import case_of
 from pyblast.errors import InputError, PyblastError
-from pyblast.foretell import check_further
-from pyblast.projects.site import read_site
-from pyblast.projects.site_checks import check_site
-from pyblast.projects.site_model import site_mesh
-from pyblast.projects.site_writer import write_site
-from pyblast.records.mseed_file import mseed_bytes
+from pyblast.project.site import check_site, read_site
+from pyblast.project.site_file import write_site
+from pyblast.project.site_model import site_mesh
+from pyblast.recordings.seismic import mseed_bytes
+from pyblast.workflows.diagnose import check_further, diagnose_folder
 
 SOIL = 'layers = [{{ name = "{}", thickness_m = {}, density = 2000, vp = 800, vs = 400 }},'
 JOINT = """[[joints]]
@@ -190,7 +188,8 @@ def test_a_change_of_a_file_in_another_folder_is_another_case(tmp_path, monkeypa
     holes = inner(changed(tmp_path, ('"B1_holes.csv"', '"inner/B1_holes.csv"')), "B1_holes.csv")
     hashes = []
     monkeypatch.setattr(
-        "pyblast.diagnose._finished", lambda _, provenance, *__: hashes.append(provenance) or {}
+        "pyblast.workflows.diagnose._finished",
+        lambda _, provenance, *__: hashes.append(provenance) or {},
     )
     for charge in (",60,", ",30,"):
         holes.write_text(holes.read_text().replace(",60,", charge))

@@ -11,9 +11,8 @@ from scipy import stats
 from typer.testing import CliRunner
 
 from pyblast import InputError, fit_site_law
-from pyblast.__main__ import app
-from pyblast.blasting.site_law import scaled_distance_ppv
-from pyblast.blasting.site_records import read_site_records
+from pyblast.blasts.site_law import read_site_records, scaled_distance_ppv
+from pyblast.cli.commands import app
 from pyblast.errors import ReadError
 
 K, BETA, S = 1.2, 1.6, 0.2

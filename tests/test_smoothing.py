@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pyblast.meshing import tetrahedra
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.meshing.smoothing import free_ways, smoothed, thinness
+from pyblast.mesh import tetrahedra
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.gmsh import free_ways, smoothed, thinness
 
 SIDES = ("west", "east", "south", "north", "bottom", "top")
 

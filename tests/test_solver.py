@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError, ReadError, SolverError
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving import solver
-from pyblast.solving.boundaries import Roller, StressInput, VelocityInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping
-from pyblast.solving.model import InSitu, Model, Receiver
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, PointForce, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Roller, StressInput, VelocityInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Damping
+from pyblast.model.model import InSitu, Model, Receiver
+from pyblast.model.source import Hole, PointForce, TimeFunction
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver import run
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 
 DT = 1e-3
@@ -76,7 +76,7 @@ def digest(result):
 
 @pytest.fixture(scope="module")
 def whole():
-    return run(slipping_model(), 0.2)
+    return simulate(slipping_model(), 0.2)
 
 
 def test_the_model_of_these_tests_slips_and_opens(whole):
@@ -93,7 +93,7 @@ import sys, json
 sys.path.insert(0, sys.argv[1])
 from test_solver import digest, slipping_model
 from pyblast import _core
-from pyblast.solving.solver import run
+from pyblast.solver.run import run
 _core.pyblast_kinds.least_shared = int(sys.argv[2])
 result = run(slipping_model(), 0.2)
 print(json.dumps([digest(result), result.prepared.fingerprint, result.provenance["threads"]]))
@@ -115,10 +115,10 @@ def test_any_number_of_threads_gives_the_same_bits(threads, least, whole):
 
 @pytest.mark.parametrize("seconds", [0.0, 0.003])
 def test_the_length_of_chunks_changes_no_bit(seconds, whole, monkeypatch):
-    monkeypatch.setattr("pyblast.solving.preparation.CHUNK_SECONDS", seconds)
+    monkeypatch.setattr("pyblast.solver.preparation.CHUNK_SECONDS", seconds)
     calls = []
 
-    result = run(
+    result = simulate(
         slipping_model(), 0.2, prepared=whole.prepared, progress=lambda *call: calls.append(call)
     )
 
@@ -127,7 +127,7 @@ def test_the_length_of_chunks_changes_no_bit(seconds, whole, monkeypatch):
 
 
 def test_a_run_does_not_change_what_was_prepared(whole):
-    again = run(slipping_model(), 0.2, prepared=whole.prepared)
+    again = simulate(slipping_model(), 0.2, prepared=whole.prepared)
 
     assert digest(again) == digest(whole)
 
@@ -145,12 +145,12 @@ class Stop:
 
 @pytest.mark.parametrize("step", [1, 250])
 def test_an_interrupted_run_goes_on_with_the_same_bits(step, whole, tmp_path, monkeypatch):
-    monkeypatch.setattr("pyblast.solving.preparation.CHUNK_SECONDS", 0.01)
+    monkeypatch.setattr("pyblast.solver.preparation.CHUNK_SECONDS", 0.01)
     path = tmp_path / "checkpoint.h5"
     with pytest.raises(KeyboardInterrupt):
-        run(slipping_model(), 0.2, progress=Stop(step), checkpoint=path)
+        simulate(slipping_model(), 0.2, progress=Stop(step), checkpoint=path)
 
-    result = run(slipping_model(), 0.2, resume=path)
+    result = simulate(slipping_model(), 0.2, resume=path)
 
     assert digest(result) == digest(whole)
 
@@ -158,10 +158,10 @@ def test_an_interrupted_run_goes_on_with_the_same_bits(step, whole, tmp_path, mo
 def test_a_checkpoint_of_another_model_is_refused(tmp_path):
     path = tmp_path / "checkpoint.h5"
     with pytest.raises(KeyboardInterrupt):
-        run(tiny_model(), 0.02, progress=Stop(1), checkpoint=path)
+        simulate(tiny_model(), 0.02, progress=Stop(1), checkpoint=path)
 
     with pytest.raises(InputError, match="checkpoint of another model or duration"):
-        run(tiny_model(damping=Damping(0.01, 20.0)), 0.02, resume=path)
+        simulate(tiny_model(damping=Damping(0.01, 20.0)), 0.02, resume=path)
 
 
 def test_a_broken_checkpoint_is_refused(tmp_path):
@@ -169,24 +169,24 @@ def test_a_broken_checkpoint_is_refused(tmp_path):
     path.write_bytes(b"no HDF5")
 
     with pytest.raises(ReadError, match=r"checkpoint\.h5: not a whole HDF5 file"):
-        run(tiny_model(), 0.02, resume=path)
+        simulate(tiny_model(), 0.02, resume=path)
 
 
 def test_a_checkpoint_with_another_number_in_it_is_refused(tmp_path):
     path = tmp_path / "checkpoint.h5"
     with pytest.raises(KeyboardInterrupt):
-        run(tiny_model(), 0.02, progress=Stop(1), checkpoint=path)
+        simulate(tiny_model(), 0.02, progress=Stop(1), checkpoint=path)
     with h5py.File(path, "r+") as file:
         file["state/velocity"][0, 0] += 1e-9
 
     with pytest.raises(ReadError, match=r"checkpoint\.h5: damaged, its checksum differs"):
-        run(tiny_model(), 0.02, resume=path)
+        simulate(tiny_model(), 0.02, resume=path)
 
 
 def test_snapshots_hold_the_velocity_at_their_times():
     force = PointForce(np.array([4.0, 2.0, 2.0]), np.eye(3)[0], TimeFunction(1e6 * TIMES, DT))
 
-    result = run(tiny_model(sources=[force]), 0.02, snapshot_times=[0.01, 0.02])
+    result = simulate(tiny_model(sources=[force]), 0.02, snapshot_times=[0.01, 0.02])
 
     assert list(result.snapshots) == pytest.approx([0.01, 0.02], abs=result.dt)
     last = result.snapshots[max(result.snapshots)]
@@ -201,7 +201,7 @@ def test_a_receiver_reads_the_linear_motion_inside_its_zone():
     velocity = shift + model.mesh.points @ slope.T
     state = {**prepared.state, "velocity": velocity}
 
-    result = run(model, 1e-4, prepared=replace(prepared, state=state))
+    result = simulate(model, 1e-4, prepared=replace(prepared, state=state))
 
     for n, place in enumerate(places):
         first = result.seismograms[f"{n}"].velocity[0]
@@ -212,7 +212,7 @@ def test_an_azimuth_turns_the_components_of_a_receiver():
     force = PointForce(np.array([4.0, 2.0, 2.0]), [1.0, 2.0, 3.0], TimeFunction(1e6 * TIMES, DT))
     receivers = [Receiver("plain", (1.0, 1.0, 1.0)), Receiver("turned", (1.0, 1.0, 1.0), 0.3)]
 
-    records = run(tiny_model(sources=[force], receivers=receivers), 0.01).seismograms
+    records = simulate(tiny_model(sources=[force], receivers=receivers), 0.01).seismograms
 
     assert records["plain"].components == ("east", "north", "vertical")
     assert records["turned"].components[0] == "longitudinal"
@@ -230,7 +230,7 @@ def test_an_input_that_is_not_finite_is_caught_within_fifty_steps(value, bad_ste
     prepared.constants["history"][bad_step] = value
 
     with pytest.raises(SolverError, match=r"at step \d+ \(t = .* s\).* at \(.*\) m in 'rock'") as e:
-        run(model, 0.05, prepared=prepared)
+        simulate(model, 0.05, prepared=prepared)
 
     step = int(str(e.value).split("at step ")[1].split()[0])
     assert bad_step < step <= bad_step + 50
@@ -246,7 +246,7 @@ def test_rounding_in_a_closed_joint_at_rest_is_no_growth(pressure):
 
     model = Model(mesh, {"rock": ROCK}, joints=[closed], boundaries=quiet)
 
-    assert run(model, 0.05).energy["kinetic"].max() < 1e-20
+    assert simulate(model, 0.05).energy["kinetic"].max() < 1e-20
 
 
 @pytest.mark.parametrize("start", range(15, 27))
@@ -256,7 +256,7 @@ def test_a_load_may_begin_at_any_step(start, power):
     push = TimeFunction(1e6 * np.arange(1.0, 200.0) ** power, dt, start=start * dt)
     force = PointForce(np.array([4.0, 2.0, 2.0]), np.eye(3)[0], push)
 
-    result = run(tiny_model(sources=[force]), 60 * dt)
+    result = simulate(tiny_model(sources=[force]), 60 * dt)
 
     assert result.balance_error < 1e-10
 
@@ -264,7 +264,7 @@ def test_a_load_may_begin_at_any_step(start, power):
 @pytest.mark.parametrize("duration", [0.0, -1.0, np.nan, np.inf])
 def test_a_duration_that_is_none_is_refused(duration):
     with pytest.raises(InputError, match="duration: must be positive"):
-        run(tiny_model(), duration)
+        simulate(tiny_model(), duration)
 
 
 def test_a_velocity_on_a_viscous_surface_is_refused_with_the_reason():
@@ -275,7 +275,7 @@ def test_a_velocity_on_a_viscous_surface_is_refused_with_the_reason():
 def test_a_prescribed_velocity_is_the_motion_of_its_surface():
     receiver = Receiver("A", (0.0, 2.0, 2.0))
 
-    result = run(
+    result = simulate(
         tiny_model(boundaries=[VelocityInput("west", shaking())], receivers=[receiver]), 0.1
     )
 
@@ -288,10 +288,10 @@ def test_a_prescribed_velocity_is_the_motion_of_its_surface():
 def test_a_resumed_run_needs_the_same_receivers(tmp_path):
     path = tmp_path / "checkpoint.h5"
     with pytest.raises(KeyboardInterrupt):
-        run(tiny_model(), 0.02, progress=Stop(1), checkpoint=path)
+        simulate(tiny_model(), 0.02, progress=Stop(1), checkpoint=path)
 
     with pytest.raises(InputError, match="another model"):
-        run(tiny_model(receivers=[Receiver("A", (2.0, 1.0, 1.0))]), 0.02, resume=path)
+        simulate(tiny_model(receivers=[Receiver("A", (2.0, 1.0, 1.0))]), 0.02, resume=path)
 
 
 def normal_reflection(boundaries):
@@ -302,7 +302,7 @@ def normal_reflection(boundaries):
     model = Model(
         mesh, {"rock": ROCK}, boundaries=[*guides, StressInput("west", push), *boundaries]
     )
-    result = run(model, 0.2)
+    result = simulate(model, 0.2)
     return result.energy["dashpots"][-1] / result.energy["input"][-1]
 
 
@@ -321,14 +321,14 @@ def test_a_roller_of_the_static_stage_leaves_the_dashpots_alone():
 
 
 def test_provenance_names_versions_and_the_hash_of_the_input():
-    result = run(tiny_model(), 0.005)
+    result = simulate(tiny_model(), 0.005)
 
     assert result.provenance["input_sha256"] == result.prepared.fingerprint
     assert {"pyblast", "numpy", "threads"} <= set(result.provenance)
 
 
 def test_a_still_model_stays_still_and_balances():
-    result = run(tiny_model(), 0.01)
+    result = simulate(tiny_model(), 0.01)
 
     assert not result.state["velocity"].any()
     assert result.balance_error == 0.0
@@ -340,4 +340,4 @@ def test_balance_error_is_the_gap_over_what_was_put_in():
     energy = dict.fromkeys(names.split(), zero)
     energy |= {"kinetic": np.array([0.0, 3.0]), "input": np.array([0.0, 4.0])}
 
-    assert solver.balance_error(energy) == pytest.approx(0.25)
+    assert run.balance_error(energy) == pytest.approx(0.25)

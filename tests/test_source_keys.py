@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from small_project import TEXT, written
 
-from pyblast import pipeline
 from pyblast.errors import InputError, PyblastError
-from pyblast.projects.checks import check
-from pyblast.projects.project import load_project
-from pyblast.solving.charges import Column, MomentTensor
-from pyblast.solving.pressures import AirBlast, Pressure
+from pyblast.model.source import AirBlast, Column, MomentTensor, Pressure
+from pyblast.project.checks import check
+from pyblast.project.project import load_project
+from pyblast.workflows import run
 
 FACE = TEXT[TEXT.index("[signature.cavity]") : TEXT.index("[[receivers]]")]
 BLAST = TEXT[TEXT.index("[blast]") : TEXT.index("[signature.cavity]")]
@@ -133,7 +132,7 @@ def test_an_air_blast_acts_beside_a_motion_on_a_face(tmp_path):
 def test_the_report_tells_of_pressures_and_air(tmp_path):
     project = loaded(tmp_path, AIR)
 
-    page = (pipeline.run(project, tmp_path / "out").folder / "report.html").read_text("utf-8")
+    page = (run.run(project, tmp_path / "out").folder / "report.html").read_text("utf-8")
 
     assert "air blast over &#39;top&#39; at 340 m/s" in page
     assert "D25" in {finding.code for finding in check(project, False).findings}

@@ -7,17 +7,17 @@ import pytest
 from small_project import TEXT, written
 from typer.testing import CliRunner
 
-from pyblast.__main__ import app
-from pyblast.blasting.signatures import SmoothPulse, cavity_moment, cavity_response
+from pyblast.blasts.signature import SmoothPulse, cavity_moment, cavity_response
+from pyblast.cli.commands import app
 from pyblast.errors import InputError, ReadError
-from pyblast.meshing.mesh import edge_lengths, locate
-from pyblast.projects.census import central_frequency, input_band
-from pyblast.projects.checks import check
-from pyblast.projects.config_sources import ChargedHoleConfig, HolesInsideConfig
-from pyblast.projects.project import load_project
-from pyblast.projects.source_input import make_moment_rate
-from pyblast.solving.boundaries import StressInput, VelocityInput
-from pyblast.solving.materials import Material
+from pyblast.mesh.mesh import edge_lengths, locate
+from pyblast.model.boundary import StressInput, VelocityInput
+from pyblast.model.material import Material
+from pyblast.project.census import central_frequency, input_band
+from pyblast.project.checks import check
+from pyblast.project.config_ground import ChargedHoleConfig, HolesInsideConfig
+from pyblast.project.inputs import make_moment_rate
+from pyblast.project.project import load_project
 
 FACE = TEXT[TEXT.index("[signature.cavity]") : TEXT.index("[[receivers]]")]
 HOLE = """

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.motion.seismogram import Seismogram
-from pyblast.motion.spectra import (
+from pyblast.signals.seismogram import Seismogram
+from pyblast.signals.spectra import (
     amplitude_spectrum,
     dominant_frequency,
     lowpass,

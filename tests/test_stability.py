@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 import reference
 
+from pyblast import core
 from pyblast.errors import SolverError
-from pyblast.meshing.mesh import Mesh, volumes
-from pyblast.meshing.mesh_builder import Layer, structured_box
-from pyblast.solving import kernels, stability
-from pyblast.solving.boundaries import Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import Model
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
+from pyblast.mesh.builder import Layer, structured_box
+from pyblast.mesh.mesh import Mesh, volumes
+from pyblast.model.boundary import Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Damping, Material
+from pyblast.model.model import Model
+from pyblast.solver import time_step
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 from verification.columns import ROCK, started
 from verification.meshes import ball_octant
 from verification.rungs.full_space import cavity_radii
@@ -46,7 +47,7 @@ def small(crook=0.0, stiffness=None, damping=None, pattern="kuhn", **parts):
 def probed(model):
     """Return M^-1 K and M^-1 C (n, n) of a model, one unit motion at a time, from the kernels."""
     prepared = prepare(model, 1e-3)
-    views, dt = kernels.to_fortran(prepared.constants), prepared.constants["dt"]
+    views, dt = core.to_fortran(prepared.constants), prepared.constants["dt"]
     n = prepared.state["displacement"].size
     stiffness, drag = np.zeros((2, n, n))
     for column in range(n):
@@ -54,7 +55,7 @@ def probed(model):
             state = {key: value.copy() for key, value in prepared.state.items()}
             state[name].flat[column] = 1.0
             before = state["velocity"].ravel().copy()
-            kernels.advance(views, state, 0, 1, 1)
+            core.advance(views, state, 0, 1, 1)
             matrix[:, column] = (before - state["velocity"].ravel()) / dt
     return stiffness, drag
 
@@ -103,7 +104,7 @@ LEAST = {
 def test_the_bound_is_safe_and_near_the_true_limit(case):
     model = small(**CASES[case])
 
-    ratio = stability.critical_step(model).dt / true_limit(*probed(model))
+    ratio = time_step.critical_step(model).dt / true_limit(*probed(model))
 
     assert LEAST.get(case, 0.6) < ratio <= 1.0 + 1e-4
 
@@ -125,7 +126,7 @@ def test_the_frequency_of_a_zone_is_exact(seed):
     poisson = rng.uniform(-0.5, 0.49)
     material = Material.from_young_poisson(2000.0, 1e9, poisson)
 
-    found = stability.zone_frequencies(
+    found = time_step.zone_frequencies(
         points,
         np.array([[0, 1, 2, 3]]),
         *(np.array([value]) for value in (material.first_lame, material.shear, 2000.0)),
@@ -149,7 +150,7 @@ def shaken(model, n_steps, dt=None):
         prepared = prepare(model, n_steps * dt)
     velocity = np.random.default_rng(0).normal(size=prepared.state["velocity"].shape)
     state = {**prepared.state, "velocity": velocity}
-    return run(model, n_steps * dt, prepared=replace(prepared, state=state))
+    return simulate(model, n_steps * dt, prepared=replace(prepared, state=state))
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -181,33 +182,33 @@ def first_growth(model, dt):
     """Return the step at which kinetic energy first exceeds twice that of the start."""
     prepared = prepare(model, 1e-3)
     constants = {**prepared.constants, "dt": dt, "history": np.zeros((2000, 1))}
-    views = kernels.to_fortran(constants)
+    views = core.to_fortran(constants)
     state = {name: value.copy() for name, value in prepared.state.items()}
     state["velocity"] = np.random.default_rng(0).normal(size=state["velocity"].shape)
     mass = constants["node_mass"][:, None]
     start = np.sum(mass * state["velocity"] ** 2)
     for step in range(2000):
-        kernels.advance(views, state, step, 1, 10**6)
+        core.advance(views, state, step, 1, 10**6)
         if np.sum(mass * state["velocity"] ** 2) > 2.0 * start:
             return step
     return None
 
 
 def test_the_limit_names_the_zone_or_the_joint_that_sets_it():
-    assert "a zone of 'rock'" in stability.critical_step(small()).limited_by
-    assert "joint 'J" in stability.critical_step(small(stiffness=1e13)).limited_by
+    assert "a zone of 'rock'" in time_step.critical_step(small()).limited_by
+    assert "joint 'J" in time_step.critical_step(small(stiffness=1e13)).limited_by
 
 
 def test_mass_damping_costs_no_step():
     damping = Damping(0.1, 60.0, stiffness=False)
 
-    assert stability.critical_step(small(damping=damping)).dt == stability.critical_step(small()).dt
+    assert time_step.critical_step(small(damping=damping)).dt == time_step.critical_step(small()).dt
 
 
 def test_stiffness_damping_shortens_the_step_by_the_formula():
     damping = Damping(0.05, 60.0)
-    plain = stability.critical_step(small())
-    damped = stability.critical_step(small(damping=damping))
+    plain = time_step.critical_step(small())
+    damped = time_step.critical_step(small(damping=damping))
 
     share = damping.beta / plain.dt  # xi = beta omega / 2 at the largest frequency
     assert damped.dt / plain.dt == pytest.approx(np.sqrt(1.0 + share**2) - share, rel=1e-9)
@@ -225,7 +226,7 @@ def with_a_sliver(share, n=8, **parts):
 
 
 def test_added_mass_lengthens_the_step_within_its_share_of_each_material():
-    plain, scaled = (stability.critical_step(with_a_sliver(share)) for share in (0.0, 0.005))
+    plain, scaled = (time_step.critical_step(with_a_sliver(share)) for share in (0.0, 0.005))
     model = with_a_sliver(0.005)
     rock = model.zone_values("cp") == ROCK.cp
     mass = model.zone_values("density") * volumes(model.mesh)
@@ -242,9 +243,9 @@ def test_added_mass_lengthens_the_step_within_its_share_of_each_material():
 def test_no_place_takes_more_than_twenty_shares():
     model = with_a_sliver(0.0005, 16)
     mass = model.zone_values("density") * volumes(model.mesh)
-    added = stability.critical_step(model).added_mass
+    added = time_step.critical_step(model).added_mass
 
-    places = np.arange(0, len(mass) - stability.PLACE, stability.PLACE)
+    places = np.arange(0, len(mass) - time_step.PLACE, time_step.PLACE)
     share = np.add.reduceat(added, places) / np.add.reduceat(mass, places)
     assert share.max() == pytest.approx(20 * 0.0005, rel=1e-6)
     assert added.sum() < 0.0005 * mass.sum()
@@ -256,7 +257,7 @@ def test_ground_that_is_fine_on_purpose_keeps_its_mass():
     points[:, 0] = 0.25 * (1.08 ** (16.0 * points[:, 0]) - 1.0)
     graded = Model(replace(mesh, points=points), {"rock": ROCK}, added_mass=0.05)
 
-    limit = stability.critical_step(graded)
+    limit = time_step.critical_step(graded)
 
     assert not limit.added_mass.any()
     assert limit.dt == limit.unscaled
@@ -267,7 +268,7 @@ def test_ground_that_is_fine_on_purpose_keeps_its_mass():
 def test_the_wall_of_a_cavity_keeps_its_mass(n_edges, quadratic):
     mesh = ball_octant(n_edges, cavity_radii(n_edges))
 
-    limit = stability.critical_step(Model(mesh, {"rock": ROCK}, quadratic=quadratic))
+    limit = time_step.critical_step(Model(mesh, {"rock": ROCK}, quadratic=quadratic))
 
     assert not limit.added_mass.any()
 

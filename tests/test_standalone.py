@@ -8,17 +8,16 @@ import h5py
 import numpy as np
 import pytest
 
-from pyblast.meshing.mesh_builder import Layer, structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving import kernels
-from pyblast.solving.anisotropy import jointed
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import InSitu, Model, Receiver
-from pyblast.solving.plasticity import MohrCoulomb
-from pyblast.solving.preparation import export, prepare
-from pyblast.solving.solver import run
+from pyblast import core
+from pyblast.mesh.builder import Layer, structured_box
+from pyblast.model.anisotropy import jointed
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Damping, Material, MohrCoulomb
+from pyblast.model.model import InSitu, Model, Receiver
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.preparation import export, prepare
+from pyblast.solver.run import simulate
 from verification.contact import properties
 from verification.zone import MATERIALS
 
@@ -68,7 +67,7 @@ def march(*arguments):
 
 
 def test_the_program_marches_to_the_same_bits_as_python(model, exported, tmp_path):
-    here = run(model, 0.15)
+    here = simulate(model, 0.15)
 
     done = march(exported, tmp_path / "result.h5")
 
@@ -100,7 +99,7 @@ def test_yielding_and_anisotropic_ground_marches_to_the_same_bits(tmp_path):
     )
     prepared = prepare(model, 0.05)
     export(prepared, tmp_path / "model.h5")
-    here = run(model, 0.05, prepared=prepared)
+    here = simulate(model, 0.05, prepared=prepared)
 
     done = march(tmp_path / "model.h5", tmp_path / "result.h5")
 
@@ -114,7 +113,7 @@ def test_yielding_and_anisotropic_ground_marches_to_the_same_bits(tmp_path):
 def test_all_laws_of_zones_and_joints_together_march_to_the_same_bits(tmp_path):
     names = list(MATERIALS)
     layers = [*(Layer(name, 4.0) for name in names[:-1]), Layer(names[-1])]
-    laws = list(kernels.JOINT_LAWS)
+    laws = list(core.JOINT_LAWS)
     planes = {law: ("x", 8.0 * (n + 1)) for n, law in enumerate(laws)}
     edges = np.arange(0.0, 8.0 * len(laws) + 9.0, 4.0)
     grid = edges, [0.0, 4.0], np.arange(-16.0, 1.0, 4.0)
@@ -130,7 +129,7 @@ def test_all_laws_of_zones_and_joints_together_march_to_the_same_bits(tmp_path):
     )
     prepared = prepare(model, 0.1)
     export(prepared, tmp_path / "model.h5")
-    here = run(model, 0.1, prepared=prepared)
+    here = simulate(model, 0.1, prepared=prepared)
 
     done = march(tmp_path / "model.h5", tmp_path / "result.h5")
 
@@ -141,7 +140,7 @@ def test_all_laws_of_zones_and_joints_together_march_to_the_same_bits(tmp_path):
             assert np.array_equal(file[f"state/{name}"][()], value), name
     moved = here.state["contact_traction"] != prepared.constants["contact_initial"]
     assert moved.any(axis=1).all()
-    for law in kernels.JOINT_LAWS.values():
+    for law in core.JOINT_LAWS.values():
         mine = prepared.constants["joint_law"][prepared.constants["contact_joint"]] == law.number
         remembered = here.state["contact_state"][mine][:, : len(law.state)]
         assert remembered.any() or not law.state, law.name

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyblast.inversion.strength import factors, watched_run
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.solver import run
+from pyblast.back_analysis.slip import factors, watched_run
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.model import Model, Receiver
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 
 NORMAL = np.array([[1.0, 0.0, 0.0]])
@@ -80,8 +80,10 @@ def test_the_margin_is_the_least_factor_that_reaches_the_strength(rest):
         moved = rng.normal(size=3)
         found, wanted = factor(initial, moved, **strength), brute(initial, moved, **strength)
         # beyond the grid nothing is looked for
-        assert found == pytest.approx(wanted, abs=1e-4) or min(found, wanted) > 14.9 or (
-            found == 0.0 and wanted < 1e-4
+        assert (
+            found == pytest.approx(wanted, abs=1e-4)
+            or min(found, wanted) > 14.9
+            or (found == 0.0 and wanted < 1e-4)
         )
 
 
@@ -102,7 +104,7 @@ def test_a_watched_run_is_the_run_itself():
 
     found, _ = watched_run(model, 0.1, 100.0)
 
-    wanted = run(model, 0.1)
+    wanted = simulate(model, 0.1)
     assert np.array_equal(found.seismograms["A"].velocity, wanted.seismograms["A"].velocity)
     assert np.array_equal(found.energy["input"], wanted.energy["input"])
 

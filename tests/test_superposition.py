@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from pyblast.blasting.blast import Blast, Firing
-from pyblast.blasting.superposition import superpose, travel_shifts
+from pyblast.blasts.blast import Blast, Firing
+from pyblast.blasts.superposition import superpose, travel_shifts
 from pyblast.errors import InputError
-from pyblast.motion.seismogram import Seismogram
+from pyblast.signals.seismogram import Seismogram
 
 DT = 1.0 / 1024.0
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from inversion_project import PARAMETERS, target, twin_file
 
-from pyblast.ensembles.many_runs import workers
+from pyblast.back_analysis.parameters import Parameter
+from pyblast.back_analysis.trials import TrialLog, Trials, identity
 from pyblast.errors import InputError, ReadError, SolverError
-from pyblast.inversion import forward
-from pyblast.inversion.annealing import paper
-from pyblast.inversion.levenberg import levenberg_search
-from pyblast.inversion.parameters import Parameter
-from pyblast.inversion.trials import TrialLog, Trials, identity
-from pyblast.projects.project import load_project
+from pyblast.inference.gauss_newton import levenberg_search
+from pyblast.inference.global_search import paper
+from pyblast.project.project import load_project
+from pyblast.runs.parallel import workers
+from pyblast.workflows.back_analysis import trials
 
 TRUTH = np.array([[0.114, 0.025, 0.0112]])
 
@@ -43,7 +43,7 @@ def points_of(target_, count):
 
 
 def test_the_misfit_is_zero_where_the_records_were_made(twin):
-    found, other = (forward.evaluate(twin, scale * TRUTH)[0]["misfit"] for scale in (1.0, 1.5))
+    found, other = (trials.evaluate(twin, scale * TRUTH)[0]["misfit"] for scale in (1.0, 1.5))
 
     assert found < 0.1  # %: the step held for the ranges is not that of the record
     assert other > 1.0
@@ -52,11 +52,11 @@ def test_the_misfit_is_zero_where_the_records_were_made(twin):
 def test_a_point_has_one_misfit_whatever_marches_beside_it(twin):
     points = points_of(twin, 8)
 
-    full = [row["misfit"] for row in forward.evaluate(twin, points)]
-    pair = [row["misfit"] for row in forward.evaluate(twin, points[[3, 6]])]
+    full = [row["misfit"] for row in trials.evaluate(twin, points)]
+    pair = [row["misfit"] for row in trials.evaluate(twin, points[[3, 6]])]
 
     assert pair == [full[3], full[6]]
-    assert forward.evaluate(twin, points[3:4])[0]["misfit"] == pytest.approx(full[3], rel=1e-6)
+    assert trials.evaluate(twin, points[3:4])[0]["misfit"] == pytest.approx(full[3], rel=1e-6)
 
 
 def test_a_search_that_was_killed_and_resumed_has_the_same_trace_and_log(twin, tmp_path):
@@ -94,14 +94,14 @@ def test_least_squares_goes_down_in_13_runs_and_is_resumed_to_the_same_trace(twi
 
 
 def test_residuals_of_a_model_that_can_not_be_run_are_infinite(twin, tmp_path, monkeypatch):
-    run_many = forward.run_many
+    run_many = trials.run_many
 
     def fails(models, duration, *, step=None):
         if models[0].damping.ratio > 0.03:
             raise SolverError("the motion grew")
         return run_many(models, duration, step=step)
 
-    monkeypatch.setattr(forward, "run_many", fails)
+    monkeypatch.setattr(trials, "run_many", fails)
     log = TrialLog(tmp_path / "log.jsonl", identity(twin, "paper", 1))
 
     _, residuals = Trials(twin, log, 2).vectors([[0.1, 0.02, 0.04], [0.1, 0.02, 0.01]])
@@ -117,7 +117,7 @@ def test_a_misfit_without_residuals_has_no_least_squares(twin):
 
 def test_resuming_a_finished_search_runs_nothing(twin, tmp_path, monkeypatch):
     whole = searched(twin, tmp_path / "log.jsonl")
-    monkeypatch.setattr("pyblast.inversion.trials.evaluate", None)
+    monkeypatch.setattr("pyblast.back_analysis.trials.evaluate", None)
 
     assert np.array_equal(
         searched(twin, tmp_path / "log.jsonl", resume=True).misfits, whole.misfits
@@ -182,8 +182,8 @@ def test_a_model_that_can_not_be_run_has_an_infinite_misfit_and_its_reason(
             raise SolverError("the motion grew")
         return run_many(models, duration, step=step)
 
-    run_many = forward.run_many
-    monkeypatch.setattr(forward, "run_many", fails)
+    run_many = trials.run_many
+    monkeypatch.setattr(trials, "run_many", fails)
 
     misfits = misfits_of(twin, [[0.1, 0.02, 0.01], [0.1, 0.02, 0.04]], tmp_path / "log.jsonl")
 
@@ -201,7 +201,7 @@ def test_lagged_damping_that_would_halve_the_step_is_not_marched_in_one_step(tmp
     text = path.read_text().replace("frequency_hz = 4", "frequency_hz = 1\nlagged = true")
     path.write_text(text)
 
-    assert forward.held_step(load_project(path), PARAMETERS) is None
+    assert trials.held_step(load_project(path), PARAMETERS) is None
 
 
 def test_a_worker_of_dask_that_is_killed_costs_nothing(twin, tmp_path):

@@ -5,18 +5,18 @@ import pytest
 from small_project import TEXT, written
 from typer.testing import CliRunner
 
-from pyblast import pipeline
-from pyblast.__main__ import app
-from pyblast.blasting.blast import Blast
-from pyblast.console import Progress
+from pyblast.blasts.blast import Blast
+from pyblast.cli.commands import app
+from pyblast.cli.console import Progress
 from pyblast.errors import InputError, ReadError
-from pyblast.motion.seismogram import Seismogram
-from pyblast.projects.checks import check
-from pyblast.projects.project import load_project
-from pyblast.projects.record_defects import cut_short, low_frequencies
-from pyblast.projects.result import read_result
-from pyblast.records.recordings import read_recording
-from pyblast.reporting.vtk_file import write_zones
+from pyblast.project.checks import check
+from pyblast.project.checks_loads import cut_short, low_frequencies
+from pyblast.project.project import load_project
+from pyblast.project.result import read_result
+from pyblast.recordings.recording import read_recording
+from pyblast.report.vtk import write_zones
+from pyblast.signals.seismogram import Seismogram
+from pyblast.workflows import run
 
 CAVITY = TEXT[TEXT.index("[signature.cavity]") : TEXT.index("[input]")]
 RECORDED = (
@@ -89,7 +89,7 @@ def test_a_project_without_receivers_runs(tmp_path):
     first, last = TEXT.index("[[receivers]]"), TEXT.index("[run]")
     path = written(tmp_path, (TEXT[first:last], ""), ("duration_s = 0.1", "duration_s = 0.06"))
 
-    assert (pipeline.run(path).folder / "report.html").exists()
+    assert (run.run(path).folder / "report.html").exists()
 
 
 def test_d1_counts_zones_in_the_rim_only_where_there_are_no_others(tmp_path):

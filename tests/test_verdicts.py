@@ -9,16 +9,14 @@ import pytest
 from small_site import CUT, recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
-from pyblast.diagnosis.chance import Chance, chance, lent
+from pyblast.diagnosis.cross_validation import HeldOut, held_out
+from pyblast.diagnosis.decision import COARSE, RESOLUTION, _without, intervals, judge, on_finer_mesh
+from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import fit
-from pyblast.diagnosis.folds import HeldOut, held_out
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.diagnosis.mesh_control import COARSE, RESOLUTION, on_finer_mesh
-from pyblast.diagnosis.scene import Effect
-from pyblast.diagnosis.screening import Guess
-from pyblast.diagnosis.search import MATERIAL, Search, material
-from pyblast.diagnosis.verdict import _without, intervals, judge
+from pyblast.diagnosis.null_distribution import Chance, chance, lent
+from pyblast.diagnosis.search import MATERIAL, Guess, Search, material
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 LOUD = Effect("misfire_or_charge_error/blast", "B1", ((1.0,),))
@@ -106,7 +104,7 @@ def test_a_set_of_which_one_effect_can_not_be_tested_is_partial(monkeypatch):
     def untested(scene, before, after):
         return HeldOut(()) if before is loud else held_out(scene, before, after)
 
-    monkeypatch.setattr("pyblast.diagnosis.verdict.held_out", untested)
+    monkeypatch.setattr("pyblast.diagnosis.decision.held_out", untested)
     found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both)
 
     said = judge(found, CHANCE)

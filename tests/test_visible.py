@@ -9,11 +9,11 @@ from scipy import fft
 from small_site import DT, recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis.detectability import visible
+from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import GROWS, fit
-from pyblast.diagnosis.scene import Effect
 from pyblast.diagnosis.search import Search, material
-from pyblast.diagnosis.visible import visible
-from pyblast.reporting.diagnosis_words import visible_rows
+from pyblast.diagnosis.summary import visible_rows
 
 
 @cache

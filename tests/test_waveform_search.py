@@ -7,15 +7,15 @@ import pytest
 from inversion_project import PARAMETERS, noisy
 
 from pyblast import back_analyse, load_project
-from pyblast.back_analysis import RESULT, TRIALS
+from pyblast.back_analysis.findings import doubts
+from pyblast.back_analysis.mesh_error import coarser, mesh_errors_of
+from pyblast.back_analysis.search import make_target
+from pyblast.back_analysis.trials import evaluate, simulate
+from pyblast.back_analysis.waveforms import gathered, white_noise, window_of
 from pyblast.errors import InputError
-from pyblast.inversion.back_analysis import make_target
-from pyblast.inversion.doubts import doubts
-from pyblast.inversion.forward import evaluate, simulate
-from pyblast.inversion.mesh_errors import coarser, mesh_errors_of
-from pyblast.inversion.waveforms import gathered, white_noise, window_of
-from pyblast.residuals.band import band_functions
-from pyblast.residuals.theory_errors import usual_whitener
+from pyblast.inference.covariance import usual_whitener
+from pyblast.inference.noise import band_functions
+from pyblast.workflows.back_analysis import RESULT, TRIALS
 
 TRUTH = (0.114, 0.025, 0.0112)
 

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 from pyblast.errors import PyblastError
-from pyblast.projects.result import write_text
+from pyblast.project.result import write_text
 
 from . import page, rungs
 from .ladder import RUNGS, judged

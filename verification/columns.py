@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving.boundaries import Fixed, StressInput, Viscous
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed, StressInput, Viscous
+from pyblast.model.material import Material
+from pyblast.model.model import Model, Receiver
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 
 ROCK = Material.from_speeds(2500.0, 4000.0, 2000.0)
 AXIS = {"P": 0, "S": 1}
@@ -63,7 +63,7 @@ def driven(mesh, wave, frequency, duration, receivers_at, amplitude=1.0, far=Non
         *([Viscous("east")] if far is None else far),
     ]
     model = column_model(mesh, wave, ends, receivers_at=receivers_at, **parts)
-    result = run(model, duration)
+    result = simulate(model, duration)
     motion = {p: result.seismograms[f"{p:g}"] for p in receivers_at}
     return {p: (s.times, s.velocity[:, AXIS[wave]]) for p, s in motion.items()}, result
 
@@ -72,7 +72,7 @@ def started(model, duration, displacement, velocity):
     """Run from given displacements and velocities (n_nodes, 3), the latter half a step earlier."""
     prepared = prepare(model, duration)
     state = {**prepared.state, "displacement": displacement, "velocity": velocity}
-    return run(model, duration, prepared=replace(prepared, state=state))
+    return simulate(model, duration, prepared=replace(prepared, state=state))
 
 
 def misfit(found, wanted):

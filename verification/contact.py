@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pyblast.solving import kernels
-from pyblast.solving.kernels import JOINT_LAWS, N_JOINT_PROPERTIES, N_JOINT_STATE
+from pyblast import core
+from pyblast.core import JOINT_LAWS, N_JOINT_PROPERTIES, N_JOINT_STATE
 
 KN, KS = 2.0e9, 0.8e9
 DT = 1e-4
@@ -32,7 +32,7 @@ class Contact:
     def __init__(self, law="coulomb", initial=(0.0, 0.0, 0.0), normal=NORMAL, **changed):
         self.number = JOINT_LAWS[law].number + 1
         given = properties(law, **changed)
-        self.property = kernels.property_row(JOINT_LAWS[law], given, N_JOINT_PROPERTIES)
+        self.property = core.property_row(JOINT_LAWS[law], given, N_JOINT_PROPERTIES)
         self.initial, self.normal = np.asarray(initial, dtype=float), np.asarray(normal)
         self.state = np.zeros(N_JOINT_STATE)
         self.names = JOINT_LAWS[law].state
@@ -40,8 +40,14 @@ class Contact:
         self.traction, self.stored = self._law(self.jump)
 
     def _law(self, jump):
-        return kernels._core.pyblast_joint_laws.joint_traction(
-            self.number, self.property, DT, self.initial, self.normal, jump, jump - self.jump,
+        return core._core.pyblast_joint_laws.joint_traction(
+            self.number,
+            self.property,
+            DT,
+            self.initial,
+            self.normal,
+            jump,
+            jump - self.jump,
             self.state,
         )
 

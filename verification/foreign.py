@@ -15,12 +15,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.diagnose import diagnose_folder
-from pyblast.ensembles.many_runs import workers
-from pyblast.foretell import predict_file
-from pyblast.projects.result import write_text
-from pyblast.records.recordings import read_stations
-from pyblast.residuals.band import band_functions
+from pyblast.inference.noise import band_functions
+from pyblast.project.result import write_text
+from pyblast.recordings.recording import read_stations
+from pyblast.runs.parallel import workers
+from pyblast.workflows.diagnose import diagnose_folder, predict_file
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "verification" / "foreign.json"

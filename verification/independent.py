@@ -19,11 +19,11 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-from pyblast.motion.comparison import compare
-from pyblast.projects.result import write_text
-from pyblast.projects.site import read_site
-from pyblast.projects.site_model import Cut, site_mesh, site_model
-from pyblast.solving.solver import run
+from pyblast.project.result import write_text
+from pyblast.project.site import read_site
+from pyblast.project.site_model import Cut, site_mesh, site_model
+from pyblast.signals.comparison import compare
+from pyblast.solver.run import simulate
 
 from .independent_cases import (
     air_blasts,
@@ -67,7 +67,7 @@ def measured(site, blast, edge, air=()):
     cut = Cut(edge)
     mesh = with_open_ground(site_mesh(site, cut), site.box)
     model = site_model(site, blast, cut, mesh)
-    done = run(replace(model, sources=(*model.sources, *air)), DURATION)
+    done = simulate(replace(model, sources=(*model.sources, *air)), DURATION)
     misfits = {
         name: compare(
             recording.seismogram, done.seismograms[name], site.band, time_frequency=False

@@ -9,11 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.records.recordings import read_stations
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
-from pyblast.solving.pressures import AirBlast
-from pyblast.solving.sources import TimeFunction
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material
+from pyblast.model.source import AirBlast, TimeFunction
+from pyblast.recordings.recording import read_stations
 
 OPEN = "open ground"
 AIR_STEP = 0.05  # of the air pulse, in its s

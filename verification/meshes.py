@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.tetrahedra import volumes, zone_faces
+from pyblast.mesh.mesh import Mesh
+from pyblast.mesh.tetrahedra import volumes, zone_faces
 
 
 def ball_octant(n_edges, radii):

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
+from pyblast import core
 from pyblast.errors import SolverError
-from pyblast.solving import kernels
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 
 ROUNDS = 3  # the answer of mass damping to a force depends a little on the step
 
@@ -30,13 +30,13 @@ def true_limit(prepared, dt=None):
     dt = prepared.constants["dt"] if dt is None else dt
     root = np.sqrt(np.repeat(prepared.constants["node_mass"], 3))
     for _ in range(ROUNDS):
-        views = kernels.to_fortran({**prepared.constants, "dt": dt})
+        views = core.to_fortran({**prepared.constants, "dt": dt})
         drag = np.repeat(1.0 + 0.5 * dt * prepared.constants["node_alpha"], 3)
 
         def answer(moved, views=views, drag=drag, dt=dt):
             state = {name: value.copy() for name, value in prepared.state.items()}
             state["displacement"][:] = (moved.ravel() / root).reshape(-1, 3)
-            kernels.advance(views, state, 0, 1, 10**6)
+            core.advance(views, state, 0, 1, 10**6)
             return -state["velocity"].ravel() * drag * root / dt
 
         operator = LinearOperator((len(root),) * 2, matvec=answer, dtype=float)
@@ -48,13 +48,13 @@ def true_limit(prepared, dt=None):
 def largest_root(model, dt):
     """Return the largest eigenvalue of the march from step to step, one unit state at a time."""
     prepared = prepare(model, 1e-3)
-    views = kernels.to_fortran({**prepared.constants, "dt": dt})
+    views = core.to_fortran({**prepared.constants, "dt": dt})
     names, columns = ("displacement", "velocity", "memory"), []
     for name in names:
         for place in range(prepared.state[name].size):
             state = {key: value.copy() for key, value in prepared.state.items()}
             state[name].flat[place] = 1.0
-            kernels.advance(views, state, 0, 1, 10**6)
+            core.advance(views, state, 0, 1, 10**6)
             columns.append(np.concatenate([state[key].ravel() for key in names]))
     return np.abs(np.linalg.eigvals(np.array(columns))).max()
 
@@ -67,7 +67,7 @@ def lasts(model, dt, n_steps=4000):
     state = {**prepared.state, "velocity": velocity}
     begun = replace(prepared, constants=constants, state=state, n_steps=n_steps)
     try:
-        kinetic = run(model, n_steps * dt, prepared=begun).energy["kinetic"]
+        kinetic = simulate(model, n_steps * dt, prepared=begun).energy["kinetic"]
     except SolverError:
         return False
     return bool(kinetic[-20:].max() <= kinetic[0])

@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.solving import kernels
-from pyblast.solving.anisotropy import jointed
-from pyblast.solving.materials import Material
-from pyblast.solving.plasticity import MohrCoulomb
+from pyblast import core
+from pyblast.model.anisotropy import jointed
+from pyblast.model.material import Material, MohrCoulomb
 
 ROCK = Material.from_speeds(2600.0, 4000.0, 2300.0, cohesion=1e6, friction=0.5, tension=4e5)
 MATERIALS = {
@@ -23,17 +22,17 @@ class Zone:
     """One zone led through strains; it keeps its state and adds up work and loss in J/m3."""
 
     def __init__(self, name, initial=INITIAL, material=None):
-        law, material = kernels.ZONE_LAWS[name], material or MATERIALS[name]
+        law, material = core.ZONE_LAWS[name], material or MATERIALS[name]
         self.number = law.number + 1
         properties = material.law.properties(material)
-        self.row = kernels.property_row(law, properties, kernels.N_ZONE_PROPERTIES)
+        self.row = core.property_row(law, properties, core.N_ZONE_PROPERTIES)
         self.moduli, self.initial = material.law.moduli(material), initial
-        self.state, self.lost = np.zeros(kernels.N_ZONE_STATE), np.zeros(1)
+        self.state, self.lost = np.zeros(core.N_ZONE_STATE), np.zeros(1)
         self.at, self.work = np.zeros(6), 0.0
         self.stress, self.stored = self._law(self.at)
 
     def _law(self, strain):
-        return kernels._core.pyblast_zone_laws.zone_stress(
+        return core._core.pyblast_zone_laws.zone_stress(
             self.number, self.row, *self.moduli, self.initial, strain, self.state, self.lost
         )
 

@@ -20,7 +20,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from pyblast.errors import InputError
-from pyblast.projects.result import write_text
+from pyblast.project.result import write_text
 
 from . import scores as scoring
 from .drawing import draw

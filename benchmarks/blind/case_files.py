@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.blasting.hole_tables import read_blast
-from pyblast.motion.seismogram import Seismogram
-from pyblast.projects.result import write_text
-from pyblast.projects.site_writer import write_site
-from pyblast.records.recordings import Recording
+from pyblast.blasts.hole_tables import read_blast
+from pyblast.project.result import write_text
+from pyblast.project.site_file import write_site
+from pyblast.recordings.recording import Recording
+from pyblast.signals.seismogram import Seismogram
 
 from .sites import BEFORE, DT, FURTHER, HIDDEN
 

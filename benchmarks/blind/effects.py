@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pyblast.projects.site import SiteJoint
-from pyblast.solving.ground_fields import DamagedZone, Gradient
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
+from pyblast.model.ground_fields import DamagedZone, Gradient
+from pyblast.model.joint import Joint
+from pyblast.model.material import Damping, Material
+from pyblast.project.site import SiteJoint
 
 from .nuisances import LEAD
 from .sites import FURTHER, HIDDEN, SIZE

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import fft, signal
 
-from pyblast.solving.model import Receiver
+from pyblast.model.model import Receiver
 
 from .effects import effect, log_uniform, logged_blast, receiver
 from .nuisances import LEAD

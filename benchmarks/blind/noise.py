@@ -8,7 +8,7 @@ import numpy as np
 from scipy import signal
 
 from pyblast.errors import InputError
-from pyblast.records.recordings import read_gather
+from pyblast.recordings.recording import read_gather
 
 PLACES = ((6, 11), (11, 16), (16, 21), (26, 31), (31, 36), (36, 41))  # files of one place each
 DT, QUIET, SEAM = 1e-3, 500, 60  # s, samples before the blow, samples of a cross-fade

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pyblast.solving.ground_fields import EDGES_PER_LENGTH, Heterogeneity
-from pyblast.solving.materials import Material
+from pyblast.model.ground_fields import EDGES_PER_LENGTH, Heterogeneity
+from pyblast.model.material import Material
 
 from .sites import SIZE
 

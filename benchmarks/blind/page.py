@@ -4,7 +4,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from pyblast.projects.result import write_text
+from pyblast.project.result import write_text
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE, FIGURE = DOCS / "blind.md", DOCS / "figures" / "blind.png"

@@ -6,14 +6,13 @@ from pathlib import Path
 import numpy as np
 from scipy import signal
 
-from pyblast.diagnose import cut_of
 from pyblast.diagnosis.calibration import calibrate
+from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.fitting import fit, settle
 from pyblast.diagnosis.forward import Forward
-from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.diagnosis.scene import Scene
-from pyblast.diagnosis.screening import started
-from pyblast.diagnosis.targets import blast_and_hole
+from pyblast.diagnosis.hypotheses import LIBRARY, blast_and_hole
+from pyblast.diagnosis.search import started
+from pyblast.workflows.diagnose import cut_of
 
 from .case_files import read_asked
 from .running import case_in, foretold

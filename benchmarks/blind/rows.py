@@ -7,7 +7,7 @@ import numpy as np
 
 from pyblast.diagnosis.fitting import GROWS
 from pyblast.diagnosis.search import MATERIAL
-from pyblast.projects.result import write_text
+from pyblast.project.result import write_text
 
 from .plan import FAMILY, NULLS
 from .right_model import motion_of, reductions, right

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.diagnose import cut_of, diagnose
 from pyblast.diagnosis.case import case_of
+from pyblast.diagnosis.effects import with_motion_effects
 from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.hypotheses import blast_and_hole
 from pyblast.diagnosis.prediction import Place, effects_of, predict, site_of
-from pyblast.diagnosis.scene import with_motion_effects
-from pyblast.diagnosis.targets import blast_and_hole
-from pyblast.ensembles.input_hash import WHOLE, code_hash
-from pyblast.projects.result import plain
-from pyblast.projects.site import read_site
-from pyblast.solving.model import Receiver
+from pyblast.model.model import Receiver
+from pyblast.project.result import plain
+from pyblast.project.site import read_site
+from pyblast.runs.cache import WHOLE, code_hash
+from pyblast.workflows.diagnose import cut_of, diagnose
 
 from .case_files import read_asked
 from .sealing import LOCKS, freeze

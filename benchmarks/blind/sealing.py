@@ -6,7 +6,7 @@ import secrets
 from pathlib import Path
 
 from pyblast.errors import InputError
-from pyblast.projects.result import write_text
+from pyblast.project.result import write_text
 
 SEALS, LOCKS = "seals.json", "locks"
 

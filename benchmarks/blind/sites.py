@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from pyblast.blasting.blast import Blast
-from pyblast.projects.site import Site, SiteJoint
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Receiver
-from pyblast.solving.sources import TimeFunction
+from pyblast.blasts.blast import Blast
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material
+from pyblast.model.model import Receiver
+from pyblast.model.source import TimeFunction
+from pyblast.project.site import Site, SiteJoint
 
 SIZE = 120.0, 90.0, 60.0
 BAND = 5.0, 25.0

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft
 
-from pyblast.projects.site import Site
-from pyblast.projects.site_model import Cut, site_mesh, site_model
-from pyblast.solving.batches import run_many
-from pyblast.solving.materials import Damping
+from pyblast.model.material import Damping
+from pyblast.project.site import Site
+from pyblast.project.site_model import Cut, site_mesh, site_model
+from pyblast.solver.run import run_many
 
 from .noise import real_noise
 from .nuisances import LEAD

@@ -14,16 +14,16 @@ from benchmarks.accuracy import DURATION, FORCE, PULSE, RECEIVERS, ROCK, SIZE, S
 from benchmarks.box_solution import roller_box
 from benchmarks.marching import March
 from benchmarks.timing import median, on
-from pyblast.meshing.mesh_builder import Layer, build_mesh
-from pyblast.meshing.nodes import nodes_of
-from pyblast.meshing.tetrahedra import volumes
-from pyblast.solving.assembly import time_step
-from pyblast.solving.boundaries import Roller
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.ordering import renumbered
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
-from pyblast.solving.sources import PointForce, TimeFunction
+from pyblast.mesh.builder import Layer, build_mesh
+from pyblast.mesh.nodes import nodes_of
+from pyblast.mesh.ordering import renumbered
+from pyblast.mesh.tetrahedra import volumes
+from pyblast.model.boundary import Roller
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import PointForce, TimeFunction
+from pyblast.solver.assembly import time_step
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 
 TITLE = "Peers"
 HERE = Path(__file__).parent
@@ -119,7 +119,7 @@ class Own:
 
     def velocity(self):
         """Return velocities at half steps, (n_steps, n_receivers, 3)."""
-        found = run(self.model, self.span, prepared=self.prepared).seismograms
+        found = simulate(self.model, self.span, prepared=self.prepared).seismograms
         return np.stack([one.velocity for one in found.values()], axis=1)
 
     def seconds(self):

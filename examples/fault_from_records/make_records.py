@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.projects.config_file import check_config
-from pyblast.projects.project import make_project
-from pyblast.projects.result import write_csv
-from pyblast.solving.solver import run
+from pyblast.project.config_file import check_config
+from pyblast.project.project import make_project
+from pyblast.project.result import write_csv
+from pyblast.solver.run import simulate
 
 HERE = Path(__file__).resolve().parent
 KN, KS, RATIO = 0.55, 0.18, 0.03  # what a back-analysis should find
@@ -37,7 +37,7 @@ def truth():
 def main():
     """Run the truth and write what each instrument recorded."""
     project, rng = truth(), np.random.default_rng(SEED)
-    for name, motion in run(project.model, project.duration).seismograms.items():
+    for name, motion in simulate(project.model, project.duration).seismograms.items():
         count = round((QUIET + motion.duration - 0.02) / DT)
         record = motion.shifted(-project.lead).sampled(-QUIET, DT, count)
         heard = record.velocity + NOISE * rng.normal(size=record.velocity.shape)

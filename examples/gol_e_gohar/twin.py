@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from pyblast import back_analyse, plan_back_analysis, read_gather
-from pyblast.back_analysis import RESULT, slip_told
-from pyblast.inversion.forward import evaluate, simulate
-from pyblast.projects.config_file import check_config
-from pyblast.projects.project import make_project
-from pyblast.projects.result import write_csv
+from pyblast.back_analysis.trials import evaluate, simulate
+from pyblast.project.config_file import check_config
+from pyblast.project.project import make_project
+from pyblast.project.result import write_csv
+from pyblast.workflows.back_analysis import RESULT, slip_told
 
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parents[1] / "docs" / "back_analysis.md"

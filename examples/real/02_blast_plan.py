@@ -10,12 +10,12 @@ import numpy as np
 from matplotlib import pyplot as plt
 from real_line import FIGURES, hits_by_place, keep_results, recordings_folder, seismograms
 
-from pyblast.blasting.hole_tables import read_blast
-from pyblast.blasting.signatures import SmoothPulse, cavity_seismogram, pressure_for_peak
-from pyblast.blasting.site_law import scaled_distance_ppv
-from pyblast.blasting.superposition import superpose, travel_shifts
-from pyblast.motion.seismogram import Seismogram
-from pyblast.motion.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
+from pyblast.blasts.hole_tables import read_blast
+from pyblast.blasts.signature import SmoothPulse, cavity_seismogram, pressure_for_peak
+from pyblast.blasts.site_law import scaled_distance_ppv
+from pyblast.blasts.superposition import superpose, travel_shifts
+from pyblast.signals.seismogram import Seismogram
+from pyblast.signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
 
 PLANS = ("KAB_BLAST_ALLCOL", "blastlogic_kirra_S4_226_401", "blastlogic_kirra_S4_226_414P")
 ROCK = {"density": 2600.0, "cp": 4000.0, "cs": 2300.0, "radius": 2.0}

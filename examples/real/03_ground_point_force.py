@@ -12,14 +12,14 @@ from line_analysis import first_breaks, misfit_map, phase_speeds, with_hammer
 from real_figures import draw_gather
 from real_line import hits_by_place, keep_results, recordings_folder, seismograms, vertical
 
-from pyblast.meshing.grid import graded_axis
-from pyblast.meshing.mesh_builder import Layer, structured_box
-from pyblast.motion.comparison import compare
-from pyblast.solving.boundaries import Roller, Viscous
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import Model, Receiver, Rim
-from pyblast.solving.solver import run
-from pyblast.solving.sources import PointForce, TimeFunction
+from pyblast.mesh.builder import Layer, structured_box
+from pyblast.mesh.grid import graded_axis
+from pyblast.model.boundary import Roller, Viscous
+from pyblast.model.material import Damping, Material
+from pyblast.model.model import Model, Receiver, Rim
+from pyblast.model.source import PointForce, TimeFunction
+from pyblast.signals.comparison import compare
+from pyblast.solver.run import simulate
 
 PLACE, OPPOSITE, HIT, NEAREST = 51.0, -5.0, 2, 4
 DRY, WET, DEPTH = (380.0, 178.0), (1400.0, 231.0), 2.4
@@ -87,7 +87,7 @@ def main():
     arguments = sys.argv[1:]
     places = hits_by_place(recordings_folder(arguments) / "wghs")
     model = ground(float(arguments[1]) if len(arguments) > 1 else 0.6)
-    result = run(model, DURATION + 0.05)
+    result = simulate(model, DURATION + 0.05)
     response = in_band([result.seismograms[r.name] for r in model.receivers])
     pairs = {place: compared(places[place][HIT], response) for place in (PLACE, OPPOSITE)}
     recorded, simulated = pairs[PLACE]

@@ -12,10 +12,9 @@ from line_analysis import scale_and_shift
 from real_figures import draw_plans
 from real_line import hits_by_place, keep_results, recordings_folder, seismograms
 
-from pyblast.ensembles.signature_spectra import signature_spectra
-from pyblast.planning.best_delays import best_delays, gain, rows_pattern
-from pyblast.planning.firing_scatter import FiringScatter
-from pyblast.planning.peak_bands import peak_bands
+from pyblast.planning.delays import best_delays, gain, rows_pattern
+from pyblast.planning.peak_distribution import FiringScatter, peak_bands
+from pyblast.runs.blast_ensemble import signature_spectra
 
 BAND, HOUSES, SHARES = (10.0, 40.0), (6, 12, 18), (0.5, 0.9, 0.95)
 DELAY, DOUBT, N_BANDS, N_REAL, N_FRESH = 0.003, 0.5, 2000, 40, 1000

@@ -9,9 +9,8 @@ from t2_air_wave import BANDS
 from t4_soft_layer import BAND, FREQUENCIES
 from t7_closure_law import specimens
 
-from pyblast.diagnosis.records_only.closure_law import fit_hyperbola, hyperbola
-from pyblast.diagnosis.records_only.soft_layer import phase_speeds
-from pyblast.diagnosis.records_only.thin_layers import rayleigh_speeds
+from pyblast.line_records.layering import phase_speeds, rayleigh_speeds
+from pyblast.line_records.source import fit_hyperbola, hyperbola
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

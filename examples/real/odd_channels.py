@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 from keeper import Sealed, folder_of_recordings, keep, wghs
 
-from pyblast.diagnosis.records_only.line import shifted
-from pyblast.diagnosis.records_only.odd_channels import LABELS, odd_channels
+from pyblast.line_records.quality import LABELS, odd_channels
+from pyblast.line_records.shots import shifted
 
 BAND, N_OF_EACH = (10.0, 60.0), 6
 KNOBS = {"polarity": "factor", "clock_error": "shift", "wrong_coordinates": "move"}

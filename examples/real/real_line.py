@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.motion.seismogram import Seismogram
-from pyblast.records.recordings import read_gather
+from pyblast.recordings.recording import read_gather
+from pyblast.signals.seismogram import Seismogram
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 FIGURES = REPOSITORY / "docs" / "figures"

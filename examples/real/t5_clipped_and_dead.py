@@ -9,7 +9,7 @@ import numpy as np
 import obspy
 from keeper import Sealed, folder_of_recordings, keep
 
-from pyblast.diagnosis.records_only.unusable import unusable
+from pyblast.line_records.quality import unusable
 
 FULL_SCALE, DEAD = 2.82, [47, 58, 59]
 

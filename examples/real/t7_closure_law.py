@@ -8,7 +8,7 @@ beside the hyperbola. Argument: the folder.
 import numpy as np
 from keeper import Sealed, folder_of_recordings, keep
 
-from pyblast.diagnosis.records_only.closure_law import closure_law, fit_hyperbola, hyperbola
+from pyblast.line_records.source import closure_law, fit_hyperbola, hyperbola
 
 
 def specimens(folder):

@@ -1,1 +1,1 @@
-"""When simulation and records differ: where, which physics was left out, and the proof."""
+"""Diagnosis: which physics a model lacks, by hypotheses tested on records."""

@@ -1,16 +1,134 @@
-"""Calibrate what is known to be uncertain of a site before anything is called missing."""
+"""Calibration of uncertain speeds and stiffnesses, and the correction for the mesh."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import linalg
+from scipy import fft, linalg, ndimage
 
 from ..errors import InputError
-from ..projects.site import Site
+from ..model.material import Material
+from ..project.site import Site
 from .case import Case
 from .forward import Forward
 from .likelihood import Likelihood, likelihood_of
-from .unknowns import Unknown, unknowns_of, with_values
+
+SMOOTH = 0.1  # of the width of the band, over which the transfer of energy is averaged
+
+
+def carried(correction, before, after, dt, band):
+    """Return a correction as it is after what damps the motion that it belongs to; (14.6).
+
+    Parameters
+    ----------
+    correction : (n_receivers, 3, n_samples) float64, m/s
+        Of the motion ``before``.
+    before, after : (n_receivers, 3, n_samples) float64, m/s
+        On one mesh, without and with damping.
+    dt : float, s
+    band : tuple of 2 float, Hz
+
+    Returns
+    -------
+    (n_receivers, 3, n_samples) float64, m/s
+
+    Notes
+    -----
+    A mesh errs by phases that grow along the way, so that its error fades as the motion does. The
+    transfer from one motion to the other is that of least squares over neighbouring frequencies
+    and the three components of a receiver, and never more than one.
+    """
+    n = correction.shape[-1]
+    size = fft.next_fast_len(2 * n, real=True)
+    first, last, own = (fft.rfft(one, size) for one in (before, after, correction))
+    width = SMOOTH * (band[1] - band[0]) * size * dt
+    across = _smooth(np.sum(last * np.conj(first), axis=1), width)
+    power = _smooth(np.sum(np.abs(first) ** 2, axis=1), width)
+    transfer = np.divide(across, power, out=np.zeros_like(across), where=power > 0.0)
+    transfer /= np.maximum(np.abs(transfer), 1.0)
+    return fft.irfft(own * transfer[:, None], size)[..., :n]
+
+
+def _smooth(spectrum, width):
+    """Return a spectrum (n_receivers, n) averaged over so many frequencies."""
+    return ndimage.gaussian_filter1d(spectrum, width, axis=-1)
+
+
+SPEED_SIGMA = 0.03
+STIFFNESS_SIGMA = 0.3
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """One value of a site, as the logarithm of a factor on what is believed.
+
+    Parameters
+    ----------
+    part : str
+        Name of a layer or a joint.
+    name : str
+        "cp" or "cs" of a layer, "kn" or "ks" of a joint.
+    sigma : float
+        Standard deviation before the records are seen.
+    """
+
+    part: str
+    name: str
+    sigma: float
+
+    @property
+    def label(self):
+        """The word for it in tables."""
+        return f"{self.part}.{self.name}"
+
+
+def unknowns_of(site: Site) -> tuple[Unknown, ...]:
+    """List what may be calibrated at a site."""
+    speeds = [Unknown(n, c, SPEED_SIGMA) for n, _, _ in site.layers for c in ("cp", "cs")]
+    names = [j.joint.surface for j in site.joints]
+    return (*speeds, *(Unknown(n, k, STIFFNESS_SIGMA) for n in names for k in ("kn", "ks")))
+
+
+def with_values(site: Site, unknowns, values) -> Site:
+    """Return a site with factors exp(values) on some of its values.
+
+    Raises
+    ------
+    InputError
+        If a layer or joint is not there.
+    """
+    factors = {
+        (one.part, one.name): float(np.exp(value))
+        for one, value in zip(unknowns, values, strict=True)
+    }
+    parts = {name for name, _, _ in site.layers} | {j.joint.surface for j in site.joints}
+    for part, _ in factors:
+        if part not in parts:
+            raise InputError(f"unknowns: no layer or joint named {part!r}")
+    layers = tuple(
+        (name, thickness, _faster(material, factors, name))
+        for name, thickness, material in site.layers
+    )
+    joints = tuple(replace(j, joint=_stiffer(j.joint, factors)) for j in site.joints)
+    return replace(site, layers=layers, joints=joints)
+
+
+def _faster(material, factors, layer):
+    """Return a material with other speeds and its other values."""
+    cp, cs = (factors.get((layer, name), 1.0) for name in ("cp", "cs"))
+    if cp == cs == 1.0:
+        return material
+    moduli = Material.from_speeds(material.density, material.cp * cp, material.cs * cs)
+    return replace(material, bulk=moduli.bulk, shear=moduli.shear)
+
+
+def _stiffer(joint, factors):
+    """Return a joint with other stiffness."""
+    changed = {
+        key: value * factors.get((joint.surface, key), 1.0)
+        for key, value in joint.properties.items()
+    }
+    return replace(joint, properties=changed)
+
 
 STEP = 0.5  # of each prior's standard deviation, for derivatives
 ROUNDS = 4

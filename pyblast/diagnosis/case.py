@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..motion.seismogram import PASS_BAND
-from ..projects.site import Site
-from ..residuals.band import Band, band_functions
-from ..residuals.noise import Noise, noise_of
+from ..inference.noise import Band, Noise, band_functions, noise_of
+from ..project.site import Site
+from ..signals.seismogram import PASS_BAND
 
 COMPONENTS = ("east", "north", "up")
 SHORTEST = 0.5  # of the longest record: none may end before

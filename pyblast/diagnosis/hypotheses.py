@@ -1,15 +1,4 @@
-"""Physics that a site may lack: one decorated function each, and nothing else to touch.
-
-A hypothesis puts one effect back, with knobs. Its first docstring line is the claim of the report.
-What it changes decides how it is called and what it costs:
-
-- ``on="site"``: ``(site, target, **knobs) -> Site``; a run of every blast at each trial;
-- ``on="holes"``: ``(holes, target, **knobs) -> (delays, scales)`` of one blast; no runs;
-- ``on="motion"``: ``(scene, motion, target, **knobs) -> motion``; no runs.
-
-``None`` in place of a result says that the effect is there already or can't be. Ways of one effect
-that need other knobs are forms of one label.
-"""
+"""Hypotheses: physics that a model may lack, their targets and needs, one function each."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,8 +6,124 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from .needs import TO_HOLD_OUT, charges_apart
-from .targets import TARGETS
+from .case import Case
+
+APART = 3.0  # largest charge over the smallest that shows what depends on amplitude
+SECTORS = 6  # of half a turn, in which paths may lie
+DIRECTIONS = 3  # of them that tell waves along from waves across
+
+
+def two_receivers(case: Case) -> str:
+    """Ask for a second receiver: one alone can't foretell, and chance has nothing to shuffle."""
+    if np.count_nonzero(np.any(case.valid, axis=(0, 2, 3))) > 1:
+        return ""
+    return "there is one receiver: no other that it would have to foretell"
+
+
+def two_blasts(case: Case) -> str:
+    """Ask for a second blast, which an effect of a receiver must foretell."""
+    if np.count_nonzero(np.any(case.valid, axis=(1, 2, 3))) > 1:
+        return ""
+    return "there is one blast: no other that it would have to foretell"
+
+
+def charges_apart(case: Case) -> str:
+    """Ask for blasts of small and of large charge, by what fires within 8 ms."""
+    if len(case.blasts) < 2:
+        return f"there is one blast: what grows with charge needs two, {APART:g} to one"
+    most = [case.site.blasts[name].charge_per_window() for name in case.blasts]
+    ratio = max(most) / min(most)
+    if ratio >= APART:
+        return ""
+    return (
+        f"the charges of the blasts are {ratio:.2g} to one: what grows with charge needs "
+        f"{APART:g} to one"
+    )
+
+
+def three_directions(case: Case) -> str:
+    """Ask for paths in three directions, a sixth of half a turn each."""
+    heard = [r.position[:2] for r in case.site.receivers if r.name in case.receivers]
+    fired = [case.site.blasts[name].centres[:, :2].mean(axis=0) for name in case.blasts]
+    ways = (np.array(heard)[:, None] - np.array(fired)).reshape(-1, 2)
+    turns = np.arctan2(ways[:, 1], ways[:, 0]) % np.pi
+    there = len(set((turns * SECTORS / np.pi).astype(int) % SECTORS))
+    if there >= DIRECTIONS:
+        return ""
+    return f"paths lie in {there} of {SECTORS} directions: {DIRECTIONS} tell along from across"
+
+
+def unknown_quality(case: Case) -> str:
+    """Ask for ground of which nobody has said how it fades waves."""
+    if case.site.quality is None:
+        return ""
+    p, s = case.site.quality
+    return f"the site gives it, Qp {p:.3g} and Qs {s:.3g}, and every run has it"
+
+
+def ground_without_loss(case: Case) -> str:
+    """Ask for ground that does not fade waves: with a grain as well, it is not simulated."""
+    if case.site.quality is None:
+        return ""
+    return "the site gives quality factors, and ground with them and a grain is not simulated"
+
+
+# What must be there to hold out, by the axis of an effect.
+TO_HOLD_OUT = {
+    "receivers": (two_receivers,),
+    "blasts": (two_receivers, two_blasts),
+    "both": (two_receivers,),
+}
+
+
+OF_BLAST = " of blast "
+
+
+def whole_site(case: Case) -> tuple[str, ...]:
+    """Return the one target of effects that belong to nothing smaller."""
+    del case
+    return ("",)
+
+
+def joints(case: Case) -> tuple[str, ...]:
+    """Return the names of the listed joints."""
+    return tuple(j.joint.surface for j in case.site.joints)
+
+
+def blasts(case: Case) -> tuple[str, ...]:
+    """Return the names of the blasts that are looked at."""
+    return case.blasts
+
+
+def blasts_of_many_holes(case: Case) -> tuple[str, ...]:
+    """Return the names of the blasts in which holes can differ."""
+    return tuple(name for name in case.blasts if len(case.site.blasts[name].charge) > 1)
+
+
+def holes(case: Case) -> tuple[str, ...]:
+    """Return each hole of the blasts of many holes, with its blast."""
+    return tuple(
+        dict.fromkeys(
+            f"{hole}{OF_BLAST}{name}"
+            for name in blasts_of_many_holes(case)
+            for hole in case.site.blasts[name].hole_ids
+        )
+    )
+
+
+def blast_and_hole(target: str) -> tuple[str, str]:
+    """Return the blast of a target, and its hole where it is a hole of a blast."""
+    hole, _, blast = target.rpartition(OF_BLAST)
+    return blast, hole
+
+
+def receivers(case: Case) -> tuple[str, ...]:
+    """Return the names of the receivers with records."""
+    return case.receivers
+
+
+TARGETS = {"site": whole_site, "joint": joints, "blast": blasts, "receiver": receivers}
+
 
 FAMILIES = ("source", "path", "receiver", "instrument")
 PLACES = ("site", "holes", "motion")

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import signal
 from scipy.special import logsumexp
 
-from ..residuals.noise import symmetric_root
+from ..inference.noise import symmetric_root
 from .case import Case
 
 THEORY = 0.01  # share of a record's energy that places, clocks and small heterogeneity cost

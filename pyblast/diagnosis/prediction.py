@@ -5,14 +5,13 @@ from functools import cached_property
 
 import numpy as np
 
-from ..blasting.blast import Blast
-from ..projects.site import Site
+from ..blasts.blast import Blast
+from ..project.site import Site
 from . import library  # noqa: F401  fills the library
+from .calibration import unknowns_of, with_values
 from .case import Case
-from .forward import Forward
-from .scene import Effect, with_motion_effects
-from .surroundings import surroundings
-from .unknowns import unknowns_of, with_values
+from .effects import Effect, with_motion_effects
+from .forward import Forward, surroundings
 
 NEW = "further blast"
 

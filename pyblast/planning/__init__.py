@@ -1,1 +1,1 @@
-"""Blasts before they are fired: what scatter does to their peaks, and which delays are best."""
+"""A blast before it is fired: delays and the distribution of its peaks."""

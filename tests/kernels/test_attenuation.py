@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving import kernels
-from pyblast.solving.attenuation import ConstantQ, relative_modulus
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import Model
-from pyblast.solving.stability import critical_step
+from pyblast import core
+from pyblast.mesh.builder import structured_box
+from pyblast.model.material import ConstantQ, Damping, Material, relative_modulus
+from pyblast.model.model import Model
+from pyblast.solver.time_step import critical_step
 
 ROCK = Material.from_speeds(2700.0, 3000.0, 1700.0)
 
@@ -25,7 +24,7 @@ class Node:
         """Return the force of springs and branches, in shear, at the next place."""
         before, self.at = self.at, np.array([[place, 0.0, 0.0]])
         velocity = (self.at - before) / self.dt
-        kernels._core.pyblast_motion.remember(
+        core._core.pyblast_motion.remember(
             dt=self.dt, memory_rate=self.rate, displacement=self.at[..., None].T,
             velocity=velocity[..., None].T, memory=self.memory[..., None].T,
         )  # fmt: skip

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pyblast.solving import kernels
+from pyblast import core
 
-BORDER = kernels._core.pyblast_boundaries
+BORDER = core._core.pyblast_boundaries
 MASS, DT = 3.0, 0.01
 IMPEDANCE_P, IMPEDANCE_S = 40.0, 15.0
 

@@ -5,20 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyblast.meshing.mesh_builder import Layer, structured_box
-from pyblast.solving import kernels
-from pyblast.solving.anisotropy import jointed
-from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.batches import run_many, stacked
-from pyblast.solving.boundaries import Viscous
-from pyblast.solving.edges import ALONE, EDGE_ARRAYS, SIDE_BY_SIDE, without_edges
-from pyblast.solving.ground_fields import Gradient
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import InSitu, Model, Receiver
-from pyblast.solving.plasticity import MohrCoulomb
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
+from pyblast import core
+from pyblast.mesh.builder import Layer, structured_box
+from pyblast.model.anisotropy import jointed
+from pyblast.model.boundary import Viscous
+from pyblast.model.ground_fields import Gradient
+from pyblast.model.joint import Joint
+from pyblast.model.material import ConstantQ, Damping, Material, MohrCoulomb
+from pyblast.model.model import InSitu, Model, Receiver
+from pyblast.solver.edge_springs import ALONE, EDGE_ARRAYS, SIDE_BY_SIDE, without_edges
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import run_many, simulate, stacked
 from verification.columns import ROCK
 
 SOFT = Material.from_speeds(1800.0, 1500.0, 600.0)
@@ -50,8 +47,8 @@ def shaken(model, edges=True, n_steps=1):
     rng = np.random.default_rng(0)
     for name in ("displacement", "velocity", "memory"):
         state[name] += rng.normal(size=state[name].shape)
-    _, energy, _ = kernels.advance(kernels.to_fortran(constants), state, 0, n_steps, 1)
-    return state, dict(zip(kernels.ENERGIES, energy.T, strict=True)), constants
+    _, energy, _ = core.advance(core.to_fortran(constants), state, 0, n_steps, 1)
+    return state, dict(zip(core.ENERGIES, energy.T, strict=True)), constants
 
 
 GROUNDS = {
@@ -61,7 +58,8 @@ GROUNDS = {
         "damping": {"rock": Damping(0.05, 30.0, corner=90.0), "soil": Damping(0.02, 10.0)}
     },
     "ground that can yield": {
-        "materials": {"rock": STRONG, "soil": SOFT}, "damping": Damping(0.05, 30.0)
+        "materials": {"rock": STRONG, "soil": SOFT},
+        "damping": Damping(0.05, 30.0),
     },
     "ground that yields": {"materials": {"rock": WEAK, "soil": SOFT}},
     "anisotropic": {"materials": {"rock": SLATE, "soil": SOFT}, "damping": Damping(0.05, 30.0)},
@@ -109,12 +107,12 @@ def test_only_edges_on_the_outside_of_even_ground_are_skew():
 
 def test_a_shift_leaves_no_force_and_a_rotation_rounding_only():
     prepared = prepare(crooked(), 1e-9)
-    views = kernels.to_fortran(prepared.constants)
+    views = core.to_fortran(prepared.constants)
 
     def speed(displacement):
         state = {name: value.copy() for name, value in prepared.state.items()}
         state["displacement"] += displacement
-        kernels.advance(views, state, 0, 1, 1)
+        core.advance(views, state, 0, 1, 1)
         return np.abs(state["velocity"]).max()
 
     points = crooked().mesh.points
@@ -144,8 +142,8 @@ def test_ground_of_uneven_stiffness_takes_edges_in_batches_only():
     single = {name: value.copy() for name, value in prepared.state.items()}
     single["displacement"] += motion
     state["displacement"] += motion[..., None]
-    kernels.advance(kernels.to_fortran(prepared.constants), single, 0, 1, 1)
-    kernels.advance_all(kernels.side_by_side(constants), state, 0, 1, 1)
+    core.advance(core.to_fortran(prepared.constants), single, 0, 1, 1)
+    core.advance_all(core.side_by_side(constants), state, 0, 1, 1)
     largest = np.abs(single["velocity"]).max()
     assert np.abs(state["velocity"][..., 1] - single["velocity"]).max() < 1e-12 * largest
 
@@ -181,7 +179,7 @@ def test_a_static_stage_settles_on_edges_as_on_zones(monkeypatch):
     def by_zones(_, arrays):
         return {name: without_edges(arrays)[name] for name in EDGE_ARRAYS}
 
-    monkeypatch.setattr("pyblast.solving.assembly.edge_arrays", by_zones)
+    monkeypatch.setattr("pyblast.solver.assembly.edge_arrays", by_zones)
     wanted = prepare(model, 1e-9).state["contact_traction"]
 
     assert found == pytest.approx(wanted, rel=1e-9, abs=1e-9 * np.abs(wanted).max())
@@ -194,4 +192,4 @@ def test_lanes_of_edges_are_alike():
 
     for other in others:
         assert np.array_equal(first.state["velocity"], other.state["velocity"])
-    assert run(models[0], 0.005).balance_error < 1e-10
+    assert simulate(models[0], 0.005).balance_error < 1e-10

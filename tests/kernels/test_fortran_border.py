@@ -6,13 +6,14 @@ import re
 import numpy as np
 import pytest
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving import assembly, kernels
-from pyblast.solving.joints import Joint
-from pyblast.solving.model import Model, Receiver
+from pyblast import core
+from pyblast.mesh.builder import structured_box
+from pyblast.model.joint import Joint
+from pyblast.model.model import Model, Receiver
+from pyblast.solver import assembly
 from verification.columns import ROCK
 
-CORE = kernels._core
+CORE = core._core
 MODULES = [getattr(CORE, name) for name in dir(CORE) if name.startswith("pyblast_")]
 ROUTINES = [
     getattr(module, name)
@@ -48,13 +49,13 @@ def test_no_argument_of_the_core_is_single_precision():
 def test_state_is_changed_in_place():
     listed = dict(arguments(CORE.pyblast_solver.advance))
 
-    for name in (*kernels.STATE, "motion", "energy"):
+    for name in (*core.STATE, "motion", "energy"):
         assert listed[name].startswith("in/output")
 
 
 def test_every_kernel_argument_of_a_model_has_the_name_of_the_fortran_argument():
     listed = [name for name, kind in arguments(CORE.pyblast_solver.advance) if "input" in kind]
-    own = {"first_step", "ledger_every", "motion", "energy", *kernels.STATE}
+    own = {"first_step", "ledger_every", "motion", "energy", *core.STATE}
     sizes = {name for name in listed if name.startswith("n_")}
 
     assert set(constants()) == set(listed) - own - sizes
@@ -63,23 +64,23 @@ def test_every_kernel_argument_of_a_model_has_the_name_of_the_fortran_argument()
 def test_every_index_array_is_shifted_and_nothing_else():
     for name, value in constants().items():
         is_index = isinstance(value, np.ndarray) and value.dtype == np.int32
-        assert is_index == name.endswith(kernels.INDEX_ENDINGS), name
+        assert is_index == name.endswith(core.INDEX_ENDINGS), name
 
 
 def test_arrays_cross_the_border_without_a_copy():
     points = np.arange(6.0).reshape(2, 3)
 
-    assert np.shares_memory(kernels.to_fortran({"displacement": points})["displacement"], points)
+    assert np.shares_memory(core.to_fortran({"displacement": points})["displacement"], points)
 
 
 def test_indices_count_from_one_in_fortran_and_minus_one_means_none():
-    views = kernels.to_fortran({"fixed_history": np.array([-1, 0, 4], dtype=np.int32)})
+    views = core.to_fortran({"fixed_history": np.array([-1, 0, 4], dtype=np.int32)})
 
     assert views["fixed_history"].tolist() == [[0, 1, 5]]
 
 
 def test_an_empty_array_becomes_one_row_of_nothing():
-    views = kernels.to_fortran(
+    views = core.to_fortran(
         {"load_vector": np.zeros((0, 3)), "load_node": np.zeros(0, dtype=np.int32)}
     )
 
@@ -94,21 +95,21 @@ def test_floats_are_double(name):
 
 
 def test_the_table_of_joint_laws_comes_from_fortran():
-    assert len(kernels.JOINT_LAWS) == int(CORE.pyblast_kinds.n_joint_laws)
-    for law in kernels.JOINT_LAWS.values():
-        assert len(law.properties) <= kernels.N_JOINT_PROPERTIES
-        assert len(law.state) <= kernels.N_JOINT_STATE
+    assert len(core.JOINT_LAWS) == int(CORE.pyblast_kinds.n_joint_laws)
+    for law in core.JOINT_LAWS.values():
+        assert len(law.properties) <= core.N_JOINT_PROPERTIES
+        assert len(law.state) <= core.N_JOINT_STATE
         assert law.properties[:2] == ("kn", "ks")
 
 
 def test_a_law_beyond_the_table_has_no_signature():
-    beyond = len(kernels.JOINT_LAWS) + 1
+    beyond = len(core.JOINT_LAWS) + 1
 
     assert not CORE.pyblast_joint_laws.joint_law_signature(beyond).decode().strip()
 
 
 def test_the_ledger_has_a_name_for_each_column():
-    assert len(kernels.ENERGIES) == int(CORE.pyblast_kinds.n_energies)
+    assert len(core.ENERGIES) == int(CORE.pyblast_kinds.n_energies)
 
 
 def test_state_that_is_not_contiguous_is_refused():
@@ -117,10 +118,10 @@ def test_state_that_is_not_contiguous_is_refused():
     state["displacement"] = np.zeros((len(arrays["node_mass"]), 6))[:, ::2]
 
     with pytest.raises(ValueError, match="contiguous"):
-        kernels.advance(kernels.to_fortran(arrays), state, 0, 1, 20)
+        core.advance(core.to_fortran(arrays), state, 0, 1, 20)
 
 
 def test_the_wait_policy_is_set_before_the_core_is_loaded():
-    source = inspect.getsource(kernels)
+    source = inspect.getsource(core)
 
     assert source.index("OMP_WAIT_POLICY") < source.index("from .. import _core")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pyblast.solving.kernels import JOINT_LAWS
+from pyblast.core import JOINT_LAWS
 from verification.contact import KN, KS, NORMAL, TENSION, WEAKER, Contact, cycles
 
 ALL_LAWS = pytest.mark.parametrize("law", list(JOINT_LAWS))

@@ -5,13 +5,12 @@ import pytest
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
+from pyblast import core
 from pyblast.errors import InputError
-from pyblast.solving import kernels
-from pyblast.solving.materials import Material
-from pyblast.solving.plasticity import MohrCoulomb
+from pyblast.model.material import Material, MohrCoulomb
 from verification.solutions.plasticity import flow_number
 
-LAW = kernels.ZONE_LAWS["mohr-coulomb"]
+LAW = core.ZONE_LAWS["mohr-coulomb"]
 KINDS = {
     "cut off": {"cohesion": 1e6, "friction": 0.6, "tension": 3e5, "dilation": 0.2},
     "to the tip": {"cohesion": 1e6, "friction": 0.6, "dilation": 0.6},
@@ -34,12 +33,12 @@ class Zone:
 
     def __init__(self, material, initial=None):
         properties = material.law.properties(material)
-        self.row = kernels.property_row(LAW, properties, kernels.N_ZONE_PROPERTIES)
-        self.moduli, self.state = material.law.moduli(material), np.zeros(kernels.N_ZONE_STATE)
+        self.row = core.property_row(LAW, properties, core.N_ZONE_PROPERTIES)
+        self.moduli, self.state = material.law.moduli(material), np.zeros(core.N_ZONE_STATE)
         self.lost, self.initial = np.zeros(1), np.zeros(6) if initial is None else initial
 
     def strain(self, strain):
-        return kernels._core.pyblast_zone_laws.zone_stress(
+        return core._core.pyblast_zone_laws.zone_stress(
             LAW.number + 1, self.row, *self.moduli, self.initial, strain, self.state,
             self.lost,
         )  # fmt: skip

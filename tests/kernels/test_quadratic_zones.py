@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from test_zones import crooked
 
-from pyblast.meshing import elements, tetrahedra
-from pyblast.meshing.grid import structured_box
-from pyblast.meshing.nodes import nodes_of
-from pyblast.solving import kernels
-from pyblast.solving.quadratic_frequencies import quadratic_frequencies, zone_stiffness
+from pyblast import core
+from pyblast.mesh import tetrahedra
+from pyblast.mesh.grid import structured_box
+from pyblast.mesh.nodes import nodes_of
+from pyblast.solver.time_step import quadratic_frequencies, zone_stiffness
 
 LAME, SHEAR = 3.0, 2.0
 
@@ -28,7 +28,7 @@ def zone_arguments(quadratic, lame=LAME, shear=SHEAR):
 def forces(quadratic, motion, swelling=None, **moduli):
     """Return nodal forces (n_nodes, 3) of motions (n_nodes, 3)."""
     force = np.zeros_like(motion)
-    kernels._core.pyblast_quadratic_zones.quadratic_forces(
+    core._core.pyblast_quadratic_zones.quadratic_forces(
         **zone_arguments(quadratic, **moduli),
         shearing=motion.T,
         swelling=(motion if swelling is None else swelling).T,
@@ -39,7 +39,7 @@ def forces(quadratic, motion, swelling=None, **moduli):
 
 
 def energy(quadratic, motion, share=(1.0, 1.0), **moduli):
-    return kernels._core.pyblast_quadratic_zones.quadratic_energy(
+    return core._core.pyblast_quadratic_zones.quadratic_energy(
         **zone_arguments(quadratic, **moduli), field=motion.T, share=share
     )
 
@@ -93,7 +93,7 @@ def test_forces_are_those_of_exact_integrals_of_any_motion():
     lame, shear = rng.uniform(1.0, 2.0, size=(2, len(mesh.zones)))
     motion = rng.normal(size=quadratic.points.shape)
 
-    root = np.sqrt(elements.VOLUME_SHARE)[:, None]
+    root = np.sqrt(tetrahedra.VOLUME_SHARE)[:, None]
     volume = tetrahedra.volumes(mesh.points, mesh.zones)[:, None, None]
     local = (motion[quadratic.zone_nodes] * root).reshape(-1, 45, 1)
     parts = zone_stiffness(mesh.points, mesh.zones, lame, shear) @ local
@@ -139,7 +139,7 @@ def test_any_part_of_the_zones_can_be_asked_for():
     force = np.zeros_like(motion)
     for first, last in ((1, cut), (cut + 1, n)):
         arguments = {**zone_arguments(quadratic), "first": first, "last": last}
-        kernels._core.pyblast_quadratic_zones.quadratic_forces(
+        core._core.pyblast_quadratic_zones.quadratic_forces(
             **arguments, shearing=motion.T, swelling=motion.T, alike=True, force=force.T
         )
 

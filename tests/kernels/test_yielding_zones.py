@@ -5,15 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving import kernels
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.materials import Damping
-from pyblast.solving.model import Model
-from pyblast.solving.plasticity import MohrCoulomb
-from pyblast.solving.preparation import prepare
-from pyblast.solving.yielding import excess_stress
+from pyblast import core
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.material import Damping, MohrCoulomb
+from pyblast.model.model import Model
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.assembly import excess_stress
+from pyblast.solver.preparation import prepare
 from verification.columns import ROCK
 
 ZONES = 4000
@@ -24,11 +23,11 @@ SQUARES = np.array([1.0, 1.0, 1.0, 0.5, 0.5, 0.5])  # of engineering strains
 def judged(law, rng):
     """Return initial stress and strain (n, 6) of zones, their room (n,) and a row of properties."""
     material = replace(ROCK, law=law, cohesion=1e6, friction=0.7, tension=8e5)
-    table = kernels.ZONE_LAWS[law.name]
-    row = kernels.property_row(table, law.properties(material), kernels.N_ZONE_PROPERTIES)
+    table = core.ZONE_LAWS[law.name]
+    row = core.property_row(table, law.properties(material), core.N_ZONE_PROPERTIES)
     initial = rng.normal(scale=5e5, size=(ZONES, 6)) - 2e6 * rng.random((ZONES, 1)) * (SQUARES == 1)
     strain = rng.normal(scale=3e-5, size=(ZONES, 6))
-    room = kernels._core.pyblast_plastic_zones.yield_rooms(
+    room = core._core.pyblast_plastic_zones.yield_rooms(
         row, np.full(ZONES, LAME), np.full(ZONES, SHEAR), initial, strain
     )
     return initial, strain, room, row
@@ -38,9 +37,9 @@ def yielded(initial, strain, row):
     """Tell which zones yield, (n,) bool."""
     found = np.zeros(len(strain), dtype=bool)
     for n, (before, now) in enumerate(zip(initial, strain, strict=True)):
-        state, lost = np.zeros(kernels.N_ZONE_STATE), np.zeros(1)
-        kernels._core.pyblast_zone_laws.zone_stress(
-            kernels.ZONE_LAWS["mohr-coulomb"].number + 1, row, LAME, SHEAR, before, now, state, lost
+        state, lost = np.zeros(core.N_ZONE_STATE), np.zeros(1)
+        core._core.pyblast_zone_laws.zone_stress(
+            core.ZONE_LAWS["mohr-coulomb"].number + 1, row, LAME, SHEAR, before, now, state, lost
         )
         found[n] = state[6:].any()
     return found
@@ -82,10 +81,10 @@ def marched(prepared, size, total=None):
     """Return the state after a march in calls of so many steps."""
     total = total or prepared.n_steps
     state = {name: value.copy() for name, value in prepared.state.items()}
-    views, step = kernels.to_fortran(prepared.constants), 0
+    views, step = core.to_fortran(prepared.constants), 0
     while step < total:
         n_steps = min(size, total - step)
-        kernels.advance(views, state, step, n_steps, 20)
+        core.advance(views, state, step, n_steps, 20)
         step += n_steps
     return state
 

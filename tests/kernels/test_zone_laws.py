@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pyblast.solving import kernels
+from pyblast import core
 from verification.zone import INITIAL, MATERIALS, Zone, strain_cycle, turned_column, turned_zone
 
-EACH = pytest.mark.parametrize("name", kernels.ZONE_LAWS)
+EACH = pytest.mark.parametrize("name", core.ZONE_LAWS)
 LOSING = ("mohr-coulomb",)
 
 
@@ -21,14 +21,14 @@ def led(zone, strains):
 
 
 def test_every_law_is_tried_here():
-    assert set(MATERIALS) == set(kernels.ZONE_LAWS)
+    assert set(MATERIALS) == set(core.ZONE_LAWS)
 
 
 @EACH
 def test_signatures_fit_into_the_tables(name):
-    law = kernels.ZONE_LAWS[name]
+    law = core.ZONE_LAWS[name]
 
-    assert len(law.properties) <= kernels.N_ZONE_PROPERTIES
+    assert len(law.properties) <= core.N_ZONE_PROPERTIES
     assert set(law.properties) == set(MATERIALS[name].law.properties(MATERIALS[name]))
 
 

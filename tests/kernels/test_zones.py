@@ -5,10 +5,11 @@ import pytest
 import reference
 from scipy.spatial.transform import Rotation
 
-from pyblast.meshing.mesh_builder import Layer, structured_box
-from pyblast.solving import assembly, domains, kernels
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import Model
+from pyblast import core
+from pyblast.mesh.builder import Layer, structured_box
+from pyblast.model.material import Damping, Material
+from pyblast.model.model import Model
+from pyblast.solver import assembly
 from verification.columns import ROCK
 
 SOFT = Material.from_speeds(1800.0, 1500.0, 600.0)
@@ -61,21 +62,23 @@ def layered_model(damping=None):
 def forces(model, displacement, velocity):
     """Return nodal forces (n_nodes, 3), strain energy and the power of what damps."""
     arrays, _ = assembly.geometry_arrays(model)
-    views = kernels.to_fortran({name: arrays[name] for name in NEEDED})
+    views = core.to_fortran({name: arrays[name] for name in NEEDED})
     slots = np.zeros((len(arrays["slot_node"]), 3, 1))
     n_rows, n_domains = len(arrays["row_initial"]), len(arrays["domain_set"])
     energy, lost, insitu = np.zeros((3, n_domains, 1))
 
     def taken(motion):
-        kernels._core.pyblast_zones.zone_forces(
+        core._core.pyblast_zones.zone_forces(
             **views,
-            **kernels.to_fortran({
-                "displacement": motion,
-                "velocity": velocity,
-                "memory": np.zeros((len(displacement), 1, 3)),
-                "row_state": np.zeros((n_rows, kernels.N_ZONE_STATE)),
-                "row_lost": np.zeros(n_rows),
-            }),
+            **core.to_fortran(
+                {
+                    "displacement": motion,
+                    "velocity": velocity,
+                    "memory": np.zeros((len(displacement), 1, 3)),
+                    "row_state": np.zeros((n_rows, core.N_ZONE_STATE)),
+                    "row_lost": np.zeros(n_rows),
+                }
+            ),
             tell=True,
             dt=0.0,
             watch=np.zeros_like(slots).T,
@@ -233,7 +236,7 @@ def test_domains_do_not_change_the_forces(monkeypatch):
     displacement, velocity = np.random.default_rng(7).normal(size=(2, *model.mesh.points.shape))
 
     whole = forces(model, displacement, velocity)
-    monkeypatch.setattr(domains, "DOMAIN_ZONES", 13)
+    monkeypatch.setattr(assembly, "DOMAIN_ZONES", 13)
     cut = forces(model, displacement, velocity)
 
     assert cut[0] == pytest.approx(whole[0], abs=1e-12 * np.abs(whole[0]).max())

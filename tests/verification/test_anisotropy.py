@@ -5,17 +5,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pyblast.errors import InputError
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving import anisotropy
-from pyblast.solving.anisotropy import Anisotropic, anisotropic, jointed, transverse
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.conditions import surface_impedance
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
-from pyblast.solving.stability import critical_step, model_frequencies
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.model import anisotropy
+from pyblast.model.anisotropy import Anisotropic, anisotropic, jointed, transverse
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.model import Model, Receiver
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.loads import surface_impedance
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
+from pyblast.solver.time_step import critical_step, model_frequencies
 from verification.columns import ROCK, ricker, started
 
 SIDES = ("west", "east", "south", "north", "bottom")
@@ -52,7 +52,7 @@ def shaken(turn=None):
         ],
         receivers=[Receiver("A", tuple(turn.apply([17.0, 9.0, 12.0])))],
     )
-    return run(model, 0.1)
+    return simulate(model, 0.1)
 
 
 def test_moduli_of_a_transverse_medium_are_those_of_its_tests():

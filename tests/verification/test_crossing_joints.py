@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Fixed, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.solver import run
-from pyblast.solving.sources import PointForce, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import PointForce, TimeFunction
+from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 
 TIMES = np.arange(0.0, 0.1, 5e-4)
@@ -34,7 +34,7 @@ def motion(n_planes, stiffness):
         sources=[FORCE],
         receivers=[Receiver("far", (22.0, 21.0, 23.0))],
     )
-    record = run(model, 0.12).seismograms["far"]
+    record = simulate(model, 0.12).seismograms["far"]
     return CubicSpline(record.times, record.velocity)(np.arange(0.002, 0.118, 5e-4))
 
 
@@ -63,7 +63,7 @@ def test_the_block_between_crossing_joints_flies_off_alone():
         receivers=[Receiver("block", (22.5, 22.5, 22.5))],
     )
 
-    result = run(model, 0.1)
+    result = simulate(model, 0.1)
 
     blocks = mesh.blocks()
     assert len(np.unique(blocks)) == 8

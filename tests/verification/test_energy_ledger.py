@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving.boundaries import Fixed, Roller, VelocityInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping
-from pyblast.solving.model import Model
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, PointForce, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed, Roller, VelocityInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Damping
+from pyblast.model.model import Model
+from pyblast.model.source import Hole, PointForce, TimeFunction
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 
 CLOSED = [Fixed("bottom"), Roller("south")]
@@ -39,7 +39,7 @@ def shaking():
 @pytest.mark.parametrize("source", [FORCE, HOLE])
 @pytest.mark.parametrize("boundaries", [(), CLOSED])
 def test_an_elastic_body_keeps_all_that_is_put_in(source, boundaries):
-    result = run(model(boundaries=boundaries, sources=[source]), 0.2)
+    result = simulate(model(boundaries=boundaries, sources=[source]), 0.2)
 
     assert result.energy["input"][-1] > 0.0
     assert result.balance_error < 1e-10
@@ -48,7 +48,9 @@ def test_an_elastic_body_keeps_all_that_is_put_in(source, boundaries):
 def test_elastic_joints_keep_all_that_is_put_in():
     joint = Joint("J", "elastic", {"kn": 2e9, "ks": 1e9}, insitu_pressure=2e4)
 
-    result = run(model({"J": ("x", 20.0)}, joints=[joint], boundaries=CLOSED, sources=[FORCE]), 0.2)
+    result = simulate(
+        model({"J": ("x", 20.0)}, joints=[joint], boundaries=CLOSED, sources=[FORCE]), 0.2
+    )
 
     assert result.energy["joint_stored"].max() > 0.01 * result.energy["input"].max()
     assert np.abs(result.energy["joint_dissipated"]).max() < 1e-9 * result.energy["input"].max()
@@ -56,7 +58,7 @@ def test_elastic_joints_keep_all_that_is_put_in():
 
 
 def test_a_prescribed_velocity_puts_in_what_is_found():
-    result = run(model(boundaries=[VelocityInput("west", shaking()), Viscous("east")]), 0.2)
+    result = simulate(model(boundaries=[VelocityInput("west", shaking()), Viscous("east")]), 0.2)
 
     assert result.energy["input"][-1] > 0.0
     assert result.balance_error < 1e-10
@@ -65,7 +67,7 @@ def test_a_prescribed_velocity_puts_in_what_is_found():
 def test_stiffness_damping_takes_what_is_missing():
     damping = Damping(0.05, 30.0)
 
-    result = run(model(damping=damping, sources=[FORCE]), 0.2)
+    result = simulate(model(damping=damping, sources=[FORCE]), 0.2)
 
     assert result.energy["damping"][-1] > 0.5 * result.energy["input"][-1]
     assert result.balance_error < 1e-10

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving import kernels
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.solver import run
+from pyblast import core
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.model import Model, Receiver
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.run import simulate
 from verification.columns import ricker
 from verification.contact import properties
 from verification.zone import MATERIALS, turned_material
@@ -21,7 +21,7 @@ from verification.zone import MATERIALS, turned_material
 SIDES = ("west", "east", "south", "north", "bottom")
 TIMES = np.arange(0.0, 0.1, 5e-4)
 TURNS = {"straight": Rotation.identity(), "turned": Rotation.random(rng=np.random.default_rng(1))}
-LAWS = [*(("zones", law) for law in kernels.ZONE_LAWS), *(("J", law) for law in kernels.JOINT_LAWS)]
+LAWS = [*(("zones", law) for law in core.ZONE_LAWS), *(("J", law) for law in core.JOINT_LAWS)]
 EACH = pytest.mark.parametrize(("where", "law"), LAWS, ids=["-".join(one) for one in LAWS])
 KEEP_ALL = [("zones", "elastic"), ("zones", "anisotropic"), ("J", "elastic")]
 
@@ -53,7 +53,7 @@ def model(where, law, turn):
 
 @cache
 def shaken(where, law, turn="straight"):
-    return run(model(where, law, TURNS[turn]), 0.1)
+    return simulate(model(where, law, TURNS[turn]), 0.1)
 
 
 @EACH
@@ -67,7 +67,7 @@ def test_a_turned_model_moves_alike(where, law):
 
 @EACH
 def test_an_interrupted_run_goes_on_with_the_same_bits(where, law, tmp_path, monkeypatch):
-    monkeypatch.setattr("pyblast.solving.preparation.CHUNK_SECONDS", 0.001)
+    monkeypatch.setattr("pyblast.solver.preparation.CHUNK_SECONDS", 0.001)
     path, one = tmp_path / "checkpoint.h5", model(where, law, TURNS["straight"])
 
     def stop(_, done, total):
@@ -75,8 +75,8 @@ def test_an_interrupted_run_goes_on_with_the_same_bits(where, law, tmp_path, mon
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run(one, 0.1, progress=stop, checkpoint=path)
-    resumed = run(one, 0.1, resume=path)
+        simulate(one, 0.1, progress=stop, checkpoint=path)
+    resumed = simulate(one, 0.1, resume=path)
 
     for name, kept in shaken(where, law).state.items():
         assert np.array_equal(kept, resumed.state[name]), name

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from pyblast.solving.charges import Column
-from pyblast.solving.materials import Material
-from pyblast.solving.sources import TimeFunction
+from pyblast.model.material import Material
+from pyblast.model.source import Column, TimeFunction
 from verification.columns import ricker
 from verification.solutions.column import far_field, radiation
 from verification.solutions.full_space import Bell, force_spectrum

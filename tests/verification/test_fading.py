@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import Layer, structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving import kernels
-from pyblast.solving.anisotropy import jointed
-from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.boundaries import Fixed, StressInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping
-from pyblast.solving.model import InSitu, Model, Receiver
-from pyblast.solving.solver import prepare, run
+from pyblast import core
+from pyblast.mesh.builder import Layer, structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.model.anisotropy import jointed
+from pyblast.model.boundary import Fixed, StressInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import ConstantQ, Damping
+from pyblast.model.model import InSitu, Model, Receiver
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.run import prepare, simulate
 from verification.columns import ROCK, ricker, started
 from verification.step_limits import largest_root
 
@@ -64,7 +63,7 @@ def shaken(kind, turn=None, **how):
         receivers=[place],
         **KINDS[kind],
     )
-    return run(model, 0.1, **how)
+    return simulate(model, 0.1, **how)
 
 
 @EACH
@@ -101,7 +100,7 @@ def test_a_turned_model_gives_turned_seismograms(kind):
 
 @EACH
 def test_an_interrupted_run_goes_on_with_the_same_bits(kind, tmp_path, monkeypatch):
-    monkeypatch.setattr("pyblast.solving.preparation.CHUNK_SECONDS", 0.0)
+    monkeypatch.setattr("pyblast.solver.preparation.CHUNK_SECONDS", 0.0)
     path = tmp_path / "checkpoint.h5"
 
     def stop(_, done, total):
@@ -112,7 +111,7 @@ def test_an_interrupted_run_goes_on_with_the_same_bits(kind, tmp_path, monkeypat
         shaken(kind, progress=stop, checkpoint=path)
 
     whole, resumed = shaken(kind), shaken(kind, resume=path)
-    for name in kernels.STATE:
+    for name in core.STATE:
         assert np.array_equal(whole.state[name], resumed.state[name]), name
 
 
@@ -163,4 +162,4 @@ def test_the_static_stage_knows_no_time(law):
     weight = 20.0**2 * 9.81 * 20.0 * ROCK.density
     assert traction[:, 2] @ contacts.area == pytest.approx(-weight, rel=1e-3)
     assert not prepared.state["memory"].any()
-    assert not run(model, 0.01, prepared=prepared).energy["kinetic"].any()
+    assert not simulate(model, 0.01, prepared=prepared).energy["kinetic"].any()

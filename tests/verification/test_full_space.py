@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from pyblast.meshing.mesh_builder import SIDES, structured_box
-from pyblast.solving.boundaries import Viscous
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, TimeFunction
+from pyblast.mesh.builder import SIDES, structured_box
+from pyblast.model.boundary import Viscous
+from pyblast.model.material import Material
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import Hole, TimeFunction
+from pyblast.solver.run import simulate
 from verification.solutions.full_space import Bell, explosion, force_spectrum, point_force
 from verification.solutions.spherical_cavity import cavity_motion
 
@@ -68,7 +68,7 @@ def test_a_hole_spread_over_many_zones_radiates_as_a_point():
         sources=[hole],
         receivers=[receiver],
     )
-    record = run(model, PULSE.peak + 2.5 / PULSE.dominant).seismograms["far"]
+    record = simulate(model, PULSE.peak + 2.5 / PULSE.dominant).seismograms["far"]
 
     wanted = 1e9 * explosion(record.times, (far, 0.0, 0.0), PULSE, ROCK)
     waves = np.exp(-2j * np.pi * np.outer([8.0, 12.0, 16.0], record.times))

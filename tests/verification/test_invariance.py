@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.model.boundary import Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Damping
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import Hole, TimeFunction
+from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 
 SIDES = ("west", "east", "south", "north", "bottom")
@@ -41,7 +41,7 @@ def jointed(sources, law="elastic", **parts):
         receivers=[Receiver("A", A), Receiver("B", B)],
         **parts,
     )
-    return run(model, 0.15).seismograms
+    return simulate(model, 0.15).seismograms
 
 
 def holes():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pyblast.solving.joints import Joint
+from pyblast.model.joint import Joint
 from verification.columns import IMPEDANCE, SPEED, column, driven, spectrum
 
 FREQUENCY, EDGES = 20.0, 10

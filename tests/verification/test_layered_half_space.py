@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pyblast.solving.materials import Material
+from pyblast.model.material import Material
 from verification.solutions.full_space import force_spectrum
 from verification.solutions.layered_half_space import Bed, cut, plane_waves, response, strike_slip
 

@@ -3,18 +3,9 @@
 import numpy as np
 import pytest
 
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.solver import run
-from verification.columns import (
-    AXIS,
-    SPEED,
-    column,
-    column_model,
-    driven,
-    pulse,
-    ricker,
-    spectrum,
-)
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.solver.run import simulate
+from verification.columns import AXIS, SPEED, column, column_model, driven, pulse, ricker, spectrum
 
 FREQUENCY = 20.0
 WAVES = pytest.mark.parametrize("wave", ["P", "S"])
@@ -29,7 +20,7 @@ def interior_gain(wave, edges_per_wavelength, *, ends, amplitude_at=FREQUENCY):
     edge = wavelength(wave) / edges_per_wavelength
     place = 4 * edges_per_wavelength * edge
     model = column_model(column(8 * edges_per_wavelength, edge), wave, ends, receivers_at=[place])
-    record = run(model, 0.45).seismograms[f"{place:g}"]
+    record = simulate(model, 0.45).seismograms[f"{place:g}"]
     found = spectrum(record.times, record.velocity[:, AXIS[wave]], [amplitude_at])
     asked = spectrum(record.times, ricker(record.times, FREQUENCY), [amplitude_at])
     return float(np.abs(found / asked)[0])

@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from pyblast import core
 from pyblast.errors import InputError
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import Layer, structured_box
-from pyblast.meshing.patches import MOST
-from pyblast.motion.seismogram import Seismogram
-from pyblast.reporting.vtk_file import write_zones, yield_fields
-from pyblast.solving import assembly, kernels
-from pyblast.solving.boundaries import Fixed, Roller, StressInput, VelocityInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
-from pyblast.solving.model import InSitu, Model, Receiver
-from pyblast.solving.plasticity import MohrCoulomb
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
-from pyblast.solving.yielding import yield_states
+from pyblast.mesh.builder import Layer, structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.mesh.ordering import MOST
+from pyblast.model.boundary import Fixed, Roller, StressInput, VelocityInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material, MohrCoulomb
+from pyblast.model.model import InSitu, Model, Receiver
+from pyblast.report.vtk import write_zones, yield_fields
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver import assembly
+from pyblast.solver.assembly import yield_states
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker, started
 from verification.rungs.anisotropy import DIRECTIONS, mesh_speeds
 from verification.solutions.plasticity import triaxial_strength
@@ -54,7 +54,7 @@ def shaken(turn=None, rock=WEAK, **how):
         boundaries=[*map(Viscous, SIDES), StressInput("west", shaking)],
         receivers=[Receiver("A", tuple(turn.apply([17.0, 9.0, 12.0])))],
     )
-    return run(model, 0.1, **how)
+    return simulate(model, 0.1, **how)
 
 
 def test_the_ledger_of_yielding_ground_closes_to_rounding():
@@ -92,7 +92,7 @@ def test_a_turned_model_yields_alike():
 
 
 def test_an_interrupted_run_of_yielding_ground_goes_on_with_the_same_bits(tmp_path, monkeypatch):
-    monkeypatch.setattr("pyblast.solving.preparation.CHUNK_SECONDS", 0.005)
+    monkeypatch.setattr("pyblast.solver.preparation.CHUNK_SECONDS", 0.005)
     path = tmp_path / "checkpoint.h5"
 
     def stop(_, done, total):
@@ -103,7 +103,7 @@ def test_an_interrupted_run_of_yielding_ground_goes_on_with_the_same_bits(tmp_pa
         shaken(progress=stop, checkpoint=path)
 
     whole, resumed = shaken(), shaken(resume=path)
-    for name in kernels.STATE:
+    for name in core.STATE:
         assert np.array_equal(whole.state[name], resumed.state[name]), name
 
 
@@ -112,7 +112,7 @@ def accelerations(model, displacement):
     prepared = prepare(model, 1e-3)
     state = {name: value.copy() for name, value in prepared.state.items()}
     state["displacement"] = displacement
-    kernels.advance(kernels.to_fortran(prepared.constants), state, 0, 1, 1)
+    core.advance(core.to_fortran(prepared.constants), state, 0, 1, 1)
     return state["velocity"] * prepared.constants["node_mass"][:, None], state, prepared
 
 
@@ -209,7 +209,7 @@ def test_strong_ground_settles_to_its_overburden_and_stays_at_rest():
     prepared = prepare(model, 0.05)
 
     zone, stress, plastic = yield_states(prepared.constants, prepared.state)
-    result = run(model, 0.05, prepared=prepared)
+    result = simulate(model, 0.05, prepared=prepared)
 
     depth = 40.0 - model.mesh.points[model.mesh.zones].mean(axis=1)[zone, 2]
     assert not plastic.any()
@@ -223,7 +223,7 @@ def test_ground_that_its_weight_breaks_keeps_its_damage_but_not_its_strain():
 
     prepared = prepare(model, 0.05)
     _, stress, plastic = yield_states(prepared.constants, prepared.state)
-    result = run(model, 0.05, prepared=prepared)
+    result = simulate(model, 0.05, prepared=prepared)
 
     assert (plastic[:, 0] > 0.0).mean() > 0.5
     assert not prepared.state["row_state"][:, 6:12].any()
@@ -254,7 +254,7 @@ def test_yielding_blocks_on_a_joint_settle_and_stay_at_rest():
     )  # fmt: skip
 
     prepared = prepare(model, 0.05)
-    result = run(model, 0.05, prepared=prepared)
+    result = simulate(model, 0.05, prepared=prepared)
 
     _, _, plastic = yield_states(prepared.constants, prepared.state)
     pressure = -prepared.constants["contact_initial"][:, 2]
@@ -286,7 +286,7 @@ def test_a_pillar_crushed_slowly_bears_its_uniaxial_strength():
     down = Seismogram(np.outer(-speed, [0.0, 0.0, 1.0]), times[1])
     model = pillar(rock=hard, boundaries=[VelocityInput("top", down)], local_damping=0.8)
 
-    energy = run(model, duration).energy
+    energy = simulate(model, duration).energy
 
     work, moved = energy["input"], np.interp(energy["time"], times, np.cumsum(speed) * times[1])
     late = moved > 0.06

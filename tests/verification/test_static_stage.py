@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from pyblast import core
 from pyblast.errors import SolverError
-from pyblast.meshing.mesh_builder import Layer, structured_box
-from pyblast.solving import kernels
-from pyblast.solving.assembly import after_static
-from pyblast.solving.boundaries import Fixed, Roller, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
-from pyblast.solving.model import InSitu, Model, Receiver
-from pyblast.solving.solver import prepare, run
-from pyblast.solving.sources import PointForce, TimeFunction
+from pyblast.mesh.builder import Layer, structured_box
+from pyblast.model.boundary import Fixed, Roller, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material
+from pyblast.model.model import InSitu, Model, Receiver
+from pyblast.model.source import PointForce, TimeFunction
+from pyblast.solver.assembly import after_static
+from pyblast.solver.run import prepare, simulate
 from verification.columns import ROCK, ricker
 from verification.contact import properties
 
@@ -96,7 +96,7 @@ def test_displacement_is_reset_and_nothing_moves_without_a_blast():
     model = hill({"J": ("z", 50.0)}, bumpy=True)
     prepared = prepare(model, 0.1)
 
-    result = run(model, 0.1, prepared=prepared)
+    result = simulate(model, 0.1, prepared=prepared)
 
     assert prepared.static["unbalanced"] < 1e-5
     assert not prepared.state["displacement"].any()
@@ -123,14 +123,14 @@ def test_pressure_raises_the_strength_of_a_joint():
     for depth in (10.0, 80.0):
         force = PointForce(np.array([15.0, 15.0, 105.0 - depth]), np.array([1.0, 0.0, 0.0]), push)
         model = replace(hill({"J": ("z", 100.0 - depth)}, law=WEAK), sources=(force,))
-        slips.append(np.abs(run(model, 0.1).state["contact_state"][:, :3]).max())
+        slips.append(np.abs(simulate(model, 0.1).state["contact_state"][:, :3]).max())
 
     assert slips[0] > 0.0
     assert slips[1] < 0.5 * slips[0]
 
 
 def test_a_block_that_nothing_holds_is_named_as_the_likely_cause(monkeypatch):
-    monkeypatch.setattr("pyblast.solving.preparation.STATIC_STEPS", 2000)
+    monkeypatch.setattr("pyblast.solver.preparation.STATIC_STEPS", 2000)
     mesh = structured_box((2, 2, 4), (20.0, 20.0, 40.0), planes={"J": ("z", 20.0)}).split(["J"])
     model = Model(
         mesh,
@@ -161,11 +161,11 @@ def test_a_gap_that_the_static_stage_leaves_must_close_before_the_joint_presses(
     for share, presses in ((0.9, False), (1.1, True)):
         trial = {name: value.copy() for name, value in state.items()}
         trial["displacement"][upper, 2] -= share * gap
-        kernels.advance(kernels.to_fortran(constants), trial, 0, 1, 1)
+        core.advance(core.to_fortran(constants), trial, 0, 1, 1)
         assert np.all((trial["contact_traction"][:, 2] < 0.0) == presses)
 
 
-LAWS = list(kernels.JOINT_LAWS)
+LAWS = list(core.JOINT_LAWS)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -173,13 +173,13 @@ def test_a_joint_of_any_law_starts_its_stage_at_rest_under_the_weight_above(law)
     model = replace(hill({"J": ("z", 50.0)}), joints=[Joint("J", law, properties(law))])
 
     pressure, _, prepared = joint_traction(model)
-    result = run(model, 0.1, prepared=prepared)
+    result = simulate(model, 0.1, prepared=prepared)
 
     assert pressure == pytest.approx(-ROCK.density * GRAVITY * 50.0, rel=1e-3)
     assert np.abs(result.state["velocity"]).max() < 1e-11
 
 
-@pytest.mark.parametrize("law", [law for law in LAWS if "gap" in kernels.JOINT_LAWS[law].state])
+@pytest.mark.parametrize("law", [law for law in LAWS if "gap" in core.JOINT_LAWS[law].state])
 def test_a_gap_outlives_the_static_stage_under_any_law(law):
     joint = Joint("J", law, properties(law), insitu_pressure=1e6)
     model = replace(hill({"J": ("z", 50.0)}), joints=[joint], insitu=None)
@@ -189,7 +189,7 @@ def test_a_gap_outlives_the_static_stage_under_any_law(law):
     def moved(constants, state, rise):
         trial = {name: value.copy() for name, value in state.items()}
         trial["displacement"][upper, 2] += rise
-        kernels.advance(kernels.to_fortran(constants), trial, 0, 1, 1)
+        core.advance(core.to_fortran(constants), trial, 0, 1, 1)
         return trial
 
     lifted = moved(prepared.constants, prepared.state, 5e-3)

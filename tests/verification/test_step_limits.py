@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.blocky import blocky_mesh, blocky_model
-from pyblast.solving.materials import Damping
-from pyblast.solving.preparation import prepare
-from pyblast.solving.stability import critical_step
+from pyblast.model.material import Damping
+from pyblast.solver.preparation import prepare
+from pyblast.solver.time_step import critical_step
 from verification.step_limits import lasts, true_limit
 
 pytest.importorskip("gmsh", exc_type=ImportError)

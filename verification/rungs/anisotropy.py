@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving import kernels
-from pyblast.solving.anisotropy import christoffel, jointed, transverse
-from pyblast.solving.boundaries import Fixed, StressInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
+from pyblast import core
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.model.anisotropy import christoffel, jointed, transverse
+from pyblast.model.boundary import Fixed, StressInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material
+from pyblast.model.model import Model, Receiver
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 from verification.ladder import Curve, Reading, rung
 
 SCHIST = transverse(
@@ -30,7 +30,7 @@ def mesh_speeds(material, per_wavelength, direction):
     """Return the three speeds (3,) that a grid of cubes of one metre gives plane waves."""
     mesh = structured_box((4, 4, 4), (4.0, 4.0, 4.0))
     prepared = prepare(Model(mesh, {"rock": material}, _ordered=True), 1e-3)
-    views = kernels.to_fortran(prepared.constants)
+    views = core.to_fortran(prepared.constants)
     middle = int(np.flatnonzero((mesh.points == 2.0).all(axis=1))[0])
     wave = 2.0 * np.pi / per_wavelength * direction
     phase = (mesh.points - mesh.points[middle]) @ wave
@@ -39,7 +39,7 @@ def mesh_speeds(material, per_wavelength, direction):
         for part, unit in ((np.cos, 1.0), (np.sin, 1j)):
             state = {name: value.copy() for name, value in prepared.state.items()}
             state["displacement"][:, axis] = part(phase)
-            kernels.advance(views, state, 0, 1, 10**6)
+            core.advance(views, state, 0, 1, 10**6)
             matrix[:, axis] -= unit * state["velocity"][middle] / prepared.constants["dt"]
     return np.sqrt(np.linalg.eigvalsh(matrix)) / np.linalg.norm(wave)
 
@@ -82,7 +82,7 @@ def jointed_column(edges_per_spacing, *, ends=False, told=False):
         ],
         receivers=[Receiver(f"{x}", (x, 0.1 * edge, 0.1 * edge)) for x in mine],
     )  # fmt: skip
-    found = list(run(model, 8.0 / frequency).seismograms.values())
+    found = list(simulate(model, 8.0 / frequency).seismograms.values())
     waves = [s.velocity[:, 0] @ np.exp(2j * np.pi * frequency * s.times) * s.dt for s in found]
     asked = pulse[:, 0] @ np.exp(2j * np.pi * frequency * times) * times[1]
     lag = np.angle(waves[1] / waves[0]) % (2.0 * np.pi)

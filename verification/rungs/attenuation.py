@@ -6,13 +6,12 @@ from functools import cache
 import numpy as np
 from scipy.optimize import curve_fit
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.attenuation import ConstantQ, relative_modulus
-from pyblast.solving.boundaries import Fixed, StressInput, Viscous
-from pyblast.solving.materials import Damping
-from pyblast.solving.model import Model
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed, StressInput, Viscous
+from pyblast.model.material import ConstantQ, Damping, relative_modulus
+from pyblast.model.model import Model
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 from verification.columns import AXIS, ROCK, SPEED, column, column_model, pulse, spectrum, started
 from verification.ladder import Curve, Reading, rung
 from verification.solutions.attenuation import (
@@ -39,7 +38,7 @@ def travelled(wave, n):
     ends = [Viscous("west"), Viscous("east"), StressInput("west", pulse(20.0, wave))]
     model = column_model(column(22 * n, edge), wave, ends, receivers_at=places)
     model = replace(model, materials={"rock": replace(ROCK, law=LAW)})
-    result = run(model, 0.68)  # before the far end can answer
+    result = simulate(model, 0.68)  # before the far end can answer
     frequency = np.geomspace(*BAND, 25)
     near, far = (
         spectrum(s.times, s.velocity[:, AXIS[wave]], frequency) for s in result.seismograms.values()

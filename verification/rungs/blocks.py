@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 
 from pyblast.errors import SolverError
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Fixed
-from pyblast.solving.joints import Joint
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed
+from pyblast.model.joint import Joint
+from pyblast.model.model import Model, Receiver
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 from verification.columns import ROCK
 from verification.ladder import Curve, Reading, rung
 
@@ -49,7 +49,9 @@ def pushed(model, duration, acceleration, rise=1e-9, factor=None):
         "dt": dt,
     }
     constants = {**prepared.constants, **loads}
-    return run(model, duration, prepared=replace(prepared, constants=constants, n_steps=n_steps))
+    return simulate(
+        model, duration, prepared=replace(prepared, constants=constants, n_steps=n_steps)
+    )
 
 
 @rung(

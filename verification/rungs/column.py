@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.charges import Column
-from pyblast.solving.loads import model_loads
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model
-from pyblast.solving.sources import TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.model.material import Material
+from pyblast.model.model import Model
+from pyblast.model.source import Column, TimeFunction
+from pyblast.solver.loads import model_loads
 from verification.ladder import Curve, Reading, rung
 from verification.solutions.column import far_field, radiation
 

@@ -6,12 +6,12 @@ import numpy as np
 from scipy.optimize import curve_fit
 
 from pyblast.errors import SolverError
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Fixed
-from pyblast.solving.materials import Damping
-from pyblast.solving.model import Model
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed
+from pyblast.model.material import Damping
+from pyblast.model.model import Model
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 from verification.columns import AXIS, ROCK, SPEED, column_model, started
 from verification.ladder import Curve, Reading, rung
 from verification.rungs.plane_waves import forces
@@ -93,7 +93,7 @@ def grows(factor):
     state = {**prepared.state, "velocity": velocity}
     prepared = replace(prepared, constants=constants, state=state, n_steps=n_steps)
     try:
-        run(model, n_steps * dt, prepared=prepared)
+        simulate(model, n_steps * dt, prepared=prepared)
     except SolverError:
         return 1.0
     return 0.0

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.meshing.geology import Layer
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.boundaries import Fixed, FreeField, StressInput, Viscous
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.solver import run
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.grid import Layer
+from pyblast.model.boundary import Fixed, FreeField, StressInput, Viscous
+from pyblast.model.material import ConstantQ
+from pyblast.model.model import Model, Receiver
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.run import simulate
 from verification.columns import misfit, ricker
 from verification.ladder import Curve, Reading, rung
 from verification.rungs.layers import FIRST, ROCK, SOIL, THICKNESS
@@ -65,7 +65,7 @@ def shaken(n, wave, ground, width):
             for name, z in (("ground", heights[-1]), ("foot", heights[-1] - THICKNESS))
         ],
     )
-    return run(model, DURATION).seismograms
+    return simulate(model, DURATION).seismograms
 
 
 @rung(

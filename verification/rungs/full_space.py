@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Fixed, Roller, Viscous
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.pressures import Pressure
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, PointForce, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed, Roller, Viscous
+from pyblast.model.material import Material
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import Hole, PointForce, Pressure, TimeFunction
+from pyblast.solver.run import simulate
 from verification.ladder import Curve, Reading, rung
 from verification.meshes import ball_octant
 from verification.solutions.full_space import Bell, explosion, point_force
@@ -42,7 +41,7 @@ def octant(per_wavelength, wave_speed, pulse, source, planes, beside, quadratic)
         receivers=[Receiver("far", (FAR * length, 0.0, 0.0))],
         quadratic=quadratic,
     )
-    return run(model, pulse.peak + (FAR + 0.8) / pulse.dominant).seismograms["far"]
+    return simulate(model, pulse.peak + (FAR + 0.8) / pulse.dominant).seismograms["far"]
 
 
 def exploded(per_wavelength, quadratic=False):
@@ -185,7 +184,7 @@ def spherical_cavity(n_edges):
         sources=[Pressure("cavity", TimeFunction(PRESSURE * values, dt))],
         receivers=[Receiver(f"{r:g} {k}", r * CAVITY * ray) for r in SHELLS for k, ray in RAYS],
     )
-    records = run(model, 16.0 * CAVITY / ROCK.cp).seismograms
+    records = simulate(model, 16.0 * CAVITY / ROCK.cp).seismograms
     readings, curves = [], []
     for r in SHELLS:
         each = [records[f"{r:g} {k}"].velocity @ ray for k, ray in RAYS]

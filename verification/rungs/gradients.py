@@ -4,20 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving.born import tangents
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.gradients import gradient
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.perturbations import with_speeds
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, TimeFunction
-from pyblast.solving.tracks import track
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Damping, Material
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import Hole, TimeFunction
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.perturbation import with_speeds
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
+from pyblast.solver.sensitivity import gradient, tangents
+from pyblast.solver.tracks import track
 from verification.columns import ROCK, ricker
 from verification.ladder import Curve, Reading, rung
 
@@ -72,7 +71,7 @@ def scaled(model, strips, **factors):
 def motion(model, dt):
     """Run a model at a given time step; return all seismograms, (n_steps, 3 n_receivers)."""
     own = prepare(model, DURATION).constants["dt"]
-    result = run(replace(model, step_factor=model.step_factor * dt / own), DURATION)
+    result = simulate(replace(model, step_factor=model.step_factor * dt / own), DURATION)
     return np.concatenate([one.velocity for one in result.seismograms.values()], axis=1)
 
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.joints import Joint, saturated
-from pyblast.solving.materials import Material, saturated_rock
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.solver import run
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.joint import Joint, saturated
+from pyblast.model.material import Material, saturated_rock
+from pyblast.model.model import Model, Receiver
+from pyblast.solver.run import simulate
 from verification.columns import AXIS, IMPEDANCE, ROCK, column, driven, guides, pulse, spectrum
 from verification.ladder import Curve, Reading, rung
 
@@ -52,7 +52,7 @@ def gradient(n):
         boundaries=[*guides("S"), Viscous("west"), Viscous("east"),
                     StressInput("west", pulse(FREQUENCY, "S"))],
     )  # fmt: skip
-    done = run(model, 0.7)
+    done = simulate(model, 0.7)
     near, far = (done.seismograms[f"{k}"] for k in range(2))
     one, two = (s.velocity[:, AXIS["S"]] for s in (near, far))
     at_peak = spectrum(near.times, two, [FREQUENCY]) / spectrum(near.times, one, [FREQUENCY])

@@ -3,13 +3,13 @@
 import numpy as np
 from scipy.optimize import curve_fit
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Fixed, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, PointForce, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import Hole, PointForce, TimeFunction
+from pyblast.solver.run import simulate
 from verification.columns import ricker, started
 from verification.ladder import Curve, Reading, rung
 from verification.solutions.half_space import bound_frequency, bound_mode, surface_motion
@@ -44,7 +44,7 @@ def slab(n, sources_of, places):
         sources=sources_of(edge),
         boundaries=[*SLAB, *map(Viscous, ("west", "east", "bottom"))],
     )  # fmt: skip
-    return run(model, DURATION).seismograms
+    return simulate(model, DURATION).seismograms
 
 
 def compared(n, places, sources_of, wanted_of, what):

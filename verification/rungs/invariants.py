@@ -3,17 +3,17 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pyblast.ensembles.banks import greens_functions
-from pyblast.meshing.mesh import Mesh
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Damping
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, PointForce, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.mesh import Mesh
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Damping
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import Hole, PointForce, TimeFunction
+from pyblast.runs.greens_bank import greens_functions
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker, started
 from verification.ladder import Curve, Reading, rung
 from verification.rungs.plane_waves import forces
@@ -60,7 +60,7 @@ def shaken_box(law="coulomb", turn=None, sources=(), amplitude=0.2):
 
 def shaken(law="coulomb", turn=None, sources=(), amplitude=0.2):
     """Run the box; return the run."""
-    return run(shaken_box(law, turn, sources, amplitude), 0.15)
+    return simulate(shaken_box(law, turn, sources, amplitude), 0.15)
 
 
 @rung(
@@ -129,7 +129,7 @@ def patch():
 def stored_gap(side):
     """Return the difference of a blast from stored responses to its run, over the largest PVS."""
     model = shaken_box("elastic", sources=HOLES, amplitude=0.0)
-    direct = run(model, 0.15).seismograms
+    direct = simulate(model, 0.15).seismograms
     stored = greens_functions(model, 0.15, side=side).blast(HOLES)
     gaps = [np.abs(stored[n].velocity - direct[n].velocity).max() for n in direct]
     return float(max(gaps) / max(record.pvs for record in direct.values()))

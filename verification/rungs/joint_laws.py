@@ -5,7 +5,7 @@ import copy
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from pyblast.solving.kernels import JOINT_LAWS, ZONE_LAWS
+from pyblast.core import JOINT_LAWS, ZONE_LAWS
 from verification.contact import KN, KS, NORMAL, TENSION, WEAKER, Contact, cycles
 from verification.ladder import Reading, rung
 from verification.zone import Zone, strain_cycle, turned_column, turned_zone
@@ -58,9 +58,7 @@ def bits_lost(law):
     for jump in path[:150]:
         contact.move(jump)
     again = copy.deepcopy(contact)
-    return sum(
-        contact.move(jump).tobytes() != again.move(jump).tobytes() for jump in path[150:]
-    )
+    return sum(contact.move(jump).tobytes() != again.move(jump).tobytes() for jump in path[150:])
 
 
 def zone_turning_error(name, seed):

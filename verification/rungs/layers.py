@@ -6,16 +6,14 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.signal import hilbert
 
-from pyblast.meshing.geology import Layer
-from pyblast.meshing.grid import graded_axis
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving.attenuation import ConstantQ
-from pyblast.solving.boundaries import Fixed, StressInput, Viscous
-from pyblast.solving.materials import Damping, Material
-from pyblast.solving.model import Model, Receiver, Rim
-from pyblast.solving.solver import run
-from pyblast.solving.sources import PointForce, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.grid import Layer, graded_axis
+from pyblast.model.boundary import Fixed, StressInput, Viscous
+from pyblast.model.material import ConstantQ, Damping, Material
+from pyblast.model.model import Model, Receiver, Rim
+from pyblast.model.source import PointForce, TimeFunction
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.run import simulate
 from verification.ladder import Curve, Reading, rung
 from verification.solutions.full_space import Bell
 from verification.solutions.layered_column import layer_gain
@@ -54,7 +52,7 @@ def shaken_layer(n_edges, damping):
         damping={"soil": damping, "rock": Damping(0.0, FIRST)},
         receivers=[Receiver("ground", (0.0, 0.0, heights[-1]))],
     )
-    record = run(model, 3.0).seismograms["ground"]
+    record = simulate(model, 3.0).seismograms["ground"]
 
     def gain(frequency):
         given, found = (
@@ -156,7 +154,7 @@ def loh_record(n_edges, bed, base):
         sources=couples,
         receivers=[Receiver(name, (*place, 0.0)) for name, place in PLACES.items()],
     )
-    return run(model, DURATION).seismograms
+    return simulate(model, DURATION).seismograms
 
 
 def envelope_and_phase(wanted, found):

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.meshing.tetrahedra import shape_gradients
-from pyblast.solving.boundaries import Fixed
-from pyblast.solving.model import Model
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.tetrahedra import shape_gradients
+from pyblast.model.boundary import Fixed
+from pyblast.model.model import Model
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 from verification.columns import ROCK
 from verification.ladder import Curve, Reading, rung
 
@@ -70,7 +70,7 @@ def manufactured(n):
     }
     start = OMEGA * np.cos(0.5 * OMEGA * dt) * shape
     state = {**prepared.state, "velocity": start}
-    done = run(model, duration, prepared=replace(prepared, constants={**constants, **loads},
+    done = simulate(model, duration, prepared=replace(prepared, constants={**constants, **loads},
                                                  state=state))  # fmt: skip
     found, amplitude = done.state["displacement"], np.sin(OMEGA * dt * n_steps)
     zones = model.mesh.zones

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving.boundaries import StressInput, Viscous
-from pyblast.solving.joints import Joint, thick_fill
-from pyblast.solving.solver import run
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.joint import Joint, thick_fill
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.run import simulate
 from verification.columns import AXIS, IMPEDANCE, SPEED, column, column_model, ricker, spectrum
 from verification.contact import DT, KN, Contact
 from verification.ladder import Curve, Reading, rung
@@ -42,7 +42,7 @@ def crossed(wave, n, values, dt, joint, periods, front=1.0, at=2.0, behind=3.0, 
         mesh = column(round(length * n), edge, planes)
         joints = [joint] if there else []
         model = column_model(mesh, wave, ends, receivers_at=places, joints=joints)
-        records = run(model, periods / FREQUENCY).seismograms.values()
+        records = simulate(model, periods / FREQUENCY).seismograms.values()
         motion[there] = [(s.times, s.velocity[:, AXIS[wave]]) for s in records]
     return motion
 

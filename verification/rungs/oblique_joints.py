@@ -6,11 +6,11 @@ wavelength apart leave as it is: waves, joint and rollers know no other edges.
 
 import numpy as np
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Fixed, Roller, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.preparation import prepare
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed, Roller, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.model import Model, Receiver
+from pyblast.solver.preparation import prepare
 from verification.columns import ROCK, spectrum, started
 from verification.ladder import Curve, Reading, rung
 from verification.solutions.joints import oblique
@@ -152,12 +152,27 @@ def oblique_joint(n):
                 back = (with_joint[0, 0] - without[0, 0]) / without[0, 0]
                 energy = np.mean(np.abs(back) ** 2 + np.abs(found[0]) ** 2)
                 readings.append(Reading.relative(f"energy, SH {degrees:g} deg", 1.0, energy))
-                curves.append(Curve(f"SH {degrees:g} deg", BAND, np.abs(form[0]), np.abs(found[0]),
-                                    "frequency [Hz]", "motion with over without joint"))
+                curves.append(
+                    Curve(
+                        f"SH {degrees:g} deg",
+                        BAND,
+                        np.abs(form[0]),
+                        np.abs(found[0]),
+                        "frequency [Hz]",
+                        "motion with over without joint",
+                    )
+                )
                 continue
             for what, one, other in zip(("across", "along"), form, found, strict=True):
                 readings.append(Reading.norm(f"{what}, P-SV {degrees:g} deg", one, other))
-                curves.append(Curve(f"P-SV {degrees:g} deg, {what}", BAND, np.abs(one),
-                                    np.abs(other), "frequency [Hz]",
-                                    "motion with over without joint"))
+                curves.append(
+                    Curve(
+                        f"P-SV {degrees:g} deg, {what}",
+                        BAND,
+                        np.abs(one),
+                        np.abs(other),
+                        "frequency [Hz]",
+                        "motion with over without joint",
+                    )
+                )
     return readings, curves

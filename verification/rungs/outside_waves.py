@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Fixed, Viscous
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.plane_waves import PlaneWave
-from pyblast.solving.solver import run
-from pyblast.solving.sources import TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed, Viscous
+from pyblast.model.material import Material
+from pyblast.model.model import Model, Receiver
+from pyblast.model.plane_wave import PlaneWave
+from pyblast.model.source import TimeFunction
+from pyblast.solver.run import simulate
 from verification.columns import ricker, spectrum
 from verification.ladder import Curve, Reading, rung
 from verification.rungs.quiet_faces import sent_back
@@ -57,7 +57,7 @@ def scattered(model, trains, first):
     """
     last = max((model.mesh.points @ s).max() for s, _ in trains) - first
     times = np.linspace(0.02, last + 3.0 / FREQUENCY, 40)
-    result = run(model, times[-1], snapshot_times=times)
+    result = simulate(model, times[-1], snapshot_times=times)
     history, mass = pulse(), result.prepared.constants["node_mass"]
     energies = []
     for time, velocity in result.snapshots.items():
@@ -142,7 +142,7 @@ def tilted_ground(n, wave):
         mesh=replace(model.mesh, points=points),
         receivers=[Receiver("ground", middle)],
     )
-    record = run(model, 0.35).seismograms["ground"]
+    record = simulate(model, 0.35).seismograms["ground"]
     turn, history = np.radians(TILT), pulse()
     axes = np.array([
         [np.cos(turn), 0.0, -np.sin(turn)], [0.0, 1.0, 0.0], [np.sin(turn), 0.0, np.cos(turn)],

@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving import assembly, kernels
-from pyblast.solving.boundaries import Fixed, StressInput, Viscous
-from pyblast.solving.model import Model
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
+from pyblast import core
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed, StressInput, Viscous
+from pyblast.model.model import Model
+from pyblast.solver import assembly
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 from verification.columns import (
     AXIS,
     ROCK,
@@ -113,15 +114,15 @@ def forces(constants, displacement):
              "row_initial set_form edge_start edge_slot edge_spring skew_start skew_slot "
              "skew_spring domain_patch_start patch_start patch_slot patch_gradient "
              "patch_bulk")  # fmt: skip
-    views = kernels.to_fortran({name: constants[name] for name in names.split()})
+    views = core.to_fortran({name: constants[name] for name in names.split()})
     n_domains, n_rows = len(constants["domain_set"]), len(constants["row_initial"])
-    state = kernels.to_fortran({
+    state = core.to_fortran({
         "displacement": displacement, "velocity": np.zeros_like(displacement),
         "memory": np.zeros((len(displacement), 1, 3)), "row_lost": np.zeros(n_rows),
-        "row_state": np.zeros((n_rows, kernels.N_ZONE_STATE)),
+        "row_state": np.zeros((n_rows, core.N_ZONE_STATE)),
     })  # fmt: skip
     slots = np.zeros((len(constants["slot_node"]), 3, 1))
-    kernels._core.pyblast_zones.zone_forces(
+    core._core.pyblast_zones.zone_forces(
         **views, **state, tell=False, dt=0.0, slot_force=slots.T,
         watch=np.zeros_like(slots).T, room=np.full((1, n_domains), -1.0),
         **{f"domain_{n}": np.zeros((1, n_domains)) for n in ("strain", "lost", "insitu")},
@@ -169,7 +170,7 @@ def interior_gain(wave, n, ends):
     edge, n = SPEED[wave] / FREQUENCY / round(n), round(n)
     place = 4 * n * edge
     model = column_model(column(8 * n, edge), wave, ends, receivers_at=[place])
-    record = run(model, 0.45).seismograms[f"{place:g}"]
+    record = simulate(model, 0.45).seismograms[f"{place:g}"]
     found = record.velocity[:, AXIS[wave]]
     asked = ricker(record.times, FREQUENCY)
     gain = spectrum(record.times, found, [FREQUENCY]) / spectrum(record.times, asked, [FREQUENCY])

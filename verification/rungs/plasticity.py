@@ -4,19 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.meshing.mesh import Mesh, volumes
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.motion.seismogram import Seismogram
-from pyblast.solving import kernels
-from pyblast.solving.boundaries import Fixed, VelocityInput
-from pyblast.solving.edges import edge_arrays
-from pyblast.solving.materials import Material
-from pyblast.solving.model import InSitu, Model
-from pyblast.solving.patch_tables import patch_arrays
-from pyblast.solving.plasticity import MohrCoulomb
-from pyblast.solving.preparation import prepare
-from pyblast.solving.solver import run
-from pyblast.solving.yielding import yield_states
+from pyblast import core
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.mesh import Mesh, volumes
+from pyblast.model.boundary import Fixed, VelocityInput
+from pyblast.model.material import Material, MohrCoulomb
+from pyblast.model.model import InSitu, Model
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.assembly import patch_arrays, yield_states
+from pyblast.solver.edge_springs import edge_arrays
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
 from verification.ladder import Curve, Reading, rung
 from verification.solutions.plasticity import (
     flow_number,
@@ -39,14 +37,14 @@ def sampled(material, strains, confining):
     axial, side : (n,) float64
         Axial stress in Pa, and the strain of the sides.
     """
-    law = kernels.ZONE_LAWS[material.law.name]
-    row = kernels.property_row(law, material.law.properties(material), kernels.N_ZONE_PROPERTIES)
-    state, lost = np.zeros(kernels.N_ZONE_STATE), np.zeros(1)
+    law = core.ZONE_LAWS[material.law.name]
+    row = core.property_row(law, material.law.properties(material), core.N_ZONE_PROPERTIES)
+    state, lost = np.zeros(core.N_ZONE_STATE), np.zeros(1)
     initial = -confining * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
 
     def stress(side, axial, memory):
         strain = np.array([side, side, axial, 0.0, 0.0, 0.0])
-        return kernels._core.pyblast_zone_laws.zone_stress(
+        return core._core.pyblast_zone_laws.zone_stress(
             law.number + 1, row, material.first_lame, material.shear, initial, strain, memory,
             lost,
         )[0]  # fmt: skip
@@ -216,7 +214,7 @@ def pressed(fineness, *, patches, settlement=0.15, crossings=20.0):
         bare = {**prepared.constants, "zone_patch": np.full(len(mesh.zones), -1, dtype=np.int32)}
         bare |= {**edge_arrays(model.nodes, bare), **patch_arrays(model.nodes, bare)}
         prepared = replace(prepared, constants=bare)
-    energy = run(model, duration, prepared=prepared).energy
+    energy = simulate(model, duration, prepared=prepared).energy
     moved = np.interp(energy["time"], times, np.cumsum(speed) * times[1])
     at = np.linspace(0.0, moved[-1], 41)
     work = np.interp(at, moved, energy["input"])

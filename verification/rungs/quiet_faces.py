@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Fixed, Viscous
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model
-from pyblast.solving.preparation import prepare
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed, Viscous
+from pyblast.model.material import Material
+from pyblast.model.model import Model
+from pyblast.solver.preparation import prepare
 from verification.columns import started
 from verification.ladder import Curve, Reading, rung
 
@@ -67,7 +67,7 @@ def measured(wave, angle, n):
     omega, group = k * c, c * np.cos(turn)
 
     def motion(time):
-        envelope = np.exp(-(((x - group * time) / WAVELENGTH - START) / WIDTH) ** 2)
+        envelope = np.exp(-((((x - group * time) / WAVELENGTH - START) / WIDTH) ** 2))
         phase = kx * x - omega * time
         u = np.zeros_like(model.mesh.points)
         if wave == "SH":

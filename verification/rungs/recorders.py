@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pyblast.motion import recorder
-from pyblast.motion.seismogram import Seismogram
+from pyblast.signals import recorder
+from pyblast.signals.seismogram import Seismogram
 from verification.columns import ricker
 from verification.ladder import Curve, Reading, rung
 

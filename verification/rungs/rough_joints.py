@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from pyblast.solving.joints import Joint
+from pyblast.model.joint import Joint
 from verification.columns import IMPEDANCE, spectrum
 from verification.contact import Contact
 from verification.ladder import Curve, Reading, rung

@@ -4,13 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Fixed, Roller, Viscous
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.pressures import AirBlast
-from pyblast.solving.solver import run
-from pyblast.solving.sources import TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed, Roller, Viscous
+from pyblast.model.material import Material
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import AirBlast, TimeFunction
+from pyblast.solver.run import simulate
 from verification.columns import ricker, spectrum
 from verification.ladder import Curve, Reading, rung
 from verification.solutions.running_load import coupling, load_that_sets_out
@@ -73,7 +72,7 @@ def watched(ground, n):
         sources=[AirBlast("top", (0.0, 0.5 * edge, 0.0), history, speed=AIR, exponent=0.0)],
         receivers=[Receiver("under", (ground.place, 0.5 * edge, -1e-6 * edge))],
     )
-    return run(model, ground.place / AIR + (1.5 + WINDOW) / FREQUENCY).seismograms["under"]
+    return simulate(model, ground.place / AIR + (1.5 + WINDOW) / FREQUENCY).seismograms["under"]
 
 
 def load(times):

@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
-from pyblast.meshing.grid import graded_axis
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Fixed, Roller, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model, Receiver, Rim
-from pyblast.solving.solver import run
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.grid import graded_axis
+from pyblast.model.boundary import Fixed, Roller, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material
+from pyblast.model.model import Model, Receiver, Rim
+from pyblast.solver.run import simulate
 from verification.ladder import Curve, Reading, rung
 from verification.solutions.slip_rupture import Weakening, rupture
 
@@ -131,7 +131,7 @@ def rupture_of_a_fault(per_zone):
     away = (x > 1.5 * HALF) | (z > 1.5 * HALF)
     places = np.column_stack([x[away], z[away]])
     model = fault_model(edge, places)
-    records = run(model, DURATION).seismograms
+    records = simulate(model, DURATION).seismograms
     found = []
     for n in range(len(places)):
         plus, minus = records[f"north {n}"], records[f"south {n}"]

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from pyblast.meshing.mesh_builder import structured_box
-from pyblast.solving.boundaries import Fixed, Viscous
-from pyblast.solving.joints import Joint
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.solver import run
-from pyblast.solving.sources import Hole, TimeFunction
+from pyblast.mesh.builder import structured_box
+from pyblast.model.boundary import Fixed, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import Hole, TimeFunction
+from pyblast.solver.run import simulate
 from verification.ladder import Curve, Reading, rung
 from verification.solutions.full_space import Bell
 from verification.solutions.slipping_plane import slip
@@ -51,7 +51,7 @@ def explosion_beside(n):
             for r in PLACES
         ],
     )
-    return run(model, DURATION).seismograms
+    return simulate(model, DURATION).seismograms
 
 
 @rung(

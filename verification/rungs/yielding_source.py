@@ -5,13 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from pyblast.solving.boundaries import Roller, Viscous
-from pyblast.solving.materials import Material
-from pyblast.solving.model import Model, Receiver
-from pyblast.solving.plasticity import MohrCoulomb
-from pyblast.solving.pressures import Pressure
-from pyblast.solving.solver import run
-from pyblast.solving.sources import TimeFunction
+from pyblast.model.boundary import Roller, Viscous
+from pyblast.model.material import Material, MohrCoulomb
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import Pressure, TimeFunction
+from pyblast.solver.run import simulate
 from verification.ladder import Curve, Reading, rung
 from verification.meshes import ball_octant
 from verification.rungs.full_space import RAYS
@@ -75,7 +73,7 @@ def exploded(radius, per_radius):
         sources=[Pressure("cavity", history)],
         receivers=[Receiver(f"{k}", FAR * ray) for k, ray in RAYS],
     )
-    records = run(model, DURATION * radius / ROCK.cp).seismograms
+    records = simulate(model, DURATION * radius / ROCK.cp).seismograms
     radial = np.mean([records[f"{k}"].velocity @ ray for k, ray in RAYS], axis=0)
     return corner(radius, records["0"].times, radial)
 

@@ -1,10 +1,109 @@
-"""The air blast, which runs over the ground and moves it."""
+"""Air blast: pressure that runs over layered ground (theory.md 5.14)."""
+
+from itertools import pairwise
 
 import numpy as np
 from scipy import fft
 
-from ..air_waves import ground_response
+from ...project.site import Site
 from ..hypotheses import Knob, hypothesis
+
+QUALITY = 30.0  # of the ground: air waves ring without it where S waves are slower than they
+
+
+def ground_response(site: Site, speed, depths, frequency):
+    """Return the velocity of layered ground under a running pressure, over the pressure.
+
+    Parameters
+    ----------
+    site : Site
+        Its layers; the wave goes along them everywhere alike.
+    speed : float, m/s
+        Of the pressure, which is p exp(i w (t - x/speed)) Pa.
+    depths : (n_depths,) float, m
+        Below the ground.
+    frequency : (n,) float, Hz
+        Positive.
+
+    Returns
+    -------
+    (n_depths, 2, n) complex128, m/s/Pa
+        Along x and upward.
+
+    Notes
+    -----
+    Potentials that die away from the top and from the bottom of every layer, joined by four
+    conditions at each limit: theory.md (5.14).
+    """
+    rate = 2.0 * np.pi * np.asarray(frequency, dtype=float)
+    wave = rate / speed
+    layers = [_Layer(rate, wave, row[1], row[2]) for row in site.layers]
+    size = 4 * len(layers) - 2
+    table, loads = np.zeros((len(rate), size, size), complex), np.zeros((len(rate), size), complex)
+    scale = (2.0 * site.layers[0][2].shear * wave)[:, None, None]
+    units = np.concatenate([np.ones_like(scale)] * 2 + [scale] * 2, axis=1)
+    table[:, :2, : layers[0].columns] = (layers[0].fields(0.0) / units)[:, 2:]
+    loads[:, 1] = -1.0 / scale[:, 0, 0]
+    row, column = 2, 0
+    for upper, lower in pairwise(layers):
+        after = column + upper.columns
+        table[:, row : row + 4, column:after] = upper.fields(upper.thickness) / units
+        table[:, row : row + 4, after : after + lower.columns] = -lower.fields(0.0) / units
+        row, column = row + 4, after
+    amplitude = np.linalg.solve(table, loads[..., None])[..., 0]
+    moved = np.stack([_moved(layers, amplitude, depth) for depth in depths])
+    return 1j * rate * moved * np.array([1.0, -1.0])[:, None]
+
+
+def _moved(layers, amplitude, depth):
+    """Return displacement (2, n) along x and downward at a depth."""
+    column = 0
+    for layer in layers[:-1]:
+        if depth <= layer.thickness:
+            break
+        depth, column = depth - layer.thickness, column + layer.columns
+    else:
+        layer = layers[-1]
+    chosen = amplitude[:, column : column + layer.columns]
+    return np.einsum("nij,nj->in", layer.fields(depth)[:, :2], chosen)
+
+
+class _Layer:
+    """Waves of one frequency and one wave number in a layer.
+
+    Two that die downward from its top; and two that die upward from its bottom, if it has one.
+    """
+
+    def __init__(self, rate, wave, thickness, material):
+        lost = 1.0 + 1.0j / QUALITY
+        self.thickness, self.wave = thickness, wave
+        self.shear, modulus = material.shear * lost, (material.bulk + 4 / 3 * material.shear) * lost
+        slow = material.density * rate**2
+        self.p = np.sqrt(wave**2 - slow / modulus)
+        self.s = np.sqrt(wave**2 - slow / self.shear)
+        self.twice = 2.0 * wave**2 - slow / self.shear
+        self.columns = 2 if thickness is None else 4
+
+    def fields(self, depth):
+        """Return u_x, u_z, s_xz, s_zz (n, 4, columns) by amplitude at a depth in the layer."""
+        down = [self._p(-1.0, depth), self._s(-1.0, depth)]
+        if self.thickness is not None:
+            over = self.thickness - depth
+            down += [self._p(1.0, over), self._s(1.0, over)]
+        return np.moveaxis(np.array(down), -1, 0).swapaxes(1, 2)
+
+    def _p(self, way, from_there):
+        """Return the fields (4, n) of a P wave that grows (1) or dies (-1) downward."""
+        k, nu, mu = self.wave, way * self.p, self.shear
+        rows = np.array([-1j * k, nu, -2j * mu * k * nu, mu * self.twice])
+        return rows / k * np.exp(-self.p * from_there)
+
+    def _s(self, way, from_there):
+        """Return the fields (4, n) of an SV wave that grows (1) or dies (-1) downward."""
+        k, nu, mu = self.wave, way * self.s, self.shear
+        rows = np.array([-nu, -1j * k + 0.0 * nu, -mu * self.twice, -2j * mu * k * nu])
+        return rows / k * np.exp(-self.s * from_there)
+
 
 AFAR = 100.0  # m: where the pressure of 1 kg is told
 GROWTH = 0.45  # of the pressure with the charge: (r/W^(1/3))^-1.35, between usual 1.2 and 1.45

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...solving.joints import Joint
+from ...model.joint import Joint
 from ..hypotheses import Knob, hypothesis
 
 STIFFEST = 20.0  # largest tangent of a closing joint over that at rest: what is left is a weld

@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...solving.ground_fields import DamagedZone
-from ..hypotheses import Knob, hypothesis
-from ..targets import blast_and_hole, blasts_of_many_holes, holes
+from ...model.ground_fields import DamagedZone
+from ..hypotheses import Knob, blast_and_hole, blasts_of_many_holes, holes, hypothesis
 
 
 @hypothesis(

@@ -1,0 +1,1 @@
+"""A reduced basis in the frequency domain, studied as a way to many runs."""

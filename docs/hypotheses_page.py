@@ -1,0 +1,46 @@
+"""The table of docs/hypotheses.md: what the library of a diagnosis holds."""
+
+import sys
+from pathlib import Path
+
+from pyblast.diagnosis import library  # noqa: F401  fills the library
+from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.project.result import write_text
+
+BEGIN, END = "<!-- library -->", "<!-- end of library -->"
+AXES = {"receivers": "receivers", "blasts": "blasts", "both": "receivers, blasts"}
+PRICES = {"site": "runs", "holes": "none", "motion": "none"}
+HEAD = "| label, form | claim | of each | runs | held out | knobs: centre, range | told by |"
+
+
+def table() -> str:
+    """Return the hypotheses as a table in Markdown, by label."""
+    rows = [_row(LIBRARY[name]) for name in sorted(LIBRARY)]
+    return "\n".join([HEAD, "|---" * (HEAD.count("|") - 1) + "|", *rows])
+
+
+def _row(one):
+    """Return the row of one hypothesis."""
+    label = f"`{one.label}`" + (f", {one.form}" if one.form else "")
+    knobs = "; ".join(_knob(knob) for knob in one.knobs)
+    cells = (label, one.claim, one.target, PRICES[one.on], AXES[one.axis], knobs, one.settled_by)
+    return f"| {' | '.join(cells)} |"
+
+
+def _knob(knob):
+    """Return a knob with what is thought of it before and how far it may go."""
+    unit = f" {knob.unit}" if knob.unit else ""
+    doubt = f"×/÷ {2.718281828**knob.sigma:.2g}" if knob.log else f"± {knob.sigma:g}"
+    each = " of each hole" if knob.per_hole else ""
+    return f"{knob.name}{each} {knob.centre:g} {doubt}{unit}, {knob.low:g} to {knob.high:g}"
+
+
+def written(text: str) -> str:
+    """Return the page with the table as it is now."""
+    before, after = text.split(BEGIN)[0], text.split(END)[1]
+    return f"{before}{BEGIN}\n{table()}\n{END}{after}"
+
+
+if __name__ == "__main__":
+    page = Path(sys.argv[1])
+    write_text(page, written(page.read_text(encoding="utf-8")))

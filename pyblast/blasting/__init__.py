@@ -1,1 +1,0 @@
-"""From one hole to the whole blast."""

@@ -1,0 +1,1 @@
+"""Blasts: holes, charges, delays, signatures, superposition, site laws."""

@@ -1,0 +1,419 @@
+"""Blasts: places, charges and firing times of holes, and findings about them."""
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..errors import InputError
+
+ANFO_DENSITY = 850.0
+SAME_PLACE = 0.01
+SAME_INSTANT = 1e-6
+FAR_AWAY = 1000.0
+ANGLE_TOLERANCE = math.radians(2.0)
+LENGTH_TOLERANCE = 0.1
+
+
+def hole_sentences(blast):
+    """Check times, charges, names, places, angles and lengths.
+
+    Parameters
+    ----------
+    blast : Blast
+
+    Returns
+    -------
+    list of str
+        Times and charge per 8 ms window always; every other sentence only where it applies.
+    """
+    return [
+        _timing(blast),
+        _charging(blast),
+        *_misfires(blast),
+        *_duplicates(blast),
+        *_far_holes(blast),
+        *_angles(blast),
+        *_lengths(blast),
+        *_tight_charges(blast),
+    ]
+
+
+def _timing(blast):
+    """Say when the first and the last charge fire."""
+    first, last = 1e3 * blast.times.min(), 1e3 * blast.times.max()
+    instants = len(np.unique(np.round(blast.times / SAME_INSTANT)))
+    return (
+        f"{len(blast.times)} charges fire at {instants} instants, the first at {first:g} ms, "
+        f"the last at {last:g} ms."
+    )
+
+
+def _charging(blast):
+    """Say the charge per 8 ms window, or whose charge is missing."""
+    missing = np.isnan(blast.charge)
+    if np.any(missing):
+        return (
+            f"The charge is missing for {blast.named(missing)}; "
+            "the charge per 8 ms window is not known."
+        )
+    times, charges = blast.window_charges()
+    largest = int(np.argmax(charges))
+    return (
+        f"The largest charge in any 8 ms window is {charges[largest]:.6g} kg, from "
+        f"{1e3 * times[largest]:g} ms on, of {np.sum(blast.charge):.6g} kg in all."
+    )
+
+
+def _misfires(blast):
+    """Name the holes without any charge."""
+    if np.any(blast.charge == 0.0):
+        yield f"The charge is 0 for {blast.named(blast.charge == 0.0)}: no motion comes from there."
+
+
+def _duplicates(blast):
+    """Find names, places and instants that occur twice."""
+    ids = Counter(zip(blast.hole_ids, map(tuple, np.nan_to_num(blast.deck)), strict=True))
+    twice = list(dict.fromkeys(name for (name, _), count in ids.items() if count > 1))
+    if twice:
+        yield f"Hole names that occur more than once: {', '.join(twice[:5])} ({len(twice)} in all)."
+    cells = np.round((blast.centres - blast.centres[0]) / SAME_PLACE).astype(np.int64)
+    n_shared = len(cells) - len(np.unique(cells, axis=0))
+    if n_shared:
+        yield f"{n_shared} charges lie within 1 cm of another charge of the table."
+    ((instant, count),) = Counter(np.round(blast.times / SAME_INSTANT)).most_common(1)
+    if count > 1:
+        yield f"Up to {count} charges share one instant (at {1e3 * instant * SAME_INSTANT:g} ms)."
+
+
+def _far_holes(blast):
+    """Find holes more than 1 km from the centroid, taken by the median so that none moves it."""
+    away = np.linalg.norm(blast.centres - np.median(blast.centres, axis=0), axis=1)
+    if np.any(away > FAR_AWAY):
+        yield f"More than 1 km from the centroid of the blast: {blast.named(away > FAR_AWAY)}."
+
+
+def _angles(blast):
+    """Find out whether stated angles count from the vertical, the horizontal or neither."""
+    length = np.where(blast.length > 0.0, blast.length, np.nan)
+    vertical = np.arccos(np.clip((blast.collar - blast.toe)[:, 2] / length, -1.0, 1.0))
+    known = ~np.isnan(blast.stated_inclination) & ~np.isnan(vertical)
+    from_vertical = np.abs(blast.stated_inclination - vertical) < ANGLE_TOLERANCE
+    complement = math.pi / 2.0 - blast.stated_inclination
+    from_horizontal = np.abs(complement - vertical) < ANGLE_TOLERANCE
+    if np.any(from_horizontal & from_vertical):
+        yield (
+            "Angles near 45 degrees do not tell whether they count from the vertical: "
+            f"{blast.named(from_horizontal & from_vertical)}."
+        )
+    if np.any(from_horizontal & ~from_vertical):
+        yield (
+            "The stated angle counts from the horizontal, by collar and toe: "
+            f"{blast.named(from_horizontal & ~from_vertical)}."
+        )
+    neither = known & ~from_vertical & ~from_horizontal
+    if np.any(neither):
+        yield (
+            "The stated angle differs from collar and toe by more than 2 degrees, whether from "
+            f"the vertical or the horizontal: {blast.named(neither)}."
+        )
+
+
+def _lengths(blast):
+    """Find stated lengths that differ from the distance between collar and toe."""
+    gap = np.where(blast.length > 0.0, np.abs(blast.stated_length - blast.length), 0.0)
+    off = gap > LENGTH_TOLERANCE
+    if np.any(off):
+        worst = int(np.nanargmax(gap))
+        yield (
+            f"The stated length differs from collar to toe by more than {LENGTH_TOLERANCE:g} m: "
+            f"{blast.named(off)}; worst {blast.hole_ids[worst]}, "
+            f"{blast.stated_length[worst]:.4g} m against {blast.length[worst]:.4g} m."
+        )
+
+
+def _tight_charges(blast):
+    """Find charges that are longer than their deck or hole."""
+    deck = blast.deck[:, 1] - blast.deck[:, 0]
+    room = np.where(np.isnan(deck), blast.length, deck)
+    filled = np.where(room > 0.0, blast.charge_length / np.where(room > 0.0, room, 1.0), 0.0)
+    if np.any(filled > 1.0):
+        worst, density = int(np.nanargmax(filled)), blast.explosive_density
+        kind = f"at {density:g} kg/m3"
+        if density == ANFO_DENSITY:
+            kind = f"as ANFO ({density:g} kg/m3 assumed)"
+        yield (
+            f"The charge does not fit {kind}: {blast.named(filled > 1.0)}; "
+            f"worst {blast.hole_ids[worst]}, {blast.charge[worst]:g} kg need "
+            f"{blast.charge_length[worst]:.3g} m of {room[worst]:.3g} m "
+            f"(a full hole would hold {filled[worst] * density:.4g} kg/m3)."
+        )
+
+
+CHARGE_WINDOW = 0.008
+_INSTANT = 1e-9
+FARTHEST, DEEPEST = 1e8, 1e4
+NARROWEST, WIDEST = 0.01, 10.0
+HEAVIEST, LATEST = 1e6, 1e3
+
+
+@dataclass(frozen=True, eq=False)
+class Firing:
+    """Hold when the holes fire and how strong each is beside the signature hole.
+
+    Parameters
+    ----------
+    times : (n_holes,) float64, s
+        May be negative where scatter moves a hole before the nominal start.
+    scales : (n_holes,) float64
+        Factor on the signature of each hole, ``a_i`` of the paper's eq. (10).
+
+    Raises
+    ------
+    InputError
+        If the lengths differ, no hole is given or a value is not finite.
+    """
+
+    times: np.ndarray
+    scales: np.ndarray
+
+    def __post_init__(self):
+        """Check the fields once and make them read-only."""
+        times = np.array(self.times, dtype=np.float64, ndmin=1)
+        scales = np.array(np.broadcast_to(self.scales, times.shape), dtype=np.float64)
+        if times.ndim != 1 or len(times) == 0:
+            raise InputError(f"firing.times: need one time per hole, got shape {times.shape}")
+        for name, values in (("times", times), ("scales", scales)):
+            if not np.all(np.isfinite(values)):
+                hole = int(np.flatnonzero(~np.isfinite(values))[0])
+                raise InputError(f"firing.{name}: must be finite, got {values[hole]:g} at {hole}")
+            values.setflags(write=False)
+            object.__setattr__(self, name, values)
+
+    @classmethod
+    def rows(cls, n_rows, holes_per_row, delay):
+        """Fire row after row, ``delay`` s apart; the holes of a row together, all scales 1."""
+        if n_rows < 1 or holes_per_row < 1:
+            raise InputError(f"firing.rows: need at least 1 x 1, got {n_rows} x {holes_per_row}")
+        return cls(np.repeat(delay * np.arange(n_rows), holes_per_row), 1.0)
+
+    def comb_spectrum(self, frequency):
+        """Return ``|sum a_i exp(-2 pi i f t_i)| / sum a_i`` at each frequency [Hz]; 1 at 0 Hz."""
+        total = np.sum(self.scales)
+        if total == 0.0:
+            raise InputError("firing.scales: their sum is 0, the comb spectrum has no level")
+        turns = np.outer(np.atleast_1d(frequency), self.times)
+        return np.abs(np.exp(-2j * np.pi * turns) @ self.scales) / abs(total)
+
+    def scattered(self, sigma, generator):
+        """Add normal scatter of standard deviation ``sigma`` s, drawn from ``generator``."""
+        if sigma < 0.0:
+            raise InputError(f"firing.scattered: sigma must not be negative, got {sigma:g} s")
+        return Firing(self.times + generator.normal(0.0, sigma, len(self.times)), self.scales)
+
+
+@dataclass(frozen=True, eq=False)
+class Blast:
+    """Hold the holes of a blast; one entry per charge, so a hole with two decks has two.
+
+    Parameters
+    ----------
+    name : str
+    collar, toe : (n_holes, 3) float64, m
+        East, north, up. Equal where only the place of the charge is known.
+    charge : (n_holes,) float64, kg
+        NaN where the table does not give it.
+    times : (n_holes,) float64, s
+        Absolute firing times, not negative.
+    diameter : (n_holes,) float64, m
+        NaN where unknown.
+    hole_ids : tuple of str
+        Numbered from 1 where empty.
+    deck : (n_holes, 2) float64, m
+        Top and base of the charge along the hole from the collar; NaN where unknown.
+    stated_length, stated_inclination : (n_holes,) float64, m and rad
+        What the table says beside collar and toe, for the checks; NaN where it says nothing.
+    notes : tuple of str
+        What the reader of the table noticed; repeated by ``checks``.
+    explosive_density : float, kg/m3
+        In the hole; that of ANFO is assumed unless given.
+
+    Raises
+    ------
+    InputError
+        If a shape or value breaks these rules; names the hole.
+    """
+
+    name: str
+    collar: np.ndarray
+    toe: np.ndarray
+    charge: np.ndarray
+    times: np.ndarray
+    diameter: np.ndarray = math.nan
+    hole_ids: tuple[str, ...] = ()
+    deck: np.ndarray = math.nan
+    stated_length: np.ndarray = math.nan
+    stated_inclination: np.ndarray = math.nan
+    notes: tuple[str, ...] = field(default=())
+    explosive_density: float = ANFO_DENSITY
+
+    def __post_init__(self):
+        """Check the fields once, spread single values over the holes, make arrays read-only."""
+        collar = np.array(self.collar, dtype=np.float64)
+        if collar.ndim != 2 or collar.shape[1] != 3 or len(collar) == 0:
+            raise InputError(f"blast.collar: need shape (n_holes, 3), got {collar.shape}")
+        ids = tuple(map(str, self.hole_ids)) or tuple(str(n + 1) for n in range(len(collar)))
+        if len(ids) != len(collar):
+            raise InputError(f"blast.hole_ids: {len(ids)} names for {len(collar)} holes")
+        object.__setattr__(self, "hole_ids", ids)
+        object.__setattr__(self, "notes", tuple(self.notes))
+        if not 0.0 < self.explosive_density < math.inf:
+            raise InputError(
+                f"blast.explosive_density: must be positive, got {self.explosive_density:g} kg/m3"
+            )
+        n = len(collar)
+        shapes = {
+            "collar": (n, 3),
+            "toe": (n, 3),
+            "charge": (n,),
+            "times": (n,),
+            "diameter": (n,),
+            "deck": (n, 2),
+            "stated_length": (n,),
+            "stated_inclination": (n,),
+        }
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, _per_hole(name, getattr(self, name), shape))
+        for name in ("collar", "toe", "times"):
+            self._require(name, np.isfinite(getattr(self, name)), "must be finite")
+        for name in ("collar", "toe"):
+            self._require(name, np.abs(getattr(self, name)) <= FARTHEST, "must be within 1e8 m")
+        self._require("times", self.times >= 0.0, "must not be negative")
+        self._require("times", self.times <= LATEST, "must be at most 1000 s, is the unit right?")
+        self._require("charge", ~(self.charge < 0.0) & ~np.isinf(self.charge), "must be >= 0 kg")
+        self._require("charge", ~(self.charge > HEAVIEST), "must be at most 1e6 kg")
+        top, base = self.deck.T
+        self._require(
+            "deck", ~(top >= base) & ~(top < 0.0) & ~(base > DEEPEST), "top must lie above base"
+        )
+        narrow, wide = self.diameter < NARROWEST, self.diameter > WIDEST
+        self._require("diameter", ~narrow & ~wide, "must be 0.01 to 10 m, is the unit right?")
+
+    def _require(self, name, right, rule):
+        """Raise InputError for the first hole where a rule is broken."""
+        wrong = np.flatnonzero(~np.reshape(right, (len(self.collar), -1)).all(axis=1))
+        if len(wrong):
+            value = getattr(self, name)[wrong[0]]
+            raise InputError(f"blast.{name}: {rule}, got {value} at hole {self.hole_ids[wrong[0]]}")
+
+    @property
+    def length(self):
+        """Distance from collar to toe, (n_holes,) m."""
+        return np.linalg.norm(self.toe - self.collar, axis=1)
+
+    @property
+    def centres(self):
+        """Middle of each charge, (n_holes, 3) m."""
+        middle = self._charged_share().mean(axis=1)
+        return self.collar + middle[:, None] * (self.toe - self.collar)
+
+    @property
+    def columns(self):
+        """Upper and lower end of each charge, (n_holes, 2, 3) m.
+
+        Those of its deck where given; else of the column that the charge fills above the toe; of
+        the whole hole where the diameter is unknown.
+        """
+        way = (self.toe - self.collar)[:, None, :]
+        return self.collar[:, None, :] + self._charged_share()[:, :, None] * way
+
+    def _charged_share(self):
+        """Return where each charge begins and ends, (n_holes, 2), shares of the hole."""
+        length = np.maximum(self.length, 1e-12)
+        filled = np.clip(np.nan_to_num(self.charge_length / length, nan=1.0), 0.0, 1.0)
+        above_toe = np.column_stack([1.0 - filled, np.ones_like(filled)])
+        no_deck = np.isnan(self.deck).any(axis=1, keepdims=True)
+        return np.where(no_deck, above_toe, self.deck / length[:, None])
+
+    @property
+    def charge_length(self):
+        """Length that each charge fills at the density of its explosive, (n_holes,) m."""
+        return self.charge / (self.explosive_density * math.pi / 4.0 * self.diameter**2)
+
+    def firing(self, reference_charge=None, exponent=1.0):
+        """Turn the blast into times and scales.
+
+        Parameters
+        ----------
+        reference_charge : float, kg, optional
+            Charge of the signature hole. Without it all scales are 1, as the paper has it. A hole
+            of charge 0, a misfire, has the scale 0.
+        exponent : float
+            ``a_i = (charge_i / reference_charge) ** exponent``.
+
+        Returns
+        -------
+        Firing
+
+        Raises
+        ------
+        InputError
+            If scales are wanted and a charge is missing, or the reference is not positive.
+        """
+        if reference_charge is None:
+            return Firing(self.times, np.where(self.charge == 0.0, 0.0, 1.0))
+        if not reference_charge > 0.0:
+            raise InputError(f"reference_charge: must be positive, got {reference_charge:g} kg")
+        self._refuse_missing_charge()
+        scales = (self.charge / reference_charge) ** exponent
+        return Firing(self.times, np.where(self.charge == 0.0, 0.0, scales))
+
+    def charge_per_window(self, window=CHARGE_WINDOW):
+        """Return the largest charge [kg] that fires in any window [t, t + window) s."""
+        return float(np.max(self.window_charges(window)[1]))
+
+    def window_charges(self, window=CHARGE_WINDOW):
+        """Return the firing times in order and the charge in the half-open window from each."""
+        if not window > 0.0:
+            raise InputError(f"charge_per_window: window must be positive, got {window:g} s")
+        self._refuse_missing_charge()
+        order = np.argsort(self.times, kind="stable")
+        times = self.times[order]
+        fired = np.concatenate([[0.0], np.cumsum(self.charge[order])])
+        first = np.searchsorted(times, times - _INSTANT)
+        return times, fired[np.searchsorted(times, times + window - _INSTANT)] - fired[first]
+
+    def _refuse_missing_charge(self):
+        """Raise InputError that names the holes without a charge."""
+        missing = np.isnan(self.charge)
+        if np.any(missing):
+            raise InputError(
+                f"blast.charge: missing for {self.named(missing)}; give charge_kg in the table"
+            )
+
+    def named(self, chosen):
+        """Name up to five of the holes where ``chosen`` (n_holes,) is true."""
+        ids = [self.hole_ids[n] for n in np.flatnonzero(chosen)]
+        noun = "hole" if len(ids) == 1 else f"{len(ids)} holes:"
+        return f"{noun} {', '.join(ids[:5])}{', ...' if len(ids) > 5 else ''}"
+
+    def checks(self):
+        """Say in plain sentences what a blaster wants to know before trusting the table.
+
+        Returns
+        -------
+        list of str
+            The reader's notes, the times, the charge per 8 ms window, then what is doubtful.
+        """
+        return [*self.notes, *hole_sentences(self)]
+
+
+def _per_hole(name, value, shape):
+    """Spread a field over the holes, read-only."""
+    try:
+        array = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), shape))
+    except (ValueError, TypeError):
+        raise InputError(f"blast.{name}: need shape {shape}, got {np.shape(value)}") from None
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,365 @@
+"""Firing times and strengths of the holes, estimated from records of the blast."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft
+from scipy.stats import norm
+
+from ..errors import InputError
+from .blast import Firing
+
+REACH = 4.0  # standard deviations of the prior within which times are tried
+TURN = 0.5  # rad of the mean frequency between two times that are tried
+SETTLED = 1e-4  # rad of the mean frequency, or of a scale: smaller steps end the search
+ROUNDS, SWEEPS, STEPS = 6, 12, 30  # at most
+BANDS = 4
+FAINTEST = 1e-20  # share of the record: noise below this is rounding
+
+
+@dataclass(frozen=True, eq=False)
+class HoleFit:
+    """Hold what a blast is fitted with; motion is (n_receivers, n_components, n_recorded).
+
+    Values are the delays of all holes beside their plan in s, then all scales.
+
+    Parameters
+    ----------
+    spectra : (n_holes, n_receivers, n_components, n_frequencies) complex128
+    turns : (n_frequencies,) complex128, rad/s
+        i times the angular frequency.
+    recorded : (n_receivers, n_components, n_recorded) float64
+    nominal : (n_holes,) float64, s
+    trust : (2 n_holes,) float64
+        Inverse variances of the values before the record is seen.
+    pace : (n_holes,) float64, rad/s
+        Mean angular frequency of each hole.
+    size : int
+        Samples with the zeros that keep both ends apart.
+    whiten : callable or None
+    shape : tuple of int
+        Of the record as it was given, which the operator expects.
+    """
+
+    spectra: np.ndarray
+    turns: np.ndarray
+    recorded: np.ndarray
+    nominal: np.ndarray
+    trust: np.ndarray
+    pace: np.ndarray
+    size: int
+    whiten: Callable | None
+    shape: tuple[int, ...]
+
+    def whitened(self, motion):
+        """Return motion after the operator."""
+        if self.whiten is None:
+            return motion
+        return np.asarray(self.whiten(motion.reshape(self.shape))).reshape(motion.shape)
+
+    def motion(self, hole, delay, rate=False):
+        """Return the motion by one hole, or how it changes with its time."""
+        spectrum = np.exp(-self.turns * (self.nominal[hole] + delay)) * self.spectra[hole]
+        if rate:
+            spectrum *= -self.turns
+        moved = fft.irfft(spectrum, self.size, overwrite_x=True)
+        return moved[..., : self.recorded.shape[-1]]
+
+    def remainder(self, values):
+        """Return what is left of the whitened record."""
+        n_holes = len(self.nominal)
+        spectrum = sum(
+            scale * np.exp(-self.turns * (time + delay)) * one
+            for one, time, delay, scale in zip(
+                self.spectra, self.nominal, values[:n_holes], values[n_holes:], strict=True
+            )
+        )
+        motion = fft.irfft(spectrum, self.size)[..., : self.recorded.shape[-1]]
+        return self.whitened(self.recorded - motion)
+
+    def derivatives(self, values):
+        """Return how the whitened motion changes with each value, (2 n_holes, ...)."""
+        n_holes = len(self.nominal)
+        by_time = [
+            values[n_holes + hole] * self.whitened(self.motion(hole, values[hole], rate=True))
+            for hole in range(n_holes)
+        ]
+        by_scale = [self.whitened(self.motion(hole, values[hole])) for hole in range(n_holes)]
+        return np.stack([*by_time, *by_scale])
+
+    @property
+    def prior(self):
+        """Values of the plan."""
+        return np.repeat([0.0, 1.0], len(self.nominal))
+
+
+def settled(fit) -> tuple[np.ndarray, float, float]:
+    """Return the best values, the variance of the noise, and its excess; theory.md (13.1), (13.2).
+
+    The noise begins as loud as all that the plan does not explain, so that the prior holds the
+    holes together until the record is clear.
+    """
+    values, n_holes = fit.prior, len(fit.nominal)
+    variance, temper = np.mean(fit.remainder(values) ** 2), 1.0
+    for _ in range(ROUNDS):
+        variance = max(variance, FAINTEST * np.mean(fit.whitened(fit.recorded) ** 2))
+        found = together(fit, each_alone(fit, values, variance), variance)
+        moved = np.abs(found - values)[:n_holes].max()
+        values = found
+        variance, temper = level(fit, values)
+        if moved < SETTLED / fit.pace.max():
+            break
+    return values, variance, temper
+
+
+def each_alone(fit, values, variance):
+    """Try all times of each hole in turn, with the best scale of each, until none moves."""
+    values, n_holes = values.copy(), len(fit.nominal)
+    remainder = fit.remainder(values)
+    for _ in range(SWEEPS):
+        before = values[:n_holes].copy()
+        for hole in range(n_holes):
+            motion = fit.whitened(fit.motion(hole, values[hole]))
+            alone = remainder + values[n_holes + hole] * motion
+            delay, scale, motion = _best_alone(fit, hole, values[hole], alone, variance)
+            values[hole], values[n_holes + hole] = delay, scale
+            remainder = alone - scale * motion
+        if (values[:n_holes] == before).all():
+            break
+    return values
+
+
+def _best_alone(fit, hole, now, alone, variance):
+    """Return delay, scale and whitened motion of one hole that leave least of what is its own."""
+    sure_time, sure_scale = fit.trust[[hole, len(fit.nominal) + hole]]
+    reach, step = REACH / np.sqrt(sure_time), TURN / fit.pace[hole]
+    around = step * np.arange(1, int(np.ceil(reach / step)) + 1)
+    most, best = -np.inf, None
+    for delay in (now, 0.0, *around, *-around):
+        motion = fit.whitened(fit.motion(hole, delay))
+        likeness = np.vdot(motion, alone) / variance + sure_scale
+        weight = np.vdot(motion, motion) / variance + sure_scale
+        scale = max(likeness, 0.0) / weight
+        gain = scale * likeness - sure_time * delay**2
+        if gain > most:
+            most, best = gain, (delay, scale, motion)
+    return best
+
+
+def together(fit, values, variance):
+    """Move all times and scales at once to the next minimum, by damped Gauss-Newton steps."""
+    damping, unit = 1e-3, np.append(fit.pace, np.ones(len(fit.nominal)))
+    remainder = fit.remainder(values)
+    now = objective(fit, values, remainder, variance)
+    for _ in range(STEPS):
+        rows = fit.derivatives(values).reshape(len(values), -1)
+        slope = rows @ remainder.ravel() / variance - fit.trust * (values - fit.prior)
+        curvature = rows @ rows.T / variance + np.diag(fit.trust)
+        step = np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope)
+        left = fit.remainder(values + step)
+        reached = objective(fit, values + step, left, variance)
+        if reached > now:
+            damping *= 10.0
+            if damping > 1e6:
+                break
+            continue
+        values, remainder, now, damping = values + step, left, reached, 0.1 * damping
+        if np.abs(step * unit).max() < SETTLED:
+            break
+    return values
+
+
+def objective(fit, values, remainder, variance):
+    """Return the misfit with what the prior adds; theory.md (13.1)."""
+    return np.sum(remainder**2) / variance + fit.trust @ (values - fit.prior) ** 2
+
+
+def level(fit, values) -> tuple[float, float]:
+    """Return the variance of the noise as far as these values go, and its excess; theory.md (13.2).
+
+    Mean square of the remainder, times how much more the derivatives of the misfit differ between
+    receivers, and between bands, than they would if all samples were independent. What noise of
+    any colour does differs between receivers; what a waveform does that no two holes have alike
+    is shared by them, but differs between bands.
+    """
+    remainder = fit.remainder(values)
+    variance, n_receivers = np.mean(remainder**2), len(remainder)
+    rows = fit.derivatives(values).reshape(len(values), n_receivers, -1)
+    parts = _by_receiver_and_band(rows, remainder.reshape(n_receivers, -1)) / variance
+    known = np.einsum("prn,qrn->pq", rows, rows) / variance
+    solved = np.linalg.inv(known + np.diag(fit.trust))
+
+    def excess(slopes):
+        """Return how far slopes (n_values, n) differ, beside what independent samples would."""
+        count = slopes.shape[1]
+        if count < 2:
+            return 0.0
+        slopes = slopes - slopes.mean(axis=1, keepdims=True)
+        spread = slopes @ slopes.T * count / (count - 1)
+        return float(np.sum(solved * spread) / np.sum(solved * known))
+
+    receivers, bands, both = (
+        excess(one) for one in (parts.sum(axis=2), parts.sum(axis=1), parts.reshape(len(parts), -1))
+    )
+    temper = max(1.0, receivers, receivers + bands - both)
+    return variance * temper, temper
+
+
+def _by_receiver_and_band(rows, remainder):
+    """Split the derivatives of the misfit, (n_values, n_receivers, BANDS) of equal weight."""
+    size = fft.next_fast_len(rows.shape[-1], real=True)
+    turned, left = fft.rfft(rows, size), fft.rfft(remainder, size)
+    power = np.cumsum(np.sum(np.abs(turned) ** 2, axis=(0, 1)))
+    band = np.minimum((BANDS * power / power[-1]).astype(int), BANDS - 1)
+    product = np.real(turned.conj() * left) * (2.0 / size)
+    return np.stack([product[..., band == k].sum(axis=-1) for k in range(BANDS)], axis=-1)
+
+
+def hole_fit(greens, recorded, dt, nominal, spread, whiten) -> HoleFit:
+    """Prepare a fit; arguments as `firing_times` has checked them."""
+    n_holes, n_receivers, n = len(nominal), len(recorded), recorded.shape[-1]
+    reach = int(np.ceil(REACH * spread[:n_holes].max() / dt))
+    size = fft.next_fast_len(n + greens.shape[-1] + 2 * reach, real=True)
+    spectra = fft.rfft(greens.reshape(n_holes, n_receivers, -1, greens.shape[-1]), size)
+    turns = 2j * np.pi * fft.rfftfreq(size, dt)
+    power = np.sum(np.abs(spectra) ** 2, axis=(1, 2))
+    pace = np.sqrt(power @ np.abs(turns) ** 2 / power.sum(axis=1))
+    return HoleFit(
+        spectra, turns, recorded.reshape(n_receivers, -1, n), nominal, spread**-2.0, pace, size,
+        whiten, recorded.shape,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class FiringTimes:
+    """Times and scales of the holes with what remains unknown about them.
+
+    Parameters
+    ----------
+    times : (n_holes,) float64, s
+    scales : (n_holes,) float64
+        Factor on the seismograms of each hole.
+    covariance : (2 n_holes, 2 n_holes) float64, s and 1
+        Of all times, then all scales.
+    nominal : (n_holes,) float64, s
+    misfit_before, misfit_after : float
+        Whitened energy of the difference over that of the record, by the plan and by these times.
+    temper : float
+        By how much what the noise leaves unknown exceeds what independent samples would.
+    """
+
+    times: np.ndarray
+    scales: np.ndarray
+    covariance: np.ndarray
+    nominal: np.ndarray
+    misfit_before: float
+    misfit_after: float
+    temper: float
+
+    @property
+    def firing(self) -> Firing:
+        """Times and scales, ready to be superposed."""
+        return Firing(self.times, self.scales)
+
+    def intervals(self, share=0.90):
+        """Return intervals (n_holes, 2) of the times in s that hold each with this probability."""
+        return self._around(self.times, slice(0, len(self.times)), share)
+
+    def scale_intervals(self, share=0.90):
+        """Return intervals (n_holes, 2) of the scales that hold each with this probability."""
+        return self._around(self.scales, slice(len(self.times), None), share)
+
+    def _around(self, values, part, share):
+        """Return normal intervals around values, of this part of the covariance."""
+        if not 0.0 < share < 1.0:
+            raise InputError(f"firing times: share must lie between 0 and 1, got {share:g}")
+        half = norm.ppf(0.5 + 0.5 * share) * np.sqrt(np.diag(self.covariance)[part])
+        return np.column_stack([values - half, values + half])
+
+
+def firing_times(
+    greens,
+    recorded,
+    dt: float,
+    nominal,
+    *,
+    sigma,
+    scale_sigma=0.3,
+    whiten: Callable | None = None,
+) -> FiringTimes:
+    """Find times and scales of the holes that explain records of their blast.
+
+    Parameters
+    ----------
+    greens : (n_holes, n_receivers, n_components, n_samples) or (n_holes, n_receivers, n_samples)
+        Motion by each hole with scale 1, from its firing on, in m/s or what the record is in.
+    recorded : (n_receivers, n_components, n_recorded) or (n_receivers, n_recorded) float
+    dt : float, s
+    nominal : (n_holes,) float, s
+        Planned times after the first sample of the record.
+    sigma : float or (n_holes,), s
+        Standard deviation of each time around its plan, before the records are seen.
+    scale_sigma : float or (n_holes,)
+        The same of each scale around 1; about 1 allows for a misfire.
+    whiten : callable, optional
+        Linear operator on motion shaped like ``recorded``, which makes noise white and equal in
+        all receivers, up to one factor. None: the noise is so already.
+
+    Returns
+    -------
+    FiringTimes
+
+    Raises
+    ------
+    InputError
+        If shapes do not agree, a value is not finite, or a standard deviation is not positive.
+
+    Notes
+    -----
+    Least squares with the prior as further data, theory.md (13.1); the level of the noise is that
+    of the remainder, raised by theory.md (13.2) where samples are not independent: noise has
+    colours, and no two holes have quite the same waveform.
+    """
+    fit = hole_fit(*_checked(greens, recorded, dt, nominal, sigma, scale_sigma), whiten)
+    values, variance, temper = settled(fit)
+    rows = fit.derivatives(values).reshape(len(values), -1)
+    covariance = np.linalg.inv(rows @ rows.T / variance + np.diag(fit.trust))
+    planned = np.sum(fit.remainder(fit.prior) ** 2)
+    left, total = np.sum(fit.remainder(values) ** 2), np.sum(fit.whitened(fit.recorded) ** 2)
+    n_holes = len(fit.nominal)
+    return FiringTimes(
+        fit.nominal + values[:n_holes], values[n_holes:], covariance, fit.nominal,
+        float(planned / total), float(left / total), temper,
+    )  # fmt: skip
+
+
+def _checked(greens, recorded, dt, nominal, sigma, scale_sigma):
+    """Refuse what can not be fitted; return arrays, the spreads of times and scales as one."""
+    greens, recorded = np.asarray(greens, dtype=float), np.asarray(recorded, dtype=float)
+    nominal = np.asarray(nominal, dtype=float)
+    n_holes = len(nominal)
+    if greens.ndim not in (3, 4) or greens.shape[:-1] != (n_holes, *recorded.shape[:-1]):
+        raise InputError(
+            f"firing_times.greens: need ({n_holes}, receivers[, components], samples) for "
+            f"{n_holes} holes and a record of shape {recorded.shape}, got {greens.shape}"
+        )
+    for name, array in (("greens", greens), ("recorded", recorded), ("nominal", nominal)):
+        if not np.isfinite(array).all():
+            raise InputError(f"firing_times.{name}: must be finite; leave out what is missing")
+    if not 0.0 < dt < np.inf:
+        raise InputError(f"firing_times.dt: must be positive, got {dt:g} s")
+    length, known = dt * recorded.shape[-1], dt * greens.shape[-1]
+    if not ((nominal > -known) & (nominal < length)).all():
+        raise InputError(
+            f"firing_times.nominal: motion must reach into the record of {length:g} s, got times "
+            f"of {nominal.min():g} to {nominal.max():g} s for motion of {known:g} s"
+        )
+    spreads = [np.broadcast_to(one, nominal.shape) for one in (sigma, scale_sigma)]
+    for name, one in zip(("sigma", "scale_sigma"), spreads, strict=True):
+        if not ((one > 0.0) & np.isfinite(one)).all():
+            raise InputError(f"firing_times.{name}: must be positive, got {one.min():g}")
+    silent = np.flatnonzero(~(greens**2).reshape(n_holes, -1).any(axis=1))
+    if len(silent):
+        raise InputError(f"firing_times.greens: hole {silent[0]} moves no receiver; leave it out")
+    return greens, recorded, dt, nominal, np.concatenate(spreads)

@@ -1,0 +1,313 @@
+"""Site laws: peak velocity against scaled distance, fitted to the peaks of many blasts."""
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from ..errors import InputError, ReadError
+from ..units import FACTORS, split_key
+
+FEWEST, NARROWEST, BEYOND = 6, 2.0, 1.5
+WANTED_RECORDS, WANTED_R2, CURVED = 30, 0.5, 0.01
+SURE = 0.95  # that the peak falls with distance, or the fit is refused
+
+
+@dataclass(frozen=True, eq=False)
+class SiteLaw:
+    """Hold ``PPV = k SD^-beta`` with ``SD = R / W^charge_exponent`` and what it is known from.
+
+    Parameters
+    ----------
+    k : float, m/s
+        Peak velocity at a scaled distance of 1.
+    beta : float
+    charge_exponent : float
+    s : float
+        Standard deviation of log10 PPV around the line, with n - 2 degrees of freedom.
+    n : int
+    r2 : float
+    middle, breadth : float
+        Mean of log10 SD, and the sum of squares around it.
+    reach : (2,) float64, m/kg^charge_exponent
+        Smallest and largest scaled distance of the records.
+    notes : tuple of str
+        What is doubtful about the fit.
+    """
+
+    k: float
+    beta: float
+    charge_exponent: float
+    s: float
+    n: int
+    r2: float
+    middle: float
+    breadth: float
+    reach: np.ndarray
+    notes: tuple[str, ...] = ()
+
+    @property
+    def k95(self) -> float:
+        """Factor of the parallel line k 10^(1.645 s), m/s, that many programs print.
+
+        It takes k, beta and s for known; ``line(..., 0.95)`` does not.
+        """
+        return self.k * 10.0 ** (stats.norm.ppf(0.95) * self.s)
+
+    def beta_interval(self, share=0.90):
+        """Return the ends of the interval that holds beta with this probability."""
+        half = stats.t.ppf(0.5 + 0.5 * share, self.n - 2) * self.s / math.sqrt(self.breadth)
+        return self.beta - half, self.beta + half
+
+    def line(self, distance, charge, share=0.5):
+        """Return the peak velocity that this share of new blasts stays below; theory.md (13.4).
+
+        Parameters
+        ----------
+        distance : float or array, m
+        charge : float or array, kg
+            Largest charge within 8 ms.
+        share : float
+            0.5 is the law itself.
+
+        Returns
+        -------
+        float64 or array, m/s
+
+        Raises
+        ------
+        InputError
+            If a scaled distance lies more than 1.5 times outside those of the records.
+        """
+        if not 0.0 < share < 1.0:
+            raise InputError(f"site law: share must lie between 0 and 1, got {share:g}")
+        scaled = scaled_distance(distance, charge, self.charge_exponent)
+        low, high = self.reach[0] / BEYOND, self.reach[1] * BEYOND
+        if np.any(scaled < low * (1.0 - 1e-12)) or np.any(scaled > high * (1.0 + 1e-12)):
+            raise InputError(
+                f"site law: known from scaled distances of {self.reach[0]:.3g} to "
+                f"{self.reach[1]:.3g}, good to {low:.3g} and {high:.3g}; got "
+                f"{np.min(scaled):.3g} to {np.max(scaled):.3g}"
+            )
+        away = np.log10(scaled) - self.middle
+        spread = self.s * np.sqrt(1.0 + 1.0 / self.n + away**2 / self.breadth)
+        factor = 10.0 ** (stats.t.ppf(share, self.n - 2) * spread)
+        return self.k * scaled**-self.beta * factor
+
+    def largest_charge(self, distance, ppv, share=0.95):
+        """Return the charge in 8 ms whose peak stays below ``ppv`` in this share of new blasts.
+
+        Parameters
+        ----------
+        distance : float, m
+        ppv : float, m/s
+        share : float
+
+        Returns
+        -------
+        float, kg
+
+        Raises
+        ------
+        InputError
+            If it would lie where the law is not known.
+        """
+        scaled = np.geomspace(self.reach[0] / BEYOND, self.reach[1] * BEYOND, 2000)
+        level = self.line(scaled, 1.0, share)
+        above = np.flatnonzero(level > ppv)
+        if len(above) == 0 or above[-1] == len(scaled) - 1:
+            raise InputError(
+                f"site law: {1e3 * ppv:.3g} mm/s is not between {1e3 * level[-1]:.3g} and "
+                f"{1e3 * level[0]:.3g} mm/s, which the records cover; record nearer or farther away"
+            )
+        pair = slice(above[-1], above[-1] + 2)
+        at = np.exp(np.interp(-math.log(ppv), -np.log(level[pair]), np.log(scaled[pair])))
+        return float((distance / at) ** (1.0 / self.charge_exponent))
+
+
+def scaled_distance(distance, charge, charge_exponent=0.5):
+    """Return ``distance / charge^charge_exponent``, m and kg; refuse what is not positive."""
+    distance, charge = np.asarray(distance, dtype=float), np.asarray(charge, dtype=float)
+    for name, values in (("distance", distance), ("charge", charge)):
+        wrong = ~((values > 0.0) & np.isfinite(values))
+        if np.any(wrong):
+            first = np.flatnonzero(wrong)[0]
+            raise InputError(
+                f"scaled distance: {name} must be positive, got {values.flat[first]:g}"
+                + (f" in record {first + 1}" if values.size > 1 else "")
+            )
+    return distance / charge**charge_exponent
+
+
+def scaled_distance_ppv(distance, charge, k=0.5, exponent=1.6):
+    """Return the PPV [m/s] of ``k (distance / sqrt(charge))^-exponent``, distance in m, kg.
+
+    The default k = 0.5 m/s and exponent 1.6 are those given with AS 2187.2 for hard rock and a
+    free face; assumed, not measured at any site of ours.
+    """
+    return k * scaled_distance(distance, charge) ** -exponent
+
+
+def fit_site_law(distance, charge, ppv, charge_exponent=0.5) -> SiteLaw:
+    """Fit the law of a site to the peaks of its blasts.
+
+    Parameters
+    ----------
+    distance : (n,) float, m
+    charge : (n,) float, kg
+        Largest charge within 8 ms.
+    ppv : (n,) float, m/s
+    charge_exponent : float
+        1/2 for long charges, 1/3 for points and for air blast.
+
+    Returns
+    -------
+    SiteLaw
+
+    Raises
+    ------
+    InputError
+        If a value is not positive; if there are fewer than 6 records; if their scaled distances,
+        any one record left out, span less than a factor of 2; or if the peaks do not fall with
+        scaled distance beyond doubt (95 %).
+
+    Notes
+    -----
+    Least squares in log10, theory.md (13.3).
+    """
+    if not 0.0 < charge_exponent <= 1.0:
+        raise InputError(f"site law: charge_exponent must be above 0, up to 1; {charge_exponent:g}")
+    scaled = np.atleast_1d(scaled_distance(distance, charge, charge_exponent))
+    ppv = np.atleast_1d(np.asarray(ppv, dtype=float))
+    if scaled.ndim != 1 or ppv.shape != scaled.shape:
+        raise InputError(
+            f"site law: need one distance, charge and ppv for each record, got {scaled.shape} "
+            f"scaled distances and {ppv.shape} peaks"
+        )
+    wrong = np.flatnonzero(~((ppv > 0.0) & np.isfinite(ppv)))
+    if len(wrong):
+        raise InputError(
+            f"site law: ppv must be positive, got {ppv[wrong[0]]:g} in record {wrong[0] + 1}; "
+            "leave out what did not trigger"
+        )
+    _refuse_poor_places(np.sort(scaled))
+    x, y = np.log10(scaled), np.log10(ppv)
+    middle = x.mean()
+    breadth = float(np.sum((x - middle) ** 2))
+    slope = float(np.sum((x - middle) * y) / breadth)
+    left = y - y.mean() - slope * (x - middle)
+    s = math.sqrt(np.sum(left**2) / (len(x) - 2))
+    _refuse_no_fall(slope, s / math.sqrt(breadth), len(x))
+    r2 = float(1.0 - np.sum(left**2) / np.sum((y - y.mean()) ** 2))
+    return SiteLaw(
+        float(10.0 ** (y.mean() - slope * middle)), -slope, charge_exponent, s, len(x), r2,
+        float(middle), breadth, np.array([scaled.min(), scaled.max()]), _notes(x, y, r2),
+    )  # fmt: skip
+
+
+def _refuse_poor_places(scaled):
+    """Refuse too few records, or places that tell no slope; scaled distances rising."""
+    if len(scaled) < FEWEST:
+        raise InputError(f"site law: {len(scaled)} records; at least {FEWEST} are needed")
+    span = min(scaled[-1] / scaled[1], scaled[-2] / scaled[0])
+    if span < NARROWEST:
+        raise InputError(
+            f"site law: without one record the scaled distances span a factor of {span:.3g}, at "
+            f"least {NARROWEST:g} is needed; record nearer and farther away"
+        )
+
+
+def _refuse_no_fall(slope, error, n):
+    """Refuse a slope that rises, or may."""
+    if slope + stats.t.ppf(SURE, n - 2) * error >= 0.0:
+        raise InputError(
+            f"site law: log PPV changes by {slope:.2f} +- {error:.2f} for each factor of ten of "
+            "scaled distance, so it may not fall at all; a wider range of distances and charges "
+            "helps, more of the same records do not"
+        )
+
+
+def _notes(x, y, r2):
+    """Return sentences about what is doubtful."""
+    notes = []
+    if len(x) < WANTED_RECORDS:
+        notes.append(f"{len(x)} records; {WANTED_RECORDS} or more make a law to rely on")
+    if r2 < WANTED_R2:
+        notes.append(f"the law explains {100 * r2:.0f} % of the scatter, less than half")
+    columns = np.vander(x - x.mean(), 3)
+    bent, left = np.linalg.lstsq(columns, y, rcond=None)[:2]
+    if len(left) and left[0] > 0.0:
+        error = math.sqrt(left[0] / (len(x) - 3) * np.linalg.inv(columns.T @ columns)[0, 0])
+        if 2.0 * stats.t.sf(abs(bent[0]) / error, len(x) - 3) < CURVED:
+            notes.append("the records bend away from a straight line; fit near and far apart")
+    return tuple(notes)
+
+
+LARGEST_FILE = 50_000_000
+WANTED = ("distance", "charge", "ppv")
+
+
+class SiteRecords(NamedTuple):
+    """Distances (n,) m, charges in 8 ms (n,) kg, and peak velocities (n,) m/s."""
+
+    distance: np.ndarray
+    charge: np.ndarray
+    ppv: np.ndarray
+
+
+def read_site_records(path) -> SiteRecords:
+    """Read columns such as ``distance_m, charge_kg, ppv_mm_per_s``; others are left alone.
+
+    Parameters
+    ----------
+    path : str or Path
+        CSV with a header; the unit is in the name of the column.
+
+    Returns
+    -------
+    SiteRecords
+
+    Raises
+    ------
+    ReadError
+        If a column is missing, twice there or without a unit, or a value is no number.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise ReadError(f"{path}: no such file")
+    if path.stat().st_size > LARGEST_FILE:
+        raise ReadError(f"{path.name}: larger than {LARGEST_FILE // 10**6} MB, no table of peaks")
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        rows = [(n, row) for n, row in enumerate(csv.reader(lines), 1) if any(map(str.strip, row))]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ReadError(f"{path.name}: no CSV in UTF-8, {error}") from None
+    if len(rows) < 2:
+        raise ReadError(f"{path.name}: needs a header and records below it")
+    columns = [_column(path, [name.strip() for name in rows[0][1]], stem) for stem in WANTED]
+    values = [[_number(path, line, row, *column) for column in columns] for line, row in rows[1:]]
+    return SiteRecords(*np.array(values).T)
+
+
+def _column(path, names, stem):
+    """Return name, place and factor of the column of a quantity."""
+    found = [name for name in names if split_key(name)[0] == stem and split_key(name)[1] in FACTORS]
+    if len(found) != 1:
+        raise ReadError(
+            f"{path.name}: needs one column {stem} with its unit, such as distance_m, charge_kg, "
+            f"ppv_mm_per_s; got {', '.join(names[:12])}"
+        )
+    return found[0], names.index(found[0]), FACTORS[split_key(found[0])[1]]
+
+
+def _number(path, line, row, name, place, factor):
+    """Return one value in SI."""
+    text = row[place].strip() if place < len(row) else ""
+    try:
+        return factor * float(text)
+    except ValueError:
+        raise ReadError(f"{path.name}: line {line}: {name} is no number: {text[:40]!r}") from None

@@ -1,0 +1,225 @@
+"""The border to Fortran: the only importer of its cores; indices, views, lanes, tables of laws."""
+
+import os
+from typing import NamedTuple
+
+import numpy as np
+
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+from . import _core, _core_batch, _core_single
+
+ENERGIES = (
+    "kinetic",
+    "strain",
+    "joint_stored",
+    "joint_dissipated",
+    "zone_dissipated",
+    "damping",
+    "dashpots",
+    "input",
+    "insitu",
+    "unbalanced",
+)
+LANES = int(_core_batch.pyblast_lanes.lanes)  # models that march side by side
+LEAST_SHARED = int(_core.pyblast_kinds.least_shared)  # nodes of a model whose steps threads share
+N_SUMS = int(_core.pyblast_kinds.n_sums)
+N_JOINT_STATE = int(_core.pyblast_kinds.n_joint_state)
+N_JOINT_PROPERTIES = int(_core.pyblast_kinds.n_joint_properties)
+N_ZONE_STATE = int(_core.pyblast_kinds.n_zone_state)
+N_ZONE_PROPERTIES = int(_core.pyblast_kinds.n_zone_properties)
+INDEX_ENDINGS = (
+    "_node", "_slot", "_part", "_joint", "_law", "_history", "_start", "_set", "_row", "_patch",
+    "_lane", "_form",
+)  # fmt: skip
+# Arrays that each lane has for itself, and at which axis the lanes are.
+LANE_AXIS = {
+    **dict.fromkeys(
+        (
+            "displacement", "velocity", "memory", "node_mass", "node_alpha", "node_load",
+            "fixed_history", "set_beta", "set_branch", "contact_stored", "contact_dissipated",
+            "row_lost", "joint_law", "motion",
+        ),
+        -1,
+    ),
+    **dict.fromkeys(
+        (
+            "contact_traction", "contact_state", "contact_initial", "row_state", "row_initial",
+            "joint_property", "set_property", "dashpot_inverse", "energy",
+        ),
+        1,
+    ),
+    "sums": 0,
+}  # fmt: skip
+STATE = (
+    "displacement",
+    "velocity",
+    "memory",
+    "row_state",
+    "row_lost",
+    "contact_traction",
+    "contact_state",
+    "contact_stored",
+    "contact_dissipated",
+    "sums",
+)
+
+
+class Law(NamedTuple):
+    """Name, number (from 0), properties and state names of a law, as Fortran tells them."""
+
+    name: str
+    number: int
+    properties: tuple[str, ...]
+    state: tuple[str, ...]
+
+
+def _laws(signature, count):
+    """Read a table of laws from the core."""
+    table = {}
+    for number in range(int(count)):
+        name, rest = signature(number + 1).decode().split(":")
+        properties, state = rest.split("|")
+        table[name] = Law(name, number, tuple(properties.split()), tuple(state.split()))
+    return table
+
+
+JOINT_LAWS = _laws(_core.pyblast_joint_laws.joint_law_signature, _core.pyblast_kinds.n_joint_laws)
+ZONE_LAWS = _laws(_core.pyblast_zone_laws.zone_law_signature, _core.pyblast_kinds.n_zone_laws)
+
+
+def property_row(law, properties, width):
+    """Return the properties of a law in the order of its signature, zeros after, (width,)."""
+    row = np.zeros(width)
+    row[: len(law.properties)] = [properties[name] for name in law.properties]
+    return row
+
+
+def joint_bound(law, row):
+    """Return the largest stiffness in Pa/m and the viscosity in Pa s/m of a joint's properties."""
+    return _core.pyblast_joint_laws.joint_bound(law.number + 1, row)
+
+
+def stored_at_rest(constants, state):
+    """Return the energy that the contacts hold before anything moves, (n_contacts,) J/m2."""
+    names = ("contact_normal", "contact_joint", "joint_law", "joint_property", "contact_initial")
+    views = to_fortran({name: constants[name] for name in names})
+    found = _core.pyblast_contacts.stored_at_rest(**views, contact_state=state[:, None].T)
+    return found.T[..., 0]
+
+
+def numbered(arrays):
+    """Return arrays as the core and its files hold them, axes still in Python's order.
+
+    Parameters
+    ----------
+    arrays : dict of str to numpy array or number
+        Float arrays float64, indices int32 from 0 (-1 where there is none).
+
+    Returns
+    -------
+    dict
+        The same names; indices count from 1. An empty array becomes one row of zeros, which
+        loads, dashpots and the like can bear: f2py takes no empty arrays.
+    """
+    table = {}
+    for name, value in arrays.items():
+        if isinstance(value, np.ndarray):
+            if not value.size:
+                value = np.zeros((1, *value.shape[1:]), dtype=value.dtype)
+            if name.endswith(INDEX_ENDINGS):
+                value = value + np.int32(1)
+            value = np.ascontiguousarray(value)
+        table[name] = value
+    return table
+
+
+def in_single(arrays):
+    """Return arrays with their real numbers in four bytes."""
+    return {
+        name: value.astype(np.float32)
+        if isinstance(value, np.ndarray) and value.dtype == np.float64
+        else value
+        for name, value in arrays.items()
+    }
+
+
+def to_fortran(arrays):
+    """Return the views that the kernels take for one model: `numbered`, axes reversed, no copy."""
+    return _reversed(_one_lane(numbered(arrays)))
+
+
+def side_by_side(arrays):
+    """Return the views that the kernels take for `LANES` models, lanes stacked already."""
+    return _reversed(numbered(arrays))
+
+
+def _one_lane(arrays):
+    """Give arrays that each lane has for itself the axis of the lanes."""
+    return {
+        name: np.expand_dims(value, LANE_AXIS[name]) if name in LANE_AXIS else value
+        for name, value in arrays.items()
+    }
+
+
+def _reversed(arrays):
+    """Reverse the axes of arrays, as Fortran counts them."""
+    return {
+        name: value.T if isinstance(value, np.ndarray) else value for name, value in arrays.items()
+    }
+
+
+def advance(constants, state, first_step, n_steps, ledger_every):
+    """March ``n_steps``; the arrays of ``state`` change in place.
+
+    Parameters
+    ----------
+    constants : dict
+        From `to_fortran`.
+    state : dict of str to numpy array
+        The names of `STATE`, C-contiguous; float64, or all of them and the constants float32.
+    first_step, n_steps, ledger_every : int
+
+    Returns
+    -------
+    motion : (n_done, n_receivers, 3) float64, m/s
+    energy : (n_lines, n_energies) float64, J
+    failed : int or None
+        Node of the largest velocity, from 0, where the march stopped early.
+    """
+    views = _reversed(_one_lane(state))
+    core = _core_single if state["velocity"].dtype == np.float32 else _core
+    motion, energy, failed = _march(core, constants, views, first_step, n_steps, ledger_every)
+    return motion[..., 0], energy[:, 0], None if failed is None else failed[0]
+
+
+def advance_all(constants, state, first_step, n_steps, ledger_every):
+    """March `LANES` models side by side; as `advance`, from `side_by_side` and with lanes.
+
+    Returns
+    -------
+    motion : (n_done, n_receivers, 3, LANES) float64, m/s
+    energy : (n_lines, LANES, n_energies) float64, J
+    failed : tuple of int or None
+        Node and lane where the march stopped early.
+    """
+    return _march(_core_batch, constants, _reversed(state), first_step, n_steps, ledger_every)
+
+
+def _march(core, constants, state, first_step, n_steps, ledger_every):
+    """March in one of the cores, with arrays that have lanes; as `advance`, lanes kept."""
+    lanes = int(core.pyblast_lanes.lanes)
+    last = first_step + n_steps
+    n_lines = -(-last // ledger_every) - -(-first_step // ledger_every)
+    real = state["velocity"].dtype
+    motion = np.zeros((n_steps, constants["receiver_node"].shape[1], 3, lanes), real)
+    energy = np.zeros((n_lines, lanes, len(ENERGIES)), real)
+    info, node, lane = core.pyblast_solver.advance(
+        first_step=first_step,
+        ledger_every=ledger_every,
+        motion=motion.T,
+        energy=energy.T,
+        **constants,
+        **{name: state[name] for name in STATE},
+    )
+    motion, energy = (one.astype(np.float64, copy=False) for one in (motion[: abs(info)], energy))
+    return motion, energy, (node - 1, lane - 1) if info < 0 else None

@@ -1,1 +1,0 @@
-"""Diagnosis of records without a model of the site: baselines are other records."""

@@ -1,0 +1,1 @@
+"""Statistics of residuals: noise, model error, likelihood, search, posterior."""

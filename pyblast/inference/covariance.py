@@ -1,0 +1,404 @@
+"""Covariance of residuals: noise and model error, with inferred levels, and its whitening."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy import linalg, optimize
+
+from ..errors import InputError
+from .error_model import Nuisances, mesh_columns, nuisances, scattering
+from .noise import Band, Noise, symmetric_root
+
+SCATTER = "scatter"
+LEVELS = {
+    "delay": 1e-3,
+    "gain": 0.05,
+    "receiver": 0.05,
+    "rotation": 0.05,
+    "source": 0.05,
+    "mesh": 1.0,
+    SCATTER: 0.1,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Whitener:
+    """Covariance of the residuals of a case, made by `whitener`.
+
+    Parameters
+    ----------
+    band : Band
+    turns : (n_blasts, n_receivers, 3 n_functions, 3 n_functions) float64, s/m
+        From the coefficients of a blast and receiver to numbers whose noise is white and whose
+        scattering is independent.
+    backs : the same shape
+        Orthogonal, from these numbers back to where and when they belong.
+    spread : (n_blasts, n_receivers, 3 n_functions) float64
+        Variances of scattering at level one.
+    columns : (n_columns, n_data) float64
+        Of the nuisances at level one, turned.
+    groups : tuple of n_columns str
+    levels : dict of str to float
+        Standard deviation of each group, and of ``scatter``.
+    noise_log_determinant : float
+    n_data : int
+        Numbers that carry data; fewer than the coefficients where samples are invalid.
+    """
+
+    band: Band
+    turns: np.ndarray
+    backs: np.ndarray
+    spread: np.ndarray
+    columns: np.ndarray
+    groups: tuple[str, ...]
+    levels: dict[str, float]
+    noise_log_determinant: float
+    n_data: int
+
+    def __post_init__(self):
+        """Check that each group has a level."""
+        wanted = set(self.groups) | ({SCATTER} if np.any(self.spread) else set())
+        if set(self.levels) != wanted:
+            raise InputError(
+                f"whitener.levels: need those of {', '.join(sorted(wanted)) or 'nothing'}, got "
+                f"{', '.join(sorted(self.levels)) or 'nothing'}"
+            )
+        for name, level in self.levels.items():
+            if not 0.0 <= level < math.inf:
+                raise InputError(f"whitener.levels.{name}: must be finite, not negative: {level:g}")
+
+    @property
+    def deviation(self):
+        """Standard deviation of noise and scattering in turned numbers, (n_data,)."""
+        return np.sqrt(1.0 + self.levels.get(SCATTER, 0.0) ** 2 * self.spread.ravel())
+
+    @cached_property
+    def _directions(self):
+        """Orthogonal directions of the nuisances, their strengths, and what they are made of."""
+        scale = np.array([self.levels[group] for group in self.groups])
+        columns = self.columns * scale[:, None] / self.deviation
+        strength, mixture = linalg.eigh(columns @ columns.T)
+        return mixture.T @ columns, np.maximum(strength, 0.0), mixture
+
+    @property
+    def log_determinant(self):
+        """Logarithm of the determinant of the whole covariance, in (m/s)^2n."""
+        return float(
+            self.noise_log_determinant
+            + 2.0 * np.sum(np.log(self.deviation))
+            + np.sum(np.log1p(self._directions[1]))
+        )
+
+    def turned(self, residual):
+        """Return a residual (..., n_blasts, n_receivers, 3, n_samples) as (..., n_data) numbers.
+
+        Their noise is white; scattering is independent among them, nuisances are still in.
+        """
+        held = self.band.project(residual)
+        held = held.reshape(*held.shape[:-2], -1)
+        return _each(self.turns, held).reshape(*held.shape[:-3], -1)
+
+    def apply(self, residual):
+        """Whiten a residual.
+
+        Parameters
+        ----------
+        residual : (..., n_blasts, n_receivers, 3, n_samples) float, m/s
+
+        Returns
+        -------
+        (..., n_blasts, n_receivers, 3, n_functions) float64
+            Independent, of unit variance if the covariance is right; the sum of their squares is
+            ``r^T C^-1 r``. `Band.restore` tells when they happened.
+
+        Notes
+        -----
+        ``(I + U U^T)^(-1/2)`` on what noise and scattering have been divided out of, each root
+        the symmetric one, so that nothing is moved in time more than it must; theory.md (7.17).
+        """
+        plain = self.turned(residual) / self.deviation
+        direction, strength, _ = self._directions
+        # (1 + s)^(-1/2) - 1 over s, without loss of digits at small s
+        gain = -1.0 / (np.sqrt(1.0 + strength) * (1.0 + np.sqrt(1.0 + strength)))
+        plain = plain + (plain @ direction.T * gain) @ direction
+        shape = (*plain.shape[:-1], *self.spread.shape)
+        plain = _each(self.backs, plain.reshape(shape))
+        return plain.reshape(*shape[:-1], 3, -1)
+
+    def chi_square(self, residual):
+        """Return ``r^T C^-1 r``, (...) float64; ``n_data`` in the mean."""
+        plain = self.turned(residual) / self.deviation
+        direction, strength, _ = self._directions
+        along = plain @ direction.T
+        return np.sum(plain**2, axis=-1) - np.sum(along**2 / (1.0 + strength), axis=-1)
+
+    def log_likelihood(self, residual):
+        """Return the logarithm of the Gaussian density of a residual, (...) float64."""
+        constant = self.n_data * math.log(2.0 * math.pi) + self.log_determinant
+        return -0.5 * (self.chi_square(residual) + constant)
+
+    def scores(self, residual):
+        """Return the likely size of each nuisance over its level, (..., n_columns) float64.
+
+        With right levels they have the covariance ``I - (I + U U^T)^-1``; theory.md (7.18).
+        """
+        plain = self.turned(residual) / self.deviation
+        direction, strength, mixture = self._directions
+        return (plain @ direction.T / (1.0 + strength)) @ mixture.T
+
+    def with_levels(self, **levels):
+        """Return the whitener with other levels of some groups."""
+        return replace(self, levels={**self.levels, **levels})
+
+
+def whitener(
+    noise: Noise, band: Band, n_blasts, *, nuisances: Nuisances = None, scattering=None, levels=None
+) -> Whitener:
+    """Build the covariance of residuals from its parts.
+
+    Parameters
+    ----------
+    noise : Noise
+    band : Band
+    n_blasts : int
+    nuisances : Nuisances, optional
+    scattering : (n_blasts, n_receivers, 3, n_functions, n_functions) float, optional
+        As of `scattering`.
+    levels : dict of str to float, optional
+        Standard deviation of each group of nuisances, and ``scatter``; those of ``LEVELS`` where
+        they are not given: 1 ms, 5 % and 0.05 rad, 10 % scattered, the whole error of the mesh.
+
+    Raises
+    ------
+    InputError
+        If a level is missing, not known or negative.
+    """
+    n_receivers, size = len(noise.variance), 3 * band.n_functions
+    turns = np.empty((n_blasts, n_receivers, size, size))
+    backs, spread = np.empty_like(turns), np.zeros(turns.shape[:3])
+    whole, log_determinant, n_data = {}, 0.0, 0
+    for b, r in np.ndindex(n_blasts, n_receivers):
+        gapped = any((b, r, c) in band.gapped for c in range(3))
+        if gapped or r not in whole:
+            root, logarithm, rank = _whitening_root(noise.covariance(band, b, r))
+            if not gapped:
+                whole[r] = root, logarithm, rank
+        else:
+            root, logarithm, rank = whole[r]
+        log_determinant += logarithm
+        n_data += rank
+        turns[b, r], backs[b, r] = root, np.eye(size)
+        if scattering is not None:
+            block = linalg.block_diag(*scattering[b, r])
+            spread[b, r], vector = linalg.eigh(root @ block @ root)
+            turns[b, r], backs[b, r] = vector.T @ root, vector
+    turned, groups = np.zeros((0, spread.size)), ()
+    if nuisances is not None:
+        held = nuisances.columns.reshape(-1, n_blasts, n_receivers, size)
+        turned = _each(turns, held).reshape(len(held), -1)
+        groups = nuisances.groups
+    spread = np.maximum(spread, 0.0)
+    used = {*groups, *([] if scattering is None else [SCATTER])}
+    levels = {name: LEVELS[name] for name in LEVELS if name in used} | (levels or {})
+    return Whitener(band, turns, backs, spread, turned, groups, levels, log_determinant, n_data)
+
+
+def _whitening_root(block):
+    """Return the inverse root of a covariance, the logarithm of its determinant and its rank."""
+    kept = np.flatnonzero(np.diag(block) > 0.0)
+    logarithm = float(np.linalg.slogdet(block[np.ix_(kept, kept)])[1])
+    return symmetric_root(block, -0.5), logarithm, len(kept)
+
+
+def _each(blocks, numbers):
+    """Apply the matrix of each blast and receiver to numbers (..., n_blasts, n_receivers, n)."""
+    flat = numbers.reshape(-1, *numbers.shape[-3:])
+    return (blocks @ flat.transpose(1, 2, 3, 0)).transpose(3, 0, 1, 2).reshape(numbers.shape)
+
+
+NORMAL_95 = 1.6448536269514722
+FARTHEST = 12.0
+STEP = 1e-3
+
+
+class Prior(NamedTuple):
+    """What is known of a level before the residual is looked at.
+
+    Parameters
+    ----------
+    level : float
+        Standard deviation, in the unit of its group.
+    weight : float
+        How many observed errors that knowledge is worth. The square of the level has the
+        inverse-gamma density of shape ``weight / 2`` and scale ``weight level^2 / 2``.
+    """
+
+    level: float
+    weight: float
+
+
+WEIGHT = 4.0
+PRIORS = {group: Prior(level, WEIGHT) for group, level in LEVELS.items()}
+
+
+class Levels(NamedTuple):
+    """Inferred levels.
+
+    Parameters
+    ----------
+    whitener : Whitener
+        With the most probable levels.
+    intervals : dict of str to (low, high)
+        Of 90 %, from the curvature in the logarithm of each level.
+    converged : bool
+    """
+
+    whitener: Whitener
+    intervals: dict[str, tuple[float, float]]
+    converged: bool
+
+
+def infer_levels(whitener: Whitener, residual, priors=None, fitted=()) -> Levels:
+    """Find the levels of nuisances and scattering that make a residual most probable.
+
+    Parameters
+    ----------
+    whitener : Whitener
+        Its levels do not matter, only its groups.
+    residual : (n_blasts, n_receivers, 3, n_samples) float, m/s
+    priors : dict of str to Prior, optional
+        Instead of those of ``PRIORS``: 1 ms, 5 % and 0.05 rad, 10 % scattered, each worth four
+        observations.
+    fitted : (n, n_blasts, n_receivers, 3, n_samples) float, m/s, optional
+        What each unknown that was fitted to these records moves, by one standard deviation of what
+        was known of it: so much of the errors it may have taken on itself.
+
+    Raises
+    ------
+    InputError
+        If a group has no prior, or one that is not positive.
+
+    Notes
+    -----
+    Largest marginal likelihood times inverse-gamma priors, in the logarithm of the levels, by its
+    derivatives. Where they vanish, the scores of each group have the sum of squares that their
+    covariance foresees, but for the prior; theory.md (7.18), (7.19). Fitted unknowns count as
+    nuisances of level one, which makes the likelihood a restricted one.
+    """
+    priors = {**PRIORS, **(priors or {})}
+    names = list(whitener.levels)
+    for name in names:
+        if name not in priors or not min(priors[name]) > 0.0:
+            raise InputError(f"infer_levels.priors.{name}: needs a positive level and weight")
+    if not names:
+        return Levels(whitener, {}, True)
+    members = np.array([names.index(group) for group in whitener.groups], dtype=int)
+    turned = whitener.turned(residual)
+    taken = np.array([whitener.turned(one) for one in fitted]).reshape(-1, len(turned))
+    weight, prior = np.array([(priors[n].weight, priors[n].level ** 2) for n in names]).T
+
+    def cost(log_variance):
+        value, slope = _evidence(whitener, turned, taken, members, names, log_variance)
+        pull = prior / np.exp(log_variance)
+        value -= 0.5 * np.sum(weight * (log_variance + pull))
+        return -value, -(slope - 0.5 * weight * (1.0 - pull))
+
+    start = np.log(prior)
+    bounds = [(each - FARTHEST, each + FARTHEST) for each in start]
+    best = optimize.minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
+    curvature = np.empty((len(names), len(names)))
+    for n, step in enumerate(STEP * np.eye(len(names))):
+        curvature[n] = (cost(best.x + step)[1] - cost(best.x - step)[1]) / (2.0 * STEP)
+    value, vector = linalg.eigh(0.5 * (curvature + curvature.T))
+    spread = np.sqrt(np.diag((vector / np.maximum(value, 1e-3)) @ vector.T))
+    found = dict(zip(names, map(float, np.exp(0.5 * best.x)), strict=True))
+    reach = map(float, np.exp(0.5 * NORMAL_95 * spread))
+    intervals = {
+        n: (level / r, level * r) for (n, level), r in zip(found.items(), reach, strict=True)
+    }
+    return Levels(whitener.with_levels(**found), intervals, bool(best.success))
+
+
+def _evidence(whitener, turned, taken, members, names, log_variance):
+    """Return the log likelihood, but for a constant, and its slopes by log variances."""
+    variance = np.exp(log_variance)
+    scatter = variance[names.index(SCATTER)] if SCATTER in names else 0.0
+    scattered = scatter * whitener.spread.ravel()
+    deviation = np.sqrt(1.0 + scattered)
+    plain = turned / deviation
+    columns = np.vstack([whitener.columns * np.sqrt(variance[members])[:, None], taken])
+    columns = columns / deviation
+    factor = linalg.cholesky(np.eye(len(columns)) + columns @ columns.T, lower=True)
+    half = linalg.solve_triangular(factor, columns, lower=True)
+    along = half @ plain
+    inverse = linalg.solve_triangular(factor, np.eye(len(columns)), lower=True)
+    scores = inverse.T @ along
+    value = -0.5 * (plain @ plain - along @ along) - np.sum(np.log(np.diag(factor)))
+    value -= np.sum(np.log(deviation))
+    excess = scores**2 - 1.0 + np.sum(inverse**2, axis=0)
+    slope = 0.5 * np.bincount(members, excess[: len(members)], minlength=len(names))
+    if SCATTER in names:
+        left = (plain - scores @ columns) ** 2 - 1.0 + np.sum(half**2, axis=0)
+        slope[names.index(SCATTER)] = 0.5 * np.sum(scattered / deviation**2 * left)
+    if not math.isfinite(value):
+        raise InputError("infer_levels: the residual is not finite")
+    return float(value), slope
+
+
+def usual_whitener(motion, noise: Noise, band: Band, mesh_errors=()) -> Whitener:
+    """Return the covariance of residuals with errors shaped as some motion, at the usual levels.
+
+    Parameters
+    ----------
+    motion : (n_blasts, n_receivers, 3, n_samples) float, m/s
+    noise : Noise
+    band : Band
+    mesh_errors : sequence of the same shape as the motion, m/s
+        What meshes may do to the simulation, as of `mesh_error`; of each receiver on their own.
+    """
+    parts, spread = error_columns(motion, band, mesh_errors), scattering(motion, band)
+    return whitener(noise, band, len(motion), nuisances=parts, scattering=spread)
+
+
+def error_columns(motion, band: Band, mesh_errors=()) -> Nuisances:
+    """Return the small errors of a motion, those of its mesh included; as `usual_whitener`."""
+    parts = nuisances(motion, band)
+    if len(mesh_errors):
+        errors = np.asarray(mesh_errors, dtype=np.float64)
+        alone = np.eye(errors.shape[2])[:, None, None, :, None, None] * errors
+        alone = alone.reshape(-1, *errors.shape[1:])
+        parts += mesh_columns(alone[np.any(alone, axis=(1, 2, 3, 4))], band)
+    return parts
+
+
+def whitener_beside(
+    recorded, simulated, noise: Noise, band: Band, mesh_errors=(), fitted=()
+) -> Whitener:
+    """Return the covariance of residuals beside a simulation that nearly fits.
+
+    Parameters
+    ----------
+    recorded, simulated : (n_blasts, n_receivers, 3, n_samples) float, m/s
+    noise : Noise
+    band : Band
+    mesh_errors : sequence of the same shape, m/s
+        As of `usual_whitener`.
+    fitted : (n, n_blasts, n_receivers, 3, n_samples) float, m/s
+        As of `infer_levels`: the simulation was fitted by so many unknowns.
+
+    Returns
+    -------
+    Whitener
+        With inferred levels.
+
+    Notes
+    -----
+    theory.md (7.13) to (7.19). Shapes must be those of the simulation: those of the record hold
+    its noise, which then explains itself for the price of a level, and what damps the simulation
+    is taken for likely.
+    """
+    made = usual_whitener(simulated, noise, band, mesh_errors)
+    return infer_levels(made, np.asarray(recorded) - simulated, fitted=fitted).whitener

@@ -1,1 +1,0 @@
-"""Back-analysis: parameters of a project found from recorded motion."""

@@ -1,0 +1,1 @@
+"""Analyses of records along a line of receivers, without a model."""

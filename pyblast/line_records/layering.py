@@ -1,0 +1,225 @@
+"""Dispersion of surface waves along a line, and Rayleigh-wave speeds of layered ground."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import fft, linalg, optimize, stats
+
+from ..errors import InputError
+from .shots import SURE, Verdict, share_as_large
+
+PER_WAVE, DEPTH = 24, 2.0
+
+
+def rayleigh_speeds(frequencies, thickness, vs, poisson=0.4):
+    """Return phase speeds of the first mode (n,) m/s.
+
+    Parameters
+    ----------
+    frequencies : (n,) float, Hz
+    thickness : (n_layers - 1,) float, m
+        The last layer reaches down without end.
+    vs : (n_layers,) float, m/s
+    poisson : float
+        Of all layers; density is the same in all and falls out.
+
+    Notes
+    -----
+    Quadratic in the wave number, linear in depth between planes (Lysmer 1970; Kausel and Roesset
+    1981), theory.md (15.5), linear in its square for (k u_x, i u_z);
+    fixed two wavelengths down, with 24 elements.
+    """
+    thickness, vs = np.atleast_1d(np.asarray(thickness, float)), np.asarray(vs, float)
+    if len(vs) != len(thickness) + 1 or (vs <= 0).any() or (thickness <= 0).any():
+        raise InputError(
+            f"rayleigh_speeds: need positive speeds, one more than thicknesses, got {vs} m/s and "
+            f"{thickness} m"
+        )
+    return np.array([_speed(f, thickness, vs, poisson) for f in np.atleast_1d(frequencies)])
+
+
+def _speed(frequency, thickness, vs, poisson):
+    """Return the slowest mode's speed at one frequency."""
+    depth = DEPTH * vs.max() / frequency
+    share = np.linspace(0.0, 1.0, PER_WAVE + 1) ** 1.6
+    planes = np.unique(np.concatenate([depth * share, np.cumsum(thickness)]))
+    planes = planes[planes <= depth]
+    heights, middles = np.diff(planes), 0.5 * (planes[1:] + planes[:-1])
+    mu = vs[np.searchsorted(np.cumsum(thickness), middles)] ** 2
+    lame = mu * 2.0 * poisson / (1.0 - 2.0 * poisson)
+    a, b, g, m = _matrices(heights, lame, mu)
+    stiff = g - (2.0 * np.pi * frequency) ** 2 * m
+    x, z = slice(0, None, 2), slice(1, None, 2)
+    zero = np.zeros_like(b[x, z])
+    left = np.block([[stiff[x, x], zero], [b[z, x], stiff[z, z]]])
+    right = np.block([[a[x, x], b[x, z]], [zero, a[z, z]]])
+    squares = linalg.eigvals(linalg.solve(right, -left))
+    real = np.abs(squares.imag) < 1e-6 * np.abs(squares.real)
+    return 2.0 * np.pi * frequency / np.sqrt(np.max(squares.real[real]))
+
+
+def _matrices(heights, lame, mu):
+    """Return A, B, G, M of (k^2 A + k B + G - omega^2 M) u = 0 for (u_x, i u_z) at planes."""
+    n = 2 * len(heights)
+    a, b, g, m = (np.zeros((n + 2, n + 2)) for _ in range(4))
+    for k, (h, la, s) in enumerate(zip(heights, lame, mu, strict=True)):
+        at = slice(2 * k, 2 * k + 4)
+        p, d = la + 2.0 * s, la - s
+        mass = h / 6.0 * np.array([[2, 0, 1, 0], [0, 2, 0, 1], [1, 0, 2, 0], [0, 1, 0, 2]])
+        a[at, at] += mass * np.tile([p, s], 2)
+        m[at, at] += mass
+        e = la + s
+        b[at, at] += 0.5 * np.array([[0, d, 0, -e], [d, 0, e, 0], [0, e, 0, -d], [-e, 0, -d, 0]])
+        g[at, at] += np.array(
+            [[s, 0, -s, 0], [0, p, 0, -p], [-s, 0, s, 0], [0, -p, 0, p]]
+        ) / h  # fmt: skip
+    return a[:n, :n], b[:n, :n], g[:n, :n], m[:n, :n]
+
+
+SPEEDS = np.arange(80.0, 700.0, 2.0)
+N_DRAWS, N_FREQUENCIES, FEWEST = 999, 14, 6
+N_CHANCES, AGREED = 20, 0.1  # the share by which picks of drawn shots may differ
+STARTS = ((2.0, 0.7, 1.2), (5.0, 0.7, 1.4), (10.0, 0.8, 1.8))
+DEEPEST = 0.5  # of the longest wave, to which Vs is told
+
+
+@dataclass(frozen=True, eq=False)
+class Picks:
+    """Phase speeds at frequencies, with standard deviations over shots."""
+
+    frequency: np.ndarray
+    speed: np.ndarray
+    sigma: np.ndarray
+
+
+def soft_layer(shots, held, band, *, poisson=0.4, seed=0) -> Verdict:
+    """Judge a half-space against a layer on a half-space by Rayleigh waves of a line.
+
+    Parameters
+    ----------
+    shots, held : list of Shot
+        To fit, and to judge by: other shots, best from the other end of the line.
+    band : tuple of 2 float, Hz
+        Where surface waves rule.
+    poisson : float
+    seed : int
+
+    Returns
+    -------
+    Verdict
+        "soft_surface_layer" with "thickness" [m], "vs_layer", "vs_below" and "vs_mean" [m/s], the
+        last by travel time down to half of the longest wave. ``held_out``: misfits in standard
+        deviations of the held shots' phase speeds by one speed, and by the layer.
+
+    Notes
+    -----
+    Chance: phase speeds of one speed whose misfits are dealt to the frequencies anew.
+    Inverse dispersion is no soft layer and "UNKNOWN".
+    """
+    if len(shots) < 3 or len(held) < 3:
+        raise InputError(f"soft_layer: needs 3 shots to fit and 3 to judge, got {len(shots)}, "
+                         f"{len(held)}")  # fmt: skip
+    frequencies = np.geomspace(*band, N_FREQUENCIES)
+    picks, other = (phase_speeds(one, frequencies, seed=seed) for one in (shots, held))
+    if min(len(picks.speed), len(other.speed)) < FEWEST:
+        return Verdict("UNKNOWN", "soft_surface_layer",
+                       "too few frequencies have one clear phase speed", band=band)  # fmt: skip
+    steep = stats.spearmanr(picks.frequency, picks.speed)[0]
+    rng = np.random.default_rng(seed)
+    drawn = [abs(stats.spearmanr(picks.frequency, rng.permutation(picks.speed))[0])
+             for _ in range(N_DRAWS)]  # fmt: skip
+    chance = share_as_large(abs(steep), drawn)
+    one_speed = np.average(picks.speed, weights=picks.sigma**-2)
+    if chance > SURE:
+        return Verdict(
+            "NULL", "soft_surface_layer",
+            f"phase speeds keep to {one_speed:.0f} m/s, but for what chance makes",
+            band=band, chance=chance,
+        )  # fmt: skip
+    if steep > 0.0:
+        return Verdict("UNKNOWN", "soft_surface_layer", "waves of higher frequency are faster",
+                       band=band, chance=chance)  # fmt: skip
+    values, spread = fit_layer(picks, poisson)
+    before = _misfit(other, np.full(len(other.speed), one_speed))
+    after = _misfit(other, _speeds(values, other.frequency, poisson))
+    return Verdict(
+        "NAMED" if after < before else "UNKNOWN", "soft_surface_layer",
+        f"phase speeds fall from {picks.speed[0]:.0f} to {picks.speed[-1]:.0f} m/s; of shots not "
+        f"fitted one speed leaves {before:.1f}, the layer {after:.1f} standard deviations",
+        parameters=_told(values, spread, picks), band=band, chance=chance, held_out=(before, after),
+    )  # fmt: skip
+
+
+def phase_speeds(shots, frequencies, *, n_draws=40, seed=0) -> Picks:
+    """Pick the speed at which phases of all receivers stack best, theory.md (15.4).
+
+    A frequency is left out where drawn sets of shots do not agree, where the best speed is an end
+    of those tried, or where receivers of drawn phases stack as well in 5 %.
+    """
+    rng = np.random.default_rng(seed)
+    both = np.array([_stacked(shot, frequencies, rng) for shot in shots])
+    powers, chance = both[:, 0], both[:, 1:].mean(axis=0).max(axis=(0, 1))
+    drawn = np.array([
+        np.argmax(powers[rng.integers(len(shots), size=len(shots))].mean(axis=0), axis=0)
+        for _ in range(n_draws)
+    ])  # fmt: skip
+    best, sigma = np.argmax(powers.mean(axis=0), axis=0), np.std(SPEEDS[drawn], axis=0)
+    most = powers.mean(axis=0).max(axis=0)
+    clear = (best > 0) & (best < len(SPEEDS) - 1) & (sigma < AGREED * SPEEDS[best])
+    clear &= most > chance
+    sigma = np.maximum(sigma, 0.01 * SPEEDS[best])
+    return Picks(frequencies[clear], SPEEDS[best[clear]], sigma[clear])
+
+
+def _stacked(shot, frequencies, rng):
+    """Return the power of the phase stack, and those of drawn phases, (1 + 20, n_speeds, n)."""
+    size = fft.next_fast_len(8 * shot.motion.shape[1], real=True)
+    found = fft.rfft(shot.motion, size)[:, np.rint(frequencies * size * shot.dt).astype(int)]
+    drawn = np.exp(2j * np.pi * rng.random((N_CHANCES, *found.shape)))
+    phases = np.concatenate([found[None] / np.maximum(np.abs(found), 1e-300), drawn])
+    turns = np.exp(2j * np.pi * frequencies * shot.offsets[:, None, None] / SPEEDS[:, None])
+    stacks = [np.einsum("cf,csf->sf", one, turns) for one in phases]
+    return np.abs(np.array(stacks) / len(found)) ** 2
+
+
+def fit_layer(picks, poisson):
+    """Return thickness, Vs of the layer, Vs below, and their covariance, in logarithms."""
+    fast = 1.06 * picks.speed
+
+    def remainder(x):
+        return (_speeds(x, picks.frequency, poisson) - picks.speed) / picks.sigma
+
+    starts = [np.log([h, a * fast.min(), b * fast.max()]) for h, a, b in STARTS]
+    low, high = np.log([0.3, 40.0, 60.0]), np.log([40.0, 1500.0, 3000.0])
+    fits = [optimize.least_squares(remainder, np.clip(x, low, high), bounds=(low, high),
+                                   diff_step=1e-2, max_nfev=25) for x in starts]  # fmt: skip
+    best = min(fits, key=lambda fit: fit.cost)
+    excess = max(1.0, 2.0 * best.cost / (len(picks.speed) - 3))
+    return best.x, np.linalg.pinv(best.jac.T @ best.jac) * excess
+
+
+def _speeds(values, frequencies, poisson):
+    """Return phase speeds over one layer."""
+    thickness, layer, below = np.exp(values)
+    return rayleigh_speeds(frequencies, [thickness], [layer, below], poisson)
+
+
+def _misfit(picks, speeds):
+    """Return the root mean square of misfits in standard deviations."""
+    return float(np.sqrt(np.mean(((speeds - picks.speed) / picks.sigma) ** 2)))
+
+
+def _told(values, covariance, picks):
+    """Return the layer with 90 % intervals, by draws of the fit."""
+    rng = np.random.default_rng(0)
+    depth = DEEPEST * np.max(picks.speed / picks.frequency)
+    drawn = np.exp(rng.multivariate_normal(values, covariance, 500))
+    h = np.minimum(drawn[:, 0], depth)
+    mean = depth / (h / drawn[:, 1] + (depth - h) / drawn[:, 2])
+    best = np.exp(values)
+    top = min(best[0], depth)
+    centre = [*best, depth / (top / best[1] + (depth - top) / best[2])]
+    ends = np.quantile(np.column_stack([drawn, mean]), [0.05, 0.95], axis=0)
+    names = ("thickness", "vs_layer", "vs_below", "vs_mean")
+    return {name: (float(c), float(lo), float(hi))
+            for name, c, lo, hi in zip(names, centre, *ends, strict=True)}  # fmt: skip

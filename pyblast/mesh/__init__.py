@@ -1,0 +1,1 @@
+"""Meshes of tetrahedra: built, cut into blocks, imported, checked."""

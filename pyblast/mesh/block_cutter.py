@@ -1,0 +1,370 @@
+"""Convex cells of jointed rock, cut by layers, joint sets and faults."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .blocks import (
+    Cells,
+    box_cells,
+    cell_vertices,
+    copied,
+    crooked_cells,
+    edges,
+    split_cell,
+    split_edge,
+    split_face,
+    vertices_of,
+)
+
+_EXACT = 1e-6
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The plane ``normal . x = offset`` and the surface that its facets belong to.
+
+    Parameters
+    ----------
+    normal : (3,) float64, unit
+    offset : float, m
+    tag : str, empty for no surface
+    """
+
+    normal: np.ndarray
+    offset: float
+    tag: str = ""
+
+    def heights(self, points):
+        """Return the signed distances (n,) of points (n, 3) in m."""
+        return np.asarray(points) @ self.normal - self.offset
+
+
+@dataclass(frozen=True)
+class Cut:
+    """What one plane did.
+
+    Parameters
+    ----------
+    faces : list of int, faces on the plane
+    bent : (n,) float64, how far it was bent to pass through vertices nearby, m
+    refused : int, cells that it could not cut
+    """
+
+    faces: list[int]
+    bent: np.ndarray
+    refused: int
+
+
+def cut_cells(cells, chosen, plane, tolerance) -> tuple[Cells, Cut]:
+    """Cut chosen cells along a plane.
+
+    A vertex nearer to the plane than the tolerance counts as lying on it, so the cut bends to
+    pass through it and no part of a cell thinner than the tolerance is left over. Where that
+    would turn a cell inside out, fewer vertices count; where a cut fails all the same, the cell
+    stays whole.
+
+    Parameters
+    ----------
+    cells : Cells, not changed
+    chosen : iterable of int
+    plane : Plane
+    tolerance : callable of points (n, 3) to (n,) float64, m
+
+    Returns
+    -------
+    cells : Cells
+    cut : Cut
+    """
+    chosen, whole = sorted(chosen), set()
+    vertices = {v for c in chosen for v in vertices_of(cells, c)}
+    height, limit = _heights(cells, vertices, plane, tolerance)
+    while True:
+        trial = copied(cells)
+        cut, failed = _try_cut(trial, chosen, whole, plane, dict(height), limit)
+        hopeless = set()
+        for cell in failed - whole:
+            bent = [v for v in vertices_of(cells, cell) if _is_bent(v, height, limit)]
+            if bent:
+                limit[max(bent, key=lambda v: (abs(height[v]), v))] = _EXACT
+            else:
+                hopeless.add(cell)
+        if not failed - whole:
+            return trial, cut
+        whole |= hopeless
+
+
+def _is_bent(vertex, height, limit):
+    """Tell whether the plane bends to pass through a vertex."""
+    return vertex in height and _EXACT < abs(height[vertex]) <= limit[vertex]
+
+
+def split_faces(cells, faces, plane, tolerance) -> list[int]:
+    """Split faces, not cells, along a plane in place; return all parts."""
+    vertices = {v for f in faces for v in cells.loops[f]}
+    height, limit = _heights(cells, vertices, plane, tolerance)
+    side = _sides(height, limit)
+    _flatten_zigzags(cells, faces, side, height)
+    return sorted(faces) + _split_faces(cells, sorted(faces), side, height)[0]
+
+
+def _heights(cells, vertices, plane, tolerance):
+    """Return height above the plane and tolerance of each vertex, as dicts, m."""
+    vertices = sorted(vertices)
+    places = np.array([cells.points[v] for v in vertices])
+    height = dict(zip(vertices, plane.heights(places).tolist(), strict=True))
+    limits = np.maximum(tolerance(places), _EXACT).tolist()
+    return height, dict(zip(vertices, limits, strict=True))
+
+
+def _sides(height, limit):
+    """Return on which side of the plane each vertex counts: -1, 0 or 1."""
+    return {v: (h > limit[v]) - (h < -limit[v]) for v, h in height.items()}
+
+
+def _try_cut(cells, chosen, whole, plane, height, limit):
+    """Cut in place; return the cut and the old cells that it would turn inside out."""
+    side = _sides(height, limit)
+    crossed = [c for c in chosen if c not in whole and _crossed(cells, c, side)]
+    faces = sorted({f for c in crossed for f in cells.faces[c]})
+    _flatten_zigzags(cells, faces, side, height)
+    parts, touched = _split_faces(cells, faces, side, height)
+    parent, made, failed = {}, [], set()
+    for cell in crossed:
+        if _crossed(cells, cell, side):
+            new = split_cell(cells, cell, side, plane.tag)
+            if new is None:
+                failed.add(cell)
+            else:
+                made.append(new)
+                parent[len(cells.faces) - 1] = cell
+    changed = {c for f in touched.union(parts, made) for c in cells.owners[f]}
+    failed |= {parent.get(c, c) for c in crooked_cells(cells, changed)}
+    lying = _tag_lying_faces(cells, [*chosen, *parent], side, plane)
+    bent = [abs(height[v]) for v in sorted({v for f in made + lying for v in cells.loops[f]})]
+    bent = np.array([distance for distance in bent if distance > _EXACT])
+    return Cut(made + lying, bent, len(whole)), failed
+
+
+def _crossed(cells, cell, side):
+    """Tell whether a cell has vertices on both sides."""
+    found = {side[v] for v in vertices_of(cells, cell)}
+    return 1 in found and -1 in found
+
+
+def _changes(loop, side):
+    """Count how often the side changes around a loop, vertices on the plane left out."""
+    signs = [side[v] for v in loop if side[v]]
+    return sum(a != b for a, b in zip(signs, signs[1:] + signs[:1], strict=True))
+
+
+def _flatten_zigzags(cells, faces, side, height):
+    """Move vertices onto the plane until it crosses each face once; bent faces may need it."""
+    for face in faces:
+        loop = cells.loops[face]
+        while _changes(loop, side) > 2:
+            lowest = min((v for v in loop if side[v]), key=lambda v: (abs(height[v]), v))
+            side[lowest] = 0
+
+
+def _split_faces(cells, faces, side, height):
+    """Split the faces that have vertices on both sides; return new parts and all faces touched."""
+    touched = set(faces)
+    for a, b in sorted({e for f in faces for e in edges(cells.loops[f])}):
+        if side[a] * side[b] < 0:
+            touched |= split_edge(cells, a, b, height[a] / (height[a] - height[b]))
+            side[len(cells.points) - 1] = 0
+            height[len(cells.points) - 1] = 0.0
+    split = [f for f in faces if _changes(cells.loops[f], side)]
+    return [split_face(cells, f, side, height) for f in split], touched
+
+
+def _tag_lying_faces(cells, chosen, side, plane):
+    """Tag the faces that lie on the plane between cells of different sides."""
+    candidates = sorted({f for c in chosen for f in cells.faces[c]})
+    found = []
+    for face in candidates:
+        if len(cells.owners[face]) < 2 or any(side[v] for v in cells.loops[face]):
+            continue
+        middles = [cell_vertices(cells, c).mean(axis=0) for c in cells.owners[face]]
+        if np.prod(plane.heights(middles)) < 0.0 and not cells.tags[face]:
+            cells.tags[face] = plane.tag
+            found.append(face)
+    return found
+
+
+SIDES = ("west", "east", "south", "north", "bottom", "top")
+# Share of the spacing within which a cut may bend to pass through a vertex.
+_SPACING_SHARE = 0.1
+_DISC_SIDES = 12
+# Joints on a side of the box are no joints.
+_INSIDE = 1e-6
+
+
+@dataclass(frozen=True)
+class CutReport:
+    """How far joints were moved so that few slivers are left over, and what repair made of those.
+
+    Parameters
+    ----------
+    cells : int
+    bent : int, places where a joint was moved
+    largest, mean : float, m, how far
+    refused : int, cells that a joint should cut and could not
+    slivers : tuple of 2 int
+        Zones whose smallest altitude is below a tenth of their longest edge, before and after.
+    thinnest : tuple of 2 float
+        Smallest such ratio, before and after.
+    """
+
+    cells: int
+    bent: int
+    largest: float
+    mean: float
+    refused: int
+    slivers: tuple[int, int] = (0, 0)
+    thinnest: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass
+class _Rock:
+    """Cells while they are cut, with what the cuts need to know."""
+
+    cells: Cells
+    limits: np.ndarray
+    tolerances: np.ndarray
+    bent: list
+    refused: int = 0
+
+    def cut(self, chosen, plane, spacing=np.inf):
+        """Cut cells along a plane; return the faces on it."""
+        self.cells, cut = cut_cells(self.cells, chosen, plane, self.tolerance(spacing))
+        self.bent.append(cut.bent)
+        self.refused += cut.refused
+        return cut.faces
+
+    def layer(self, points):
+        """Return the layer (n,) of points (n, 3)."""
+        return np.searchsorted(-self.limits[1:-1], -np.asarray(points)[:, 2])
+
+    def tolerance(self, spacing):
+        """Return the function that says how near to a plane a vertex counts as on it."""
+
+        def near(points):
+            return np.minimum(self.tolerances[self.layer(points)], _SPACING_SHARE * spacing)
+
+        return near
+
+
+def rock_cells(box, limits, tolerances, joint_sets, faults, margin=0.0):
+    """Cut a box into the cells between layers, joints and faults.
+
+    Parameters
+    ----------
+    box : (3, 2) float64, m
+    limits : (n_layers + 1,) float64, m, heights between layers from the top down
+    tolerances : (n_layers,) float64, m
+        How far a joint may move to pass through a corner nearby.
+    joint_sets : sequence of (JointSet, set of int), with the layers that it cuts
+    faults : sequence of Fault
+    margin : float, m
+        How far the box goes on beyond its sides and bottom; joint sets end at the box.
+
+    Returns
+    -------
+    cells : Cells
+        Their kind is the layer, plus the number of layers outside the box.
+    report : CutReport
+    """
+    low, high = box[:, 0] - margin, box[:, 1] + [margin, margin, 0.0]
+    cells = box_cells(low, high, SIDES)
+    rock = _Rock(cells, np.asarray(limits), np.zeros(len(tolerances)), [])
+    _cut_regions(rock, box, margin)
+    rock.tolerances = np.asarray(tolerances)
+    spacings = [joints.spacing for joints, _ in joint_sets]
+    for fault in faults:
+        _cut_fault(rock, fault, min(spacings, default=np.inf))
+    for joints, layers in joint_sets:
+        _cut_joint_set(rock, joints, layers, box)
+    bent = np.concatenate([np.empty(0), *rock.bent])
+    return rock.cells, CutReport(
+        cells=len(rock.cells.faces),
+        bent=len(bent),
+        largest=float(bent.max(initial=0.0)),
+        mean=float(bent.mean()) if len(bent) else 0.0,
+        refused=rock.refused,
+    )
+
+
+def _cut_regions(rock, box, margin):
+    """Cut layers and the limits of the core, and say which layer each cell belongs to."""
+    vertical = np.array([0.0, 0.0, 1.0])
+    planes = [Plane(vertical, height) for height in rock.limits[1:-1]]
+    if margin > 0.0:
+        planes += [Plane(np.eye(3)[axis], box[axis, end]) for axis in (0, 1) for end in (0, 1)]
+        planes.append(Plane(vertical, box[2, 0]))
+    for plane in planes:
+        rock.cut(range(len(rock.cells.faces)), plane)
+    middles = np.array([_middle(rock.cells, c) for c in range(len(rock.cells.faces))])
+    outside = ((middles < box[:, 0]) | (middles > box[:, 1])).any(axis=1)
+    count = len(rock.tolerances)
+    rock.cells.kinds[:] = (rock.layer(middles) + count * outside).tolist()
+
+
+def _middle(cells, cell):
+    """Return the mean (3,) of the vertices of a cell."""
+    return np.mean([cells.points[v] for v in vertices_of(cells, cell)], axis=0)
+
+
+def _cut_joint_set(rock, joints, layers, box):
+    """Cut the cells of some layers by all planes of a joint set."""
+    normal = joints.normal
+    corners = np.array(np.meshgrid(*box)).reshape(3, -1).T
+    heights = (corners - joints.origin) @ normal / joints.spacing
+    first, last = np.ceil(heights.min() + _INSIDE), np.floor(heights.max() - _INSIDE)
+    for number in range(int(first), int(last) + 1):
+        chosen = [c for c, kind in enumerate(rock.cells.kinds) if kind in layers]
+        offset = np.dot(joints.origin, normal) + number * joints.spacing
+        rock.cut(chosen, Plane(normal, offset, joints.name), joints.spacing)
+
+
+def _cut_fault(rock, fault, spacing):
+    """Cut by a fault, through everything or within its extent."""
+    plane = Plane(fault.unit_normal, float(np.dot(fault.unit_normal, fault.point)), fault.name)
+    rims = _rims(fault)
+    chosen = [c for c in range(len(rock.cells.faces)) if _within(rock.cells, c, rims)]
+    faces = rock.cut(chosen, plane, spacing)
+    for rim in rims:
+        trial = copied(rock.cells)
+        parts = split_faces(trial, faces, rim, rock.tolerance(spacing))
+        if not crooked_cells(trial, {c for f in parts for c in trial.owners[f]}):
+            rock.cells, faces = trial, parts
+    for face in faces:
+        middle = np.mean([rock.cells.points[v] for v in rock.cells.loops[face]], axis=0)
+        if any(rim.heights(middle) > 0.0 for rim in rims):
+            rock.cells.tags[face] = ""
+
+
+def _rims(fault):
+    """Return the planes (outward) around the extent of a fault, none where it is endless."""
+    if fault.extent is None and fault.radius is None:
+        return []
+    normal = fault.unit_normal
+    strike = np.cross([0.0, 0.0, 1.0], normal)
+    strike = np.array([1.0, 0.0, 0.0]) if not strike.any() else strike / np.linalg.norm(strike)
+    down = np.cross(normal, strike)
+    if fault.extent is not None:
+        reach = [(strike, fault.extent[0] / 2.0), (down, fault.extent[1] / 2.0)]
+        sides = [(sign * way, half) for way, half in reach for sign in (1.0, -1.0)]
+    else:
+        angles = 2.0 * np.pi * np.arange(_DISC_SIDES) / _DISC_SIDES
+        # The polygon has the area of the disc.
+        half = fault.radius * np.sqrt(np.pi / _DISC_SIDES / np.tan(np.pi / _DISC_SIDES))
+        sides = [(np.cos(a) * strike + np.sin(a) * down, half) for a in angles]
+    return [Plane(way, float(np.dot(way, fault.point)) + half) for way, half in sides]
+
+
+def _within(cells, cell, rims):
+    """Tell whether a cell reaches inside all rims."""
+    places = np.array([cells.points[v] for v in vertices_of(cells, cell)])
+    return all(rim.heights(places).min() < 0.0 for rim in rims)

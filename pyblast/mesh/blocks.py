@@ -1,0 +1,300 @@
+"""Blocks of cells that share faces, edges and vertices, and the repair of their shapes."""
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import linprog
+
+
+@dataclass
+class Cells:
+    """Cells that share faces, faces that share vertices; mutable while planes cut it.
+
+    Parameters
+    ----------
+    points : list of (3,) float64, m
+    loops : list of list of int, vertices of each face in turn
+    tags : list of str, surface of each face, empty where none
+    owners : list of set of int, one or two cells of each face
+    faces : list of set of int, faces of each cell
+    kinds : list of int, region of each cell
+    ring : dict of (int, int) to set of int, faces at each edge
+    """
+
+    points: list = field(default_factory=list)
+    loops: list = field(default_factory=list)
+    tags: list = field(default_factory=list)
+    owners: list = field(default_factory=list)
+    faces: list = field(default_factory=list)
+    kinds: list = field(default_factory=list)
+    ring: dict = field(default_factory=lambda: defaultdict(set))
+
+
+def box_cells(low, high, names) -> Cells:
+    """Return one cell, a box, with its sides named in the order -x, +x, -y, +y, -z, +z."""
+    cells = Cells(faces=[set()], kinds=[0])
+    for z in (0, 1):
+        for y in (0, 1):
+            for x in (0, 1):
+                cells.points.append(np.where([x, y, z], high, low).astype(float))
+    sides = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]]
+    for loop, name in zip(sides, names, strict=True):
+        add_face(cells, loop, name, {0})
+    return cells
+
+
+def copied(cells):
+    """Return a copy that shares nothing but the points, which never change."""
+    return Cells(
+        points=cells.points[:],
+        loops=[loop[:] for loop in cells.loops],
+        tags=cells.tags[:],
+        owners=[owners.copy() for owners in cells.owners],
+        faces=[faces.copy() for faces in cells.faces],
+        kinds=cells.kinds[:],
+        ring=defaultdict(set, {edge: faces.copy() for edge, faces in cells.ring.items()}),
+    )
+
+
+def edges(loop):
+    """Yield the edges of a loop, each with its smaller vertex first."""
+    for a, b in zip(loop, loop[1:] + loop[:1], strict=True):
+        yield (a, b) if a < b else (b, a)
+
+
+def add_face(cells, loop, tag, owners):
+    """Append a face and enter it everywhere."""
+    face = len(cells.loops)
+    cells.loops.append(list(loop))
+    cells.tags.append(tag)
+    cells.owners.append(set(owners))
+    for cell in owners:
+        cells.faces[cell].add(face)
+    for edge in edges(loop):
+        cells.ring[edge].add(face)
+    return face
+
+
+def split_edge(cells, a, b, share):
+    """Put a vertex on the edge from a to b, in every face around it; return those."""
+    new = len(cells.points)
+    cells.points.append(cells.points[a] + share * (cells.points[b] - cells.points[a]))
+    around = cells.ring.pop((a, b))
+    for face in around:
+        loop = cells.loops[face]
+        at = loop.index(a)
+        loop.insert(at + 1 if loop[(at + 1) % len(loop)] == b else at, new)
+        for edge in ((a, new), (b, new)):
+            cells.ring[edge].add(face)
+    return around
+
+
+def split_face(cells, face, side, height):
+    """Split one face between the two vertices on the plane that are nearest to it."""
+    loop = cells.loops[face]
+    n = len(loop)
+    start = next(k for k in range(n) if side[loop[k]] == 1 and side[loop[k - 1]] != 1)
+    turned = loop[start:] + loop[:start]
+    last = max(k for k in range(n) if side[turned[k]] == -1)
+    first = next(k for k in range(n) if side[turned[k]] == -1)
+    end = max(k for k in range(first) if side[turned[k]] == 1)
+    leave = min(range(end + 1, first), key=lambda k: abs(height[turned[k]]))
+    enter = min(range(last + 1, n), key=lambda k: abs(height[turned[k]]))
+    below = turned[leave : enter + 1]
+    above = turned[enter:] + turned[: leave + 1]
+    for edge in edges(loop):
+        cells.ring[edge].discard(face)
+    cells.loops[face] = above
+    for edge in edges(above):
+        cells.ring[edge].add(face)
+    return add_face(cells, below, cells.tags[face], cells.owners[face])
+
+
+def split_cell(cells, cell, side, tag):
+    """Close the cut through a cell; return the new face, None where the cut does not close."""
+    above = {f for f in cells.faces[cell] if any(side[v] == 1 for v in cells.loops[f])}
+    below = cells.faces[cell] - above
+    border = {e for f in above for e in edges(cells.loops[f])}
+    border &= {e for f in below for e in edges(cells.loops[f])}
+    loop = _single_loop(border)
+    if loop is None:
+        return None
+    new_cell = len(cells.faces)
+    cells.faces.append(set(below))
+    cells.kinds.append(cells.kinds[cell])
+    cells.faces[cell] = above
+    for face in below:
+        cells.owners[face].discard(cell)
+        cells.owners[face].add(new_cell)
+    return add_face(cells, loop, tag, {cell, new_cell})
+
+
+def _single_loop(border):
+    """Chain edges to one closed loop of vertices, None where they form no or several loops."""
+    around = defaultdict(list)
+    for a, b in sorted(border):
+        around[a].append(b)
+        around[b].append(a)
+    if not border or any(len(ends) != 2 for ends in around.values()):
+        return None
+    loop, previous = [min(around)], None
+    while True:
+        ahead = next(v for v in around[loop[-1]] if v != previous)
+        if ahead == loop[0]:
+            return loop if len(loop) == len(around) else None
+        previous = loop[-1]
+        loop.append(ahead)
+
+
+def cell_vertices(cells, cell):
+    """Return the places (n, 3) of the vertices of a cell."""
+    return np.array([cells.points[v] for v in sorted(vertices_of(cells, cell))])
+
+
+def vertices_of(cells, cell):
+    """Return the set of vertices of a cell."""
+    return {v for f in cells.faces[cell] for v in cells.loops[f]}
+
+
+_FLAT = 1e-6
+_THINNEST = 1e-4
+
+
+def facets(cells, face):
+    """Return a face as flat polygons: itself where it is flat, triangles where it is bent.
+
+    Parameters
+    ----------
+    cells : Cells
+    face : int
+
+    Returns
+    -------
+    list of list of int, vertices in turn
+    """
+    loop = cells.loops[face]
+    places = np.array([cells.points[v] for v in loop])
+    arms = places[1:] - places[0]
+    normal = _crossed(arms[:-1], arms[1:]).sum(axis=0)
+    if np.abs(arms @ normal).max() <= _FLAT * np.sqrt(normal @ normal):
+        return [loop]
+    return [[loop[k] for k in triangle] for triangle in _triangles(places)]
+
+
+def _triangles(places):
+    """Cut a polygon into triangles so that the smallest altitude among them is largest."""
+    n = len(places)
+    ways = places[None] - places[:, None]
+    sides = np.sqrt((ways**2).sum(axis=2))
+    normals = _crossed(ways[:, :, None], ways[:, None])
+    longest = np.maximum(np.maximum(sides[:, :, None], sides[:, None]), sides[None])
+    altitude = np.sqrt((normals**2).sum(axis=3)) / np.maximum(longest, _FLAT)
+    best, middle = np.full((n, n), np.inf), np.zeros((n, n), dtype=int)
+    for span in range(2, n):
+        for i in range(n - span):
+            k = i + span
+            between = slice(i + 1, k)
+            choices = np.minimum(best[i, between], best[between, k])
+            choices = np.minimum(choices, altitude[i, between, k])
+            middle[i, k] = i + 1 + np.argmax(choices)
+            best[i, k] = choices.max()
+    triangles, open_spans = [], [(0, n - 1)]
+    while open_spans:
+        i, k = open_spans.pop()
+        if k - i > 1:
+            j = int(middle[i, k])
+            triangles.append((i, j, k))
+            open_spans += [(i, j), (j, k)]
+    return triangles
+
+
+def crooked_cells(cells, candidates):
+    """Return the cells whose surface is not seen, all of it and from inside, from any place.
+
+    Parameters
+    ----------
+    cells : Cells
+    candidates : iterable of int
+
+    Returns
+    -------
+    list of int
+    """
+    candidates = sorted(candidates)
+    faces = sorted({f for c in candidates for f in cells.faces[c]})
+    flat = {face: facets(cells, face) for face in faces}
+    areas = {face: [area_vector(cells, facet) for facet in flat[face]] for face in faces}
+    suspects = [c for c in candidates if _is_hidden(cells, c, flat, areas)]
+    return [c for c in suspects if _is_crooked(cells, c, flat, areas)]
+
+
+def area_vector(cells, facet):
+    """Return the area vector (3,) of a flat polygon, m2."""
+    places = np.array([cells.points[v] for v in facet])
+    arms = places[1:] - places[0]
+    return 0.5 * _crossed(arms[:-1], arms[1:]).sum(axis=0)
+
+
+def _crossed(one, other):
+    """Return cross products (..., 3); numpy's own takes five times as long on a few vectors."""
+    ahead, behind = [1, 2, 0], [2, 0, 1]
+    return one[..., ahead] * other[..., behind] - one[..., behind] * other[..., ahead]
+
+
+def _is_hidden(cells, cell, flat, areas):
+    """Tell whether some facet of a cell is not seen from its middle."""
+    places = [cells.points[v] for v in sorted(vertices_of(cells, cell))]
+    middle = sum(places) / len(places)
+    directed = set()
+    for face in cells.faces[cell]:
+        heights = [
+            (cells.points[facet[0]] - middle) @ area / np.sqrt(area @ area)
+            for facet, area in zip(flat[face], areas[face], strict=True)
+        ]
+        forward = heights[0] > 0.0
+        if min(heights if forward else [-height for height in heights]) < _THINNEST:
+            return True
+        loop = cells.loops[face] if forward else cells.loops[face][::-1]
+        directed.update(zip(loop, loop[1:] + loop[:1], strict=True))
+    return any((b, a) not in directed for a, b in directed)
+
+
+def _is_crooked(cells, cell, flat, areas):
+    """Tell whether no place sees all facets of a cell from inside."""
+    turns = _turns(cells, cell)
+    if turns is None:
+        return True
+    normals, offsets, volume = [], [], 0.0
+    for face, turn in turns.items():
+        for facet, area in zip(flat[face], areas[face], strict=True):
+            normal = turn * area / max(np.sqrt(area @ area), _FLAT**2)
+            normals.append(normal)
+            offsets.append(normal @ cells.points[facet[0]])
+            volume += turn * (area @ cells.points[facet[0]])
+    sign = 1.0 if volume > 0.0 else -1.0
+    rows = np.column_stack([sign * np.array(normals), np.ones(len(normals))])
+    deepest = linprog(
+        [0.0, 0.0, 0.0, -1.0], rows, sign * np.array(offsets), bounds=[(None, None)] * 4
+    )
+    return deepest.status != 0 or -deepest.fun < _THINNEST
+
+
+def _turns(cells, cell):
+    """Return 1 or -1 for each face of a cell so that all are turned alike, None where none fit."""
+    faces = cells.faces[cell]
+    start = min(faces)
+    turns, waiting = {start: 1}, [start]
+    while waiting:
+        face = waiting.pop()
+        loop = cells.loops[face][:: turns[face]]
+        for a, b in zip(loop, loop[1:] + loop[:1], strict=True):
+            for other in cells.ring[min(a, b), max(a, b)] & faces - {face}:
+                around = cells.loops[other]
+                turn = 1 if around[around.index(b) - len(around) + 1] == a else -1
+                if other not in turns:
+                    turns[other] = turn
+                    waiting.append(other)
+                elif turns[other] != turn:
+                    return None
+    return turns

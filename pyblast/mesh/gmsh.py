@@ -1,0 +1,383 @@
+"""Tetrahedra in cells through gmsh, its only importer, and smoothing of thin ones."""
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+
+from ..errors import InputError
+from . import tetrahedra
+from .blocks import facets
+
+# Zones whose smallest altitude is below this share of their longest edge.
+THIN = 0.35
+SLIVER = 0.1
+_SWEEPS = 8
+_SETTLED = 0.05  # share of the nodes that still moved in the last sweep
+_STEPS = (0.3, 0.1, 0.03)  # tried in turn, over the smallest altitude of a node
+_GAIN = 1e-3
+_PARALLEL = 1e-9
+_FLAT = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class _Colour:
+    """Nodes that share no zone, and the zones around them.
+
+    Parameters
+    ----------
+    nodes : (n,) int64
+    zone, local, owner : (m,) int64
+        A zone, which of its corners the node is, and the row of the node in ``nodes``.
+    """
+
+    nodes: np.ndarray
+    zone: np.ndarray
+    local: np.ndarray
+    owner: np.ndarray
+
+
+def thinness(points, zones):
+    """Return the smallest altitude over the longest edge, (n_zones,): 0.82 if regular."""
+    return tetrahedra.altitudes(points, zones) / tetrahedra.edge_lengths(points, zones).max(axis=1)
+
+
+def free_ways(points, patches):
+    """Return the projectors (n_nodes, 3, 3) on the ways that keep nodes on patches and borders.
+
+    Parameters
+    ----------
+    points : (n_nodes, 3) float64, m
+    patches : sequence of (n, 3) int64
+        Triangles of one plane each, with straight borders.
+    """
+    triangles = np.concatenate(patches)
+    patch = np.repeat(np.arange(len(patches)), [len(part) for part in patches])
+    normal = np.zeros((len(patches), 3))
+    np.add.at(normal, patch, tetrahedra.triangle_vectors(points, triangles))
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
+    held = np.zeros((len(points), 3, 3))
+    across = normal[:, :, None] * normal[:, None]
+    np.add.at(held, triangles, across[patch][:, None])
+    border = _borders(triangles, patch)
+    along = points[border[:, 1]] - points[border[:, 0]]
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    beside = np.eye(3) - along[:, :, None] * along[:, None]
+    np.add.at(held, border, beside[:, None])
+    values, vectors = np.linalg.eigh(held)
+    free = (values < _PARALLEL)[:, None, :] * vectors
+    return np.einsum("nik,njk->nij", free, vectors)
+
+
+def _borders(triangles, patch):
+    """Return the edges (n, 2) of triangles that no other triangle of their patch has."""
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
+    keys = np.column_stack([np.repeat(patch, 3), edges])
+    found, count = np.unique(keys, axis=0, return_counts=True)
+    return found[count == 1, 1:]
+
+
+def smoothed(points, zones, patches):
+    """Return points (n_nodes, 3) at which thin zones are thicker; no patch is bent or moved.
+
+    Parameters
+    ----------
+    points : (n_nodes, 3) float64, m
+    zones : (n_zones, 4) int64, of positive volume
+    patches : sequence of (n, 3) int64
+        Triangles of each flat piece of a joint, a layer or a side.
+
+    Notes
+    -----
+    Nodes of thin zones take turns in going down ``sum of V0 (sum |g|^2)^2`` of the zones around
+    them, V0 the volume at the start and g the gradients of the shape functions, |g| = 1/altitude:
+    about the mass that a step far longer than that of these zones needs, theory.md (2.13).
+    """
+    points = points.copy()
+    ways = free_ways(points, patches)
+    thin = thinness(points, zones) < THIN
+    movable = np.trace(ways, axis1=1, axis2=2) > 0.5
+    nodes = np.unique(zones[thin])
+    nodes = nodes[movable[nodes]]
+    weight = tetrahedra.volumes(points, zones)
+    colours = _colours(zones, nodes, len(points))
+    for _ in range(_SWEEPS):
+        moved = sum(_slide(points, zones, ways, weight, colour) for colour in colours)
+        if moved <= _SETTLED * len(nodes):
+            break
+    return points
+
+
+def _colours(zones, nodes, n_nodes):
+    """Part nodes into sets within which no two share a zone; return them as `_Colour`."""
+    chosen = np.zeros(n_nodes, dtype=bool)
+    chosen[nodes] = True
+    near = zones[chosen[zones].any(axis=1)]
+    pairs = np.repeat(near, 4, axis=1).ravel(), np.tile(near, (1, 4)).ravel()
+    table = coo_array((np.ones(len(pairs[0]), dtype=np.int8), pairs), (n_nodes, n_nodes)).tocsr()
+    number = np.full(n_nodes, -1)
+    for node in nodes:
+        taken = set(number[table.indices[table.indptr[node] : table.indptr[node + 1]]].tolist())
+        number[node] = next(k for k in range(len(taken) + 1) if k not in taken)
+    corners = np.flatnonzero(number[zones.ravel()] >= 0)
+    corner_node = zones.ravel()[corners]
+    colours = []
+    for k in range(number.max() + 1):
+        mine = number[corner_node] == k
+        found, owner = np.unique(corner_node[mine], return_inverse=True)
+        colours.append(_Colour(found, corners[mine] // 4, corners[mine] % 4, owner))
+    return colours
+
+
+def _slide(points, zones, ways, weight, colour):
+    """Move the nodes of a colour in place where that helps the zones around; count them."""
+    count, rows = len(colour.nodes), np.arange(len(colour.zone))
+    corners, weight = points[zones[colour.zone]], weight[colour.zone]
+    sharpness, gradients = _sharpness(corners)
+    own = gradients[rows, colour.local]
+    turned = np.einsum("zai,za->zi", gradients, np.einsum("zai,zi->za", gradients, own))
+    downhill = np.zeros((count, 3))
+    pull = np.where(np.isfinite(sharpness), weight * sharpness, weight)
+    np.add.at(downhill, colour.owner, pull[:, None] * turned)
+    downhill = np.einsum("nij,nj->ni", ways[colour.nodes], downhill)
+    reach = np.full(count, np.inf)
+    np.minimum.at(reach, colour.owner, 1.0 / np.linalg.norm(own, axis=1))
+    length = np.maximum(np.linalg.norm(downhill, axis=1), np.finfo(float).tiny)
+    downhill *= (1.0 / length)[:, None]
+    downhill *= reach[:, None]
+    before = np.bincount(colour.owner, weight * sharpness**2)
+    waiting = np.ones(count, dtype=bool)
+    for share in _STEPS:
+        tried = corners.copy()
+        tried[rows, colour.local] += share * downhill[colour.owner]
+        after = np.bincount(colour.owner, weight * _sharpness(tried)[0] ** 2)
+        better = waiting & (after < (1.0 - _GAIN) * before)
+        points[colour.nodes[better]] += share * downhill[better]
+        waiting &= ~better
+    return count - np.count_nonzero(waiting)
+
+
+def _sharpness(corners):
+    """Return the sum of squared gradients (n,), infinite if inverted, and gradients (n, 4, 3)."""
+    a, b, c = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0)
+    gradients = np.stack([np.zeros_like(a), np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    volume = np.einsum("zi,zi->z", a, gradients[:, 1])
+    size = np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2).prod(axis=1)
+    sound = volume > _FLAT * size
+    gradients /= np.where(sound, volume, size)[:, None, None]
+    gradients[:, 0] = -gradients[:, 1:].sum(axis=1)
+    return np.where(sound, np.einsum("zai,zai->z", gradients, gradients), np.inf), gradients
+
+
+_DELAUNAY = 1
+_GROWTH = 0.3
+# Degrees between facets that gmsh takes for overlapping; its 0.1 refuses thin wedges.
+_NARROWEST = 0.001
+_REPAIRS = 2
+
+
+class MeshingError(InputError):
+    """The blocks are too thin somewhere for gmsh to fill them."""
+
+
+@dataclass(frozen=True)
+class Slivers:
+    """Zones whose smallest altitude is below a tenth of their longest edge.
+
+    Parameters
+    ----------
+    count : int
+    thinnest : float
+        Smallest altitude over longest edge among all zones.
+    """
+
+    count: int
+    thinnest: float
+
+
+@contextmanager
+def _gmsh():
+    """Give a quiet gmsh with a fresh model, one thread and a fixed seed."""
+    try:
+        import gmsh
+    except (ImportError, OSError) as error:
+        raise InputError(
+            f"build_mesh: gmsh can't be loaded ({str(error).splitlines()[0]}); install gmsh and "
+            "the Debian packages libglu1-mesa libgl1 libxcursor1 libxft2 libxinerama1"
+        ) from None
+    ours = not gmsh.isInitialized()
+    if ours:
+        gmsh.initialize(argv=[], readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.option.setNumber("General.NumThreads", 1)
+    gmsh.option.setNumber("Mesh.RandomSeed", 1)
+    gmsh.model.add("pyblast")
+    try:
+        yield gmsh
+    finally:
+        gmsh.model.remove()
+        if ours:
+            gmsh.finalize()
+
+
+def mesh_cells(cells, boxes, edge, optimize):
+    """Fill cells with tetrahedra that conform on all faces.
+
+    Parameters
+    ----------
+    cells : Cells
+    boxes : sequence of ((3, 2) float64, float, float)
+        Limits of a region, edge in it, and distance over which it grows to ``edge``, m.
+    edge : float, m
+        Outside all boxes.
+    optimize : bool
+        Repair thin zones: swap faces, and slide nodes within the faces of their cells.
+
+    Returns
+    -------
+    points : (n_nodes, 3) float64, m
+    zones : (n_zones, 4) int64
+    zone_cell : (n_zones,) int64
+    surfaces : dict of str to (n, 3) int64
+    slivers : tuple of 2 Slivers, before and after repair
+
+    Raises
+    ------
+    InputError
+        If gmsh is missing.
+    MeshingError
+        If gmsh fails.
+    """
+    with _gmsh() as gmsh:
+        patches = _add_geometry(gmsh, cells)
+        _set_sizes(gmsh, boxes, edge)
+        with _explained():
+            gmsh.model.mesh.generate(3)
+        before = _count_slivers(*_read(gmsh, len(cells.faces))[1:3])
+        for _ in range(_REPAIRS if optimize else 0):
+            with _explained():
+                gmsh.model.mesh.optimize("")
+            _smooth(gmsh, len(cells.faces), patches)
+        points, zones, cell, surfaces = _collect(gmsh, cells, patches)
+        return points, zones, cell, surfaces, (before, _count_slivers(points, zones))
+
+
+@contextmanager
+def _explained():
+    """Say what to do where gmsh fails."""
+    try:
+        yield
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else "no reason given"
+        raise MeshingError(
+            f"build_mesh: gmsh could not fill the blocks ({reason}); change the edge, or move "
+            "a joint that nearly touches another"
+        ) from None
+
+
+def _add_geometry(gmsh, cells):
+    """Hand the cells to gmsh's own kernel; return the gmsh surfaces of each face."""
+    kernel = gmsh.model.geo
+    used = sorted({v for loop in cells.loops for v in loop})
+    for v in used:
+        kernel.addPoint(*cells.points[v], tag=v + 1)
+    lines, patches = {}, []
+    for face in range(len(cells.loops)):
+        patch = []
+        for loop in facets(cells, face):
+            curve = []
+            for a, b in zip(loop, loop[1:] + loop[:1], strict=True):
+                key = (min(a, b), max(a, b))
+                if key not in lines:
+                    lines[key] = kernel.addLine(key[0] + 1, key[1] + 1)
+                curve.append(lines[key] if a < b else -lines[key])
+            patch.append(kernel.addPlaneSurface([kernel.addCurveLoop(curve)]))
+        patches.append(patch)
+    for cell, faces in enumerate(cells.faces):
+        skin = kernel.addSurfaceLoop([patch for f in sorted(faces) for patch in patches[f]])
+        kernel.addVolume([skin], cell + 1)
+    kernel.synchronize()
+    return patches
+
+
+def _set_sizes(gmsh, boxes, edge):
+    """Set the edge lengths as a field of boxes."""
+    for option, value in (
+        ("MeshSizeFromPoints", 0),
+        ("MeshSizeExtendFromBoundary", 1),
+        ("MeshSizeMax", max(edge, *(inside for _, inside, _ in boxes))),
+        ("Optimize", 0),
+        ("Algorithm3D", _DELAUNAY),
+        ("AngleToleranceFacetOverlap", _NARROWEST),
+    ):
+        gmsh.option.setNumber(f"Mesh.{option}", value)
+    fields = gmsh.model.mesh.field
+    numbers = []
+    for limits, inside, distance in boxes:
+        number = fields.add("Box")
+        values = dict(
+            zip(("XMin", "XMax", "YMin", "YMax", "ZMin", "ZMax"), np.ravel(limits), strict=True)
+        )
+        values |= {"VIn": inside, "VOut": edge, "Thickness": distance}
+        for key, value in values.items():
+            fields.setNumber(number, key, value)
+        numbers.append(number)
+    smallest = fields.add("Min")
+    fields.setNumbers(smallest, "FieldsList", numbers)
+    fields.setAsBackgroundMesh(smallest)
+
+
+def growth_distance(inside, outside):
+    """Return the distance over which edges may grow from one length to another, m."""
+    return max(abs(outside - inside) / _GROWTH, 1e-3)
+
+
+def _smooth(gmsh, n_cells, patches):
+    """Slide the nodes of thin zones; the patches of the geometry stay what they are."""
+    used, points, zones, _ = _read(gmsh, n_cells)
+    triangles = [np.searchsorted(used, _elements(gmsh, 2, p, 3)) for face in patches for p in face]
+    moved = smoothed(points, zones, triangles)
+    for row in np.flatnonzero((moved != points).any(axis=1)):
+        gmsh.model.mesh.setNode(int(used[row]), moved[row], [])
+
+
+def _count_slivers(points, zones):
+    """Count thin zones."""
+    thin = thinness(points, zones)
+    return Slivers(int(np.count_nonzero(thin < SLIVER)), float(thin.min()))
+
+
+def _read(gmsh, n_cells):
+    """Return gmsh's node numbers, points, zones of positive volume, and zones of each cell."""
+    tags, places, _ = gmsh.model.mesh.getNodes()
+    parts = [_elements(gmsh, 3, cell + 1, 4) for cell in range(n_cells)]
+    zones = np.concatenate(parts)
+    used = np.unique(zones)
+    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    row[tags.astype(np.int64)] = np.arange(len(tags))
+    points = places.reshape(-1, 3)[row[used]]
+    zones = np.searchsorted(used, zones)
+    turned = tetrahedra.volumes(points, zones) < 0.0
+    zones[turned] = zones[turned][:, [0, 2, 1, 3]]
+    return used, points, zones, [len(part) for part in parts]
+
+
+def _collect(gmsh, cells, patches):
+    """Read zones and surfaces back, nodes numbered from 0 without gaps."""
+    used, points, zones, counts = _read(gmsh, len(cells.faces))
+    surfaces = {}
+    for tag, patch in zip(cells.tags, patches, strict=True):
+        if tag:
+            triangles = [_elements(gmsh, 2, number, 3) for number in patch]
+            surfaces.setdefault(tag, []).extend(triangles)
+    surfaces = {
+        name: np.searchsorted(used, np.concatenate(found)) for name, found in surfaces.items()
+    }
+    return points, zones, np.repeat(np.arange(len(counts)), counts), surfaces
+
+
+def _elements(gmsh, dimension, tag, width):
+    """Return the gmsh nodes (n, width) of the elements of one entity."""
+    nodes = gmsh.model.mesh.getElements(dimension, tag)[2]
+    return np.asarray(nodes[0] if nodes else [], dtype=np.int64).reshape(-1, width)

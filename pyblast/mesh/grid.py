@@ -1,0 +1,379 @@
+"""Structured grids of tetrahedra, and the geology that they follow: layers, joint sets, faults."""
+
+from dataclasses import dataclass
+from itertools import pairwise, permutations
+from math import prod
+
+import numpy as np
+
+from ..errors import InputError
+from . import tetrahedra
+from .mesh import Mesh
+from .quality import GRID_BYTES, refuse_beyond_memory
+
+
+def upward_normal(dip, dip_direction):
+    """Return the upward unit normal (3,) of a plane.
+
+    Parameters
+    ----------
+    dip : float, rad, 0 to pi/2
+    dip_direction : float, rad, clockwise from north (y)
+
+    Notes
+    -----
+    ``n = (sin d sin a, sin d cos a, cos d)``.
+    """
+    steep = np.sin(dip)
+    normal = [steep * np.sin(dip_direction), steep * np.cos(dip_direction), np.cos(dip)]
+    # Rounding would tilt vertical planes by 1e-16 and cost exact grid coordinates.
+    normal = np.where(np.abs(normal) < 1e-15, 0.0, normal)
+    return normal / np.linalg.norm(normal)
+
+
+def _refuse_dip(name, dip):
+    """Raise an error where a dip is not an angle between flat and upright, in radians."""
+    if dip is None or not 0.0 <= dip <= np.pi / 2.0 + 1e-12:
+        raise InputError(f"{name}.dip: must lie between 0 and pi/2 rad, got {dip}")
+
+
+@dataclass(frozen=True)
+class Layer:
+    """A layer of ground, listed from the top down.
+
+    Parameters
+    ----------
+    name : str
+    thickness : float or None, m
+        None takes the rest down to the bottom.
+    edge : float or None, m
+        Mean edge of its zones; None takes that of the whole mesh.
+    """
+
+    name: str
+    thickness: float | None = None
+    edge: float | None = None
+
+    def __post_init__(self):
+        """Refuse sizes that are not positive."""
+        for what in ("thickness", "edge"):
+            value = getattr(self, what)
+            if value is not None and not value > 0.0:
+                raise InputError(f"layer {self.name!r}.{what}: must be positive, got {value:g} m")
+
+
+@dataclass(frozen=True, eq=False)
+class JointSet:
+    """Parallel joints at equal spacing.
+
+    Parameters
+    ----------
+    name : str
+    dip, dip_direction : float, rad
+    spacing : float, m, normal to the joints
+    origin : (3,) float64, m
+        A place on one of the joints; None takes the middle of the box.
+    regions : sequence of str or None
+        Layers that it cuts; None for all.
+    persistence : float
+        Share of the joint area that is open to slip; the rest is rock.
+    """
+
+    name: str
+    dip: float
+    dip_direction: float
+    spacing: float
+    origin: tuple[float, float, float] | None = None
+    regions: tuple[str, ...] | None = None
+    persistence: float = 1.0
+
+    def __post_init__(self):
+        """Refuse values out of range."""
+        _refuse_dip(self.name, self.dip)
+        if not self.spacing > 0.0:
+            raise InputError(f"{self.name}.spacing: must be positive, got {self.spacing:g} m")
+        if not 0.0 < self.persistence <= 1.0:
+            raise InputError(
+                f"{self.name}.persistence: must lie between 0 and 1, got {self.persistence:g}"
+            )
+
+    @property
+    def normal(self) -> np.ndarray:
+        """Return the upward unit normal (3,)."""
+        return upward_normal(self.dip, self.dip_direction)
+
+
+@dataclass(frozen=True, eq=False)
+class Fault:
+    """One plane that cuts everything, or everything within its extent.
+
+    Parameters
+    ----------
+    name : str
+    dip, dip_direction : float, rad
+        Both or neither; then ``normal`` is given.
+    point : (3,) float64, m
+        A place on it, the middle of its extent.
+    normal : (3,) float64
+    extent : tuple of 2 float or None, m
+        Whole length along strike and down dip; None for endless.
+    radius : float or None, m
+        Of a round fault, cut as a polygon of the same area; instead of ``extent``.
+    """
+
+    name: str
+    dip: float | None = None
+    dip_direction: float | None = None
+    point: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    normal: tuple[float, float, float] | None = None
+    extent: tuple[float, float] | None = None
+    radius: float | None = None
+
+    def __post_init__(self):
+        """Refuse values out of range."""
+        if self.normal is None:
+            _refuse_dip(self.name, self.dip)
+        elif not np.linalg.norm(self.normal) > 0.0:
+            raise InputError(f"{self.name}.normal: must not be zero")
+        if self.normal is None and self.dip_direction is None:
+            raise InputError(f"{self.name}.dip_direction: missing; give it with dip, or a normal")
+        if self.extent is not None and self.radius is not None:
+            raise InputError(f"{self.name}: give extent or radius, not both")
+        sizes = (*(self.extent or ()), *(() if self.radius is None else (self.radius,)))
+        if any(not size > 0.0 for size in sizes):
+            raise InputError(f"{self.name}: extent and radius must be positive, got {sizes} m")
+
+    @property
+    def unit_normal(self) -> np.ndarray:
+        """Return the upward unit normal (3,)."""
+        if self.normal is None:
+            return upward_normal(self.dip, self.dip_direction)
+        return np.asarray(self.normal, dtype=float) / np.linalg.norm(self.normal)
+
+
+def layer_limits(layers, top, bottom):
+    """Return the heights (n_layers + 1,) between the layers, from the top down, in m."""
+    limits = [top]
+    for number, layer in enumerate(layers):
+        last = number == len(layers) - 1
+        if layer.thickness is None and not last:
+            raise InputError(f"layer {layer.name!r}: only the last layer may take the rest")
+        limits.append(bottom if last else limits[-1] - layer.thickness)
+    if len(layers) and layers[-1].thickness is not None:
+        rest = limits[-2] - bottom
+        if abs(rest - layers[-1].thickness) > 1e-6 * (top - bottom):
+            raise InputError(
+                f"layer {layers[-1].name!r}.thickness: must reach the bottom, {rest:g} m are left, "
+                f"got {layers[-1].thickness:g} m; leave it out to take the rest"
+            )
+    if min(-np.diff(limits)) <= 0.0:
+        raise InputError(
+            f"layers: must be thinner than the model together, {top - bottom:g} m, "
+            f"but {top - limits[-2]:g} m lie above the last one"
+        )
+    return np.array(limits)
+
+
+_SIDES = {"west": (0, 0), "east": (0, -1), "south": (1, 0), "north": (1, -1)} | {
+    "bottom": (2, 0),
+    "top": (2, -1),
+}
+_AXES = {"x": 0, "y": 1, "z": 2}
+GROWTH = 1.08  # of cells outside of what matters
+_PER_BOX = {"kuhn": 6, "alternating": 5, "centred": 12}
+
+
+def structured_box(*grid, group="rock", layers=None, planes=None, pattern="kuhn") -> Mesh:
+    """Cut a grid of boxes into tetrahedra.
+
+    Parameters
+    ----------
+    *grid : (shape, size) or (xs, ys, zs)
+        Numbers of boxes along x, y, z and the lengths (3,) in m, from the origin; or the grid
+        coordinates in m, ascending.
+    group : str
+        Name of the only group where no layers are given.
+    layers : sequence of Layer
+        From the top down; their limits must be grid planes.
+    planes : dict of str to (axis, place or places)
+        Joint surfaces on grid planes, such as ``{"J1": ("x", 93.0)}``.
+    pattern : {"kuhn", "alternating", "centred"}
+        Six tetrahedra around the same diagonal of every box; or five, mirrored from box to box; or
+        twelve around a node in its centre, most of them reaching into the next box, which are the
+        nearest to regular.
+
+    Returns
+    -------
+    Mesh
+        Not split; outer surfaces west, east, south, north, bottom, top.
+
+    Raises
+    ------
+    InputError
+        If coordinates do not ascend, a plane or layer limit is not on the grid, or the grid does
+        not fit into memory.
+    """
+    axes = _grid_axes(grid)
+    if pattern not in _PER_BOX:
+        raise InputError(f"pattern: must be 'kuhn', 'alternating' or 'centred', got {pattern!r}")
+    count = prod(len(axis) - 1 for axis in axes) * _PER_BOX[pattern]
+    refuse_beyond_memory(f"structured_box: a grid of {count} zones", count * GRID_BYTES)
+    layers = layers or [Layer(group)]
+    limits = layer_limits(layers, axes[2][-1], axes[2][0])
+    for layer, limit in zip(layers, limits[1:], strict=True):
+        _on_grid(axes[2], limit, layer.name)
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    points = np.swapaxes(points, 0, 2).reshape(-1, 3)
+    if pattern == "centred":
+        cuts = [*(planes or {}).values(), ("z", limits)]
+        points, zones = _centred_zones(axes, points, cuts)
+    else:
+        zones = _grid_zones([len(axis) for axis in axes], pattern)
+    faces = tetrahedra.zone_faces(zones)
+    surfaces = {
+        name: _plane_faces(points, faces, axis, axes[axis][end], end == 0)
+        for name, (axis, end) in _SIDES.items()
+    }
+    for name, (letter, places) in (planes or {}).items():
+        axis = _AXES[letter]
+        found = [
+            _plane_faces(points, faces, axis, _on_grid(axes[axis], place, name), False)
+            for place in np.atleast_1d(places)
+        ]
+        surfaces[name] = np.concatenate(found)
+    height = points[zones].mean(axis=1)[:, 2]
+    zone_group = np.searchsorted(-limits[1:-1], -height)
+    return Mesh(points, zones, zone_group, tuple(layer.name for layer in layers), surfaces)
+
+
+def _grid_axes(grid):
+    """Return the three coordinate arrays of a grid given by shape and size or by coordinates."""
+    if len(grid) == 2:
+        shape, size = grid
+        if min(shape) < 1 or not min(size) > 0.0:
+            raise InputError(
+                f"structured_box: shape and size must be positive, got {shape}, {size}"
+            )
+        return [np.linspace(0.0, length, n + 1) for n, length in zip(shape, size, strict=True)]
+    if len(grid) != 3:
+        raise InputError(f"structured_box: give shape and size or xs, ys, zs, got {len(grid)}")
+    axes = [np.asarray(axis, dtype=float) for axis in grid]
+    for letter, axis in zip("xyz", axes, strict=True):
+        if len(axis) < 2 or not (np.diff(axis) > 0.0).all():
+            raise InputError(f"structured_box.{letter}s: must ascend and hold two values or more")
+    return axes
+
+
+def _on_grid(axis, place, name):
+    """Return the grid coordinate at a place or refuse a place between coordinates."""
+    nearest = axis[np.argmin(np.abs(axis - place))]
+    if abs(nearest - place) > 1e-9 * (axis[-1] - axis[0]):
+        raise InputError(
+            f"structured_box: {name!r} at {place:g} m must be on the grid, nearest is {nearest:g} m"
+        )
+    return nearest
+
+
+def _plane_faces(points, faces, axis, place, low):
+    """Return the faces on a grid plane whose zone lies below it, or above where ``low``."""
+    on_plane = points[:, axis] == place
+    flat = on_plane[faces].all(axis=1)
+    normals = tetrahedra.triangle_vectors(points, faces[flat])[:, axis]
+    return faces[flat][(normals < 0.0) if low else (normals > 0.0)]
+
+
+def _grid_zones(counts, pattern):
+    """Return the zones of a grid with ``counts`` nodes along each axis."""
+    nx, ny, _ = counts
+    cells = np.stack(np.meshgrid(*(np.arange(n - 1) for n in counts), indexing="ij"), axis=-1)
+    cells = np.swapaxes(cells, 0, 2).reshape(-1, 3)
+    first = cells[:, 0] + nx * (cells[:, 1] + ny * cells[:, 2])
+    steps = np.array([x + nx * (y + ny * z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])
+    corners = first[:, None] + steps
+    if pattern == "kuhn":
+        return corners[:, _kuhn_zones()].reshape(-1, 4)
+    even = np.array([[1, 2, 4, 7], [0, 1, 2, 4], [3, 2, 1, 7], [5, 4, 7, 1], [6, 7, 4, 2]])
+    odd = (even ^ 1)[:, [0, 2, 1, 3]]
+    mirrored = cells.sum(axis=1) % 2 == 1
+    zones = np.where(mirrored[:, None, None], corners[:, odd], corners[:, even])
+    return zones.reshape(-1, 4)
+
+
+def _kuhn_zones():
+    """Return the six tetrahedra (6, 4) around the diagonal 0-7 of a box; corner bits are z y x."""
+    zones = []
+    for a, b, _ in permutations(range(3)):
+        odd = (b - a) % 3 == 2
+        middle = (1 << a, (1 << a) | (1 << b))
+        zones.append([0, *(middle[::-1] if odd else middle), 7])
+    return np.array(zones)
+
+
+def _centred_zones(axes, points, cuts):
+    """Return points with the centres of boxes, and the zones around faces between centres.
+
+    Four zones lie around each face between two boxes; a face of the outside, of a joint or of a
+    layer, given by (axis letter, places), has two on each side instead.
+    """
+    counts = np.array([len(axis) for axis in axes])
+    number = np.arange(counts.prod()).reshape(counts[::-1]).transpose(2, 1, 0)
+    centre = len(points) + np.arange((counts - 1).prod()).reshape(counts - 1)
+    middles = [0.5 * (axis[1:] + axis[:-1]) for axis in axes]
+    centres = np.stack(np.meshgrid(*middles, indexing="ij"), axis=-1).reshape(-1, 3)
+    zones = []
+    for axis in range(3):
+        corner = np.moveaxis(number, axis, 0)
+        box = np.moveaxis(centre, axis, 0)
+        face = [corner[:, :-1, :-1], corner[:, 1:, :-1], corner[:, 1:, 1:], corner[:, :-1, 1:]]
+        odd = np.indices(box.shape[1:]).sum(axis=0) % 2 == 1
+        turned = [np.where(odd, face[k], face[(k + 1) % 4]) for k in range(4)]
+        cut = np.isin(np.arange(counts[axis]), [0, counts[axis] - 1])
+        for letter, places in cuts:
+            if _AXES[letter] == axis:
+                cut |= np.abs(axes[axis][:, None] - np.atleast_1d(places)).min(axis=1) < 1e-9
+        inside = np.flatnonzero(~cut)
+        for k in range(4):
+            sides = (face[k][inside], face[(k + 1) % 4][inside])
+            zones.append(np.stack([box[inside - 1], box[inside], *sides], axis=-1))
+        for at, ahead in ((np.flatnonzero(cut)[1:], 1), (np.flatnonzero(cut)[:-1], 0)):
+            for others in ((1, 2), (2, 3)):
+                sides = [turned[0][at], *(turned[k][at] for k in others)]
+                zones.append(np.stack([box[at - ahead], *sides], axis=-1))
+    points = np.concatenate([points, centres])
+    zones = np.concatenate([part.reshape(-1, 4) for part in zones])
+    turned = tetrahedra.volumes(points, zones) < 0.0
+    zones[turned] = zones[turned][:, [0, 2, 1, 3]]
+    return points, zones
+
+
+def graded_axis(limits, anchors, edge, before, after, growth=GROWTH):
+    """Return ascending coordinates: even cells between limits and anchors, growing ones outside.
+
+    Parameters
+    ----------
+    limits : (2,) float, m
+    anchors : sequence of float, m
+        Coordinates that must be on the grid; those outside the limits are left out.
+    edge : float, m
+        Cells between two anchors are at most this long.
+    before, after : float, m
+        How far the grid goes on outside.
+    growth : float
+        Of each cell over the one before it, outside.
+    """
+    inside = sorted({float(a) for a in anchors if limits[0] < a < limits[1]})
+    stops = [float(limits[0]), *inside, float(limits[1])]
+    pieces = [
+        np.linspace(low, high, max(1, int(np.ceil((high - low) / edge - 1e-9))) + 1)[:-1]
+        for low, high in pairwise(stops)
+    ]
+
+    def outside(distance):
+        steps, size = [], edge
+        while distance > 0.0 and sum(steps) < distance:
+            size *= growth
+            steps.append(size)
+        return np.cumsum(steps)
+
+    low, high = stops[0] - outside(before)[::-1], stops[-1] + outside(after)
+    return np.concatenate([low, *pieces, [stops[-1]], high])

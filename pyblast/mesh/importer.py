@@ -1,0 +1,224 @@
+"""Reading of tetrahedral meshes made elsewhere: allow-listed formats through meshio."""
+
+import contextlib
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError, ReadError
+from . import tetrahedra
+from .mesh import Mesh
+from .quality import validate
+
+# Ending: format name of meshio and the bytes that such a file must begin with or hold early.
+_FORMATS = {
+    ".msh": ("gmsh", b"$MeshFormat"),
+    ".vtu": ("vtu", b"<VTKFile"),
+    ".inp": ("abaqus", b"*"),
+    ".med": ("med", b"\x89HDF"),
+    ".xdmf": ("xdmf", b"<Xdmf"),
+    ".xmf": ("xdmf", b"<Xdmf"),
+}
+_HEAD = 2048
+_TAGS = ("gmsh:physical", "cell_tags", "medit:ref", "group", "tag", "material", "region")
+_IGNORED = ("vertex", "line")
+
+
+def read_mesh(path, groups=None, joints=None) -> Mesh:
+    """Read a mesh of tetrahedra with tagged volumes and surfaces.
+
+    Parameters
+    ----------
+    path : str or Path
+        Gmsh 2 or 4 (.msh), .vtu, Abaqus .inp, .med or .xdmf.
+    groups : dict of str to str
+        Names in the file of tagged volumes (the number where it gives none) to names of groups;
+        volumes not listed keep theirs, numbers become ``group_<number>``.
+    joints : sequence of str
+        Surfaces in the file that must be internal, so that they can be split.
+
+    Returns
+    -------
+    Mesh
+        Not split; numbers of surfaces become ``surface_<number>``.
+
+    Raises
+    ------
+    ReadError
+        If the file is missing, of another format, or broken.
+    InputError
+        If the mesh is degenerate, inverted, disconnected, doubled, non-manifold or untagged, or a
+        name is not in it.
+    """
+    path = Path(path)
+    raw = _read(path, _file_format(path))
+    points = np.asarray(raw.points, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+        raise ReadError(f"{path}: points must be finite and have three coordinates")
+    triangles, surface_names = _tagged_cells(path, raw, "triangle", 3)
+    zones, group_names = _tagged_cells(path, raw, "tetra", 4)
+    if not len(zones):
+        raise ReadError(f"{path}: holds no tetrahedra with 4 nodes")
+    try:
+        mesh = _assemble(points, zones, group_names, triangles, surface_names, groups or {})
+        validate(mesh)
+        _refuse_outer(mesh, joints or ())
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    return mesh
+
+
+def _file_format(path):
+    """Return the meshio name of the format, by ending and content."""
+    suffix = path.suffix.lower()
+    if suffix not in _FORMATS:
+        raise ReadError(
+            f"{path}: unknown mesh format {suffix!r}; known are {', '.join(sorted(_FORMATS))}"
+        )
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD)
+    except OSError as error:
+        raise ReadError(f"{path}: can't be read ({error.strerror})") from None
+    name, mark = _FORMATS[suffix]
+    if mark not in head:
+        raise ReadError(f"{path}: does not look like a {suffix} file, {mark.decode('latin1')!r} "
+                        "is missing at its beginning")  # fmt: skip
+    if name in ("vtu", "xdmf", "abaqus"):
+        _refuse_other_files(path, name)
+    return name
+
+
+def _refuse_other_files(path, name):
+    """Refuse files that would make the reader open other places or expand entities."""
+    text = path.read_bytes()
+    if name == "abaqus" and re.search(rb"(?im)^\s*\*\s*include", text):
+        raise ReadError(f"{path}: *INCLUDE is not followed; put the mesh into one file")
+    if name != "abaqus" and (b"<!DOCTYPE" in text or b"<!ENTITY" in text):
+        raise ReadError(f"{path}: document types and entities are not accepted; remove them")
+    if name == "xdmf" and re.search(rb">[^<]*[/\\][^<:]*:/", text):
+        raise ReadError(f"{path}: its data must lie beside it, not in another folder")
+
+
+def _read(path, name):
+    """Read through meshio, which prints and ends the process where a file is broken."""
+    import meshio
+
+    try:
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            return meshio.read(path, file_format=name)
+    # Broken files raise whatever the line of code happens to raise.
+    except (Exception, SystemExit) as error:
+        reason = type(error).__name__ if not str(error) else str(error).splitlines()[0][:120]
+        raise ReadError(f"{path}: broken or no {name} mesh ({reason})") from None
+
+
+def _tagged_cells(path, raw, kind, width):
+    """Return cells (n, width) of one kind and the name (n,) of each, empty where untagged."""
+    for block in raw.cells:
+        if block.type not in ("triangle", "tetra", *_IGNORED):
+            raise ReadError(
+                f"{path}: holds {block.type!r} cells; only tetrahedra with 4 nodes and triangles "
+                "with 3 are read, so write the mesh in first order"
+            )
+    cells, names = [np.empty((0, width), dtype=np.int64)], [np.empty(0, dtype=object)]
+    for number, block in enumerate(raw.cells):
+        if block.type == kind:
+            data = np.asarray(block.data, dtype=np.int64).reshape(-1, width)
+            if len(data) and (data.min() < 0 or data.max() >= len(raw.points)):
+                raise ReadError(
+                    f"{path}: a {kind} names node {data.max() + 1} of {len(raw.points)}"
+                )
+            cells.append(data)
+            names.append(_cell_names(path, raw, number, kind, len(data)))
+    return np.concatenate(cells), np.concatenate(names)
+
+
+def _cell_names(path, raw, number, kind, count):
+    """Return the name (count,) of each cell of a block, from its tags or from sets of cells."""
+    names = np.full(count, "", dtype=object)
+    prefix = "surface" if kind == "triangle" else "group"
+    key = next((key for key in _TAGS if key in raw.cell_data), None)
+    if key is not None:
+        tags = np.asarray(raw.cell_data[key][number])
+        if tags.shape != (count,) or not np.array_equal(tags, np.round(tags)):
+            raise ReadError(f"{path}: {key} must hold one whole number for each {kind}")
+        for tag in np.unique(tags[tags != 0]):
+            names[tags == tag] = _tag_name(raw, int(tag), 2 if kind == "triangle" else 3, prefix)
+        return names
+    for name, parts in raw.cell_sets.items():
+        members = np.asarray(parts[number] if parts[number] is not None else [], dtype=np.int64)
+        if len(members) and members.max() >= count:
+            raise ReadError(f"{path}: the set {name!r} names more {kind} cells than there are")
+        members = members[names[members] == ""]
+        names[members] = name
+    return names
+
+
+def _tag_name(raw, tag, dimension, prefix):
+    """Return the name that the file gives to a tag, else its prefix and number."""
+    for name, value in raw.field_data.items():
+        if len(value) == 2 and tuple(value) == (tag, dimension):
+            return name
+    families = getattr(raw, "cell_tags", {})
+    if families.get(tag):
+        return str(families[tag][0])
+    return f"{prefix}_{abs(tag)}"
+
+
+def _assemble(points, zones, group_names, triangles, surface_names, groups):
+    """Turn tagged cells into a mesh; drop nodes that no zone uses."""
+    named = np.unique(group_names[group_names != ""]).tolist()
+    renamed = _renamed(named, groups)
+    untagged = np.flatnonzero(group_names == "")
+    if len(untagged) and named:
+        x, y, z = points[zones[untagged[0]]].mean(axis=0)
+        raise InputError(
+            f"{len(untagged)} zones have no tag, the first at ({x:g}, {y:g}, {z:g}); give every "
+            "volume a group"
+        )
+    names = sorted(set(renamed.values())) or ["rock"]
+    zone_group = [names.index(renamed[name]) if named else 0 for name in group_names]
+    used = np.unique(zones)
+    row = np.full(len(points), -1)
+    row[used] = np.arange(len(used))
+    kept = (surface_names != "") & (row[triangles] >= 0).all(axis=1)
+    surfaces = {
+        name: row[triangles[kept & (surface_names == name)]]
+        for name in np.unique(surface_names[kept]).tolist()
+    }
+    zones = row[zones]
+    points = points[used]
+    if (tetrahedra.volumes(points, zones) < 0.0).all():
+        zones = zones[:, [0, 2, 1, 3]]
+    return Mesh(points, zones, zone_group, tuple(names), surfaces)
+
+
+def _renamed(named, groups):
+    """Return the group of each tagged volume; a number may stand for ``group_<number>``."""
+    renamed = {name: name for name in named}
+    for key, group in groups.items():
+        name = key if key in renamed else f"group_{key}"
+        if name not in renamed:
+            raise InputError(f"no volume is tagged {key!r}; there are {', '.join(named) or 'none'}")
+        renamed[name] = group
+    return renamed
+
+
+def _refuse_outer(mesh, joints):
+    """Refuse joints that are no internal surfaces."""
+    first = mesh.paired_faces[0]
+    internal = tetrahedra.face_keys(tetrahedra.zone_faces(mesh.zones)[first], len(mesh.points))
+    for name in joints:
+        if name not in mesh.surfaces:
+            there = ", ".join(mesh.surfaces) or "none"
+            raise InputError(f"no surface is tagged {name!r}; there are {there}")
+        keys = tetrahedra.face_keys(mesh.surfaces[name], len(mesh.points))
+        outer = np.count_nonzero(~np.isin(keys, internal))
+        if outer:
+            raise InputError(
+                f"{outer} of {len(keys)} facets of the joint {name!r} are not faces between two "
+                "zones; only internal surfaces can be joints"
+            )

@@ -1,0 +1,426 @@
+"""Mesh of tetrahedra with named surfaces, and its splitting along joints."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ..errors import InputError
+from . import tetrahedra
+
+# Facets that meet at larger angles keep their own contacts, because one normal can't serve both.
+_COSINE_MERGED = np.cos(np.radians(20.0))
+
+
+def components(first, second, n):
+    """Return number and labels of the connected parts of a graph given by its edges."""
+    graph = coo_array((np.ones(len(first), dtype=np.int32), (first, second)), shape=(n, n))
+    return connected_components(graph.tocsr(), directed=False)
+
+
+def double_nodes(zones, n_nodes, facets, first, second):
+    """Give every connected part of the corners at a joint node a node of its own.
+
+    Parameters
+    ----------
+    zones : (n_zones, 4) int32
+    n_nodes : int
+    facets : (n, 3) int32, triangles of all joints
+    first, second : (n_welded,) int64, shared faces ``4 zone + local`` that are not joints
+
+    Returns
+    -------
+    zones : (n_zones, 4) int32, new
+    origin : (n_new_nodes,) int64, old node of each new one
+    """
+    on_joint = np.zeros(n_nodes, dtype=bool)
+    on_joint[facets] = True
+    corner_node = zones.ravel()
+    corners = np.flatnonzero(on_joint[corner_node])
+    number = np.full(len(corner_node), -1)
+    number[corners] = np.arange(len(corners))
+    one, other = (_sorted_corners(zones, faces) for faces in (first, second))
+    touching = on_joint[corner_node[one]]
+    _, label = components(number[one[touching]], number[other[touching]], len(corners))
+    node = corner_node[corners]
+    order = np.argsort(node, kind="stable")
+    _, where = np.unique(label[order], return_index=True)
+    leader = order[where]
+    rank = np.lexsort((leader, node[leader]))
+    leader = leader[rank]
+    keeps = np.diff(node[leader], prepend=-1) != 0
+    new_node = np.where(keeps, node[leader], n_nodes - 1 + np.cumsum(~keeps))
+    part_node = np.empty(len(rank), dtype=np.int64)
+    part_node[rank] = new_node
+    doubled = corner_node.copy()
+    doubled[corners] = part_node[label]
+    return doubled.reshape(-1, 4), np.concatenate([np.arange(n_nodes), node[leader][~keeps]])
+
+
+def _sorted_corners(zones, faces):
+    """Return the corners ``4 zone + local`` of faces (n, 3), in the order of their nodes."""
+    corners = 4 * (faces // 4)[:, None] + tetrahedra.FACES[faces % 4]
+    return np.take_along_axis(corners, np.argsort(zones.ravel()[corners], axis=1), axis=1)
+
+
+def orient(points, zones, joint, first, second):
+    """Name the faces of the minus and of the plus side, the same way all over each joint."""
+    outward = tetrahedra.zone_faces(zones)[first]
+    vectors = tetrahedra.triangle_vectors(points, outward)
+    upward = np.einsum("ij,ij->i", vectors, _main_normals(vectors, joint)[joint])
+    n = len(joint)
+    edges = outward[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64)
+    low, high = edges.min(axis=1), edges.max(axis=1)
+    owner = np.repeat(np.arange(n), 3)
+    order = np.lexsort((owner, high, low, joint[owner]))
+    key = np.column_stack([joint[owner], low, high])[order]
+    starts = np.flatnonzero(np.r_[True, (np.diff(key, axis=0) != 0).any(axis=1)][: 3 * n])
+    starts = starts[np.diff(starts, append=3 * n) == 2]
+    one, other = order[starts], order[starts + 1]
+    alike = edges[one, 0] != edges[other, 0]
+    # Facets with both signs as vertices: a part of this graph is one consistent orientation.
+    turned = np.where(alike, 0, n)
+    heads = np.concatenate([owner[one], owner[one] + n])
+    tails = np.concatenate([owner[other] + turned, owner[other] + n - turned])
+    count, label = components(heads, tails, 2 * n)
+    score = np.bincount(label, weights=np.concatenate([upward, -upward]), minlength=count)
+    lead = score[label[:n]] - score[label[n:]]
+    closed = np.abs(lead) < 1e-9 * np.abs(upward).sum()
+    straight = np.where(closed, label[:n] <= label[n:], lead > 0.0)
+    return np.where(straight, first, second), np.where(straight, second, first)
+
+
+def _main_normals(vectors, joint):
+    """Return the main direction (n_joints, 3) of each joint's area vectors, upward."""
+    count = joint.max(initial=-1) + 1
+    tensor = np.zeros((count, 3, 3))
+    lengths = np.linalg.norm(vectors, axis=1)
+    np.add.at(tensor, joint, vectors[:, :, None] * vectors[:, None, :] / lengths[:, None, None])
+    main = np.linalg.eigh(tensor)[1][:, :, 2].round(9)
+    leading = np.where(main[:, 2] != 0.0, main[:, 2], np.where(main[:, 1], main[:, 1], main[:, 0]))
+    return main * np.sign(leading)[:, None]
+
+
+def pair_nodes(points, zones, doubled, joint, minus, plus):
+    """Pair the nodes of facing facets; each facet gives a third of its area to each pair.
+
+    Parameters
+    ----------
+    points : (n_nodes, 3) float64, m
+    zones, doubled : (n_zones, 4) int32, before and after the nodes were doubled
+    joint : (n,) int64, joint of each facet
+    minus, plus : (n,) int64, its faces ``4 zone + local``
+
+    Returns
+    -------
+    joint, minus, plus : (n_contacts,) int64, nodes of the two sides
+    normal : (n_contacts, 3) float64, unit, from minus to plus
+    area : (n_contacts,) float64, m2
+    """
+    minus_node = doubled.ravel()[_sorted_corners(zones, minus)].ravel()
+    plus_node = doubled.ravel()[_sorted_corners(zones, plus)].ravel()
+    vectors = tetrahedra.triangle_vectors(points, tetrahedra.zone_faces(zones)[minus])
+    keys = np.column_stack([joint.repeat(3), minus_node, plus_node])
+    apart = minus_node != plus_node
+    keys, area, normal = merge_pairs(keys[apart], vectors.repeat(3, axis=0)[apart] / 3.0)
+    return keys[:, 0], keys[:, 1], keys[:, 2], normal, area
+
+
+def merge_pairs(keys, vectors):
+    """Add area vectors (n, 3) of equal keys (n, k) unless their directions differ too much."""
+    order = np.lexsort(keys.T[::-1])
+    keys, vectors = keys[order], vectors[order]
+    length = np.linalg.norm(vectors, axis=1)
+    if not len(keys):
+        return keys, length, vectors
+    fresh = np.r_[True, (np.diff(keys, axis=0) != 0).any(axis=1)]
+    group = np.cumsum(fresh) - 1
+    total = np.add.reduceat(vectors, np.flatnonzero(fresh), axis=0)
+    mean = total / np.linalg.norm(total, axis=1)[:, None]
+    straight = np.einsum("ij,ij->i", vectors, mean[group]) >= _COSINE_MERGED * length
+    kinked = np.bincount(group, weights=~straight) > 0.0
+    fresh |= kinked[group]
+    starts = np.flatnonzero(fresh)
+    total = np.add.reduceat(vectors, starts, axis=0)
+    normal = total / np.linalg.norm(total, axis=1)[:, None]
+    return keys[starts], np.add.reduceat(length, starts), normal
+
+
+@dataclass(frozen=True, eq=False)
+class Contacts:
+    """Pairs of facing nodes across joints.
+
+    Parameters
+    ----------
+    joint : (n_contacts,) int32, index into ``names``
+    names : tuple of str
+    minus, plus : (n_contacts,) int32, nodes of the two sides
+    normal : (n_contacts, 3) float64, unit, from minus to plus
+    area : (n_contacts,) float64, m2
+    """
+
+    joint: np.ndarray
+    names: tuple[str, ...]
+    minus: np.ndarray
+    plus: np.ndarray
+    normal: np.ndarray
+    area: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Constant-strain tetrahedra in groups, with named surfaces.
+
+    Parameters
+    ----------
+    points : (n_nodes, 3) float64, m
+    zones : (n_zones, 4) int32, of positive volume
+    zone_group : (n_zones,) int32, index into ``groups``
+    groups : tuple of str
+    surfaces : dict of str to (n, 3) int32
+    contacts : Contacts or None
+        None before ``split``.
+
+    Raises
+    ------
+    InputError
+        If shapes or indices do not fit together.
+    """
+
+    points: np.ndarray
+    zones: np.ndarray
+    zone_group: np.ndarray
+    groups: tuple[str, ...]
+    surfaces: dict[str, np.ndarray]
+    contacts: Contacts | None = None
+
+    def __post_init__(self):
+        """Fix the types and refuse indices that point nowhere."""
+        surfaces = {name: _indices(faces, 3) for name, faces in self.surfaces.items()}
+        object.__setattr__(self, "points", np.ascontiguousarray(self.points, dtype=np.float64))
+        object.__setattr__(self, "zones", _indices(self.zones, 4))
+        object.__setattr__(self, "zone_group", np.asarray(self.zone_group, dtype=np.int32))
+        object.__setattr__(self, "groups", tuple(self.groups))
+        object.__setattr__(self, "surfaces", surfaces)
+        if self.zone_group.shape != (len(self.zones),):
+            raise InputError(
+                f"mesh.zone_group: must have one entry for each of {len(self.zones)} zones, "
+                f"got shape {self.zone_group.shape}"
+            )
+        _refuse_indices("zone_group", self.zone_group, len(self.groups), "groups")
+        _refuse_indices("zones", self.zones, len(self.points), "nodes")
+        for name, faces in surfaces.items():
+            _refuse_indices(f"surfaces[{name!r}]", faces, len(self.points), "nodes")
+
+    @cached_property
+    def surface_places(self):
+        """What `surface_faces` found already, by surface."""
+        return {}
+
+    @cached_property
+    def paired_faces(self):
+        """Which faces zones share; see ``tetrahedra.pair_faces``. Found once for each mesh."""
+        return tetrahedra.pair_faces(self.zones, len(self.points))
+
+    def split(self, names: list[str] | tuple[str, ...]) -> "Mesh":
+        """Double the nodes along named internal surfaces; see ``split_mesh``."""
+        return split_mesh(self, names)
+
+    def blocks(self, among=None) -> np.ndarray:
+        """Return the block (n,) of each zone: zones connected without crossing a joint.
+
+        Of all, or of zones (n,) that are connected through each other alone.
+        """
+        among = np.arange(len(self.zones)) if among is None else among
+        number = np.full(len(self.zones), -1)
+        number[among] = np.arange(len(among))
+        first, second, _, _ = self.paired_faces
+        pairs = number[np.stack([first, second]) // 4]
+        return components(*pairs[:, (pairs >= 0).all(axis=0)], len(among))[1]
+
+
+def _indices(values, width):
+    """Return an index table (n, width) int32 or refuse its shape."""
+    table = np.asarray(values)
+    if table.size == 0:
+        table = np.empty((0, width))
+    if table.ndim != 2 or table.shape[1] != width:
+        raise InputError(f"mesh: index table must have {width} columns, got shape {table.shape}")
+    return np.ascontiguousarray(table, dtype=np.int32)
+
+
+def _refuse_indices(what, indices, count, of):
+    """Raise an error where an index lies outside 0..count-1."""
+    if indices.size and (indices.min() < 0 or indices.max() >= count):
+        raise InputError(
+            f"mesh.{what}: must lie between 0 and {count - 1} ({count} {of}), "
+            f"got {indices.min()} to {indices.max()}"
+        )
+
+
+def split_mesh(mesh: Mesh, names) -> Mesh:
+    """Double the nodes along named internal surfaces and pair them as contacts.
+
+    Two corners of zones at the same node stay together when their zones share a face that is not
+    a joint and holds the node; every connected part becomes a node of its own. So a node where
+    three joints cross becomes eight, and the tip of a joint that ends in a block stays single.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    names : sequence of str
+        Keys of ``mesh.surfaces``.
+
+    Returns
+    -------
+    Mesh
+        First copies keep their number, further ones follow the old nodes. ``surfaces[name]``
+        holds the minus side of each joint; outer surfaces follow their zones.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, the mesh is split already, or a facet is not an internal face.
+    """
+    names = tuple(names)
+    if mesh.contacts is not None:
+        raise InputError("mesh.split: the mesh is split already; name all joints in one call")
+    for name in names:
+        if name not in mesh.surfaces:
+            raise InputError(
+                f"mesh.split: no surface named {name!r}; there are {', '.join(mesh.surfaces)}"
+            )
+    facets = np.concatenate([mesh.surfaces[name] for name in names] or [np.empty((0, 3), int)])
+    joint = np.repeat(np.arange(len(names)), [len(mesh.surfaces[name]) for name in names])
+    first, second, single, _ = mesh.paired_faces
+    at = _facet_places(mesh, facets, joint, names, first)
+    welded = np.ones(len(first), dtype=bool)
+    welded[at] = False
+    zones, origin = double_nodes(
+        mesh.zones, len(mesh.points), facets, first[welded], second[welded]
+    )
+    minus, plus = orient(mesh.points, mesh.zones, joint, first[at], second[at])
+    owner, *pairs = pair_nodes(mesh.points, mesh.zones, zones, joint, minus, plus)
+    outer = np.concatenate([single, first])
+    surfaces = {}
+    for name in mesh.surfaces:
+        if name in names:
+            face = minus[joint == names.index(name)]
+            surfaces[name] = tetrahedra.zone_faces(zones)[face]
+        else:
+            surfaces[name] = _moved(mesh, zones, name, outer)
+    contacts = Contacts(owner.astype(np.int32), names, *pairs)
+    return replace(
+        mesh, points=mesh.points[origin], zones=zones, surfaces=surfaces, contacts=contacts
+    )
+
+
+def _facet_places(mesh, facets, joint, names, first):
+    """Return where in the list of shared faces each joint facet stands."""
+    at = tetrahedra.find_faces(mesh.zones, len(mesh.points), facets, first)
+    lost = np.flatnonzero(at < 0)
+    if len(lost):
+        x, y, z = mesh.points[facets[lost[0]]].mean(axis=0)
+        raise InputError(
+            f"mesh.split: {len(lost)} facets of {names[joint[lost[0]]]!r} are not faces between "
+            f"two zones, the first at ({x:g}, {y:g}, {z:g}); the mesh must conform to its joints"
+        )
+    order = np.argsort(at, kind="stable")
+    twice = np.flatnonzero(np.diff(at[order]) == 0)
+    if len(twice):
+        one, other = names[joint[order[twice[0]]]], names[joint[order[twice[0] + 1]]]
+        raise InputError(f"mesh.split: a facet of {one!r} stands in {other!r} too; name it once")
+    return at
+
+
+def _moved(mesh, zones, name, faces):
+    """Return the triangles of an outer surface with the nodes of the split zones."""
+    triangles = mesh.surfaces[name]
+    face = _surface_faces(mesh, name, faces)
+    same = mesh.zones[face // 4][:, None, :] == triangles[:, :, None]
+    return np.take_along_axis(zones[face // 4], same.argmax(axis=2), axis=1)
+
+
+def _surface_faces(mesh, name, faces):
+    """Return the face ``4 zone + local`` of each triangle of a surface."""
+    at = tetrahedra.find_faces(mesh.zones, len(mesh.points), mesh.surfaces[name], faces)
+    if (at < 0).any():
+        raise InputError(
+            f"mesh.surfaces[{name!r}]: {np.count_nonzero(at < 0)} triangles are not faces of "
+            "zones; the surface must conform to the mesh"
+        )
+    return faces[at]
+
+
+def outer_faces(mesh: Mesh) -> np.ndarray:
+    """Return the outward triangles (n, 3) of the outside of the mesh, joints left out."""
+    welded = np.arange(len(mesh.points))
+    if mesh.contacts is not None:
+        welded = components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
+    single = tetrahedra.pair_faces(welded[mesh.zones], len(mesh.points))[2]
+    return tetrahedra.zone_faces(mesh.zones)[np.sort(single)]
+
+
+def surface_faces(mesh: Mesh, name: str) -> np.ndarray:
+    """Return the face ``4 zone + local`` (n,) of each triangle of a surface.
+
+    On joints it is that of the minus side.
+    """
+    if name not in mesh.surfaces:
+        raise InputError(f"mesh: no surface named {name!r}; there are {', '.join(mesh.surfaces)}")
+    if name not in mesh.surface_places:
+        first, _, single, _ = mesh.paired_faces
+        faces = np.concatenate([single, first])
+        mesh.surface_places[name] = _surface_faces(mesh, name, faces)
+    return mesh.surface_places[name]
+
+
+def surface_zones(mesh: Mesh, name: str) -> np.ndarray:
+    """Return the zone (n,) behind each triangle of a surface; on joints that of the minus side."""
+    return surface_faces(mesh, name) // 4
+
+
+def surface_areas(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Share the area of a surface among its nodes.
+
+    Returns
+    -------
+    nodes : (3 n_triangles,) int32, triangle by triangle
+    area : (3 n_triangles,) float64, a third of each triangle, m2
+    normal : (3 n_triangles, 3) float64, unit, out of the zone behind
+    """
+    zone = surface_zones(mesh, name)
+    triangles = mesh.surfaces[name]
+    vectors = tetrahedra.triangle_vectors(mesh.points, triangles)
+    inward = mesh.points[mesh.zones[zone]].mean(axis=1) - mesh.points[triangles[:, 0]]
+    vectors *= -np.sign(np.einsum("ij,ij->i", vectors, inward))[:, None]
+    length = np.linalg.norm(vectors, axis=1)
+    normal = (vectors / length[:, None]).repeat(3, axis=0)
+    return triangles.ravel(), (length / 3.0).repeat(3), normal
+
+
+def volumes(mesh: Mesh) -> np.ndarray:
+    """Return the volume (n_zones,) of each zone in m3."""
+    return tetrahedra.volumes(mesh.points, mesh.zones)
+
+
+def quality(mesh: Mesh) -> np.ndarray:
+    """Return the mean ratio (n_zones,): 1 for a regular tetrahedron, 0 for a flat one."""
+    return tetrahedra.mean_ratio(mesh.points, mesh.zones)
+
+
+def edge_lengths(mesh: Mesh) -> np.ndarray:
+    """Return the six edge lengths of each zone, (n_zones, 6) in m."""
+    return tetrahedra.edge_lengths(mesh.points, mesh.zones)
+
+
+def altitudes(mesh: Mesh) -> np.ndarray:
+    """Return the smallest altitude (n_zones,) of each zone in m; it sets the time step."""
+    return tetrahedra.altitudes(mesh.points, mesh.zones)
+
+
+def locate(mesh: Mesh, points, tolerance: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the zone (n,) and the weights (n, 4) of points (n, 3); see ``tetrahedra.locate``."""
+    return tetrahedra.locate(mesh.points, mesh.zones, points, tolerance)

@@ -1,0 +1,277 @@
+"""Nodes of linear and quadratic tetrahedra, and the content hash of a mesh."""
+
+from dataclasses import dataclass, field, fields, is_dataclass
+from functools import lru_cache, wraps
+from hashlib import sha256
+
+import numpy as np
+
+from ..errors import InputError
+from . import tetrahedra
+from .mesh import Contacts, Mesh, components, merge_pairs, surface_areas, surface_faces
+from .tetrahedra import (
+    AREA_SHARE,
+    FACE_NODES,
+    NODES,
+    VOLUME_SHARE,
+    corner_slopes,
+    mean_slopes,
+    shape_slopes,
+    shape_values,
+    triangle_vectors,
+)
+
+KEPT = 2  # results of a function: models that follow one another differ little
+
+
+def feed(digest, value, where):
+    """Add a value with its kind and its length, so that no two inputs read the same."""
+    if isinstance(value, (np.ndarray, np.generic)) and value.dtype != object:
+        digest.update(f"array {value.dtype.str} {value.shape};".encode())
+        digest.update(np.ascontiguousarray(value).tobytes())
+    elif value is None or isinstance(value, (bool, int, float, str)):
+        text = repr(value)
+        digest.update(f"{type(value).__name__} {len(text)} {text};".encode())
+    elif isinstance(value, (list, tuple)):
+        digest.update(f"sequence {len(value)};".encode())
+        for number, item in enumerate(value):
+            feed(digest, item, f"{where}[{number}]")
+    elif isinstance(value, dict):
+        digest.update(f"dict {len(value)};".encode())
+        for key in sorted(value, key=repr):
+            feed(digest, key, where)
+            feed(digest, value[key], f"{where}.{key}")
+    elif is_dataclass(value) and not isinstance(value, type):
+        digest.update(f"{type(value).__module__}.{type(value).__qualname__};".encode())
+        for one in fields(value):
+            feed(digest, getattr(value, one.name), f"{where}.{one.name}")
+    else:
+        raise InputError(
+            f"{where}: a {type(value).__name__} has no content that could be compared with that "
+            "of a kept run; give samples, or run without a cache"
+        )
+
+
+@dataclass(frozen=True)
+class _Inputs:
+    """Inputs of a function that are equal where their digests are."""
+
+    digest: bytes
+    values: tuple = field(compare=False)
+
+
+def kept(work):
+    """Keep the last results of a function in each process, by the content of its inputs.
+
+    Models are made, renumbered and sent to other processes one by one: equal meshes are not one
+    object. Arrays of a result are shared, so they can not be written to.
+    """
+
+    @lru_cache(KEPT)
+    def recalled(inputs):
+        found = work(*inputs.values)
+        _lock(found)
+        return found
+
+    @wraps(work)
+    def recall(*values):
+        digest = sha256()
+        feed(digest, values, work.__name__)
+        return recalled(_Inputs(digest.digest(), values))
+
+    return recall
+
+
+def _lock(value):
+    """Let nobody write to the arrays of a result."""
+    if isinstance(value, np.ndarray):
+        value.setflags(write=False)
+    elif is_dataclass(value):
+        for one in fields(value):
+            _lock(getattr(value, one.name))
+    elif isinstance(value, (tuple, dict)):
+        for one in value.values() if isinstance(value, dict) else value:
+            _lock(one)
+
+
+@kept
+def enrich(mesh: Mesh):
+    """Put nodes on edges and faces and into zones, on both sides of joints.
+
+    Corners of two zones at an edge share a node where the zones are connected around that edge
+    through faces that are not joints, so a joint ends at its own rim even where its mesh has but
+    one facet between two edges of the rim.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Split or without joints.
+
+    Returns
+    -------
+    points : (n_nodes, 3) float64, m
+        Corners first, in their order.
+    zone_nodes : (n_zones, 15) int32
+        In the order of ``elements.NODES``.
+    surfaces : dict of str to (n, 7) int32
+        Nodes of the faces of outer surfaces, and of the minus side of joints.
+    contacts : Contacts or None
+    """
+    first, second, joint, names = _shared_faces(mesh)
+    welded = joint < 0
+    edge = _edge_nodes(mesh.zones, first[welded], second[welded])
+    face = components(first[welded], second[welded], 4 * len(mesh.zones))[1].reshape(-1, 4)
+    n_corners, n_edges, n_faces = len(mesh.points), edge.max() + 1, face.max() + 1
+    within = np.arange(len(mesh.zones))[:, None]
+    numbers = [edge, n_edges + face, n_edges + n_faces + within]
+    zone_nodes = np.hstack([mesh.zones] + [n_corners + part for part in numbers]).astype(np.int32)
+    points = np.empty((zone_nodes.max() + 1, 3))
+    for node in range(15):
+        points[zone_nodes[:, node]] = _middles(mesh, NODES[node])
+    points[:n_corners] = mesh.points
+    faces = zone_nodes[:, FACE_NODES].reshape(-1, 7)
+    surfaces = {name: faces[surface_faces(mesh, name)] for name in mesh.surfaces}
+    contacts = None
+    if mesh.contacts is not None:
+        split = ~welded
+        contacts = _contacts(mesh, faces, names, joint[split], first[split], second[split])
+    return points, zone_nodes, surfaces, contacts
+
+
+def _middles(mesh, weights):
+    """Return the places (n_zones, 3) of one node of each zone, the same from all its zones."""
+    ends = np.sort(mesh.zones[:, weights > 0.0], axis=1)
+    return mesh.points[ends].mean(axis=1)
+
+
+def _shared_faces(mesh):
+    """Return faces that two zones share, joints or not, and the joint of each, -1 where welded."""
+    n_nodes, contacts = len(mesh.points), mesh.contacts
+    if contacts is None:
+        first, second, _, _ = mesh.paired_faces
+        return first, second, np.full(len(first), -1), ()
+    label = components(contacts.minus, contacts.plus, n_nodes)[1]
+    first, second, _, _ = tetrahedra.pair_faces(label[mesh.zones], n_nodes)
+    keys = tetrahedra.face_keys(tetrahedra.zone_faces(mesh.zones), n_nodes)
+    joint = np.full(len(first), -1)
+    for number, name in enumerate(contacts.names):
+        minus = tetrahedra.face_keys(mesh.surfaces[name], n_nodes)
+        turned = np.isin(keys[second], minus) & (keys[second] != keys[first])
+        first, second = np.where(turned, second, first), np.where(turned, first, second)
+        joint[np.isin(keys[first], minus)] = number
+    return first, second, joint, contacts.names
+
+
+def _edge_nodes(zones, first, second):
+    """Give the edges (n_zones, 6) of zones one number where welded faces join them."""
+    local = np.zeros((4, 4), dtype=np.int64)
+    local[tuple(tetrahedra.EDGES.T)] = local[tuple(tetrahedra.EDGES.T[::-1])] = np.arange(6)
+    links = []
+    for faces in (first, second):
+        corners = tetrahedra.FACES[faces % 4]
+        nodes = np.take_along_axis(zones[faces // 4], corners, axis=1)
+        corners = np.take_along_axis(corners, np.argsort(nodes, axis=1), axis=1)
+        edges = local[corners, np.roll(corners, -1, axis=1)]
+        links.append((6 * (faces // 4)[:, None] + edges).ravel())
+    return components(*links, 6 * len(zones))[1].reshape(-1, 6)
+
+
+def _contacts(mesh, faces, names, joint, minus, plus):
+    """Pair the seven nodes of facing facets; each gives its share of the area to each pair."""
+    label = components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
+    vectors = tetrahedra.triangle_vectors(mesh.points, tetrahedra.zone_faces(mesh.zones)[minus])
+    sides = []
+    for side in (faces[minus], faces[plus]):
+        order = np.argsort(label[side[:, :3]], axis=1)
+        corners = np.take_along_axis(side[:, :3], order, axis=1)
+        between = (order + np.where((np.roll(order, -1, axis=1) - order) % 3 == 1, 0, -1)) % 3
+        middles = np.take_along_axis(side[:, 3:6], between, axis=1)
+        sides.append(np.hstack([corners, middles, side[:, 6:]]).ravel())
+    keys = np.column_stack([joint.repeat(7), *sides])
+    apart = keys[:, 1] != keys[:, 2]
+    shares = (vectors[:, None, :] * AREA_SHARE[:, None]).reshape(-1, 3)
+    keys, area, normal = merge_pairs(keys[apart], shares[apart])
+    owner, one, other = keys.astype(np.int32).T
+    return Contacts(owner, names, one, other, normal, area)
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Nodes of a mesh, and what zones, faces and places make of them.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Its points are the first nodes.
+    points : (n_nodes, 3) float64, m
+    zone_nodes : (n_zones, 4 or 15) int32
+    surfaces : dict of str to (n_faces, 3 or 7) int32
+    contacts : Contacts or None
+        Pairs of nodes.
+    """
+
+    mesh: Mesh
+    points: np.ndarray
+    zone_nodes: np.ndarray
+    surfaces: dict[str, np.ndarray]
+    contacts: Contacts | None
+
+    @property
+    def quadratic(self):
+        """Whether zones have 15 nodes."""
+        return self.zone_nodes.shape[1] > 4
+
+    def sums(self, values):
+        """Share a value of each zone (n_zones,) among its nodes as mass is lumped, (n_nodes,)."""
+        share = VOLUME_SHARE if self.quadratic else np.full(4, 0.25)
+        parts = np.asarray(values)[:, None] * share
+        return np.bincount(self.zone_nodes.ravel(), parts.ravel(), minlength=len(self.points))
+
+    def surface_areas(self, name):
+        """Share the area of a surface among its nodes.
+
+        Returns
+        -------
+        nodes : (n,) int32
+            Face by face.
+        area : (n,) float64, m2
+        normal : (n, 3) float64
+            Unit, out of the zone behind.
+        """
+        if not self.quadratic:
+            return surface_areas(self.mesh, name)
+        nodes = self.surfaces[name]
+        vectors = triangle_vectors(self.points, nodes[:, :3])
+        length = np.linalg.norm(vectors, axis=1)[:, None]
+        area = (length * AREA_SHARE).ravel()
+        return nodes.ravel(), area, (vectors / length).repeat(7, axis=0)
+
+    def shapes(self, weights):
+        """Return the shape functions (n, 4 or 15) at barycentric coordinates (n, 4)."""
+        return shape_values(weights) if self.quadratic else weights
+
+    def slopes(self, zone, weights):
+        """Return the gradients (n, 4 or 15, 3) in 1/m of the shape functions at places."""
+        by_coordinate = np.eye(4)[None] if not self.quadratic else shape_slopes(weights)
+        return self._gradients(zone, by_coordinate)
+
+    def mean_slopes(self, zone):
+        """Return the mean gradients (n, 4 or 15, 3) in 1/m of the shape functions of zones."""
+        return self._gradients(zone, mean_slopes() if self.quadratic else np.eye(4)[None])
+
+    def corner_slopes(self, zone):
+        """Return the means (4, n, 15, 3) in 1/m of each barycentric coordinate times gradients."""
+        return np.stack([self._gradients(zone, table[None]) for table in corner_slopes()])
+
+    def _gradients(self, zone, by_coordinate):
+        """Turn slopes by barycentric coordinates into gradients."""
+        corners = self.mesh.points[self.mesh.zones[zone]]
+        inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1])
+        return (by_coordinate[:, :, 1:] - by_coordinate[:, :, :1]) @ np.swapaxes(inverse, 1, 2)
+
+
+def nodes_of(mesh, quadratic):
+    """Return the nodes of a mesh, at corners only or 15 a zone."""
+    if not quadratic:
+        return Nodes(mesh, mesh.points, mesh.zones, mesh.surfaces, mesh.contacts)
+    return Nodes(mesh, *enrich(mesh))

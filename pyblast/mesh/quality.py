@@ -1,0 +1,272 @@
+"""Quality of a mesh: defects, blocks, joint spacings, and memory estimate."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import linprog
+from scipy.spatial import cKDTree
+
+from ..errors import InputError
+from . import tetrahedra
+from .mesh import Mesh, components, volumes
+
+# Measured growth of the process per zone: gmsh with its mesh, and a grid.
+MESHING_BYTES, GRID_BYTES = 1900.0, 300.0
+ZONES_PER_CUBE = 11.0  # zones in a volume of one mean edge cubed
+_GROUPS = Path("/sys/fs/cgroup")
+_LIMITS = (
+    (_GROUPS / "memory.max", _GROUPS / "memory.current"),
+    (_GROUPS / "memory/memory.limit_in_bytes", _GROUPS / "memory/memory.usage_in_bytes"),
+)
+
+
+def available():
+    """Return the memory in bytes that the machine has left, within the limit of a container.
+
+    Without word from the system it is infinite.
+    """
+    free = [_left(*files) for files in _LIMITS]
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        known = dict(line.split(":", 1) for line in lines if ":" in line)
+        free.append(1024.0 * float(known["MemAvailable"].split()[0]))
+    except (OSError, KeyError, ValueError):
+        free.append(_pages())
+    return min(free)
+
+
+def _left(limit, used):
+    """Return what a container may still take, infinite where it has no limit."""
+    try:
+        return float(limit.read_text()) - float(used.read_text())
+    except (OSError, ValueError):
+        return float("inf")
+
+
+def _pages():
+    """Return the memory of a system without /proc, infinite where it does not tell."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, OSError, ValueError):
+        return float("inf")
+
+
+def refuse_beyond_memory(what, needed):
+    """Refuse what needs more bytes than there are.
+
+    Raises
+    ------
+    InputError
+        With both numbers.
+    """
+    free = available()
+    if needed > free:
+        raise InputError(
+            f"{what} needs about {needed / 1e9:.3g} GB of memory, the machine has "
+            f"{free / 1e9:.3g} GB left; take longer edges, fewer receivers or a shorter duration"
+        )
+
+
+# Smallest volume of a zone as a share of its longest edge cubed; gmsh calls less a sliver too.
+_FLAT = 1e-9
+_COINCIDENT = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class BlockCensus:
+    """Blocks of a split mesh.
+
+    Parameters
+    ----------
+    volumes : (n_blocks,) float64, m3
+    free : (n_blocks,) bool, touches the free surface
+    removable : (n_blocks,) bool
+        Touches the free surface, no other side, and some direction moves it out past all its
+        joints without pressing on one.
+    """
+
+    volumes: np.ndarray
+    free: np.ndarray
+    removable: np.ndarray
+
+
+def validate(mesh: Mesh) -> None:
+    """Raise an error that names the first defect found.
+
+    Raises
+    ------
+    InputError
+        Zones twice, nodes of a zone twice, flat or inverted zones, coincident nodes that are no
+        contact, faces of more than two zones, or parts that hang together by no face.
+    """
+    ordered = np.sort(mesh.zones, axis=1)
+    _refuse(mesh, (np.diff(ordered, axis=1) == 0).any(axis=1), "name a node twice")
+    _, first, counts = np.unique(ordered, axis=0, return_index=True, return_counts=True)
+    doubled = np.zeros(len(mesh.zones), dtype=bool)
+    doubled[first[counts > 1]] = True
+    _refuse(mesh, doubled, "stand in the mesh twice")
+    share = volumes(mesh) / tetrahedra.edge_lengths(mesh.points, mesh.zones).max(axis=1) ** 3
+    _refuse(mesh, np.abs(share) < _FLAT, "are flat")
+    _refuse(mesh, share < 0.0, "are inverted (negative volume)")
+    excess = np.zeros(len(mesh.zones), dtype=bool)
+    excess[mesh.paired_faces[3] // 4] = True
+    _refuse(mesh, excess, "share a face that two others share already (not manifold)")
+    _refuse_coincident(mesh)
+    _refuse_parts(mesh)
+
+
+def _refuse(mesh, wrong, what):
+    """Raise an error that counts wrong zones and places the first."""
+    if wrong.any():
+        zone = np.argmax(wrong)
+        x, y, z = mesh.points[mesh.zones[zone]].mean(axis=0)
+        raise InputError(
+            f"mesh: {np.count_nonzero(wrong)} zones {what}, the first is zone {zone} of "
+            f"{mesh.groups[mesh.zone_group[zone]]!r} at ({x:g}, {y:g}, {z:g}); repair the mesh"
+        )
+
+
+def _welded(mesh):
+    """Return one label (n_nodes,) for all copies of a node that was split."""
+    if mesh.contacts is None:
+        return np.arange(len(mesh.points))
+    return components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
+
+
+def _refuse_coincident(mesh):
+    """Raise an error where two nodes lie at one place and are no contact."""
+    reach = _COINCIDENT * np.ptp(mesh.points, axis=0).max()
+    pairs = cKDTree(mesh.points).query_pairs(reach, output_type="ndarray")
+    label = _welded(mesh)
+    pairs = pairs[label[pairs[:, 0]] != label[pairs[:, 1]]]
+    if len(pairs):
+        x, y, z = mesh.points[pairs[:, 0].min()]
+        raise InputError(
+            f"mesh: {len(pairs)} pairs of nodes lie at the same place, the first at "
+            f"({x:g}, {y:g}, {z:g}); merge them, joints are split later"
+        )
+
+
+def _refuse_parts(mesh):
+    """Raise an error where the mesh falls into parts."""
+    first, second, _, _ = tetrahedra.pair_faces(_welded(mesh)[mesh.zones], len(mesh.points))
+    count, label = components(first // 4, second // 4, len(mesh.zones))
+    if count > 1:
+        sizes = np.bincount(label)
+        x, y, z = mesh.points[mesh.zones[np.argmax(label == np.argmin(sizes))]].mean(axis=0)
+        raise InputError(
+            f"mesh: falls into {count} parts that share no face, the smallest with {sizes.min()} "
+            f"zones at ({x:g}, {y:g}, {z:g}); connect or remove them"
+        )
+
+
+def joint_spacing(mesh: Mesh, name: str, direction, n_lines: int = 200, seed: int = 0) -> float:
+    """Return the mean spacing of a joint surface along scan-lines, m.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    name : str
+    direction : (3,) float
+        Of the lines; the normal of a set gives its true spacing.
+    n_lines : int
+        Through seeded random places of the mesh; those that meet fewer than two joints do not
+        count.
+
+    Returns
+    -------
+    float
+        Length between first and last joint over all lines, divided by the number of gaps.
+
+    Raises
+    ------
+    InputError
+        If no line meets two joints.
+    """
+    along = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
+    frame = np.linalg.svd(along[None])[2][1:]
+    corners = mesh.points[mesh.surfaces[name]]
+    flat = corners @ frame.T
+    centres = mesh.points[mesh.zones].mean(axis=1)
+    chosen = np.random.default_rng(seed).choice(len(centres), size=min(n_lines, len(centres)))
+    length, gaps = 0.0, 0
+    for place in centres[chosen] @ frame.T:
+        met = np.unique(_crossings(flat, corners @ along, place).round(6))
+        if len(met) > 1:
+            length += met[-1] - met[0]
+            gaps += len(met) - 1
+    if not gaps:
+        raise InputError(f"joint_spacing: no scan-line meets {name!r} twice; use more lines")
+    return length / gaps
+
+
+def _crossings(flat, heights, place):
+    """Return the heights (n,) at which the line over a place meets triangles (n, 3, 2)."""
+    near = (flat.min(axis=1) <= place).all(axis=1) & (flat.max(axis=1) >= place).all(axis=1)
+    a, b, c = np.moveaxis(flat[near], 1, 0)
+    double = _cross(b - a, c - a)
+    upright = np.abs(double) > 1e-12
+    a, b, c, double = a[upright], b[upright], c[upright], double[upright]
+    weights = np.column_stack(
+        [_cross(b - place, c - place), _cross(c - place, a - place), _cross(a - place, b - place)]
+    )
+    weights /= double[:, None]
+    inside = (weights >= 0.0).all(axis=1)
+    return np.einsum("ij,ij->i", weights[inside], heights[near][upright][inside])
+
+
+def _cross(one, other):
+    """Return the cross product (n,) of plane vectors (n, 2)."""
+    return one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+
+
+def block_census(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCensus:
+    """Count the blocks of a split mesh and find those that could slide out.
+
+    Parameters
+    ----------
+    mesh : Mesh, split
+    free : sequence of str
+        Outer surfaces that hold nothing back; all other ones do.
+
+    Notes
+    -----
+    Finiteness and removability after Goodman & Shi (1985): a block is removable when some
+    direction has no negative component along any of its joint normals (into the block) and leads
+    out through the free surface. Friction and weight are left out.
+    """
+    block = mesh.blocks()
+    count = block.max() + 1
+    faces = tetrahedra.zone_faces(mesh.zones)
+    single = mesh.paired_faces[2]
+    owner = block[single // 4]
+    keys = tetrahedra.face_keys(faces[single], len(mesh.points))
+    on_free = np.zeros(len(single), dtype=bool)
+    on_held = np.zeros(len(single), dtype=bool)
+    joints = () if mesh.contacts is None else mesh.contacts.names
+    for name, triangles in mesh.surfaces.items():
+        if name not in joints:
+            found = np.isin(keys, tetrahedra.face_keys(triangles, len(mesh.points)))
+            if name in free:
+                on_free |= found
+            else:
+                on_held |= found
+    is_free = np.bincount(owner[on_free], minlength=count) > 0
+    is_held = np.bincount(owner[on_held], minlength=count) > 0
+    removable = np.zeros(count, dtype=bool)
+    outward = tetrahedra.triangle_vectors(mesh.points, faces[single])
+    for number in np.flatnonzero(is_free & ~is_held):
+        mine = owner == number
+        removable[number] = _can_leave(outward[mine & ~on_free], outward[mine & on_free])
+    return BlockCensus(np.bincount(block, weights=volumes(mesh)), is_free, removable)
+
+
+def _can_leave(joints, surface):
+    """Tell whether some direction leads out of a block past its joints (n, 3), outward."""
+    joints = joints / np.linalg.norm(joints, axis=1)[:, None]
+    joints = np.unique(joints.round(6), axis=0)
+    out = surface.sum(axis=0) / np.linalg.norm(surface.sum(axis=0))
+    found = linprog(-out, A_ub=joints, b_ub=np.full(len(joints), 1e-9), bounds=[(-1.0, 1.0)] * 3)
+    return bool(found.status == 0 and -found.fun > 1e-3)

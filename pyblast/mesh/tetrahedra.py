@@ -1,0 +1,277 @@
+"""Geometry, topology and shape functions of linear and quadratic tetrahedra."""
+
+from functools import cache
+from math import factorial
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from ..errors import InputError
+
+# Local nodes of the face opposite to each local node; outward for a positive volume.
+FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
+_LARGEST_CUBE = 2_000_000
+
+
+def face_keys(triangles, n_nodes):
+    """Return one integer per triangle (n,) int64 that does not depend on the order of its nodes."""
+    low, middle, high = np.sort(np.asarray(triangles, dtype=np.int64), axis=1).T
+    pair = low * n_nodes + middle
+    if n_nodes > _LARGEST_CUBE:
+        raise InputError(f"mesh: at most {_LARGEST_CUBE} nodes can be indexed, got {n_nodes}")
+    return pair * n_nodes + high
+
+
+def zone_faces(zones):
+    """Return the four outward faces of every zone, (4 n_zones, 3), face ``4 zone + local``."""
+    return zones[:, FACES].reshape(-1, 3)
+
+
+def pair_faces(zones, n_nodes):
+    """Find which faces two zones share.
+
+    Returns
+    -------
+    first, second : (n_shared,) int64, faces ``4 zone + local`` of the two sides, first < second
+    single : (n_single,) int64, faces of one zone only
+    excess : (n_excess,) int64, faces beyond the second at the same place
+    """
+    keys = face_keys(zone_faces(zones), n_nodes)
+    order = np.argsort(keys, kind="stable")
+    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    counts = np.diff(starts, append=len(order))
+    shared = starts[counts >= 2]
+    excess = np.ones(len(order), dtype=bool)
+    excess[starts] = excess[shared + 1] = False
+    return order[shared], order[shared + 1], order[starts[counts == 1]], order[excess]
+
+
+def find_faces(zones, n_nodes, triangles, faces):
+    """Return the position (n,) in ``faces`` (``4 zone + local``) of each triangle, -1 if none."""
+    on = np.zeros(n_nodes, dtype=bool)
+    on[triangles] = True
+    marked = on[zones]
+    zone, local = np.divmod(faces, 4)
+    near = np.flatnonzero(marked.sum(axis=1)[zone] - marked[zone, local] == 3)
+    if not len(near):
+        return np.full(len(triangles), -1)
+    keys = face_keys(zones[zone[near, None], FACES[local[near]]], n_nodes)
+    wanted = face_keys(triangles, n_nodes)
+    order = np.argsort(keys, kind="stable")
+    at = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(near) - 1)]
+    return np.where(keys[at] == wanted, near[at], -1)
+
+
+def volumes(points, zones):
+    """Return the signed volumes (n_zones,) in m3."""
+    a, b, c, d = (points[zones[:, k]] for k in range(4))
+    return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6.0
+
+
+def triangle_vectors(points, triangles):
+    """Return the area vectors (n, 3) in m2: half the cross product of two sides."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    return 0.5 * np.cross(b - a, c - a)
+
+
+def edge_lengths(points, zones):
+    """Return the six edge lengths of every zone, (n_zones, 6) in m."""
+    ends = points[zones[:, EDGES]]
+    return np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2)
+
+
+def altitudes(points, zones):
+    """Return the smallest altitude of every zone, (n_zones,) in m."""
+    vectors = triangle_vectors(points, zone_faces(zones))
+    largest = np.linalg.norm(vectors, axis=1).reshape(-1, 4).max(axis=1)
+    return 3.0 * np.abs(volumes(points, zones)) / largest
+
+
+def mean_ratio(points, zones):
+    """Return the mean ratio (n_zones,): 1 for a regular tetrahedron, 0 for a flat one.
+
+    Notes
+    -----
+    ``12 (3 V)^(2/3) / sum of squared edges``: Liu & Joe (1994).
+    """
+    squares = (edge_lengths(points, zones) ** 2).sum(axis=1)
+    return 12.0 * np.cbrt(3.0 * np.maximum(volumes(points, zones), 0.0)) ** 2 / squares
+
+
+def barycentric(corners, places):
+    """Return the weights (..., 4) of places (..., 3) in tetrahedra with corners (..., 4, 3)."""
+    sides = np.swapaxes(corners[..., 1:, :] - corners[..., :1, :], -1, -2)
+    rest = np.linalg.solve(sides, (places - corners[..., 0, :])[..., None])[..., 0]
+    return np.concatenate([1.0 - rest.sum(axis=-1, keepdims=True), rest], axis=-1)
+
+
+def _best_zone(points, zones, candidates, place):
+    """Choose the candidate in which the smallest weight is largest; return it and its weights."""
+    weights = barycentric(points[zones[candidates]], place)
+    best = np.argmax(weights.min(axis=-1))
+    return candidates[best], weights[best]
+
+
+def locate(points, zones, places, tolerance=None):
+    """Find the zone that holds each place.
+
+    Parameters
+    ----------
+    points : (n_nodes, 3) float64, m
+    zones : (n_zones, 4) int32
+    places : (n, 3) float64, m
+    tolerance : float, m
+        How far outside a place may lie; it then takes the nearest point of the nearest zone.
+        Default: half the mean edge of that zone.
+
+    Returns
+    -------
+    zone : (n,) int64
+    weights : (n, 4) float64, of the nodes of the zone, not negative, sum 1
+
+    Raises
+    ------
+    InputError
+        If a place lies farther outside than the tolerance.
+    """
+    places = np.atleast_2d(np.asarray(places, dtype=float))
+    tree = cKDTree(points[zones].mean(axis=1))
+    near = tree.query(places, k=min(40, len(zones)))[1].reshape(len(places), -1)
+    zone, weights = np.empty(len(places), dtype=np.int64), np.empty((len(places), 4))
+    for n, place in enumerate(places):
+        zone[n], weights[n] = _best_zone(points, zones, near[n], place)
+        if weights[n].min() < -1e-9:
+            boxes = _zones_around(points, zones, place)
+            everyone = np.union1d(near[n], boxes)
+            zone[n], weights[n] = _best_zone(points, zones, everyone, place)
+    weights = np.maximum(weights, 0.0)
+    weights /= weights.sum(axis=1, keepdims=True)
+    _refuse_outside(points, zones[zone], places, weights, tolerance)
+    return zone, weights
+
+
+def _zones_around(points, zones, place):
+    """Return the zones (n,) whose bounding box holds the place."""
+    inside = np.ones(len(zones), dtype=bool)
+    for axis in range(3):
+        values = points[:, axis][zones]
+        inside &= (values.min(axis=1) <= place[axis]) & (values.max(axis=1) >= place[axis])
+    return np.flatnonzero(inside)
+
+
+def _refuse_outside(points, corners, places, weights, tolerance):
+    """Raise an error that names the first place too far from the mesh."""
+    found = np.einsum("ij,ijk->ik", weights, points[corners])
+    distance = np.linalg.norm(found - places, axis=1)
+    limit = 0.5 * edge_lengths(points, corners).mean(axis=1) if tolerance is None else tolerance
+    outside = np.flatnonzero(distance > limit)
+    if len(outside):
+        x, y, z = places[outside[0]]
+        raise InputError(
+            f"point ({x:g}, {y:g}, {z:g}): must lie in the mesh, is about "
+            f"{distance[outside[0]]:.1g} m outside; move it or enlarge the model"
+        )
+
+
+def shape_gradients(points, zones):
+    """Return the gradients of shape functions 2 to 4, (n_zones, 3, 3) 1/m, last axis x y z."""
+    sides = points[zones[:, 1:]] - points[zones[:, :1]]
+    return np.swapaxes(np.linalg.inv(sides), 1, 2)
+
+
+# Products of barycentric coordinates that span the motion of a zone, as exponents (15, 4): the
+# coordinates, their products of two on edges and of three on faces, and the product of all four.
+POWERS = np.concatenate(
+    [
+        np.eye(4, dtype=int),
+        np.eye(4, dtype=int)[EDGES].sum(axis=1),
+        np.eye(4, dtype=int)[FACES].sum(axis=1),
+        np.ones((1, 4), dtype=int),
+    ]
+)
+# Barycentric coordinates (15, 4) of the nodes: corners, middles of edges, centroids.
+NODES = POWERS / POWERS.sum(axis=1, keepdims=True)
+# Share of a zone's volume (15,) and of a face's area (7,) that a node stands for; theory.md (2.37).
+VOLUME_SHARE = 6.0 * np.repeat([17 / 5040, 2 / 315, 9 / 560, 16 / 315], [4, 6, 4, 1])
+AREA_SHARE = 2.0 * np.repeat([1 / 40, 1 / 15, 9 / 40], [3, 3, 1])
+
+
+def _face_nodes():
+    """Return the nodes (4, 7) of each face: corners, then the edges 12 23 31 of these, centroid."""
+    ends = np.stack([FACES, np.roll(FACES, -1, axis=1)], axis=2)
+    keys = np.sort(ends, axis=2) @ [4, 1]
+    edges = 4 + np.searchsorted(EDGES @ [4, 1], keys)
+    return np.concatenate([FACES, edges, 10 + np.arange(4)[:, None]], axis=1)
+
+
+FACE_NODES = _face_nodes()
+
+
+def integral(powers):
+    """Return the mean (n,) over a zone of products of barycentric coordinates, powers (n, 4)."""
+    one = np.vectorize(factorial)
+    return 6.0 * one(powers).prod(axis=-1) / one(powers.sum(axis=-1) + 3)
+
+
+@cache
+def _shape_table():
+    """Return the coefficients (15, 15) of the shape functions, a row for each."""
+    return np.linalg.inv(_products(NODES)).T
+
+
+def _products(weights):
+    """Return the 15 products (n, 15) at barycentric coordinates (n, 4)."""
+    return np.prod(weights[:, None, :] ** POWERS, axis=2)
+
+
+def shape_values(weights):
+    """Return the shape functions (n, 15) at barycentric coordinates (n, 4)."""
+    return _products(np.asarray(weights, dtype=float)) @ _shape_table().T
+
+
+def shape_slopes(weights):
+    """Return their derivatives (n, 15, 4) by each barycentric coordinate, as if all were free.
+
+    Only differences between the four have a meaning: multiply by the gradients of the coordinates.
+    """
+    weights = np.asarray(weights, dtype=float)
+    slopes = np.empty((len(weights), len(POWERS), 4))
+    for axis in range(4):
+        lower = np.maximum(POWERS - np.eye(4, dtype=int)[axis], 0)
+        slopes[:, :, axis] = POWERS[:, axis] * np.prod(weights[:, None, :] ** lower, axis=2)
+    return np.einsum("ab,nbi->nai", _shape_table(), slopes)
+
+
+@cache
+def mean_slopes():
+    """Return the means (1, 15, 4) over a zone of the slopes of the shape functions."""
+    return corner_slopes().sum(axis=0)[None]
+
+
+@cache
+def corner_slopes():
+    """Return the means (4, 15, 4) over a zone of each coordinate times the slopes."""
+    slopes, one = np.zeros((4, len(POWERS), 4)), np.eye(4, dtype=int)
+    for corner, axis in np.ndindex(4, 4):
+        lower = np.maximum(POWERS - one[axis], 0) + one[corner]
+        slopes[corner, :, axis] = POWERS[:, axis] * integral(lower)
+    return _shape_table() @ slopes
+
+
+@cache
+def stiffness_table():
+    """Return the means (4, 4, 15, 15) over a zone of products of the slopes of two functions.
+
+    Notes
+    -----
+    Exact. With the gradients g of the coordinates, a scalar Laplacian has the stiffness
+    ``V sum_ij g_i.g_j K_ij``.
+    """
+    table = np.zeros((4, 4, len(POWERS), len(POWERS)))
+    for i, j in np.ndindex(4, 4):
+        lower = [np.maximum(POWERS - np.eye(4, dtype=int)[axis], 0) for axis in (i, j)]
+        mean = integral(lower[0][:, None, :] + lower[1][None, :, :])
+        table[i, j] = POWERS[:, None, i] * POWERS[None, :, j] * mean
+    shape = _shape_table()
+    return np.einsum("ab,ijbc,dc->ijad", shape, table, shape)

@@ -1,1 +1,0 @@
-"""Ground cut into zones, blocks and joints."""

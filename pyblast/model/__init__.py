@@ -1,0 +1,1 @@
+"""What is fixed during a run: materials, joints, boundaries, sources."""

@@ -1,0 +1,234 @@
+"""Ground whose stiffness depends on direction: layered, schistose, jointed rock as one medium."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..errors import InputError
+from .material import Material
+
+VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
+NAMES = [(i, j) for i in range(6) for j in range(i, 6)]
+
+
+@dataclass(frozen=True, eq=False)
+class Anisotropic:
+    """Linear elasticity of any symmetry and orientation.
+
+    Parameters
+    ----------
+    stiffness : (6, 6) float64, Pa
+        In the axes of the model; strains xx yy zz and engineering shears yz zx xy.
+
+    Raises
+    ------
+    InputError
+        If the stiffness is not symmetric, or some strain would store no energy.
+
+    Notes
+    -----
+    theory.md (2.19). Whatever scales the shear modulus of a zone scales the whole stiffness.
+    """
+
+    stiffness: np.ndarray
+    name: ClassVar[str] = "anisotropic"
+    branches: ClassVar[tuple] = ()
+
+    def __post_init__(self):
+        """Refuse a matrix that is no stiffness."""
+        matrix = np.array(self.stiffness, dtype=np.float64)
+        if matrix.shape != (6, 6) or not np.isfinite(matrix).all():
+            raise InputError(f"stiffness: must be 6 x 6 finite numbers, got shape {matrix.shape}")
+        largest = np.abs(matrix).max()
+        if np.abs(matrix - matrix.T).max() > 1e-9 * largest:
+            raise InputError(
+                f"stiffness: must be symmetric, differs by {np.abs(matrix - matrix.T).max():.3g} Pa"
+            )
+        least = np.linalg.eigvalsh(matrix)[0]
+        if not least > 1e-12 * largest:
+            raise InputError(
+                f"stiffness: every strain must store energy, least eigenvalue is {least:.3g} Pa; "
+                "check the moduli and Poisson's ratios"
+            )
+        object.__setattr__(self, "stiffness", 0.5 * (matrix + matrix.T))
+
+    def properties(self, material):
+        """Return the 21 constants over the shear modulus of the material."""
+        relative = self.stiffness / material.shear
+        return {f"c{i + 1}{j + 1}": relative[i, j] for i, j in NAMES}
+
+    def moduli(self, material):
+        """Return first Lame modulus and shear modulus of the material, Pa; the latter scales."""
+        return material.first_lame, material.shear
+
+    def turned(self, rotation):
+        """Return the same medium turned by a rotation matrix (3, 3)."""
+        return Anisotropic(turned_stiffness(self.stiffness, rotation))
+
+
+def turned_stiffness(stiffness, rotation):
+    """Return a stiffness (6, 6) turned by a rotation matrix (3, 3): theory.md (2.20)."""
+    full = np.empty((3, 3, 3, 3))
+    for i, (a, b) in enumerate(VOIGT):
+        for j, (c, d) in enumerate(VOIGT):
+            for one in ((a, b), (b, a)):
+                full[(*one, c, d)] = full[(*one, d, c)] = stiffness[i, j]
+    turned = np.einsum("ia,jb,kc,ld,abcd->ijkl", *[np.asarray(rotation)] * 4, full)
+    return np.array([[turned[a, b, c, d] for c, d in VOIGT] for a, b in VOIGT])
+
+
+def axes_with_normal(normal):
+    """Return a rotation matrix (3, 3) that turns z to a normal (3,) of any length.
+
+    Raises
+    ------
+    InputError
+        If the normal has no length.
+    """
+    normal = np.asarray(normal, dtype=float)
+    length = np.linalg.norm(normal)
+    if normal.shape != (3,) or not (np.isfinite(length) and length > 0.0):
+        raise InputError(f"normal: must be three numbers, not all zero, got {normal}")
+    third = normal / length
+    first = np.cross(np.eye(3)[int(np.abs(third).argmin())], third)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(third, first), third], axis=1)
+
+
+def anisotropic(density, stiffness, **strength):
+    """Make a material of a stiffness (6, 6) in Pa in the axes of the model.
+
+    Its bulk and shear modulus, on which mesh rules and rims rest, are the means of all directions
+    at equal strain (Voigt 1928).
+    """
+    law = Anisotropic(stiffness)
+    c = law.stiffness
+    bulk = c[:3, :3].sum() / 9.0
+    shear = (np.trace(c[:3, :3]) - 3.0 * bulk) / 10.0 + np.trace(c[3:, 3:]) / 5.0
+    return Material(density, bulk, shear, law=law, **strength)
+
+
+def transverse(
+    density, normal, *, young, young_normal, poisson, poisson_normal, shear_normal, **strength
+):
+    """Make a material that is isotropic in the planes across a normal.
+
+    Parameters
+    ----------
+    density : float, kg/m3
+    normal : (3,) float
+    young, young_normal : float, Pa
+        Young's modulus along the planes and across them.
+    poisson, poisson_normal : float
+        Shrinkage in the planes by tension in them; by tension along the normal.
+    shear_normal : float, Pa
+        Shear modulus of planes that slide on one another.
+    **strength
+        Cohesion, friction, tension of `Material`.
+
+    Raises
+    ------
+    InputError
+        If a modulus is not positive, or the ratios would let some strain store no energy.
+    """
+    compliance = np.zeros((6, 6))
+    for name, value in (
+        ("young", young), ("young_normal", young_normal), ("shear_normal", shear_normal),
+    ):  # fmt: skip
+        if not 0.0 < value < np.inf:
+            raise InputError(f"material.{name}: must be positive, got {value:g} Pa")
+    if not -1.0 < poisson < 1.0:
+        raise InputError(f"material.poisson: must lie between -1 and 1, got {poisson:g}")
+    compliance[:3, :3] = [
+        [1.0 / young, -poisson / young, -poisson_normal / young_normal],
+        [-poisson / young, 1.0 / young, -poisson_normal / young_normal],
+        [-poisson_normal / young_normal, -poisson_normal / young_normal, 1.0 / young_normal],
+    ]
+    shears = (1.0 / shear_normal, 1.0 / shear_normal, 2.0 * (1.0 + poisson) / young)
+    compliance[range(3, 6), range(3, 6)] = shears
+    if not np.linalg.eigvalsh(compliance)[0] > 0.0:
+        raise InputError(
+            f"material.poisson_normal: {poisson_normal:g} with poisson {poisson:g} lets some "
+            "strain store no energy; 2 poisson_normal^2 young/young_normal must stay below "
+            "1 - poisson"
+        )
+    stiffness = turned_stiffness(np.linalg.inv(compliance), axes_with_normal(normal))
+    return anisotropic(density, stiffness, **strength)
+
+
+def jointed(material, normal, spacing, kn, ks):
+    """Make the medium that rock with parallel joints is for waves of ten spacings or more.
+
+    Parameters
+    ----------
+    material : Material
+        The rock between the joints; may be jointed already.
+    normal : (3,) float
+        Of the joints.
+    spacing : float, m
+    kn, ks : float, Pa/m
+
+    Returns
+    -------
+    Material
+        Of the same density and strength.
+
+    Raises
+    ------
+    InputError
+        If a value is not positive, or the material is neither elastic nor anisotropic.
+
+    Notes
+    -----
+    Compliances add: Schoenberg (1980), Schoenberg & Sayers (1995); theory.md (2.21).
+    """
+    for name, value in (("spacing", spacing), ("kn", kn), ("ks", ks)):
+        if not 0.0 < value < np.inf:
+            raise InputError(f"jointed.{name}: must be positive, got {value:g}")
+    axes = axes_with_normal(normal)
+    across = np.linalg.inv(turned_stiffness(stiffness_of(material), axes.T))
+    across[2, 2] += 1.0 / (kn * spacing)
+    across[3, 3] += 1.0 / (ks * spacing)
+    across[4, 4] += 1.0 / (ks * spacing)
+    strength = {name: getattr(material, name) for name in ("cohesion", "friction", "tension")}
+    stiffness = turned_stiffness(np.linalg.inv(across), axes)
+    return anisotropic(material.density, stiffness, **strength)
+
+
+def stiffness_of(material):
+    """Return the stiffness (6, 6) in Pa of an elastic or anisotropic material.
+
+    Raises
+    ------
+    InputError
+        If the material has another law.
+    """
+    if material.law.name == "anisotropic":
+        return material.law.stiffness
+    if material.law.name != "elastic" or material.law.branches:
+        law = type(material.law).__name__
+        raise InputError(f"jointed: the rock must be elastic, got the law {law}")
+    lame, shear = material.first_lame, material.shear
+    stiffness = np.diag([2.0 * shear] * 3 + [shear] * 3)
+    stiffness[:3, :3] += lame
+    return stiffness
+
+
+def christoffel(stiffness, normal):
+    """Return the tensor (..., 3, 3) in Pa that rules waves along unit normals (..., 3); (2.22)."""
+    x, y, z = np.moveaxis(np.asarray(normal, dtype=float), -1, 0)
+    o = np.zeros_like(x)
+    rows = np.array([[x, o, o, o, z, y], [o, y, o, z, o, x], [o, o, z, y, x, o]])
+    along = np.moveaxis(rows, (0, 1), (-2, -1))
+    return along @ stiffness @ np.swapaxes(along, -1, -2)
+
+
+def impedance(density, stiffness, normal):
+    """Return the traction over velocity (..., 3, 3) in Pa s/m of waves along unit normals; (2.23).
+
+    The root of density times `christoffel`: each of the three waves with its own impedance.
+    """
+    squared, direction = np.linalg.eigh(christoffel(stiffness, normal))
+    scaled = direction * np.sqrt(np.asarray(density)[..., None, None] * squared[..., None, :])
+    return scaled @ np.swapaxes(direction, -1, -2)

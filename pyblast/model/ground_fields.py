@@ -1,0 +1,157 @@
+"""Ground that is not the same everywhere: gradients, damaged zones, random heterogeneity.
+
+A field is a factor on the speeds of all waves at a place; density stays.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from ..errors import InputError
+from ..mesh.mesh import Mesh
+
+EDGES_PER_LENGTH = 3.0
+CELLS_PER_LENGTH = 5.0
+
+
+@dataclass(frozen=True)
+class Gradient:
+    """Speeds that grow with depth: 1 - reduction exp(-depth/length); theory.md (1.7).
+
+    Parameters
+    ----------
+    reduction : float
+        At the top.
+    length : float, m
+    top : float, m
+        Height of the ground.
+    """
+
+    reduction: float
+    length: float
+    top: float = 0.0
+
+    def __post_init__(self):
+        """Refuse what is no gradient."""
+        _check("gradient", self.reduction, self.length)
+
+    def factor(self, places, edges):
+        """Return the factor (n,) at places (n, 3)."""
+        del edges
+        return 1.0 - self.reduction * np.exp(-np.maximum(self.top - places[:, 2], 0) / self.length)
+
+
+@dataclass(frozen=True, eq=False)
+class DamagedZone:
+    """Ground that blasting has damaged around holes: 1 - reduction exp(-distance/length).
+
+    Parameters
+    ----------
+    holes : (n, 2, 3) float64, m
+        Both ends of each hole.
+    reduction : float
+    length : float, m
+    """
+
+    holes: np.ndarray
+    reduction: float
+    length: float
+
+    def __post_init__(self):
+        """Refuse what is no damage."""
+        _check("damaged zone", self.reduction, self.length)
+        holes = np.asarray(self.holes, dtype=float)
+        if holes.ndim != 3 or holes.shape[1:] != (2, 3):
+            raise InputError(f"damaged zone.holes: must be n x 2 x 3 ends, got {holes.shape}")
+        object.__setattr__(self, "holes", holes)
+
+    def distance(self, places):
+        """Return the distance (n,) in m from places (n, 3) to the nearest hole."""
+        nearest = np.full(len(places), np.inf)
+        for start, end in self.holes:
+            way = end - start
+            share = np.clip((places - start) @ way / max(way @ way, 1e-12), 0.0, 1.0)
+            foot = start + share[:, None] * way
+            nearest = np.minimum(nearest, np.linalg.norm(places - foot, axis=1))
+        return nearest
+
+    def factor(self, places, edges):
+        """Return the factor (n,) at places (n, 3)."""
+        del edges
+        return 1.0 - self.reduction * np.exp(-self.distance(places) / self.length)
+
+
+@dataclass(frozen=True)
+class Heterogeneity:
+    """A Gaussian random field of the logarithm of the speeds; theory.md (1.8).
+
+    Parameters
+    ----------
+    deviation : float
+        Standard deviation of ln c.
+    length : float, m
+        Correlation length.
+    seed : int
+    hurst : float
+        Of the von Karman correlation; 0.5 is the exponential one.
+
+    Raises
+    ------
+    InputError
+        If the mesh has fewer than three edges in a correlation length.
+    """
+
+    deviation: float
+    length: float
+    seed: int
+    hurst: float = 0.5
+
+    def __post_init__(self):
+        """Refuse what is no field."""
+        _check("heterogeneity", self.deviation, self.length)
+        if not 0.0 < self.hurst <= 1.0:
+            raise InputError(f"heterogeneity.hurst: must lie in 0 to 1, got {self.hurst:g}")
+
+    def factor(self, places, edges):
+        """Return the factor (n,) at places (n, 3) of a mesh with edges (n,) in m."""
+        if np.median(edges) * EDGES_PER_LENGTH > self.length:
+            raise InputError(
+                f"heterogeneity.length: {self.length:g} m has fewer than three edges of "
+                f"{np.median(edges):.3g} m; take a finer mesh or a longer correlation"
+            )
+        cell = self.length / CELLS_PER_LENGTH
+        low = places.min(axis=0) - 2.0 * self.length
+        shape = np.ceil((np.ptp(places, axis=0) + 4.0 * self.length) / cell).astype(int) + 1
+        field = self._grid(shape, cell)
+        return np.exp(map_coordinates(field, ((places - low) / cell).T, order=1))
+
+    def _grid(self, shape, cell):
+        """Return the field on a grid by its spectrum."""
+        wave = np.meshgrid(*(2 * np.pi * np.fft.fftfreq(n, cell) for n in shape), indexing="ij")
+        square = sum(w**2 for w in wave) * self.length**2
+        amplitude = (1.0 + square) ** (-0.5 * (self.hurst + 1.5))
+        amplitude *= self.deviation / np.sqrt(np.mean(amplitude**2))
+        noise = np.random.default_rng(self.seed).normal(size=shape)
+        return np.fft.ifftn(amplitude * np.fft.fftn(noise)).real
+
+
+def damaged_group(mesh: Mesh, zone: DamagedZone, radius: float, name="damaged") -> Mesh:
+    """Return a mesh whose zones within a radius in m of the holes are a group of their own.
+
+    The group can then have a material with its own speeds and quality; it may be there already.
+    """
+    near = zone.distance(mesh.points[mesh.zones].mean(axis=1)) <= radius
+    if not near.any():
+        raise InputError(f"damaged zone.radius: no zone lies within {radius:g} m of a hole")
+    groups = mesh.groups if name in mesh.groups else (*mesh.groups, name)
+    group = np.where(near, groups.index(name), mesh.zone_group).astype(mesh.zone_group.dtype)
+    return replace(mesh, zone_group=group, groups=groups)
+
+
+def _check(what, share, length):
+    """Refuse shares and lengths that are none."""
+    if not 0.0 <= share < 1.0:
+        raise InputError(f"{what}: the share must lie in 0 to 1, got {share:g}")
+    if not 0.0 < length < np.inf:
+        raise InputError(f"{what}.length: must be positive, got {length:g} m")

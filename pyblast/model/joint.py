@@ -1,0 +1,233 @@
+"""Joints: a named surface, the law of its contacts, and its properties."""
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..core import JOINT_LAWS, N_JOINT_PROPERTIES, joint_bound, property_row
+from ..errors import InputError
+
+FOLLOWED = {
+    "cohesion_residual": ("cohesion", 1.0),
+    "friction_residual": ("friction", 1.0),
+    "friction_initial": ("friction", 1.0),
+}
+DEFAULTS = {
+    "coulomb": {"tension_residual": 0.0, "dilation": 0.0, "dilation_slip": 0.0},
+    "softening": {"cohesion": 0.0, "tension": 0.0},
+    "closure": {"irrecoverable": 0.0, "cohesion": math.inf, "friction": 0.0},
+    "barton_bandis": {"irrecoverable": 0.0},
+    "stress_dependent": {"cohesion": math.inf, "friction": 0.0},
+}
+STIFFEST = {"closure": 100.0, "barton_bandis": 100.0, "stress_dependent": 10.0}
+POSITIVE = (
+    "kn", "ks", "closure", "weakening_slip", "jcs", "peak_slip", "pressure", "roughness",
+)  # fmt: skip
+# States that belong to the displacement, which a stage begins anew.
+RESET = (
+    *("slip_x", "slip_y", "slip_z", "excess_x", "excess_y", "excess_z"),
+    *("rate_x", "rate_y", "rate_z", "dilated", "started"),
+)
+# Tangents of which the first may not exceed the second: energy would come from nowhere, or
+# weakening would strengthen.
+NOT_ABOVE = (("dilation", "friction_residual"), ("friction_dynamic", "friction"))
+
+
+def may_be_left_out(law):
+    """Return the names of the properties of a law that need not be given."""
+    return {*FOLLOWED, *DEFAULTS.get(law, {}), *(("kn_max",) if law in STIFFEST else ())}
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint, a joint set or a fault: one surface of the mesh with one law.
+
+    Parameters
+    ----------
+    surface : str
+        Name of a split surface of the mesh.
+    law : str
+        A name of ``pyblast.core.JOINT_LAWS``; theory.md section 3.
+    properties : dict of str to float
+        Those of the law, in SI, frictions and dilation as tangents. What is not given:
+        residual and initial strengths equal the peak, residual tension and dilation are zero,
+        ``kn_max`` of a closing joint is 100 ``kn``, of a stress-dependent one 10 ``kn``, and
+        these two do not slip.
+    insitu_pressure : float, Pa
+        Normal pressure before the blast; a static stage replaces it.
+    insitu_shear : (3,) float, Pa
+        Shear traction before the blast that the side ahead of the normal pulls the other with;
+        only its part in the plane counts, and a static stage replaces it.
+    fill_mass : float, kg/m2
+        Mass of a fill per area, half of it on each side; see `thick_fill`.
+
+    Raises
+    ------
+    InputError
+        If the law is unknown, a property is missing, unknown or out of range.
+    """
+
+    surface: str
+    law: str
+    properties: dict[str, float] = field(hash=False)
+    insitu_pressure: float = 0.0
+    insitu_shear: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    fill_mass: float = 0.0
+
+    def __post_init__(self):
+        """Fill in residual strengths and refuse what the law does not know."""
+        where = f"joints.{self.surface}"
+        if self.law not in JOINT_LAWS:
+            raise InputError(f"{where}.law: must be one of {', '.join(JOINT_LAWS)}, got {self.law}")
+        names = JOINT_LAWS[self.law].properties
+        values = self._filled_in(names)
+        for name in values:
+            if name not in names:
+                raise InputError(
+                    f"{where}.{name}: unknown to '{self.law}'; it has {' '.join(names)}"
+                )
+        for name in names:
+            if values.get(name) is None:
+                raise InputError(f"{where}.{name}: missing; the law '{self.law}' needs it")
+            endless = name == "dilation_slip" or DEFAULTS.get(self.law, {}).get(name) == math.inf
+            _check_value(f"{where}.{name}", name, values[name], endless)
+        _check_together(where, self.law, values)
+        if not (math.isfinite(self.insitu_pressure) and self.insitu_pressure >= 0.0):
+            raise InputError(
+                f"{where}.insitu_pressure: must not be negative, got {self.insitu_pressure:g} Pa"
+            )
+        if not (math.isfinite(self.fill_mass) and self.fill_mass >= 0.0):
+            raise InputError(
+                f"{where}.fill_mass: must not be negative, got {self.fill_mass:g} kg/m2"
+            )
+        object.__setattr__(self, "insitu_shear", tuple(map(float, self.insitu_shear)))
+        if len(self.insitu_shear) != 3 or not all(map(math.isfinite, self.insitu_shear)):
+            raise InputError(
+                f"{where}.insitu_shear: must be three finite numbers, got {self.insitu_shear}"
+            )
+        object.__setattr__(self, "properties", {name: float(values[name]) for name in names})
+
+    def _filled_in(self, names):
+        """Return the properties with what may be left out."""
+        values = {
+            name: factor * self.properties[other]
+            for name, (other, factor) in FOLLOWED.items()
+            if name in names and other in self.properties
+        }
+        values |= DEFAULTS.get(self.law, {})
+        if self.law in STIFFEST and "kn" in self.properties:
+            values["kn_max"] = STIFFEST[self.law] * self.properties["kn"]
+        return values | self.properties
+
+    def tangents(self, pressure):
+        """Return what small waves meet under a pressure in Pa: kn and ks in Pa/m.
+
+        Theory.md (3.8), (3.10); of a closing joint on its way of loading.
+        """
+        kn, ks = self.properties["kn"], self.properties["ks"]
+        pressure = max(0.0, pressure)
+        if self.law == "stress_dependent":
+            share = (pressure / self.properties["pressure"]) ** self.properties["exponent"]
+            share = min(max(share, 0.01), self.properties["kn_max"] / kn)
+            return share * kn, share * ks
+        if "closure" in self.properties:
+            stiffer = kn * (1.0 + pressure / (kn * self.properties["closure"])) ** 2
+            return min(stiffer, self.properties["kn_max"]), ks
+        return kn, ks
+
+    def bound(self):
+        """Return the largest stiffness in Pa/m and the viscosity in Pa s/m of the law."""
+        law = JOINT_LAWS[self.law]
+        return joint_bound(law, property_row(law, self.properties, N_JOINT_PROPERTIES))
+
+
+def _check_value(where, name, value, may_be_infinite):
+    """Refuse a property out of its range."""
+    strictly = name in POSITIVE
+    if may_be_infinite and value == math.inf:
+        return
+    if not (math.isfinite(value) and value >= 0.0) or (strictly and value == 0.0):
+        raise InputError(f"{where}: must be positive and finite, got {value:g}")
+
+
+def _check_together(where, law, values):
+    """Refuse properties that contradict one another."""
+    if "kn_max" in values and not values["kn_max"] > values["kn"]:
+        raise InputError(
+            f"{where}.kn_max: must exceed kn of {values['kn']:g} Pa/m, got {values['kn_max']:g}"
+        )
+    if values.get("irrecoverable", 0.0) > 0.9:
+        raise InputError(
+            f"{where}.irrecoverable: must lie in 0 to 0.9, got {values['irrecoverable']:g}"
+        )
+    if values.get("dilation", 0.0) > 0.0 and values["dilation_slip"] == 0.0:
+        raise InputError(
+            f"{where}.dilation_slip: missing beside dilation; give the slip at which it ends"
+        )
+    for low, high in NOT_ABOVE:
+        if low in values and values[low] > values[high]:
+            raise InputError(
+                f"{where}.{low}: must not exceed {high} of {values[high]:g}, got {values[low]:g}"
+            )
+    if law == "yielding" and values["friction_initial"] < values["friction"]:
+        raise InputError(
+            f"{where}.friction_initial: must not be below friction of {values['friction']:g}, "
+            f"got {values['friction_initial']:g}"
+        )
+    if law == "maxwell" and not min(values["eta_n"], values["eta_s"]) > 0.0:
+        raise InputError(f"{where}.eta_n, eta_s: must be positive, got zero; use 'elastic' instead")
+
+
+def thick_fill(surface, density, cp, cs, thickness, insitu_pressure=0.0):
+    """Return an elastic joint with the stiffness and the mass of a thin layer of fill.
+
+    Parameters
+    ----------
+    surface : str
+    density : float, kg/m3
+    cp, cs : float, m/s
+    thickness : float, m
+        The error of what passes stays below 3 % up to a phase of 0.3 across the layer; beyond,
+        mesh the fill as zones. theory.md (3.20).
+    insitu_pressure : float, Pa
+    """
+    stiffness = {"kn": density * cp**2 / thickness, "ks": density * cs**2 / thickness}
+    mass = density * thickness
+    return Joint(surface, "elastic", stiffness, insitu_pressure, fill_mass=mass)
+
+
+def saturated(joint, aperture, fluid_bulk=2.2e9):
+    """Return a joint whose aperture in m is full of a fluid: kn grows by its bulk over aperture.
+
+    Shear stiffness and strength stay; theory.md (3.21).
+
+    Raises
+    ------
+    InputError
+        If the aperture is not positive, or the stiffness of the law follows the pressure.
+    """
+    if joint.law in STIFFEST:
+        raise InputError(
+            f"joints.{joint.surface}.law: '{joint.law}' has no stiffness of its own that a fluid "
+            "could add to; use 'elastic' or 'coulomb'"
+        )
+    if not aperture > 0.0:
+        raise InputError(f"joints.{joint.surface}.aperture: must be positive, got {aperture:g} m")
+    kn = joint.properties["kn"] + fluid_bulk / aperture
+    return replace(joint, properties={**joint.properties, "kn": kn})
+
+
+def carried_over(law, contact_state):
+    """Return joint states (n_contacts, n_state) for a stage that begins at no displacement.
+
+    Parameters
+    ----------
+    law : (n_contacts,) int
+        Number of each contact's law, from 0.
+    contact_state : (n_contacts, n_state) float64
+    """
+    anew = np.zeros((len(JOINT_LAWS), contact_state.shape[1]), dtype=bool)
+    for one in JOINT_LAWS.values():
+        anew[one.number, : len(one.state)] = np.isin(one.state, RESET)
+    return np.where(anew[law], 0.0, contact_state)

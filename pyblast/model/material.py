@@ -1,0 +1,464 @@
+"""Materials: elastic moduli, damping, constant Q, Mohr-Coulomb strength."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from scipy.optimize import nnls
+
+from ..errors import InputError
+
+MECHANISMS = 3
+FIT_POINTS = 60
+INSIDE = np.geomspace(0.5, 1.5, 12)  # first rate over the low end of the band
+
+
+class Branch(NamedTuple):
+    """Springs that relax, beside those that stay; theory.md (2.14).
+
+    Parameters
+    ----------
+    rate : float, 1/s
+    shear, compression : float
+        Stiffness over that of the springs that stay, for S and for P waves.
+    """
+
+    rate: float
+    shear: float
+    compression: float
+
+
+def relative_modulus(branches, frequency, wave="shear"):
+    """Return the complex modulus over the relaxed one at frequencies in Hz; theory.md (2.15)."""
+    lag = -2j * np.pi * np.asarray(frequency, dtype=float)
+    return 1.0 + sum(getattr(one, wave) * lag / (one.rate + lag) for one in branches)
+
+
+@dataclass(frozen=True)
+class ConstantQ:
+    """Quality factors that hold over a band, with the dispersion that belongs to them.
+
+    Parameters
+    ----------
+    qp, qs : float
+        Of P and S waves.
+    band : tuple of 2 float, Hz
+        Where they hold: within 1 % over one decade, 4 % over two, 5 % below Q 10.
+    reference : float or None, Hz
+        Where the speeds are those of the material; None: the geometric mean of the band.
+
+    Raises
+    ------
+    InputError
+        If a quality factor is below 2, or the band is none.
+
+    Notes
+    -----
+    Emmerich & Korn (1987); theory.md (2.14) to (2.17).
+    """
+
+    qp: float
+    qs: float
+    band: tuple[float, float] = (1.0, 100.0)
+    reference: float | None = None
+    name: ClassVar[str] = "elastic"
+
+    def __post_init__(self):
+        """Refuse values that are no quality and no band."""
+        for name in ("qp", "qs"):
+            if not 2.0 <= getattr(self, name) < np.inf:
+                raise InputError(f"material.{name}: must be at least 2, got {getattr(self, name)}")
+        low, high = self.band
+        if not 0.0 < low < high < np.inf:
+            raise InputError(f"material.band: must be two ascending frequencies, got {self.band}")
+        if self.reference is not None and not 0.0 < self.reference < np.inf:
+            raise InputError(f"material.reference: must be positive, got {self.reference} Hz")
+
+    @cached_property
+    def rates(self):
+        """Rates of the mechanisms, (3,) 1/s, even in logarithm.
+
+        How far the outer ones stand inside the band, or outside, is chosen for the best fit.
+        """
+        low, high = self.band
+        choices = [
+            2.0 * np.pi * np.geomspace(low * inside, high / inside, MECHANISMS) for inside in INSIDE
+        ]
+        return min(choices, key=self._worst)
+
+    def _worst(self, rates):
+        """Return the largest relative error of 1/Q over the band with some rates."""
+        frequency = np.geomspace(*self.band, FIT_POINTS)
+        moduli = (
+            (quality, _fading(_shares(rates, self.band, quality), rates, frequency))
+            for quality in (self.qp, self.qs)
+        )
+        return max(np.abs(1.0 + quality * m.imag / m.real).max() for quality, m in moduli)
+
+    def shares(self, quality):
+        """Return the share of the modulus that each mechanism lets fade, (3,).
+
+        Non-negative least squares of 1/Q over the band: theory.md (2.16).
+        """
+        return _shares(self.rates, self.band, quality)
+
+    def wave(self, quality, speed, frequency):
+        """Return phase speed in m/s and true quality of a wave, speed given at the reference."""
+        stiffer = self._unrelaxed(quality)
+        modulus = _fading(self.shares(quality), self.rates, frequency)
+        return (
+            speed * np.sqrt(stiffer) / (1.0 / np.sqrt(modulus)).real,
+            -modulus.real / modulus.imag,
+        )
+
+    def _unrelaxed(self, quality):
+        """Return the unrelaxed modulus over that of the speed at the reference."""
+        reference = self.reference or np.sqrt(self.band[0] * self.band[1])
+        modulus = _fading(self.shares(quality), self.rates, reference)
+        return float((1.0 / np.sqrt(modulus)).real ** 2)
+
+    @property
+    def branches(self):
+        """What relaxes, for the kernel: one `Branch` a mechanism."""
+        p, s = (self.shares(quality) for quality in (self.qp, self.qs))
+        rows = zip(self.rates, s / (1.0 - s.sum()), p / (1.0 - p.sum()), strict=True)
+        return tuple(Branch(*map(float, row)) for row in rows)
+
+    def moduli(self, material):
+        """Return the Lame moduli after everything has relaxed, Pa."""
+        stays = [1.0 - self.shares(quality).sum() for quality in (self.qp, self.qs)]
+        shear = material.shear * self._unrelaxed(self.qs) * stays[1]
+        p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp) * stays[0]
+        return p_wave - 2.0 * shear, shear
+
+    def properties(self, material):
+        """Check that the law suits a material; its routine takes no properties.
+
+        Raises
+        ------
+        InputError
+            If the bulk modulus would gain energy, which Qp far above Qs asks for.
+        """
+        p, s = self.shares(self.qp), self.shares(self.qs)
+        p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp)
+        shear = material.shear * self._unrelaxed(self.qs)
+        if (p_wave * p < 4.0 / 3.0 * shear * s * (1.0 - 1e-9)).any():
+            limit = 0.75 * (material.cp / material.cs) ** 2 * self.qs
+            raise InputError(
+                f"material.qp: {self.qp:g} with qs {self.qs:g} makes compression gain energy; "
+                f"qp must stay clearly below 0.75 (cp/cs)^2 qs = {limit:.3g}"
+            )
+        return {}
+
+
+def _shares(rates, band, quality):
+    """Fit the shares (3,) of mechanisms of given rates by theory.md (2.16)."""
+    omega = 2.0 * np.pi * np.geomspace(*band, FIT_POINTS)[:, None]
+    matrix = (rates * omega + rates**2 / quality) / (rates**2 + omega**2)
+    return nnls(matrix, np.full(FIT_POINTS, 1.0 / quality))[0]
+
+
+def _fading(shares, rates, frequency):
+    """Return the complex modulus over the unrelaxed one at frequencies in Hz; (2.15)."""
+    omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[..., None]
+    return 1.0 - np.sum(shares * rates / (rates - 1j * omega), axis=-1)
+
+
+STRENGTHS = ("cohesion", "friction", "dilation", "tension")
+
+
+@dataclass(frozen=True)
+class MohrCoulomb:
+    """Elastic up to the cohesion, friction and tension of the material, plastic there.
+
+    Parameters
+    ----------
+    dilation : float
+        Tangent of the dilation angle; at most the friction.
+    cohesion_residual, tension_residual : float or None, Pa
+    friction_residual, dilation_residual : float or None
+        Tangents. Each is the peak value where not given.
+    shear_strain : float
+        Plastic shear strain (the largest, as an angle) over which cohesion, friction and dilation
+        fall to their residuals; 0 at once.
+    tensile_strain : float
+        Plastic strain in tension over which the tensile strength does.
+
+    Raises
+    ------
+    InputError
+        If a value is negative or not finite.
+
+    Notes
+    -----
+    theory.md (2.25) to (2.31). Softening belongs to the size of zones: failure gathers in a band
+    one patch of zones wide, so the strains must be chosen for the mesh.
+    """
+
+    dilation: float = 0.0
+    cohesion_residual: float | None = None
+    friction_residual: float | None = None
+    dilation_residual: float | None = None
+    tension_residual: float | None = None
+    shear_strain: float = 0.0
+    tensile_strain: float = 0.0
+    name: ClassVar[str] = "mohr-coulomb"
+    branches: ClassVar[tuple] = ()
+
+    def __post_init__(self):
+        """Refuse values that are no strength."""
+        for name in ("dilation", *(f"{s}_residual" for s in STRENGTHS), "shear_strain",
+                     "tensile_strain"):  # fmt: skip
+            value = getattr(self, name)
+            if value is not None and not 0.0 <= value < math.inf:
+                raise InputError(f"material.{name}: must be finite and not negative, got {value:g}")
+
+    def moduli(self, material):
+        """Return the elastic Lame moduli, Pa."""
+        return material.first_lame, material.shear
+
+    def properties(self, material):
+        """Return peak and residual strengths for the routine.
+
+        Raises
+        ------
+        InputError
+            If the material has no finite cohesion, or dilates more than it rubs.
+        """
+        if not math.isfinite(material.cohesion):
+            raise InputError("material.cohesion: missing; a Mohr-Coulomb material needs it")
+        peak = {name: getattr(material, name) for name in STRENGTHS if name != "dilation"}
+        peak["dilation"] = self.dilation
+        peak["tension"] = self._tension(material)
+        row = dict(peak)
+        for name, value in peak.items():
+            residual = getattr(self, f"{name}_residual")
+            row[f"{name}_residual"] = value if residual is None else residual
+        for kind in ("", "_residual"):
+            friction, dilation = row["friction" + kind], row["dilation" + kind]
+            if dilation > friction:
+                raise InputError(
+                    f"material.dilation{kind}: must not exceed the friction, got tangents "
+                    f"{dilation:g} and {friction:g}; dilation above friction makes energy"
+                )
+        return {**row, "shear_strain": self.shear_strain, "tensile_strain": self.tensile_strain}
+
+    def _tension(self, material):
+        """Return the tensile strength, at most that of the cone's tip; a large one for none."""
+        tip = (
+            material.cohesion / material.friction
+            if material.friction > 0.0
+            else 1e6 * (material.cohesion + material.bulk)
+        )
+        return min(material.tension, tip)
+
+
+@dataclass(frozen=True)
+class Elastic:
+    """Isotropic linear elasticity; theory.md (2.2)."""
+
+    name: ClassVar[str] = "elastic"
+    branches: ClassVar[tuple] = ()
+
+    def properties(self, material):
+        """Return the properties of the routine for a material."""
+        del material
+        return {}
+
+    def moduli(self, material):
+        """Return first Lame modulus and shear modulus, Pa."""
+        return material.first_lame, material.shear
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic elastic material with Mohr-Coulomb strength.
+
+    Parameters
+    ----------
+    density : float, kg/m3
+    bulk, shear : float, Pa
+    cohesion, tension : float, Pa
+        Strength; of the checks, and of zones whose law yields.
+    friction : float
+        Tangent of the friction angle.
+    law : zone law, optional
+        How stress follows strain: one of ``pyblast.model.material``.
+
+    Raises
+    ------
+    InputError
+        If density or a modulus is not positive, or a strength is negative.
+    """
+
+    density: float
+    bulk: float
+    shear: float
+    cohesion: float = math.inf
+    friction: float = 0.0
+    tension: float = math.inf
+    law: object = Elastic()
+
+    def __post_init__(self):
+        """Refuse values that are no material."""
+        for name, unit in (("density", "kg/m3"), ("bulk", "Pa"), ("shear", "Pa")):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise InputError(f"material.{name}: must be positive, got {value:g} {unit}")
+        for name in ("cohesion", "friction", "tension"):
+            if not getattr(self, name) >= 0.0:
+                value = getattr(self, name)
+                raise InputError(f"material.{name}: must not be negative, got {value}")
+
+    @classmethod
+    def from_young_poisson(cls, density, young, poisson, **strength):
+        """Make a material from Young's modulus in Pa and Poisson's ratio."""
+        if not -1.0 < poisson < 0.5:
+            raise InputError(f"material.poisson: must lie between -1 and 0.5, got {poisson:g}")
+        bulk = young / (3.0 * (1.0 - 2.0 * poisson))
+        return cls(density, bulk, young / (2.0 * (1.0 + poisson)), **strength)
+
+    @classmethod
+    def from_speeds(cls, density, cp, cs, **strength):
+        """Make a material from the speeds of P and S waves in m/s."""
+        if not cp > math.sqrt(4.0 / 3.0) * cs > 0.0:
+            raise InputError(
+                f"material: cp must exceed 1.155 cs, got cp {cp:g} m/s and cs {cs:g} m/s"
+            )
+        shear = density * cs**2
+        return cls(density, density * cp**2 - 4.0 / 3.0 * shear, shear, **strength)
+
+    @property
+    def first_lame(self):
+        """First Lame modulus [Pa]."""
+        return self.bulk - 2.0 / 3.0 * self.shear
+
+    @property
+    def cp(self):
+        """Speed of P waves [m/s]; theory.md (1.2)."""
+        return math.sqrt((self.bulk + 4.0 / 3.0 * self.shear) / self.density)
+
+    @property
+    def cs(self):
+        """Speed of S waves [m/s]; theory.md (1.3)."""
+        return math.sqrt(self.shear / self.density)
+
+    @property
+    def young(self):
+        """Young's modulus [Pa]."""
+        return 9.0 * self.bulk * self.shear / (3.0 * self.bulk + self.shear)
+
+    @property
+    def poisson(self):
+        """Poisson's ratio."""
+        return (3.0 * self.bulk - 2.0 * self.shear) / (2.0 * (3.0 * self.bulk + self.shear))
+
+
+def saturated_rock(dry, porosity, solid_bulk, fluid_bulk=2.2e9, fluid_density=1000.0):
+    """Return a material with its pores full of a fluid; theory.md (1.9).
+
+    Parameters
+    ----------
+    dry : Material
+    porosity : float
+    solid_bulk, fluid_bulk : float, Pa
+    fluid_density : float, kg/m3
+
+    Raises
+    ------
+    InputError
+        If the porosity is none, or the solid not stiffer than the dry rock.
+    """
+    if not 0.0 < porosity < 1.0:
+        raise InputError(f"material.porosity: must lie between 0 and 1, got {porosity:g}")
+    if not dry.bulk < solid_bulk:
+        raise InputError(
+            f"material.solid_bulk: must exceed that of the dry rock, {dry.bulk:g} Pa, got "
+            f"{solid_bulk:g} Pa"
+        )
+    share = dry.bulk / solid_bulk
+    pores = porosity / fluid_bulk + (1.0 - porosity) / solid_bulk - share / solid_bulk
+    bulk = dry.bulk + (1.0 - share) ** 2 / pores
+    return replace(dry, density=dry.density + porosity * fluid_density, bulk=bulk)
+
+
+@dataclass(frozen=True)
+class Damping:
+    """Rayleigh damping, least at its central frequency.
+
+    Parameters
+    ----------
+    ratio : float
+        Share of critical damping at the central frequency when both parts act.
+    frequency : float, Hz
+    mass, stiffness : bool
+        Which parts act.
+    corner : float or None, Hz
+        Low-pass of the motion that the stiffness part sees: it then hardly shortens the time
+        step, and fades above the corner, theory.md (2.18); best at twice the band or more.
+
+    Notes
+    -----
+    ``alpha = ratio * omega``, ``beta = ratio / omega``: theory.md (2.10).
+    """
+
+    ratio: float
+    frequency: float
+    mass: bool = True
+    stiffness: bool = True
+    corner: float | None = None
+
+    def __post_init__(self):
+        """Refuse values that are no damping."""
+        if not 0.0 <= self.ratio < 1.0:
+            raise InputError(f"damping.ratio: must lie between 0 and 1, got {self.ratio:g}")
+        if not (math.isfinite(self.frequency) and self.frequency > 0.0):
+            raise InputError(f"damping.frequency: must be positive, got {self.frequency:g} Hz")
+        if self.corner is not None and not self.frequency < self.corner < math.inf:
+            raise InputError(
+                f"damping.corner: must exceed the central frequency of {self.frequency:g} Hz, "
+                f"got {self.corner:g} Hz"
+            )
+
+    @property
+    def alpha(self):
+        """Mass part [1/s]."""
+        return self.ratio * 2.0 * math.pi * self.frequency if self.mass else 0.0
+
+    @property
+    def beta(self):
+        """Stiffness part that acts on the motion itself [s]."""
+        return self._beta if self.corner is None else 0.0
+
+    @property
+    def _beta(self):
+        """Stiffness part, low-passed or not [s]."""
+        return self.ratio / (2.0 * math.pi * self.frequency) if self.stiffness else 0.0
+
+    @property
+    def low_passed(self):
+        """Whether the stiffness part acts on low-passed motion."""
+        return self.corner is not None and self._beta > 0.0
+
+    @property
+    def branches(self):
+        """What low-passed stiffness damping lets relax: theory.md (2.18)."""
+        if not self.low_passed:
+            return ()
+        rate = 2.0 * math.pi * self.corner
+        return (Branch(rate, self._beta * rate, self._beta * rate),)
+
+    @property
+    def step_factor(self):
+        """What low-passed stiffness damping leaves of the longest stable step."""
+        return (1.0 + sum(one.shear for one in self.branches)) ** -0.5
+
+    def ratio_at(self, frequency):
+        """Share of critical damping at a frequency in Hz: theory.md (2.11), (2.18)."""
+        omega = 2.0 * math.pi * frequency
+        if self.low_passed:
+            modulus = relative_modulus(self.branches, frequency)
+            return 0.5 * (self.alpha / omega - modulus.imag)
+        return 0.5 * (self.alpha / omega + self.beta * omega)

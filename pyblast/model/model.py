@@ -1,0 +1,282 @@
+"""Model: everything that is fixed during a run."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import InputError
+from ..mesh.mesh import Mesh, edge_lengths, volumes
+from ..mesh.nodes import nodes_of
+from ..mesh.ordering import make_patches, renumbered
+from .boundary import Rim, Viscous, check_boundaries
+from .joint import Joint
+from .material import Damping, Material
+
+
+@dataclass(frozen=True)
+class Receiver:
+    """A place where motion is wanted.
+
+    Parameters
+    ----------
+    name : str
+    position : (3,) float, m
+    azimuth : float or None, rad
+        Direction of the longitudinal component, clockwise from north; None keeps east and north.
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    azimuth: float | None = None
+
+
+@dataclass(frozen=True)
+class InSitu:
+    """Stress before the blast: weight of the ground, horizontal over vertical stress, and more.
+
+    Parameters
+    ----------
+    gravity : float, m/s2
+    horizontal_ratio : float
+        Both horizontal stresses over the vertical one.
+    stress : tuple of 6 float, Pa
+        Uniform stress beside that of the weight: xx yy zz yz zx xy, tension positive.
+
+    Raises
+    ------
+    InputError
+        If the stress is not six finite numbers, or gravity or the ratio is negative.
+    """
+
+    gravity: float = 9.81
+    horizontal_ratio: float = 0.5
+    stress: tuple[float, ...] = (0.0,) * 6
+
+    def __post_init__(self):
+        """Refuse a stress that is none."""
+        for name, unit in (("gravity", " m/s2"), ("horizontal_ratio", "")):
+            value = getattr(self, name)
+            if not 0.0 <= value < np.inf:
+                raise InputError(f"insitu.{name}: must not be negative, got {value:g}{unit}")
+        object.__setattr__(self, "stress", tuple(map(float, self.stress)))
+        if len(self.stress) != 6 or not np.isfinite(self.stress).all():
+            raise InputError(
+                f"insitu.stress: must be six finite numbers xx yy zz yz zx xy, got {self.stress}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """Blocks, joints, boundaries, sources and receivers.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Split along the surfaces of ``joints``; it is renumbered along a space-filling curve.
+    materials : dict of str to Material
+        One for each group of the mesh.
+    joints : sequence of Joint
+    boundaries : sequence of boundary conditions
+    damping : Damping or dict of str to Damping, optional
+    sources : sequence of Hole or PointForce
+    receivers : sequence of Receiver
+    rim : Rim, optional
+    ground : sequence of Gradient, DamagedZone or Heterogeneity
+        Factors on the speeds of the materials.
+    insitu : InSitu, optional
+        Brings a static stage before the dynamic one.
+    added_mass : float
+        Largest share of the mass of each material that may be added to zones that would shorten
+        the time step.
+    step_factor : float
+        Time step over the critical one.
+    quadratic : bool
+        Zones of 15 nodes in place of 4: a wave then needs 2 to 3 edges a length instead of 10 or
+        more. Linear isotropic ground only, joints of any law; theory.md (2.33) to (2.38).
+    single : bool
+        March in numbers of four bytes: a third quicker, good to some 1e-4 of the peak motion.
+    local_damping : float
+        Share of the force on each node that acts against its motion. Only for slow loading to
+        failure, where waves are not wanted: 0.8 brings rest soonest.
+
+    Raises
+    ------
+    InputError
+        If parts do not fit together: the message names the part.
+    """
+
+    mesh: Mesh
+    materials: dict[str, Material]
+    joints: tuple[Joint, ...] = ()
+    boundaries: tuple = ()
+    damping: Damping | dict[str, Damping] | None = None
+    sources: tuple = ()
+    receivers: tuple[Receiver, ...] = ()
+    rim: Rim | None = None
+    ground: tuple = ()
+    insitu: InSitu | None = None
+    added_mass: float = 0.0025
+    step_factor: float = 0.8
+    local_damping: float = 0.0
+    quadratic: bool = False
+    single: bool = False
+    _ordered: bool = field(default=False, repr=False)
+
+    def __post_init__(self):
+        """Refuse parts that do not fit; put nodes and zones in an order near in memory."""
+        for name in ("joints", "boundaries", "sources", "receivers", "ground"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        self._check_materials()
+        self._check_joints()
+        check_boundaries(self.boundaries, self.mesh.surfaces)
+        if len({r.name for r in self.receivers}) < len(self.receivers):
+            raise InputError("receivers: two receivers have the same name; rename one")
+        if not 0.0 < self.step_factor <= 1.0:
+            raise InputError(f"step_factor: must lie in 0 to 1, got {self.step_factor:g}")
+        if not 0.0 <= self.added_mass <= 0.1:
+            raise InputError(f"added_mass: must lie in 0 to 0.1, got {self.added_mass:g}")
+        if not 0.0 <= self.local_damping < 1.0:
+            raise InputError(f"local_damping: must lie in 0 to 1, got {self.local_damping:g}")
+        if not self._ordered:
+            patch = self.patches() if self.yielding().any() else None
+            object.__setattr__(self, "mesh", renumbered(self.mesh, patch))
+            object.__setattr__(self, "_ordered", True)
+
+    @cached_property
+    def nodes(self):
+        """The `Nodes` at which motion is kept."""
+        return nodes_of(self.mesh, self.quadratic)
+
+    def _check_materials(self):
+        """Every group needs a material that its law can take, and its damping if by group."""
+        for group in self.mesh.groups:
+            if group not in self.materials:
+                raise InputError(f"materials.{group}: missing; the mesh has a group of that name")
+            if isinstance(self.damping, dict) and group not in self.damping:
+                raise InputError(f"damping.{group}: missing; the mesh has a group of that name")
+            self.law(group).properties(self.materials[group])
+            if self.quadratic and self.law(group).name != "elastic":
+                raise InputError(
+                    f"model.quadratic: zones of '{group}' follow the law '{self.law(group).name}', "
+                    "which needs zones of constant strain; leave quadratic out"
+                )
+
+    def _check_joints(self):
+        """Joints and split surfaces must be the same set."""
+        split = self.mesh.contacts.names if self.mesh.contacts is not None else ()
+        given = [joint.surface for joint in self.joints]
+        for name in given:
+            if name not in split or given.count(name) > 1:
+                raise InputError(
+                    f"joints.{name}: must be one split surface of the mesh, split are "
+                    f"{', '.join(split) or 'none'}"
+                )
+        for name in split:
+            if name not in given:
+                raise InputError(f"joints.{name}: the mesh is split there, but no joint is given")
+
+    def with_joint(self, surface, **properties):
+        """Return the model with some properties of one joint changed (SI)."""
+        joints = tuple(
+            replace(j, properties={**j.properties, **properties}) if j.surface == surface else j
+            for j in self.joints
+        )
+        return replace(self, joints=joints)
+
+    def zone_values(self, name):
+        """Return a property of the materials for every zone, (n_zones,) float64."""
+        values = [float(getattr(self.materials[group], name)) for group in self.mesh.groups]
+        power = {"density": 0.0, "cp": 1.0, "cs": 1.0}.get(name, 2.0)
+        return np.array(values)[self.mesh.zone_group] * self.speed_factor**power
+
+    @cached_property
+    def speed_factor(self):
+        """The factor of the fields of the ground on wave speeds, (n_zones,) or 1."""
+        if not self.ground:
+            return np.float64(1.0)
+        centres = self.mesh.points[self.mesh.zones].mean(axis=1)
+        edges = edge_lengths(self.mesh).mean(axis=1)
+        return np.prod([field.factor(centres, edges) for field in self.ground], axis=0)
+
+    def law(self, group):
+        """Return the law of the zones of a group."""
+        return self.materials[group].law
+
+    def branches(self, group):
+        """Return what relaxes in the zones of a group, by its law and by its damping."""
+        damping = self.damping[group] if isinstance(self.damping, dict) else self.damping
+        return self.law(group).branches + (damping.branches if damping is not None else ())
+
+    def yielding(self):
+        """Tell for every zone whether its law can yield, (n_zones,) bool."""
+        yields = [self.law(group).name == "mohr-coulomb" for group in self.mesh.groups]
+        return np.array(yields)[self.mesh.zone_group]
+
+    def patches(self):
+        """Return the patch of every zone, (n_zones,) from 0, -1 where its law can not yield."""
+        return make_patches(self.mesh, self.yielding())
+
+    def zone_moduli(self):
+        """Return the Lame moduli of every zone after everything has relaxed, (n_zones,) Pa."""
+        pairs = [self.law(group).moduli(self.materials[group]) for group in self.mesh.groups]
+        return tuple(np.array(pairs)[self.mesh.zone_group].T * self.speed_factor**2)
+
+    def stiffest_moduli(self):
+        """Return the Lame moduli of every zone before anything relaxes, (n_zones,) Pa."""
+        lame, shear = self.zone_moduli()
+        every = [self.branches(group) for group in self.mesh.groups]
+        of_s, of_p = (
+            1.0 + np.array([sum(getattr(one, wave) for one in some) for some in every])
+            for wave in ("shear", "compression")
+        )
+        stiff = of_s[self.mesh.zone_group] * shear
+        return of_p[self.mesh.zone_group] * (lame + 2.0 * shear) - 2.0 * stiff, stiff
+
+    def group_damping(self, name):
+        """Return ``alpha`` (1/s) or ``beta`` (s) of the damping for every group, (n_groups,)."""
+        if self.damping is None:
+            return np.zeros(len(self.mesh.groups))
+        by_group = isinstance(self.damping, dict)
+        parts = [self.damping[g] if by_group else self.damping for g in self.mesh.groups]
+        return np.array([getattr(part, name) for part in parts])
+
+    def zone_damping(self, name):
+        """Return ``alpha`` (1/s) or ``beta`` (s) of the damping for every zone, (n_zones,)."""
+        values = self.group_damping(name)[self.mesh.zone_group]
+        if self.rim is not None and name == "alpha":
+            centres = self.mesh.points[self.mesh.zones].mean(axis=1)
+            values += self.rim.alpha(centres, self.zone_values("cs"))
+        return values
+
+    def mean_edges(self):
+        """Return the mean edge of each group in m, by volume: small zones do not flatter it.
+
+        Zones in the rim, where waves only die, count where a group has no others.
+        """
+        edge, weight = edge_lengths(self.mesh).mean(axis=1), volumes(self.mesh)
+        group = self.mesh.zone_group
+        if self.rim is not None:
+            inside = self.rim.alpha(self.mesh.points[self.mesh.zones].mean(axis=1), 1.0) == 0.0
+            weight = weight * (inside | ~np.isin(group, group[inside]))
+        mean = np.bincount(group, edge * weight) / np.bincount(group, weight)
+        return dict(zip(self.mesh.groups, mean, strict=True))
+
+    @property
+    def edges_per_wavelength(self):
+        """Edges that an S wave needs for an error of a few per cent: eq. (1), or a third of it."""
+        return 3.0 if self.quadratic else 10.0
+
+    def highest_frequency(self):
+        """Return the frequency in Hz that each group carries: Cs over 10 mean edges, eq. (1)."""
+        return {
+            group: self.materials[group].cs / (self.edges_per_wavelength * edge)
+            for group, edge in self.mean_edges().items()
+        }
+
+    def doubles(self, boundary):
+        """Tell whether a stress input is doubled: by its own word, or because of dashpots."""
+        if boundary.doubled is not None:
+            return boundary.doubled
+        viscous = [one.surface for one in self.boundaries if isinstance(one, Viscous)]
+        return boundary.surface in viscous

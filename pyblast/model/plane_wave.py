@@ -1,0 +1,273 @@
+"""Plane waves that enter through viscous faces, with what a plane free surface sends back."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..mesh.mesh import surface_areas, surface_zones
+from .boundary import Viscous
+from .source import TimeFunction
+
+SAME = 1e-6  # relative difference that media and planes may show
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneWave:
+    """A plane wave from outside, seen by viscous faces as the motion that is there undisturbed.
+
+    Parameters
+    ----------
+    wave : str
+        "P", "SV" or "SH". Across a level ground SV shakes in the vertical plane of its path, along
+        its azimuth where it runs straight up; SH shakes to the right of that plane.
+    history : TimeFunction
+        Particle velocity along the polarisation, m/s, at the node of the mesh that it meets first.
+    azimuth : float, rad
+        Where it runs to, clockwise from north.
+    inclination : float, rad
+        Between its path and the vertical: 0 straight up.
+    surfaces : sequence of str
+        Viscous surfaces that see it; none named: all.
+    free_surface : str or None
+        A plane surface, level or not, that sends P and S waves back; the viscous surfaces see them
+        too. None: it is not there; nor is it where the surface is viscous itself.
+
+    Raises
+    ------
+    InputError
+        If the wave is unknown, begins before the run, or an angle is none.
+
+    Notes
+    -----
+    theory.md (4.8) to (4.11).
+    """
+
+    wave: str
+    history: TimeFunction
+    azimuth: float = 0.0
+    inclination: float = 0.0
+    surfaces: tuple[str, ...] = ()
+    free_surface: str | None = "top"
+
+    def __post_init__(self):
+        """Refuse what is no wave."""
+        object.__setattr__(self, "surfaces", tuple(self.surfaces))
+        if self.wave not in ("P", "SV", "SH"):
+            raise InputError(f"plane_wave.wave: must be P, SV or SH, got {self.wave!r}")
+        if self.history.start < 0.0:
+            raise InputError(
+                f"plane_wave.history: must begin at 0 or later, when it meets the model, got "
+                f"{self.history.start:g} s; shift it"
+            )
+        if not math.isfinite(self.azimuth):
+            raise InputError(f"plane_wave.azimuth: must be finite, got {self.azimuth:g} rad")
+        if not 0.0 <= self.inclination <= math.pi:
+            raise InputError(
+                f"plane_wave.inclination: must lie in 0 to pi, got {self.inclination:g} rad"
+            )
+
+    @property
+    def direction(self):
+        """Unit vector (3,) along the path."""
+        return polarisation("P", self.azimuth, self.inclination)
+
+    @property
+    def polarisation(self):
+        """Unit vector (3,) along which positive velocity points."""
+        return polarisation(self.wave, self.azimuth, self.inclination)
+
+
+def polarisation(wave, azimuth, inclination):
+    """Return the unit vector (3,) of a wave's positive velocity; arguments as in `PlaneWave`."""
+    across = math.sin(inclination)
+    path = [across * math.sin(azimuth), across * math.cos(azimuth), math.cos(inclination)]
+    right = [math.cos(azimuth), -math.sin(azimuth), 0.0]
+    return np.array({"P": path, "SH": right, "SV": np.cross(path, right)}[wave])
+
+
+def add_plane_wave(loads, model, wave, impedance):
+    """Add the tractions of a plane wave and of its reflections to the faces that see them.
+
+    Parameters
+    ----------
+    loads : Loads
+    model : Model
+    wave : PlaneWave
+    impedance : callable
+        Surface name to dict of node to (3, 3) impedance in N s/m.
+
+    Raises
+    ------
+    InputError
+        If a face is not viscous, media along the faces differ or are not isotropic and elastic,
+        the free surface is not plane, or SV meets it beyond the critical angle.
+    """
+    surfaces = _faces(model, wave)
+    density, cp, cs = _medium(model, surfaces)
+    trains = _trains(model, wave, cp, cs)
+    points = model.nodes.points
+    first = (points @ trains[0][0]).min()
+    number = loads.add_history(wave.history)
+    lame, shear = density * (cp**2 - 2.0 * cs**2), density * cs**2
+    for surface in surfaces:
+        matrices = impedance(surface)
+        nodes = np.fromiter(matrices, dtype=int)
+        corner, area, normal = model.nodes.surface_areas(surface)
+        place = np.searchsorted(nodes, corner)
+        for slowness, motion, lag in trains:
+            force = np.stack(list(matrices.values())) @ motion
+            traction = normal @ stress_of(slowness, motion, lame, shear)
+            np.add.at(force, place, area[:, None] * traction)
+            delay = points[nodes] @ slowness + lag - first
+            loads.add(nodes, force, number, delay)
+
+
+def stress_of(slowness, motion, lame, shear):
+    """Return the stress (3, 3) of a wave ``v = motion f(t - slowness x)`` per ``f``; (4.9)."""
+    both = np.outer(motion, slowness)
+    return -(lame * (motion @ slowness) * np.eye(3) + shear * (both + both.T))
+
+
+def reflected(slowness, motion, cp, cs, normal):
+    """Return what a free surface sends back from a plane wave.
+
+    Parameters
+    ----------
+    slowness, motion : (3,) float64
+        Of the incident wave, s/m, and its amplitude.
+    cp, cs : float, m/s
+    normal : (3,) float64
+        Unit, out of the ground.
+
+    Returns
+    -------
+    list of (slowness (3,), motion (3,)), or None
+        None where P would be bound to the surface.
+
+    Notes
+    -----
+    P and two polarisations of S whose tractions cancel that of the incident wave: theory.md (4.11).
+    One S wave alone where the motion is along the surface and across the path.
+    """
+    along = slowness - (slowness @ normal) * normal
+    steep = 1.0 / np.array([cp, cs]) ** 2 - along @ along
+    if max(abs(motion @ normal), abs(motion @ slowness) * cs) < SAME:  # SH: as it came
+        return [(along - math.sqrt(steep[1]) * normal, motion)]
+    if steep[0] < 0.0:
+        return None
+    p, s = (along - math.sqrt(value) * normal for value in steep)
+    basis = np.linalg.svd(s[None, :])[2][1:]  # two unit vectors across the path of S
+    units = [(p, p * cp), (s, basis[0]), (s, basis[1])]
+    ratio = (cp / cs) ** 2 - 2.0
+    tractions = [stress_of(*unit, ratio, 1.0) @ normal for unit in units]
+    given = stress_of(slowness, motion, ratio, 1.0) @ normal
+    gain = np.linalg.solve(np.array(tractions).T, -given)
+    return [(p, gain[0] * units[0][1]), (s, gain[1] * basis[0] + gain[2] * basis[1])]
+
+
+def _trains(model, wave, cp, cs):
+    """Return slowness, motion and lag in s of the wave and of what the free surface sends back."""
+    slowness = wave.direction / (cp if wave.wave == "P" else cs)
+    incident = (slowness, wave.polarisation, 0.0)
+    plane = _free_plane(model, wave)
+    if plane is None:
+        return [incident]
+    place, normal = plane
+    if slowness @ normal <= SAME * np.linalg.norm(slowness):
+        raise InputError(
+            f"plane_wave.inclination: the wave does not run towards {wave.free_surface!r}, got "
+            f"{math.degrees(wave.inclination):g} degrees; incline it less, or give free_surface "
+            "None"
+        )
+    back = reflected(slowness, wave.polarisation, cp, cs, normal)
+    if back is None:
+        angle = math.degrees(math.acos(normal @ wave.direction))
+        raise InputError(
+            f"plane_wave.inclination: {wave.wave} meets {wave.free_surface!r} at {angle:.3g} "
+            f"degrees, beyond its critical angle of {math.degrees(math.asin(cs / cp)):.3g}, where "
+            "P is bound to the surface; incline it less"
+        )
+    return [incident, *((s, v, float((slowness - s) @ place)) for s, v in back)]
+
+
+def _faces(model, wave):
+    """Return the viscous surfaces that see a wave."""
+    viscous = [b.surface for b in model.boundaries if isinstance(b, Viscous)]
+    for name in wave.surfaces:
+        if name not in viscous:
+            raise InputError(
+                f"plane_wave.surfaces: {name!r} must be viscous, viscous are "
+                f"{', '.join(viscous) or 'none'}; add Viscous({name!r})"
+            )
+    if not viscous:
+        raise InputError("plane_wave.surfaces: no surface is viscous, so no wave can enter")
+    return wave.surfaces or tuple(viscous)
+
+
+def _medium(model, surfaces):
+    """Return density, cp and cs of the ground behind faces, which must be the same everywhere."""
+    zones = np.unique(np.concatenate([surface_zones(model.mesh, name) for name in surfaces]))
+    if model.rim is not None:
+        raise InputError("plane_wave: a rim would damp the wave along its faces; leave it out")
+    media = {b.surface: b.media for b in model.boundaries if isinstance(b, Viscous)}
+    for group in {model.mesh.groups[n] for n in model.mesh.zone_group[zones]}:
+        for surface in surfaces:
+            law = media[surface].get(group, model.materials[group]).law
+            if law.name not in ("elastic", "mohr-coulomb") or law.branches:
+                raise InputError(
+                    f"plane_wave: needs ground behind {surface!r} that is isotropic and does not "
+                    f"fade, got the law {type(law).__name__} of '{group}'"
+                )
+    values = []
+    for name, unit in (("density", "kg/m3"), ("cp", "m/s"), ("cs", "m/s")):
+        found = model.zone_values(name)[zones]
+        if np.ptp(found) > SAME * found.max():
+            raise InputError(
+                f"plane_wave: needs one medium behind {', '.join(surfaces)}, got {name} from "
+                f"{found.min():g} to {found.max():g} {unit}; give waves that run straight up "
+                "through layers by StressInput on the bottom and FreeField on the sides"
+            )
+        values.append(float(found[0]))
+    return values
+
+
+def _free_plane(model, wave):
+    """Return a place and the outward normal of the free surface, or None where there is none."""
+    name, mesh = wave.free_surface, model.mesh
+    if name is None:
+        return None
+    if name not in mesh.surfaces:
+        raise InputError(
+            f"plane_wave.free_surface: no surface named {name!r}; there are "
+            f"{', '.join(mesh.surfaces)}; None where no surface sends waves back"
+        )
+    held = [b for b in model.boundaries if b.surface == name]
+    if any(isinstance(b, Viscous) for b in held):
+        return None
+    if held:
+        raise InputError(
+            f"plane_wave.free_surface: {name!r} must be free, it has {type(held[0]).__name__}"
+        )
+    corner, area, normals = surface_areas(mesh, name)
+    quiet = [mesh.surfaces[b.surface].ravel() for b in model.boundaries if isinstance(b, Viscous)]
+    # Hills inside do not matter: what counts is the ground where it meets the faces.
+    rim = np.intersect1d(corner, np.concatenate(quiet))
+    places = mesh.points[rim] if _spread(mesh.points[rim]) else mesh.points[np.unique(corner)]
+    middle = places.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(places - middle, full_matrices=False)
+    if sizes[2] > SAME * sizes[0]:
+        raise InputError(
+            f"plane_wave.free_surface: {name!r} must be plane where it meets the viscous "
+            "surfaces; level it there, or give waves that run straight up by FreeField"
+        )
+    return middle, axes[2] * np.sign(axes[2] @ (area @ normals))
+
+
+def _spread(places):
+    """Tell whether places (n, 3) span a plane."""
+    if len(places) < 3:
+        return False
+    sizes = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
+    return bool(sizes[1] > 1e-3 * sizes[0])

@@ -1,1 +1,0 @@
-"""Particle velocity at a place, its numbers, and limits for it."""

@@ -1,0 +1,304 @@
+"""Delays between holes and rows that keep peaks at houses low, within limits."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..runs.blast_ensemble import BlastSpectra
+from .peak_distribution import FiringScatter, PeakBands, drawn_peaks, peak_bands
+
+SEARCHED, BEST, FRESH, RESAMPLED = 200, 6, 4000, 400
+
+
+@dataclass(frozen=True, eq=False)
+class BestDelays:
+    """Outcome of a search.
+
+    Parameters
+    ----------
+    delays : (n_delays,) float64, s
+    times : (n_holes,) float64, s
+    tried : (n_tried, n_delays + 1) float64
+        Delays in s and the severity of each, in the order of the search.
+    """
+
+    delays: np.ndarray
+    times: np.ndarray
+    tried: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Gain:
+    """What one plan is worth beside another, on blasts that no search has seen.
+
+    Parameters
+    ----------
+    share : float
+        Of blasts that stay below the severities.
+    before, after : float
+        Severity of either plan: the largest peak over its limit at any house.
+    reduction : float
+        1 - after/before.
+    interval : (2,) float64
+        90 % interval of the reduction, for all that so few blasts tell.
+    """
+
+    share: float
+    before: float
+    after: float
+    reduction: float
+    interval: np.ndarray
+
+
+def rows_pattern(n_rows: int, holes_per_row: int) -> np.ndarray:
+    """Return how many delays (between holes, between rows) come before each hole, row by row."""
+    if n_rows < 1 or holes_per_row < 1:
+        raise InputError(f"rows: need at least 1 x 1, got {n_rows} x {holes_per_row}")
+    row, place = np.divmod(np.arange(n_rows * holes_per_row), holes_per_row)
+    return np.column_stack([place, row]).astype(float)
+
+
+def best_delays(
+    spectra: BlastSpectra,
+    pattern,
+    low,
+    high,
+    scatter: FiringScatter,
+    *,
+    step: float = 1e-3,
+    points: int = 12,
+    limits=1.0,
+    share: float = 0.9,
+    scales=1.0,
+    allowed: Callable | None = None,
+    n_blasts: int = SEARCHED,
+    seed: int = 0,
+) -> BestDelays:
+    """Search delays for the least severity at a number of houses.
+
+    Parameters
+    ----------
+    spectra : BlastSpectra
+        At the houses; `banded` first where a band of frequencies counts.
+    pattern : (n_holes, n_delays) float
+        How many of each delay come before a hole: times are ``pattern @ delays``, see
+        `rows_pattern`.
+    low, high : (n_delays,) float, s
+        Between which each delay may lie, whole steps from ``low``.
+    scatter : FiringScatter
+    step : float, s
+        Finest difference that detonators can be given.
+    points : int
+        Of the first grid along each delay; then around its best, in halved distances.
+    limits : float or (n_receivers,) float, m/s
+        Peaks count as shares of these.
+    share : float
+        The severity that this share of blasts stays below is made least.
+    scales : float or (n_holes,) float
+    allowed : callable, optional
+        Says of times (n_holes,) whether they may be fired, for instance by the charge in 8 ms.
+    n_blasts, seed : int
+        Drawn for each try; the same deviations for all.
+
+    Returns
+    -------
+    BestDelays
+        Its severity is the best of many and so too good; `gain` tells what it is worth.
+
+    Raises
+    ------
+    InputError
+        If shapes or bounds do not agree, or nothing is allowed.
+
+    Notes
+    -----
+    theory.md (13.7).
+    """
+    pattern, low, high = _checked(spectra, pattern, low, high, step)
+    most = np.floor((high - low) / step + 1e-9).astype(int)
+    found: dict[tuple[int, ...], float] = {}
+
+    def look(places):
+        """Work out the severity of places that are new and allowed."""
+        for place in places:
+            times = pattern @ (low + step * np.array(place))
+            if place in found or (allowed is not None and not allowed(times)):
+                continue
+            found[place] = severity(
+                spectra, times, scatter, limits, share, scales=scales, n_blasts=n_blasts, seed=seed
+            )
+
+    axes = [np.unique(np.round(np.linspace(0, end, points)).astype(int)) for end in most]
+    look(map(tuple, np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(low)).tolist()))
+    if not found:
+        raise InputError("best_delays.allowed: refuses every plan of the first grid")
+    apart = np.maximum(most // max(points - 1, 1), 1)
+    while True:
+        apart = np.maximum(apart // 2, 1)
+        best = sorted(found, key=found.get)[:BEST]
+        steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * len(low)), -1).reshape(-1, len(low)) * apart
+        around = (np.clip(np.array(place) + one, 0, most) for place in best for one in steps)
+        before = len(found)
+        look(tuple(place.tolist()) for place in around)
+        if (apart == 1).all() and len(found) == before:
+            break
+    delays = low + step * np.array(min(found, key=found.get))
+    tried = np.array([[*(low + step * np.array(place)), value] for place, value in found.items()])
+    return BestDelays(delays, pattern @ delays, tried)
+
+
+def severity(spectra, times, scatter, limits, share, *, scales=1.0, n_blasts=FRESH, seed=1):
+    """Return what the largest peak over its limit stays below in this share of drawn blasts."""
+    return float(
+        np.quantile(_worst(spectra, times, scatter, limits, scales, n_blasts, seed), share)
+    )
+
+
+def gain(
+    spectra: BlastSpectra,
+    before,
+    after,
+    scatter: FiringScatter,
+    *,
+    limits=1.0,
+    share: float = 0.9,
+    scales=1.0,
+    n_blasts: int = FRESH,
+    seed: int = 1,
+) -> Gain:
+    """Compare two plans by blasts drawn for this purpose.
+
+    Parameters
+    ----------
+    spectra, scatter, limits, share, scales
+        As for `best_delays`; the scatter may be another, to see what a wrong one costs.
+    before, after : (n_holes,) float, s
+        Times of both plans.
+    n_blasts, seed : int
+        The seed must differ from that of the search.
+
+    Returns
+    -------
+    Gain
+
+    Raises
+    ------
+    InputError
+        If times lie outside those of the spectra.
+    """
+    pair = [_worst(spectra, times, scatter, limits, scales, n_blasts, seed)
+            for times in (before, after)]  # fmt: skip
+    values = [float(np.quantile(each, share)) for each in pair]
+    return Gain(share, *values, 1.0 - values[1] / values[0], _interval(*pair, share, seed))
+
+
+def _interval(before, after, share, seed):
+    """Return 90 % of the reductions of resampled blasts."""
+    generator = np.random.default_rng([seed, 1])
+    chosen = generator.integers(len(before), size=(RESAMPLED, len(before)))
+    drawn = np.quantile(after[chosen], share, axis=1) / np.quantile(before[chosen], share, axis=1)
+    return np.quantile(1.0 - drawn, [0.05, 0.95])
+
+
+def _worst(spectra, times, scatter, limits, scales, n_blasts, seed):
+    """Return the largest peak over its limit of each drawn blast, (n_blasts,)."""
+    limits = np.asarray(limits, dtype=float)
+    if limits.shape not in ((), (len(spectra.receivers),)) or not (limits > 0.0).all():
+        raise InputError(
+            f"limits: need one positive limit, or one for each of {len(spectra.receivers)} "
+            f"receivers, got {limits}"
+        )
+    peaks = drawn_peaks(spectra, times, scatter, scales, n_blasts, seed)
+    return np.max(peaks / limits, axis=1)
+
+
+def _checked(spectra, pattern, low, high, step):
+    """Refuse a search that can not be made; return arrays."""
+    pattern = np.asarray(pattern, dtype=float)
+    low, high = np.atleast_1d(np.asarray(low, float)), np.atleast_1d(np.asarray(high, float))
+    n_holes = spectra.spectra.shape[1]
+    if pattern.ndim != 2 or len(pattern) != n_holes or pattern.shape[1:] != low.shape:
+        raise InputError(
+            f"best_delays.pattern: need ({n_holes}, {len(low)}) for {n_holes} holes and "
+            f"{len(low)} delays, got {pattern.shape}"
+        )
+    if low.shape != high.shape or not (np.isfinite(low) & (low <= high) & (high < np.inf)).all():
+        raise InputError(f"best_delays: low must not be above high, got {low} and {high} s")
+    if not step > 0.0:
+        raise InputError(f"best_delays.step: must be positive, got {step:g} s")
+    return pattern, low, high
+
+
+@dataclass(frozen=True, eq=False)
+class DelayPlan:
+    """Delays that shake houses least, and what they are worth.
+
+    Parameters
+    ----------
+    limits : (n_houses,) float64, m/s
+    before, after : PeakBands
+        Of the times that are there, and of the best ones; of blasts that no search has seen.
+    best : BestDelays
+    gain : Gain
+        Of the largest peak over its limit.
+    """
+
+    limits: np.ndarray
+    before: PeakBands
+    after: PeakBands
+    best: BestDelays
+    gain: Gain
+
+    def kept(self, bands: PeakBands) -> np.ndarray:
+        """Return the share of blasts that keep the limit at each house, (n_houses,)."""
+        return np.mean(bands.peaks <= self.limits, axis=0)
+
+
+def plan_delays(
+    spectra: BlastSpectra,
+    pattern,
+    low,
+    high,
+    scatter: FiringScatter,
+    *,
+    planned,
+    limits,
+    step: float,
+    share: float,
+    scales=1.0,
+    allowed: Callable | None = None,
+    n_blasts: int,
+    seed: int,
+) -> DelayPlan:
+    """Search delays, then fire the plan that is there and the best one on fresh draws.
+
+    Parameters
+    ----------
+    spectra, pattern, low, high, scatter, step, limits, share, scales, allowed
+        As for `best_delays`.
+    planned : (n_holes,) float, s
+        Times of the plan that is there.
+    n_blasts, seed : int
+        Of the bands; the search draws others.
+
+    Raises
+    ------
+    InputError
+        As `best_delays` and `gain`.
+
+    Notes
+    -----
+    theory.md (13.6), (13.7).
+    """
+    best = best_delays(
+        spectra, pattern, low, high, scatter, step=step, limits=limits, share=share,
+        scales=scales, allowed=allowed, seed=seed,
+    )  # fmt: skip
+    fresh = {"scales": scales, "n_blasts": n_blasts, "seed": seed + 1}
+    before, after = (
+        peak_bands(spectra, times, scatter, **fresh) for times in (planned, best.times)
+    )
+    worth = gain(spectra, planned, best.times, scatter, limits=limits, share=share, **fresh)
+    return DelayPlan(np.asarray(limits, dtype=float), before, after, best, worth)

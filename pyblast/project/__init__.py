@@ -1,0 +1,1 @@
+"""Project files: read, checked, made into models; results written and read."""

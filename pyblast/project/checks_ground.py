@@ -1,0 +1,372 @@
+"""Findings before a run about mesh, ground, joints, damping and boundaries."""
+
+import math
+
+import numpy as np
+
+from ..errors import Finding, by_wave
+
+LITTLE = 0.7
+MISMATCH = 0.1
+_PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
+
+
+def drained(face, sides, share):
+    """Return what quiet sides leave of a long plane wave that runs along them, (3,).
+
+    Parameters
+    ----------
+    face : (3, 3) float64, N s/m
+        Impedance of the whole input face.
+    sides : (3, 3) float64, N s/m
+        Impedance of all dashpots on surfaces along the way.
+    share : float
+        Of the way along the sides that the wave has gone.
+
+    Notes
+    -----
+    The wave carries the power v Z v through the face, the dashpots take v D v, spread along the
+    way: amplitude falls about as ``exp(-share D / (2 Z))`` where the wave is longer than the model
+    is wide; shorter waves keep more in the middle. theory.md section 4.1.
+    """
+    return np.exp(-0.5 * share * np.diag(sides) / np.diag(face))
+
+
+def draining_sides(surfaces, left, receiver, from_below):
+    """D23: quiet sides along the way of a plane wave; None where they take little.
+
+    Parameters
+    ----------
+    surfaces : sequence of str
+    left : (3,) float64
+        Of `drained`, east, north, vertical.
+    receiver : str
+        Where.
+    from_below : bool
+        Whether the wave runs up: free-field sides are then the cure.
+    """
+    if not len(surfaces) or min(left) > LITTLE:
+        return None
+    listed = "/".join(f"{100.0 * value:.2g}" for value in left)
+    cure = (
+        "make it wider, compare with rollers on these sides, or let the wave come from below, "
+        "where boundaries.free_field keeps it"
+    )
+    if from_below:
+        cure = "name these sides in boundaries.free_field, so that they see the ground beside move"
+    return Finding(
+        "D23",
+        "Quiet sides drain the wave that runs along them",
+        f"The dashpots on {', '.join(surfaces)} leave as little as {listed} % of a long wave "
+        f"(east/north/vertical) on its way to {receiver}, where the width of the model then sets "
+        f"the amplitude; {cure}.",
+        numbers=dict(zip(("east", "north", "vertical"), map(float, left), strict=True)),
+    )
+
+
+def jointed_stiffness(material, joint_sets):
+    """Return the stiffness (3, 3, 3, 3) in Pa of rock with joints closer than waves are long.
+
+    Parameters
+    ----------
+    material : Material
+    joint_sets : sequence of (normal (3,), kn, ks, spacing)
+        SI.
+
+    Notes
+    -----
+    Strain is that of the rock plus ``sym(jump n) / spacing`` of each set, the jump being traction
+    over stiffness: Schoenberg (1980).
+    """
+    compliance = np.zeros((6, 6))
+    for column, stress in enumerate(_BASIS):
+        strain = stress / (2.0 * material.shear)
+        poisson = material.poisson / (2.0 * material.shear * (1.0 + material.poisson))
+        strain = strain - poisson * np.trace(stress) * np.eye(3)
+        for normal, kn, ks, spacing in joint_sets:
+            traction = stress @ normal
+            push = (traction @ normal) * normal
+            jump = push / kn + (traction - push) / ks
+            strain = strain + (np.outer(jump, normal) + np.outer(normal, jump)) / (2.0 * spacing)
+        compliance[:, column] = np.einsum("bij,ij->b", _BASIS, strain)
+    return np.einsum("aij,ab,bkl->ijkl", _BASIS, np.linalg.inv(compliance), _BASIS)
+
+
+def _basis():
+    """Return the six unit stresses (6, 3, 3), orthonormal."""
+    basis = np.zeros((6, 3, 3))
+    for tensor, (i, j) in zip(basis, _PAIRS, strict=True):
+        tensor[i, j] = tensor[j, i] = 1.0 if i == j else math.sqrt(0.5)
+    return basis
+
+
+_BASIS = _basis()
+
+
+def jointed_face(group, material, joint_sets, direction):
+    """D24: dashpots and stress input of intact rock on a face of jointed rock; None if alike.
+
+    Parameters
+    ----------
+    group : str
+    material : Material
+    joint_sets : sequence of (normal (3,), kn, ks, spacing)
+        Those that cut the group, SI.
+    direction : (3,) float64
+        Normal of the face.
+
+    Notes
+    -----
+    Waves much longer than the spacing meet the impedance rho c' of the jointed rock. A face that is
+    driven and damped with rho c then moves by 2 c / (c + c') of what is wanted, and its dashpots
+    return (c - c') / (c + c'). theory.md section 4.2.
+    """
+    stiffness = jointed_stiffness(material, joint_sets)
+    christoffel = np.einsum("ijkl,j,l->ik", stiffness, direction, direction)
+    moduli, axes = np.linalg.eigh(christoffel)
+    along = int(np.argmax(np.abs(direction @ axes)))
+    ratio_p = math.sqrt(moduli[along] / material.density) / material.cp
+    ratio_s = math.sqrt(np.delete(moduli, along).min() / material.density) / material.cs
+    excess = [2.0 / (1.0 + ratio) - 1.0 for ratio in (ratio_p, ratio_s)]
+    if max(excess) < MISMATCH:
+        return None
+    return Finding(
+        "D24",
+        f"Quiet faces see '{group}' without its joints",
+        f"Waves much longer than the spacing run at {ratio_p:.2f} (P) and {ratio_s:.2f} (S) of the "
+        f"speed of the intact rock, but stress input and dashpots take that of the intact rock: "
+        f"the motion that enters is {100 * excess[0]:.0f} % (P) and up to {100 * excess[1]:.0f} % "
+        "(S) larger than asked for, and as much of the amplitude comes back from quiet faces; "
+        "boundaries.jointed_faces = true lets the faces know of the joints.",
+        numbers={"speed_p": ratio_p, "speed_s": ratio_s, "excess_p": excess[0],
+                 "excess_s": excess[1]},
+    )  # fmt: skip
+
+
+# Smallest and largest value that ground has, in SI: what lies beyond is likely in another unit.
+LIKELY = {
+    "density": (300.0, 9000.0, "kg/m3", 1.0),
+    "cp": (50.0, 12000.0, "m/s", 1.0),
+    "kn": (1e5, 1e14, "GPa/m", 1e-9),
+    "ks": (1e4, 1e14, "GPa/m", 1e-9),
+}
+TET_VOLUME = 1.0 / (6.0 * math.sqrt(2.0))
+
+
+def coarse_zones(name, material, edge, volume, band, receivers=(), per_wave=10.0):
+    """D1: a material whose zones do not carry the band of the input; None where they do.
+
+    ``per_wave`` is how many edges a wavelength needs: 3 where zones have 15 nodes.
+    """
+    carried = material.cs / (per_wave * edge)
+    if carried >= band:
+        return None
+    needed = material.cs / (per_wave * band)
+    zones = [volume / (TET_VOLUME * size**3) for size in (edge, needed)]
+    stand = "stands" if len(receivers) == 1 else "stand"
+    on_it = f", and {', '.join(receivers)} {stand} on it" if receivers else ""
+    digits = 5 if f"{carried:.3g}" == f"{band:.3g}" else 3
+    return Finding(
+        "D1",
+        f"The mesh of '{name}' does not carry the input",
+        f"{edge:.{digits}g} m edges carry {carried:.{digits}g} Hz in '{name}' "
+        f"({1.25 * carried:.3g} Hz with {0.8 * per_wave:.2g} edges per wavelength), the input has "
+        f"{band:.{digits}g} Hz{on_it}; edges must be at most {needed:.{digits}g} m, which makes "
+        f"{zones[1] / zones[0]:.2g} times as many zones.",
+        True,
+        {"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
+         "zones_now": zones[0], "zones_needed": zones[1]},
+    )  # fmt: skip
+
+
+def short_model(length, materials, frequency):
+    """D2: a model shorter than the wavelength of P waves at the central frequency."""
+    waves = {name: (m.cp / frequency, m.cs / frequency) for name, m in materials.items()}
+    longest = max(p for p, _ in waves.values())
+    if length >= longest:
+        return None
+    listed = ", ".join(f"{p:.0f}/{s:.0f} m in '{name}'" for name, (p, s) in waves.items())
+    return Finding(
+        "D2",
+        "The model is shorter than a wavelength",
+        f"At {frequency:.3g} Hz the wavelengths (P/S) are {listed}, the model is {length:g} m "
+        "long: everything is near field, and waves graze the viscous sides, which absorb well only "
+        "above about 30 degrees of incidence.",
+        numbers={"length": length}
+        | by_wave(waves),
+    )  # fmt: skip
+
+
+def fixed_and_viscous(surfaces):
+    """D5: the same direction fixed and viscous."""
+    if not surfaces:
+        return None
+    return Finding(
+        "D5",
+        "Surfaces are fixed and viscous in the same direction",
+        f"{', '.join(surfaces)}: a fixed normal has no velocity, so its dashpots do nothing and P "
+        "waves reflect fully; compare with viscous_and_fixed = false (rollers in the static stage, "
+        "dashpots in the dynamic one).",
+    )
+
+
+def transmission(stiffness, impedance, frequency):
+    """Return |T| of a joint at normal incidence: 1/sqrt(1 + (omega Z / 2 K)^2)."""
+    return 1.0 / math.hypot(1.0, math.pi * frequency * impedance / stiffness)
+
+
+def fault_low_pass(name, stiffness, group, material, frequency, band):
+    """D8 and D9: a fault that itself is a low-pass; None where it passes the band.
+
+    The stiffness is the tangent one, kn and ks in Pa/m, under the pressure before the blast.
+    """
+    z_p, z_s = material.density * material.cp, material.density * material.cs
+    kn, ks = stiffness
+    corners = kn / (math.pi * z_p), ks / (math.pi * z_s)
+    if min(corners) > band:
+        return None
+    at = {f: (transmission(kn, z_p, f), transmission(ks, z_s, f)) for f in (2.0, 4.0, 6.0, 10.0)}
+    gain = [
+        transmission(1.1 * k, z, frequency) / transmission(k, z, frequency) - 1.0
+        for k, z in ((kn, z_p), (ks, z_s))
+    ]
+    listed = ", ".join(f"{p:.2f}/{s:.2f} at {f:g} Hz" for f, (p, s) in at.items())
+    return Finding(
+        "D8",
+        f"The fault {name} is itself a low-pass",
+        f"In '{group}' its corner is {corners[0]:.1f} Hz (P) and {corners[1]:.1f} Hz (S); it "
+        f"passes {listed} (P/S). By amplitude alone its stiffness can't be told from damping, "
+        f"soil or mesh (what waveforms tell: backanalyse --plan); at {frequency:.3g} Hz +10 % of "
+        f"kn gives {100 * gain[0]:+.0f} % P, of ks {100 * gain[1]:+.0f} % S (D9).",
+        numbers={"corner_p": corners[0], "corner_s": corners[1], "gain_p": gain[0],
+                 "gain_s": gain[1]}
+        | {f"t_{key}": v for key, v in by_wave({f"{f:g}": pair for f, pair in at.items()}).items()},
+    )  # fmt: skip
+
+
+def jointed_speeds(name, stiffness, spacing, group, material, frequency):
+    """D11: a joint set delays waves but hardly weakens them; stiffness as of `fault_low_pass`."""
+    kn, ks = stiffness
+    passed = (
+        transmission(kn, material.density * material.cp, frequency),
+        transmission(ks, material.density * material.cs, frequency),
+    )
+    slower = [
+        1.0 / math.sqrt(1.0 + modulus / (k * spacing)) - 1.0
+        for modulus, k in ((material.density * material.cp**2, kn), (material.shear, ks))
+    ]
+    if min(passed) < 0.95 or min(slower) > -0.05:
+        return None
+    return Finding(
+        "D11",
+        f"The joints '{name}' change arrival times, not amplitudes",
+        f"One joint passes {passed[0]:.3f} (P) and {passed[1]:.3f} (S) at {frequency:.3g} Hz, but "
+        f"the set makes '{group}' slower by {-100 * slower[0]:.0f} % (P) and "
+        f"{-100 * slower[1]:.0f} % (S): a comparison of peaks and frequencies "
+        "does not see it, arrival times do.",
+        numbers={"t_p": passed[0], "t_s": passed[1], "speed_p": slower[0], "speed_s": slower[1]},
+    )
+
+
+def soil_resonance(name, material, thickness, below, frequency, band):
+    """D12: the top layer has a resonance of its own within the band."""
+    contrast = below.density * below.cs / (material.density * material.cs)
+    own = material.cs / (4.0 * thickness)
+    if contrast < 2.0 or own > band:
+        return None
+    return Finding(
+        "D12",
+        f"'{name}' resonates by itself",
+        f"{thickness:g} m on rock of {contrast:.1f} times its impedance resonate at {own:.2f} Hz "
+        f"and odd multiples; {frequency:.3g} Hz would be "
+        f"{material.cs / (4.0 * frequency):.1f} m of it: another reading of the same peak.",
+        numbers={"own": own, "thickness_at_centre": material.cs / (4.0 * frequency)},
+    )
+
+
+def rayleigh_price(damping, undamped_dt, group=""):
+    """D16: Rayleigh damping away from its central frequency, and its price in time step."""
+    if damping is None or damping.ratio == 0.0:
+        return None
+    if damping.low_passed:
+        factor = damping.step_factor
+        price = f", low-passed at {damping.corner:g} Hz, leaves {factor:.2f} of the step."
+    else:
+        share = damping.beta / undamped_dt
+        factor = math.hypot(1.0, share) - share
+        price = f" cuts the step of {1e3 * undamped_dt:.2g} ms to {factor:.2f} of it."
+    ratios = {f: damping.ratio_at(f) for f in (1.0, 2.0, 4.0, 8.0, 20.0)}
+    listed = ", ".join(f"{100 * r:.2f} % at {f:g} Hz" for f, r in ratios.items())
+    return Finding(
+        "D16",
+        "Rayleigh damping holds at one frequency and costs time steps",
+        f"{f'In {group!r} ' if group else ''}{listed}; rock damps nearly alike at all frequencies. "
+        f"Its stiffness part{price}",
+        numbers={"factor": factor} | {f"ratio_{f:g}": r for f, r in ratios.items()},
+    )
+
+
+def infill_as_layer(name, joint, thicknesses):
+    """D18: what the stiffness of a fault says about its infill as a layer."""
+    kn, ks = joint.properties["kn"], joint.properties["ks"]
+    ratio = kn / ks
+    poisson = (ratio - 2.0) / (2.0 * (ratio - 1.0)) if ratio > 1.0 else math.nan
+    moduli = [(kn * t, ks * t) for t in thicknesses]
+    listed = " to ".join(f"{m / 1e6:.3g}/{g / 1e6:.3g} MPa" for m, g in moduli)
+    coherent = 0.0 <= poisson < 0.5
+    return Finding(
+        "D18",
+        f"The infill of {name} read as a layer",
+        f"{' to '.join(f'{100 * t:g} cm' for t in thicknesses)} of infill have M/G = {listed} and, "
+        f"from kn/ks = {ratio:.2f}, a Poisson's ratio of {poisson:.2f}: "
+        f"{'coherent' if coherent else 'no material behaves so; check kn and ks'}.",
+        numbers={"poisson": poisson}
+        | {f"m_{n + 1}": m for n, (m, _) in enumerate(moduli)}
+        | {f"g_{n + 1}": g for n, (_, g) in enumerate(moduli)},
+    )
+
+
+def unlikely_values(materials, joints):
+    """D26: densities, speeds and stiffnesses that no ground has; None where all are likely.
+
+    Parameters
+    ----------
+    materials : dict of str to Material
+    joints : sequence of Joint
+    """
+    listed = {f"materials.{name}": vars(one) | {"cp": one.cp} for name, one in materials.items()}
+    listed |= {f"joint {one.surface}": one.properties for one in joints}
+    found = {
+        f"{place} {key}": (values[key], LIKELY[key])
+        for place, values in listed.items()
+        for key in LIKELY
+        if key in values and not LIKELY[key][0] <= values[key] <= LIKELY[key][1]
+    }
+    if not found:
+        return None
+    words = "; ".join(
+        f"{place} is {factor * value:.3g} {unit}, ground has {factor * low:.3g} to "
+        f"{factor * high:.3g}"
+        for place, (value, (low, high, unit, factor)) in found.items()
+    )
+    return Finding(
+        "D26",
+        "A value of the ground looks like one in another unit",
+        f"{words}; units are in the keys.",
+        True,
+        {place: value for place, (value, _) in found.items()},
+    )
+
+
+def beyond_memory(needed, free):
+    """D30: a run that needs more bytes than the machine has left, and will be refused."""
+    if needed <= free:
+        return None
+    return Finding(
+        "D30",
+        "The run does not fit into memory",
+        f"It needs about {needed / 1e9:.3g} GB, the machine has {free / 1e9:.3g} GB left: take "
+        "longer edges, fewer receivers or a shorter run.duration_s.",
+        True,
+        {"needed": needed, "free": free},
+    )

@@ -1,0 +1,381 @@
+"""Tables of a project file: names, units, ranges of run, back-analysis, delays, diagnosis."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from .config_ground import (
+    AirBlastConfig,
+    BoundariesConfig,
+    DampingConfig,
+    GroundConfig,
+    HolesInsideConfig,
+    InSituConfig,
+    JointConfig,
+    MaterialConfig,
+    MeshConfig,
+    MomentTensorConfig,
+    PointForceConfig,
+    PressureConfig,
+    RimConfig,
+)
+from .section import (
+    Band,
+    Bearing,
+    Count,
+    Curve,
+    Inclination,
+    Name,
+    NotNegative,
+    Place,
+    Point,
+    Positive,
+    RecordingConfig,
+    Section,
+    Span,
+)
+
+DEFAULT_METHOD = "levenberg"  # won on twins: docs/decisions.md, "Least squares by default"
+
+
+class ParameterConfig(Section):
+    """An unknown: the dotted path of a key and its range, in the unit of the key."""
+
+    path: Name
+    low: float
+    high: float
+    log: bool = False
+    laboratory: Span | None = None
+
+
+class BackAnalysisConfig(Section):
+    """What is to be found, from which records, how."""
+
+    method: Name = DEFAULT_METHOD
+    misfit: Name = "paper"
+    runs: Count = 21
+    seed: Annotated[int, Field(ge=0)] = 0
+    receivers: list[Name] = Field([])
+    blasts: list[Name] = Field([])
+    posterior: bool = False
+    noise_mm_per_s: Positive | None = None
+    candidate_grid: Annotated[list[Count], Field(min_length=2, max_length=2)] = Field([5, 4])
+    candidate_blasts: list[Name] = Field([])
+    parameters: Annotated[list[ParameterConfig], Field(min_length=1)]
+
+
+Ends = Annotated[list[NotNegative], Field(min_length=2, max_length=2)]
+
+
+class HouseConfig(Section):
+    """A house with its limit: a receiver, or a place where a single hole was recorded."""
+
+    name: Name
+    limit_mm_per_s: Positive | None = None
+    limit_curve: Curve | None = None
+    recorded: RecordingConfig | None = None
+    position_m: Point | None = None
+
+    @model_validator(mode="after")
+    def _one_limit(self):
+        """Ask for one limit."""
+        self._one_of(("limit_mm_per_s",), ("limit_curve",))
+        return self
+
+
+class DelaysConfig(Section):
+    """Between which delays the best are sought, and what is uncertain about holes."""
+
+    between_holes_ms: Ends
+    between_rows_ms: Ends
+    step_ms: Positive = 1.0
+    holes_per_row: Count | None = None
+    band_hz: Band | None = None
+    share_percent: Annotated[float, Field(gt=0.0, lt=100.0)] = 90.0
+    most_charge_kg: Positive | None = None
+    scatter_ms: NotNegative = 0.0
+    scatter_percent: NotNegative = 0.0
+    charge_percent: NotNegative = 0.0
+    blast_percent: NotNegative = 0.0
+    doubt: NotNegative = 0.0
+    wave_speed_m_per_s: Positive | None = None
+    draws: Count = 4000
+    seed: Annotated[int, Field(ge=0)] = 0
+    houses: Annotated[list[HouseConfig], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _whole(self):
+        """Refuse ends that fall, names that repeat, and houses of two kinds."""
+        for key in ("between_holes_ms", "between_rows_ms"):
+            low, high = getattr(self, key)
+            if low > high:
+                raise ValueError(f"{key}: must be lowest and highest delay, got {[low, high]}")
+        names = [house.name for house in self.houses]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"houses: {name!r} is named twice")
+        recorded = [house.recorded is not None for house in self.houses]
+        if any(recorded) and not all(recorded):
+            name = names[recorded.index(False)]
+            raise ValueError(f"houses: {name!r} has no recorded hole, but others have; record all")
+        if self.wave_speed_m_per_s is not None:
+            for house in self.houses:
+                if house.position_m is None or house.recorded is None:
+                    raise ValueError(
+                        "wave_speed_m_per_s: moves recorded holes; each house needs position_m and "
+                        f"recorded, {house.name!r} lacks one"
+                    )
+        return self
+
+
+class DiagnosisConfig(Section):
+    """Which records a diagnosis compares, and in which band."""
+
+    blasts: list[Name] = Field([])
+    band_hz: Band | None = None
+    noise_window_s: Span | None = None
+
+    @model_validator(mode="after")
+    def _before(self):
+        """Refuse a window of noise that ends before it begins or after the first hole."""
+        if self.noise_window_s is not None:
+            first, last = self.noise_window_s
+            if not first < last <= 0.0:
+                raise ValueError(
+                    "noise_window_s: must rise and end before the first hole at 0 s, "
+                    f"got {self.noise_window_s}"
+                )
+        return self
+
+
+class BlastConfig(Section):
+    """Rows of holes, or a hole table."""
+
+    rows: Count | None = None
+    holes_per_row: Count | None = None
+    delay_ms: NotNegative | None = None
+    charge_kg: Positive | None = None
+    diameter_mm: Positive | None = None
+    depth_m: Positive | None = None
+    burden_m: Positive | None = None
+    spacing_m: Positive | None = None
+    position_m: Point | None = None
+    row_bearing_deg: Bearing = 0.0
+    file: str | None = None
+    mapping: str | None = None
+    shift_m: Point = Field([0.0, 0.0, 0.0])
+    explosive_kg_per_m3: Positive = 850.0
+    reference_charge_kg: Positive | None = None
+    charge_exponent: NotNegative = 1.0
+    wave_speed_m_per_s: Positive | None = None
+    scatter_ms: NotNegative = 0.0
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    @model_validator(mode="after")
+    def _rows_or_table(self):
+        """Ask for all numbers of the rows, or a table."""
+        rows = ("rows", "holes_per_row", "delay_ms", "charge_kg", "diameter_mm", "depth_m")
+        self._one_of((*rows, "burden_m", "spacing_m", "position_m"), ("file",))
+        return self
+
+
+class CavityConfig(Section):
+    """The closed form of a charged hole: a cavity under pressure in unbounded rock."""
+
+    material: Name
+    hole_m: Point
+    receiver_m: Point
+    charge_kg: Positive
+    radius_m: Positive
+    peak_time_ms: Positive
+    pressure_mpa: Positive | None = None
+    peak_mm_per_s: Positive | None = None
+    duration_s: Positive = 1.0
+    sampling_hz: Positive = 1024.0
+
+    @model_validator(mode="after")
+    def _one_level(self):
+        """Refuse two levels; without one it follows from a scaled-distance law."""
+        if self.pressure_mpa is not None and self.peak_mm_per_s is not None:
+            raise ValueError("give pressure_mpa or peak_mm_per_s, not both")
+        return self
+
+
+class SignatureConfig(Section):
+    """Seismogram of a single hole: recorded, or the closed form."""
+
+    recorded: RecordingConfig | None = None
+    cavity: CavityConfig | None = None
+    scale: Positive = 1.0
+
+    @model_validator(mode="after")
+    def _one_source(self):
+        """Ask for one of the two."""
+        self._one_of(("recorded",), ("cavity",))
+        return self
+
+
+class InputConfig(Section):
+    """Where and how the motion of a signature enters the model."""
+
+    face: Name = "west"
+    enters_as: Literal["stress", "velocity", "plane_wave"] = "stress"
+    wave: Literal["P", "SV", "SH"] | None = None
+    azimuth_deg: Bearing | None = None
+    inclination_deg: Inclination | None = None
+    free_surface: Name = "top"
+    low_pass_hz: Positive | None = 20.0
+    distance_m: Positive | None = None
+
+    @model_validator(mode="after")
+    def _plane_wave(self):
+        """Ask for all that says what a plane wave is, and refuse it beside another input."""
+        needed = ("wave", "azimuth_deg", "inclination_deg")
+        if self.enters_as == "plane_wave":
+            for key in needed:
+                if getattr(self, key) is None:
+                    raise ValueError(f"{key} is missing beside enters_as = 'plane_wave'")
+        for key in (*needed, "free_surface"):
+            if self.enters_as != "plane_wave" and key in self.model_fields_set:
+                raise ValueError(f"{key} needs enters_as = 'plane_wave'; leave it out")
+        return self
+
+
+class ReceiverConfig(Section):
+    """A place where motion is wanted; without height it stands on the surface "top"."""
+
+    name: Annotated[str, Field(pattern=r"^[^/\x00]{1,60}$")]
+    position_m: Place
+    azimuth_deg: Bearing | None = None
+    recorded: RecordingConfig | None = None
+
+
+class RunConfig(Section):
+    """How long and how the model is marched."""
+
+    duration_s: Positive
+    added_mass: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0025
+    step_factor: Annotated[float, Field(gt=0.0, le=1.0)] = 0.8
+    local_damping: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
+    snapshots_s: list[NotNegative] = Field([])
+    compare_band_hz: Band | None = None
+    limit_curves: list[Curve] = Field([])
+
+    @model_validator(mode="after")
+    def _snapshots_within(self):
+        """Refuse snapshots after the end."""
+        late = [time for time in self.snapshots_s if time > self.duration_s]
+        if late:
+            raise ValueError(
+                f"snapshots_s: must lie within duration_s = {self.duration_s:g}, got {late[0]:g}"
+            )
+        return self
+
+
+class Config(Section):
+    """A whole project file."""
+
+    title: Name
+    assumed: list[Name] = Field([])
+    mesh: MeshConfig
+    materials: dict[Name, MaterialConfig]
+    joints: dict[Name, JointConfig] = Field({})
+    ground: GroundConfig = GroundConfig()
+    boundaries: BoundariesConfig = BoundariesConfig()
+    damping: DampingConfig | None = None
+    rim: RimConfig | None = None
+    insitu: InSituConfig | None = None
+    blast: BlastConfig | None = None
+    signature: SignatureConfig | None = None
+    input: InputConfig = InputConfig()
+    holes_inside: HolesInsideConfig | None = None
+    point_forces: list[PointForceConfig] = Field([])
+    moment_tensors: list[MomentTensorConfig] = Field([])
+    pressures: list[PressureConfig] = Field([])
+    air_blast: AirBlastConfig | None = None
+    receivers: list[ReceiverConfig] = Field([])
+    run: RunConfig
+    back_analysis: BackAnalysisConfig | None = None
+    delays: DelaysConfig | None = None
+    diagnosis: DiagnosisConfig | None = None
+
+    @model_validator(mode="after")
+    def _what_enters(self):
+        """Ask for something that moves the ground, and refuse tables that would do nothing."""
+        holes, face = self.holes_inside is not None, self.signature is not None
+        air = self.air_blast is not None
+        if not (holes or face or air or self.point_forces or self.moment_tensors or self.pressures):
+            raise ValueError(
+                "signature: missing; add it, or [holes_inside], [[point_forces]], "
+                "[[moment_tensors]], [[pressures]] or [air_blast]"
+            )
+        if holes and face:
+            raise ValueError("holes_inside: the blast enters twice; leave out [signature]")
+        if holes and self.blast is None:
+            raise ValueError("holes_inside: needs [blast] with places, charges and firing times")
+        if air and self.blast is None:
+            raise ValueError("air_blast: needs [blast] with collars and firing times")
+        if self.blast is not None and not (holes or face or air):
+            raise ValueError(
+                "blast: needs [signature], [holes_inside] or [air_blast] to enter the model"
+            )
+        if "input" in self.model_fields_set and not face:
+            raise ValueError("input: needs [signature]; nothing else enters through a face")
+        if holes and self.blast.reference_charge_kg is not None:
+            raise ValueError("blast.reference_charge_kg: the moment rate is of 1 kg; leave it out")
+        if holes and self.blast.wave_speed_m_per_s is not None:
+            raise ValueError("blast.wave_speed_m_per_s: waves cross the model; leave it out")
+        recorded = self.signature is not None and self.signature.recorded is not None
+        if recorded and self.blast is not None and self.blast.wave_speed_m_per_s is not None:
+            raise ValueError(
+                "blast.wave_speed_m_per_s: a recorded signature does not say where hole and "
+                "instrument stood, so no travel times follow; leave it out"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _known_damage(self):
+        """Ask for the holes that damage the ground, and for the material of what is damaged."""
+        zone = self.ground.damaged_zone
+        if zone is not None and self.blast is None:
+            raise ValueError("ground.damaged_zone: needs [blast] with the holes around which it is")
+        if zone is not None and zone.material not in (None, *self.materials):
+            raise ValueError(
+                f"ground.damaged_zone.material: must be one of {', '.join(self.materials)}, "
+                f"got {zone.material!r}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _free_field(self):
+        """Refuse free-field sides that no input from below would reach."""
+        if not self.boundaries.free_field:
+            return self
+        if self.signature is None:
+            raise ValueError(
+                "boundaries.free_field: needs [signature] that enters from below; for sources "
+                "inside viscous sides do"
+            )
+        if self.input.enters_as == "plane_wave":
+            raise ValueError(
+                "boundaries.free_field: all viscous sides see a plane wave; move these to viscous"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _known_layers(self):
+        """Refuse layers without a material and joint sets in no layer."""
+        layers, known = [layer.material for layer in self.mesh.layers], ", ".join(self.materials)
+        for number, name in enumerate(layers, start=1):
+            if name not in self.materials:
+                raise ValueError(
+                    f"mesh.layers[{number}].material: must be one of {known}, got {name!r}"
+                )
+        for part in self.mesh.joint_sets:
+            for region in part.regions:
+                if region not in layers:
+                    raise ValueError(
+                        f"mesh.joint_sets.{part.name}.regions: must be layers "
+                        f"({', '.join(layers)}), got {region!r}"
+                    )
+        return self

@@ -1,0 +1,427 @@
+"""Tables of a project file about the ground: mesh, materials, joints, boundaries, sources."""
+
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field, model_validator
+
+from .section import (
+    Band,
+    Bearing,
+    Box,
+    Count,
+    Dip,
+    FrictionAngle,
+    Infill,
+    Name,
+    NotNegative,
+    Place,
+    Point,
+    Positive,
+    Quality,
+    Section,
+    Size,
+)
+
+
+class LayerConfig(Section):
+    """A layer of ground, from the top down; without thickness the rest down to the bottom."""
+
+    material: Name
+    thickness_m: Positive | None = None
+    edge_m: Positive | None = None
+    edges_per_wavelength: Positive | None = None
+
+
+class JointSetConfig(Section):
+    """Parallel joints, cut to layers."""
+
+    name: Name
+    joint: Name | None = None
+    dip_deg: Dip
+    dip_direction_deg: Bearing
+    spacing_m: Positive
+    origin_m: Point | None = None
+    regions: list[Name] = Field([])
+    persistence: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0
+
+
+class FaultConfig(Section):
+    """A single plane that cuts everything within its extent."""
+
+    name: Name
+    joint: Name | None = None
+    dip_deg: Dip
+    dip_direction_deg: Bearing
+    through_m: Point
+    radius_m: Positive | None = None
+    extent_m: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = None
+
+
+class MeshConfig(Section):
+    """The ground: a box or a surveyed surface with layers and joints, or a mesh file."""
+
+    size_m: Size | None = None
+    origin_m: Point = Field([0.0, 0.0, 0.0])
+    grid_cells: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
+    surface_file: str | None = None
+    edge_m: Positive | None = None
+    edges_per_wavelength: Positive | None = None
+    frequency_hz: Positive | None = None
+    layers: list[LayerConfig] = Field([])
+    joint_sets: list[JointSetConfig] = Field([])
+    faults: list[FaultConfig] = Field([])
+    tolerance_m: Positive | None = None
+    quadratic: bool = False
+    padding_m: Positive | None = None
+    padding_edge_m: Positive | None = None
+    seed: Annotated[int, Field(ge=0)] = 0
+    file: str | None = None
+    file_groups: dict[str, Name] = Field({})
+    file_joints: dict[str, Name] = Field({})
+
+    @model_validator(mode="after")
+    def _complete(self):
+        """Ask for layers and an edge length of a box; a file needs nothing else."""
+        self._one_of(("size_m",), ("file",))
+        if self.file is not None:
+            return self
+        if not self.layers:
+            raise ValueError("layers is missing; give [[mesh.layers]] with a material")
+        wanted = any(part.edges_per_wavelength is not None for part in [self, *self.layers])
+        if wanted and self.frequency_hz is None:
+            raise ValueError("frequency_hz is missing beside edges_per_wavelength")
+        if self.grid_cells is None and self.edge_m is None and self.edges_per_wavelength is None:
+            raise ValueError("give one of edge_m; edges_per_wavelength; grid_cells")
+        if (self.padding_m is None) != (self.padding_edge_m is None):
+            raise ValueError("padding_m and padding_edge_m go together")
+        names = [part.name for part in (*self.joint_sets, *self.faults)]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"the name {name!r} is given to two joint sets or faults")
+        return self
+
+
+class DampingConfig(Section):
+    """Rayleigh damping."""
+
+    ratio: Annotated[float, Field(ge=0.0, lt=1.0)]
+    frequency_hz: Positive
+    mass: bool = True
+    stiffness: bool = True
+    corner_hz: Positive | None = None
+    lagged: bool = False
+
+    @model_validator(mode="after")
+    def _corner_above(self):
+        """Refuse a low-pass that would take what it shall damp, or that is asked for and not."""
+        if self.lagged and self.corner_hz is not None:
+            raise ValueError("give corner_hz or lagged = true, not both")
+        if self.corner_hz is not None and not self.corner_hz > self.frequency_hz:
+            raise ValueError(f"corner_hz must exceed frequency_hz, got {self.corner_hz:g}")
+        return self
+
+
+class YieldingConfig(Section):
+    """Mohr-Coulomb ground: flow and softening beside the strength of the material."""
+
+    dilation_angle_deg: FrictionAngle = 0.0
+    cohesion_residual_kpa: NotNegative | None = None
+    friction_residual_angle_deg: FrictionAngle | None = None
+    dilation_residual_angle_deg: FrictionAngle | None = None
+    tension_residual_kpa: NotNegative | None = None
+    shear_strain_percent: NotNegative = 0.0
+    tensile_strain_percent: NotNegative = 0.0
+
+
+class TransverseConfig(Section):
+    """Elastic constants of ground that is isotropic in planes: schist, thin layers."""
+
+    dip_deg: Dip
+    dip_direction_deg: Bearing
+    young_mpa: Positive
+    young_normal_mpa: Positive
+    poisson: Annotated[float, Field(gt=-1.0, lt=1.0)]
+    poisson_normal: float
+    shear_normal_mpa: Positive
+
+
+class MediumJointsConfig(Section):
+    """Parallel joints that are not meshed but part of the stiffness of their rock."""
+
+    dip_deg: Dip
+    dip_direction_deg: Bearing
+    spacing_m: Positive
+    kn_gpa_per_m: Positive
+    ks_gpa_per_m: Positive
+
+
+class MaterialConfig(Section):
+    """Density, elastic constants in one of four ways, strength, quality, own damping."""
+
+    density_kg_per_m3: Positive
+    bulk_mpa: Positive | None = None
+    shear_mpa: Positive | None = None
+    young_mpa: Positive | None = None
+    poisson: Annotated[float, Field(gt=-1.0, lt=0.5)] | None = None
+    cp_m_per_s: Positive | None = None
+    cs_m_per_s: Positive | None = None
+    cohesion_kpa: NotNegative | None = None
+    tension_kpa: NotNegative | None = None
+    friction_angle_deg: FrictionAngle | None = None
+    qp: Quality | None = None
+    qs: Quality | None = None
+    quality_band_hz: Band | None = None
+    quality_reference_hz: Positive | None = None
+    damping: DampingConfig | None = None
+    yielding: YieldingConfig | None = None
+    transverse: TransverseConfig | None = None
+    joints: list[MediumJointsConfig] = Field([])
+
+    @model_validator(mode="after")
+    def _two_constants(self):
+        """Ask for one pair of elastic constants, or those of transverse ground."""
+        speeds = "cp_m_per_s", "cs_m_per_s"
+        self._one_of(("bulk_mpa", "shear_mpa"), ("young_mpa", "poisson"), speeds, ("transverse",))
+        return self
+
+    @model_validator(mode="after")
+    def _one_law(self):
+        """Refuse two laws for the same zones; ask for the strength of ground that yields."""
+        laws = {
+            "qp": self.qp is not None,
+            "yielding": self.yielding is not None,
+            "transverse or joints": self.transverse is not None or bool(self.joints),
+        }
+        given = [name for name, wanted in laws.items() if wanted]
+        if len(given) > 1:
+            raise ValueError(f"{given[0]} and {given[1]} exclude one another; keep one")
+        if self.yielding is not None and self.cohesion_kpa is None:
+            raise ValueError("cohesion_kpa is missing beside yielding")
+        return self
+
+    @model_validator(mode="after")
+    def _both_qualities(self):
+        """Ask for both quality factors and the band in which they hold, or none of them."""
+        quality = "qp", "qs", "quality_band_hz"
+        if any(getattr(self, key) is not None for key in (*quality, "quality_reference_hz")):
+            missing = [key for key in quality if getattr(self, key) is None]
+            if missing:
+                raise ValueError(f"{missing[0]} is missing; qp, qs, quality_band_hz go together")
+        return self
+
+
+class JointConfig(Section):
+    """A joint law and its properties; which ones, the law table of the core says."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, float]
+    law: Name = "coulomb"
+    insitu_pressure_kpa: NotNegative = 0.0
+    insitu_shear_kpa: Point = Field([0.0, 0.0, 0.0])
+    infill_mm: Infill | None = None
+    fill_density_kg_per_m3: Positive | None = None
+    fill_thickness_mm: Positive | None = None
+    water_aperture_mm: Positive | None = None
+
+    @model_validator(mode="after")
+    def _both(self):
+        """Ask for both numbers of a heavy fill."""
+        if (self.fill_density_kg_per_m3 is None) != (self.fill_thickness_mm is None):
+            raise ValueError("fill_density_kg_per_m3 and fill_thickness_mm go together")
+        return self
+
+
+class BoundariesConfig(Section):
+    """Which outer surface has which condition."""
+
+    viscous: list[Name] = Field([])
+    free_field: list[Name] = Field([])
+    roller: list[Name] = Field([])
+    fixed: list[Name] = Field([])
+    free: list[Name] = Field([])
+    viscous_and_fixed: bool = False
+    jointed_faces: bool = False
+
+    @model_validator(mode="after")
+    def _once(self):
+        """Refuse a surface that stands in two lists."""
+        every = [*self.viscous, *self.free_field, *self.roller, *self.fixed, *self.free]
+        for name in every:
+            if every.count(name) > 1:
+                raise ValueError(
+                    f"the surface {name!r} stands in two lists; for the literal reading of the "
+                    "paper keep it in viscous and set viscous_and_fixed = true"
+                )
+        return self
+
+
+class InSituConfig(Section):
+    """Weight and horizontal stress before the blast."""
+
+    gravity_m_per_s2: NotNegative = 9.81
+    horizontal_ratio: NotNegative = 0.5
+    stress_mpa: Annotated[list[float], Field(min_length=6, max_length=6)] = Field([0.0] * 6)
+
+
+class RimConfig(Section):
+    """Ground outside a box that damps what leaves it."""
+
+    box_m: Box
+    width_m: Positive
+    lowest_hz: Positive | None = None
+
+    @model_validator(mode="after")
+    def _ascending(self):
+        """Refuse a box that ends before it begins."""
+        for axis, (low, high) in zip("xyz", self.box_m, strict=True):
+            if not low < high:
+                raise ValueError(
+                    f"box_m needs low below high on each axis, got {low:g} and {high:g} for {axis}"
+                )
+        return self
+
+
+Share = Annotated[float, Field(ge=0.0, lt=1.0)]
+
+
+class GradientConfig(Section):
+    """Wave speeds that grow with depth."""
+
+    reduction: Share
+    length_m: Positive
+    top_m: float | None = None
+
+
+class DamagedZoneConfig(Section):
+    """Ground that blasting has damaged around the holes of the blast."""
+
+    reduction: Share
+    length_m: Positive
+    radius_m: Positive | None = None
+    material: Name | None = None
+
+    @model_validator(mode="after")
+    def _both(self):
+        """Ask for both, the radius and the material within it."""
+        if (self.radius_m is None) != (self.material is None):
+            raise ValueError("radius_m and material go together")
+        return self
+
+
+class HeterogeneityConfig(Section):
+    """Random wave speeds."""
+
+    deviation: Share
+    length_m: Positive
+    seed: Annotated[int, Field(ge=0)] = 0
+    hurst: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
+
+
+class GroundConfig(Section):
+    """Factors on the wave speeds of all materials."""
+
+    gradient: GradientConfig | None = None
+    damaged_zone: DamagedZoneConfig | None = None
+    heterogeneity: HeterogeneityConfig | None = None
+
+
+Tensor = Annotated[list[float], Field(min_length=6, max_length=6)]
+
+
+class ChargedHoleConfig(Section):
+    """The moment of a charged hole in closed form."""
+
+    material: Name
+    charge_kg: Positive
+    radius_m: Positive
+    pressure_mpa: Positive
+    peak_time_ms: Positive
+
+
+class HolesInsideConfig(Section):
+    """The holes of the blast as sources inside the model: points, or columns that detonate."""
+
+    moment_rate_file: str | None = None
+    charged_hole: ChargedHoleConfig | None = None
+    spread_m: NotNegative | None = None
+    detonation_m_per_s: Positive | None = None
+    primed_at: Literal["toe", "collar"] | None = None
+
+    @model_validator(mode="after")
+    def _one_moment(self):
+        """Ask for one of the two, and for columns that are whole."""
+        self._one_of(("moment_rate_file",), ("charged_hole",))
+        if self.primed_at is not None and self.detonation_m_per_s is None:
+            raise ValueError("detonation_m_per_s is missing beside primed_at")
+        if self.spread_m is not None and self.detonation_m_per_s is not None:
+            raise ValueError("spread_m and detonation_m_per_s exclude one another; keep one")
+        return self
+
+
+class PointForceConfig(Section):
+    """A force at a point; without height it acts on the surface "top"."""
+
+    position_m: Place
+    direction: Point
+    file: str
+
+    @model_validator(mode="after")
+    def _somewhere(self):
+        """Refuse a direction without length."""
+        if not any(self.direction):
+            raise ValueError("direction must not be [0, 0, 0]")
+        return self
+
+
+class MomentTensorConfig(Section):
+    """A moment tensor at a point."""
+
+    position_m: Point
+    tensor: Tensor
+    file: str
+    spread_m: NotNegative | None = None
+
+    @model_validator(mode="after")
+    def _something(self):
+        """Refuse a tensor that is nothing."""
+        if not any(self.tensor):
+            raise ValueError("tensor must not be zero")
+        return self
+
+
+class PressureConfig(Section):
+    """A pressure on a surface; with a start and a speed it runs over it."""
+
+    surface: Name
+    file: str
+    start_m: Point | None = None
+    speed_m_per_s: Positive | None = None
+
+    @model_validator(mode="after")
+    def _both(self):
+        """Ask for both, where it begins and how fast it runs."""
+        if (self.start_m is None) != (self.speed_m_per_s is None):
+            raise ValueError("start_m and speed_m_per_s go together")
+        return self
+
+
+class AirBlastConfig(Section):
+    """Pressure through the air over a free surface, from the collars of the blast."""
+
+    surface: Name = "top"
+    file: str | None = None
+    pressure_kpa: Positive | None = None
+    duration_ms: Positive | None = None
+    reference_m: Positive = 1.0
+    reference_charge_kg: Positive | None = None
+    exponent: NotNegative = 1.0
+    charge_exponent: NotNegative | None = None
+    speed_m_per_s: Positive = 340.0
+
+    @model_validator(mode="after")
+    def _one_pulse(self):
+        """Ask for a pulse, as a file or in closed form, and for both or none of the charge."""
+        self._one_of(("file",), ("pressure_kpa", "duration_ms"))
+        if (self.reference_charge_kg is None) != (self.charge_exponent is None):
+            raise ValueError("reference_charge_kg and charge_exponent go together")
+        return self

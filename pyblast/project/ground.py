@@ -1,0 +1,439 @@
+"""The ground of a project in SI units: materials, joints, boundaries, mesh, spatial fields."""
+
+from dataclasses import replace
+from difflib import get_close_matches
+
+import numpy as np
+
+from ..core import JOINT_LAWS
+from ..errors import InputError
+from ..mesh.builder import Fault, JointSet, Layer, build_mesh, structured_box
+from ..mesh.grid import upward_normal
+from ..mesh.importer import read_mesh
+from ..mesh.mesh import Mesh
+from ..model.anisotropy import jointed, transverse
+from ..model.boundary import Fixed, FreeField, Roller, Viscous
+from ..model.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_group
+from ..model.joint import POSITIVE, Joint, may_be_left_out, saturated
+from ..model.material import ConstantQ, Damping, Elastic, Material, MohrCoulomb
+from ..model.model import InSitu
+from ..units import split_key, to_si
+from .section import named_error, read_columns
+
+
+def make_fields(config, blast, mesh) -> tuple:
+    """Turn a `GroundConfig` into fields of the ground.
+
+    Parameters
+    ----------
+    config : GroundConfig
+    blast : Blast or None
+        Whose holes have damaged the ground.
+    mesh : Mesh
+        A gradient without a height begins at its highest point.
+
+    Raises
+    ------
+    InputError
+        If no hole comes near enough to damage anything.
+    """
+    fields = []
+    if config.gradient is not None:
+        part = config.gradient
+        top = mesh.points[:, 2].max() if part.top_m is None else part.top_m
+        fields.append(Gradient(part.reduction, part.length_m, float(top)))
+    if config.damaged_zone is not None:
+        zone = _damaged(config.damaged_zone, blast)
+        centres = mesh.points[mesh.zones].mean(axis=1)
+        nearest = zone.distance(centres).min()
+        if nearest > zone.length:
+            raise InputError(
+                f"ground.damaged_zone.length_m: the ground begins {nearest:.3g} m from the holes "
+                f"and is not damaged, got {zone.length:g} m; are the holes inside the model?"
+            )
+        fields.append(zone)
+    if config.heterogeneity is not None:
+        part = config.heterogeneity
+        fields.append(Heterogeneity(part.deviation, part.length_m, part.seed, part.hurst))
+    return tuple(fields)
+
+
+def with_damaged_material(config, blast, mesh) -> Mesh:
+    """Return a mesh whose zones near the holes have the material of a `DamagedZoneConfig`."""
+    part = config.damaged_zone
+    if part is None or part.material is None:
+        return mesh
+    return damaged_group(mesh, _damaged(part, blast), part.radius_m, part.material)
+
+
+def _damaged(part, blast):
+    """Return the damaged zone around all holes."""
+    holes = np.stack([blast.collar, blast.toe], axis=1)
+    return DamagedZone(holes, part.reduction, part.length_m)
+
+
+_STIFFNESSES = ("gpa_per_m", "mpa_per_m", "pa_per_m")
+_LENGTHS = ("mm", "m")
+_UNITS = {
+    **dict.fromkeys(("kn", "ks", "kn_max"), _STIFFNESSES),
+    **dict.fromkeys(("closure", "dilation_slip", "weakening_slip", "peak_slip"), _LENGTHS),
+    **dict.fromkeys(("friction", "friction_residual", "friction_dynamic"), ("angle_deg",)),
+    **dict.fromkeys(("friction_initial", "dilation"), ("angle_deg",)),
+    **dict.fromkeys(("eta_n", "eta_s"), ("mpa_s_per_m", "pa_s_per_m")),
+    **dict.fromkeys(("irrecoverable", "jrc", "exponent"), ("",)),
+    "roughness": _LENGTHS,
+    "jcs": ("mpa", "kpa", "pa"),
+}
+_PRESSURES = ("kpa", "mpa", "pa")
+
+
+def make_joint(where, surface, config):
+    """Turn a `JointConfig` into the `Joint` of one surface.
+
+    Raises
+    ------
+    InputError
+        If the law is unknown, or a key is unknown, missing, without a unit or out of range.
+    """
+    if config.law not in JOINT_LAWS:
+        raise InputError(f"{where}.law: must be one of {', '.join(JOINT_LAWS)}, got {config.law!r}")
+    names = JOINT_LAWS[config.law].properties
+    properties = {}
+    for key, value in (config.model_extra or {}).items():
+        stem, unit = split_key(key)
+        wanted = _UNITS.get(stem, _PRESSURES)
+        if stem not in names or unit not in wanted:
+            raise InputError(f"{where}.{key}: unknown key; {_proposal(key, names)}")
+        if not value > 0.0 and stem in POSITIVE:
+            raise InputError(f"{where}.{key}: must be positive, got {value:g}")
+        if value < 0.0:
+            raise InputError(f"{where}.{key}: must not be negative, got {value:g}")
+        with named_error(where):
+            properties[stem] = to_si(key, value)[1]
+    for name in names:
+        if name not in properties and name not in may_be_left_out(config.law):
+            raise InputError(f"{where}.{_key(name)}: missing; add it")
+    pressure = to_si("pressure_kpa", config.insitu_pressure_kpa)[1]
+    mass = 0.0
+    if config.fill_density_kg_per_m3 is not None:
+        mass = config.fill_density_kg_per_m3 * to_si("fill_mm", config.fill_thickness_mm)[1]
+    shear = tuple(to_si("shear_kpa", config.insitu_shear_kpa)[1])
+    joint = Joint(surface, config.law, properties, pressure, shear, mass)
+    if config.water_aperture_mm is None:
+        return joint
+    return saturated(joint, to_si("aperture_mm", config.water_aperture_mm)[1])
+
+
+def _key(name):
+    """Return the key of a property with its first unit."""
+    return f"{name}_{_UNITS.get(name, _PRESSURES)[0]}".rstrip("_")
+
+
+def _proposal(key, names):
+    """Propose the key that was probably meant."""
+    known = {name: _key(name) for name in names}
+    stems = sorted((name for name in names if key.startswith(f"{name}_")), key=len)
+    near = [known[stems[-1]]] if stems else get_close_matches(key, known.values(), n=1)
+    return f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known.values())}"
+
+
+def set_normal(part):
+    """Return the unit normal (3,) of a `JointSetConfig`, upward."""
+    dip, towards = (to_si(key, getattr(part, key))[1] for key in ("dip_deg", "dip_direction_deg"))
+    return upward_normal(dip, towards)
+
+
+def set_stiffness(config, joints, pressures):
+    """Return what the joint sets of a `MeshConfig` oppose to small long waves.
+
+    Parameters
+    ----------
+    config : MeshConfig
+    joints : sequence of Joint
+    pressures : dict of str to float, Pa
+        Mean normal pressure before the blast, by surface; of `joint_pressures`.
+
+    Returns
+    -------
+    dict of str to (float, float), Pa/m
+        kn and ks by set: tangents under the pressure, over the share of the area that is joint.
+    """
+    by_surface = {joint.surface: joint for joint in joints}
+    return {
+        part.name: tuple(
+            k / part.persistence for k in by_surface[part.name].tangents(pressures[part.name])
+        )
+        for part in config.joint_sets
+    }
+
+
+def jointed_media(config, materials, joints, pressures):
+    """Return the medium that each layer with joint sets is for long waves.
+
+    Parameters
+    ----------
+    config : MeshConfig
+    materials : dict of str to Material
+    joints, pressures
+        As of `set_stiffness`.
+
+    Returns
+    -------
+    dict of str to Material
+        By layer; rock bridges take their share of the area off the compliance.
+    """
+    stiffness, media = set_stiffness(config, joints, pressures), {}
+    for part in config.joint_sets:
+        for group in part.regions or [layer.material for layer in config.layers]:
+            rock = media.get(group, materials[group])
+            if rock.law.name != "anisotropic":
+                rock = replace(rock, law=Elastic())
+            media[group] = jointed(rock, set_normal(part), part.spacing_m, *stiffness[part.name])
+    return media
+
+
+LAWS = ("yielding", "transverse", "joints")
+QUALITY = ("qp", "qs", "quality_band_hz", "quality_reference_hz")
+CORNER = 15.0  # of the low-pass over the central frequency: leaves 0.756 of the step at 5 %
+
+
+def make_material(config):
+    """Turn a `MaterialConfig` into a `Material`."""
+    given = config.model_dump(exclude={"damping", *LAWS, *QUALITY}, exclude_none=True)
+    values = dict(to_si(key, value) for key, value in given.items())
+    if config.qp is not None:
+        qp, qs, band, reference = (getattr(config, key) for key in QUALITY)
+        values["law"] = ConstantQ(qp, qs, tuple(band), reference)
+    if config.yielding is not None:
+        flow = config.yielding.model_dump(exclude_none=True)
+        values["law"] = MohrCoulomb(**dict(to_si(key, value) for key, value in flow.items()))
+    material = _elastic(config, values)
+    for part in config.joints:
+        across, stiffness = _planes(part)
+        material = jointed(material, across, **stiffness)
+    return material
+
+
+def _elastic(config, values):
+    """Make a material of one of the four ways to give elastic constants."""
+    density = values.pop("density")
+    if config.transverse is not None:
+        across, moduli = _planes(config.transverse)
+        return transverse(density, across, **moduli, **values)
+    if "young" in values:
+        return Material.from_young_poisson(density, values.pop("young"), **values)
+    if "cp" in values:
+        return Material.from_speeds(density, values.pop("cp"), values.pop("cs"), **values)
+    return Material(density, **values)
+
+
+def _planes(part):
+    """Return the normal of dipping planes and the rest of what is said about them, in SI."""
+    values = dict(to_si(key, value) for key, value in part.model_dump().items())
+    return upward_normal(values.pop("dip"), values.pop("dip_direction")), values
+
+
+def make_damping(config):
+    """Return the damping of a `Config`: one for all, or by material where materials have their own.
+
+    Returns
+    -------
+    Damping, dict of str to Damping, or None
+    """
+    own = {name: part.damping for name, part in config.materials.items()}
+    if not any(own.values()):
+        return None if config.damping is None else _damping(config.damping)
+    return {
+        name: Damping(0.0, 1.0) if part is None else _damping(part)
+        for name, part in ((name, part or config.damping) for name, part in own.items())
+    }
+
+
+def _damping(part):
+    """Turn a `DampingConfig` into a `Damping`, low-passed unless it asks for the lagged form."""
+    corner = part.corner_hz or CORNER * part.frequency_hz
+    low_pass = None if part.lagged or not part.stiffness else corner
+    return Damping(part.ratio, part.frequency_hz, part.mass, part.stiffness, low_pass)
+
+
+def make_insitu(config):
+    """Turn an `InSituConfig` or None into an `InSitu` or None."""
+    if config is None:
+        return None
+    stress = to_si("stress_mpa", config.stress_mpa)[1]
+    return InSitu(config.gravity_m_per_s2, config.horizontal_ratio, tuple(stress))
+
+
+def make_boundaries(config, face=None, media=None):
+    """Turn a `BoundariesConfig` into boundaries.
+
+    Parameters
+    ----------
+    config : BoundariesConfig
+    face : str, optional
+        Input face; the literal "viscous and fixed" leaves it free to move.
+    media : dict of str to Material, optional
+        Of `jointed_media`, for faces that shall know of joints.
+    """
+    media = media if config.jointed_faces else None
+    boundaries = [Viscous(name, media or {}) for name in (*config.viscous, *config.free_field)]
+    boundaries += [FreeField(name) for name in config.free_field]
+    boundaries += [Roller(name) for name in config.roller]
+    boundaries += [Fixed(name) for name in config.fixed]
+    if config.viscous_and_fixed:
+        boundaries += [Roller(name) for name in config.viscous if name != face]
+    return boundaries
+
+
+def refuse_open_sides(config, mesh):
+    """Refuse sides that would send the waves of holes inside back without anyone wanting it.
+
+    Parameters
+    ----------
+    config : BoundariesConfig
+    mesh : Mesh
+        Split; its joints are no sides.
+
+    Raises
+    ------
+    InputError
+    """
+    named = {
+        *config.viscous,
+        *config.free_field,
+        *config.roller,
+        *config.fixed,
+        *config.free,
+        "top",
+    }
+    joints = () if mesh.contacts is None else mesh.contacts.names
+    for surface in mesh.surfaces:
+        if surface not in named and surface not in joints:
+            raise InputError(
+                f"boundaries.viscous: lacks {surface!r}; the waves of holes inside the model must "
+                "leave through viscous sides (or name the side in another list)"
+            )
+
+
+def joint_of_surface(config):
+    """Return which entry of ``[joints]`` each joint surface of a `MeshConfig` takes."""
+    if config.file is not None:
+        return dict(config.file_joints)
+    return {part.name: part.joint or part.name for part in (*config.joint_sets, *config.faults)}
+
+
+def mean_edge(config, layer, material):
+    """Return the edge length of a layer in m, given or from edges per wavelength, else None."""
+    if layer.edge_m is not None:
+        return layer.edge_m
+    per_wavelength = layer.edges_per_wavelength
+    if per_wavelength is None and config.edge_m is None:
+        per_wavelength = config.edges_per_wavelength
+    if per_wavelength is None:
+        return config.edge_m
+    return material.cs / (per_wavelength * config.frequency_hz)
+
+
+def make_mesh(config, materials, folder) -> Mesh:
+    """Build or read the mesh of a project, not yet split.
+
+    Parameters
+    ----------
+    config : MeshConfig
+    materials : dict of str to Material
+    folder : Path
+        Where files of the project are looked for.
+    """
+    if config.file is not None:
+        return read_mesh(folder / config.file, config.file_groups or None, [*config.file_joints])
+    for layer in config.layers:
+        if layer.material not in materials:
+            raise InputError(
+                f"mesh.layers.material: must be one of {', '.join(materials)}, "
+                f"got {layer.material!r}"
+            )
+    layers = [
+        Layer(part.material, part.thickness_m, mean_edge(config, part, materials[part.material]))
+        for part in config.layers
+    ]
+    if config.grid_cells is not None:
+        return _grid(config, layers)
+    return _jointed_rock(config, layers, folder)
+
+
+def _grid(config, layers):
+    """Cut a regular grid; faults must lie on its planes."""
+    if config.joint_sets or config.surface_file is not None:
+        raise InputError(
+            "mesh.grid_cells: a regular grid takes faults only, no joint_sets or surface_file"
+        )
+    planes = {}
+    for fault in config.faults:
+        axis = _axis_of(fault)
+        place = fault.through_m["xyz".index(axis)] - config.origin_m["xyz".index(axis)]
+        planes[fault.name] = (axis, place)
+    mesh = structured_box(config.grid_cells, config.size_m, layers=layers, planes=planes)
+    return Mesh(
+        mesh.points + config.origin_m, mesh.zones, mesh.zone_group, mesh.groups, mesh.surfaces
+    )
+
+
+def _axis_of(fault):
+    """Return the axis that is normal to a plane along a regular grid."""
+    if fault.dip_deg == 0.0:
+        return "z"
+    turned = fault.dip_direction_deg % 180.0
+    if fault.dip_deg == 90.0 and turned in (0.0, 90.0):
+        return "y" if turned == 0.0 else "x"
+    raise InputError(
+        f"mesh.faults.{fault.name}: on a regular grid dip_deg is 0, or 90 with dip_direction_deg "
+        f"0 or 90, got {fault.dip_deg:g} and {fault.dip_direction_deg:g}; give edge_m instead of "
+        "grid_cells"
+    )
+
+
+def _jointed_rock(config, layers, folder):
+    """Build jointed rock through gmsh."""
+    low, size = np.array(config.origin_m), np.array(config.size_m)
+    sets = [
+        JointSet(
+            part.name, *_angles(part), part.spacing_m,
+            origin=None if part.origin_m is None else tuple(part.origin_m),
+            regions=tuple(part.regions) or None, persistence=part.persistence,
+        )
+        for part in config.joint_sets
+    ]  # fmt: skip
+    faults = [
+        Fault(
+            part.name, *_angles(part), tuple(part.through_m), radius=part.radius_m,
+            extent=None if part.extent_m is None else tuple(part.extent_m),
+        )
+        for part in config.faults
+    ]  # fmt: skip
+    padding = None
+    if config.padding_m is not None:
+        padding = config.padding_m, config.padding_edge_m
+    surface = None
+    if config.surface_file is not None:
+        surface = read_surface(folder / config.surface_file)
+    with named_error("mesh"):
+        return build_mesh(
+            np.column_stack([low, low + size]), layers, sets, faults, edge=config.edge_m,
+            surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
+        )  # fmt: skip
+
+
+def _angles(part):
+    """Return dip and dip direction in rad."""
+    return to_si("dip_deg", part.dip_deg)[1], to_si("direction_deg", part.dip_direction_deg)[1]
+
+
+def read_surface(path):
+    """Read a surveyed surface, lines ``x_m,y_m,z_m``; return its places (n, 3) in m.
+
+    Raises
+    ------
+    ReadError
+        If the file can't be read or a line holds something else than three numbers.
+    """
+    return read_columns(path, ("x_m,y_m,z_m",))

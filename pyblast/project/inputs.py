@@ -1,0 +1,391 @@
+"""The input motion of a project: signature, superposed blast, histories of sources, in SI units."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..blasts.blast import Blast, Firing
+from ..blasts.hole_tables import read_blast
+from ..blasts.signature import SmoothPulse, cavity_moment, cavity_seismogram, pressure_for_peak
+from ..blasts.site_law import scaled_distance_ppv
+from ..blasts.superposition import superpose, travel_shifts
+from ..errors import InputError
+from ..model.boundary import StressInput, VelocityInput
+from ..model.plane_wave import PlaneWave, polarisation
+from ..model.source import TimeFunction
+from ..recordings.recording import Recording, read_recording
+from ..signals.seismogram import GEOGRAPHIC, Seismogram
+from ..signals.spectra import LowPassed, lowpass
+from ..units import to_si
+from .section import named_error, read_time_function
+
+QUIET_CYCLES = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class InputMotion:
+    """What enters the model and what it came from; zero time is the first firing.
+
+    Parameters
+    ----------
+    signature : Seismogram
+    firing : Firing
+    superposed : Seismogram
+        With quiet time before and after, so that the filter has room.
+    low_passed : LowPassed or None
+    """
+
+    signature: Seismogram
+    firing: Firing
+    superposed: Seismogram
+    low_passed: LowPassed | None
+
+    @property
+    def motion(self) -> Seismogram:
+        """The seismogram that enters the model."""
+        return self.superposed if self.low_passed is None else self.low_passed.seismogram
+
+
+def make_blast(config, folder) -> Blast:
+    """Turn a `BlastConfig` into a `Blast`: rows of vertical holes, or a hole table."""
+    shift = np.array(config.shift_m)
+    if config.file is not None:
+        mapping = None if config.mapping is None else folder / config.mapping
+        blast = read_blast(folder / config.file, mapping)
+        moved = {"collar": blast.collar + shift, "toe": blast.toe + shift}
+        return replace(blast, **moved, explosive_density=config.explosive_kg_per_m3)
+    row = math.radians(config.row_bearing_deg)
+    along, across = np.array([math.sin(row), math.cos(row), 0.0]), None
+    across = np.array([-math.cos(row), math.sin(row), 0.0])
+    rows = np.repeat(np.arange(config.rows), config.holes_per_row)
+    holes = np.tile(np.arange(config.holes_per_row), config.rows)
+    stagger = 0.25 * np.where(rows % 2, 1.0, -1.0) * (config.rows > 1)
+    offset = holes - 0.5 * (config.holes_per_row - 1) + stagger
+    collar = (
+        np.array(config.position_m) + shift
+        + config.spacing_m * offset[:, None] * along
+        + config.burden_m * rows[:, None] * across
+    )  # fmt: skip
+    return Blast(
+        name=f"{config.rows} x {config.holes_per_row} holes",
+        collar=collar,
+        toe=collar - [0.0, 0.0, config.depth_m],
+        charge=config.charge_kg,
+        times=to_si("delay_ms", config.delay_ms)[1] * rows,
+        diameter=to_si("diameter_mm", config.diameter_mm)[1],
+        hole_ids=tuple(f"{r + 1}-{h + 1}" for r, h in zip(rows, holes, strict=True)),
+        explosive_density=config.explosive_kg_per_m3,
+    )
+
+
+def make_firing(config, blast, reference_charge=None) -> Firing:
+    """Return times and scales of a blast; one hole at time 0 without a blast.
+
+    Parameters
+    ----------
+    config : BlastConfig or None
+    blast : Blast or None
+    reference_charge : float, kg, optional
+        Charge that the scales refer to; without it the one of the file, else all scales are 1.
+    """
+    if blast is None:
+        return Firing(np.zeros(1), 1.0)
+    firing = blast.firing(reference_charge or config.reference_charge_kg, config.charge_exponent)
+    if config.scatter_ms:
+        sigma = to_si("scatter_ms", config.scatter_ms)[1]
+        firing = firing.scattered(sigma, np.random.default_rng(config.seed))
+    return firing
+
+
+def read_record(config, folder) -> Recording:
+    """Read the record that a `RecordingConfig` names."""
+    found = read_recording(
+        folder / config.file,
+        config.format,
+        bearing=None if config.bearing_deg is None else math.radians(config.bearing_deg),
+        full_scale=(
+            None if config.full_scale_mm_per_s is None else 1e-3 * config.full_scale_mm_per_s
+        ),
+        mapping=None if config.mapping is None else folder / config.mapping,
+        unit=config.unit,
+    )
+    if config.record > len(found):
+        raise InputError(f"record: {config.file} has {len(found)} records, got {config.record}")
+    record = found[config.record - 1]
+    if config.start_s is None:
+        return record
+    return replace(record, seismogram=replace(record.seismogram, start=config.start_s))
+
+
+def read_hole(config, folder) -> Seismogram:
+    """Read a single hole without the recorder's offset, which would be added up over the holes."""
+    seismogram = read_record(config, folder).seismogram
+    return replace(seismogram, velocity=seismogram.velocity - seismogram.velocity.mean(axis=0))
+
+
+def cavity_pulse(config, material):
+    """Return the pressure pulse of a `CavityConfig`; its level from pressure, peak or distance."""
+    pulse = SmoothPulse(1.0, to_si("peak_time_ms", config.peak_time_ms)[1])
+    if config.pressure_mpa is not None:
+        return replace(pulse, pressure=to_si("pressure_mpa", config.pressure_mpa)[1])
+    distance = math.dist(config.hole_m, config.receiver_m)
+    peak = scaled_distance_ppv(distance, config.charge_kg)
+    if config.peak_mm_per_s is not None:
+        peak = to_si("peak_mm_per_s", config.peak_mm_per_s)[1]
+    rock = material.density, material.cp, material.cs
+    return pressure_for_peak(*rock, config.radius_m, pulse, distance, peak)
+
+
+def make_signature(config, materials, folder) -> Seismogram:
+    """Return the seismogram of a single hole, east, north, vertical, times its scale."""
+    seismogram = _single_hole(config, materials, folder)
+    return replace(seismogram, velocity=config.scale * seismogram.velocity)
+
+
+def _single_hole(config, materials, folder):
+    """Return a record without its mean, or the closed form."""
+    if config.recorded is not None:
+        seismogram = read_hole(config.recorded, folder)
+        if tuple(seismogram.components) != GEOGRAPHIC:
+            raise InputError(
+                "recorded.bearing_deg: missing; the record has longitudinal and transverse "
+                "components, give the direction from the instrument to the blast"
+            )
+        _refuse_gaps(config.recorded.file, seismogram)
+        return seismogram
+    cavity = config.cavity
+    if cavity.material not in materials:
+        raise InputError(f"cavity.material: must be one of {', '.join(materials)}")
+    rock = materials[cavity.material]
+    return cavity_seismogram(
+        rock.density, rock.cp, rock.cs, cavity.radius_m, cavity_pulse(cavity, rock),
+        source=cavity.hole_m, receiver=cavity.receiver_m,
+        dt=1.0 / cavity.sampling_hz, duration=cavity.duration_s,
+    )  # fmt: skip
+
+
+def _refuse_gaps(file, seismogram):
+    """Refuse a single hole without one of its components, or one that never moves."""
+    if not seismogram.present.all():
+        missing = seismogram.components[int(seismogram.present.argmin())]
+        raise InputError(
+            f"recorded.file: {file} has no component {missing}, what enters through a face needs "
+            "all three; add the column, zeros where it does not move"
+        )
+    if not seismogram.velocity.any():
+        raise InputError(f"recorded.file: {file} never moves; give the record of a single hole")
+
+
+def make_input(signature, firing, low_pass, shifts=None) -> InputMotion:
+    """Superpose the signature over the firing and low-pass the sum.
+
+    Parameters
+    ----------
+    signature : Seismogram
+    firing : Firing
+    low_pass : float or None, Hz
+    shifts : (n_holes,) float64, s, optional
+        Travel-time shifts.
+    """
+    superposed = superpose(signature, firing, travel_shifts=shifts)
+    if low_pass is None:
+        return InputMotion(signature, firing, superposed, None)
+    quiet = math.ceil(QUIET_CYCLES / (low_pass * superposed.dt))
+    padded = replace(
+        superposed,
+        velocity=np.pad(superposed.velocity, ((quiet, quiet), (0, 0))),
+        start=superposed.start - quiet * superposed.dt,
+    )
+    return InputMotion(signature, firing, padded, lowpass(padded, low_pass))
+
+
+def make_entry(config, motion):
+    """Return the boundaries and the sources by which a motion enters through a face.
+
+    A plane wave is what the motion does along its polarisation.
+
+    Parameters
+    ----------
+    config : InputConfig
+    motion : Seismogram
+    """
+    if config.enters_as != "plane_wave":
+        kind = {"stress": StressInput, "velocity": VelocityInput}[config.enters_as]
+        return [kind(config.face, motion)], []
+    angles = [to_si(key, getattr(config, key))[1] for key in ("azimuth_deg", "inclination_deg")]
+    along = motion.velocity @ polarisation(config.wave, *angles)
+    history = TimeFunction(along, motion.dt, motion.start)
+    return [], [PlaneWave(config.wave, history, *angles, free_surface=config.free_surface)]
+
+
+def shifts_of(config, blast, receiver, reference):
+    """Return the travel-time shifts of a blast, None where no wave speed is given."""
+    if blast is None or config.wave_speed_m_per_s is None:
+        return None
+    return travel_shifts(blast, receiver, config.wave_speed_m_per_s, reference)
+
+
+def like_simulated(config, record) -> Recording:
+    """Turn a record into the components of its receiver, a `ReceiverConfig`."""
+    seismogram, clipped = record.seismogram, record.clipped
+    geographic = tuple(seismogram.components) == GEOGRAPHIC
+    if config.azimuth_deg is None and not geographic:
+        raise InputError(
+            "azimuth_deg: missing at the receiver; the record has longitudinal and transverse "
+            "components"
+        )
+    if config.azimuth_deg is not None and geographic:
+        either = clipped[:, :1] | clipped[:, 1:2]  # each horizontal component takes from both
+        turned = seismogram.rotated(math.radians(config.azimuth_deg))
+        marks = np.hstack([either, either, clipped[:, 2:]])
+        return replace(record, seismogram=turned, clipped=marks)
+    return record
+
+
+MOMENT_RATE_HEADS = ("time_s,moment_rate_per_kg_Nm_per_s",)
+FORCE_HEADS = ("time_s,force_n", "time_s,force_kn")
+TENSOR_HEADS = ("time_s,moment_rate_Nm_per_s",)
+PRESSURE_HEADS = ("time_s,pressure_pa", "time_s,pressure_kpa", "time_s,pressure_mpa")
+SAMPLES_PER_DURATION = 100
+DURATIONS = 8
+SAMPLES_PER_PEAK_TIME = 200
+PEAK_TIMES = 10
+
+
+def make_moment_rate(config, exponent, materials, folder) -> TimeFunction:
+    """Turn a `HolesInsideConfig` into the moment rate of 1 kg, N m/s.
+
+    Parameters
+    ----------
+    config : HolesInsideConfig
+    exponent : float
+        Of the charge; takes the moment of the charged hole back to 1 kg.
+    materials : dict of str to Material
+    folder : Path
+
+    Notes
+    -----
+    ``M = pi a^3 p(t) cp^2/cs^2``, right for waves much longer than the cavity: theory.md (5.2).
+    """
+    if config.moment_rate_file is not None:
+        return read_time_function(folder / config.moment_rate_file, MOMENT_RATE_HEADS)
+    hole = config.charged_hole
+    if hole.material not in materials:
+        raise InputError(
+            f"charged_hole.material: must be one of {', '.join(materials)}, got {hole.material!r}"
+        )
+    rock, peak = materials[hole.material], to_si("peak_time_ms", hole.peak_time_ms)[1]
+    dt = peak / SAMPLES_PER_PEAK_TIME
+    pulse = SmoothPulse(to_si("pressure_mpa", hole.pressure_mpa)[1], peak)
+    pressure = pulse(dt * np.arange(PEAK_TIMES * SAMPLES_PER_PEAK_TIME + 1))
+    moment = cavity_moment(hole.radius_m, pressure, rock.cp, rock.cs)
+    return TimeFunction(np.gradient(moment, dt) / hole.charge_kg**exponent, dt)
+
+
+def make_air_pulse(config, folder) -> TimeFunction:
+    """Turn an `AirBlastConfig` into the overpressure in Pa at the reference distance.
+
+    Notes
+    -----
+    ``p = P (1 - t/T) exp(-t/T)`` without a file, Friedlander (1946): theory.md (5.12).
+    """
+    if config.file is not None:
+        return read_time_function(folder / config.file, PRESSURE_HEADS)
+    duration = to_si("duration_ms", config.duration_ms)[1]
+    share = np.arange(DURATIONS * SAMPLES_PER_DURATION + 1) / SAMPLES_PER_DURATION
+    peak = to_si("pressure_kpa", config.pressure_kpa)[1]
+    return TimeFunction(peak * (1.0 - share) * np.exp(-share), duration / SAMPLES_PER_DURATION)
+
+
+@dataclass(frozen=True, eq=False)
+class Inside:
+    """What shakes a project beside a motion on a face; zero time is the first firing.
+
+    Parameters
+    ----------
+    firing : Firing
+        Scales of holes inside refer to 1 kg.
+    moment_rate : TimeFunction or None
+        Of 1 kg, N m/s; None without holes inside.
+    forces : tuple of TimeFunction
+        N, one for each point force.
+    tensors : tuple of TimeFunction
+        N m/s, one for each moment tensor.
+    pressures : tuple of TimeFunction
+        Pa, one for each pressure on a surface.
+    air_pulse : TimeFunction or None
+        Pa, at the reference distance after its arrival there.
+    """
+
+    firing: Firing
+    moment_rate: TimeFunction | None
+    forces: tuple[TimeFunction, ...]
+    tensors: tuple[TimeFunction, ...]
+    pressures: tuple[TimeFunction, ...]
+    air_pulse: TimeFunction | None
+
+    @property
+    def named(self) -> dict[str, TimeFunction]:
+        """Every history by a name."""
+        several = {"force": self.forces, "tensor": self.tensors, "pressure": self.pressures}
+        single = {"moment_rate": self.moment_rate, "air_blast": self.air_pulse}
+        return {
+            **{f"{name}_{n + 1}": one for name in several for n, one in enumerate(several[name])},
+            **{name: one for name, one in single.items() if one is not None},
+        }
+
+    @property
+    def start(self) -> float:
+        """Time of whatever begins first [s], at most 0."""
+        starts = [0.0, *(one.start for one in (*self.forces, *self.tensors, *self.pressures))]
+        first = float(self.firing.times.min())
+        for history in (self.moment_rate, self.air_pulse):
+            if history is not None:
+                starts += [first, first + history.start]
+        return min(starts)
+
+    @property
+    def motions(self) -> tuple[Seismogram, ...]:
+        """Shapes of the far motion, to see its frequencies: of all holes, of each other source."""
+        fired = []
+        if self.moment_rate is not None:
+            fired.append(radiated(self.moment_rate))
+        if self.air_pulse is not None:
+            fired.append(shape(self.air_pulse, self.air_pulse.values))
+        return (
+            *(superpose(one, self.firing) for one in fired),
+            *(radiated(one) for one in (*self.forces, *self.tensors)),
+            *(shape(one, one.values) for one in self.pressures),
+        )
+
+
+def read_inside(config, firing, materials, folder) -> Inside:
+    """Read the histories of all sources of the `Config` of a project."""
+    rate = air = None
+    if config.holes_inside is not None:
+        exponent = config.blast.charge_exponent
+        with named_error("holes_inside"):
+            rate = make_moment_rate(config.holes_inside, exponent, materials, folder)
+    if config.air_blast is not None:
+        air = make_air_pulse(config.air_blast, folder)
+    several = (
+        tuple(read_time_function(folder / part.file, heads) for part in parts)
+        for parts, heads in (
+            (config.point_forces, FORCE_HEADS),
+            (config.moment_tensors, TENSOR_HEADS),
+            (config.pressures, PRESSURE_HEADS),
+        )
+    )
+    return Inside(firing, rate, *several, air)
+
+
+def radiated(function) -> Seismogram:
+    """Return the shape of the far motion of a source: the slope of its moment rate or force."""
+    return shape(function, np.gradient(function.values, function.dt))
+
+
+def shape(function, values) -> Seismogram:
+    """Return values (n,) at the times of a function as a motion of one column without a scale."""
+    missing = np.full_like(values, np.nan)
+    return Seismogram(np.column_stack([values, missing, missing]), function.dt, function.start)

@@ -1,0 +1,346 @@
+"""A project: everything that its file names, as objects in SI units, and variants of it."""
+
+import hashlib
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+from ..blasts.blast import Blast, Firing
+from ..errors import InputError
+from ..mesh.mesh import Mesh
+from ..model.joint import Joint
+from ..model.material import Material
+from ..model.model import Model, Receiver, Rim
+from ..recordings.recording import Recording
+from ..signals.seismogram import Seismogram
+from ..solver.initial_stress import joint_pressures
+from .config import Config
+from .config_file import changed_tables, check_config, read_config
+from .ground import (
+    joint_of_surface,
+    jointed_media,
+    make_boundaries,
+    make_damping,
+    make_fields,
+    make_insitu,
+    make_joint,
+    make_material,
+    make_mesh,
+    refuse_open_sides,
+    with_damaged_material,
+)
+from .inputs import (
+    InputMotion,
+    Inside,
+    like_simulated,
+    make_blast,
+    make_entry,
+    make_firing,
+    make_input,
+    make_signature,
+    read_inside,
+    read_record,
+    shifts_of,
+)
+from .places import check_rim, hole_places, make_rim, place_receivers, place_sources
+from .section import named_error
+
+
+@dataclass(frozen=True, eq=False)
+class Project:
+    """A checked project file and the objects it stands for.
+
+    Parameters
+    ----------
+    path : Path
+    config : Config
+    materials : dict of str to Material
+    joints : tuple of Joint
+        One for each joint surface of the mesh.
+    """
+
+    path: Path
+    config: Config
+    materials: dict[str, Material]
+    joints: tuple[Joint, ...]
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the project file; other files are looked for there."""
+        return self.path.parent
+
+    @property
+    def title(self) -> str:
+        """Title of the project."""
+        return self.config.title
+
+    def is_assumed(self, key) -> bool:
+        """Tell whether a key path, or one it lies under, is marked as assumed."""
+        return any(key == name or key.startswith(f"{name}.") for name in self.config.assumed)
+
+    @property
+    def faults(self) -> list[str]:
+        """Joint surfaces that are single planes: the faults, or all joints of a mesh file."""
+        config = self.config.mesh
+        return [*config.file_joints, *(fault.name for fault in config.faults)]
+
+    @cached_property
+    def blast(self) -> Blast | None:
+        """Holes of the production blast."""
+        if self.config.blast is None:
+            return None
+        with named_error(f"{self.path.name}: blast"):
+            return make_blast(self.config.blast, self.folder)
+
+    @cached_property
+    def firing(self) -> Firing:
+        """Firing times and scales of the holes; scales of holes inside refer to 1 kg."""
+        reference = None if self.config.holes_inside is None else 1.0
+        return make_firing(self.config.blast, self.blast, reference)
+
+    @cached_property
+    def signature(self) -> Seismogram | None:
+        """Seismogram of a single hole."""
+        if self.config.signature is None:
+            return None
+        with named_error(f"{self.path.name}: signature"):
+            return make_signature(self.config.signature, self.materials, self.folder)
+
+    @cached_property
+    def input(self) -> InputMotion | None:
+        """Motion that enters through a face, with its stages."""
+        config = self.config
+        if config.signature is None:
+            return None
+        signature, firing = self.signature, self.firing
+        with named_error(f"{self.path.name}: input"):
+            cavity, shifts = config.signature.cavity, None
+            if cavity is not None:
+                shifts = shifts_of(config.blast, self.blast, cavity.receiver_m, cavity.hole_m)
+            return make_input(signature, firing, config.input.low_pass_hz, shifts)
+
+    @cached_property
+    def inside(self) -> Inside:
+        """What shakes the model beside a motion on a face: histories of all sources."""
+        with named_error(self.path.name):
+            return read_inside(self.config, self.firing, self.materials, self.folder)
+
+    @cached_property
+    def motions(self) -> tuple[Seismogram, ...]:
+        """What enters, for its frequencies: through a face, from each kind of source."""
+        face = () if self.input is None else (self.input.motion,)
+        return (*face, *self.inside.motions)
+
+    @property
+    def lead(self) -> float:
+        """Time from the start of the run to the first firing [s]."""
+        face = 0.0 if self.input is None else self.input.motion.start
+        return max(0.0, -face, -self.inside.start)
+
+    @property
+    def duration(self) -> float:
+        """Time to march [s]: the duration asked for after the first firing, and the lead."""
+        return self.lead + self.config.run.duration_s
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """Mesh, split along its joints."""
+        with named_error(self.path.name):
+            mesh = make_mesh(self.config.mesh, self.materials, self.folder).split(
+                [joint.surface for joint in self.joints]
+            )
+            return with_damaged_material(self.config.ground, self.blast, mesh)
+
+    @cached_property
+    def receivers(self) -> tuple[Receiver, ...]:
+        """Receivers; those without height stand on the surface."""
+        mesh = self.mesh
+        with named_error(self.path.name):
+            return place_receivers(self.config.receivers, mesh)
+
+    @cached_property
+    def sources(self) -> tuple:
+        """All sources in the mesh; their time 0 is `lead` before the first firing."""
+        parts = self.inside, self.config, self.blast, self.mesh, self.lead
+        with named_error(self.path.name):
+            return place_sources(*parts)
+
+    @cached_property
+    def rim(self) -> Rim | None:
+        """Ground that damps what leaves; no receiver and no hole stands in it."""
+        rim = make_rim(self.config)
+        places = {f"receivers.{part.name}": part.position for part in self.receivers}
+        if self.inside.moment_rate is not None:
+            places |= hole_places(self.blast)
+        if rim is not None:
+            with named_error(self.path.name):
+                check_rim(rim, self.mesh, places)
+        return rim
+
+    @cached_property
+    def records(self) -> dict[str, Recording]:
+        """Records by receiver, in the components of the simulated seismograms."""
+        found = {}
+        for part in self.config.receivers:
+            if part.recorded is not None:
+                with named_error(f"{self.path.name}: receivers.{part.name}.recorded"):
+                    found[part.name] = like_simulated(part, read_record(part.recorded, self.folder))
+        return found
+
+    @property
+    def recorded(self) -> dict[str, Seismogram]:
+        """Recorded seismograms by receiver."""
+        return {name: record.seismogram for name, record in self.records.items()}
+
+    @cached_property
+    def model(self) -> Model:
+        """Model with all that enters; its time 0 is `lead` before the first firing."""
+        config, mesh = self.config, self.mesh
+        face = None if self.input is None else config.input.face
+        entries, waves = [], []
+        if face is not None:
+            outer = [name for name in mesh.surfaces if name not in {j.surface for j in self.joints}]
+            if face not in outer:
+                raise InputError(
+                    f"{self.path.name}: input.face: must be one of {', '.join(outer)}, got {face!r}"
+                )
+            entries, waves = make_entry(config.input, self.input.motion.shifted(self.lead))
+        parts = {"sources": (*self.sources, *waves), "receivers": self.receivers, "rim": self.rim}
+        with named_error(self.path.name):
+            if config.holes_inside or config.moment_tensors:
+                refuse_open_sides(config.boundaries, mesh)
+            model = Model(
+                mesh=mesh,
+                materials=self.materials,
+                joints=self.joints,
+                boundaries=[*make_boundaries(config.boundaries, face), *entries],
+                damping=make_damping(config),
+                ground=make_fields(config.ground, self.blast, mesh),
+                insitu=make_insitu(config.insitu),
+                added_mass=config.run.added_mass,
+                step_factor=config.run.step_factor,
+                local_damping=config.run.local_damping,
+                quadratic=config.mesh.quadratic,
+                **parts,
+            )
+            if not config.boundaries.jointed_faces:
+                return model
+            pressures = joint_pressures(model)  # joints that close are stiffer under them
+            media = jointed_media(config.mesh, self.materials, self.joints, pressures)
+            known = make_boundaries(config.boundaries, face, media)
+            return replace(model, boundaries=[*known, *entries])
+
+    @cached_property
+    def input_files(self) -> dict[str, str]:
+        """SHA-256 of the project file and of every file that it names."""
+        config = self.config
+        names = [self.path.name, config.mesh.file, config.mesh.surface_file]
+        if config.blast is not None:
+            names += [config.blast.file, config.blast.mapping]
+        if config.holes_inside is not None:
+            names.append(config.holes_inside.moment_rate_file)
+        if config.air_blast is not None:
+            names.append(config.air_blast.file)
+        several = config.point_forces, config.moment_tensors, config.pressures
+        names += [part.file for parts in several for part in parts]
+        records = [part.recorded for part in (config.signature, *config.receivers) if part]
+        names += [name for r in records if r is not None for name in (r.file, r.mapping)]
+        contents = {name: (self.folder / name).read_bytes() for name in names if name is not None}
+        return {name: hashlib.sha256(data).hexdigest() for name, data in contents.items()}
+
+
+def load_project(path, full=False) -> Project:
+    """Read a project file and make what does not take long: materials and joints.
+
+    Parameters
+    ----------
+    path : path
+    full : bool
+        Whether the table ``[full]`` overrides the rest, for a larger run of the same project.
+
+    Returns
+    -------
+    Project
+
+    Raises
+    ------
+    ReadError
+        If a file can't be read.
+    InputError
+        If a rule is broken; one sentence with file, key, rule and value.
+    """
+    path = Path(path)
+    return make_project(read_config(path, full), path)
+
+
+def make_project(config, path) -> Project:
+    """Make a `Project` from a checked `Config`; other files are looked for beside ``path``."""
+    path = Path(path)
+    materials = {}
+    for name, part in config.materials.items():
+        with named_error(f"{path.name}: materials.{name}"):
+            materials[name] = make_material(part)
+    joints = []
+    with named_error(path.name):
+        for surface, name in joint_of_surface(config.mesh).items():
+            if name not in config.joints:
+                raise InputError(f"joints.{name}: missing; the joint surface {surface!r} needs it")
+            joints.append(make_joint(f"joints.{name}", surface, config.joints[name]))
+        for name in config.joints:
+            if name not in joint_of_surface(config.mesh).values():
+                raise InputError(f"joints.{name}: no joint set or fault of the mesh takes it")
+    return Project(path, config, materials, tuple(joints))
+
+
+CHEAP = {"joints", "damping"}
+
+
+def vary(project: Project, changes: dict[str, float]) -> Project:
+    """Return a project with other values at some keys.
+
+    Parameters
+    ----------
+    project : Project
+    changes : dict of str to float
+        By dotted path, in the units of the keys: ``{"joints.fault.kn_gpa_per_m": 0.2}``.
+
+    Returns
+    -------
+    Project
+        Where only joints and damping differ, its model stands on the same mesh, so that `run_many`
+        marches it beside others. Where nothing moves the mesh, it is not built again.
+
+    Raises
+    ------
+    InputError
+        If a path names no number, or a value breaks a rule of the project file.
+    """
+    name = project.path.name
+    config = check_config(changed_tables(project.config, changes), name)
+    varied, known = make_project(config, project.path), vars(project)
+    tables = {
+        table
+        for table in Config.model_fields
+        if getattr(config, table) != getattr(project.config, table)
+    }
+    kept = [name for name, needs in _needs(config).items() if not tables & needs]
+    vars(varied).update({name: known[name] for name in kept if name in known})
+    if tables <= CHEAP and "model" in known and not config.boundaries.jointed_faces:
+        vars(varied).update(
+            {name: known[name] for name in ("blast", "firing", "signature", "input", "inside",
+             "sources", "rim") if name in known}
+        )  # fmt: skip
+        model = replace(project.model, joints=varied.joints, damping=make_damping(config))
+        vars(varied)["model"] = model
+    return varied
+
+
+def _needs(config):
+    """Return which tables decide what takes long to make."""
+    mesh = {"mesh", "ground"}
+    parts = [config.mesh, *config.mesh.layers]
+    if any(part.edges_per_wavelength is not None for part in parts):
+        mesh |= {"materials"}
+    if config.ground.damaged_zone is not None:
+        mesh |= {"blast", "materials"}
+    return {"mesh": mesh, "receivers": mesh | {"receivers"}, "records": {"receivers"}}

@@ -1,0 +1,362 @@
+"""The result file of a run (HDF5) and its summary of plain numbers and text."""
+
+import json
+import math
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import ReadError
+from ..model.material import ConstantQ
+from ..model.source import Column, Hole, MomentTensor, PointForce
+from ..signals.seismogram import Seismogram
+from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
+from ..solver.model_file import read_arrays, write_arrays
+from ..solver.preparation import versions
+from .census import input_band
+from .ground import joint_of_surface
+
+KIND = "result"
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a run leaves: arrays by group and name, and a summary of plain numbers and words.
+
+    Parameters
+    ----------
+    arrays : dict of str to dict of str to numpy array
+        Groups ``mesh``, ``contacts``, ``zones``, ``energy``, ``state``, ``input``, ``simulated``,
+        ``recorded``, ``snapshots``; seismograms (n_samples, 3) in m/s. ``sources`` (n, 2): time in
+        s, and moment rate of 1 kg in N m/s or force in N.
+    summary : dict
+        Holds only what JSON knows.
+    """
+
+    arrays: dict[str, dict[str, np.ndarray]]
+    summary: dict
+
+    def seismogram(self, group, name) -> Seismogram:
+        """Return a seismogram of ``input``, ``simulated`` or ``recorded``."""
+        head = self.summary["seismograms"][group][name]
+        return Seismogram(
+            self.arrays[group][name], head["dt"], head["start"], name, tuple(head["components"])
+        )
+
+    def seismograms(self, group) -> dict[str, Seismogram]:
+        """Return all seismograms of a group."""
+        return {name: self.seismogram(group, name) for name in self.summary["seismograms"][group]}
+
+
+def seismogram_heads(groups):
+    """Return sampling and components of seismograms by group and name, for the summary."""
+    return {
+        group: {
+            name: {"dt": s.dt, "start": s.start, "components": list(s.components)}
+            for name, s in members.items()
+        }
+        for group, members in groups.items()
+    }
+
+
+def write_result(path, result):
+    """Write a result file, whole or not at all.
+
+    Parameters
+    ----------
+    path : path
+    result : Result
+
+    Raises
+    ------
+    ReadError
+        If the place can't be written.
+    """
+    text = np.frombuffer(json.dumps(plain(result.summary)).encode(), dtype=np.uint8)
+    provenance = result.summary.get("provenance", {})
+    attributes = {"kind": KIND, "title": result.summary["title"], **provenance}
+    told = {
+        f"{group}/{name}": {
+            "unit": "m/s", "dt_s": head["dt"], "start_s": head["start"],
+            "components": head["components"],
+        }
+        for group, heads in result.summary.get("seismograms", {}).items()
+        for name, head in heads.items()
+    }  # fmt: skip
+    write_arrays(path, {**result.arrays, "summary": {"json": text}}, attributes, told)
+
+
+def read_result(path) -> Result:
+    """Read a result file.
+
+    Raises
+    ------
+    ReadError
+        If it is no result file or incomplete.
+    """
+    if not Path(path).is_file():
+        raise ReadError(f"{path}: no such file; give the folder of a run or its result.h5")
+    arrays, attributes = read_arrays(path)
+    if attributes.get("kind") != KIND or "json" not in arrays.get("summary", {}):
+        raise ReadError(f"{path}: not a result file of pyblast; give result.h5 of a run")
+    try:
+        summary = json.loads(arrays.pop("summary")["json"].tobytes())
+    except (ValueError, RecursionError):
+        raise ReadError(f"{path}: its summary is damaged; run the project again") from None
+    return Result(arrays, summary)
+
+
+def write_text(path, text):
+    """Write a text file beside its place, flush it and rename it."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path, content):
+    """Write a file beside its place, flush it and rename it."""
+    path = Path(path)
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with beside.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except OSError as error:
+        raise ReadError(f"{path}: can't be written ({error.strerror or error})") from None
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def write_summary(path, summary):
+    """Write the summary as JSON that a person can read."""
+    write_text(path, json.dumps(plain(summary), indent=1) + "\n")
+
+
+def write_csv(path, seismogram):
+    """Write a seismogram as a table in m/s that `read_recording` reads again."""
+    heads = ["time_s", *(f"{name}_m_per_s" for name in seismogram.components)]
+    rows = np.column_stack([seismogram.times, seismogram.velocity])
+    lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
+    write_text(path, "\n".join([",".join(heads), *lines]) + "\n")
+
+
+def plain(value):
+    """Turn numpy numbers and arrays into what JSON knows; numbers that are none become null."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, np.ndarray)):
+        return [plain(item) for item in value]
+    if isinstance(value, (bool, np.bool_)):
+        return bool(value)
+    if isinstance(value, (int, np.integer)):
+        return int(value)
+    if isinstance(value, (float, np.floating)):
+        return float(value) if np.isfinite(value) else None
+    return value
+
+
+def summarise(project, checked, run, simulated, comparisons):
+    """Return the summary of a run, SI, angles as tangents.
+
+    Parameters
+    ----------
+    project : Project
+    checked : Check
+    run : Run
+    simulated : dict of str to Seismogram
+    comparisons : dict of str to Comparison
+    """
+    blast = project.config.blast
+    return {
+        "title": project.title,
+        "assumed": list(project.config.assumed),
+        "materials": {
+            n: material_table(m) | {"fading": fading_words(project.model, n)}
+            for n, m in project.materials.items()
+        },
+        "joints": joint_tables(project),
+        "input": None if project.input is None else input_table(project),
+        "sources": source_summary(project),
+        "band": input_band(project),
+        "limit_curves": list(project.config.run.limit_curves),
+        "receivers": receiver_tables(project, simulated),
+        "comparisons": {n: comparison_table(c) for n, c in comparisons.items()},
+        "findings": [asdict(finding) for finding in checked.findings],
+        "notes": list(checked.notes),
+        "census": asdict(checked.census),
+        "run": {
+            "dt": run.dt,
+            "steps": run.prepared.n_steps,
+            "duration": project.config.run.duration_s,
+            "lead": project.lead,
+            "edges_per_wavelength": project.model.edges_per_wavelength,
+            "wall_seconds": run.wall_seconds,
+            "balance_error": run.balance_error,
+            "limited_by": run.prepared.limit.limited_by,
+            "static": run.prepared.static,
+            "added_mass": checked.census.added_mass,
+        },
+        "energy": {
+            n: float(v[-1]) for n, v in run.energy.items() if n not in ("time", "unbalanced")
+        },
+        "seeds": {
+            "mesh": project.config.mesh.seed,
+            "blast": None if blast is None else blast.seed,
+        },
+        "provenance": {**versions(run.prepared.fingerprint), **run.provenance},
+        "files_sha256": project.input_files,
+        "mesh_names": {
+            "groups": list(project.model.mesh.groups),
+            "joints": [joint.surface for joint in project.joints],
+            "faults": project.faults,
+        },
+    }
+
+
+def material_table(material):
+    """Return the properties and wave speeds of a material."""
+    names = ("density", "bulk", "shear", "young", "poisson", "cp", "cs", "cohesion", "friction")
+    return {name: getattr(material, name) for name in names}
+
+
+def fading_words(model, name):
+    """Say how waves fade in a material, an empty text where they do not."""
+    law = model.materials[name].law
+    words = []
+    if isinstance(law, ConstantQ):
+        low, high = law.band
+        words.append(f"Qp {law.qp:g}, Qs {law.qs:g} from {low:g} to {high:g} Hz")
+    damping = model.damping.get(name) if isinstance(model.damping, dict) else model.damping
+    if damping is not None and damping.ratio > 0.0:
+        words.append(f"{100.0 * damping.ratio:.3g} % at {damping.frequency:g} Hz (Rayleigh)")
+    return "; ".join(words)
+
+
+def joint_tables(project):
+    """Return law, properties, place in the mesh and assumptions of each joint surface."""
+    config = project.config.mesh
+    parts = {part.name: part for part in (*config.joint_sets, *config.faults)}
+    entry = joint_of_surface(config)
+    tables = {}
+    for joint in project.joints:
+        part = parts.get(joint.surface)
+        tables[joint.surface] = {
+            "law": joint.law,
+            **joint.properties,
+            "dip": None if part is None else part.dip_deg,
+            "dip_direction": None if part is None else part.dip_direction_deg,
+            "spacing": getattr(part, "spacing_m", None),
+            "regions": list(getattr(part, "regions", ())),
+            "assumed": [
+                key.rsplit(".", 1)[-1]
+                for key in project.config.assumed
+                if key.startswith(f"joints.{entry[joint.surface]}")
+            ],
+        }
+    return tables
+
+
+def input_table(project):
+    """Return the firing, the low-pass and the peaks of every stage of the input."""
+    stages, config = project.input, project.config
+    low = stages.low_passed
+    cavity = config.signature.cavity
+    return {
+        "face": config.input.face,
+        "holes": len(stages.firing.times),
+        "instants": sorted({float(t) for t in np.round(stages.firing.times, 6)}),
+        "signature": "closed form of a charged hole" if cavity is not None else
+        f"recorded, {config.signature.recorded.file}",
+        "signature_distance": (
+            None if cavity is None else math.dist(cavity.hole_m, cavity.receiver_m)
+        ),
+        "signature_assumed": project.is_assumed("signature"),
+        "signature_ppv": stages.signature.ppv,
+        "superposed_ppv": stages.superposed.ppv,
+        "motion_ppv": stages.motion.ppv,
+        "low_pass": None if low is None else low.corner,
+        "low_pass_3db": None if low is None else low.corner_3db,
+        "removed_energy": None if low is None else low.removed_energy,
+        "ppv_change": None if low is None else low.ppv_change,
+        "face_distance": config.input.distance_m,
+    }  # fmt: skip
+
+
+def source_tables(project):
+    """Return time in s and moment rate in N m/s, force in N or pressure in Pa of all sources."""
+    return {
+        name: np.column_stack([f.start + f.dt * np.arange(len(f.values)), f.values])
+        for name, f in project.inside.named.items()
+    }
+
+
+def source_summary(project):
+    """Return place, charge and time of holes, place of other sources, the air blast, the rim."""
+    holes = [source for source in project.sources if isinstance(source, (Hole, Column))]
+    config, rim, air = project.config.holes_inside, project.rim, project.config.air_blast
+    centres = [] if not holes else project.blast.centres[project.blast.charge != 0.0]
+    return {
+        "holes": [
+            {"position": place, "charge": s.charge, "time": s.time - project.lead}
+            for place, s in zip(centres, holes, strict=True)
+        ],
+        "moment_rate": config and (config.moment_rate_file or "closed form of a charged hole"),
+        "exponent": holes[0].exponent if holes else None,
+        "spread": getattr(holes[0], "spread", None) if holes else None,
+        "detonation": config and config.detonation_m_per_s,
+        "forces": [
+            {"position": s.position, "direction": s.direction}
+            for s in project.sources if isinstance(s, PointForce)
+        ],
+        "tensors": [
+            {"position": s.position, "tensor": s.tensor}
+            for s in project.sources if isinstance(s, MomentTensor)
+        ],
+        "pressures": [part.surface for part in project.config.pressures],
+        "air_blast": air and {"surface": air.surface, "speed": air.speed_m_per_s},
+        "rim": None if rim is None else vars(rim),
+    }  # fmt: skip
+
+
+def motion_table(seismogram, band=None):
+    """Return peaks, frequencies and durations of a seismogram, the dominant one within a band."""
+    dominant = dominant_frequency(seismogram, band=band)
+    crossing = zero_crossing_frequency(seismogram)
+    return {
+        "components": list(seismogram.components),
+        "ppv": seismogram.ppv,
+        "pvs": seismogram.pvs,
+        "dominant_frequency": dominant.hz,
+        "frequency_definition": dominant.definition,
+        "zero_crossing_frequency": crossing.hz,
+        "duration": significant_duration(seismogram),
+    }
+
+
+def receiver_tables(project, simulated):
+    """Return place and motion, simulated and recorded, of each receiver."""
+    tables = {}
+    for receiver in project.receivers:
+        name = receiver.name
+        tables[name] = {
+            "position": list(receiver.position),
+            "azimuth": receiver.azimuth,
+            "simulated": motion_table(simulated[name]),
+            "recorded": motion_table(project.recorded[name]) if name in project.recorded else None,
+        }
+    return tables
+
+
+def comparison_table(comparison):
+    """Return the deviations of a comparison."""
+    names = (
+        "ppv_deviation", "frequency_deviation", "duration_deviation", "waveform_misfit", "lag",
+        "correlation", "envelope_misfit", "phase_misfit", "misfit",
+    )  # fmt: skip
+    return {
+        "components": list(comparison.components),
+        "frequency_method": comparison.frequency_method,
+        **{name: getattr(comparison, name) for name in names},
+    }

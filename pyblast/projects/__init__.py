@@ -1,1 +1,0 @@
-"""From files to objects, what is doubtful about them, and what a run leaves."""

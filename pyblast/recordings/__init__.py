@@ -1,0 +1,1 @@
+"""Records of seismographs and geophone lines, in the formats that instruments write."""

@@ -1,0 +1,378 @@
+"""Raw records: text lines and samples of a recorder, clipping, dead channels, printed peaks."""
+
+import csv
+import math
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InputError, ReadError
+from ..signals.seismogram import Seismogram
+from ..signals.spectra import zero_crossing_frequency
+from ..units import FACTORS
+
+MAX_FILE_BYTES = 2_000_000_000
+MAX_LINE = 100_000
+SLOWEST_RATE, FASTEST_RATE = 10.0, 1e8
+_ALIASES = {"sec": "s", "seconds": "s", "sps": "hz", "mm_per_sec": "mm_per_s"}
+_QUANTITY = re.compile(r"([<>]?)\s*([-+]?[\d.,]*\d(?:[eE][-+]?\d+)?)\s*(.*)")
+
+
+class Printed(NamedTuple):
+    """A value that the device printed: SI value, step of its last digit, and "<", ">" or ""."""
+
+    value: float
+    step: float
+    bound: str = ""
+
+
+@dataclass(frozen=True)
+class RawRecord:
+    """Samples and header of one record, named but not yet turned, judged or checked.
+
+    Parameters
+    ----------
+    channels : dict of str to (n_samples,) float64, m/s (counts where ``unit`` says so)
+        Keys are component names: longitudinal, transverse, vertical, east, north.
+    dt : float, s
+    start : float, s
+        Time of the first sample, from the trigger or from the given time zero.
+    full_scale : float or None, same unit as the samples
+    time : str
+        ISO time stamp of the file.
+    printed : dict of str to Printed
+        Values that the device computed itself, for the self-check.
+    unit : str
+        "m_per_s", or "counts" while the instrument response is still in the samples.
+    """
+
+    channels: dict[str, np.ndarray]
+    dt: float
+    start: float = 0.0
+    label: str = ""
+    instrument: str = ""
+    serial: str = ""
+    full_scale: float | None = None
+    time: str = ""
+    header: dict = field(default_factory=dict)
+    printed: dict[str, Printed] = field(default_factory=dict)
+    unit: str = "m_per_s"
+
+
+def read_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
+    """Read a regular file whose size is known to be bearable."""
+    if not path.is_file():
+        raise ReadError(f"{path}: expected a file, found {'a folder' if path.is_dir() else 'none'}")
+    size = path.stat().st_size
+    if size > max_bytes:
+        raise ReadError(f"{path}: holds {size} bytes, the cap (max_bytes) is {max_bytes}")
+    if size == 0:
+        raise ReadError(f"{path}: is empty, expected a recording")
+    return path.read_bytes()
+
+
+def decode_lines(path: Path, content: bytes) -> list[str]:
+    """Turn bytes into lines; a UTF-8 mark is dropped, UTF-16 and binary content are refused."""
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise ReadError(f"{path}: is UTF-16 text, save it as UTF-8")
+    if b"\0" in content:
+        line = content[: content.index(b"\0")].count(b"\n") + 1
+        raise ReadError(f"{path}, line {line}: expected text, found a NUL byte (binary or UTF-16)")
+    content = content.removeprefix(b"\xef\xbb\xbf")
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError:
+        text = content.decode("latin-1")
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    for number, line in enumerate(lines, 1):
+        if len(line) > MAX_LINE:
+            raise ReadError(
+                f"{path}, line {number}: has {len(line)} characters, expected at most {MAX_LINE}"
+            )
+    while lines and not lines[-1].strip():
+        lines.pop()
+    return lines
+
+
+def split_line(path: Path, number: int, line: str, delimiter: str = ",") -> list[str]:
+    """Split one line of delimited text into stripped cells."""
+    try:
+        cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error as error:
+        raise ReadError(f"{path}, line {number}: expected delimited text ({error})") from None
+    return [cell.strip() for cell in cells]
+
+
+def unit_factor(symbol: str, place: str) -> float:
+    """Return the SI factor of a printed unit such as ``mm/s`` or of a suffix like ``mm_per_s``."""
+    suffix = symbol.strip().lower().replace("/", "_per_").replace("µ", "u").replace("μ", "u")
+    suffix = _ALIASES.get(suffix, suffix)
+    if suffix not in FACTORS:
+        raise ReadError(f"{place}: unknown unit '{symbol[:40]}', expected one such as mm/s or in/s")
+    return FACTORS[suffix]
+
+
+def velocity_factor(symbol: str, place: str) -> float:
+    """Return the factor to m/s, refusing a unit that isn't one of velocity."""
+    suffix = symbol.strip().lower().replace("/", "_per_")
+    if not suffix.endswith(("_per_s", "_per_sec")):
+        raise ReadError(f"{place}: expected a unit of velocity such as mm/s, got '{symbol[:40]}'")
+    return unit_factor(symbol, place)
+
+
+def number(text: str, place: str, decimal: str = ".") -> float:
+    """Turn text into a finite number."""
+    cleaned = text.strip()
+    if decimal == ",":
+        if "." in cleaned:
+            raise ReadError(f"{place}: '{cleaned[:40]}' mixes decimal point and decimal comma")
+        cleaned = cleaned.replace(",", ".")
+    try:
+        value = float(cleaned.replace("_", "?"))
+    except ValueError:
+        raise ReadError(f"{place}: expected a number, got '{text.strip()[:40]}'") from None
+    if not math.isfinite(value):
+        raise ReadError(f"{place}: expected a finite number, got '{text.strip()[:40]}'")
+    return value
+
+
+def quantity(text: str, place: str, unit: str = "") -> Printed | None:
+    """Turn ``12.5 mm/s`` or ``>100 Hz`` into SI; None where nothing was measured."""
+    if text.strip().lower() in ("", "n/a", "na", "-", "--", "---", "oorange"):
+        return None
+    match = _QUANTITY.fullmatch(text.strip())
+    if match is None:
+        raise ReadError(f"{place}: expected a number with a unit, got '{text.strip()[:40]}'")
+    bound, digits, symbol = match.groups()
+    decimal = "," if "," in digits else "."
+    symbol = symbol or unit
+    factor = unit_factor(symbol, place) if symbol else 1.0
+    mantissa = re.split("[eE]", digits)[0]
+    decimals = len(mantissa.partition(decimal)[2])
+    return Printed(number(digits, place, decimal) * factor, 10.0**-decimals * factor, bound)
+
+
+def sampling_step(rate: float, place: str) -> float:
+    """Return the time step of a sampling rate that a recorder can have."""
+    if not SLOWEST_RATE <= rate <= FASTEST_RATE:
+        raise ReadError(
+            f"{place}: sampling rate must lie between {SLOWEST_RATE:g} and "
+            f"{FASTEST_RATE:g} Hz, got {rate:g}"
+        )
+    return 1.0 / rate
+
+
+def read_columns(
+    path: Path, rows: list[tuple[int, list[str]]], columns: dict[str, int], width: int | None = None
+) -> dict[str, np.ndarray]:
+    """Turn numbered rows of cells into columns of finite numbers.
+
+    Parameters
+    ----------
+    rows : list of (line number, cells)
+    columns : dict of name to column, from 0
+    width : int, optional
+        Exact number of cells that every row must have; otherwise enough for ``columns``.
+
+    Returns
+    -------
+    dict of str to (n_rows,) float64
+
+    Raises
+    ------
+    ReadError
+        Naming line and column, if a cell is missing, not a number or not finite.
+    """
+    if len(rows) < 2:
+        raise ReadError(f"{path}: expected at least two rows of samples, found {len(rows)}")
+    needed = max(columns.values()) + 1
+    for line, cells in rows:
+        if len(cells) < needed or (width is not None and len(cells) != width):
+            raise ReadError(
+                f"{path}, line {line}: expected {width or needed} columns, found {len(cells)}"
+            )
+    return {name: _column(path, rows, name, column) for name, column in columns.items()}
+
+
+def uniform_step(path: Path, times: np.ndarray, lines: list[int], rate: float | None = None):
+    """Return the time step of a time column, checked for holes and against the stated rate."""
+    growth = (times[-1] - times[0]) / (len(times) - 1)
+    if growth <= 0.0:
+        raise ReadError(f"{path}, line {lines[-1]}: time must grow, got {times[-1]:g} s")
+    dt = sampling_step(1.0 / growth, f"{path}, time column")
+    offset = np.abs(times - times[0] - growth * np.arange(len(times)))
+    slack = max(0.5 * dt, 1.01e-3 if rate else 0.0)
+    if np.max(offset) > slack:
+        steps = np.diff(times)
+        usual = float(np.median(steps))
+        odd = int(np.argmax(np.abs(steps - usual)))
+        raise ReadError(
+            f"{path}, line {lines[odd + 1]}: time must grow by equal steps of {usual:.6g} s, here "
+            f"it grows by {steps[odd]:.6g} s"
+        )
+    if rate is None:
+        return dt
+    if abs(growth * rate - 1.0) > 0.01 + 1e-3 * rate / len(times):
+        raise ReadError(
+            f"{path}: sampling rate is stated as {rate:g} Hz, the time column says {1.0 / growth:g}"
+        )
+    return sampling_step(rate, f"{path}, sampling rate")
+
+
+def one_unit(symbols: list[str], place: str) -> float:
+    """Return the velocity factor of columns that must share a unit."""
+    if len({symbol.lower() for symbol in symbols}) > 1:
+        raise InputError(f"{place}: components must share one unit, got {', '.join(symbols)}")
+    return velocity_factor(symbols[0], place)
+
+
+def _column(path, rows, name, column):
+    """Parse one column, deciding its decimal mark from all of its cells."""
+    texts = [cells[column] for _, cells in rows]
+    decimal = "," if any("," in text for text in texts) else "."
+    try:
+        values = np.array([float(text.replace(decimal, ".").replace("_", "?")) for text in texts])
+    except ValueError:
+        values = None
+    mixed = decimal == "," and any("." in text for text in texts)
+    if values is not None and np.all(np.isfinite(values)) and not mixed:
+        return values
+    return np.array(
+        [
+            number(text, f"{path}, line {line}, column '{name}'", decimal)
+            for (line, _), text in zip(rows, texts, strict=True)
+        ]
+    )
+
+
+TOLERANCE = 0.01
+FREQUENCY_TOLERANCE = 0.03
+PLATEAU = 3
+FULL_SCALE_MARGIN = 5e-4
+PLATEAU_MARGIN = 1e-6
+
+
+def check_printed(
+    printed: dict[str, Printed], seismogram: Seismogram
+) -> tuple[tuple[str, float, float, bool], ...]:
+    """Compare every value that the device printed with the same value from the raw samples.
+
+    Returns
+    -------
+    tuple of (name, printed value, recomputed value, within)
+        SI. Within 1 % (frequency 3 %) and one step of the last printed digit; times of peaks
+        within one step and one sample. ``>100 Hz`` is within where the samples give at least
+        that.
+
+    Notes
+    -----
+    The mean is not removed; the vector sum is taken at one instant; acceleration is a forward
+    difference; frequency comes from the zero crossings on both sides of the peak.
+    """
+    found = device_values(seismogram) if printed else {}
+    return tuple(
+        (name, value.value, found[name], _within(name, value, found[name], seismogram.dt))
+        for name, value in printed.items()
+        if np.isfinite(found.get(name, np.nan))
+    )
+
+
+def device_values(seismogram: Seismogram) -> dict[str, float]:
+    """Compute what a blast seismograph prints, by the rules of such devices (SI)."""
+    frequency = zero_crossing_frequency(seismogram).hz
+    values = {}
+    for n in np.flatnonzero(seismogram.present):
+        name, samples = seismogram.components[n], seismogram.velocity[:, n]
+        peak = int(np.argmax(np.abs(samples)))
+        change = float(np.max(np.abs(np.diff(samples))))
+        values[f"{name} PPV"] = float(seismogram.ppv[n])
+        values[f"{name} time of peak"] = float(seismogram.times[peak])
+        values[f"{name} zero-crossing frequency"] = float(frequency[n])
+        values[f"{name} peak acceleration"] = change / seismogram.dt
+    if np.all(seismogram.present):
+        longest = int(np.argmax(np.sum(seismogram.velocity**2, axis=1)))
+        values["vector sum"] = seismogram.pvs
+        values["time of vector sum"] = float(seismogram.times[longest])
+    return values
+
+
+def clipped_samples(samples: np.ndarray, full_scale: float | None) -> np.ndarray:
+    """Mark the samples at full scale, or on a plateau where the full scale is unknown.
+
+    Parameters
+    ----------
+    samples : (n_samples,) float64
+    full_scale : float or None, same unit
+
+    Returns
+    -------
+    (n_samples,) bool
+    """
+    size = np.abs(samples)
+    if full_scale is not None:
+        return size >= full_scale * (1.0 - FULL_SCALE_MARGIN)
+    level = plateau_level(samples)
+    return np.zeros(len(samples), bool) if level is None else at_level(size, level)
+
+
+def at_level(size: np.ndarray, level: float) -> np.ndarray:
+    """Mark sizes equal to a converter's level."""
+    return np.abs(size - level) <= level * PLATEAU_MARGIN
+
+
+def plateau_level(samples: np.ndarray) -> float | None:
+    """Find the level at which a converter of unknown full scale has clipped.
+
+    Three or more equal consecutive samples at the extreme count, unless they are what rounding
+    makes of a smooth peak: the flank, continued over half of the plateau, must overshoot the
+    level by more than 8 steps of the finest difference in the record (a parabola: 7 at most),
+    and the level be at least 32 of them.
+    """
+    values = np.unique(samples)
+    if len(values) < 3:
+        return None
+    step = np.min(np.diff(values))
+    size = np.abs(samples)
+    for extreme in (samples == values[-1], samples == values[0]):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], extreme.astype(np.int8), [0]])))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            level = float(size[first])
+            if last - first < PLATEAU or level < np.max(size) * (1.0 - PLATEAU_MARGIN):
+                continue
+            over = max(
+                _overshoot(samples[:first][::-1], samples[first], last - first),
+                _overshoot(samples[last:], samples[first], last - first),
+            )
+            if over > 8.0 * step and level >= 32.0 * step:
+                return level
+    return None
+
+
+def _overshoot(flank, level, length):
+    """Continue a flank, nearest sample first, to the middle of a plateau of that length."""
+    reach = length // 2
+    if len(flank) <= reach:
+        return 0.0
+    near, far = abs(flank[0] - level), abs(flank[reach] - level)
+    return (far - near) / reach * 0.5 * (length + 1) - near
+
+
+def is_dead(samples: np.ndarray) -> bool:
+    """Tell whether a channel never moves."""
+    return bool(np.all(samples == samples[0]))
+
+
+def _within(name, printed: Printed, found, dt):
+    """Judge one value by the tolerance of its kind."""
+    if "time of" in name:
+        return bool(abs(found - printed.value) <= printed.step + dt)
+    share = FREQUENCY_TOLERANCE if "frequency" in name else TOLERANCE
+    slack = share * abs(printed.value) + printed.step
+    if printed.bound == ">":
+        return bool(found >= printed.value - slack)
+    if printed.bound == "<":
+        return bool(found <= printed.value + slack)
+    return bool(abs(found - printed.value) <= slack)

@@ -1,0 +1,299 @@
+"""Recordings: one door to every recorder format, found by content, in SI, checked and turned."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError, PyblastWarning, ReadError
+from ..signals.seismogram import BLAST_AXES, GEOGRAPHIC, Seismogram
+from .gather import Gather, read_gather
+from .raw import (
+    MAX_FILE_BYTES,
+    RawRecord,
+    check_printed,
+    clipped_samples,
+    decode_lines,
+    is_dead,
+    read_bytes,
+)
+from .seismic import deconvolve, read_traces, sniff_seismic, station_records
+from .tables import TEXT_FORMATS, TextFormat, read_generic, read_mapped, recognises_generic
+
+__all__ = [
+    "FORMATS", "Gather", "Recording", "read_gather", "read_recording", "read_stations",
+    "remove_response",
+]  # fmt: skip
+
+FASTEST_GROUND = 1e3
+_TEXT_ROWS = {**TEXT_FORMATS, "CSV": TextFormat(recognises_generic, read_generic)}
+_STATION_FORMATS = ("MSEED", "SAC", "GSE2")
+FORMATS = (*_TEXT_ROWS, "MAPPED", *_STATION_FORMATS)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Hold a seismogram with what its recorder said about it.
+
+    Parameters
+    ----------
+    seismogram : Seismogram
+        In m/s; in counts while ``header["unit"]`` says so.
+    instrument, serial : str
+    full_scale : float or None, m/s
+    clipped : (n_samples, 3) bool
+        Samples at full scale, in the components of the seismogram.
+    header : dict
+    checks : tuple of (name, printed value, recomputed value, within), SI
+    dead : tuple of str
+        Components that never move.
+    time : str
+        ISO time stamp of the file.
+    """
+
+    seismogram: Seismogram
+    instrument: str
+    serial: str
+    full_scale: float | None
+    clipped: np.ndarray
+    header: dict = field(default_factory=dict)
+    checks: tuple[tuple[str, float, float, bool], ...] = ()
+    dead: tuple[str, ...] = ()
+    time: str = ""
+
+    def __post_init__(self):
+        """Check that the marks belong to the samples."""
+        shape = self.seismogram.velocity.shape
+        if np.shape(self.clipped) != shape:
+            raise InputError(
+                f"recording.clipped: must have shape {shape}, got {np.shape(self.clipped)}"
+            )
+
+
+def read_recording(
+    path: str | Path | Sequence[str | Path],
+    format: str | None = None,
+    *,
+    bearing: float | None = None,
+    full_scale: float | None = None,
+    mapping: str | Path | None = None,
+    unit: str | None = None,
+    time_zero=None,
+    orientations: dict[str, tuple[float, float]] | None = None,
+    max_bytes: int = MAX_FILE_BYTES,
+) -> list[Recording]:
+    """Read every record of a file.
+
+    Parameters
+    ----------
+    path : str or Path, or several for one-channel files (SAC, GSE2)
+    format : str, optional
+        One of ``FORMATS``; found by content if not given, and held against it if given.
+    bearing : float, rad, optional
+        Direction from receiver to blast, clockwise from north; turns longitudinal (towards the
+        blast) and transverse (90 degrees clockwise of it) into east and north.
+    full_scale : float, m/s, optional
+        Overrides the one in the header.
+    mapping : str or Path, optional
+        TOML file that describes a table of any layout.
+    unit : str, optional
+        Of seismological samples: ``m_per_s`` and the like, or ``counts``.
+    time_zero : str or obspy.UTCDateTime, optional
+        Instant that becomes time 0 in seismological formats.
+    orientations : dict of channel code to (azimuth, dip), rad, optional
+        For seismological channels that are not named E, N, Z.
+    max_bytes : int
+        Larger files are refused before they are read.
+
+    Returns
+    -------
+    list of Recording
+
+    Raises
+    ------
+    ReadError
+        If a file is no recording, is cut short or holds something else than finite numbers.
+    InputError
+        If an argument, a unit or a component breaks a rule.
+
+    Notes
+    -----
+    Warns (PyblastWarning) of dead channels, of clipping, and where the samples do not give the
+    values that the device printed.
+    """
+    paths = [Path(path)] if isinstance(path, (str, Path)) else [Path(item) for item in path]
+    contents = [read_bytes(item, max_bytes) for item in paths]
+    format = _choose_format(paths[0], contents[0], format, mapping)
+    if format in _STATION_FORMATS:
+        traces = [
+            trace
+            for item, content in zip(paths, contents, strict=True)
+            for trace in read_traces(item, content, format)
+        ]
+        raws = station_records(
+            paths[0], traces, unit=unit, time_zero=time_zero, orientations=orientations
+        )
+        if unit is None:
+            _warn(f"{paths[0]}: {format} names no unit, m/s is assumed; pass unit='m_per_s'")
+    elif len(paths) > 1:
+        raise InputError(f"{paths[1]}: only one-channel files can be read together")
+    else:
+        lines = decode_lines(paths[0], contents[0])
+        reader = _TEXT_ROWS.get(format)
+        raws = [reader.read(paths[0], lines) if reader else read_mapped(paths[0], lines, mapping)]
+    return [_recording(paths[0], raw, bearing, full_scale) for raw in raws]
+
+
+def read_stations(
+    path: str | Path, *, time_zero=None, unit: str = "m_per_s", max_bytes: int = MAX_FILE_BYTES
+) -> dict[str, Recording]:
+    """Read a file of many stations into a dict by station name; see ``read_recording``."""
+    recordings = read_recording(path, time_zero=time_zero, unit=unit, max_bytes=max_bytes)
+    stations = {recording.seismogram.label: recording for recording in recordings}
+    if len(stations) < len(recordings):
+        raise ReadError(f"{path}: a station appears with more than one instrument")
+    return stations
+
+
+def remove_response(recording: Recording, response: str | Path | dict) -> Recording:
+    """Turn counts into m/s by the instrument's response.
+
+    Parameters
+    ----------
+    recording : Recording
+        Read with ``unit="counts"``.
+    response : str or Path of a StationXML file, or dict
+        A dict has ``poles`` and ``zeros`` (rad/s) of velocity to volts, ``gain`` and
+        ``sensitivity`` (counts per m/s).
+
+    Raises
+    ------
+    InputError
+        If the samples are in m/s already (blast seismographs are flat from 2 to 250 Hz, a
+        second removal would distort them), or if the response lacks a channel.
+    """
+    seismogram = recording.seismogram
+    if recording.header.get("unit") != "counts":
+        raise InputError(
+            f"remove_response: {seismogram.label} is in m/s already, its response "
+            "must not be removed twice"
+        )
+    if not recording.header.get("channels"):
+        raise InputError(
+            f"remove_response: {seismogram.label} was turned from other channels, "
+            "read it without orientations"
+        )
+    raw = RawRecord(
+        {name: seismogram.velocity[:, n] for n, name in enumerate(seismogram.components)
+         if name in recording.header["channels"]},
+        seismogram.dt, header=recording.header, time=recording.time,
+    )  # fmt: skip
+    cleaned = deconvolve(raw, response, f"remove_response of {seismogram.label}")
+    velocity = _columns(cleaned, seismogram.components, len(seismogram.velocity))
+    return replace(
+        recording,
+        seismogram=replace(seismogram, velocity=velocity),
+        full_scale=None,
+        header={**recording.header, "unit": "m_per_s", "response": "removed"},
+    )
+
+
+def _choose_format(path, content, format, mapping):
+    """Find the format by content, or hold the asked one against the content."""
+    if format is not None and format not in FORMATS:
+        raise InputError(f"format: must be one of {', '.join(FORMATS)}, got '{format}'")
+    if mapping is not None or format == "MAPPED":
+        if mapping is None or format not in (None, "MAPPED"):
+            raise InputError(f"{path}: a mapping belongs to format MAPPED, and the reverse")
+        return "MAPPED"
+    found = sniff_seismic(content)
+    if found in ("SEG2", "SEGY"):
+        raise InputError(f"{path}: is a gather ({found}), read it with read_gather")
+    if found is None:
+        head = decode_lines(path, content)[:60]
+        found = next(
+            (name for name, row in _TEXT_ROWS.items() if head and row.recognises(head)), None
+        )
+    if found is None:
+        raise ReadError(f"{path}: is none of {', '.join(FORMATS)}; describe a table by a mapping")
+    if format not in (None, found):
+        raise ReadError(f"{path}: its content is {found}, not {format}")
+    return found
+
+
+def _recording(path, raw, bearing, full_scale):
+    """Name, judge, check and turn one raw record."""
+    axes = BLAST_AXES if {"longitudinal", "transverse"} & set(raw.channels) else GEOGRAPHIC
+    if not set(raw.channels) <= set(axes):
+        raise InputError(f"{path}: components {', '.join(raw.channels)} mix two sets of axes")
+    full_scale = raw.full_scale if full_scale is None else full_scale
+    _refuse_nonsense(path, raw, full_scale)
+    n_samples = len(next(iter(raw.channels.values())))
+    velocity = _columns(raw.channels, axes, n_samples)
+    marks = {name: clipped_samples(x, full_scale) for name, x in raw.channels.items()}
+    clipped = np.nan_to_num(_columns(marks, axes, n_samples)).astype(bool)
+    dead = tuple(name for name, samples in raw.channels.items() if is_dead(samples))
+    seismogram = Seismogram(velocity, raw.dt, raw.start, raw.label, axes)
+    checks = check_printed(raw.printed, seismogram)
+    _report(path, raw, dead, clipped, checks)
+    if bearing is not None:
+        seismogram, clipped = _turned(path, seismogram, clipped, bearing)
+    header = {**raw.header, "unit": raw.unit}
+    return Recording(
+        seismogram, raw.instrument, raw.serial, full_scale, clipped, header, checks, dead, raw.time
+    )
+
+
+def _turned(path, seismogram, clipped, bearing):
+    """Turn longitudinal and transverse into east and north, with their marks."""
+    if seismogram.components != BLAST_AXES or not np.all(seismogram.present[:2]):
+        raise InputError(
+            f"{path}: a bearing needs longitudinal and transverse components, "
+            f"found {', '.join(seismogram.components)}"
+        )
+    either = clipped[:, 0] | clipped[:, 1]
+    return seismogram.rotated(bearing), np.column_stack([either, either, clipped[:, 2]])
+
+
+def _refuse_nonsense(path, raw, full_scale):
+    """Refuse velocities that no ground reaches; they come from a wrong unit or byte order."""
+    if full_scale is not None and not 0.0 < full_scale < np.inf:
+        raise InputError(f"{path}: full scale must be positive, got {full_scale:g} m/s")
+    if raw.unit == "counts":
+        return
+    for name, samples in raw.channels.items():
+        peak = int(np.argmax(np.abs(samples)))
+        if abs(samples[peak]) > FASTEST_GROUND:
+            raise ReadError(
+                f"{path}, {name}, sample {peak}: {samples[peak]:g} m/s is faster than "
+                "any ground, check unit and byte order"
+            )
+
+
+def _report(path, raw, dead, clipped, checks):
+    """Warn of dead channels, clipping and values that differ from the device's own."""
+    place = f"{path}, {raw.label}"
+    if dead:
+        _warn(f"{place}: {', '.join(dead)} never moves, the channel is dead")
+    if np.any(clipped):
+        _warn(f"{place}: {np.count_nonzero(clipped)} samples are clipped at full scale")
+    wrong = [
+        f"{name} printed {printed:.4g}, found {found:.4g}"
+        for name, printed, found, within in checks
+        if not within
+    ]
+    if wrong:
+        _warn(f"{place}: samples differ from the device's own values (SI): {'; '.join(wrong)}")
+
+
+def _columns(channels, axes, n_samples):
+    """Arrange components in the order of the axes; missing ones are NaN."""
+    missing = np.full(n_samples, np.nan)
+    return np.column_stack([channels.get(name, missing) for name in axes])
+
+
+def _warn(message):
+    """Warn as from the caller of the reader."""
+    warnings.warn(message, PyblastWarning, stacklevel=4)

@@ -1,1 +1,0 @@
-"""What instruments write, read into seismograms."""

@@ -1,0 +1,125 @@
+"""Report of a plan of delays: candidates, peaks at houses, firing times."""
+
+import numpy as np
+
+from ..project.result import plain, write_text
+from .figures import INK, SIMULATED, _figure, _tidy, _uri
+from .html import page
+
+
+def delay_lines(table) -> list[str]:
+    """Say which delays are best, what they are worth and what houses feel.
+
+    Parameters
+    ----------
+    table : dict
+        Of `summarise_delays`.
+    """
+    best, gained = table["delays_s"], table["severity"]
+    band = "all frequencies" if table["band_hz"] is None else "{:g} to {:g} Hz".format(
+        *table["band_hz"]
+    )  # fmt: skip
+    low, high = gained["reduction_90"]
+    told = [
+        f"best of {len(table['tried'])} plans at {band}: {1e3 * best['between_holes']:.3g} ms "
+        f"between holes, {1e3 * best['between_rows']:.3g} ms between rows",
+        f"largest PPV over its limit that {100 * table['share']:.3g} % of blasts stay below: "
+        f"{gained['after']:.3g}, as planned {gained['before']:.3g}; {100 * gained['reduction']:.3g}"
+        f" % less, by the number of draws between {100 * low:.3g} and {100 * high:.3g} %",
+    ]
+    for house in table["houses"]:
+        told.append(f"{house['name']}: limit {1e3 * house['limit']:.3g} mm/s{_curve(house)}")
+        for name, words in (("before", "as planned"), ("after", "best delays")):
+            one = house[name]
+            levels = " ".join(f"{1e3 * level:.3g}" for level in one["levels"].values())
+            bands = ", ".join(
+                f"{1e3 * least:.3g} to {1e3 * most:.3g}" for least, most in one["bands"].values()
+            )
+            told.append(
+                f"  {words}: PPV that 50, 90, 95 % stay below {levels} mm/s; 50, 90, 95 % within "
+                f"{bands} mm/s; {100 * one['kept']:.3g} % keep the limit"
+            )
+    return told
+
+
+def _curve(house):
+    """Say which curve a limit is of, and whether anybody compared it with the standard."""
+    if house["curve"] is None:
+        return ""
+    verified = "" if house["curve_verified"] else ", not verified"
+    return f" ({house['curve']}{verified}, its lowest value in the band)"
+
+
+PLANNED, LIMIT, SEVERITY = "#5b6570", "#b91c1c", "viridis"
+WIDTHS = {"0.95": 3.0, "0.9": 7.0, "0.5": 12.0}  # of the bars that hold so many blasts
+
+
+def write_delay_report(path, summary):
+    """Write the page of a plan of delays, of `summarise_delays`."""
+    summary = plain(summary)
+    text = page("delays.html").render(
+        s=summary, lines=delay_lines(summary),
+        figures=[
+            {"title": title, "caption": caption, "image": image}
+            for title, caption, image in _figures(summary)
+        ],
+    )  # fmt: skip
+    write_text(path, text)
+
+
+def _figures(summary):
+    """Yield title, caption and image of each figure."""
+    yield (
+        "Peaks at the houses",
+        "What 50, 90 and 95 % of drawn blasts lie within, the thinner the more; the dot is the "
+        "median, the red line the limit. These draws were not used by the search.",
+        houses_figure(summary),
+    )
+    yield (
+        "What was tried",
+        f"Each dot is a plan, coloured by the largest PPV over its limit that "
+        f"{100 * summary['share']:.3g} % of a few drawn blasts stay below; the best one is ringed. "
+        "A broad dark valley forgives detonators that scatter, a narrow one does not.",
+        tried_figure(summary),
+    )
+
+
+def houses_figure(summary):
+    """Draw the bands of peaks at each house, as planned and with the best delays."""
+    houses = summary["houses"]
+    figure = _figure(8.6, 0.9 + 0.8 * len(houses))
+    axis = figure.subplots()
+    for row, house in zip(np.arange(len(houses))[::-1], houses, strict=True):
+        for name, words, colour, up in (("before", "as planned", PLANNED, 0.17),
+                                        ("after", "best delays", SIMULATED, -0.17)):  # fmt: skip
+            for share, width in WIDTHS.items():
+                ends = 1e3 * np.array(house[name]["bands"][share])
+                axis.plot(ends, [row + up] * 2, color=colour, lw=width, alpha=0.45,
+                          solid_capstyle="butt")  # fmt: skip
+            axis.plot(1e3 * house[name]["levels"]["0.5"], row + up, "o", color=colour, ms=5,
+                      label=words if row == 0 else None)  # fmt: skip
+        axis.plot([1e3 * house["limit"]] * 2, [row - 0.4, row + 0.4], color=LIMIT, lw=1.6)
+    axis.set_yticks(np.arange(len(houses))[::-1], [house["name"] for house in houses])
+    axis.set_ylim(-0.6, len(houses) - 0.3)
+    axis.set_xlim(left=0.0)
+    axis.set_xlabel("PPV  mm/s")
+    axis.legend(fontsize=7, frameon=False, ncol=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    _tidy(axis)
+    return _uri(figure)
+
+
+def tried_figure(summary):
+    """Draw all plans that were tried, over their delays."""
+    holes, rows, severity = np.array(summary["tried"]).T
+    figure = _figure(7.4, 4.2)
+    axis = figure.subplots()
+    drawn = axis.scatter(1e3 * holes, 1e3 * rows, c=severity, s=26, cmap=SEVERITY)
+    best = summary["delays_s"]
+    axis.scatter(1e3 * best["between_holes"], 1e3 * best["between_rows"], s=150, facecolors="none",
+                 edgecolors=INK, lw=1.6)  # fmt: skip
+    axis.set_xlabel("between holes  ms")
+    axis.set_ylabel("between rows  ms")
+    axis.margins(0.06)
+    figure.colorbar(drawn, ax=axis, label="largest PPV over its limit", shrink=0.9)
+    _tidy(axis)
+    return _uri(figure)

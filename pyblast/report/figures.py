@@ -1,0 +1,448 @@
+"""Figures of a run: seismograms, spectra, limit curves, sections of the mesh."""
+
+import base64
+import io
+from math import cos, radians, sin
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import LogNorm, hsv_to_rgb, rgb_to_hsv, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from ..mesh import tetrahedra
+from ..signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
+
+_TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
+NUDGE = 1.2345e-5
+
+
+def section_of_zones(points, zones, place):
+    """Cut zones with the plane ``y = place``.
+
+    Parameters
+    ----------
+    points : (n_nodes, 3) float64, m
+    zones : (n_zones, 4) int32
+    place : float, m
+
+    Returns
+    -------
+    polygons : list of (3 or 4, 2) float64, m
+        East and up, in turn around the polygon.
+    zone : (n_polygons,) int64
+    """
+    height = _heights(points, place)
+    below = height[zones] < 0.0
+    cut = np.flatnonzero(below.any(axis=1) & ~below.all(axis=1))
+    corners, crossed = _crossings(points, height, zones[cut], tetrahedra.EDGES)
+    polygons = []
+    for row in range(len(cut)):
+        corner = corners[row][crossed[row]]
+        around = corner - corner.mean(axis=0)
+        polygons.append(corner[np.argsort(np.arctan2(around[:, 1], around[:, 0]))])
+    return polygons, cut
+
+
+def section_of_surface(points, triangles, place):
+    """Cut triangles with the plane ``y = place``; return segments (n, 2, 2) m, east and up."""
+    height = _heights(points, place)
+    below = height[triangles] < 0.0
+    cut = np.flatnonzero(below.any(axis=1) & ~below.all(axis=1))
+    corners, crossed = _crossings(points, height, triangles[cut], _TRIANGLE_EDGES)
+    return corners[crossed].reshape(-1, 2, 2)
+
+
+def _heights(points, place):
+    """Return the distance of nodes from the plane, which is moved a little off grid planes."""
+    return points[:, 1] - place - NUDGE * max(float(np.ptp(points[:, 1])), 1.0)
+
+
+def _crossings(points, height, cells, edges):
+    """Return where the edges of cells cross the plane, (n, n_edges, 2), and which do."""
+    first, second = cells[:, edges[:, 0]], cells[:, edges[:, 1]]
+    crossed = (height[first] < 0.0) != (height[second] < 0.0)
+    span = np.where(crossed, height[first] - height[second], 1.0)
+    share = (height[first] / span)[..., None]
+    places = points[first] + share * (points[second] - points[first])
+    return places[..., [0, 2]], crossed
+
+
+def outer_triangles(zones, n_nodes, surfaces):
+    """Return triangles of named surfaces and the zone behind each.
+
+    Parameters
+    ----------
+    zones : (n_zones, 4) int32
+    n_nodes : int
+    surfaces : sequence of (n, 3) int32
+
+    Returns
+    -------
+    triangles : (n, 3) int32
+    zone : (n,) int64
+    """
+    triangles = np.concatenate([np.empty((0, 3), np.int32), *surfaces])
+    faces = tetrahedra.zone_faces(zones)
+    keys = tetrahedra.face_keys(faces, n_nodes)
+    order = np.argsort(keys)
+    wanted = tetrahedra.face_keys(triangles, n_nodes)
+    at = np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)
+    return triangles, order[at] // 4
+
+
+GROUND = ("#cdb58c", "#8fa3ad", "#5b6570", "#a7b08a", "#b48a78", "#7a8fb0")
+INK, RECORDED, SIMULATED, FAULT = "#2b2b2b", "#2b2b2b", "#c2410c", "#b91c1c"
+LETTERS = {"longitudinal": "L", "transverse": "T", "vertical": "V", "east": "E", "north": "N"}
+PAPER_ORDER = ("transverse", "north", "vertical", "longitudinal", "east")
+SOURCE_UNITS = {
+    "moment": "N m/s, 1 kg", "force": "N", "tensor": "N m/s", "pressure": "Pa", "air": "Pa",
+}  # fmt: skip
+DPI = 110
+_ABOVE = {
+    "loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "ncol": 2, "fontsize": 7, "frameon": False,
+    "borderaxespad": 0.0,
+}  # fmt: skip
+
+
+def motion_figure(seismograms, colours, top=None, t_max=None):
+    """Draw seismograms of one place: rows T, V, L; columns time and frequency.
+
+    Parameters
+    ----------
+    seismograms : dict of str to Seismogram
+        By legend; all with the same components.
+    colours : sequence of str
+    top : float, Hz, optional
+        Right end of the frequency axes.
+    t_max : float, s, optional
+        Right end of the time axes.
+
+    Returns
+    -------
+    str
+        A data URI.
+    """
+    first = next(iter(seismograms.values()))
+    rows = sorted(range(3), key=lambda k: PAPER_ORDER.index(first.components[k]))
+    figure = _figure(9.6, 6.4)
+    axes = figure.subplots(3, 2, sharex="col", gridspec_kw={"width_ratios": [1.5, 1.0]})
+    for (name, record), colour in zip(seismograms.items(), colours, strict=False):
+        spectrum = smoothed_spectrum(record)
+        dominant = dominant_frequency(record).hz
+        for place, row in zip(rows, axes, strict=True):
+            if not record.present[place]:
+                continue
+            motion = 1e3 * record.velocity[:, place]
+            row[0].plot(
+                record.times,
+                motion,
+                color=colour,
+                lw=0.9,
+                label=f"{name}, PPV {_short(np.abs(motion).max())}",
+            )
+            row[1].plot(
+                spectrum.frequency,
+                1e3 * spectrum.amplitude[:, place],
+                color=colour,
+                lw=1.1,
+                label="silent"
+                if np.isnan(dominant[place])
+                else f"peak at {_short(dominant[place])} Hz",
+            )
+    for place, row in zip(rows, axes, strict=True):
+        row[0].set_ylabel(f"{LETTERS[first.components[place]]}  mm/s")
+        row[1].set_ylabel("mm/s/Hz")
+        for axis in row:
+            axis.legend(**_ABOVE)
+            _tidy(axis)
+    axes[2, 0].set_xlabel("time after the first firing  s")
+    axes[2, 1].set_xlabel("frequency  Hz")
+    axes[2, 0].set_xlim(min(0.0, first.start), t_max or first.times[-1])
+    axes[2, 1].set_xlim(0.0, top or 0.5 / first.dt)
+    return _uri(figure)
+
+
+def source_figure(histories, top):
+    """Draw source histories, and the spectrum of their slope up to ``top`` Hz.
+
+    Parameters
+    ----------
+    histories : dict of str to (n, 2) float64
+        Time in s, and moment rate in N m/s, force in N or pressure in Pa.
+    top : float, Hz
+    """
+    figure = _figure(9.6, 2.4 * len(histories))
+    rows = figure.subplots(len(histories), 2, squeeze=False, width_ratios=[1.5, 1.0])
+    for (name, table), row in zip(histories.items(), rows, strict=True):
+        time, value = table.T
+        slope = np.gradient(value, time)
+        spectrum = np.abs(np.fft.rfft(slope, 8 * len(slope)))
+        frequency = np.fft.rfftfreq(8 * len(slope), time[1] - time[0])
+        row[0].plot(time, value, color=FAULT, lw=1.1)
+        row[1].plot(frequency, spectrum / spectrum.max(), color=FAULT, lw=1.1)
+        row[0].set_ylabel(f"{name.replace('_', ' ')}  {SOURCE_UNITS[name.rpartition('_')[0]]}")
+        row[1].set_ylabel("share of the peak")
+        row[1].set_xlim(0.0, top)
+        for axis in row:
+            _tidy(axis)
+    rows[-1, 0].set_xlabel("time  s")
+    rows[-1, 1].set_xlabel("frequency  Hz")
+    return _uri(figure)
+
+
+def section_figure(result, place, field="group"):
+    """Draw a vertical section: materials or highest frequency, joints, faults, receivers.
+
+    Parameters
+    ----------
+    result : Result
+    place : float, m
+        North coordinate of the section.
+    field : str
+        "group" or "f_max".
+    """
+    mesh, summary = result.arrays["mesh"], result.summary
+    polygons, zone = section_of_zones(mesh["points"], mesh["zones"], place)
+    width, height = np.ptp(mesh["points"][:, 0]), np.ptp(mesh["points"][:, 2])
+    figure = _figure(9.6, float(np.clip(8.4 * height / width + 1.0, 2.6, 7.0)))
+    axes = figure.subplots()
+    patches = PolyCollection(polygons, linewidths=0.15, edgecolors=(1.0, 1.0, 1.0, 0.35))
+    if field == "group":
+        names = summary["mesh_names"]["groups"]
+        number = result.arrays["zones"]["group"][zone]
+        patches.set_facecolor([GROUND[n % len(GROUND)] for n in number])
+        for n in np.unique(number):
+            axes.plot([], [], "s", color=GROUND[n % len(GROUND)], label=names[n])
+    else:
+        patches.set_array(result.arrays["zones"][field][zone])
+        patches.set_cmap("viridis")
+        patches.set_norm(LogNorm())
+        bar = figure.colorbar(patches, ax=axes, label="highest frequency carried  Hz", shrink=0.85)
+        for which in ("major", "minor"):
+            getattr(bar.ax.yaxis, f"set_{which}_formatter")("{x:g}")
+    axes.add_collection(patches)
+    _draw_joints(axes, result, place)
+    _draw_receivers(axes, summary, mesh["points"])
+    axes.set_aspect("equal")
+    axes.autoscale_view()
+    axes.set_xlabel("east  m")
+    axes.set_ylabel("height  m")
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, 1.14), ncol=6, fontsize=7, frameon=False)
+    return _uri(figure)
+
+
+def _draw_joints(axes, result, place):
+    """Draw the traces of joints, faults stronger."""
+    names = result.summary["mesh_names"]
+    points = result.arrays["mesh"]["points"]
+    labelled = set()
+    for name in names["joints"]:
+        segments = section_of_surface(points, result.arrays["surfaces"][name], place)
+        fault = name in names["faults"]
+        colour, kind = (FAULT, "fault") if fault else (INK, "joint")
+        lines = LineCollection(segments, colors=colour, linewidths=1.6 if fault else 0.5)
+        lines.set_capstyle("round")
+        axes.add_collection(lines)
+        if len(segments) and kind not in labelled:
+            axes.plot([], [], color=colour, lw=1.6 if fault else 0.5, label=kind)
+            labelled.add(kind)
+
+
+def _draw_receivers(axes, summary, points):
+    """Mark the receivers and the input face."""
+    for number, (name, table) in enumerate(summary["receivers"].items()):
+        x, _, z = table["position"]
+        axes.plot(x, z, "v", color=SIMULATED, ms=7, label="receiver" if number == 0 else None)
+        axes.annotate(
+            name, (x, z), xytext=(0, 7), textcoords="offset points", fontsize=8, ha="center"
+        )
+    sources = summary["sources"]
+    inside = (*sources["holes"], *sources["forces"], *sources["tensors"])
+    for number, table in enumerate(inside):
+        x, _, z = table["position"]
+        label = "source" if number == 0 else None
+        axes.plot(x, z, "*", color=FAULT, mec="white", mew=0.5, ms=9, label=label)
+    if summary["input"] is not None and summary["input"]["face"] == "west":
+        low, high = points.min(axis=0), points.max(axis=0)
+        for height in np.linspace(low[2], high[2], 9)[1:-1]:
+            axes.annotate(
+                "", (low[0], height), (low[0] - 0.06 * (high[0] - low[0]), height),
+                arrowprops={"arrowstyle": "->", "color": SIMULATED},
+            )  # fmt: skip
+
+
+def blocks_figure(result):
+    """Draw the blocks seen from the south-west and above, each in a shade of its material."""
+    mesh, surfaces = result.arrays["mesh"], result.arrays["surfaces"]
+    joints = result.summary["mesh_names"]["joints"]
+    seen = [n for n in ("west", "south", "top") if n in surfaces]
+    seen = seen or [n for n in surfaces if n not in joints]
+    triangles, zone = outer_triangles(
+        mesh["zones"], len(mesh["points"]), [surfaces[n] for n in seen]
+    )
+    figure = _figure(9.6, 6.0)
+    axes = figure.add_subplot(projection="3d")
+    colours = _block_colours(result, zone)
+    light = _shading(mesh["points"][triangles])
+    faces = Poly3DCollection(
+        mesh["points"][triangles], facecolors=colours * light[:, None], edgecolors="none",
+        antialiased=False,
+    )  # fmt: skip
+    axes.add_collection3d(faces)
+    low, high = mesh["points"].min(axis=0), mesh["points"].max(axis=0)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low, zoom=1.15)
+    axes.view_init(elev=28.0, azim=-122.0)
+    axes.set_xlabel("east  m")
+    axes.set_ylabel("north  m")
+    axes.set_zlabel("height  m")
+    axes.tick_params(labelsize=7)
+    for axis, span in zip((axes.xaxis, axes.yaxis, axes.zaxis), high - low, strict=True):
+        axis.set_major_locator(MaxNLocator(max(2, round(7 * span / max(high - low)))))
+    return _uri(figure)
+
+
+def _block_colours(result, zone):
+    """Return the colour (n, 3) of each zone: its material, lighter or darker by block."""
+    groups, blocks = result.arrays["zones"]["group"][zone], result.arrays["zones"]["block"][zone]
+    base = rgb_to_hsv(np.array([to_rgb(c) for c in GROUND]))[groups % len(GROUND)]
+    shade = np.random.default_rng(0).permutation(np.linspace(-1.0, 1.0, int(blocks.max()) + 1))
+    base[:, 2] = np.clip(base[:, 2] * (1.0 + 0.2 * shade[blocks]), 0.0, 1.0)
+    base[:, 0] = (base[:, 0] + 0.015 * shade[blocks]) % 1.0
+    return hsv_to_rgb(base)
+
+
+def _shading(corners):
+    """Return how bright each triangle (n, 3, 3) is, lit from the south-west."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    sun = [-cos(radians(55.0)) * 0.5, -cos(radians(55.0)), sin(radians(55.0))]
+    return 0.72 + 0.28 * np.abs(normal @ sun) / np.linalg.norm(sun)
+
+
+def energy_figure(energy, lead):
+    """Draw the energy ledger against time."""
+    figure = _figure(9.6, 3.4)
+    axes = figure.subplots()
+    names = {
+        "input": "put in", "kinetic": "kinetic", "strain": "strain",
+        "dashpots": "left through dashpots",
+        "damping": "material damping", "joint_stored": "stored in joints",
+        "joint_dissipated": "slip in joints",
+    }  # fmt: skip
+    factor, unit = (1e-9, "GJ") if np.abs(energy["input"]).max() > 1e10 else (1e-6, "MJ")
+    for number, (name, label) in enumerate(names.items()):
+        if name in energy:
+            colour = INK if name == "input" else f"C{number}"
+            axes.plot(
+                energy["time"] - lead, factor * energy[name], lw=1.2, label=label, color=colour
+            )
+    axes.set_xlabel("time after the first firing  s")
+    axes.set_ylabel(f"energy  {unit}")
+    axes.legend(fontsize=7, frameon=False, ncol=2)
+    _tidy(axes)
+    return _uri(figure)
+
+
+def _figure(width, height):
+    """Return an empty figure in the style of the report."""
+    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _short(value):
+    """Show three digits without powers of ten."""
+    return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+
+
+def _tidy(axis):
+    """Light grid, small labels, no frame above and right."""
+    axis.grid(color="#e5e5e5", lw=0.6)
+    axis.tick_params(labelsize=8)
+    axis.spines[["top", "right"]].set_visible(False)
+
+
+def _uri(figure):
+    """Return a figure as data URI."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", bbox_inches="tight", pad_inches=0.1)
+    return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()
+
+
+SUM = "vector sum"
+LEAST_SPAN = 1.0, 100.0  # Hz
+TICKS = [a * 10.0**b for b in range(-4, 5) for a in (1, 2, 5)]
+
+
+def limits_figure(motions, curves):
+    """Draw the peak of each component, and of the vector sum if a curve limits that.
+
+    Parameters
+    ----------
+    motions : dict of str to dict of str to Seismogram
+        By "simulated" and "recorded", then by receiver.
+    curves : sequence of LimitCurve
+
+    Returns
+    -------
+    image : str
+        A data URI.
+    left_out : list of str
+        Peaks that have no frequency; see `peaks_of`.
+    """
+    summed = any(curve.quantity == SUM for curve in curves)
+    peaks = [
+        (kind, f"{name} {what}", size, hz)
+        for kind, some in motions.items()
+        for name, motion in some.items()
+        for what, size, hz in peaks_of(motion, summed)
+    ]
+    drawn = [one for one in peaks if np.isfinite(one[-1])]
+    span = [*LEAST_SPAN, *(hz for *_, hz in drawn)]
+    frequency = np.geomspace(min(span), 1.2 * max(span), 2000)
+    figure = _figure(9.6, 5.0)
+    axes = figure.subplots()
+    for curve in curves:
+        doubt = "" if curve.verified else ", unverified"
+        label = f"{curve.name} ({curve.quantity}{doubt})"
+        axes.loglog(frequency, 1e3 * curve.limit(frequency), lw=1.1, label=label)
+    for kind, colour in zip(motions, (SIMULATED, RECORDED), strict=False):
+        of_kind = [(text, 1e3 * size, hz) for k, text, size, hz in drawn if k == kind]
+        label = kind
+        for text, size, hz in of_kind:
+            axes.plot(hz, size, "o", ms=4, color=colour, label=label)
+            axes.annotate(
+                text, (hz, size), (4, 0), textcoords="offset points", fontsize=6.5, color=colour,
+                va="center",
+            )  # fmt: skip
+            label = None
+    axes.set_xlabel("frequency by zero crossing  Hz")
+    axes.set_ylabel("peak particle velocity  mm/s")
+    for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+        ticks = [tick for tick in TICKS if low <= tick <= high]
+        axis.set_ticks(ticks, [_short(tick) for tick in ticks])
+        axis.set_ticks([], minor=True)
+    axes.set_xlim(frequency[0], frequency[-1])
+    axes.legend(fontsize=7, frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2)
+    _tidy(axes)
+    return _uri(figure), [f"{text} ({kind})" for kind, text, _, hz in peaks if not np.isfinite(hz)]
+
+
+def peaks_of(motion, summed):
+    """Return name, size in m/s and frequency in Hz of the peaks of a place.
+
+    Frequencies are by zero crossing at the peak, that of the largest component for the vector
+    sum; NaN without crossings on both sides. Components that are silent or missing have no peak.
+    """
+    frequency = zero_crossing_frequency(motion).hz
+    rows = [
+        (LETTERS[name], float(size), float(hz))
+        for name, size, hz in zip(motion.components, motion.ppv, frequency, strict=True)
+    ]
+    if summed:
+        rows.append((SUM, motion.pvs, float(frequency[np.nanargmax(motion.ppv)])))
+    return [row for row in rows if row[1] > 0.0]

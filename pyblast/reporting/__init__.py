@@ -1,1 +1,0 @@
-"""Pages, pictures and files to look at."""

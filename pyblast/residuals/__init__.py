@@ -1,1 +1,0 @@
-"""What the difference between recorded and simulated seismograms is worth."""

@@ -1,0 +1,1 @@
+"""Many runs: cached, in parallel, superposed from Green's functions."""

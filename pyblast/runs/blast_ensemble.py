@@ -1,0 +1,323 @@
+"""Ensembles of one blast with scattered firing times and strengths, by superposed spectra."""
+
+from dataclasses import dataclass, replace
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+from scipy import fft
+
+from ..errors import InputError
+from ..model.model import Receiver
+from ..model.source import PointForce
+from ..signals.seismogram import Seismogram
+from .greens import GreensFunctions, history
+
+DROPPED = 1e-10  # share of the power that may lie above the frequencies kept
+RINGS = 3.0  # cycles of the lower corner that a filter rings before and after
+SAMPLES_PER_PERIOD = 8  # of the highest frequency kept; peaks between them by a parabola
+# Values of motion in one batch of blasts: near in memory, and products too small to be split over
+# threads, whose hand-over would cost more than the product.
+AT_ONCE = 2**19
+
+
+class Peaks(NamedTuple):
+    """Largest motion of many blasts.
+
+    Parameters
+    ----------
+    ppv : (n_blasts, n_receivers, 3) float64, m/s
+        Of each component.
+    pvs : (n_blasts, n_receivers) float64, m/s
+        Of the vector at one instant.
+    """
+
+    ppv: np.ndarray
+    pvs: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class BlastSpectra:
+    """Spectra of each hole's motion at all receivers, ready to be summed.
+
+    Parameters
+    ----------
+    spectra : (n_frequencies, n_holes, 3 n_receivers) complex128
+        Of the motion of each hole when it fires at 0 s with its charge.
+    receivers : tuple of Receiver
+    spacing : float, Hz
+        Of the frequencies, from 0.
+    n_samples : int
+        Of the motion that is worked out.
+    start : float, s
+        Of its first sample.
+    earliest, latest : float, s
+        Between which holes may fire.
+    """
+
+    spectra: np.ndarray
+    receivers: tuple[Receiver, ...]
+    spacing: float
+    n_samples: int
+    start: float
+    earliest: float
+    latest: float
+
+    @property
+    def dt(self) -> float:
+        """Time between samples, s."""
+        return 1.0 / (self.spacing * self.n_samples)
+
+    def peaks(self, times, scales=1.0) -> Peaks:
+        """Return the peaks of many blasts; theory.md (9.4).
+
+        Parameters
+        ----------
+        times : (n_blasts, n_holes) float, s
+            Firing times.
+        scales : (n_blasts, n_holes) float or what spreads to it
+            Factors on what each hole does with its own charge.
+
+        Raises
+        ------
+        InputError
+            If a hole fires outside the times allowed for.
+        """
+        times, scales = self._checked(times, scales)
+        together = max(1, AT_ONCE // (3 * len(self.receivers) * self.n_samples))
+        ppv, pvs = [], []
+        for first in range(0, len(times), together):
+            here = slice(first, first + together)
+            motion = self._motion(times[here], scales[here])
+            ppv.append(_top(np.abs(motion)))
+            pvs.append(np.sqrt(_top(np.einsum("brct,brct->brt", motion, motion))))
+        return Peaks(np.concatenate(ppv), np.concatenate(pvs))
+
+    def seismograms(self, times, scales=1.0) -> dict[str, Seismogram]:
+        """Return the seismograms of one blast, times and scales (n_holes,)."""
+        motion = self._motion(*self._checked(np.atleast_2d(times), scales))[0]
+        records = {}
+        for receiver, velocity in zip(self.receivers, motion, strict=True):
+            record = Seismogram(velocity.T, self.dt, self.start, receiver.name)
+            if receiver.azimuth is not None:
+                names = record.rotated(receiver.azimuth).components
+                record = replace(record, components=names)
+            records[receiver.name] = record
+        return records
+
+    def banded(self, low: float, high: float) -> "BlastSpectra":
+        """Keep ``low`` to ``high`` Hz, -6 dB at both, with the response of theory.md (13.5).
+
+        Raises
+        ------
+        InputError
+            If the band holds nothing.
+        """
+        top = self.spacing * len(self.spectra)
+        if not 0.0 < low < min(high, top):
+            raise InputError(
+                f"band: need 0 < low < high and low below {top:g} Hz, got {low:g}, {high:g} Hz"
+            )
+        rings = int(np.ceil(RINGS / (low * self.dt)))
+        motion = fft.irfft(self.spectra, self.n_samples, axis=0)
+        size = fft.next_fast_len(self.n_samples + 2 * rings, real=True)
+        hz = fft.rfftfreq(size, self.dt)
+        off = (hz**2 - low * high) / np.maximum(hz * (high - low), 1e-30)
+        gain = np.exp(-2j * np.pi * hz * rings * self.dt) / (1.0 + np.minimum(abs(off), 1e30) ** 8)
+        spectra, n_samples = trimmed(fft.rfft(motion, size, axis=0) * gain[:, None, None] / size)
+        return replace(
+            self, spectra=spectra, n_samples=n_samples, spacing=1.0 / (size * self.dt),
+            start=self.start - rings * self.dt,
+        )  # fmt: skip
+
+    def _checked(self, times, scales):
+        """Return times and scales (n_blasts, n_holes)."""
+        times, n_holes = np.asarray(times, dtype=float), self.spectra.shape[1]
+        if times.ndim != 2 or times.shape[1] != n_holes:
+            raise InputError(f"times: need (n_blasts, {n_holes}), got {times.shape}")
+        if not ((times >= self.earliest) & (times <= self.latest)).all():
+            raise InputError(
+                f"times: must lie in {self.earliest:g} to {self.latest:g} s, got "
+                f"{times.min():g} to {times.max():g} s; allow for more when the spectra are made"
+            )
+        return times, np.broadcast_to(np.asarray(scales, dtype=float), times.shape)
+
+    def _motion(self, times, scales):
+        """Return the motion (n_blasts, n_receivers, 3, n_samples)."""
+        turn = np.exp(-2j * np.pi * self.spacing * (times - self.earliest))
+        holes = scales.astype(complex)
+        total = np.empty((len(times), self.spectra.shape[2], len(self.spectra)), dtype=complex)
+        for number, matrix in enumerate(self.spectra):
+            total[..., number] = holes @ matrix
+            holes *= turn
+        motion = fft.irfft(total, self.n_samples, overwrite_x=True)
+        return motion.reshape(len(times), len(self.receivers), 3, -1)
+
+
+def blast_spectra(
+    bank: GreensFunctions, sources, *, latest: float, earliest: float = 0.0
+) -> BlastSpectra:
+    """Prepare the holes of a blast for many sets of times and scales.
+
+    Parameters
+    ----------
+    bank : GreensFunctions
+    sources : sequence of Hole, Column or MomentTensor
+        With their charges and time functions; their times do not count.
+    latest, earliest : float, s
+        Between which any hole of any blast may fire.
+
+    Raises
+    ------
+    InputError
+        If a source is at no stored place, or the times are in the wrong order.
+
+    Notes
+    -----
+    Times fall between samples by turning phases, which is exact for what a time function holds
+    below the Nyquist frequency of the time step. Motion later than ``bank.duration`` after a
+    firing is missing; see ``bank.unfinished``.
+    """
+    if not earliest <= latest:
+        raise InputError(f"latest: must not be below earliest, got {latest:g} < {earliest:g} s")
+    numbers, dt = bank.numbers(sources), bank.dt
+    drives, lead = _drives(bank, sources)
+    n_steps = bank.response.shape[-1] + drives.shape[1] + int(np.ceil((latest - earliest) / dt))
+    size = fft.next_fast_len(n_steps, real=True)
+    responses = [_turned(bank, number, size) for number in range(len(bank.sources))]
+    spectra = np.stack([fft.rfft(drive, size) * responses[number]
+                        for drive, number in zip(drives, numbers, strict=True)])  # fmt: skip
+    spectra, n_samples = trimmed(spectra.transpose(2, 0, 1) / size)
+    return BlastSpectra(
+        spectra, bank.receivers, 1.0 / (size * dt), n_samples, (0.5 - lead) * dt + earliest,
+        earliest, latest,
+    )  # fmt: skip
+
+
+def trimmed(spectra):
+    """Leave out high frequencies without power, and samples with them.
+
+    Parameters
+    ----------
+    spectra : (n_frequencies, n_holes, n_components) complex128
+        Over the number of samples that they were made from.
+
+    Returns
+    -------
+    spectra : (n_kept, n_holes, n_components) complex128
+        For an inverse transform to ``n_samples``.
+    n_samples : int
+    """
+    power = np.sum(np.abs(spectra) ** 2, axis=(1, 2))
+    above = np.cumsum(power[::-1])[::-1]
+    kept = max(2, int(np.count_nonzero(above > DROPPED * above[0])))
+    n_samples = fft.next_fast_len(max(SAMPLES_PER_PERIOD * kept, 4), real=True)
+    return np.ascontiguousarray(spectra[:kept]) * n_samples, n_samples
+
+
+def _top(values):
+    """Return the largest of positive values (..., n), by a parabola through it and both beside."""
+    at = np.clip(values.argmax(axis=-1), 1, values.shape[-1] - 2)[..., None]
+    left, middle, right = (np.take_along_axis(values, at + k, axis=-1)[..., 0] for k in (-1, 0, 1))
+    bend = np.maximum(2.0 * middle - left - right, 1e-300)
+    above = (right - left) ** 2 / (8.0 * bend)
+    return np.where(middle >= np.maximum(left, right), middle + above, np.maximum(left, right))
+
+
+def _drives(bank, sources):
+    """Return increments (n_sources, n) of moment for firings at 0 s, and how many come before."""
+    functions = [one.history if isinstance(one, PointForce) else one.moment_rate for one in sources]
+    lead = max(0, int(np.ceil(-min(each.start for each in functions) / bank.dt)))
+    last = max(each.start + each.dt * len(each.values) for each in functions)
+    times = bank.dt * np.arange(-lead, min(bank.response.shape[-1], np.ceil(last / bank.dt) + 2))
+    still = [one if isinstance(one, PointForce) else replace(one, time=0.0) for one in sources]
+    return np.stack([np.diff(history(one, times), prepend=0.0) for one in still]), lead
+
+
+def _turned(bank, number, size):
+    """Return spectra (3 n_receivers, n_frequencies) of one place in the receivers' directions."""
+    spectra = fft.rfft(bank.response[number], size)
+    for receiver, (east, north, _) in zip(bank.receivers, spectra, strict=True):
+        if receiver.azimuth is not None:
+            sine, cosine = np.sin(receiver.azimuth), np.cos(receiver.azimuth)
+            east[:], north[:] = sine * east + cosine * north, cosine * east - sine * north
+    return spectra.reshape(-1, spectra.shape[-1])
+
+
+def signature_spectra(
+    signatures,
+    n_holes: int,
+    *,
+    latest: float,
+    earliest: float = 0.0,
+    travel_shifts=None,
+) -> BlastSpectra:
+    """Prepare the holes of a blast by what one hole did at each receiver.
+
+    Parameters
+    ----------
+    signatures : dict of str to Seismogram, or to a sequence of n_holes of them
+        By receiver, zero time at the firing; a sequence gives each hole its own. A component
+        that was not recorded counts as still.
+    n_holes : int
+    latest, earliest : float, s
+        Between which any hole of any blast may fire.
+    travel_shifts : (n_receivers, n_holes) float, s, optional
+        How much later than the signature each hole arrives, see `superposition.travel_shifts`.
+
+    Returns
+    -------
+    BlastSpectra
+        Whose receivers have no place.
+
+    Raises
+    ------
+    InputError
+        If numbers, samplings or axes do not agree, or the times are in the wrong order.
+
+    Notes
+    -----
+    The motion of `superpose` for each blast; theory.md (5.5), (9.4).
+    """
+    if not earliest <= latest:
+        raise InputError(f"latest: must not be below earliest, got {latest:g} < {earliest:g} s")
+    table = [_own(name, each, n_holes) for name, each in signatures.items()]
+    first = table[0][0]
+    for name, row in zip(signatures, table, strict=True):
+        for one in row:
+            if abs(one.dt - first.dt) > 1e-9 * first.dt or one.components != row[0].components:
+                raise InputError(
+                    f"signatures[{name!r}]: need dt = {first.dt:g} s and one set of axes; resample "
+                    "or rotate first"
+                )
+    shifts = np.zeros((len(table), n_holes)) if travel_shifts is None else travel_shifts
+    shifts = np.array(shifts, dtype=float)
+    if shifts.shape != (len(table), n_holes) or not np.isfinite(shifts).all():
+        raise InputError(
+            f"travel_shifts: need ({len(table)}, {n_holes}) finite values, got {shifts.shape}"
+        )
+    begins = shifts + [[one.start for one in row] for row in table]
+    longest = max(len(one.velocity) for row in table for one in row)
+    n = longest + ceil((np.ptp(begins) + latest - earliest) / first.dt) + 1
+    size = fft.next_fast_len(n, real=True)
+    turns = -2j * np.pi * fft.rfftfreq(size, first.dt)[:, None]
+    spectra = np.empty((len(turns), n_holes, len(table), 3), dtype=complex)
+    for number, row in enumerate(table):
+        known = {id(one): fft.rfft(np.nan_to_num(one.velocity), size, axis=0) for one in row}
+        for hole, one in enumerate(row):
+            late = np.exp(turns * (begins[number, hole] - begins.min()))
+            spectra[:, hole, number] = known[id(one)] * late
+    kept, n_samples = trimmed(spectra.reshape(len(turns), n_holes, -1) / size)
+    receivers = tuple(Receiver(name, (0.0, 0.0, 0.0)) for name in signatures)
+    return BlastSpectra(
+        kept, receivers, 1.0 / (size * first.dt), n_samples,
+        earliest + float(begins.min()), earliest, latest,
+    )  # fmt: skip
+
+
+def _own(name, each, n_holes):
+    """Return one seismogram for each hole."""
+    row = [each] * n_holes if isinstance(each, Seismogram) else list(each)
+    if len(row) != n_holes or n_holes < 1:
+        raise InputError(f"signatures[{name!r}]: {len(row)} seismograms for {n_holes} holes")
+    return row

@@ -1,0 +1,214 @@
+"""Cache of runs: results in a folder, addressed by the hash of their input."""
+
+import hashlib
+import json
+import logging
+import sys
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import scipy
+
+from ..errors import ReadError
+from ..mesh.nodes import feed
+from ..model.model import Model
+from ..signals.seismogram import Seismogram
+from ..solver.model_file import read_arrays, write_arrays
+from ..solver.preparation import fingerprint
+from ..solver.run import Run, simulate
+
+PACKAGE = Path(__file__).parents[1]
+MARCHES = ("motion", "meshing", "solving", "ensembles")
+WHOLE = ("",)  # all rooms, and what stands above them
+
+
+def input_hash(*inputs) -> str:
+    """Return the SHA-256 of inputs and of the code that works on them.
+
+    Parameters
+    ----------
+    inputs : Model, numbers, texts, arrays, None; sequences, dicts and dataclasses of them
+
+    Raises
+    ------
+    InputError
+        If something is none of these, such as a function: its content can't be told.
+    """
+    digest = hashlib.sha256(code_hash().encode())
+    feed(digest, inputs, "input")
+    return digest.hexdigest()
+
+
+@lru_cache
+def code_hash(rooms=MARCHES) -> str:
+    """Return the SHA-256 of rooms of modules, of the core, and of numpy's and scipy's version."""
+    digest = hashlib.sha256(f"numpy {np.__version__} scipy {scipy.__version__}".encode())
+    files = [file for name in rooms for file in sorted((PACKAGE / name).rglob("*.py"))]
+    cores = [name for name in sorted(sys.modules) if name.startswith("pyblast._core")]
+    for file in [*files, *(Path(sys.modules[name].__file__ or "") for name in cores)]:
+        if file.is_file():
+            digest.update(file.name.encode())
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+log = logging.getLogger(__name__)
+
+
+class Cache:
+    """A folder of named arrays, one file for each key.
+
+    Each file is written beside its place and renamed, so a killed run leaves none, and holds the
+    hash of its content. What can't be read, or belongs to another key, counts as absent, which
+    the log says.
+
+    Parameters
+    ----------
+    folder : path
+        Made if absent.
+    """
+
+    def __init__(self, folder):
+        self.folder = Path(folder)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ReadError(f"{self.folder}: can't be made ({error.strerror})") from None
+
+    def get(self, key: str) -> dict[str, np.ndarray] | None:
+        """Return the arrays of a key, or None."""
+        path = self._path(key)
+        if not path.exists():
+            return None
+        try:
+            groups, attributes = read_arrays(path)
+        except ReadError as error:
+            log.warning("cache: left aside, and made anew: %s", error)
+            return None
+        arrays = groups.get("kept", {})
+        if attributes.get("key") != key or attributes.get("content") != fingerprint(arrays):
+            log.warning("cache: %s is not what its name says; left aside, and made anew", path)
+            return None
+        return arrays
+
+    def put(self, key: str, arrays: dict[str, np.ndarray]):
+        """Keep arrays under a key."""
+        attributes = {"kind": "kept", "key": key, "content": fingerprint(arrays)}
+        write_arrays(self._path(key), {"kept": arrays}, attributes)
+
+    def __len__(self):
+        return sum(1 for _ in self.folder.glob("*.h5"))
+
+    @property
+    def size(self) -> int:
+        """Bytes that the folder holds; files may be deleted at any time."""
+        return sum(path.stat().st_size for path in self.folder.glob("*.h5"))
+
+    def _path(self, key):
+        return self.folder / f"{key[:40]}.h5"
+
+
+@dataclass(frozen=True, eq=False)
+class KeptRun:
+    """What a cache keeps of a run.
+
+    Parameters
+    ----------
+    seismograms : dict of str to Seismogram
+        By receiver.
+    energy : dict of str to (n_lines,) float64, J
+        The ledger, with ``time`` in s.
+    balance_error, dt, wall_seconds : float
+        As of `Run`; the time is that of the run, not of the reading.
+    provenance : dict of str to str
+    found : bool
+        Whether it was read from the cache.
+    """
+
+    seismograms: dict[str, Seismogram]
+    energy: dict[str, np.ndarray]
+    balance_error: float
+    dt: float
+    wall_seconds: float
+    provenance: dict[str, str]
+    found: bool
+
+
+def cached_run(model: Model, duration: float, folder=None) -> KeptRun:
+    """Run a model, or read the same run from a folder: the bits are the same.
+
+    Parameters
+    ----------
+    model : Model
+    duration : float, s
+    folder : path, optional
+        None runs and keeps nothing.
+
+    Returns
+    -------
+    KeptRun
+
+    Raises
+    ------
+    InputError
+        If the model holds something whose content can't be told, such as a function.
+    ReadError
+        If the folder can't be written.
+    """
+    return find_run(model, duration, folder) or _run(model, duration, folder)
+
+
+def find_run(model: Model, duration: float, folder) -> KeptRun | None:
+    """Return the kept run of a model, or None where a folder has none."""
+    arrays = Cache(folder).get(input_hash(model, duration)) if folder is not None else None
+    return _from_arrays(arrays) if arrays else None
+
+
+def _run(model, duration, folder):
+    """Run a model and keep it."""
+    made = simulate(model, duration)
+    if folder is not None:
+        Cache(folder).put(input_hash(model, duration), _as_arrays(made))
+    return KeptRun(
+        made.seismograms, made.energy, made.balance_error, made.dt, made.wall_seconds,
+        made.provenance, False,
+    )  # fmt: skip
+
+
+def _as_arrays(made: Run):
+    """Return a run as named arrays; names of receivers and the like as one text."""
+    heads = [
+        {"name": name, "dt": s.dt, "start": s.start, "label": s.label, "components": s.components}
+        for name, s in made.seismograms.items()
+    ]
+    plain = {
+        "seismograms": heads,
+        "provenance": made.provenance,
+        **{name: getattr(made, name) for name in ("balance_error", "dt", "wall_seconds")},
+    }
+    return {
+        "plain": np.frombuffer(json.dumps(plain).encode(), dtype=np.uint8),
+        **{f"energy_{name}": line for name, line in made.energy.items()},
+        **{f"motion_{n}": s.velocity for n, s in enumerate(made.seismograms.values())},
+    }
+
+
+def _from_arrays(arrays):
+    """Return the run of `_as_arrays`."""
+    plain = json.loads(arrays["plain"].tobytes().decode())
+    seismograms = {
+        head["name"]: Seismogram(
+            arrays[f"motion_{n}"], head["dt"], head["start"], head["label"],
+            tuple(head["components"]),
+        )
+        for n, head in enumerate(plain["seismograms"])
+    }  # fmt: skip
+    energy = {
+        name.removeprefix("energy_"): line
+        for name, line in arrays.items()
+        if name.startswith("energy_")
+    }
+    numbers = (plain[name] for name in ("balance_error", "dt", "wall_seconds"))
+    return KeptRun(seismograms, energy, *numbers, plain["provenance"], True)

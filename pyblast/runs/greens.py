@@ -1,0 +1,235 @@
+"""Green's functions: the motion of a blast as a sum of stored unit runs."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import fft
+
+from ..errors import InputError
+from ..model.boundary import StressInput, VelocityInput
+from ..model.model import Model, Receiver
+from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
+from ..signals.seismogram import Seismogram
+from ..solver.loads import ADDERS, Loads
+from ..solver.perturbation import STICKING_JOINTS
+
+CHARGES = (Hole, Column)
+KINDS = (*CHARGES, MomentTensor, PointForce)
+LINEAR_JOINTS = ("elastic", "kelvin", "maxwell", *STICKING_JOINTS)
+LINEAR_ZONES = ("elastic", "anisotropic")
+NONE = TimeFunction(np.zeros(1), 1.0)
+
+
+def unit_source(source):
+    """Return a source of size one without firing time and history."""
+    if isinstance(source, CHARGES):
+        return replace(source, charge=1.0, time=0.0, moment_rate=NONE, exponent=1.0)
+    if isinstance(source, MomentTensor):
+        tensor = source.tensor / size(source)
+        return replace(source, tensor=tensor, time=0.0, moment_rate=NONE)
+    return replace(source, direction=np.asarray(source.direction) / size(source), history=NONE)
+
+
+def size(source):
+    """Return what multiplies the history: of a charge, the length of a tensor or a direction."""
+    if isinstance(source, CHARGES):
+        return source.charge**source.exponent
+    vector = source.tensor if isinstance(source, MomentTensor) else source.direction
+    return float(np.linalg.norm(vector)) or 1.0
+
+
+def history(source, times):
+    """Return the moment (n,) in N m, or the force in N, at times (n,) as a run reads it."""
+    if isinstance(source, PointForce):
+        return size(source) * source.history(times)
+    return size(source) * source.moment_rate.integral()(times - source.time)
+
+
+def place(source):
+    """Return where a source is, (3,) m; of a column its middle."""
+    if isinstance(source, Column):
+        return 0.5 * np.add(source.primed, source.end)
+    return np.asarray(source.position, dtype=float)
+
+
+def likeness(source):
+    """Return what two sources must have in common to share a run at one place."""
+    if isinstance(source, Column):
+        way = np.round(np.subtract(source.end, source.primed), 9)
+        return Column, *way, source.detonation_speed, source.sources
+    if isinstance(source, PointForce):
+        return PointForce, *np.round(np.asarray(source.direction) / size(source), 9)
+    if isinstance(source, MomentTensor):
+        return MomentTensor, source.spread, *np.round(source.tensor / size(source), 9).ravel()
+    return Hole, source.spread
+
+
+def loads(model, source, n_steps, dt):
+    """Return the load arrays of a source whose history is one from the second step on."""
+    found = Loads()
+    ADDERS[type(source)](found, model, source)
+    step = np.ones((n_steps, 1))
+    step[0] = 0.0
+    return {**found.arrays(dt * np.arange(n_steps)), "history": step}
+
+
+def refuse_what_does_not_superpose(model: Model):
+    """Refuse models whose motion is not the sum of what each hole does, or not of holes alone.
+
+    Raises
+    ------
+    InputError
+        With the part that is to blame.
+    """
+    for joint in model.joints:
+        if joint.law not in LINEAR_JOINTS:
+            raise InputError(
+                f"joints.{joint.surface}.law: holes do not superpose across '{joint.law}'; take "
+                f"one of {', '.join(LINEAR_JOINTS)}, or run each blast as a whole"
+            )
+    for group in model.mesh.groups:
+        if model.law(group).name not in LINEAR_ZONES:
+            raise InputError(
+                f"materials.{group}: holes do not superpose in ground of the law "
+                f"'{model.law(group).name}'; take elastic ground, or run each blast as a whole"
+            )
+    if model.local_damping:
+        raise InputError(
+            "local_damping: holes do not superpose under it; set it to zero, got "
+            f"{model.local_damping:g}"
+        )
+    for boundary in model.boundaries:
+        if isinstance(boundary, (StressInput, VelocityInput)):
+            raise InputError(
+                f"boundaries.{boundary.surface}: stored responses are those of holes alone; take "
+                f"the {type(boundary).__name__} out and add its motion afterwards"
+            )
+    for source in model.sources:
+        if type(source) not in KINDS:
+            raise InputError(
+                f"sources: a {type(source).__name__} is no hole, column, tensor or force at a "
+                "place; take it out and add its motion afterwards"
+            )
+    for part in ("sources", "receivers"):
+        if not getattr(model, part):
+            raise InputError(f"{part}: none; stored responses lead from sources to receivers")
+
+
+NEAR = 1e-6  # m: the same place
+
+
+@dataclass(frozen=True, eq=False)
+class GreensFunctions:
+    """Motion of receivers by a unit step of moment, or of force, at each of some places.
+
+    Parameters
+    ----------
+    sources : tuple of Hole, Column, MomentTensor or PointForce
+        One for each place, without charge and history.
+    receivers : tuple of Receiver
+    response : (n_sources, n_receivers, 3, n_steps) float64, m/s per N m or per N
+        East, north, vertical; sample k half a step after k steps from the step of moment.
+    dt : float, s
+        The time step of the model.
+    within : float, m
+        Sources this near to a place use its response.
+    side : str
+        "source" or "receiver": where the runs were made.
+    runs : int
+    said : str
+        Which side was chosen and why, and what proves that nothing slips.
+    """
+
+    sources: tuple
+    receivers: tuple[Receiver, ...]
+    response: np.ndarray
+    dt: float
+    within: float
+    side: str
+    runs: int
+    said: str
+
+    @property
+    def duration(self) -> float:
+        """For how long after a step of moment its motion is known, s."""
+        return self.dt * self.response.shape[-1]
+
+    @property
+    def unfinished(self) -> float:
+        """Largest motion in the last tenth over the largest of all, worst receiver and place.
+
+        What a hole still does later than `duration` after its firing is unknown, and missing from
+        blasts that last longer.
+        """
+        size = np.linalg.norm(self.response, axis=2)
+        return float((size[..., -(size.shape[-1] // 10 + 1) :].max(-1) / size.max(-1)).max())
+
+    def numbers(self, sources) -> np.ndarray:
+        """Return the place (n,) that each source uses.
+
+        Raises
+        ------
+        InputError
+            If there is none of its kind within reach.
+        """
+        places = np.array([place(one) for one in self.sources])
+        alike = [likeness(one) for one in self.sources]
+        found = np.zeros(len(sources), dtype=int)
+        for n, source in enumerate(sources):
+            wanted = likeness(source)
+            away = np.linalg.norm(places - place(source), axis=1)
+            away[[one != wanted for one in alike]] = np.inf
+            found[n] = away.argmin()
+            if np.isinf(away[found[n]]):
+                raise InputError(
+                    f"sources[{n}]: no {type(source).__name__} of this shape is stored anywhere; "
+                    "add one to the model of the bank"
+                )
+            if away[found[n]] > self.within + NEAR:
+                raise InputError(
+                    f"sources[{n}]: the nearest stored place of such a {type(source).__name__} "
+                    f"lies {away[found[n]]:g} m away, allowed are {self.within:g} m; add its place "
+                    "to the model of the bank"
+                )
+        return found
+
+    def blast(self, sources, duration: float | None = None) -> dict[str, Seismogram]:
+        """Return the seismograms of sources that act together; theory.md (9.1), (9.2).
+
+        Parameters
+        ----------
+        sources : sequence of Hole, Column, MomentTensor or PointForce
+            At the stored places, with any charges, exponents, times and time functions.
+        duration : float, s, optional
+            Up to `duration`, which is the default, they are those of a run to rounding; see
+            `unfinished` for longer ones.
+
+        Raises
+        ------
+        InputError
+            If a source is at no stored place.
+        """
+        n_known = self.response.shape[-1]
+        n = n_known if duration is None else max(2, int(np.ceil(duration / self.dt - 1e-9)))
+        size = fft.next_fast_len(n + min(n, n_known), real=True)
+        total = np.zeros((len(self.receivers), 3, size // 2 + 1), dtype=complex)
+        numbers = self.numbers(sources)
+        for number in np.unique(numbers):
+            chosen = [s for s, at in zip(sources, numbers, strict=True) if at == number]
+            drive = sum(fft.rfft(self.increments(s, n), size) for s in chosen)
+            total += fft.rfft(self.response[number, ..., :n], size) * drive
+        return self.seismograms(fft.irfft(total, size)[..., :n])
+
+    def increments(self, source, n_steps) -> np.ndarray:
+        """Return by how much moment or force grows in each step, (n_steps,)."""
+        moment = history(source, self.dt * np.arange(n_steps))
+        return np.diff(moment, prepend=0.0)
+
+    def seismograms(self, motion) -> dict[str, Seismogram]:
+        """Return motion (n_receivers, 3, n) as seismograms in the receivers' directions."""
+        records = {}
+        for receiver, velocity in zip(self.receivers, motion, strict=True):
+            record = Seismogram(velocity.T, self.dt, 0.5 * self.dt, receiver.name)
+            turned = record if receiver.azimuth is None else record.rotated(receiver.azimuth)
+            records[receiver.name] = turned
+        return records

@@ -1,0 +1,1 @@
+"""Motion at a place: seismograms, spectra, comparison, limit curves."""

@@ -1,0 +1,196 @@
+"""Recorded against simulated motion at one receiver: peaks, frequencies, durations, waveforms."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from .seismogram import Seismogram
+from .spectra import (
+    dominant_frequency,
+    envelope_and_phase,
+    lag,
+    significant_duration,
+    smoothed_spectrum,
+    wavelet_transform,
+)
+
+SILENT = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """How a simulated seismogram differs from the recorded one, per component.
+
+    Every (3,) array is NaN where a component is missing on either side or silent in the record.
+    Deviations are ``simulated / recorded - 1``.
+
+    Attributes
+    ----------
+    components : tuple of 3 str
+    ppv_deviation, frequency_deviation, duration_deviation : (3,) float64
+    waveform_misfit : (3,) float64
+        ``sum (d - s)^2 / sum d^2``.
+    residual_energy, recorded_energy : (3,) float64
+        The two sums, m2/s2.
+    lag, correlation : (3,) float64
+        Lag [s] of largest cross-correlation, positive where the simulation is late, and that
+        correlation.
+    envelope_misfit, phase_misfit : (3,) float64
+        Time-frequency misfits of Kristekova et al. (2009); NaN where not asked for.
+    frequency : (n,) float64, Hz
+    spectral_ratio : (n, 3) float64
+        Smoothed simulated over smoothed recorded amplitude; NaN where the record holds less than
+        1e-6 of its largest amplitude.
+    band : tuple of 2 float, Hz, or None
+        Band to which both records were filtered before everything else.
+    frequency_method : str
+        Definition of the dominant frequency: "smoothed", "multitaper" or "raw".
+    """
+
+    components: tuple[str, str, str]
+    ppv_deviation: np.ndarray
+    frequency_deviation: np.ndarray
+    duration_deviation: np.ndarray
+    residual_energy: np.ndarray
+    recorded_energy: np.ndarray
+    lag: np.ndarray
+    correlation: np.ndarray
+    envelope_misfit: np.ndarray
+    phase_misfit: np.ndarray
+    frequency: np.ndarray
+    spectral_ratio: np.ndarray
+    band: tuple[float, float] | None
+    frequency_method: str
+
+    @property
+    def waveform_misfit(self):
+        """Residual over recorded energy of each component, (3,)."""
+        return _ratio(self.residual_energy, self.recorded_energy)
+
+    @property
+    def total_waveform_misfit(self):
+        """Residual over recorded energy of all compared components together."""
+        compared = ~np.isnan(self.residual_energy)
+        energy = np.sum(self.recorded_energy[compared])
+        return float(np.sum(self.residual_energy[compared]) / energy)
+
+    @property
+    def misfit(self):
+        """Mean absolute deviation of PPV and dominant frequency over the components, percent.
+
+        With three components this is the cost C of paper.md section 3.
+        """
+        deviations = np.abs(np.concatenate([self.ppv_deviation, self.frequency_deviation]))
+        return 100.0 * float(np.mean(deviations[~np.isnan(deviations)]))
+
+
+def compare(
+    recorded: Seismogram,
+    simulated: Seismogram,
+    band=None,
+    *,
+    frequency_method="smoothed",
+    time_frequency=True,
+) -> Comparison:
+    """Compare two seismograms of the same place.
+
+    Parameters
+    ----------
+    recorded, simulated : Seismogram
+        The simulation is read at the recorded instants (band-limited). It is at rest before its
+        start; after its end nothing is compared.
+    band : tuple of 2 float, Hz, optional
+        Both are band-passed without phase shift first.
+    frequency_method : str
+        Definition of the dominant frequency, see ``dominant_frequency``.
+    time_frequency : bool
+        Whether to work out envelope and phase misfits, the slow part.
+
+    Returns
+    -------
+    Comparison
+
+    Raises
+    ------
+    InputError
+        If components differ, none is in both, the record is silent or the times do not overlap.
+    """
+    recorded, simulated = in_common(recorded, simulated, band)
+    both = recorded.present & simulated.present & np.any(recorded.velocity != 0.0, axis=0)
+    if not np.any(both):
+        raise InputError("compare: no component with motion is present in both seismograms")
+    data, model = (np.where(both, s.velocity, np.nan) for s in (recorded, simulated))
+    found, wanted = (
+        dominant_frequency(s, frequency_method, band).hz for s in (simulated, recorded)
+    )
+    lasted, lasts = significant_duration(simulated), significant_duration(recorded)
+    pairs = zip(data.T, model.T, strict=True)
+    late, correlation = np.transpose([lag(d[:, None], m[:, None], recorded.dt) for d, m in pairs])
+    envelope, phase = np.full((2, 3), np.nan)
+    for n in np.flatnonzero(both & time_frequency):
+        transforms = (wavelet_transform(each[:, n], recorded.dt, band) for each in (data, model))
+        envelope[n], phase[n] = envelope_and_phase(*transforms)
+    frequency, ratio = _spectral_ratio(recorded, simulated)
+    return Comparison(
+        components=recorded.components,
+        ppv_deviation=_ratio(np.max(np.abs(model), axis=0), np.max(np.abs(data), axis=0)) - 1.0,
+        frequency_deviation=np.where(both, _ratio(found, wanted) - 1.0, np.nan),
+        duration_deviation=np.where(both, _ratio(lasted, lasts) - 1.0, np.nan),
+        residual_energy=np.sum((data - model) ** 2, axis=0),
+        recorded_energy=np.sum(data**2, axis=0),
+        lag=late,
+        correlation=correlation,
+        envelope_misfit=envelope,
+        phase_misfit=phase,
+        frequency=frequency,
+        spectral_ratio=ratio,
+        band=band,
+        frequency_method=frequency_method,
+    )
+
+
+def _spectral_ratio(recorded, simulated):
+    """Frequencies and smoothed simulated over smoothed recorded amplitude."""
+    spectrum = smoothed_spectrum(recorded)
+    floor = SILENT * np.max(spectrum.amplitude, axis=0)
+    heard = np.where(spectrum.amplitude > floor, spectrum.amplitude, np.nan)
+    return spectrum.frequency, smoothed_spectrum(simulated).amplitude / heard
+
+
+def _ratio(top, bottom):
+    """Divide; NaN where the divisor is zero."""
+    safe = np.where(bottom == 0.0, np.nan, bottom)
+    return top / safe
+
+
+def in_common(recorded: Seismogram, simulated: Seismogram, band=None):
+    """Return both seismograms at the recorded instants, up to the earlier end, within a band.
+
+    Raises
+    ------
+    InputError
+        If components differ or the times do not overlap.
+    """
+    if recorded.components != simulated.components:
+        raise InputError(
+            f"compare: components differ, {recorded.components} recorded against "
+            f"{simulated.components} simulated; rotate one"
+        )
+    end = min(recorded.start + recorded.duration, simulated.start + simulated.duration)
+    if end - max(recorded.start, simulated.start) < 2.0 * recorded.dt:
+        raise InputError(
+            f"compare: no common time, recorded from {recorded.start:g} s and simulated "
+            f"{simulated.start:g} to {simulated.start + simulated.duration:g} s"
+        )
+    recorded = recorded.windowed(recorded.start, end)
+    same = (
+        len(simulated.velocity) == len(recorded.velocity)
+        and abs(simulated.dt - recorded.dt) < 1e-9 * recorded.dt
+        and abs(simulated.start - recorded.start) < 1e-9 * recorded.dt
+    )
+    if not same:
+        simulated = simulated.sampled(recorded.start, recorded.dt, len(recorded.velocity))
+    if band is not None:
+        recorded, simulated = recorded.bandpassed(*band), simulated.bandpassed(*band)
+    return recorded, simulated

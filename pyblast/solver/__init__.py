@@ -1,0 +1,1 @@
+"""A model as arrays, integrated in time, with its derivatives."""

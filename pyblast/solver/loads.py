@@ -1,0 +1,368 @@
+"""Loads and boundary conditions as arrays: nodal forces, dashpots, prescribed directions."""
+
+import numpy as np
+
+from ..errors import InputError
+from ..mesh.mesh import locate, surface_areas, surface_zones
+from ..mesh.tetrahedra import edge_lengths
+from ..model.anisotropy import impedance
+from ..model.boundary import Fixed, Roller, StressInput, VelocityInput, Viscous
+from ..model.plane_wave import PlaneWave, add_plane_wave
+from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
+from ..signals.seismogram import GEOGRAPHIC
+
+FEWEST_ZONES = 8  # that a source is spread over
+AROUND = 2.0  # radii within which ways around the end of a joint count
+PRESSURE_CUTS = 3  # of each edge of a face that a pressure passes
+# How much of a pressure that passes a node comes when, in standard deviations: Gauss-Hermite.
+PASSING = ((1.0 / 6.0, -np.sqrt(3.0)), (2.0 / 3.0, 0.0), (1.0 / 6.0, np.sqrt(3.0)))
+
+
+class Loads:
+    """A growing list of nodal loads and of the histories that they follow."""
+
+    def __init__(self):
+        """Start empty."""
+        self._nodes, self._vectors, self._numbers, self._histories = [], [], [], []
+        self._delays = []
+
+    def add_history(self, function, offset=0.0):
+        """Add a function of time, read at step times plus an offset in s; return its number."""
+        self._histories.append((function, offset))
+        return len(self._histories) - 1
+
+    def add(self, nodes, vectors, number, delays=0.0):
+        """Add forces ``vectors`` (n, 3) per unit of a history at ``nodes`` (n,), delays in s."""
+        self._nodes.append(np.asarray(nodes))
+        self._vectors.append(np.asarray(vectors, dtype=float))
+        self._numbers.append(np.full(len(nodes), number))
+        self._delays.append(np.broadcast_to(np.asarray(delays, dtype=float), len(nodes)))
+
+    def arrays(self, times):
+        """Return the kernel's arrays, histories read at ``times`` (n_total,)."""
+        none = np.zeros(0)
+        amplitude = [function(times + offset) for function, offset in self._histories]
+        dt = times[1] - times[0]
+        return {
+            "load_node": np.concatenate([none, *self._nodes]).astype(np.int32),
+            "load_vector": np.concatenate([np.zeros((0, 3)), *self._vectors]),
+            "load_history": np.concatenate([none, *self._numbers]).astype(np.int32),
+            "load_delay": np.concatenate([none, *self._delays]) / dt,
+            "load_lane": np.full(sum(map(len, self._nodes)), -1, dtype=np.int32),
+            "history": np.stack(amplitude or [np.zeros(len(times))], axis=1),
+        }
+
+
+def model_loads(model, impedance):
+    """Collect the loads of stress inputs and sources.
+
+    Parameters
+    ----------
+    model : Model
+    impedance : callable
+        Surface name to dict of node to (3, 3) impedance in N s/m.
+
+    Returns
+    -------
+    Loads
+    """
+    loads = Loads()
+    for boundary in model.boundaries:
+        if isinstance(boundary, StressInput):
+            matrices = impedance(boundary.surface)
+            nodes = np.fromiter(matrices, dtype=int)
+            stack = np.stack(list(matrices.values())) * (2.0 if model.doubles(boundary) else 1.0)
+            for axis, function in enumerate(components(boundary)):
+                loads.add(nodes, stack[:, :, axis], loads.add_history(function))
+    for source in model.sources:
+        if isinstance(source, PlaneWave):
+            add_plane_wave(loads, model, source, impedance)
+        else:
+            ADDERS[type(source)](loads, model, source)
+    return loads
+
+
+def components(boundary):
+    """Return the three components of an input's seismogram as functions of time.
+
+    Raises
+    ------
+    InputError
+        If the seismogram is not east, north, vertical or lacks a component.
+    """
+    record = boundary.seismogram
+    where = f"boundaries.{boundary.surface}.seismogram"
+    if tuple(record.components) != GEOGRAPHIC:
+        raise InputError(
+            f"{where}: needs components {', '.join(GEOGRAPHIC)}, got "
+            f"{', '.join(record.components)}; rotate it first"
+        )
+    if not record.present.all():
+        missing = record.components[int(record.present.argmin())]
+        raise InputError(f"{where}: component {missing} was not recorded; give all three")
+    return [TimeFunction(record.velocity[:, k], record.dt, record.start) for k in range(3)]
+
+
+def add_velocity_input(loads, boundary: VelocityInput, dt):
+    """Add the histories of a prescribed velocity; it is that of the end of each step."""
+    return [loads.add_history(function, 0.5 * dt) for function in components(boundary)]
+
+
+def _add_force(loads, model, source):
+    """Add a point force, shared by the nodes of its zone; theory.md (5.3)."""
+    nodes = model.nodes
+    zone, weight = locate(model.mesh, source.position)
+    vectors = nodes.shapes(weight)[0][:, None] * np.asarray(source.direction, dtype=float)
+    loads.add(nodes.zone_nodes[zone[0]], vectors, loads.add_history(source.history))
+
+
+def _add_hole(loads, model, hole):
+    """Add a hole as an isotropic moment; theory.md (5.2)."""
+    number = loads.add_history(hole.moment_rate.integral(), -hole.time)
+    tensor = hole.charge**hole.exponent * np.eye(3)
+    _add_moment(loads, model.nodes, hole.position, tensor, hole.spread, number)
+
+
+def _add_tensor(loads, model, source):
+    """Add a moment tensor; theory.md (5.8)."""
+    number = loads.add_history(source.moment_rate.integral(), -source.time)
+    _add_moment(loads, model.nodes, source.position, source.tensor, source.spread, number)
+
+
+def _add_column(loads, model, column):
+    """Add the points of a column, each as late as detonation reaches it; theory.md (5.9)."""
+    mesh, ends = model.mesh, np.array([column.primed, column.end], dtype=float)
+    zones, _ = locate(mesh, np.linspace(*ends, 20))
+    material = model.materials[mesh.groups[mesh.zone_group[zones[10]]]]
+    edge = edge_lengths(mesh.points, mesh.zones[zones]).mean()
+    count = column.sources or int(np.ceil(np.linalg.norm(ends[1] - ends[0]) / edge))
+    tensor = column.charge**column.exponent / count * column.tensor(material)
+    number = loads.add_history(column.moment_rate.integral(), -column.time)
+    for place, delay in zip(*column.points(count), strict=True):
+        _add_moment(loads, model.nodes, place, tensor, None, number, delay)
+
+
+def _add_moment(loads, nodes, position, tensor, spread, number, delay=0.0):
+    """Add forces ``f_a = M grad N_a`` at a place, or over the zones around it."""
+    position = np.asarray(position, dtype=float)
+    if nodes.quadratic and not spread:  # such zones carry what a point sends out
+        zones, weight = locate(nodes.mesh, position)
+        gradient, shares = nodes.slopes(zones, weight), np.ones(1)
+    else:
+        zones, shares = _zones_of_source(nodes.mesh, position, spread)
+        gradient = nodes.mean_slopes(zones)
+    vectors = (shares[:, None, None] * (gradient @ tensor)).reshape(-1, 3)
+    loads.add(nodes.zone_nodes[zones].ravel(), vectors, number, delay)
+
+
+def _add_pressure(loads, model, source):
+    """Add a pressure to the nodes of a surface as it passes; theory.md (5.10), (5.11), (5.13)."""
+    if model.quadratic:
+        nodes, area, normal = model.nodes.surface_areas(source.surface)
+        share, delay = source.at(model.nodes.points[nodes])
+        force = -(share * area)[:, None] * normal
+        loads.add(nodes, force, loads.add_history(source.history), delay)
+        return
+    mesh, inner = model.mesh, _inner_points(PRESSURE_CUTS)
+    triangles = mesh.surfaces[source.surface]
+    _, area, normal = surface_areas(mesh, source.surface)
+    places = np.einsum("qc,tcx->tqx", inner, mesh.points[triangles])
+    share, delay = (a.reshape(places.shape[:2]) for a in source.at(places.reshape(-1, 3)))
+    weight = np.einsum("tq,qc->tqc", share, inner) * (3.0 * area[::3, None, None] / len(inner))
+    nodes, place = np.unique(triangles.ravel(), return_inverse=True)
+
+    def summed(values):
+        return np.bincount(place, values.ravel(), len(nodes))
+
+    size = summed(weight.sum(axis=1))
+    mean = summed(np.einsum("tqc,tq->tc", weight, delay)) / size
+    square = summed(np.einsum("tqc,tq->tc", weight, delay**2)) / size
+    spread = np.sqrt(np.maximum(square - mean**2, 0.0))
+    force = weight.sum(axis=1).reshape(-1, 1) * normal
+    vectors = -np.stack([summed(force[:, axis]) for axis in range(3)], axis=1)
+    number = loads.add_history(source.history)
+    for part, beside in PASSING if spread.any() else ((1.0, 0.0),):
+        loads.add(nodes, part * vectors, number, np.maximum(mean + beside * spread, 0.0))
+
+
+def _inner_points(cuts):
+    """Return the middles (n, 3) of the triangles that a triangle is cut into, by its corners."""
+    step = 1.0 / (3 * cuts)
+    upright = [(3 * i + 1, 3 * j + 1) for i in range(cuts) for j in range(cuts - i)]
+    turned = [(3 * i + 2, 3 * j + 2) for i in range(cuts - 1) for j in range(cuts - 1 - i)]
+    first = step * np.array(upright + turned)
+    return np.column_stack([first, 1.0 - first.sum(axis=1)])
+
+
+ADDERS = {
+    Hole: _add_hole,
+    PointForce: _add_force,
+    MomentTensor: _add_tensor,
+    Column: _add_column,
+    Pressure: _add_pressure,
+    AirBlast: _add_pressure,
+}
+
+
+def _zones_of_source(mesh, position, spread):
+    """Return zones and their shares of a source: sum one, first moment at its place.
+
+    What it sends goes by the stiffness of the ground that it is in, so none is given to another.
+    """
+    zone, _ = locate(mesh, position)
+    if spread is None:
+        spread = edge_lengths(mesh.points, mesh.zones[zone]).mean()
+    if spread <= 0.0:
+        return zone, np.ones(1)
+    centres = mesh.points[mesh.zones].mean(axis=1) - position
+    distance = np.linalg.norm(centres, axis=1)
+    near = _own_ground(mesh, int(zone[0]), distance, spread)
+    if len(near) >= FEWEST_ZONES:
+        last = np.partition(distance[near], FEWEST_ZONES - 1)[FEWEST_ZONES - 1]
+        spread = max(spread, 1.2 * last)
+    near = near[distance[near] < spread]
+    sides = mesh.points[mesh.zones[near, 1:]] - mesh.points[mesh.zones[near, :1]]
+    weight = np.abs(np.linalg.det(sides)) * (1.0 - (distance[near] / spread) ** 2) ** 2
+    basis = np.concatenate([np.ones((len(near), 1)), centres[near] / spread], axis=1)
+    moments = basis.T @ (weight[:, None] * basis)
+    return near, weight * (basis @ np.linalg.solve(moments, np.array([1.0, 0.0, 0.0, 0.0])))
+
+
+def _own_ground(mesh, zone, distance, spread):
+    """Return the zones around one, of its group and on its side of joints.
+
+    Blocks too small to spread a source over give way: then joints do not count.
+    """
+    alike = np.flatnonzero(mesh.zone_group == mesh.zone_group[zone])
+    nearest = np.sort(distance[alike])[:FEWEST_ZONES]
+    near = np.union1d(alike[distance[alike] < AROUND * max(spread, nearest[-1])], zone)
+    part = mesh.blocks(near)
+    block = near[part == part[np.searchsorted(near, zone)]]
+    return block if len(block) >= FEWEST_ZONES else near
+
+
+def surface_impedance(model, surface):
+    """Sum area (rho cp n n + rho cs (I - n n)) over the faces around each node of a surface.
+
+    Zones of anisotropic ground, or with an anisotropic medium behind them, have that of (2.23).
+
+    Returns
+    -------
+    dict of int to (3, 3) float64, N s/m
+        Source: Lysmer & Kuhlemeyer (1969); theory.md (4.1), (2.23).
+    """
+    nodes, area, normal = model.nodes.surface_areas(surface)
+    behind = surface_zones(model.mesh, surface)
+    zone = np.repeat(behind, len(nodes) // len(behind))
+    density = model.zone_values("density")[zone]
+    z_p, z_s = (area * density * model.zone_values(speed)[zone] for speed in ("cp", "cs"))
+    outer = normal[:, :, None] * normal[:, None, :]
+    each = (z_p - z_s)[:, None, None] * outer + z_s[:, None, None] * np.eye(3)
+    faster = np.broadcast_to(model.speed_factor, len(model.mesh.zones))[zone]
+    media = {}
+    for boundary in model.boundaries:
+        if isinstance(boundary, Viscous) and boundary.surface == surface:
+            media = boundary.media
+    for number, group in enumerate(model.mesh.groups):
+        medium = media.get(group, model.materials[group])
+        if medium.law.name == "anisotropic":
+            here = model.mesh.zone_group[zone] == number
+            factor = area[here] * faster[here]
+            wave = impedance(density[here], medium.law.stiffness, normal[here])
+            each[here] = factor[:, None, None] * wave
+    unique, place = np.unique(nodes, return_inverse=True)
+    summed = np.zeros((len(unique), 3, 3))
+    np.add.at(summed, place, each)
+    return {int(node): matrix for node, matrix in zip(unique, summed, strict=True)}
+
+
+def dynamic_conditions(model, geometry, loads):
+    """Return dashpots and prescribed motion of the dynamic stage as kernel arrays."""
+    fixed = {}
+    for boundary in model.boundaries:
+        if isinstance(boundary, VelocityInput):
+            _move_all(model, boundary, fixed, add_velocity_input(loads, boundary, geometry["dt"]))
+    for boundary in model.boundaries:
+        if isinstance(boundary, Fixed):
+            _fix_axes(model, boundary, fixed)
+        elif isinstance(boundary, Roller) and boundary.dynamic:
+            _fix_normal(model, boundary, fixed)
+    quiet = {}
+    for boundary in model.boundaries:
+        if isinstance(boundary, Viscous):
+            for node, matrix in surface_impedance(model, boundary.surface).items():
+                quiet[node] = quiet.get(node, 0.0) + matrix
+    return {**_dashpot_arrays(quiet, fixed, geometry), **_fixed_arrays(fixed)}
+
+
+def static_conditions(model, geometry):
+    """Return rollers and fixed surfaces of the static stage; viscous surfaces stand on rollers."""
+    fixed = {}
+    for boundary in model.boundaries:
+        if isinstance(boundary, Fixed):
+            _fix_axes(model, boundary, fixed)
+        elif isinstance(boundary, (Roller, Viscous)):
+            _fix_normal(model, boundary, fixed)
+    return {**_dashpot_arrays({}, fixed, geometry), **_fixed_arrays(fixed)}
+
+
+def _move_all(model, boundary, fixed, histories):
+    """Prescribe all three axes at the nodes of a surface; where two meet they move alike."""
+    for node in np.unique(model.nodes.surfaces[boundary.surface]):
+        if int(node) not in fixed:
+            fixed[int(node)] = list(zip(np.eye(3), histories, strict=True))
+
+
+def _fix_axes(model, boundary, fixed):
+    """Hold the named components at the nodes of a surface."""
+    axes = [np.eye(3)[GEOGRAPHIC.index(name)] for name in boundary.components]
+    for node in np.unique(model.nodes.surfaces[boundary.surface]):
+        for axis in axes:
+            _hold(fixed, int(node), axis)
+
+
+def _fix_normal(model, boundary, fixed):
+    """Hold the normal of a surface at its nodes."""
+    nodes, area, normal = model.nodes.surface_areas(boundary.surface)
+    unique, place = np.unique(nodes, return_inverse=True)
+    mean = np.zeros((len(unique), 3))
+    np.add.at(mean, place, area[:, None] * normal)
+    for node, direction in zip(unique, mean / np.linalg.norm(mean, axis=1)[:, None], strict=True):
+        _hold(fixed, int(node), direction)
+
+
+def _hold(fixed, node, direction):
+    """Hold a node along a direction, orthogonal to what is prescribed there already."""
+    known = fixed.setdefault(node, [])
+    for other, _ in known:
+        direction = direction - (direction @ other) * other
+    if np.linalg.norm(direction) > 1e-6:
+        known.append((direction / np.linalg.norm(direction), -1))
+
+
+def _dashpot_arrays(quiet, fixed, geometry):
+    """Dashpots act only along directions that are free to move."""
+    nodes = np.array(sorted(quiet), dtype=np.int32)
+    stack = np.zeros((len(nodes), 3, 3))
+    for row, node in enumerate(nodes):
+        free = np.eye(3)
+        for direction, _ in fixed.get(int(node), ()):
+            free = free - np.outer(direction, direction)
+        stack[row] = free @ quiet[int(node)] @ free
+    half = 0.5 * geometry["dt"]
+    inertia = geometry["node_mass"][nodes] * (1.0 + half * geometry["node_alpha"][nodes])
+    return {
+        "dashpot_node": nodes,
+        "dashpot_impedance": stack,
+        "dashpot_inverse": np.linalg.inv(inertia[:, None, None] * np.eye(3) + half * stack),
+    }
+
+
+def _fixed_arrays(fixed):
+    """Flatten the prescribed directions of all nodes; one of no length where there is none."""
+    rows = [(n, d, h) for n in sorted(fixed) for d, h in fixed[n]] or [(0, np.zeros(3), -1)]
+    return {
+        "fixed_node": np.array([n for n, _, _ in rows], dtype=np.int32),
+        "fixed_direction": np.array([d for _, d, _ in rows]).reshape(-1, 3),
+        "fixed_history": np.array([h for _, _, h in rows], dtype=np.int32),
+    }

@@ -1,0 +1,394 @@
+"""Runs: time stepping in chunks with checkpoints, of one model or of several over one mesh."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .. import core
+from ..errors import InputError, SolverError
+from ..model.model import Model
+from ..signals.seismogram import Seismogram
+from . import assembly
+from .edge_springs import EDGE_ARRAYS, without_edges
+from .model_file import read_checkpoint, write_checkpoint
+from .preparation import LEDGER_EVERY, Chunks, Prepared, prepare, versions
+
+CHECKPOINT_SECONDS = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What a run gives.
+
+    Parameters
+    ----------
+    seismograms : dict of str to Seismogram
+        By receiver.
+    energy : dict of str to (n_lines,) float64, J
+        The ledger, with ``time`` in s.
+    balance_error : float
+        Largest difference between energy put in and found, over the largest energy put in.
+    dt : float, s
+    state : dict of str to numpy array
+        Displacement, velocity, tractions and joint states at the end.
+    prepared : Prepared
+    snapshots : dict of float to (n_nodes, 3) float32, m/s
+        Node velocities by time.
+    provenance : dict of str to str
+    wall_seconds : float
+    """
+
+    seismograms: dict[str, Seismogram]
+    energy: dict[str, np.ndarray]
+    balance_error: float
+    dt: float
+    state: dict[str, np.ndarray]
+    prepared: Prepared
+    snapshots: dict[float, np.ndarray] = field(default_factory=dict)
+    provenance: dict[str, str] = field(default_factory=dict)
+    wall_seconds: float = 0.0
+
+
+def simulate(
+    model: Model,
+    duration: float,
+    *,
+    progress: Callable | None = None,
+    checkpoint=None,
+    resume=None,
+    snapshot_times=(),
+    prepared: Prepared | None = None,
+) -> Run:
+    """March a model through time.
+
+    Parameters
+    ----------
+    model : Model
+    duration : float, s
+    progress : callable, optional
+        Called with (stage, done, total) between chunks of about 0.05 s; a run can be stopped there.
+    checkpoint : path, optional
+        Written every 30 s and when the run is interrupted.
+    resume : path, optional
+        A checkpoint of the same model; the run goes on with the same bits.
+    snapshot_times : sequence of float, s
+    prepared : Prepared, optional
+        The result of `prepare` for the same model and duration.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    InputError
+        If the checkpoint belongs to another model.
+    SolverError
+        If the motion is not finite or its energy grows without cause.
+    """
+    began = time.perf_counter()
+    prepared = prepared or prepare(model, duration, progress)
+    march = _March(model, prepared)
+    if resume is not None:
+        march.restore(resume)
+    for time_ in snapshot_times:
+        if not 0.0 <= time_ <= duration:
+            raise InputError(f"snapshot_times: must lie in 0 to {duration:g} s, got {time_:g} s")
+    stops = sorted({min(prepared.n_steps, round(t / march.dt)) for t in snapshot_times})
+    try:
+        march.go(progress, checkpoint, stops)
+    except KeyboardInterrupt:
+        if checkpoint is not None:
+            march.save(checkpoint)
+        raise
+    return march.result(time.perf_counter() - began)
+
+
+class _March:
+    """A run under way: where it is and what it has recorded."""
+
+    def __init__(self, model, prepared):
+        self.model, self.prepared = model, prepared
+        self.dt = prepared.constants["dt"]
+        self.views, self.state = prepared.begun()
+        self.step = 0
+        self.motion = np.zeros((prepared.n_steps, max(1, len(model.receivers)), 3))
+        self.energy = np.zeros((-(-prepared.n_steps // LEDGER_EVERY), len(core.ENERGIES)))
+        self.snapshots = {}
+
+    def go(self, progress, checkpoint, stops):
+        """March to the end in chunks of about `CHUNK_SECONDS`."""
+        total, chunks, saved = self.prepared.n_steps, Chunks(1), time.perf_counter()
+        self._keep(stops)
+        while self.step < total:
+            last = min([total, chunks.end(self.step), *(s for s in stops if s > self.step)])
+            with chunks.timed(last - self.step):
+                self._advance(last - self.step)
+            self._keep(stops)
+            if progress is not None:
+                progress("dynamic", self.step, total)
+            if checkpoint is not None and time.perf_counter() - saved > CHECKPOINT_SECONDS:
+                self.save(checkpoint)
+                saved = time.perf_counter()
+
+    def _keep(self, stops):
+        """Keep a snapshot where one is wanted."""
+        if self.step in stops:
+            self.snapshots[self.step] = self.state["velocity"].astype(np.float32)
+
+    def _advance(self, n_steps):
+        """March one chunk and keep what it recorded."""
+        motion, energy, failed = core.advance(
+            self.views, self.state, self.step, n_steps, LEDGER_EVERY
+        )
+        line = -(-self.step // LEDGER_EVERY)
+        self.motion[self.step : self.step + len(motion)] = motion
+        self.energy[line : line + len(energy)] = energy
+        self.step += len(motion)
+        if failed is not None:
+            raise SolverError(failure(self.model, self.prepared, self.step, failed))
+
+    def save(self, path):
+        """Write a checkpoint."""
+        records = {"motion": self.motion, "energy": self.energy}
+        write_checkpoint(
+            path, self.prepared.fingerprint, self.step, self.state, records, self.snapshots
+        )
+
+    def restore(self, path):
+        """Go on from a checkpoint of the same model."""
+        records = {"motion": self.motion, "energy": self.energy}
+        found = read_checkpoint(path, self.prepared.fingerprint, self.state, records)
+        self.step, self.state, records, self.snapshots = found
+        self.motion, self.energy = records["motion"], records["energy"]
+
+    def result(self, wall_seconds):
+        """Collect what the run gives."""
+        return collect(
+            self.model, self.prepared, self.motion, self.energy, self.state, wall_seconds,
+            {step * self.dt: velocity for step, velocity in self.snapshots.items()},
+        )  # fmt: skip
+
+
+def collect(model, prepared, motion, energy, state, wall_seconds, snapshots):
+    """Return the `Run` of a model that was marched to its end."""
+    dt, seismograms = prepared.constants["dt"], {}
+    for number, receiver in enumerate(model.receivers):
+        record = Seismogram(motion[:, number], dt, 0.5 * dt, receiver.name)
+        if receiver.azimuth is not None:
+            record = record.rotated(receiver.azimuth)
+        seismograms[receiver.name] = record
+    ledger = dict(zip(core.ENERGIES, energy.T, strict=True))
+    ledger["time"] = dt * LEDGER_EVERY * np.arange(len(energy))
+    return Run(
+        seismograms, ledger, balance_error(ledger), dt, state, prepared, snapshots,
+        versions(prepared.fingerprint), wall_seconds,
+    )  # fmt: skip
+
+
+def failure(model, prepared, step, node):
+    """Say when and where a march failed, and the likely cause."""
+    mesh, limit, dt = model.mesh, prepared.limit, prepared.constants["dt"]
+    x, y, z = model.nodes.points[node]
+    zone = np.flatnonzero((model.nodes.zone_nodes == node).any(axis=1))[0]
+    group = mesh.groups[mesh.zone_group[zone]]
+    cause = "an input that is not finite or a load that grows"
+    if dt > limit.dt:
+        cause = f"a time step of {dt:.3g} s above the critical {limit.dt:.3g} s"
+    return (
+        f"the energy is not finite or exceeds five times what was put in at step {step} "
+        f"(t = {step * dt:.4g} s), largest velocity at ({x:.4g}, {y:.4g}, {z:.4g}) m "
+        f"in '{group}'; likely cause: {cause}"
+    )
+
+
+def balance_error(energy):
+    """Return the largest gap of a ledger over the largest energy put in; theory.md (2.8)."""
+    gained = sum(energy[n] for n in ("kinetic", "strain", "joint_stored"))
+    gained += sum(energy[n] for n in ("joint_dissipated", "zone_dissipated"))
+    gap = gained + energy["damping"] + energy["dashpots"] - energy["input"] - energy["insitu"]
+    start = energy["kinetic"][0] + energy["strain"][0]
+    largest = max(start + np.abs(energy["input"]).max(), start + np.abs(energy["insitu"]).max())
+    return float(np.abs(gap - gap[0]).max() / largest) if largest > 0.0 else 0.0
+
+
+LOADS = ("load_node", "load_vector", "load_history", "load_delay", "load_lane")
+
+
+def run_many(models, duration: float, *, step=None, progress: Callable | None = None) -> list[Run]:
+    """March many models; those that share mesh, ground and boundaries go side by side.
+
+    Stiffness, strength and laws of joints, damping, strength of ground, sources, input and in-situ
+    stress may differ within a batch. A batch takes the shortest time step of its models.
+
+    Parameters
+    ----------
+    models : sequence of Model
+        Those that shall share a batch come from one by ``dataclasses.replace`` or ``with_joint``.
+    duration : float, s
+    step : tuple of float and CriticalStep, optional
+        What `assembly.time_step` gives for the model that needs the shortest time step: all models
+        then march in it, with its masses, whichever batch they are in.
+    progress : callable, optional
+        Called with ("models", done, total) after each batch.
+
+    Returns
+    -------
+    list of Run
+        In the order of the models; ``wall_seconds`` of a batch is shared out evenly.
+
+    Raises
+    ------
+    InputError
+        If models over one mesh differ in more than what may differ.
+    SolverError
+        If the motion of one of them is not finite.
+    """
+    models, runs = list(models), {}
+    for group in _over_one_mesh(models):
+        for first in range(0, len(group), core.LANES):
+            members = group[first : first + core.LANES]
+            some = [models[k] for k in members]
+            if len(some) > 1:
+                found = _side_by_side(some, duration, step)
+            else:
+                found = [simulate(*some, duration, prepared=prepare(*some, duration, step=step))]
+            runs.update(zip(members, found, strict=True))
+            if progress is not None:
+                progress("models", len(runs), len(models))
+    return [runs[k] for k in range(len(models))]
+
+
+def _over_one_mesh(models):
+    """Return the numbers of the models that stand on the same mesh, mesh by mesh.
+
+    Those in numbers of four bytes march alone.
+    """
+    groups = {}
+    for number, model in enumerate(models):
+        groups.setdefault((id(model.mesh), model.single and number), []).append(number)
+    return groups.values()
+
+
+def _side_by_side(models, duration, step):
+    """March up to `kernels.LANES` models together."""
+    began = time.perf_counter()
+    steps = [step or assembly.time_step(model) for model in models]
+    shortest = min(dt for dt, _ in steps)
+    prepared = [
+        prepare(model, duration, step=(shortest, limit))
+        for model, (_, limit) in zip(models, steps, strict=True)
+    ]
+    constants, state = stacked([one.constants for one in prepared], [p.state for p in prepared])
+    motion, energy = _march(models, prepared, constants, state)
+    wall = (time.perf_counter() - began) / len(models)
+    runs = []
+    for lane, (model, one) in enumerate(zip(models, prepared, strict=True)):
+        last = {name: np.take(state[name], lane, core.LANE_AXIS[name]) for name in one.state}
+        own = (np.ascontiguousarray(part[..., lane]) for part in (motion, energy))
+        runs.append(collect(model, one, *own, last, wall, {}))
+    return runs
+
+
+def stacked(constants, states):
+    """Put the arrays of models side by side, lane by lane; lanes left over repeat the first."""
+    rates = sorted({rate for one in constants for rate in one["memory_rate"]})
+    constants = _alike_in_edges([_at_rates(one, rates) for one in constants])
+    fill = core.LANES - len(constants)
+    loads, histories = _merged_loads(constants, fill)
+    shifted = [
+        {**one, "fixed_history": np.where(one["fixed_history"] < 0, -1, one["fixed_history"] + k)}
+        for one, k in zip(constants, histories, strict=True)
+    ]
+    memory = np.zeros((len(states[0]["displacement"]), len(rates), 3))
+    states = [{**one, "memory": memory} for one in states]
+    together = {}
+    for name in constants[0]:
+        if name in loads:
+            together[name] = loads[name]
+        elif name in core.LANE_AXIS:
+            together[name] = _lanes(name, [one[name] for one in shifted], fill)
+        else:
+            together[name] = _common(name, [one[name] for one in constants])
+    return together, {name: _lanes(name, [one[name] for one in states], fill) for name in states[0]}
+
+
+def _alike_in_edges(constants):
+    """Return the constants of models, by zones alone where their edges are not the same."""
+    same = all(
+        np.array_equal(constants[0][name], one[name]) for one in constants for name in EDGE_ARRAYS
+    )
+    return constants if same else [without_edges(one) for one in constants]
+
+
+def _at_rates(constants, rates):
+    """Return the constants of a model with its branches at the rates of the whole batch."""
+    own = constants["set_branch"]
+    table = np.zeros((len(own), len(rates), 2))
+    table[:, np.searchsorted(rates, constants["memory_rate"])] = own
+    return {**constants, "set_branch": table, "memory_rate": np.array(rates)}
+
+
+def _merged_loads(constants, fill):
+    """Return the loads of all models with their lanes, and where each one's histories begin.
+
+    Lanes that are left over have the loads of the first too: at rest under loads that balance
+    them, they would move without.
+    """
+    counts = [one["history"].shape[1] for one in constants]
+    begins = np.concatenate([[0], np.cumsum(counts)])[:-1].astype(np.int32)
+    parts = [
+        {
+            **one,
+            "load_history": one["load_history"] + begin,
+            "load_lane": np.full_like(one["load_lane"], lane),
+        }
+        for lane, (one, begin) in enumerate(
+            [*zip(constants, begins, strict=True), *[(constants[0], begins[0])] * fill]
+        )
+    ]
+    loads = {name: np.concatenate([part[name] for part in parts]) for name in LOADS}
+    return {**loads, "history": np.hstack([one["history"] for one in constants])}, begins
+
+
+def _lanes(name, values, fill):
+    """Stack arrays along the axis of the lanes; the first fills those that are left over."""
+    every = values + [values[0]] * fill
+    return np.ascontiguousarray(np.stack(every, axis=core.LANE_AXIS[name]))
+
+
+def _common(name, values):
+    """Return what all models share.
+
+    Raises
+    ------
+    InputError
+        If they do not.
+    """
+    if not all(np.array_equal(values[0], other) for other in values[1:]):
+        raise InputError(
+            f"run_many: models over one mesh differ in '{name}'; only joints, damping, strengths, "
+            "sources, input and in-situ stress may differ; run the others by themselves"
+        )
+    return values[0]
+
+
+def _march(models, prepared, constants, state):
+    """March all lanes to the end in chunks; return motion and energy with their lanes last."""
+    total, step, chunks = prepared[0].n_steps, 0, Chunks(1)
+    views, motions, energies = core.side_by_side(constants), [], []
+    while step < total:
+        n_steps = min(chunks.end(step), total) - step
+        with chunks.timed(n_steps):
+            motion, energy, failed = core.advance_all(views, state, step, n_steps, LEDGER_EVERY)
+        step += len(motion)
+        motions.append(motion)
+        energies.append(energy)
+        if failed is not None:
+            node, lane = failed
+            lane = lane if lane < len(models) else 0  # lanes left over repeat the first
+            text = failure(models[lane], prepared[lane], step, node)
+            raise SolverError(f"model {lane + 1} of the batch: {text}")
+    return np.concatenate(motions), np.moveaxis(np.concatenate(energies), 1, -1)

@@ -1,0 +1,333 @@
+"""Sensitivity of linear models: gradients by the adjoint, tangents by Born's approximation."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError
+from ..mesh.mesh import volumes
+from ..model.boundary import StressInput
+from ..model.model import Model
+from ..signals.seismogram import Seismogram
+from .perturbation import (
+    NORMAL,
+    SHEAR,
+    STEP,
+    Answer,
+    Change,
+    at_rest,
+    by_number,
+    difference,
+    face_nodes,
+    faces,
+    flat,
+    jump_matrix,
+    refuse_nonlinear,
+    refuse_slip,
+    strain_matrix,
+    with_speeds,
+)
+from .preparation import prepare
+from .tracks import Track, Watch, point_loads, seismograms, stress_drive, stretches
+
+
+def tangents(
+    model: Model, changed: list[Model], duration: float
+) -> tuple[dict[str, Seismogram], list[dict[str, Seismogram]]]:
+    """Return the seismograms of a linear model and how they change, at first order.
+
+    Parameters
+    ----------
+    model : Model
+    changed : list of Model
+        Differing from the model in the stiffness of joints and the moduli of materials only.
+    duration : float, s
+
+    Returns
+    -------
+    seismograms : dict of str to Seismogram
+    changes : list of dict of str to Seismogram
+        For the step from the model to each of ``changed``; proportional to it.
+
+    Raises
+    ------
+    InputError
+        If a law is not linear, a contact slips or opens, or more than stiffness changes.
+
+    Notes
+    -----
+    The run and one more for each change march side by side: what a change of stiffness does to
+    the motion of the run drives the other. theory.md (8.2).
+    """
+    refuse_nonlinear(model)
+    prepared = prepare(model, duration)
+    pushes = [_Push(model, prepared.constants, difference(model, one)) for one in changed]
+    none = [np.zeros(0, dtype=int)]
+    nodes = np.unique(np.concatenate(none + [push.nodes for push in pushes]))
+    state = {name: value.copy() for name, value in prepared.state.items()}
+    watch = Watch(prepared.constants, state, nodes)
+    followers = [Watch(*at_rest(prepared.constants), none[0]) for _ in pushes]
+    motion = [[] for _ in range(1 + len(pushes))]
+    for first, count in stretches(prepared.n_steps, 9 * len(nodes) + 12 * len(model.mesh.zones)):
+        stretch = watch.go(first, count)
+        motion[0].append(stretch.receivers)
+        for push, follower, found in zip(pushes, followers, motion[1:], strict=True):
+            force = push.force(stretch, nodes)
+            found.append(follower.pushed(first, point_loads(push.nodes, force)).receivers)
+    refuse_slip(model, prepared, state)
+    dt = prepared.constants["dt"]
+    first, *rest = [seismograms(model, np.concatenate(each), dt) for each in motion]
+    return first, rest
+
+
+class _Push:
+    """What a change of stiffness makes of the motion of a run: nodal forces."""
+
+    def __init__(self, model: Model, constants, change: Change):
+        """Choose the nodes that the change concerns and make its matrices."""
+        self._model, self._change, self._dt = model, change, constants["dt"]
+        mesh, contacts = model.mesh, model.mesh.contacts
+        pieces = [np.zeros(0, dtype=int)]
+        self._joints = change.kn.any() or change.ks.any()
+        if self._joints:
+            pieces += [contacts.minus, contacts.plus]
+        differs = (change.p_modulus != 0.0) | (change.s_modulus != 0.0)
+        pieces.append(mesh.zones[differs].ravel())
+        walls = zip(faces(model), change.impedance, strict=True)
+        self._faces = [(one, face_nodes(model, one), each) for one, each in walls if each.any()]
+        self.nodes = np.unique(np.concatenate(pieces + [rim for _, rim, _ in self._faces]))
+        self._jump = jump_matrix(contacts, self.nodes) if self._joints else None
+        self._groups = []
+        for number in np.unique(mesh.zone_group[differs]):
+            zones = np.flatnonzero(differs & (mesh.zone_group == number))
+            matrix = strain_matrix(mesh, zones, self.nodes)
+            volume = volumes(mesh)[zones]
+            self._groups.append((zones, volume, matrix, Answer(constants, zones)))
+
+    def force(self, stretch, nodes):
+        """Return the force (n, n_nodes, 3) in N that a stretch of the run puts on the nodes."""
+        here = np.searchsorted(nodes, self.nodes)
+        moved = stretch.displacement[:, here]
+        total = np.zeros_like(flat(moved))
+        if self._joints:
+            total -= self._jump.T @ self._traction(self._jump @ flat(moved))
+        for zones, volume, matrix, answer in self._groups:
+            p, s = (matrix @ flat(motion) for motion in answer(moved))
+            total -= matrix.T @ self._stress(zones, volume, p, s)
+        force = total.T.reshape(moved.shape)
+        times = self._dt * (stretch.first + np.arange(len(moved)))
+        for face, rim, impedance in self._faces:
+            place = np.searchsorted(self.nodes, rim)
+            drive = -0.5 * (stretch.before + stretch.after)[:, here[place]]
+            if isinstance(face, StressInput):
+                drive = stress_drive(self._model, face, times)
+            force[:, place] += np.einsum("nij,tnj->tni", impedance,
+                                         np.broadcast_to(drive, force[:, place].shape))  # fmt: skip
+        return force
+
+    def _traction(self, jump):
+        """Return area times the traction of the change for jumps (3 n_contacts, n)."""
+        contacts, change = self._model.mesh.contacts, self._change
+        jump = jump.reshape(len(contacts.area), 3, -1)
+        normal = contacts.normal[..., None]
+        opening = np.sum(jump * normal, axis=1, keepdims=True) * normal
+        ks, more = (x[:, None, None] for x in (change.ks, change.kn - change.ks))
+        traction = contacts.area[:, None, None] * (ks * jump + more * opening)
+        return traction.reshape(3 * len(contacts.area), -1)
+
+    def _stress(self, zones, volume, p, s):
+        """Return volume times the stress of the change for strains (6 n_zones, n)."""
+        p, s = (each.reshape(len(zones), 6, -1) for each in (p, s))
+        of_p, of_s = ((volume * x[zones])[:, None] for x in (self._change.p_modulus,
+                                                             self._change.s_modulus))  # fmt: skip
+        mean = of_p * p[:, :3].sum(axis=1) - 2.0 * of_s * s[:, :3].sum(axis=1)
+        stress = mean[:, None] * NORMAL[:, None] + of_s[..., None] * SHEAR[:, None] * s
+        return stress.reshape(6 * len(zones), -1)
+
+
+@dataclass(frozen=True, eq=False)
+class Gradient:
+    """Derivatives of a misfit, in its unit over that of the parameter.
+
+    Parameters
+    ----------
+    model : Model
+    kn, ks : (n_contacts,) float64, per Pa/m
+        Of each contact of the mesh: over its area a map that shows where stiffness is missing.
+    p_modulus, s_modulus : (n_zones,) float64, per Pa
+        Of rho cp^2 and rho cs^2 of each zone's stiffest answer; NaN where only joints were tracked.
+    impedance : list of (n_face_nodes, 3, 3) float64, per N s/m
+    """
+
+    model: Model
+    kn: np.ndarray
+    ks: np.ndarray
+    p_modulus: np.ndarray
+    s_modulus: np.ndarray
+    impedance: list
+
+    def along(self, changed: Model) -> float:
+        """Return the first-order change of the misfit from the model to a changed one.
+
+        Raises
+        ------
+        InputError
+            If more than the stiffness of joints and the moduli of materials differs.
+        """
+        change = difference(self.model, changed)
+        total = np.sum(self.kn * change.kn) + np.sum(self.ks * change.ks)
+        if change.p_modulus.any() or change.s_modulus.any():
+            if np.isnan(self.p_modulus).any():
+                raise InputError("gradient: this run kept joints only; track it with its ground")
+            total += np.sum(self.p_modulus * change.p_modulus)
+            total += np.sum(self.s_modulus * change.s_modulus)
+            walls = zip(self.impedance, change.impedance, strict=True)
+            total += sum(np.sum(one * other) for one, other in walls)
+        return float(total)
+
+    def joint(self, surface: str) -> dict[str, float]:
+        """Return the derivatives with respect to kn and ks of a joint, per Pa/m."""
+        names = [joint.surface for joint in by_number(self.model)]
+        if surface not in names:
+            raise InputError(f"gradient: no joint '{surface}'; there are {', '.join(names)}")
+        here = self.model.mesh.contacts.joint == names.index(surface)
+        return {"kn": float(self.kn[here].sum()), "ks": float(self.ks[here].sum())}
+
+    def ground(self, group: str) -> dict[str, float]:
+        """Return the derivatives with respect to cp and cs of a group, per m/s.
+
+        Quiet faces and stress input follow the speeds behind them; the rim stays as it is.
+        """
+        if group not in self.model.mesh.groups:
+            known = ", ".join(self.model.mesh.groups)
+            raise InputError(f"gradient: no group '{group}'; there are {known}")
+        found = {}
+        for name in ("cp", "cs"):
+            more, less = (
+                self.along(with_speeds(self.model, group, **{name: 1.0 + sign * STEP}))
+                for sign in (1.0, -1.0)
+            )
+            speed = getattr(self.model.materials[group], name)
+            found[name] = (more - less) / (2.0 * STEP * speed)
+        return found
+
+
+def gradient(run: Track, derivative: dict[str, np.ndarray]) -> Gradient:
+    """Return the gradient of a misfit by one adjoint run.
+
+    Parameters
+    ----------
+    run : Track
+    derivative : dict of str to (n_steps, 3) float64
+        By receiver: of the misfit with respect to each sample of the run's seismogram, in the
+        components of that seismogram. Receivers left out do not count.
+
+    Raises
+    ------
+    InputError
+        If a receiver is unknown, or the samples are not those of the run.
+    """
+    model, prepared = run.model, run.prepared
+    force = _adjoint_force(run, derivative)
+    constants, state = at_rest(prepared.constants)
+    nodes = prepared.constants["receiver_node"]
+    weight = prepared.constants["receiver_weight"]
+    spread = weight[:, :, None] * force[:, :, None, :]
+    constants |= point_loads(nodes.ravel(), spread.reshape(len(force), -1, 3))
+    watch = Watch(constants, state, run.nodes)
+    products = _Products(run)
+    values = 6 * len(model.mesh.zones if run.ground else run.nodes)
+    for first, count in stretches(prepared.n_steps, values):
+        products.add(first, watch.go(first, count).after)
+    return products.gradient()
+
+
+def _adjoint_force(run, derivative):
+    """Return the derivative of all receivers in reversed time, east, north, up: theory.md (8.3)."""
+    names = [receiver.name for receiver in run.model.receivers]
+    force = np.zeros((run.prepared.n_steps, len(names), 3))
+    for name, samples in derivative.items():
+        if name not in names:
+            raise InputError(f"derivative.{name}: no such receiver; there are {', '.join(names)}")
+        samples = np.asarray(samples, dtype=float)
+        if samples.shape != force[:, 0].shape or not np.isfinite(samples).all():
+            raise InputError(
+                f"derivative.{name}: must be finite for each of {len(force)} steps and three "
+                f"components, got shape {samples.shape}"
+            )
+        azimuth = run.model.receivers[names.index(name)].azimuth
+        if azimuth is not None:
+            samples = Seismogram(samples, 1.0).rotated(azimuth).velocity  # its own transpose
+        force[:, names.index(name)] = samples[::-1]
+    return force
+
+
+class _Products:
+    """Sums over time of adjoint motion times motion; theory.md (8.4) to (8.6)."""
+
+    def __init__(self, run):
+        """Make the matrices of jumps and strains."""
+        self._run, model = run, run.model
+        mesh, constants = model.mesh, run.prepared.constants
+        self._every = int(run.steps[1] - run.steps[0]) if len(run.steps) > 1 else 1
+        self._p, self._s = np.full((2, len(mesh.zones)), 0.0 if run.ground else np.nan)
+        self._groups = []
+        if run.ground:
+            for number in range(len(mesh.groups)):
+                zones = np.flatnonzero(mesh.zone_group == number)
+                near = np.unique(mesh.zones[zones])
+                matrix = strain_matrix(mesh, zones, near)
+                self._groups.append((zones, near, matrix, Answer(constants, zones)))
+        contacts = mesh.contacts
+        self._jump = jump_matrix(contacts, run.nodes) if contacts is not None else None
+        n = 0 if contacts is None else len(contacts.area)
+        self._kn, self._ks = np.zeros(n), np.zeros(n)
+        self._faces = faces(model) if run.ground else []
+        self._rims = [face_nodes(model, one) for one in self._faces]
+        self._walls = [np.zeros((len(rim), 3, 3)) for rim in self._rims]
+
+    def add(self, first, adjoint):
+        """Add the products of adjoint motion (n, n_nodes, 3) that begins at one of its steps."""
+        run, last = self._run, self._run.prepared.n_steps - 1
+        step = last - first - np.arange(len(adjoint))  # of the run, at each sample of the adjoint
+        at = np.flatnonzero(step % self._every == 0)
+        sample = step[at] // self._every
+        there = run.displacement[sample].astype(float)
+        if self._jump is not None:
+            self._add_jumps(flat(adjoint[at]), flat(there))
+        for zones, near, matrix, answer in self._groups:
+            p, s = (flat(motion[at]) for motion in answer(adjoint[:, near]))
+            self._add_strains(zones, matrix @ p, matrix @ s, matrix @ flat(there[:, near]))
+        for number, face in enumerate(self._faces):
+            drive = -run.velocity[number][sample].astype(float)
+            if isinstance(face, StressInput):
+                drive = stress_drive(run.model, face, step[at] * run.prepared.constants["dt"])
+            self._walls[number] += np.einsum(
+                "tni,tnj->nij", adjoint[at][:, self._rims[number]],
+                np.broadcast_to(drive, (len(at), len(self._rims[number]), 3)),
+            )  # fmt: skip
+
+    def _add_jumps(self, adjoint, motion):
+        """Add products of jumps, apart along the normal and in the plane."""
+        contacts = self._run.model.mesh.contacts
+        shape = (len(contacts.area), 3, -1)
+        a, b = ((self._jump @ each).reshape(shape) for each in (adjoint, motion))
+        openings = [np.einsum("cit,ci->ct", each, contacts.normal) for each in (a, b)]
+        along = np.einsum("ct,ct->c", *openings)
+        self._kn -= contacts.area * along
+        self._ks -= contacts.area * (np.einsum("cit,cit->c", a, b) - along)
+
+    def _add_strains(self, zones, p, s, motion):
+        """Add products of dilations, and of what shears."""
+        volume = volumes(self._run.model.mesh)[zones]
+        p, s, motion = (each.reshape(len(zones), 6, -1) for each in (p, s, motion))
+        dilation = motion[:, :3].sum(axis=1)
+        self._p[zones] -= volume * np.sum(p[:, :3].sum(axis=1) * dilation, axis=1)
+        whole = np.einsum("zit,i,zit->z", s, SHEAR, motion, optimize=True)
+        spent = 2.0 * np.sum(s[:, :3].sum(axis=1) * dilation, axis=1)
+        self._s[zones] -= volume * (whole - spent)
+
+    def gradient(self):
+        """Return the sums as a `Gradient`."""
+        parts = [self._every * part for part in (self._kn, self._ks, self._p, self._s)]
+        return Gradient(self._run.model, *parts, [self._every * wall for wall in self._walls])

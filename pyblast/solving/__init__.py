@@ -1,1 +1,0 @@
-"""The model, its arrays, and their march through time."""

@@ -1,0 +1,330 @@
+"""Diagnosis of a case or project, and prediction of a further blast: files in, folder out."""
+
+import hashlib
+import json
+import time
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from obspy import UTCDateTime
+
+from ..blasts.hole_tables import read_blast
+from ..diagnosis import library  # noqa: F401  fills the library
+from ..diagnosis.calibration import calibrate
+from ..diagnosis.case import Case, case_of
+from ..diagnosis.decision import Verdict, judge
+from ..diagnosis.effects import Scene
+from ..diagnosis.forward import Forward
+from ..diagnosis.null_distribution import Chance, chance
+from ..diagnosis.prediction import effects_of, predict
+from ..diagnosis.search import Search, search
+from ..diagnosis.summary import summarise
+from ..errors import InputError, ReadError
+from ..project.project import load_project
+from ..project.result import plain, write_bytes, write_summary
+from ..project.site import Site, case_files, check_holes, read_site
+from ..project.site_from_project import diagnosed_blasts, ground_height, lowered, site_of_project
+from ..project.site_model import Cut
+from ..recordings.seismic import channel_names, mseed_bytes
+from ..report.diagnosis import write_diagnosis_report
+from ..runs.cache import WHOLE, code_hash
+from ..signals.seismogram import Seismogram
+from ..solver.preparation import versions
+
+RESULT = "diagnosis.json"
+REPORT = "report.html"
+RUNS = "runs"
+BUDGET = 400
+EDGE, FINE_EDGE = 0.6, 0.38  # edges of quadratic zones, in wavelengths of S at the top of the band
+PADDING, FINE_PADDING = 0.2, 0.4  # in wavelengths of S at the bottom of the band
+GROWTH, FINE_GROWTH = 1.15, 1.1
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """What was found, and all it was found with.
+
+    Parameters
+    ----------
+    scene : Scene
+    search : Search
+    chance : Chance or None
+        None where there was nothing to search for.
+    verdict : Verdict
+    summary : dict
+        As in ``diagnosis.json``.
+    """
+
+    scene: Scene
+    search: Search
+    chance: Chance | None
+    verdict: Verdict
+    summary: dict
+
+
+def diagnose(
+    site: Site,
+    folder=None,
+    *,
+    budget: int = BUDGET,
+    seed: int = 1,
+    executor: Executor | None = None,
+    cuts: tuple[Cut, Cut | None] | None = None,
+    progress: Callable | None = None,
+) -> Diagnosis:
+    """Say which physics a site lacks, if its records can tell.
+
+    Parameters
+    ----------
+    site : Site
+        With records of at least one blast.
+    folder : path, optional
+        Where runs are kept and found: after an interruption the same call goes on.
+    budget : int
+        Runs of one blast after which no further effect is tried.
+    seed : int
+        Of the shuffled residuals.
+    executor : Executor, optional
+        As for `run_all`.
+    cuts : tuple of Cut and Cut or None, optional
+        Of the many runs, and of the few that correct them; by wavelengths if not given.
+    progress : callable, optional
+        Called with (stage, done, total).
+
+    Returns
+    -------
+    Diagnosis
+
+    Raises
+    ------
+    InputError
+        If the records can't be compared.
+    SolverError
+        If a run fails.
+    """
+    tell, began = progress or (lambda *_: None), time.perf_counter()
+    case = case_of(site)
+    rough, fine = cuts or (cut_of(site), cut_of(site, fine=True))
+    forward = Forward(case, rough, folder, executor)
+    finer = None if fine is None else Forward(case, fine, folder, executor)
+    tell("calibration", 0, 1)
+    baseline = calibrate(forward, finer)
+    tell("holes", 0, 1)
+    scene = Scene(forward, baseline, forward.hole_motion(baseline.site))
+    found = search(scene, budget, tell)
+    shuffled = chance(scene, found.none, found.guesses, found.fits, seed) if found.fits else None
+    verdict = judge(found, shuffled, finer)
+    summary = summarise(scene, found, shuffled, verdict)
+    used = [forward] if finer is None else [forward, finer]
+    summary |= {
+        "runs": sum(one.runs for one in used),
+        "wall_s": round(time.perf_counter() - began, 1),
+        "kept_runs": sum(one.kept for one in used),
+        "kept_s": round(sum(one.kept_s for one in used), 1),
+        "seed": seed,
+        "budget": budget,
+        "finished": found.finished,
+    }
+    return Diagnosis(scene, found, shuffled, verdict, plain(summary))
+
+
+def cut_of(site: Site, fine: bool = False) -> Cut:
+    """Return how a site is cut into quadratic zones for its band.
+
+    The slowest layer that is no thinner than half its shortest wavelength counts: thinner ones
+    have cells of their own height.
+    """
+    low, high = site.band
+    speeds = [
+        material.cs
+        for _, thickness, material in site.layers
+        if thickness is None or thickness > 0.5 * material.cs / high
+    ]
+    edge, padding, growth = (
+        (FINE_EDGE, FINE_PADDING, FINE_GROWTH) if fine else (EDGE, PADDING, GROWTH)
+    )
+    slowest = min(speeds)
+    return Cut(edge * slowest / high, padding * slowest / low, growth, quadratic=True, single=True)
+
+
+def read_case(path) -> Site:
+    """Read the site of a case folder, or of a project file."""
+    path = Path(path)
+    return read_site(path) if path.is_dir() else site_of_project(load_project(path))
+
+
+def diagnose_folder(folder, output, *, budget=BUDGET, seed=1, executor=None, progress=None) -> dict:
+    """Diagnose a case folder or a project and write ``diagnosis.json`` and ``report.html``.
+
+    Parameters
+    ----------
+    folder : path
+        With ``site.toml``, hole tables and records; or a project file, see `site_of_project`.
+    output : path
+        Folder for the result; runs are kept in its folder ``runs``, so that the same call goes on
+        after an interruption, and a finished diagnosis of the same files is only read.
+    budget, seed, executor, progress
+        As of `diagnose`.
+
+    Returns
+    -------
+    dict
+        As in ``diagnosis.json``.
+    """
+    output = Path(output)
+    provenance = versions(_hash_of(folder)) | {"code_sha256": code_hash(WHOLE)}
+    known = _finished(output, provenance, budget, seed)
+    if known is not None:
+        return known
+    site = read_case(folder)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"--out {output}: can't be made ({error.strerror})") from None
+    made = diagnose(
+        site, output / RUNS, budget=budget, seed=seed, executor=executor, progress=progress
+    )
+    summary = {"case": site.name, **made.summary, "provenance": provenance}
+    write_diagnosis_report(output / REPORT, made, summary)
+    write_summary(output / RESULT, summary)
+    return plain(summary)
+
+
+def _hash_of(folder):
+    """Return the hash of all files of a case, or of all that a project names."""
+    digest = hashlib.sha256()
+    try:
+        if not Path(folder).is_dir():
+            for one in diagnosed_blasts(load_project(folder)):
+                digest.update(json.dumps(one.input_files, sort_keys=True).encode())
+            return digest.hexdigest()
+        for path in case_files(folder):
+            digest.update(path.name.encode() + path.read_bytes())
+    except ReadError:
+        raise
+    except OSError as error:
+        raise ReadError(f"{error.filename}: can't be read ({error.strerror})") from None
+    return digest.hexdigest()
+
+
+def _decisive(provenance):
+    """Return what a result depends on: all of its provenance but the number of threads."""
+    return {key: value for key, value in provenance.items() if key != "threads"}
+
+
+def _finished(output, provenance, budget, seed):
+    """Return the diagnosis that is there already for the same input, or None."""
+    try:
+        known = json.loads((output / RESULT).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    if not isinstance(known, dict):
+        return None
+    before = known.get("provenance")
+    same = isinstance(before, dict) and _decisive(before) == _decisive(provenance)
+    return known if same and (known.get("budget"), known.get("seed")) == (budget, seed) else None
+
+
+def predict_file(folder, output, summary, holes, path, baseline=False):
+    """Write what a diagnosed site sends to its receivers in a further blast, as miniSEED.
+
+    Parameters
+    ----------
+    folder, output : path
+        As of `diagnose_folder`.
+    summary : dict
+        What it returned.
+    holes : path
+        Table of the holes of the further blast.
+    path : path
+        Of the file; it has the channels, the sampling and the start of the last recorded blast. Of
+        a project, which tells no instants, the first hole fires as 1970 begins.
+    baseline : bool
+        Without the effects: the site as it was calibrated alone.
+    """
+    case, model = case_of(read_case(folder)), summary["model"]
+    blast = _further(folder, case, holes)
+    values = model["baseline_values"] if baseline else model["values"]
+    effects = () if baseline else effects_of(model)
+    motion = predict(
+        case, cut_of(case.site, fine=True), blast, values, effects, Path(output) / RUNS
+    )
+    write_bytes(path, _as_recorded(case, motion))
+
+
+def check_further(folder, holes, outputs=(), out=None):
+    """Check, before a diagnosis into ``out``, that it could foretell a further blast into files.
+
+    Raises
+    ------
+    InputError, ReadError
+        If the table of its holes is no good, a hole lies outside of the box or fires after the
+        records end, a file can't hold the names of the receivers, or it can't be written.
+    """
+    case = case_of(read_case(folder))
+    _further(folder, case, holes)
+    _channels(case)
+    made = None if out is None else Path(out).resolve()
+    taken = {path.resolve() for path in (Path(holes), *_inputs(Path(folder)))}
+    taken |= set() if made is None else {made / RESULT, made / REPORT}
+    for one in outputs:
+        path = Path(one).resolve()
+        if path in taken:
+            raise InputError(f"{one}: is read or written by the diagnosis; give another file name")
+        if path.is_dir() or not (path.parent.is_dir() or path.parent == made):
+            raise InputError(f"{one}: must be a file in a folder that is there, or in --out")
+        taken.add(path)
+
+
+def _inputs(folder):
+    """Return the files of a case, or all that a project and its further blasts name."""
+    if folder.is_dir():
+        return case_files(folder)
+    every = diagnosed_blasts(load_project(folder))
+    return [one.folder / name for one in every for name in one.input_files]
+
+
+def _further(folder, case, holes):
+    """Read the table of the holes of a further blast, with the ground at height 0."""
+    blast = read_blast(holes)
+    if not Path(folder).is_dir():
+        blast = lowered(blast, ground_height(load_project(folder)))
+    check_holes(case.site.box, holes, blast)
+    late = int(np.argmax(blast.times))
+    if blast.times[late] >= case.duration:
+        raise InputError(
+            f"{holes}: hole {blast.hole_ids[late]}: fires at {blast.times[late]:g} s, but what is "
+            f"foretold ends as the records do, at {case.duration:.3g} s; split the blast"
+        )
+    return blast
+
+
+def _as_recorded(case: Case, motion):
+    """Return motion as a file with the sampling and the start of the records of the last blast."""
+    records, last = case.site.records, _as_fired(case)[-1]
+    first = next(iter(records[last].values())).seismogram
+    sampling = first.start, case.dt, len(first.velocity)
+    whole = np.stack(
+        [Seismogram(one.T, case.dt, 0.0).sampled(*sampling).velocity.T for one in motion]
+    )
+    start = UTCDateTime(case.site.time_zeros.get(last, 0)) + first.start
+    return mseed_bytes(whole, _channels(case), case.dt, str(start))
+
+
+def _channels(case: Case):
+    """Return the names of the channels of each receiver, as they were recorded last."""
+    every = [case.site.records[blast] for blast in reversed(_as_fired(case))]
+    records = {name: next(some[name] for some in every if name in some) for name in case.receivers}
+    return [
+        channel_names(name, record.header.get("channels", {}), case.dt)
+        for name, record in records.items()
+    ]
+
+
+def _as_fired(case: Case):
+    """Return the names of the blasts, the last one last, as listed where no instants are told."""
+    zeros = case.site.time_zeros
+    return sorted(case.site.records, key=lambda blast: UTCDateTime(zeros.get(blast, 0)))
