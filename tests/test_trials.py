@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from inversion_project import PARAMETERS, target, twin_file
 
+from pyblast.back_analysis import trials
 from pyblast.back_analysis.parameters import Parameter
 from pyblast.back_analysis.trials import TrialLog, Trials, identity
 from pyblast.errors import InputError, ReadError, SolverError
@@ -16,7 +17,6 @@ from pyblast.inference.gauss_newton import levenberg_search
 from pyblast.inference.global_search import paper
 from pyblast.project.project import load_project
 from pyblast.runs.parallel import workers
-from pyblast.workflows.back_analysis import trials
 
 TRUTH = np.array([[0.114, 0.025, 0.0112]])
 
