@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from pyblast.blasts.blast import Blast
-from pyblast.diagnosis.calibration import Baseline, unknowns_of
+from pyblast.diagnosis.calibration import Baseline, likelihood_of, unknowns_of
 from pyblast.diagnosis.case import Case, case_of
 from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import Forward
-from pyblast.diagnosis.likelihood import likelihood_of
 from pyblast.model.joint import Joint
 from pyblast.model.material import Material
 from pyblast.model.model import Receiver

@@ -76,7 +76,7 @@ class Scene:
         nothing = tuple(np.zeros(len(baseline.values)).tolist()), ()
         for b in range(len(self.case.blasts)):
             self._corrections[here, b] = baseline.correction[b]
-            self._sent[nothing, b] = baseline.believed[b]
+            self._sent[nothing, b] = baseline.reference[b]
             self._sent[(tuple(baseline.values.tolist()), ()), b] = baseline.motion[b]
 
     @property
@@ -127,11 +127,11 @@ class Scene:
         pairs = [(sites[key], b) for key, b in asked] + [(s, b) for (_, b), s in plain.items()]
         done = self.forward.heard([(site, self.case.blasts[b]) for site, b in pairs])
         for cut, motion in zip(plain, done[len(asked) :], strict=True):
-            self._corrections[cut] = self.baseline.believed[cut[1]] - motion
+            self._corrections[cut] = self.baseline.reference[cut[1]] - motion
         for (key, b), motion in zip(asked, done[: len(asked)], strict=True):
             correction = self._corrections[geometry(bare[key]), b]
             if sites[key].quality != self.case.site.quality:
-                before = self.baseline.believed[b] - correction
+                before = self.baseline.reference[b] - correction
                 correction = carried(correction, before, motion, self.case.dt, self.case.site.band)
             self._sent[key, b] = motion + correction
 

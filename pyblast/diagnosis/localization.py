@@ -3,8 +3,8 @@
 import numpy as np
 from scipy import signal
 
+from ..inference.records import COMPONENTS
 from .calibration import Baseline
-from .case import COMPONENTS
 from .search import MATERIAL, means, worst
 
 SHARE = 0.8  # of the energy of a residual lies in its windows
