@@ -6,13 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pyblast.core import LANES
-from pyblast.inference.covariance import (
-    PRIORS,
-    SCATTER,
-    infer_levels,
-    usual_whitener,
-    whitener_beside,
-)
+from pyblast.inference.covariance import PRIORS, SCATTER, infer_levels, usual_whitener
 from pyblast.inference.error_model import mesh_error, nuisances, scattering
 from pyblast.inference.gauss_newton import levenberg_search
 from pyblast.inference.noise import band_functions, noise_of
@@ -219,7 +213,8 @@ def inferred(quick, case, seed):
         found = next(_predicted(quick, best[None]))
         errors = _mesh_errors(quick, best, found)
         fitted = _moved(quick, made, best)
-        white = whitener_beside(case.motion, found, noise, band, errors, fitted)
+        white = usual_whitener(found, noise, band, errors)
+        white = infer_levels(white, case.motion - found, fitted=fitted).whitener
         made, best = _searched(quick, case, white, seed, AGAIN, best)
     away["by_simulation"] = _deviations(made, best, case.truth)
     checking = problem(case.motion, white, lambda points: _run(quick, points))

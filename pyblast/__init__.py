@@ -47,7 +47,7 @@ _HOMES = {
     "check": "project.checks",
     "compare": "signals.comparison",
     "find_delays": "workflows.delays",
-    "firing_times": "blasts.firing_times",
+    "firing_times": "back_analysis.firing_times",
     "fit_site_law": "blasts.site_law",
     "gradient": "solver.sensitivity",
     "greens_functions": "runs.greens_bank",

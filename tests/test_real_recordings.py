@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pyblast.back_analysis.firing_times import firing_times
 from pyblast.blasts.blast import Firing
-from pyblast.blasts.firing_times import firing_times
 from pyblast.blasts.hole_tables import read_blast
 from pyblast.blasts.superposition import superpose
 from pyblast.recordings.recording import read_gather

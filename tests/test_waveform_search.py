@@ -96,7 +96,7 @@ def test_a_record_without_quiet_before_the_blast_is_refused_with_advice(tmp_path
 def test_a_level_of_noise_takes_the_place_of_quiet(tmp_path):
     target = make_target(load_project(noisy(tmp_path, start=-0.01, noise_mm_per_s=0.1)))
 
-    assert target.waveforms.whitener.n_data > 0
+    assert target.waveforms.likelihood.covariance.n_data > 0
 
 
 def test_two_blasts_are_met_together(tmp_path):
@@ -107,7 +107,7 @@ def test_two_blasts_are_met_together(tmp_path):
     target = make_target(load_project(path))
     truth, wrong = evaluate(target, np.array([TRUTH, (0.2, 0.05, 0.0112)]))
 
-    assert target.waveforms.recorded.shape[:2] == (2, 1)
+    assert target.waveforms.records.motion.shape[:2] == (2, 1)
     assert truth["misfit"] < 0.3 * wrong["misfit"]
 
 
@@ -161,14 +161,13 @@ def test_samples_at_full_scale_are_not_compared(tmp_path):
 
 def test_errors_of_the_theory_look_like_the_best_simulation_not_like_the_record(found):
     one, _ = found
-    waves, band = one.target.waveforms, one.target.waveforms.whitener.band
+    waves, records = one.target.waveforms, one.target.waveforms.records
     row = evaluate(one.target, one.trace.points[one.trace.best][None])[0]
-    left = np.reshape(row["residuals"], (*waves.recorded.shape[:3], band.n_functions))
-    best = waves.recorded - band.restore(left)
+    best = records.motion - waves.motion_of(row["residuals"])
 
-    held = waves.whitener
-    wanted, recorded = (usual_whitener(motion, waves.noise, band) for motion in
-                        (best, waves.recorded))  # fmt: skip
+    held = waves.likelihood.covariance
+    wanted, recorded = (usual_whitener(motion, records.noise, records.band) for motion in
+                        (best, records.motion))  # fmt: skip
     gains = [n for n, group in enumerate(held.groups) if group == "gain"]
     size = np.linalg.norm(wanted.columns[gains], axis=1)
     # a turn of near eigenvectors leaves lengths alone; rounding of the search
@@ -180,7 +179,7 @@ def test_a_mesh_that_can_not_be_made_coarser_is_said_not_dropped(found):
     one, folder = found
     table, page = json.loads((folder / RESULT).read_text()), (folder / "report.html").read_text()
 
-    assert "mesh" not in one.target.waveforms.whitener.levels
+    assert "mesh" not in one.target.waveforms.likelihood.covariance.levels
     for doubt in (one.target.waveforms.mesh_doubt, table["plan"]["mesh_doubt"], page):
         assert "the error of the mesh is not foreseen: project.toml: mesh.grid_cells" in doubt
 
@@ -205,7 +204,7 @@ def test_an_error_of_the_mesh_widens_what_waveforms_leave(tmp_path):
 
     found, _ = back_analyse(path)
 
-    assert found.target.waveforms.whitener.levels["mesh"] > 0.0
+    assert found.target.waveforms.likelihood.covariance.levels["mesh"] > 0.0
     assert found.plan.levels["mesh"] > 0.0
     assert found.plan.mesh_doubt == ""
 

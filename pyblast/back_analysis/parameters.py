@@ -95,6 +95,14 @@ def is_cheap(parameter: Parameter) -> bool:
     return parameter.name.split(".")[0] in CHEAP
 
 
+def range_of(parameter: Parameter) -> dict:
+    """Return a parameter as result files show it: key, range, scale, range of the laboratory."""
+    return {
+        "path": parameter.name, "low": parameter.low, "high": parameter.high,
+        "log": parameter.log, "laboratory": parameter.laboratory,
+    }  # fmt: skip
+
+
 def parameters_of(project: Project) -> tuple[Parameter, ...]:
     """Return the unknowns that table ``[back_analysis]`` of a project names.
 

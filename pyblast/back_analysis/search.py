@@ -1,7 +1,6 @@
 """Back-analysis of a project: search by a named method, uncertainty, result."""
 
 from dataclasses import replace
-from ..inference.covariance import whitener_beside
 from .identifiability import UNIFORM
 from .mesh_error import mesh_errors_of
 from .parameters import with_values
@@ -36,38 +35,34 @@ from .waveforms import make_waveforms
 import math
 
 
-NEAREST = 3  # runs for each unknown that tell how the motion moves with them
+NEAREST = 3  # runs for each parameter from which the derivatives of the motion are estimated
 
 
-def shape_beside(trials: Trials, point):
-    """Judge waveforms from now on by errors shaped as the simulation at a point.
+def update_covariance(trials: Trials, point):
+    """Take the model error beside the simulation at a point from now on.
 
     Parameters
     ----------
     trials : Trials
-        Of waveforms; all that was run is judged anew.
+        Of waveforms; all that was run gets its misfit anew.
     point : (n,) float64
         One that was run.
 
     Notes
     -----
-    theory.md (7.13) to (7.19), levels inferred from the residual there beside what the unknowns
-    may have taken on themselves, the error of the mesh where another one can be made; else
+    theory.md (7.13) to (7.19), levels inferred from the residual there beside what the parameters
+    may have taken on themselves, the mesh error where another mesh can be made; else
     `Waveforms.mesh_doubt` says why not.
     """
     target = trials.target
     waves, values = target.waveforms, np.asarray(point, dtype=np.float64).tolist()
-    band = waves.whitener.band
     row = next(row for row in trials.log.rows if row["values"] == values)
-    left = np.reshape(row["residuals"], (*waves.recorded.shape[:3], band.n_functions))
-    recorded = band.restore(band.project(waves.recorded))
-    simulated = recorded - band.restore(left)
+    recorded = waves.records.in_band(waves.records.motion)
+    simulated = recorded - waves.motion_of(row["residuals"])
     projects = [with_values(project, target.parameters, values) for project in target.projects]
-    errors, doubt = mesh_errors_of(projects, simulated, waves.receivers, waves.window)
-    fitted = band.restore(_moved(trials, values).reshape(-1, *left.shape))
-    white = whitener_beside(recorded, simulated, waves.noise, band, errors, fitted)
-    shaped = replace(waves, whitener=white, mesh_doubt=doubt)
-    trials.target = replace(target, waveforms=shaped)
+    errors, doubt = mesh_errors_of(projects, simulated, waves.records.receivers, waves.window)
+    updated = waves.with_model_error(row["residuals"], errors, _moved(trials, values), doubt)
+    trials.target = replace(target, waveforms=updated)
 
 
 def _moved(trials, values):
@@ -76,8 +71,8 @@ def _moved(trials, values):
     rows = [row for row in trials.log.rows[: trials.count] if len(row["residuals"])]
     away = np.array([unit(np.array(row["values"])) for row in rows]) - unit(np.array(values))
     near = np.argsort(np.sum(away**2, axis=1), kind="stable")[: NEAREST * len(values) + 1]
-    left = np.array([rows[n]["residuals"] for n in near])
-    return -UNIFORM * np.linalg.lstsq(away[near], left - left[0], rcond=None)[0]
+    residuals = np.array([rows[n]["residuals"] for n in near])
+    return -UNIFORM * np.linalg.lstsq(away[near], residuals - residuals[0], rcond=None)[0]
 
 
 LAST = 3  # of so many runs one is kept for the covariance that the others taught
@@ -113,12 +108,12 @@ def search(trials: Trials, method: str, runs: int, seed: int) -> Trace:
     first = METHODS[method](problem, runs - last, seed)
     if not last or not np.isfinite(first.misfits[first.best]):
         return first
-    shape_beside(trials, first.points[first.best])
+    update_covariance(trials, first.points[first.best])
     best = int(np.argmin(trials.misfits()))
     start = problem.unit(first.points[best])
     second = levenberg_search(trials.problem(), last, seed, start)
     points = np.concatenate([first.points, second.points])
-    shape_beside(trials, points[int(np.argmin(trials.misfits()))])
+    update_covariance(trials, points[int(np.argmin(trials.misfits()))])
     return Trace(
         points,
         trials.misfits(),
@@ -173,7 +168,7 @@ def uncertain(trials: Trials, best, seed: int) -> Posterior:
     with it, twice. Where the error of the mesh could not be foreseen, the result says so.
     """
     for _ in range(TURNS):
-        shape_beside(trials, best)
+        update_covariance(trials, best)
         problem = trials.problem()
         trace = levenberg_search(problem, RUNS, seed, problem.unit(best))
         best = trace.points[trace.best]
@@ -353,5 +348,5 @@ def _plan_at(target, best, confirmed, progress):
         target.projects, target.parameters, problem_of(target.parameters).unit(best),
         records=[target.recorded(project) for project in target.projects],
         candidates=candidates_of(target.projects[0]), slip=slip, progress=progress,
-        levels=None if waves is None else waves.whitener.levels,
+        levels=None if waves is None else waves.likelihood.covariance.levels,
     )  # fmt: skip

@@ -145,7 +145,7 @@ def misfit_of(target: Target, motions) -> tuple[float, np.ndarray]:
     """
     if target.waveforms is not None:
         residuals = target.waveforms.residuals(motions)
-        return target.waveforms.worth(residuals)[0], residuals
+        return target.waveforms.whitened(residuals)[0], residuals
     misfits, residuals = zip(
         *(
             misfit_to(target.misfit, record, simulated[name], band_of(project))
@@ -306,7 +306,7 @@ class Trials:
         waves = self.target.waveforms
         if waves is None or not len(row["residuals"]):
             return row["misfit"], row["residuals"]
-        return waves.worth(np.array(row["residuals"]))
+        return waves.whitened(np.array(row["residuals"]))
 
     def _rows(self, points):
         """Return the rows of points (m, n), made and logged where they are not in the log."""
@@ -392,7 +392,7 @@ def identity(target: Target, method: str, seed: int) -> dict:
     parts = [[one.name, one.low, one.high, one.log] for one in target.parameters]
     about = {"method": method, "seed": seed, "misfit": target.misfit, "parameters": parts}
     if target.waveforms is not None:
-        about["noise"] = target.waveforms.noise.variance.tolist()
+        about["noise"] = target.waveforms.records.noise.variance.tolist()
     return {**about, "hash": input_hash("trials", blasts, list(target.receivers), about)}
 
 

@@ -1,15 +1,14 @@
-"""Records of all blasts and receivers on one sampling, and what their residuals are worth."""
+"""Records of a back-analysis on one sampling, and the likelihood of their residuals."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import InputError
+from ..inference.likelihood import Gaussian, InferredLevels, Likelihood
+from ..inference.noise import Noise, band_functions, noise_of
+from ..inference.records import Records, check_sampling, gather
 from ..project.census import input_band
-from ..inference.noise import band_functions
-from ..inference.noise import Noise, noise_of
-from ..inference.covariance import usual_whitener
-from ..inference.covariance import Whitener
 
 FINE = 8.0  # samples to the shortest period of the band
 QUIET = 2.0  # of these periods that the noise is learnt from, at least
@@ -38,47 +37,76 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class Waveforms:
-    """Records that waveforms are compared with.
+    """Records that simulated waveforms are compared with.
 
     Parameters
     ----------
     window : Window
-    receivers : tuple of str
-    recorded : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        Zero where nothing was recorded.
-    noise : Noise
-    whitener : Whitener
+    likelihood : Likelihood
+        Gaussian, of noise and model error.
     mesh_doubt : str
-        Why the whitener knows nothing of the error of the mesh; nothing where it does.
+        Why the mesh error is not part of the covariance; nothing where it is.
     """
 
     window: Window
-    receivers: tuple[str, ...]
-    recorded: np.ndarray
-    noise: Noise
-    whitener: Whitener
+    likelihood: Likelihood
     mesh_doubt: str = ""
 
-    def residuals(self, motions) -> np.ndarray:
-        """Return what records less simulated motions, one dict a blast, hold in the band, (n,)."""
-        found = gathered(motions, self.receivers, self.window)
-        return self.whitener.band.project(self.recorded - found).ravel()
+    @property
+    def records(self) -> Records:
+        """The records on the sampling of the window."""
+        return self.likelihood.records
 
-    def worth(self, residuals) -> tuple[float, np.ndarray]:
+    def residuals(self, motions) -> np.ndarray:
+        """Return records less simulated motions, one dict a blast, in the band, (n,)."""
+        simulated = gathered(motions, self.records.receivers, self.window)
+        return self.records.band.project(self.records.motion - simulated).ravel()
+
+    def motion_of(self, residuals) -> np.ndarray:
+        """Return residuals (..., n) as motion (..., n_blasts, n_receivers, 3, n_samples), m/s."""
+        band = self.records.band
+        shape = *np.shape(residuals)[:-1], *self.records.motion.shape[:3], band.n_functions
+        return band.restore(np.reshape(residuals, shape))
+
+    def whitened(self, residuals) -> tuple[float, np.ndarray]:
         """Return the misfit of residuals (n,), and these whitened.
 
         Notes
         -----
         theory.md (7.17): the sum of squares of what is whitened for each number of data.
         """
-        band = self.whitener.band
-        held = np.reshape(residuals, (*self.recorded.shape[:3], band.n_functions))
-        white = self.whitener.apply(band.restore(held)).ravel()
-        return float(white @ white) / self.whitener.n_data, white
+        white = self.likelihood.whiten(self.motion_of(residuals))
+        n_data = self.likelihood.covariance.n_data
+        return float(self.likelihood.misfit(white)) / n_data, white.ravel()
+
+    def with_model_error(self, residuals, mesh_errors=(), fitted=(), doubt="") -> "Waveforms":
+        """Return the waveforms with the covariance beside a simulation.
+
+        Parameters
+        ----------
+        residuals : (n,) float64
+            Of the simulation.
+        mesh_errors : sequence of (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        fitted : (n_parameters, n) float64
+            Change of the residuals by one prior standard deviation of each parameter.
+        doubt : str
+            Why there is no mesh error.
+
+        Notes
+        -----
+        theory.md (7.13) to (7.19).
+        """
+        records = self.records
+        recorded = replace(records, motion=records.in_band(records.motion))
+        simulated = recorded.motion - self.motion_of(residuals)
+        error = InferredLevels(self.motion_of(fitted) if len(fitted) else ())
+        covariance = error.covariance(recorded, simulated, mesh_errors)
+        likelihood = replace(self.likelihood, covariance=covariance)
+        return replace(self, likelihood=likelihood, mesh_doubt=doubt)
 
 
 def make_waveforms(projects, records, rms=None) -> Waveforms:
-    """Bring records to one sampling and learn what residuals are worth.
+    """Bring records to one sampling, with the likelihood of their residuals.
 
     Parameters
     ----------
@@ -87,7 +115,7 @@ def make_waveforms(projects, records, rms=None) -> Waveforms:
     records : sequence of dict of str to Seismogram
         For each blast by receiver; 0 s is its first firing.
     rms : float, m/s, optional
-        Of the noise of each component within the band; learnt from the time before the first
+        Of the noise of each component within the band; estimated from the time before the first
         firing if not given.
 
     Raises
@@ -97,23 +125,42 @@ def make_waveforms(projects, records, rms=None) -> Waveforms:
 
     Notes
     -----
-    Before anything is run, the errors of the theory can only be shaped as the records are, at the
-    usual levels of theory.md (7.19). That finds the valley; within it, it favours too much
-    damping, so `shape_beside` takes the shape of a simulation as soon as there is a good one.
+    Before anything is run, the model error can only be shaped as the records are, at the levels
+    of reference of theory.md (7.19). That finds the valley; within it, it favours too much
+    damping, so `update_covariance` takes the shape of a simulation as soon as there is a good one.
     """
     window = window_of(projects)
-    names = tuple(dict.fromkeys(name for one in records for name in one))
-    _refuse_slow(projects, records, window)
-    recorded = gathered(records, names, window)
-    band = band_functions(
-        window.n_samples, window.dt, window.band, _valid(projects, records, names, window)
-    )
+    names = tuple(dict.fromkeys(name for some in records for name in some))
+    for project, some in zip(projects, records, strict=True):
+        for name, record in some.items():
+            where = f"{project.path.name}: receivers.{name}.recorded"
+            check_sampling(where, record, window.band)
+    recordings = [
+        {name: replace(project.records[name], seismogram=one) for name, one in some.items()}
+        for project, some in zip(projects, records, strict=True)
+    ]
+    motion, valid = gather(recordings, names, 0.0, window.dt, window.n_samples)
+    _refuse_empty(projects, records, names, valid)
     if rms is not None:
         noise = white_noise(rms, len(names), window)
     else:
         noise = recorded_noise(projects, records, names, window)
-    made = usual_whitener(recorded, noise, band)
-    return Waveforms(window, names, recorded, noise, made)
+    band = band_functions(window.n_samples, window.dt, window.band, valid)
+    blasts = tuple(project.path.name for project in projects)
+    every = Records(blasts, names, window.dt, motion, valid, band, noise)
+    return Waveforms(window, Likelihood(every, InferredLevels().covariance(every), Gaussian()))
+
+
+def _refuse_empty(projects, records, names, valid):
+    """Refuse a record none of whose samples can be compared."""
+    for b, (project, some) in enumerate(zip(projects, records, strict=True)):
+        for name in some:
+            if not valid[b, names.index(name)].any():
+                raise InputError(
+                    f"{project.path.name}: receivers.{name}.recorded: no sample after the first "
+                    "firing is there and below full scale; take another record, or leave it out "
+                    "of back_analysis.receivers"
+                )
 
 
 def window_of(projects) -> Window:
@@ -189,44 +236,3 @@ def recorded_noise(projects, records, receivers, window) -> Noise:
         there = np.isfinite(each).any(axis=(1, 2))
         each[~there] = each[int(np.flatnonzero(there)[0]), :, ::-1]
     return noise_of(windows, window.dt, window.band)
-
-
-def _refuse_slow(projects, records, window):
-    """Refuse records whose samples do not carry the band."""
-    for project, one in zip(projects, records, strict=True):
-        for name, record in one.items():
-            if not 0.5 / record.dt > window.band[1]:
-                raise InputError(
-                    f"{project.path.name}: receivers.{name}.recorded: {1.0 / record.dt:g} samples "
-                    f"a second do not carry {window.band[1]:g} Hz; lower run.compare_band_hz"
-                )
-
-
-def _valid(projects, records, receivers, window):
-    """Tell which samples were recorded and are not clipped, (n_blasts, n_receivers, 3, n)."""
-    times = window.dt * np.arange(window.n_samples)
-    valid = np.zeros((len(records), len(receivers), 3, window.n_samples), dtype=bool)
-    for b, (project, one) in enumerate(zip(projects, records, strict=True)):
-        for name, record in one.items():
-            clipped = project.records[name].clipped
-            inside = (times >= record.start) & (times <= record.times[-1] + 1e-9)
-            there = record.present[:, None] & inside
-            for component, marks in enumerate(clipped.T):
-                there[component] &= _apart(times, record.times[marks], max(window.dt, record.dt))
-            if not there.any():
-                raise InputError(
-                    f"{project.path.name}: receivers.{name}.recorded: no sample after the first "
-                    "firing is there and below full scale; take another record, or leave it out "
-                    "of back_analysis.receivers"
-                )
-            valid[b, receivers.index(name)] = there
-    return valid
-
-
-def _apart(times, others, distance):
-    """Tell which times lie farther than a distance from all others, which rise."""
-    if not len(others):
-        return np.ones(len(times), dtype=bool)
-    after = np.minimum(np.searchsorted(others, times), len(others) - 1)
-    near = np.minimum(np.abs(times - others[after]), np.abs(times - others[after - 1]))
-    return near > distance

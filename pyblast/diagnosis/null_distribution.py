@@ -87,7 +87,7 @@ def chance(scene: Scene, none: Fit, guesses: list[Guess], fits: list[Fit], seed:
     drawn = rng.standard_normal((SURROGATES, n_receivers))
     most, harmless = np.full((2, SURROGATES), -np.inf), {}
     for label, changes, places in _changes(scene, none, guesses, fits):
-        fits, paid = _Fits(likelihood, none.columns, changes), np.log(places)
+        fits, paid = _Fits(likelihood, none.jacobian, changes), np.log(places)
         most = np.maximum(most, fits.best(*fits.shuffled(left, orders, signs), paid))
         for kind, error in enumerate(errors):
             found = fits.best(*fits.errors(error, drawn), paid)
@@ -163,7 +163,7 @@ def _changes(scene, none, guesses, fits):
             place = fitter.start()
             free = np.arange(len(place)) >= len(fitter.sigma)
             motion = fitter.motions([place])[0]
-            changes.append(fitter.columns(place, motion, free)[free])
+            changes.append(fitter.jacobian(place, motion, free)[free])
         if changes:
             yield hypothesis.label, changes, len(changes)
 

@@ -284,7 +284,7 @@ def _quick(found, base):
     scene, before = found.scene, base.effects
     labels = [h for h in LIBRARY.values() if h.on != "site" and h.label not in base.labels]
     start = Fitter(scene, before, base.values)
-    squares = start.squares(start.start(), start.motions([start.start()])[0])
+    objective = start.objective(start.start(), start.motions([start.start()])[0])
     for done, hypothesis in enumerate(labels):
         found.tell("effects that need no runs", done, len(labels))
         best = {}
@@ -293,8 +293,8 @@ def _quick(found, base):
                 fit_partly(scene, (*before, one), base.values, n_last=1)
                 for one in started(hypothesis, target, scene)
             ]
-            gained, _, effects = min(trials, key=lambda one: one[0])
-            best[target] = squares - gained, effects[-1]
+            reached, _, effects = min(trials, key=lambda one: one[0])
+            best[target] = objective - reached, effects[-1]
         paying = [one for gained, one in best.values() if gained > 2.0 * GROWS]
         most = max(best.values(), key=lambda one: one[0], default=None)
         if hypothesis.single:

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 from scipy import fft, optimize, stats
 
-from ..blasts.firing_times import firing_times
+from ..back_analysis.firing_times import firing_times
 from ..errors import InputError
 from .shots import SURE, Verdict, phase_randomised, share_as_large, shifted
 

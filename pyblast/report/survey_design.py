@@ -6,6 +6,7 @@ from dataclasses import asdict
 import numpy as np
 from matplotlib.patches import Rectangle
 
+from ..back_analysis.parameters import range_of
 from ..project.result import plain, write_text
 from .figures import INK, SIMULATED, _figure, _short, _tidy, _uri
 from .html import page
@@ -217,7 +218,7 @@ def summarise_plan(plan) -> dict:
         "mesh_doubt": plan.mesh_doubt,
         "parameters": [
             {
-                **asdict(one),
+                **range_of(one),
                 "value": plan.values[k],
                 "share": shares[k],
                 "share_other": others[k],

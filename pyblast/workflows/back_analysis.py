@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..back_analysis.findings import doubts, fit_doubts
+from ..back_analysis.parameters import range_of
 from ..back_analysis.search import (
     BackAnalysis,
     confirm,
@@ -196,7 +197,7 @@ def summarise_search(found: BackAnalysis, findings, rows) -> dict:
         "wall_seconds": sum(row["wall_seconds"] for row in rows),
         "parameters": [
             {
-                **asdict(one),
+                **range_of(one),
                 "best": found.best[one.name],
                 "bound": found.at_bound(one),
                 "insensitive": found.insensitive.get(one.name, ""),

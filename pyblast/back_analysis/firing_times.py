@@ -7,12 +7,15 @@ import numpy as np
 from scipy import fft
 from scipy.stats import norm
 
+from ..blasts.blast import Firing
 from ..errors import InputError
-from .blast import Firing
+from ..inference.gauss_newton import LeastSquares, gauss_newton
 
 REACH = 4.0  # standard deviations of the prior within which times are tried
 TURN = 0.5  # rad of the mean frequency between two times that are tried
-SETTLED = 1e-4  # rad of the mean frequency, or of a scale: smaller steps end the search
+CONVERGED = 1e-4  # rad of the mean frequency: smaller changes end the rounds
+LEAST_STEP = 1e-7  # rad of the mean frequency, or of a scale, that is worth a step
+DAMPING = 1e-3  # of the largest curvature, at first
 ROUNDS, SWEEPS, STEPS = 6, 12, 30  # at most
 BANDS = 4
 FAINTEST = 1e-20  # share of the record: noise below this is rounding
@@ -31,10 +34,10 @@ class HoleFit:
         i times the angular frequency.
     recorded : (n_receivers, n_components, n_recorded) float64
     nominal : (n_holes,) float64, s
-    trust : (2 n_holes,) float64
+    precision : (2 n_holes,) float64
         Inverse variances of the values before the record is seen.
-    pace : (n_holes,) float64, rad/s
-        Mean angular frequency of each hole.
+    mean_frequency : (n_holes,) float64, rad/s
+        Mean angular frequency of the motion of each hole.
     size : int
         Samples with the zeros that keep both ends apart.
     whiten : callable or None
@@ -46,8 +49,8 @@ class HoleFit:
     turns: np.ndarray
     recorded: np.ndarray
     nominal: np.ndarray
-    trust: np.ndarray
-    pace: np.ndarray
+    precision: np.ndarray
+    mean_frequency: np.ndarray
     size: int
     whiten: Callable | None
     shape: tuple[int, ...]
@@ -66,8 +69,8 @@ class HoleFit:
         moved = fft.irfft(spectrum, self.size, overwrite_x=True)
         return moved[..., : self.recorded.shape[-1]]
 
-    def remainder(self, values):
-        """Return what is left of the whitened record."""
+    def residual(self, values):
+        """Return the whitened residual of the record."""
         n_holes = len(self.nominal)
         spectrum = sum(
             scale * np.exp(-self.turns * (time + delay)) * one
@@ -89,106 +92,103 @@ class HoleFit:
         return np.stack([*by_time, *by_scale])
 
     @property
-    def prior(self):
+    def planned(self):
         """Values of the plan."""
         return np.repeat([0.0, 1.0], len(self.nominal))
 
 
-def settled(fit) -> tuple[np.ndarray, float, float]:
-    """Return the best values, the variance of the noise, and its excess; theory.md (13.1), (13.2).
+def estimated(fit) -> tuple[np.ndarray, float, float]:
+    """Return the best values, the variance of the noise, and its inflation; theory.md (13.1), (13.2).
 
     The noise begins as loud as all that the plan does not explain, so that the prior holds the
     holes together until the record is clear.
     """
-    values, n_holes = fit.prior, len(fit.nominal)
-    variance, temper = np.mean(fit.remainder(values) ** 2), 1.0
+    values, n_holes = fit.planned, len(fit.nominal)
+    variance, inflation = np.mean(fit.residual(values) ** 2), 1.0
     for _ in range(ROUNDS):
         variance = max(variance, FAINTEST * np.mean(fit.whitened(fit.recorded) ** 2))
-        found = together(fit, each_alone(fit, values, variance), variance)
+        found = adjusted(fit, coordinate_search(fit, values, variance), variance)
         moved = np.abs(found - values)[:n_holes].max()
         values = found
-        variance, temper = level(fit, values)
-        if moved < SETTLED / fit.pace.max():
+        variance, inflation = noise_variance(fit, values)
+        if moved < CONVERGED / fit.mean_frequency.max():
             break
-    return values, variance, temper
+    return values, variance, inflation
 
 
-def each_alone(fit, values, variance):
+def coordinate_search(fit, values, variance):
     """Try all times of each hole in turn, with the best scale of each, until none moves."""
     values, n_holes = values.copy(), len(fit.nominal)
-    remainder = fit.remainder(values)
+    residual = fit.residual(values)
     for _ in range(SWEEPS):
         before = values[:n_holes].copy()
         for hole in range(n_holes):
             motion = fit.whitened(fit.motion(hole, values[hole]))
-            alone = remainder + values[n_holes + hole] * motion
-            delay, scale, motion = _best_alone(fit, hole, values[hole], alone, variance)
+            alone = residual + values[n_holes + hole] * motion
+            delay, scale, motion = _best_of_one(fit, hole, values[hole], alone, variance)
             values[hole], values[n_holes + hole] = delay, scale
-            remainder = alone - scale * motion
+            residual = alone - scale * motion
         if (values[:n_holes] == before).all():
             break
     return values
 
 
-def _best_alone(fit, hole, now, alone, variance):
+def _best_of_one(fit, hole, now, alone, variance):
     """Return delay, scale and whitened motion of one hole that leave least of what is its own."""
-    sure_time, sure_scale = fit.trust[[hole, len(fit.nominal) + hole]]
-    reach, step = REACH / np.sqrt(sure_time), TURN / fit.pace[hole]
+    time_precision, scale_precision = fit.precision[[hole, len(fit.nominal) + hole]]
+    reach, step = REACH / np.sqrt(time_precision), TURN / fit.mean_frequency[hole]
     around = step * np.arange(1, int(np.ceil(reach / step)) + 1)
     most, best = -np.inf, None
     for delay in (now, 0.0, *around, *-around):
         motion = fit.whitened(fit.motion(hole, delay))
-        likeness = np.vdot(motion, alone) / variance + sure_scale
-        weight = np.vdot(motion, motion) / variance + sure_scale
-        scale = max(likeness, 0.0) / weight
-        gain = scale * likeness - sure_time * delay**2
+        correlation = np.vdot(motion, alone) / variance + scale_precision
+        weight = np.vdot(motion, motion) / variance + scale_precision
+        scale = max(correlation, 0.0) / weight
+        gain = scale * correlation - time_precision * delay**2
         if gain > most:
             most, best = gain, (delay, scale, motion)
     return best
 
 
-def together(fit, values, variance):
-    """Move all times and scales at once to the next minimum, by damped Gauss-Newton steps."""
-    damping, unit = 1e-3, np.append(fit.pace, np.ones(len(fit.nominal)))
-    remainder = fit.remainder(values)
-    now = objective(fit, values, remainder, variance)
-    for _ in range(STEPS):
-        rows = fit.derivatives(values).reshape(len(values), -1)
-        slope = rows @ remainder.ravel() / variance - fit.trust * (values - fit.prior)
-        curvature = rows @ rows.T / variance + np.diag(fit.trust)
-        step = np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope)
-        left = fit.remainder(values + step)
-        reached = objective(fit, values + step, left, variance)
-        if reached > now:
-            damping *= 10.0
-            if damping > 1e6:
-                break
-            continue
-        values, remainder, now, damping = values + step, left, reached, 0.1 * damping
-        if np.abs(step * unit).max() < SETTLED:
-            break
-    return values
+def adjusted(fit, values, variance):
+    """Move all times and scales at once to the next minimum by Gauss-Newton; theory.md (13.1)."""
+    rows = fit.derivatives(values).reshape(len(values), -1)
+    unit = np.sqrt(np.sum(rows**2, axis=1) / variance + fit.precision)  # of the Hessian's diagonal
+    phase = np.append(fit.mean_frequency, np.ones(len(fit.nominal))) / unit
+
+    def residual(x):
+        left = fit.residual(x / unit)
+        return left.reshape(len(left), -1) / np.sqrt(variance)
+
+    def jacobian(x, _):
+        rows = fit.derivatives(x / unit) / -np.sqrt(variance)
+        return rows.reshape(len(x), len(rows[0]), -1) / unit[:, None, None]
+
+    problem = LeastSquares(
+        residual, jacobian, mean=fit.planned * unit, precision=fit.precision / unit**2
+    )
+    start = values * unit
+    end = gauss_newton(
+        problem, start, residual(start), rounds=STEPS, damping=DAMPING,
+        converged=lambda step, *_: np.abs(step * phase).max() < LEAST_STEP,
+    )  # fmt: skip
+    return end.x / unit
 
 
-def objective(fit, values, remainder, variance):
-    """Return the misfit with what the prior adds; theory.md (13.1)."""
-    return np.sum(remainder**2) / variance + fit.trust @ (values - fit.prior) ** 2
-
-
-def level(fit, values) -> tuple[float, float]:
+def noise_variance(fit, values) -> tuple[float, float]:
     """Return the variance of the noise as far as these values go, and its excess; theory.md (13.2).
 
-    Mean square of the remainder, times how much more the derivatives of the misfit differ between
+    Mean square of the residual, times how much more the derivatives of the misfit differ between
     receivers, and between bands, than they would if all samples were independent. What noise of
     any colour does differs between receivers; what a waveform does that no two holes have alike
     is shared by them, but differs between bands.
     """
-    remainder = fit.remainder(values)
-    variance, n_receivers = np.mean(remainder**2), len(remainder)
+    residual = fit.residual(values)
+    variance, n_receivers = np.mean(residual**2), len(residual)
     rows = fit.derivatives(values).reshape(len(values), n_receivers, -1)
-    parts = _by_receiver_and_band(rows, remainder.reshape(n_receivers, -1)) / variance
+    parts = _by_receiver_and_band(rows, residual.reshape(n_receivers, -1)) / variance
     known = np.einsum("prn,qrn->pq", rows, rows) / variance
-    solved = np.linalg.inv(known + np.diag(fit.trust))
+    solved = np.linalg.inv(known + np.diag(fit.precision))
 
     def excess(slopes):
         """Return how far slopes (n_values, n) differ, beside what independent samples would."""
@@ -202,21 +202,21 @@ def level(fit, values) -> tuple[float, float]:
     receivers, bands, both = (
         excess(one) for one in (parts.sum(axis=2), parts.sum(axis=1), parts.reshape(len(parts), -1))
     )
-    temper = max(1.0, receivers, receivers + bands - both)
-    return variance * temper, temper
+    inflation = max(1.0, receivers, receivers + bands - both)
+    return variance * inflation, inflation
 
 
-def _by_receiver_and_band(rows, remainder):
+def _by_receiver_and_band(rows, residual):
     """Split the derivatives of the misfit, (n_values, n_receivers, BANDS) of equal weight."""
     size = fft.next_fast_len(rows.shape[-1], real=True)
-    turned, left = fft.rfft(rows, size), fft.rfft(remainder, size)
+    turned, left = fft.rfft(rows, size), fft.rfft(residual, size)
     power = np.cumsum(np.sum(np.abs(turned) ** 2, axis=(0, 1)))
     band = np.minimum((BANDS * power / power[-1]).astype(int), BANDS - 1)
     product = np.real(turned.conj() * left) * (2.0 / size)
     return np.stack([product[..., band == k].sum(axis=-1) for k in range(BANDS)], axis=-1)
 
 
-def hole_fit(greens, recorded, dt, nominal, spread, whiten) -> HoleFit:
+def _hole_fit(greens, recorded, dt, nominal, spread, whiten) -> HoleFit:
     """Prepare a fit; arguments as `firing_times` has checked them."""
     n_holes, n_receivers, n = len(nominal), len(recorded), recorded.shape[-1]
     reach = int(np.ceil(REACH * spread[:n_holes].max() / dt))
@@ -224,9 +224,9 @@ def hole_fit(greens, recorded, dt, nominal, spread, whiten) -> HoleFit:
     spectra = fft.rfft(greens.reshape(n_holes, n_receivers, -1, greens.shape[-1]), size)
     turns = 2j * np.pi * fft.rfftfreq(size, dt)
     power = np.sum(np.abs(spectra) ** 2, axis=(1, 2))
-    pace = np.sqrt(power @ np.abs(turns) ** 2 / power.sum(axis=1))
+    mean = np.sqrt(power @ np.abs(turns) ** 2 / power.sum(axis=1))
     return HoleFit(
-        spectra, turns, recorded.reshape(n_receivers, -1, n), nominal, spread**-2.0, pace, size,
+        spectra, turns, recorded.reshape(n_receivers, -1, n), nominal, spread**-2.0, mean, size,
         whiten, recorded.shape,
     )  # fmt: skip
 
@@ -245,7 +245,7 @@ class FiringTimes:
     nominal : (n_holes,) float64, s
     misfit_before, misfit_after : float
         Whitened energy of the difference over that of the record, by the plan and by these times.
-    temper : float
+    inflation : float
         By how much what the noise leaves unknown exceeds what independent samples would.
     """
 
@@ -255,7 +255,7 @@ class FiringTimes:
     nominal: np.ndarray
     misfit_before: float
     misfit_after: float
-    temper: float
+    inflation: float
 
     @property
     def firing(self) -> Firing:
@@ -318,19 +318,19 @@ def firing_times(
     Notes
     -----
     Least squares with the prior as further data, theory.md (13.1); the level of the noise is that
-    of the remainder, raised by theory.md (13.2) where samples are not independent: noise has
+    of the residual, raised by theory.md (13.2) where samples are not independent: noise has
     colours, and no two holes have quite the same waveform.
     """
-    fit = hole_fit(*_checked(greens, recorded, dt, nominal, sigma, scale_sigma), whiten)
-    values, variance, temper = settled(fit)
+    fit = _hole_fit(*_checked(greens, recorded, dt, nominal, sigma, scale_sigma), whiten)
+    values, variance, inflation = estimated(fit)
     rows = fit.derivatives(values).reshape(len(values), -1)
-    covariance = np.linalg.inv(rows @ rows.T / variance + np.diag(fit.trust))
-    planned = np.sum(fit.remainder(fit.prior) ** 2)
-    left, total = np.sum(fit.remainder(values) ** 2), np.sum(fit.whitened(fit.recorded) ** 2)
+    covariance = np.linalg.inv(rows @ rows.T / variance + np.diag(fit.precision))
+    planned = np.sum(fit.residual(fit.planned) ** 2)
+    left, total = np.sum(fit.residual(values) ** 2), np.sum(fit.whitened(fit.recorded) ** 2)
     n_holes = len(fit.nominal)
     return FiringTimes(
         fit.nominal + values[:n_holes], values[n_holes:], covariance, fit.nominal,
-        float(planned / total), float(left / total), temper,
+        float(planned / total), float(left / total), inflation,
     )  # fmt: skip
 
 
