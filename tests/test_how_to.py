@@ -148,4 +148,3 @@ def test_the_python_runs_as_it_stands(tmp_path, monkeypatch):
 
     assert names["peaks"][0][0] < names["peaks"][-1][0]  # a softer fault lets less pass
     assert names["house"].ppv.max() > 0.0
-    assert 0.0 <= names["answer"].error < 1.0
