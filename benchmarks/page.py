@@ -1,4 +1,4 @@
-"""The page docs/performance.md: goals, then each part with its tables and figures."""
+"""The page docs/quality/performance.md: goals, then each part with its tables and figures."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 from .goals import GOALS
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PAGE, FIGURES = DOCS / "performance.md", DOCS / "figures" / "bench"
+PAGE, FIGURES = DOCS / "quality" / "performance.md", DOCS / "figures" / "bench"
 HEAD = """# What it costs
 
 Written by `python -m benchmarks` from `benchmarks/results.json`; `./dev bench` sets up first.
@@ -57,7 +57,7 @@ def write(parts, results):
         told += [*part.lines(one["found"]), ""]
         if hasattr(part, "draw"):
             draw(name, part, one["found"])
-            told += [f"![{part.TITLE}](figures/bench/{name}.png)", ""]
+            told += [f"![{part.TITLE}](../figures/bench/{name}.png)", ""]
         told += [told_of(name, one), ""]
     PAGE.write_text("\n".join(told) + "\n" + SEVERAL, encoding="utf-8")
 

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PAGE, FIGURE = DOCS / "searches.md", DOCS / "figures" / "searches.png"
+PAGE, FIGURE = DOCS / "quality" / "searches.md", DOCS / "figures" / "searches.png"
 LABELS = {
     "random": ("random, the bar", "black"),
     "sobol": ("Sobol sequence", "0.6"),
@@ -29,7 +29,7 @@ are full runs on a finer mesh of another pattern, with noise of {noise:.0f} % of
 falls as 1/f. Evaluations go through a reduced model of {trained} runs: its waveforms differ from
 {confirmed_count} full runs at truths by at most {confirmed:.2f} %.
 
-![Best misfit and error of parameters against runs](figures/searches.png)
+![Best misfit and error of parameters against runs](../figures/searches.png)
 
 Medians over twins. *Error*: mean distance of the parameters of the best run from the truth, in
 per cent of the (log) ranges; a guess in the middle has {middle:.0f} on average, and a best fit
@@ -60,7 +60,7 @@ MIDDLE = 20.0  # mean distance of even truths in the inner 80 % from the middle,
 
 
 def write_page(found):
-    """Write the figure and docs/searches.md."""
+    """Write the figure and docs/quality/searches.md."""
     _figure(found)
     tables = "\n".join(_table(found, name) for name in found["misfits"])
     PAGE.write_text(

@@ -1,4 +1,4 @@
-"""docs/hypotheses.md holds the library as it is, and its example can be used."""
+"""docs/reference/hypotheses.md holds the library as it is, and its example can be used."""
 
 import re
 from pathlib import Path
@@ -9,7 +9,7 @@ import numpy as np
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.reporting.hypotheses_page import written
 
-PAGE = Path(__file__).parents[1] / "docs" / "hypotheses.md"
+PAGE = Path(__file__).parents[1] / "docs" / "reference" / "hypotheses.md"
 
 
 def test_the_table_is_that_of_the_library():

@@ -24,7 +24,7 @@ from pyblast.residuals.band import band_functions
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "verification" / "foreign.json"
-PAGE = ROOT / "docs" / "diagnosis.md"
+PAGE = ROOT / "docs" / "quality" / "diagnosis.md"
 BEGIN, END = "<!-- cases: from verification/foreign.json -->", "<!-- end of cases -->"
 BLAST = "H1"
 MISFIT = "misfit of the further blast, calibrated → diagnosed"

@@ -36,7 +36,7 @@ from .independent_cases import (
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "verification" / "independent.json"
-PAGE = ROOT / "docs" / "verification.md"
+PAGE = ROOT / "docs" / "quality" / "verification.md"
 BEGIN, END = "<!-- cases: from verification/independent.json -->", "<!-- end of cases -->"
 FIGURE = ROOT / "docs" / "figures" / "independent.png"
 BLASTS = {

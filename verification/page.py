@@ -1,4 +1,4 @@
-"""The table of the ladder in docs/verification.md, and a figure for each rung."""
+"""The table of the ladder in docs/quality/verification.md, and a figure for each rung."""
 
 from pathlib import Path
 
@@ -9,8 +9,8 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 ROOT = Path(__file__).resolve().parents[1]
-FIGURES = ROOT / "docs" / "figures" / "ladder"
-PAGE = ROOT / "docs" / "verification.md"
+FIGURES = ROOT / "docs" / "figures" / "verification"
+PAGE = ROOT / "docs" / "quality" / "verification.md"
 BEGIN = "<!-- ladder: from verification/results.json -->"
 END = "<!-- end of ladder -->"
 MOST_CURVES = 3
@@ -80,7 +80,7 @@ def write_table(results, problems):
     lines += ["", "Notes:", "", *notes, "", "### Figures", ""]
     lines += [
         f"**{n}** {results[n]['title']} ({results[n]['source']})\n\n"
-        f"![rung {n}](figures/ladder/{n}.png)\n"
+        f"![rung {n}](../figures/verification/{n}.png)\n"
         for n in names
         if n in results and (FIGURES / f"{n}.png").is_file()
     ]

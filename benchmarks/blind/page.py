@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from pyblast.projects.result import write_text
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PAGE, FIGURE = DOCS / "blind.md", DOCS / "figures" / "blind.png"
+PAGE, FIGURE = DOCS / "quality" / "blind_benchmark.md", DOCS / "figures" / "blind.png"
 WORDS = """# Blind benchmark of the diagnosis
 
 Written by `python -m benchmarks.blind` (`./dev blind`). {cases} cases, seed {seed}{kind}. A
@@ -52,7 +52,7 @@ solves the wave equation: what it has wrong, both have.
 
 ## Risk and coverage
 
-![Share of wrong answers against share of cases answered](figures/blind.png)
+![Share of wrong answers against share of cases answered](../figures/blind.png)
 
 Cases in which effects brought more evidence than they must, named or not, are answered from the
 largest lead down; risk is the share of those whose effects are not all true. At full coverage
@@ -83,7 +83,7 @@ TARGETS = {
 
 
 def write_page(found: dict):
-    """Write docs/blind.md and its figure."""
+    """Write docs/quality/blind_benchmark.md and its figure."""
     _figure(found["scores"]["curve"])
     s = found["scores"]
     risk = f"{s['curve'][-1]['risk']:.0%}" if s["curve"] else "nothing was found"

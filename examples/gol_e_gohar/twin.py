@@ -4,7 +4,7 @@
     python examples/gol_e_gohar/twin.py --real      soil and all joints, edges of 15 m: hours
 
 Records come from the values of the paper (Kn 0.114, Ks 0.025 GPa/m, 1.12 %) on a mesh with shorter
-edges. The search knows the ranges only. Writes the section on the twin into docs/back_analysis.md.
+edges. The search knows the ranges only. Writes the section on the twin into docs/quality/back_analysis_twin.md.
 """
 
 import json
@@ -22,7 +22,7 @@ from pyblast.projects.project import make_project
 from pyblast.projects.result import write_csv
 
 HERE = Path(__file__).resolve().parent
-PAGE = HERE.parents[1] / "docs" / "back_analysis.md"
+PAGE = HERE.parents[1] / "docs" / "quality" / "back_analysis_twin.md"
 REAL_NOISE = HERE.parents[2] / "shared" / "recordings" / "wghs"
 HEAD = "## The twin of Gol-e-Gohar\n"
 RANGES = {  # Kn, Ks: table 3 extended downwards; c, friction: assumed; damping: the paper
