@@ -91,7 +91,8 @@ def lines(found):
     )
     heads = "".join(f" error of the best point in deviations, {AWAY[key]} |" for key in away)
     told = [
-        f"{found['twins']} synthetic tests with two faults in rock as in [searches.md](searches.md), truths "
+        f"{found['twins']} synthetic tests with two faults in rock as in "
+        "[searches.md](searches.md), truths "
         "uniform over the whole ranges, records on a finer mesh of another pattern with coloured "
         f"noise of {100.0 * NOISE:.0f} % and {found.get('errors', BARE)}. Covariance: noise before "
         "the blast, delays, gains, rotations, source spectra, scattering and two errors of the "
@@ -112,7 +113,8 @@ def lines(found):
         )
     told += [
         "",
-        f"The effective number of checks is {np.median(effective):.0%} of all in the median before the "
+        f"The effective number of checks is {np.median(effective):.0%} of all in the median "
+        "before the "
         f"correction, {effective.min():.0%} at worst; {np.median(better):.0%} and "
         f"{better.min():.0%} after it. Evaluations: {np.median(runs):.0f} a test in the median. "
         f"Levels of errors, medians: {_levels(found['rows'])}.",

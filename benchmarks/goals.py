@@ -66,8 +66,8 @@ def batch_edges(r):
     words += f", damped {one['edges_damped_1']:.2f}"
     own = 56.0 * size["slots_a_zone"] + 212.0 * size["nodes_a_zone"]
     lane = own + (size["edges"] - own) / 8.0
-    why = f"a model of a batch moves {lane:.0f} B a zone of the {size['edges']:.0f} B of a single run: "
-    why += f"{size['edges'] / lane:.2f} × at the same share of the limit"
+    why = f"a model of a batch moves {lane:.0f} B a zone of the {size['edges']:.0f} B of a single "
+    why += f"run: {size['edges'] / lane:.2f} × at the same share of the limit"
     return words, min(one["edges_1"], one["edges_2"]) >= 2.3, why
 
 

@@ -193,7 +193,8 @@ def lines(found):
     """Return the tables of this part."""
     told = [
         "Million zones a step and second (Mz/s), one thread; six zones to a cell, in order along a",
-        "curve. *Zones alone* are forces and update alone; a *step* has viscous sides, ten receivers",
+        "curve. *Zones alone* are forces and update alone; a *step* has viscous sides, ten "
+        "receivers",
         "and the energy balance, a *damped* one low-passed Rayleigh damping of 2 % as well. Such",
         "ground runs *by edges*; ground that edges cannot represent runs *by zones*. Shares are of",
         "the triad's bytes a second (the memory limit), by the bytes that a step of its kind moves",

@@ -29,8 +29,8 @@ stored in a folder that all workers share, and missing runs are made when the ca
 is optional; a test kills one of its two workers.
 
 One model over several machines is not implemented. It would be partitioned along existing lines:
-domains of 1024 zones follow one another along a curve, so equal runs of domains are compact parts, and
-a part keeps the slots of its domains, the contacts whose minus side it holds and the dashpots
+domains of 1024 zones follow one another along a curve, so equal runs of domains are compact parts,
+and a part keeps the slots of its domains, the contacts whose minus side it holds and the dashpots
 of its nodes. Nodes that stand in slots of several parts are held by each of them. After the
 forces of zones and contacts a part sends, for each such node, its slot and contact forces one
 by one, not their sum, and every holder adds all of them in the order of `node_part`: the same

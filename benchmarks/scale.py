@@ -31,8 +31,10 @@ def lines(found):
     told = [
         "Full step without damping, on one thread and on two. Memory is the growth of the process,",
         "once free memory was released, beside the estimate by which the program refuses a model.",
-        "The estimate is larger where zones are springs: numbering their edges before the run takes",
-        "about 430 B a zone for a while. Tests compare the estimate with the arrays of models of each",
+        "The estimate is larger where zones are springs: numbering their edges before the run "
+        "takes",
+        "about 430 B a zone for a while. Tests compare the estimate with the arrays of models of "
+        "each",
         "kind: never less, at most 20 % more. Waiting threads sleep, so that parallel runs do not",
         "disturb each other. Waking them costs about 0.3 ms a step, so models of fewer than 12000",
         "nodes (about 60 thousand zones, all models of a batch counted) run on one thread whatever",

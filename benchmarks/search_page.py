@@ -53,10 +53,10 @@ of the ranges.
 |---|---|
 | `paper`, `paper_eq15` | the paper's annealing, T0 = 1000 or F_max − F_min |
 | `random`, `sobol` | do not use earlier runs |
-| `adaptive` | Metropolis steps, one in five accepted, temperature from the first misfits, restarts |
+| `adaptive` | Metropolis steps, one in five accepted, temperature from first misfits, restarts |
 | `evolution` | scipy's differential evolution, 16 members, a generation at once, no polishing |
 | `surrogate` | Gaussian process of the log misfit, expected improvement, batches of eight |
-| `levenberg` | damped Gauss–Newton on residuals, finite differences in one batch, Broyden updates, restarts |
+| `levenberg` | damped Gauss–Newton on residuals, differences in one batch, Broyden updates |
 """
 MIDDLE = 20.0  # mean distance of even truths in the inner 80 % from the middle, % of the ranges
 

@@ -121,8 +121,7 @@ def lines(found):
         "elastic",
         "joints of the mine's stiffness, edges of 5 m. Slivers are zones whose smallest "
         "altitude is below",
-        "a tenth of their longest edge. The step is the bound that the program uses, "
-        "before its",
+        "a tenth of their longest edge. The step is the bound that the program uses, before its",
         "factor of 0.8. Mass is limited by material, and to 20 times that share in one place: "
         "less than",
         "the limit may be added. The true limit is that of the assembled operator, by Lanczos "

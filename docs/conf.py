@@ -24,21 +24,23 @@ html_static_path = ["_static"]
 html_css_files = ["wide.css"]
 suppress_warnings = ["myst.strikethrough"]
 
-# Public names by subject. Names that `pyblast` does not have are left out, new ones end up in "Others".
+# Public names by subject. Names that `pyblast` does not have are left out; others go to "Others".
 GROUPS = {
-    "The whole chain": "run simulate compare diagnose predict back_analyse design_survey plan_back_analysis "
-    "optimise_delays find_delays load_project Project check read_result write_report",
+    "The whole chain": "run simulate compare diagnose predict back_analyse design_survey "
+    "plan_back_analysis optimise_delays find_delays load_project Project check read_result "
+    "write_report",
     "Mesh": "Mesh structured_box build_mesh read_mesh",
-    "Ground": "Material Damping ConstantQ MohrCoulomb anisotropic transverse jointed DamagedZone Gradient "
-    "Heterogeneity InSitu",
+    "Ground": "Material Damping ConstantQ MohrCoulomb anisotropic transverse jointed DamagedZone "
+    "Gradient Heterogeneity InSitu",
     "Joints": "Joint",
     "Model": "Model Receiver Rim",
     "Boundaries": "Viscous FreeField Roller Fixed StressInput VelocityInput PlaneWave",
     "Sources": "Hole Column MomentTensor PointForce Pressure AirBlast TimeFunction",
     "Seismograms and records": "Seismogram read_recording read_gather analyse_records load_limits",
-    "Blasts": "Blast Firing FiringScatter read_blast superpose signature_spectra blast_spectra peak_bands "
-    "best_delays firing_times fit_site_law",
-    "Many runs": "run_many run_all cached_run run_until_quiet workers greens_functions controlled_mean reduced",
+    "Blasts": "Blast Firing FiringScatter read_blast superpose signature_spectra blast_spectra "
+    "peak_bands best_delays firing_times fit_site_law",
+    "Many runs": "run_many run_all cached_run run_until_quiet workers greens_functions "
+    "controlled_mean reduced",
     "Inference": "misfit noise_of whitener band_functions infer_levels track gradient tangents",
     "Errors": "PyblastError InputError",
 }
@@ -50,7 +52,10 @@ class PublicNames(SphinxDirective):
     def run(self):
         """Return the sections of all groups."""
         public = set(pyblast.__all__)
-        groups = {title: [n for n in names.split() if n in public] for title, names in GROUPS.items()}
+        groups = {
+            title: [name for name in names.split() if name in public]
+            for title, names in GROUPS.items()
+        }
         known = {name for names in groups.values() for name in names}
         groups["Others"] = sorted(public - known)
         lines = []
@@ -76,10 +81,10 @@ def documented(name):
 
 
 def escaped(_app, _what, _name, _object, _options, lines):
-    """Escape what docstrings mean literally: bars, stars and trailing underscores outside of code."""
+    """Escape bars, stars and trailing underscores outside of code, which are meant literally."""
     for number, line in enumerate(lines):
         parts = re.split(r"(``[^`]*``)", line)
-        parts[::2] = [re.sub(r"([|*])|(?<=\w)_(?=\W|$)", lambda m: "\\" + m[0], p) for p in parts[::2]]
+        parts[::2] = [re.sub(r"[|*]|(?<=\w)_(?=\W|$)", r"\\\g<0>", part) for part in parts[::2]]
         lines[number] = "".join(parts)
 
 

@@ -15,7 +15,8 @@ from pyblast.solving.joints import may_be_left_out
 from pyblast.solving.kernels import JOINT_LAWS
 from pyblast.units import split_key
 
-PAGE = (Path(__file__).parents[1] / "docs" / "reference" / "project_file.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE = (DOCS / "reference" / "project_file.md").read_text(encoding="utf-8")
 TOP = "Top of the file"
 
 
@@ -106,7 +107,7 @@ def test_defaults_are_those_of_the_program(name):
 
 def test_both_examples_are_linked():
     for path in re.findall(r"\((\.\./\.\./examples/[^)]+)\)", PAGE):
-        assert (Path(__file__).parents[1] / "docs" / "reference" / path).is_file()
+        assert (DOCS / "reference" / path).is_file()
 
 
 def test_the_table_of_laws_names_what_each_needs_and_may_have():

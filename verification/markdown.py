@@ -2,7 +2,7 @@
 
     python -m verification.markdown PAGE ...
 
-Paragraphs and list items are wrapped; tables, code, headings, pictures and comments stay as they are.
+Paragraphs and list items are wrapped; tables, code, headings, pictures and comments stay.
 """
 
 import re
@@ -12,7 +12,7 @@ from pathlib import Path
 
 WIDTH = 110
 ITEM = re.compile(r"^( *)([-*+]|\d+[.)])( +)(?=\S)")
-MARKER = re.compile(r"([-+*=>]|#+|\d+[.)]|\|.*)$")  # would begin a list, heading or table in a new line
+MARKER = re.compile(r"([-+*=>]|#+|\d+[.)]|\|.*)$")  # begins a list, heading or table in a new line
 VERBATIM = re.compile(r"\s*(\||#|!\[|<!--|:::|\[\^)")
 GLUE = "\x00"
 
@@ -41,7 +41,7 @@ def reflow(text: str, width: int = WIDTH) -> str:
 
 
 def _stands_alone(line, held):
-    """Return whether a line is no prose: blank, table, heading, picture, comment or indented code."""
+    """Return whether a line is not prose: blank, table, heading, picture, comment or code."""
     indented = line.startswith("    ") and not held and not ITEM.match(line)
     return not line.strip() or indented or bool(VERBATIM.match(line))
 

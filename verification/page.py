@@ -68,7 +68,8 @@ def write_table(results, problems):
     names = sorted({*problems, *results}, key=by_number)
     passed = sum(bool(results.get(n, {}).get("pass")) for n in names)
     lines = [
-        f"{passed} of {len(names)} cases pass. R blocks a release, E is required for the diagnosis, C "
+        f"{passed} of {len(names)} cases pass. R blocks a release, E is required for the "
+        "diagnosis, C "
         "for a claim.",
         "",
         "| case | problem | gate | quantity | error on each mesh | order | tolerance | |",

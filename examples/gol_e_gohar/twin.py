@@ -4,7 +4,8 @@
     python examples/gol_e_gohar/twin.py --real      soil and all joints, edges of 15 m: hours
 
 Records come from the values of the paper (Kn 0.114, Ks 0.025 GPa/m, 1.12 %) on a mesh with shorter
-edges. The search knows the ranges only. Writes the section on the twin into docs/quality/back_analysis.md.
+edges. The search knows the ranges only. Writes its section of
+docs/quality/back_analysis.md.
 """
 
 import json
@@ -199,7 +200,8 @@ def main():
     text = [
         HEAD,
         f"Made by `python examples/gol_e_gohar/twin.py{' --real' if real else ''}`: the record is "
-        f"computed on edges of {edges[0]} m with the values of the paper's table 6, the search uses "
+        f"computed on edges of {edges[0]} m with the values of the paper's table 6, the search "
+        "uses "
         f"edges of {edges[1]} m; {parts}. The misfit of the true values is due to mesh and noise. "
         "One seed per method.\n",
     ]
