@@ -18,6 +18,7 @@ napoleon_google_docstring = False
 napoleon_use_rtype = False
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
+highlight_language = "none"
 html_theme = "furo"
 html_title = f"pyblast {release}"
 html_static_path = ["_static"]
@@ -91,5 +92,5 @@ def escaped(_app, _what, _name, _object, _options, lines):
 def setup(app):
     """Register the list of public names."""
     app.add_directive("public-names", PublicNames)
-    app.connect("autodoc-process-docstring", escaped, priority=900)
+    app.connect("autodoc-process-docstring", escaped, priority=100)  # before napoleon
     return {"parallel_read_safe": True}

@@ -103,8 +103,9 @@ def _rows(name, result):
         errors = ", ".join(f"{error:+.2g}" for error in row["error"])
         order = "" if row["order"] is None else f"{row['order']:.1f}"
         mark = "✓" if row["pass"] else "✗"
+        quantity = row["quantity"].replace("|", r"\|")
         head = f"| {name} | {title} | {result['gate']}" if not lines else "| | | "
         lines.append(
-            f"{head} | {row['quantity']} | {errors} | {order} | {row['tolerance']:.2g} | {mark} |"
+            f"{head} | {quantity} | {errors} | {order} | {row['tolerance']:.2g} | {mark} |"
         )
     return lines
