@@ -15,7 +15,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "reference" / "hypotheses.md"
 def test_the_table_is_that_of_the_library():
     text = PAGE.read_text(encoding="utf-8")
 
-    assert written(text) == text  # else run the command that the page names
+    assert written(text) == text, f"run: python -m {written.__module__} {PAGE}"
 
 
 def test_all_say_what_would_settle_them():
