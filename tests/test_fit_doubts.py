@@ -58,7 +58,7 @@ def test_a_value_at_a_bound_is_told(tmp_path):
 
     told = codes(back_analyse(path)[0])
 
-    assert ks.path in told["D31"].text
+    assert ks.name in told["D31"].text
     assert "at the low one, 0.05" in told["D31"].text
 
 

@@ -98,7 +98,9 @@ class HoleFit:
 
 
 def estimated(fit) -> tuple[np.ndarray, float, float]:
-    """Return the best values, the variance of the noise, and its inflation; theory.md (13.1), (13.2).
+    """Return the best values, the variance of the noise, and its inflation.
+
+    theory.md (13.1), (13.2).
 
     The noise begins as loud as all that the plan does not explain, so that the prior holds the
     holes together until the record is clear.
