@@ -9,9 +9,9 @@ from pyblast.core import LANES
 from pyblast.inference.covariance import PRIORS, SCATTER, infer_levels, usual_whitener
 from pyblast.inference.error_model import mesh_error, nuisances, scattering
 from pyblast.inference.gauss_newton import levenberg_search
-from pyblast.inference.noise import band_functions, noise_of
+from pyblast.inference.global_search import Problem
 from pyblast.inference.posterior import posterior
-from pyblast.inference.problem import Problem
+from pyblast.inference.records import band_functions, noise_of
 from pyblast.solver.run import run_many
 
 from .search_twin import (

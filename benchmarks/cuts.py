@@ -8,7 +8,7 @@ import numpy as np
 from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.calibration import unknowns_of, with_values
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.inference.noise import band_functions
+from pyblast.inference.records import band_functions
 from pyblast.project.site_model import Cut, site_mesh, site_model
 from pyblast.runs.cache import cached_run
 from pyblast.workflows.diagnose import EDGE, FINE_EDGE, GROWTH, PADDING, cut_of

@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.inference import noise as noises
+from pyblast.inference import records as noises
 from pyblast.inference.covariance import whitener
-from pyblast.inference.noise import band_functions
+from pyblast.inference.records import band_functions
 from pyblast.recordings.recording import read_gather
 
 PAGE = Path(__file__).with_suffix(".json")

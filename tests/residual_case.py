@@ -7,7 +7,7 @@ from scipy import fft, linalg
 
 from pyblast.inference.covariance import whitener
 from pyblast.inference.error_model import mesh_columns, nuisances, scattering
-from pyblast.inference.noise import band_functions, noise_of
+from pyblast.inference.records import band_functions, noise_of
 
 DT, BAND, N = 2e-3, (3.0, 30.0), 300
 TIMES = DT * np.arange(N)

@@ -5,8 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from pyblast.inference.global_search import PAPER, Schedule, accepts, anneal, paper, paper_eq15
-from pyblast.inference.problem import Problem
+from pyblast.inference.global_search import (
+    PAPER,
+    Problem,
+    Schedule,
+    accepts,
+    anneal,
+    paper,
+    paper_eq15,
+)
 
 
 def bowl(points):

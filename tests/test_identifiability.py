@@ -18,7 +18,7 @@ from pyblast.back_analysis.identifiability import (
 from pyblast.back_analysis.waveforms import Window, white_noise
 from pyblast.errors import InputError
 from pyblast.inference.covariance import LEVELS
-from pyblast.inference.noise import band_functions
+from pyblast.inference.records import band_functions
 from pyblast.report.survey_design import beside_laboratory
 
 WINDOW = Window((5.0, 20.0), 1.0 / 160.0, 160)

@@ -13,8 +13,8 @@ from test_waveform_search import TRUTH
 
 from pyblast import back_analyse, load_project
 from pyblast.errors import InputError, SolverError
+from pyblast.inference.global_search import Problem
 from pyblast.inference.posterior import Chains, emulate, posterior, r_hat, walk
-from pyblast.inference.problem import Problem
 
 TRUE = np.array([0.4, 0.6])
 DESIGN = np.random.default_rng(1).standard_normal((40, 2)) * [40.0, 10.0]

@@ -10,7 +10,7 @@ from scipy import linalg, stats
 from pyblast.errors import InputError
 from pyblast.inference.covariance import _evidence, infer_levels, whitener
 from pyblast.inference.error_model import mesh_error, nuisances, phase_shares, scattering
-from pyblast.inference.noise import band_functions, noise_of
+from pyblast.inference.records import band_functions, noise_of
 
 
 @pytest.fixture

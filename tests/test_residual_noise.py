@@ -7,7 +7,7 @@ from scipy import fft, linalg
 
 from pyblast.errors import InputError
 from pyblast.inference.covariance import whitener
-from pyblast.inference.noise import band_functions, noise_of
+from pyblast.inference.records import band_functions, noise_of
 
 
 @pytest.fixture

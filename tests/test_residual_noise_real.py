@@ -7,7 +7,7 @@ import pytest
 from scipy import fft
 
 from pyblast.inference.covariance import whitener
-from pyblast.inference.noise import band_functions, noise_of
+from pyblast.inference.records import band_functions, noise_of
 from pyblast.recordings.recording import read_gather
 
 HITS, BAND, DT, N = range(6, 21), (3.0, 30.0), 1e-3, 250

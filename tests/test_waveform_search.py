@@ -14,7 +14,7 @@ from pyblast.back_analysis.trials import evaluate, simulate
 from pyblast.back_analysis.waveforms import gathered, white_noise, window_of
 from pyblast.errors import InputError
 from pyblast.inference.covariance import usual_whitener
-from pyblast.inference.noise import band_functions
+from pyblast.inference.records import band_functions
 from pyblast.workflows.back_analysis import RESULT, TRIALS
 
 TRUTH = (0.114, 0.025, 0.0112)

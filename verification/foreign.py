@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.inference.noise import band_functions
+from pyblast.inference.records import band_functions
 from pyblast.project.result import write_text
 from pyblast.recordings.recording import read_stations
 from pyblast.runs.parallel import workers

@@ -7,7 +7,7 @@ import numpy as np
 from ..inference.covariance import SCATTER, error_columns, whitener
 from ..inference.error_model import scattering
 from ..inference.misfits import misfit
-from ..inference.noise import Band, Noise
+from ..inference.records import Band, Noise
 
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of a range, in shares of it
 INFLUENCE = 0.1  # of what noise and errors of the theory are, below which nothing is felt

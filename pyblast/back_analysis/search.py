@@ -9,6 +9,8 @@ from ..errors import InputError
 from ..inference.gauss_newton import levenberg_search
 from ..inference.gaussian_process import surrogate_search
 from ..inference.global_search import (
+    Search,
+    Trace,
     adaptive_annealing,
     evolution_search,
     paper,
@@ -19,7 +21,6 @@ from ..inference.global_search import (
 from ..inference.misfits import MISFITS, SIGNED
 from ..inference.parameter import Parameter
 from ..inference.posterior import Posterior, emcee_library, posterior
-from ..inference.problem import Search, Trace
 from ..project.census import input_band
 from ..project.project import Project
 from ..signals.comparison import Comparison, compare

@@ -8,9 +8,9 @@ import numpy as np
 from ..core import LANES
 from ..inference.covariance import LEVELS
 from ..inference.gauss_newton import DIFFERENCE
-from ..inference.noise import band_functions
+from ..inference.global_search import Problem
 from ..inference.parameter import Parameter
-from ..inference.problem import Problem
+from ..inference.records import band_functions
 from ..project.census import input_band
 from .identifiability import Knowledge, Sensitivities, intervals
 from .mesh_error import Place, listening, mesh_errors_of, places_of

@@ -15,9 +15,9 @@ import numpy as np
 
 from ..core import LANES
 from ..errors import InputError, ReadError, SolverError
+from ..inference.global_search import Problem
 from ..inference.misfits import SIGNED, misfit_to
 from ..inference.parameter import Parameter
-from ..inference.problem import Problem
 from ..project.project import Project
 from ..project.result import plain
 from ..runs.cache import input_hash

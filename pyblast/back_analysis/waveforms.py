@@ -6,8 +6,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..inference.likelihood import Gaussian, InferredLevels, Likelihood
-from ..inference.noise import Noise, band_functions, noise_of
-from ..inference.records import Records, check_sampling, gather
+from ..inference.records import Noise, Records, band_functions, check_sampling, gather, noise_of
 from ..project.census import input_band
 
 FINE = 8.0  # samples to the shortest period of the band

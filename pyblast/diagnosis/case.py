@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
-from ..inference.noise import band_functions, noise_of
-from ..inference.records import COMPONENTS, Records, gather
+from ..inference.records import COMPONENTS, Records, band_functions, gather, noise_of
 from ..project.site import Site
 from ..signals.seismogram import PASS_BAND
 

@@ -10,7 +10,7 @@ from scipy import linalg, optimize
 
 from ..errors import InputError
 from .error_model import Nuisances, mesh_columns, nuisances, scattering
-from .noise import Band, Noise, symmetric_root
+from .records import Band, Noise, symmetric_root
 
 SCATTER = "scatter"
 LEVELS = {

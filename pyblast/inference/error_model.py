@@ -6,7 +6,7 @@ import numpy as np
 from scipy import fft, ndimage
 
 from ..errors import InputError
-from .noise import Band
+from .records import Band
 
 N_MODES = 3
 RAMP = 0.5

@@ -10,8 +10,7 @@ from scipy import linalg
 from scipy.optimize import lsq_linear
 
 from ..errors import InputError
-from .global_search import spread
-from .problem import Evaluations, Problem, Spent, Trace
+from .global_search import Evaluations, Problem, Spent, Trace, spread
 
 SHORTER = 0.4  # of a step that did not descend
 LESS, MORE = 0.2, 10.0  # factors on the damping after a good step, and after one that failed

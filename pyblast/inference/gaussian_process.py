@@ -7,8 +7,7 @@ import numpy as np
 from scipy import linalg, optimize
 from scipy.stats import norm
 
-from .global_search import spread
-from .problem import Evaluations, Problem, Spent, Trace
+from .global_search import Evaluations, Problem, Spent, Trace, spread
 
 LENGTHS = (0.05, 10.0)  # of the unit cube
 NOISE = (1e-8, 1e-1)  # of the variance

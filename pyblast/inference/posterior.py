@@ -9,8 +9,7 @@ from scipy.special import logsumexp
 
 from ..errors import InputError, SolverError
 from .gaussian_process import GaussianProcess, learn, settings
-from .global_search import spread
-from .problem import Problem
+from .global_search import Problem, spread
 
 ENSEMBLES = 2
 WALKERS = 8  # for each unknown

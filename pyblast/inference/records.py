@@ -1,11 +1,339 @@
-"""Records of blasts at receivers on one sampling: motion, valid samples, noise, band."""
+"""Records on one sampling, their frequency band, and the noise in them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from scipy import fft, linalg, signal, stats
 
 from ..errors import InputError
-from .noise import Band, Noise
+
+CONCENTRATION = 0.9
+MARGIN = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Orthonormal functions on a time window whose energy lies within a band.
+
+    Parameters
+    ----------
+    dt : float, s
+    low, high : float, Hz
+    basis : (n_samples, n_functions) float64
+        Each column of unit length, with at least 0.9 of its energy between ``low`` and ``high``.
+    gapped : dict of (blast, receiver, component) to (n_samples, n_functions) float64
+        Functions of channels with invalid samples, zero there; fewer of them, and columns of
+        zeros in place of those that are lost.
+    """
+
+    dt: float
+    low: float
+    high: float
+    basis: np.ndarray
+    gapped: dict = field(default_factory=dict)
+
+    @property
+    def n_functions(self):
+        """Numbers to a channel."""
+        return self.basis.shape[1]
+
+    def functions(self, channel):
+        """Return the functions of one channel (blast, receiver, component)."""
+        return self.gapped.get(channel, self.basis)
+
+    def project(self, motion):
+        """Return what motion holds in the band.
+
+        Parameters
+        ----------
+        motion : (..., n_blasts, n_receivers, 3, n_samples) float
+
+        Returns
+        -------
+        (..., n_blasts, n_receivers, 3, n_functions) float64
+            Invalid samples have no part in it, whatever they hold.
+
+        Raises
+        ------
+        InputError
+            If a valid sample is not finite.
+        """
+        motion = np.asarray(motion, dtype=float)
+        held = motion @ self.basis
+        for channel, functions in self.gapped.items():
+            heard = np.any(functions != 0.0, axis=1)
+            held[(..., *channel, slice(None))] = (
+                motion[(..., *channel, slice(None))][..., heard] @ functions[heard]
+            )
+        if not np.all(np.isfinite(held)):
+            place = np.argwhere(~np.isfinite(held))[0][-4:-1]
+            raise InputError(
+                f"seismograms: blast {place[0]}, receiver {place[1]}, component {place[2]} has a "
+                "sample that is not finite; mark it invalid"
+            )
+        return held
+
+    def restore(self, coefficients):
+        """Return the motion (..., n_samples) that coefficients describe; zero where invalid."""
+        motion = coefficients @ self.basis.T
+        for channel, functions in self.gapped.items():
+            held = coefficients[(..., *channel, slice(None))]
+            motion[(..., *channel, slice(None))] = held @ functions.T
+        return motion
+
+
+def band_functions(n_samples, dt, band, valid=None) -> Band:
+    """Build the functions of a band on a window.
+
+    Parameters
+    ----------
+    n_samples : int
+    dt : float, s
+    band : tuple of 2 float, Hz
+    valid : (n_blasts, n_receivers, 3, n_samples) bool, optional
+        False where a sample is clipped or missing.
+
+    Returns
+    -------
+    Band
+        About ``2 (high - low) n_samples dt`` functions.
+
+    Raises
+    ------
+    InputError
+        If the band is empty, reaches beyond the Nyquist frequency, or is so narrow that the
+        window holds none of its motion.
+
+    Notes
+    -----
+    Eigenvectors of the band's own operator on the window (Slepian 1978), theory.md (7.9), looked
+    for among the cosines in and near the band. Where samples are invalid, those combinations are
+    kept that have 0.9 of their energy in the band and in the samples that are left.
+    """
+    low, high = map(float, band)
+    if not 0.0 <= low < high < 0.5 / dt:
+        raise InputError(
+            f"band: need 0 <= low < high < {0.5 / dt:g} Hz (half the sampling rate), "
+            f"got {low:g} to {high:g} Hz"
+        )
+    duration = n_samples * dt
+    first = max(0, int(2.0 * low * duration) - MARGIN)
+    last = min(n_samples, int(2.0 * high * duration) + MARGIN + 2)
+    unit = np.zeros((n_samples, last - first))
+    unit[np.arange(first, last), np.arange(last - first)] = 1.0
+    cosines = fft.idct(unit, axis=0, norm="ortho")
+    lag = np.arange(n_samples)
+    above, below = (2.0 * edge * dt * np.sinc(2.0 * edge * dt * lag) for edge in (high, low))
+    share, mixture = linalg.eigh(cosines.T @ linalg.matmul_toeplitz(above - below, cosines))
+    kept = share >= CONCENTRATION
+    if not np.any(kept):
+        raise InputError(
+            f"band: {low:g} to {high:g} Hz is too narrow for a window of {duration:g} s; "
+            f"make it longer than about {1.0 / (high - low):.2g} s"
+        )
+    basis = cosines @ mixture[:, kept]
+    return Band(float(dt), low, high, basis, {} if valid is None else _gapped(basis, valid))
+
+
+def _gapped(basis, valid):
+    """Return the functions of each channel in which a sample is invalid."""
+    valid = np.asarray(valid, dtype=bool)
+    if valid.ndim != 4 or valid.shape[2:] != (3, len(basis)):
+        raise InputError(
+            f"valid: must have shape (n_blasts, n_receivers, 3, {len(basis)}), got {valid.shape}"
+        )
+    gapped = {}
+    for place in np.argwhere(~valid.all(axis=-1)):
+        channel = tuple(map(int, place))
+        left, length, _ = linalg.svd(basis * valid[channel][:, None], full_matrices=False)
+        gapped[channel] = left * (length**2 >= CONCENTRATION)
+    return gapped
+
+
+ORDER = 8
+TIME_BANDWIDTH = 1.5
+N_TAPERS = 2
+REACH = 2.0
+FLOOR = 0.02
+SURE = 0.01
+PADDING = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Stationary noise of each channel as an autoregression.
+
+    Parameters
+    ----------
+    step : float, s
+        Of the autoregression: half a period of twice the top of the band.
+    coefficients : (n_receivers, 3, order) float64
+    variance : (n_receivers, 3) float64, (m/s)2
+        Of what the autoregression does not foresee, with ``doubt`` in it.
+    correlation : (n_receivers, 3, 3) float64
+        Between the components; the unit matrix where the windows do not speak against it.
+    doubt : (n_receivers, 3) float64
+        By which the variance was raised because few windows tell it.
+    resolved : float, Hz
+        One period to a window. Below, the density is held at what it is here.
+    """
+
+    step: float
+    coefficients: np.ndarray
+    variance: np.ndarray
+    correlation: np.ndarray
+    doubt: np.ndarray
+    resolved: float
+
+    def density(self, frequency):
+        """Return the two-sided density at frequencies, (n_receivers, 3, n) (m/s)2/Hz."""
+        order = np.arange(1, self.coefficients.shape[-1] + 1)
+        turns = np.exp(-2j * np.pi * self.step * np.outer(order, frequency))
+        reply = np.abs(1.0 - self.coefficients @ turns) ** 2
+        return self.step * self.variance[..., None] / reply
+
+    def covariance(self, band, blast, receiver):
+        """Return the covariance of a receiver's coefficients in one blast.
+
+        Parameters
+        ----------
+        band : Band
+        blast, receiver : int
+
+        Returns
+        -------
+        (3 n_functions, 3 n_functions) float64, (m/s)2
+            With 2 % of its mean on the diagonal; zero where functions are lost.
+
+        Notes
+        -----
+        ``sqrt(T_c) rho_cd sqrt(T_d)`` for components c and d; theory.md (7.11), (7.12).
+        """
+        n = band.n_functions
+        root = np.zeros((3, n, n))
+        n_padded = fft.next_fast_len(2 * len(band.basis), real=True)
+        frequency = fft.rfftfreq(n_padded, band.dt)
+        frequency = frequency[frequency <= 0.5 / self.step]
+        power = 2.0 * self.density(frequency)[receiver] / (n_padded * band.dt)
+        power[:, 0] /= 2.0
+        for c in range(3):
+            functions = band.functions((blast, receiver, c))
+            kept = np.any(functions != 0.0, axis=0)
+            waves = fft.rfft(functions, n_padded, axis=0)[: len(frequency)]
+            toeplitz = np.real((waves.conj() * power[c][:, None]).T @ waves)
+            level = np.trace(toeplitz) / max(1, np.count_nonzero(kept))
+            root[c] = symmetric_root(toeplitz + FLOOR * level * np.diag(kept))
+        block = np.einsum("cij,cd,dkj->cidk", root, self.correlation[receiver], root)
+        return block.reshape(3 * n, 3 * n)
+
+
+def noise_of(windows, dt, band) -> Noise:
+    """Learn the noise of each channel from its windows before the blasts.
+
+    Parameters
+    ----------
+    windows : (n_blasts, n_receivers, 3, n_samples) float, m/s
+        Samples before anything arrives. A window that is not finite throughout is left out.
+    dt : float, s
+    band : tuple of 2 float, Hz
+
+    Raises
+    ------
+    InputError
+        If a channel has no window, or one that never moves, or windows are shorter than 16
+        samples or than a period at the top of the band.
+
+    Notes
+    -----
+    The multitaper spectra of all blasts are pooled and Levinson's recursion finds the
+    autoregression of order 8 with their autocovariance at 4 times the top of the band;
+    theory.md (7.10). A level from nu degrees of freedom is raised by ``nu / (nu - 2)``, so that
+    what it whitens has unit variance in the mean.
+    """
+    windows = np.asarray(windows, dtype=float)
+    if windows.ndim != 4 or windows.shape[2] != 3:
+        raise InputError(
+            "noise windows: must have shape (n_blasts, n_receivers, 3, n_samples), "
+            f"got {windows.shape}"
+        )
+    n = windows.shape[-1]
+    if n < 16 or n * dt * band[1] < 1.0:
+        raise InputError(
+            f"noise windows: need 16 samples and {1.0 / band[1]:g} s, got {n} and {n * dt:g} s"
+        )
+    windows = windows - windows.mean(axis=-1, keepdims=True)
+    given = np.all(np.isfinite(windows), axis=-1)
+    moving = given & np.any(windows != 0.0, axis=-1)
+    if not np.all(moving.any(axis=0)):
+        receiver, component = np.argwhere(~moving.any(axis=0))[0]
+        raise InputError(
+            f"noise windows: receiver {receiver}, component {component} has none that moves; "
+            "leave the channel out"
+        )
+    windows = np.where(moving[..., None], windows, 0.0)
+    freedom = 2.0 * N_TAPERS * np.count_nonzero(moving, axis=0)
+    doubt = freedom / (freedom - 2.0)
+    step = max(dt, 0.5 / (REACH * band[1]))
+    coefficients, variance = _autoregression(windows, np.count_nonzero(moving, axis=0), dt, step)
+    unmixed = np.broadcast_to(np.eye(3), (*variance.shape[:1], 3, 3))
+    noise = Noise(step, coefficients, variance * doubt, unmixed, doubt, 1.0 / (n * dt))
+    return _correlated(noise, windows, moving, band_functions(n, dt, band))
+
+
+def _autoregression(windows, n_windows, dt, step):
+    """Return coefficients (n_receivers, 3, order) and variance of pooled windows."""
+    n = windows.shape[-1]
+    tapers = signal.windows.dpss(n, TIME_BANDWIDTH, N_TAPERS)
+    n_padded = fft.next_fast_len(PADDING * n, real=True)
+    frequency = fft.rfftfreq(n_padded, dt)
+    frequency = frequency[frequency <= 0.5 / step * (1.0 + 1e-9)]
+    density = np.zeros((*n_windows.shape, len(frequency)))
+    for taper in tapers:
+        spectrum = fft.rfft(windows * taper, n_padded, axis=-1)[..., : len(frequency)]
+        density += dt / N_TAPERS * np.sum(np.abs(spectrum) ** 2, axis=0) / n_windows[..., None]
+    first = np.searchsorted(frequency, 1.0 / (n * dt))
+    density[..., :first] = density[..., first : first + 1]
+    weight = np.full(len(frequency), 2.0 / (n_padded * dt))
+    weight[[0, -1]] /= 2.0
+    lags = step * np.arange(ORDER + 1)
+    covariance = (density * weight) @ np.cos(2.0 * np.pi * np.outer(frequency, lags))
+    coefficients = np.empty((*n_windows.shape, ORDER))
+    for channel in np.ndindex(n_windows.shape):
+        lagged = covariance[channel]
+        coefficients[channel] = linalg.solve_toeplitz(lagged[:-1], lagged[1:])
+    variance = covariance[..., 0] - np.sum(coefficients * covariance[..., 1:], axis=-1)
+    return coefficients, variance
+
+
+def _correlated(noise, windows, moving, band: Band):
+    """Keep the correlation between components where chance alone seldom makes it."""
+    n = band.n_functions
+    held = band.project(windows)
+    correlation = np.array(noise.correlation)
+    for receiver in range(windows.shape[1]):
+        whole = moving[:, receiver].all(axis=-1)
+        count = n * np.count_nonzero(whole)
+        if count < 12:
+            continue
+        block = noise.covariance(band, 0, receiver)
+        white = held[whole, receiver].reshape(-1, 3 * n) @ symmetric_root(block, -0.5)
+        found = np.corrcoef(white.reshape(-1, 3, n).transpose(1, 0, 2).reshape(3, -1))
+        spread = -(count - 1.0 - 11.0 / 6.0) * np.linalg.slogdet(found)[1]
+        if stats.chi2.sf(spread, 3) < SURE:
+            correlation[receiver] = found
+    return Noise(
+        noise.step, noise.coefficients, noise.variance, correlation, noise.doubt, noise.resolved
+    )
+
+
+def symmetric_root(matrix, power=0.5):
+    """Return a power of a matrix that is positive definite but for rows and columns of zeros."""
+    kept = np.flatnonzero(np.diag(matrix) > 0.0)
+    value, vector = linalg.eigh(matrix[np.ix_(kept, kept)])
+    root = np.zeros_like(matrix)
+    root[np.ix_(kept, kept)] = (vector * value**power) @ vector.T
+    return root
+
 
 COMPONENTS = ("east", "north", "up")
 ALIGNED = 0.01  # of a sample, by which records may be off the instants that are compared
