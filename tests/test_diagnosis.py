@@ -8,8 +8,8 @@ import pytest
 from small_site import CUT, DT, recorded, small_site
 
 from pyblast.diagnosis.calibration import unknowns_of, with_values
-from pyblast.diagnosis.decision import COARSE
 from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.diagnosis.thresholds import MESH_CHANGE
 from pyblast.workflows.diagnose import diagnose
 
 TRUE = np.array([0.02, -0.02, 0.2, -0.15])
@@ -126,7 +126,7 @@ def test_a_finer_mesh_corrects_all_runs_and_the_answer(monkeypatch):
 
     assert told["outcome"] == "NAMED"
     assert told["numerics"]["finer_mesh_changes"] > 0.03  # of the energy: three times what may be
-    assert told["numerics"]["finer_mesh_changes_answer"] > COARSE
+    assert told["numerics"]["finer_mesh_changes_answer"] > MESH_CHANGE
     (effect,) = told["effects"]
     assert effect["label"] == "wrong_coordinates"
     assert effect["parameters"]["east"]["value"] == pytest.approx(8.0, abs=1.5)

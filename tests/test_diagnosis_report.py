@@ -12,12 +12,13 @@ from small_site import recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.cross_validation import foretold
-from pyblast.diagnosis.decision import REMAINS, Verdict, judge
+from pyblast.diagnosis.decision import Verdict, judge
 from pyblast.diagnosis.effects import Effect
-from pyblast.diagnosis.fitting import GROWS, fit
+from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.null_distribution import Chance
 from pyblast.diagnosis.search import Search
 from pyblast.diagnosis.summary import claims, lead, summarise, told_lines, usual
+from pyblast.diagnosis.thresholds import DECISIVE, REMAINS
 from pyblast.report.diagnosis import render_diagnosis
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
@@ -131,7 +132,7 @@ def test_where_no_effect_pays_the_next_receivers_belong_where_most_is_missing():
     poor = replace(found.search, fits=found.search.fits[1:])
     verdict = replace(found.verdict, rivals=())
 
-    assert poor.worth(poor.fits[0]) < GROWS
+    assert poor.worth(poor.fits[0]) < DECISIVE
     words = summarise(found.scene, poor, CHANCE, verdict)["next_measurement"]
     assert words == "more receivers around R2, and a shot from another side"
 

@@ -10,13 +10,14 @@ from small_site import CUT, recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.cross_validation import HeldOut, held_out
-from pyblast.diagnosis.decision import COARSE, RESOLUTION, _without, intervals, judge, on_finer_mesh
+from pyblast.diagnosis.decision import RESOLUTION, _without, intervals, judge, on_finer_mesh
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.null_distribution import Chance, chance, lent
-from pyblast.diagnosis.search import MATERIAL, Guess, Search, material
+from pyblast.diagnosis.search import Guess, Search, material
+from pyblast.diagnosis.thresholds import MATERIAL, MESH_CHANGE
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 LOUD = Effect("misfire_or_charge_error/blast", "B1", ((1.0,),))
@@ -177,7 +178,7 @@ def test_an_answer_that_a_finer_mesh_changes_is_corrected():
 
     assert quality == pytest.approx(8.0, rel=0.1)
     assert verdict.outcome == "NAMED"
-    assert verdict.mesh > COARSE
+    assert verdict.mesh > MESH_CHANGE
     assert verdict.fit.effects[0].values[0][0] == pytest.approx(4.8, rel=0.1)  # 1/8 + 1/8 - 1/24
 
 
@@ -190,7 +191,7 @@ def test_an_answer_that_a_finer_mesh_leaves_without_evidence_may_be_the_mesh():
 
     assert judge(found, much).outcome == "NAMED"
     verdict = judge(found, much, finer(here, damped, beside))
-    assert verdict.mesh > COARSE
+    assert verdict.mesh > MESH_CHANGE
     assert (verdict.outcome, verdict.rivals[-1]) == ("CLASS", RESOLUTION)
 
 

@@ -9,11 +9,12 @@ from scipy import fft
 from small_site import DT, recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
-from pyblast.diagnosis.detectability import visible
 from pyblast.diagnosis.effects import Effect
-from pyblast.diagnosis.fitting import GROWS, fit
+from pyblast.diagnosis.fitting import fit
+from pyblast.diagnosis.null_distribution import visible
 from pyblast.diagnosis.search import Search, material
 from pyblast.diagnosis.summary import visible_rows
+from pyblast.diagnosis.thresholds import DECISIVE
 
 
 @cache
@@ -43,7 +44,7 @@ def test_a_clock_error_is_seen_above_the_amount_and_not_below(share, seen):
     none, slow = fit(here, ()), fit(here, (Effect("clock_error", "R2", ((0.0,),)),))
     found = Search(here, 400, none=none, tell=None)
 
-    assert (material(none.chi_square) and found.worth(slow) >= GROWS) == seen
+    assert (material(none.chi_square) and found.worth(slow) >= DECISIVE) == seen
 
 
 def test_amounts_are_small_and_of_knobs_that_need_no_runs():

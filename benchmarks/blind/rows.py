@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.diagnosis.fitting import GROWS
-from pyblast.diagnosis.search import MATERIAL
+from pyblast.diagnosis.thresholds import DECISIVE, MATERIAL
 from pyblast.project.result import write_text
 
 from .plan import FAMILY, NULLS
@@ -235,4 +234,4 @@ def _lead(evidence):
     """Return by how much what was judged exceeds what it must, nats."""
     if evidence.get("best") is None or evidence.get("threshold") is None:
         return None
-    return float(evidence["best"] - max(evidence["threshold"], GROWS))
+    return float(evidence["best"] - max(evidence["threshold"], DECISIVE))

@@ -13,6 +13,7 @@ from ..model.material import Material
 from ..project.site import Site
 from .case import Case
 from .forward import Forward
+from .thresholds import SPEED_SIGMA, STIFFNESS_SIGMA, WRONG_UNIT
 
 SMOOTH = 0.1  # of the width of the band, over which the transfer of energy is averaged
 
@@ -53,10 +54,6 @@ def carried(correction, before, after, dt, band):
 def _smooth(spectrum, width):
     """Return a spectrum (n_receivers, n) averaged over so many frequencies."""
     return ndimage.gaussian_filter1d(spectrum, width, axis=-1)
-
-
-SPEED_SIGMA = 0.03
-STIFFNESS_SIGMA = 0.3
 
 
 def unknowns_of(site: Site) -> tuple[Parameter, ...]:
@@ -115,7 +112,6 @@ def _stiffer(joint, factors):
 
 STEP = 0.5  # of each prior's standard deviation, for derivatives
 ROUNDS = 4
-APART = 100.0  # times larger or smaller than predicted: no missing physics does that
 SETTLED = 0.2  # of the posterior standard deviations: smaller moves end the calibration
 
 
@@ -254,7 +250,7 @@ def _refuse_another_unit(likelihood, reference):
     )
     told = loud & (recorded > 0.0) & (sent > 0.0)
     times = np.median(recorded[told] / sent[told]) if np.any(told) else 1.0
-    if not 1.0 / APART < times < APART:
+    if not 1.0 / WRONG_UNIT < times < WRONG_UNIT:
         raise InputError(
             f"records: are {times:.2g} times as large as what the site sends, in the median; give "
             "them in m/s (mm/s are 1000 times as large), or mend the source and the charges"

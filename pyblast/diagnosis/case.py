@@ -8,8 +8,7 @@ from ..errors import InputError
 from ..inference.records import COMPONENTS, Records, band_functions, gather, noise_of
 from ..project.site import Site
 from ..signals.seismogram import PASS_BAND
-
-SHORTEST = 0.5  # of the longest record: none may end before
+from .thresholds import SHORTEST_RECORD
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -98,7 +97,7 @@ def _end(names, records):
     }  # fmt: skip
     blast, name = early = min(ends, key=ends.get)
     longest = max(ends.values())
-    if ends[early] < SHORTEST * longest:
+    if ends[early] < SHORTEST_RECORD * longest:
         raise InputError(
             f"{blast}: the record of {name} ends {ends[early]:.3g} s after the first hole, others "
             f"end at {longest:.3g} s, and all are compared as far as the shortest; mend its "

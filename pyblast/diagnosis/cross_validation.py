@@ -8,13 +8,14 @@ import numpy as np
 from .effects import Scene
 from .fitting import Fit, hessian_of
 from .hypotheses import blast_and_hole
-
-FALLS = 0.5  # nats that a fold may lose without counting against; of which less, it says nothing
-MOSTLY = 0.75  # of the folds must gain
-ERRORS = 2.0  # standard errors that the sum must lie above zero
-FEW = 3  # folds, of which a standard error says nothing: each must gain
-LEAST = 6.0  # nats that few folds must gain together, or in which an effect is seen
-TOLD = 0.5  # of the prior variance of a knob, above which nothing is told of it
+from .thresholds import (
+    CONSTRAINED,
+    DECISIVE,
+    FEW_SUBSETS,
+    GAINING_SUBSETS,
+    LEAST_LOSS,
+    STANDARD_ERRORS,
+)
 
 
 @dataclass(frozen=True)
@@ -62,10 +63,10 @@ class HeldOut:
     @property
     def improves(self):
         """Tell whether the effect foretells what it was not fitted to."""
-        fair = [fold.gain > -FALLS for fold in self.folds]
-        if len(fair) <= FEW:
-            return len(fair) > 1 and self.gain > LEAST and all(f.gain > 0.0 for f in self.folds)
-        return bool(self.gain > ERRORS * self.error and np.mean(fair) >= MOSTLY)
+        fair = [fold.gain > -LEAST_LOSS for fold in self.folds]
+        if len(fair) <= FEW_SUBSETS:
+            return len(fair) > 1 and self.gain > DECISIVE and all(f.gain > 0.0 for f in self.folds)
+        return bool(self.gain > STANDARD_ERRORS * self.error and np.mean(fair) >= GAINING_SUBSETS)
 
     @property
     def bears(self):
@@ -107,12 +108,12 @@ def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
     for name, place in places:
         out = np.zeros(shape, dtype=bool)
         out[place] = True
-        if name in targets or np.sum(said[place]) < FALLS:
+        if name in targets or np.sum(said[place]) < LEAST_LOSS:
             continue
         move, curvature = step_without(scene, after, out)
         first = _foretold(scene, before, step_without(scene, before, out)[0], out)
         later = _foretold(scene, after, move, out)
-        seen = 0.5 * (first.others - later.others) > LEAST
+        seen = 0.5 * (first.others - later.others) > DECISIVE
         if not (seen or _told(np.diag(np.linalg.inv(curvature))[len(after.values) :], knobs)):
             continue
         folds.append(Fold(name, 0.5 * (first.misfit - later.misfit), first.share, later.share))
@@ -154,7 +155,7 @@ def step_without(scene: Scene, fit: Fit, out) -> tuple[np.ndarray, np.ndarray]:
 
 def _told(spread, knobs):
     """Tell whether variances of all knobs say something of each effect, which has some of them."""
-    return all(np.min(spread[own], initial=1.0) < TOLD for own in knobs if any(own))
+    return all(np.min(spread[own], initial=1.0) < CONSTRAINED for own in knobs if any(own))
 
 
 class _Foretold(NamedTuple):

@@ -8,15 +8,15 @@ from scipy.special import logsumexp
 
 from .cross_validation import HeldOut, held_out
 from .effects import Scene
-from .fitting import GROWS, Fit, corrected, fit
+from .fitting import Fit, corrected, fit
 from .forward import Forward
 from .null_distribution import Chance
-from .search import MOSTLY, Search, material, worst
+from .search import Search, material, worst
+from .thresholds import DECISIVE, MESH_CHANGE, MOST_EXPLAINED, PARTIAL_SHARE, REMAINS
 
 RESOLUTION = "numerical_resolution"  # a label as those of the library, but for having no knob
 CLAIM = "On a finer mesh this answer has no more evidence than chance would find."
 SETTLED_BY = "shorter zones (`cuts` of `pyblast.workflows.diagnose`) until the answer stays"
-COARSE = 1.0  # what a finer mesh may change of an answer that stands, in errors of the theory
 
 
 def on_finer_mesh(
@@ -37,8 +37,8 @@ def on_finer_mesh(
     Returns
     -------
     fit : Fit
-        The same where the change is less than `COARSE`, first in the blast that the effects change
-        most, then in all.
+        The same where the change is less than `MESH_CHANGE`, first in the blast that the effects
+        change most, then in all.
     change : float or None
         Beyond what corrects all runs, at the worst receiver or blast: mean square in errors of
         the theory and noise. None where nothing else is sent than from the calibrated site, and
@@ -57,13 +57,11 @@ def on_finer_mesh(
         for b, motion in zip(blasts, heard, strict=True):
             shift[b] = motion - sent[b]
         change = worst(likelihood.chi_square(likelihood.whiten(shift)))
-        if change < COARSE:
+        if change < MESH_CHANGE:
             return fit, change
     return corrected(scene, fit, shift), change
 
 
-REMAINS = 4.0  # mean size of residuals that few sites leave where nothing is missing
-PARTIAL_SHARE = 1.0 / 3.0
 HALF = 1.645  # standard deviations on either side of the middle of a 90 % interval
 OUTCOMES = ("NULL", "NAMED", "CLASS", "COMPOSITE", "PARTIAL", "UNKNOWN")
 
@@ -160,7 +158,7 @@ def judge(found: Search, threshold: Chance, fine: Forward | None = None) -> Verd
 
 def more_remains(size, share) -> bool:
     """Tell whether something is missing beside effects that leave sizes and explain a share."""
-    return worst(size) >= REMAINS and share < MOSTLY
+    return worst(size) >= REMAINS and share < MOST_EXPLAINED
 
 
 def intervals(fit: Fit) -> list[dict]:
@@ -230,7 +228,7 @@ def _proven(found, chosen, proof):
 def _least(threshold, chosen, *labels):
     """Return the evidence, nats, that effects of a fit, of some labels, must bring."""
     some = [effect for effect in chosen.effects if effect.label in labels]
-    return max(threshold.needed(some), GROWS)
+    return max(threshold.needed(some), DECISIVE)
 
 
 def _without(found, chosen, label):
@@ -244,7 +242,7 @@ def _without(found, chosen, label):
 def _rivals(found, chosen, least=None):
     """Return the labels that explain as much as the last effect of a set, or ``least`` nats."""
     same = [one for one in found.fits if len(one.labels) == len(chosen.labels)]
-    least = found.worth(chosen) - GROWS if least is None else least
+    least = found.worth(chosen) - DECISIVE if least is None else least
     near = [one for one in same if found.worth(one) > least]
     own = set(chosen.labels)
     others = [label for one in near for label in one.labels if label not in own]

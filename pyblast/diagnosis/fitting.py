@@ -7,13 +7,13 @@ from scipy import linalg
 
 from ..inference.gauss_newton import LeastSquares, gauss_newton, normal_equations
 from .effects import Effect, Scene
+from .thresholds import DECISIVE
 
 DIFFERENCE = 0.1  # of a prior standard deviation, for derivatives
 ROUNDS = 4
 LEAST_DECREASE = 2.0  # of the misfit, Δ ln evidence of one, that is worth another round
 LONGEST = 1.5  # prior standard deviations that a parameter of an effect may go in one round
 BACKTRACKS = 2
-GROWS = 6.0  # Δ ln evidence that an effect must bring, or another place of the same effect
 OLD = 8.0  # decrease that an old Jacobian predicts and does not bring, above which it is too old
 
 
@@ -307,7 +307,7 @@ def _promising(fitter, base, x, motion):
     if share == 1.0:
         return True
     known = fitter.likelihood.misfit_of(base.chi_square, fitter.blasts) + base.x @ base.x
-    return known - fitter.objective(x, motion) > 2.0 * GROWS * share
+    return known - fitter.objective(x, motion) > 2.0 * DECISIVE * share
 
 
 def corrected(scene: Scene, fit: Fit, shift) -> Fit:

@@ -8,10 +8,7 @@ import numpy as np
 from ..errors import InputError
 from ..inference.parameter import Parameter
 from .case import Case
-
-APART = 3.0  # largest charge over the smallest that shows what depends on amplitude
-SECTORS = 6  # of half a turn, in which paths may lie
-DIRECTIONS = 3  # of them that tell waves along from waves across
+from .thresholds import CHARGE_RATIO, DIRECTIONS, SECTORS
 
 
 def two_receivers(case: Case) -> str:
@@ -31,14 +28,14 @@ def two_blasts(case: Case) -> str:
 def charges_apart(case: Case) -> str:
     """Ask for blasts of small and of large charge, by what fires within 8 ms."""
     if len(case.blasts) < 2:
-        return f"there is one blast: what grows with charge needs two, {APART:g} to one"
+        return f"there is one blast: what grows with charge needs two, {CHARGE_RATIO:g} to one"
     most = [case.site.blasts[name].charge_per_window() for name in case.blasts]
     ratio = max(most) / min(most)
-    if ratio >= APART:
+    if ratio >= CHARGE_RATIO:
         return ""
     return (
         f"the charges of the blasts are {ratio:.2g} to one: what grows with charge needs "
-        f"{APART:g} to one"
+        f"{CHARGE_RATIO:g} to one"
     )
 
 

@@ -5,7 +5,8 @@ from scipy import signal
 
 from ..inference.records import COMPONENTS
 from .calibration import Baseline
-from .search import MATERIAL, means, worst
+from .search import means, worst
+from .thresholds import MATERIAL
 
 SHARE = 0.8  # of the energy of a residual lies in its windows
 GRID = 25  # points along the longer side of the plan

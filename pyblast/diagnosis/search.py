@@ -7,8 +7,9 @@ from itertools import product
 import numpy as np
 
 from .effects import Effect, Scene
-from .fitting import GROWS, Fit, Fitter, fit, fit_partly
+from .fitting import Fit, Fitter, fit, fit_partly
 from .hypotheses import LIBRARY
+from .thresholds import DECISIVE, LEAST_OF_BEST, LEAST_SHARE, MATERIAL, MOST_EFFECTS, MOST_EXPLAINED
 
 SCALED = 0.5  # standard deviation of the scale of a change that was run at one value of its knobs
 ADAPTING = 6  # rounds of reweighting
@@ -147,17 +148,12 @@ def rescreened(found, base) -> list[Guess]:
     return sorted(kept, key=lambda one: -one.share)
 
 
-MATERIAL = 2.0  # mean size of residuals, in errors of the theory, below which nothing is claimed
 REFINED = 4  # effects on the site that are fitted by runs, in the first pass
 REFINED_LATER = 2
 UNEXPLAINED = 6  # effects that are fitted by runs, however poor, while none fitted pays
 SURELY = 3  # guesses that are fitted however poor they are, while less than this is explained:
-MOSTLY = 2.0 / 3.0  # of the energy in excess
-MOST = 3  # effects at once
 BEAM = 2  # sets of effects that go on together, of those that records can't tell apart
 AROUND = (-0.6, -0.3, 0.0, 0.3, 0.6)  # sigmas of each knob
-LEAST_OF_BEST = 0.4  # of the share of the best guess
-LEAST_SHARE = 0.1  # of what is left that an effect must explain to be fitted by runs
 
 
 @dataclass(eq=False)
@@ -204,7 +200,7 @@ class Search:
     def leaders(self, n_labels=1):
         """Return the best fits of so many labels, those that can't be told from the first."""
         some = [one for one in self.ranked() if len(one.labels) == n_labels]
-        near = [one for one in some if self.worth(some[0]) - self.worth(one) < GROWS]
+        near = [one for one in some if self.worth(some[0]) - self.worth(one) < DECISIVE]
         labels = [set(one.labels) for one in near]
         return [one for k, one in enumerate(near) if labels[k] not in labels[:k]][:BEAM]
 
@@ -212,7 +208,7 @@ class Search:
         """Keep a fit, or the better one of two of the same effects, and its twin if near it."""
         same = [one, *(fit for fit in self.fits if fit.where == one.where)]
         best = max(same, key=self.worth)
-        near = [fit for fit in same if self.worth(best) - self.worth(fit) < GROWS]
+        near = [fit for fit in same if self.worth(best) - self.worth(fit) < DECISIVE]
         alone = len(one.effects) == 1  # others may have the same effects in another order
         twins = tuple(fit for fit in near if alone and fit is not best)
         self.fits = [fit for fit in self.fits if fit.where != one.where]
@@ -250,13 +246,13 @@ def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
     _refine(found, found.guesses, found.none, REFINED)
     _around(found)
     found.compared = found.finished
-    for n_labels in range(1, MOST + 1):
-        least = found.worth(found.chosen) + GROWS
+    for n_labels in range(1, MOST_EFFECTS + 1):
+        least = found.worth(found.chosen) + DECISIVE
         leaders = [one for one in found.leaders(n_labels) if found.worth(one) >= least]
         if not leaders:
             break
         found.chosen = leaders[0]
-        if not material(found.chosen.chi_square) or n_labels == MOST:
+        if not material(found.chosen.chi_square) or n_labels == MOST_EFFECTS:
             break
         for base in leaders:
             _quick(found, base)
@@ -295,7 +291,7 @@ def _quick(found, base):
             ]
             reached, _, effects = min(trials, key=lambda one: one[0])
             best[target] = objective - reached, effects[-1]
-        paying = [one for gained, one in best.values() if gained > 2.0 * GROWS]
+        paying = [one for gained, one in best.values() if gained > 2.0 * DECISIVE]
         most = max(best.values(), key=lambda one: one[0], default=None)
         if hypothesis.single:
             paying = [most[1]] if paying else []
@@ -364,7 +360,7 @@ def _explained(found):
     Second, how many guesses must be fitted although they are poor, so little is explained.
     """
     best, likelihood = next(iter(found.leaders()), None), found.scene.baseline.likelihood
-    if best is None or found.worth(best) <= GROWS:
+    if best is None or found.worth(best) <= DECISIVE:
         return 0.0, UNEXPLAINED
     share = likelihood.explained_share(found.none.chi_square, best.chi_square)
-    return share, SURELY if share < MOSTLY else 0
+    return share, SURELY if share < MOST_EXPLAINED else 0

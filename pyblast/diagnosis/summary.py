@@ -6,17 +6,15 @@ import numpy as np
 
 from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
 from ..units import FACTORS
-from .calibration import SPEED_SIGMA, STIFFNESS_SIGMA
 from .decision import RESOLUTION, SETTLED_BY, intervals, more_remains
-from .detectability import visible
-from .fitting import GROWS
 from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
 from .localization import located
-from .search import MATERIAL, worst
+from .null_distribution import visible
+from .search import worst
+from .thresholds import DECISIVE, DETECTABLE, FAR_FROM_PRIOR, MATERIAL, SPEED_SIGMA, STIFFNESS_SIGMA
 
 NOT_ASKED = {"topography": "the description of the site has no surface to compare with a plane"}
 UNSURE = "CLASS", "PARTIAL", "UNKNOWN"  # outcomes that a forecast should not rest on
-VISIBLE = 4.0  # length of an effect in units of its errors, below which it can't be seen
 
 
 def summarise(scene, found, shuffled, verdict) -> dict:
@@ -41,7 +39,7 @@ def summarise(scene, found, shuffled, verdict) -> dict:
         "class": list(verdict.rivals) if len(verdict.rivals) > 1 else [],
         "not_testable": _not_testable(scene, found),
         "smallest_visible": visible(
-            scene, verdict.fit, max(GROWS, 0.0 if shuffled is None else shuffled.needed(()))
+            scene, verdict.fit, max(DECISIVE, 0.0 if shuffled is None else shuffled.needed(()))
         ),
         "located": located(baseline, none.motion, none.chi_square),
         "remainder": remainder,
@@ -166,10 +164,10 @@ def _not_testable(scene, found):
         if found.fits and all(one.on == "site" for one in forms) and label not in reach:
             ended = "the budget of runs ended before it"
             told[label] = "it can't be at this site" if found.finished else ended
-        elif reach.get(label, np.inf) < VISIBLE:
+        elif reach.get(label, np.inf) < DETECTABLE:
             told[label] = (
                 f"at its usual strength it changes these records by {reach[label]:.1f} times "
-                f"their errors; {VISIBLE:g} are needed: larger charges or nearer receivers"
+                f"their errors; {DETECTABLE:g} are needed: larger charges or nearer receivers"
             )
     return [{"label": label, "reason": reason} for label, reason in told.items()]
 
@@ -180,7 +178,7 @@ def _next(verdict, found, remainder):
         return "nothing; larger charges or nearer receivers would show smaller effects"
     if verdict.outcome in ("NAMED", "COMPOSITE"):
         return "a further blast, to test the prediction of this model"
-    paying = [one.labels[-1] for one in found.ranked()[:3] if found.worth(one) > GROWS]
+    paying = [one.labels[-1] for one in found.ranked()[:3] if found.worth(one) > DECISIVE]
     labels = verdict.rivals or paying
     advice = [h.settled_by for h in LIBRARY.values() if h.label in labels and h.settled_by]
     advice += [SETTLED_BY] if RESOLUTION in labels else []
@@ -243,7 +241,6 @@ USUAL = {
     "rad": (("°", radians(1.0)),),
 }
 COUNTS = {2: "Two", 3: "Three"}
-PULLED = 2.5  # standard deviations of the prior: further is a hint of missing physics
 
 
 def lead(made, summary) -> str:
@@ -440,7 +437,7 @@ def visible_rows(summary) -> list[str]:
 
 def calibration_rows(summary) -> list[dict]:
     """List the factors of the calibration; ``far`` where the records drew one off its prior."""
-    return [one | {"far": abs(one["pull"]) > PULLED} for one in summary["calibration"]]
+    return [one | {"far": abs(one["pull"]) > FAR_FROM_PRIOR} for one in summary["calibration"]]
 
 
 def assumptions(scene, summary) -> list[str]:

@@ -5,9 +5,9 @@ import numpy as np
 from ..diagnosis import summary as diagnosis_words
 from ..diagnosis.cross_validation import foretold
 from ..diagnosis.decision import CLAIM, RESOLUTION, SETTLED_BY
-from ..diagnosis.fitting import GROWS
-from ..diagnosis.search import MATERIAL, means
+from ..diagnosis.search import means
 from ..diagnosis.summary import listed
+from ..diagnosis.thresholds import DECISIVE, FAR_FROM_PRIOR, MATERIAL
 from ..project.result import plain, write_text
 from . import diagnosis_figures
 from .diagnosis_figures import maps_figure
@@ -65,7 +65,7 @@ def screened_rows(made) -> list[str]:
 
 def needed(summary) -> float:
     """Return the evidence that an effect must exceed, nats."""
-    return max(summary["evidence"]["threshold"] or 0.0, GROWS)
+    return max(summary["evidence"]["threshold"] or 0.0, DECISIVE)
 
 
 def class_rows(made, summary) -> list[dict]:
@@ -118,7 +118,7 @@ def render_diagnosis(made, summary) -> str:
         holes=_drawn(_hole_figures(fit)),
         proof=_drawn(_proof_figures(made)),
         calibration=words.calibration_rows(summary),
-        pulled=words.PULLED,
+        pulled=FAR_FROM_PRIOR,
         assumptions=words.assumptions(made.scene, summary),
     )
 

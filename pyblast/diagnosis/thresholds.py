@@ -1,0 +1,154 @@
+"""Thresholds of a diagnosis: every limit that decides, its unit and what it was measured on."""
+
+from typing import NamedTuple
+
+from ..inference.likelihood import DOUBT, ENERGY_SHARE, MESH_SHARE
+
+
+class Threshold(NamedTuple):
+    """A number that a diagnosis decides by.
+
+    Parameters
+    ----------
+    name : str
+    value : float
+    unit : str
+        Empty for a ratio or a count.
+    meaning : str
+    measured_on : str
+        What its value rests on; ``assumed`` where nothing was measured.
+    """
+
+    name: str
+    value: float
+    unit: str
+    meaning: str
+    measured_on: str
+
+
+_ROWS: list[Threshold] = []
+
+
+def _enter(name, value, unit, meaning, measured_on):
+    """Enter a threshold into the table and return its value."""
+    _ROWS.append(Threshold(name, value, unit, meaning, measured_on))
+    return value
+
+
+def threshold_rows() -> tuple[Threshold, ...]:
+    """Return all thresholds in the order in which a diagnosis meets them."""
+    return tuple(_ROWS)
+
+
+EVIDENCE = "Δ ln evidence"
+SIGMA = "standard deviations"
+CHI_SQUARE = "reduced chi-square"
+NULLS = "nulls of the development seed of the blind benchmark: 1.2 in the median, 1.5 at most"
+RIGHT = "right effects of the development seed of the blind benchmark"
+MANY_ERRORS = "permuted residuals of the small site"
+
+# Model error
+_enter("ENERGY_SHARE", ENERGY_SHARE, "energy of a record",
+       "Model error of each record: coordinates, clocks, small heterogeneity", NULLS)  # fmt: skip
+_enter("MESH_SHARE", MESH_SHARE, "energy that a finer mesh changes",
+       "Error of the finer mesh itself", "`python -m benchmarks cuts`, the median")  # fmt: skip
+_enter("DOUBT", DOUBT, "degrees of freedom",
+       "Uncertainty of the model error, Student's t", "assumed")  # fmt: skip
+SPEED_SIGMA = _enter(
+    "SPEED_SIGMA", 0.03, "of a wave speed", "Prior standard deviation of wave speeds", "assumed"
+)
+STIFFNESS_SIGMA = _enter(
+    "STIFFNESS_SIGMA", 0.3, "of a stiffness", "Prior standard deviation of joint stiffness",
+    "assumed",
+)  # fmt: skip
+# Records
+SHORTEST_RECORD = _enter(
+    "SHORTEST_RECORD", 0.5, "longest record", "No record may end earlier", "assumed"
+)
+WRONG_UNIT = _enter(
+    "WRONG_UNIT", 100.0, "", "Records so many times larger or smaller than simulated are refused",
+    "no missing physics does that; mm/s are 1000 times m/s",
+)  # fmt: skip
+CHARGE_RATIO = _enter(
+    "CHARGE_RATIO", 3.0, "", "Largest over smallest charge in 8 ms, for effects that grow with it",
+    "assumed",
+)  # fmt: skip
+SECTORS = _enter("SECTORS", 6, "", "Sectors of half a turn in which paths may lie", "assumed")
+DIRECTIONS = _enter(
+    "DIRECTIONS", 3, "sectors", "Sectors with a path that anisotropy needs", "assumed"
+)
+# Search
+MATERIAL = _enter(
+    "MATERIAL", 2.0, CHI_SQUARE, "Mean of a receiver or a blast below which nothing is missing",
+    NULLS,
+)  # fmt: skip
+DECISIVE = _enter(
+    "DECISIVE", 6.0, EVIDENCE,
+    "Least gain of an effect, of another mode, or of two or three held-out subsets together",
+    "a Bayes factor of 400, very strong: Kass & Raftery (1995)",
+)  # fmt: skip
+LEAST_SHARE = _enter(
+    "LEAST_SHARE", 0.1, "excess", "Screened share from which an effect is fitted by runs", "assumed"
+)
+LEAST_OF_BEST = _enter(
+    "LEAST_OF_BEST", 0.4, "best screened share",
+    "Screened share from which an effect is fitted by runs", "assumed",
+)  # fmt: skip
+MOST_EXPLAINED = _enter(
+    "MOST_EXPLAINED", 2.0 / 3.0, "excess",
+    "Explained share from which poor candidates are not fitted, and above which what remains does "
+    "not count", RIGHT,
+)  # fmt: skip
+MOST_EFFECTS = _enter("MOST_EFFECTS", 3, "", "Effects at once", "assumed")
+# Null distribution
+SURROGATES = _enter("SURROGATES", 200, "", "Permutations of receivers", "assumed")
+NULL_LEVEL = _enter(
+    "NULL_LEVEL", 0.95, "", "Quantile of the null distribution that an effect must exceed",
+    MANY_ERRORS,
+)  # fmt: skip
+# Cross-validation
+LEAST_LOSS = _enter(
+    "LEAST_LOSS", 0.5, EVIDENCE,
+    "Loss of a held-out subset that does not count against an effect; a subset of which it says "
+    "less is none", "assumed",
+)  # fmt: skip
+GAINING_SUBSETS = _enter(
+    "GAINING_SUBSETS", 0.75, "subsets", "Held-out subsets that must not lose", "assumed"
+)
+STANDARD_ERRORS = _enter(
+    "STANDARD_ERRORS", 2.0, "standard errors", "Least sum of the gains of held-out subsets",
+    "assumed",
+)  # fmt: skip
+FEW_SUBSETS = _enter(
+    "FEW_SUBSETS", 3, "subsets", "Up to so many have no standard error: each must gain", "assumed"
+)
+CONSTRAINED = _enter(
+    "CONSTRAINED", 0.5, "prior variance",
+    "Posterior variance of a parameter below which the other records constrain it",
+    "the closing joint of the README and two true effects of the blind benchmark",
+)  # fmt: skip
+# Decision
+PARTIAL_SHARE = _enter(
+    "PARTIAL_SHARE", 1.0 / 3.0, "excess", "Least explained share of an effect in an answer", RIGHT
+)
+REMAINS = _enter(
+    "REMAINS", 4.0, CHI_SQUARE,
+    "Mean of a receiver or a blast above which something else is missing",
+    f"{RIGHT}: 0.9 to 1.9 in the worst blast, below 3 at each receiver",
+)  # fmt: skip
+MESH_CHANGE = _enter(
+    "MESH_CHANGE", 1.0, CHI_SQUARE, "Change by a finer mesh above which an answer is corrected",
+    "a blind case with a missing joint, changed by 1.4",
+)  # fmt: skip
+# Reported beside the answer
+DETECTABLE = _enter(
+    "DETECTABLE", 4.0, SIGMA, "Length of an effect in its errors below which it is not testable",
+    "assumed",
+)  # fmt: skip
+LINEAR = _enter(
+    "LINEAR", 2.0, "energy", "Factor by which a change may be off its derivative at a limit",
+    "assumed",
+)  # fmt: skip
+FAR_FROM_PRIOR = _enter(
+    "FAR_FROM_PRIOR", 2.5, SIGMA, "Calibrated value that hints at missing physics", "assumed"
+)
