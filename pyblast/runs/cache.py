@@ -20,8 +20,9 @@ from ..solver.preparation import fingerprint
 from ..solver.run import Run, simulate
 
 PACKAGE = Path(__file__).parents[1]
-MARCHES = ("motion", "meshing", "solving", "ensembles")
-WHOLE = ("",)  # all rooms, and what stands above them
+# Code that a run depends on, and all code: paths within the package.
+RUN_CODE = ("core.py", "signals", "mesh", "model", "solver", "runs")
+WHOLE = ("",)
 
 
 def input_hash(*inputs) -> str:
@@ -42,16 +43,27 @@ def input_hash(*inputs) -> str:
 
 
 @lru_cache
-def code_hash(rooms=MARCHES) -> str:
-    """Return the SHA-256 of rooms of modules, of the core, and of numpy's and scipy's version."""
+def code_hash(paths: tuple[str, ...] = RUN_CODE) -> str:
+    """Return the SHA-256 of modules, of the compiled core, and of numpy's and scipy's version.
+
+    Parameters
+    ----------
+    paths : tuple of str
+        Modules and packages within pyblast.
+    """
     digest = hashlib.sha256(f"numpy {np.__version__} scipy {scipy.__version__}".encode())
-    files = [file for name in rooms for file in sorted((PACKAGE / name).rglob("*.py"))]
+    files = [file for name in paths for file in _modules(PACKAGE / name)]
     cores = [name for name in sorted(sys.modules) if name.startswith("pyblast._core")]
     for file in [*files, *(Path(sys.modules[name].__file__ or "") for name in cores)]:
         if file.is_file():
             digest.update(file.name.encode())
             digest.update(file.read_bytes())
     return digest.hexdigest()
+
+
+def _modules(path):
+    """Return the modules at a path, sorted: one file, or all of a folder."""
+    return sorted(path.rglob("*.py")) if path.is_dir() else [path]
 
 
 log = logging.getLogger(__name__)
