@@ -22,8 +22,8 @@ from pyblast.solver import assembly
 from pyblast.solver.assembly import yield_states
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
+from verification.cases.anisotropy import DIRECTIONS, mesh_speeds
 from verification.columns import ROCK, ricker, started
-from verification.rungs.anisotropy import DIRECTIONS, mesh_speeds
 from verification.solutions.plasticity import triaxial_strength
 
 SIDES = ("west", "east", "south", "north", "bottom")

@@ -1,4 +1,4 @@
-"""Laws of nature that every law of joints and zones keeps. Rung L12."""
+"""Laws of nature that every law of joints and zones keeps. Case L12."""
 
 import copy
 
@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from pyblast.core import JOINT_LAWS, ZONE_LAWS
 from verification.contact import KN, KS, NORMAL, TENSION, WEAKER, Contact, cycles
-from verification.ladder import Reading, rung
+from verification.suite import Reading, case
 from verification.zone import Zone, strain_cycle, turned_column, turned_zone
 
 LINEAR_AT_FIRST = ("elastic", "coulomb", "softening")
@@ -92,7 +92,7 @@ def zone_bits_lost(name):
     )
 
 
-@rung(
+@case(
     "L12",
     "Laws of nature that all laws of joints and zones keep",
     source="frame indifference, second law of thermodynamics, nothing crosses a gap",

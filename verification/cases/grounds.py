@@ -9,7 +9,7 @@ from pyblast.model.material import Material, saturated_rock
 from pyblast.model.model import Model, Receiver
 from pyblast.solver.run import simulate
 from verification.columns import AXIS, IMPEDANCE, ROCK, column, driven, guides, pulse, spectrum
-from verification.ladder import Curve, Reading, rung
+from verification.suite import Curve, Reading, case
 
 FREQUENCY = 20.0
 
@@ -26,7 +26,7 @@ class Along:
         return 1.0 - (1.0 - self.low) * places[:, 0] / self.length
 
 
-@rung(
+@case(
     "L3",
     "Gradient of speed: delay and amplitude of a pulse",
     source="delay = integral of dx/c; amplitude as the root of the impedance",
@@ -71,7 +71,7 @@ def gradient(n):
                             "velocity [m/s]")]  # fmt: skip
 
 
-@rung(
+@case(
     "L6",
     "Fluids: Gassmann's modulus; P passes a wet joint, S does not",
     source="Gassmann (1951); limits: no pores, fluid as stiff as the solid, no fluid",

@@ -1,4 +1,4 @@
-"""Rungs of fading: constant Q by memory variables, stiffness damping of low-passed motion."""
+"""Cases of fading: constant Q by memory variables, stiffness damping of low-passed motion."""
 
 from dataclasses import replace
 from functools import cache
@@ -13,7 +13,6 @@ from pyblast.model.model import Model
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 from verification.columns import AXIS, ROCK, SPEED, column, column_model, pulse, spectrum, started
-from verification.ladder import Curve, Reading, rung
 from verification.solutions.attenuation import (
     constant_q_modulus,
     damped_oscillator,
@@ -22,6 +21,7 @@ from verification.solutions.attenuation import (
     wave_number,
 )
 from verification.step_limits import largest_root
+from verification.suite import Curve, Reading, case
 
 QUALITY = {"P": 30.0, "S": 20.0}
 BAND = (5.0, 50.0)
@@ -64,7 +64,7 @@ def worst(quantity, expected, measured):
     return Reading.relative(quantity, expected[k], measured[k])
 
 
-@rung(
+@case(
     "25",
     "Constant Q: a plane wave fades and disperses",
     source="Kjartansson 1979 (constant Q); Emmerich & Korn 1987 (body); discrete column derived",
@@ -184,7 +184,7 @@ def step_readings():
     ]
 
 
-@rung(
+@case(
     "L11",
     "Stiffness damping of low-passed motion",
     source="roots of the damped oscillator with a first-order filter",

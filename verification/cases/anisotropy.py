@@ -13,7 +13,7 @@ from pyblast.model.model import Model, Receiver
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
-from verification.ladder import Curve, Reading, rung
+from verification.suite import Curve, Reading, case
 
 SCHIST = transverse(
     2700.0, (np.sin(0.6), 0.0, np.cos(0.6)), young=60e9, young_normal=30e9,
@@ -96,7 +96,7 @@ def jointed_column(edges_per_spacing, *, ends=False, told=False):
     return abs(waves[0]) / abs(asked), speed, curve
 
 
-@rung(
+@case(
     "L1",
     "Anisotropic ground: wave speeds in turned axes, joints as a medium, quiet faces",
     source="Christoffel's equation; Schoenberg (1980)",

@@ -1,4 +1,4 @@
-"""Rungs 22 and 23: a soft layer under vertical waves, and a layer over a half space (LOH)."""
+"""Cases 22 and 23: a soft layer under vertical waves, and a layer over a half space (LOH)."""
 
 from dataclasses import replace
 
@@ -14,10 +14,10 @@ from pyblast.model.model import Model, Receiver, Rim
 from pyblast.model.source import PointForce, TimeFunction
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.run import simulate
-from verification.ladder import Curve, Reading, rung
 from verification.solutions.full_space import Bell
 from verification.solutions.layered_column import layer_gain
 from verification.solutions.layered_half_space import Bed, strike_slip_motion
+from verification.suite import Curve, Reading, case
 
 EAST_NORTH_UP = ("east", "north", "up")
 SOIL = Material.from_speeds(1900.0, 600.0, 300.0)
@@ -75,7 +75,7 @@ def summit(gain, near):
     return best.x, -best.fun
 
 
-@rung(
+@case(
     "22",
     "Layered column under vertical shear waves",
     source="closed form 1/(cos kH - i a sin kH), Kramer (1996)",
@@ -171,15 +171,15 @@ def envelope_and_phase(wanted, found):
     )
 
 
-@rung(
+@case(
     "23",
     "Layer over a half space: LOH.1 and LOH.3",
     source="integration over wavenumbers: Bouchon (1981), Chin, Hedstrom & Thigpen (1984)",
     gate="C",
     tolerance={
-        f"{what}, {case} {place}": 0.05
+        f"{what}, {problem} {place}": 0.05
         for what in ("envelope", "phase")
-        for case in ("LOH.1", "LOH.3")
+        for problem in ("LOH.1", "LOH.3")
         for place in PLACES
     },
     meshes=(4.0, 6.0, 9.0),
@@ -191,17 +191,17 @@ def envelope_and_phase(wanted, found):
 def layer_over_half_space(n_edges):
     """Compare the ground motion of a strike-slip source, elastic and of constant quality."""
     readings, curves = [], []
-    for case, materials in (("LOH.1", (BED, BASE)), ("LOH.3", FADING)):
+    for problem, materials in (("LOH.1", (BED, BASE)), ("LOH.3", FADING)):
         records = loh_record(n_edges, *materials)
         beds = [Bed.of(h, m) for h, m in zip((TOP, np.inf), materials, strict=True)]
         for name, place in PLACES.items():
             times, found = records[name].times, records[name].velocity
             wanted = 1e18 * strike_slip_motion(beds, DEPTH, place, times, MOMENT_RATE, 4.0)
             envelope, phase = envelope_and_phase(wanted, found)
-            readings.append(Reading(f"envelope, {case} {name}", 0.0, envelope, envelope))
-            readings.append(Reading(f"phase, {case} {name}", 0.0, phase, phase))
+            readings.append(Reading(f"envelope, {problem} {name}", 0.0, envelope, envelope))
+            readings.append(Reading(f"phase, {problem} {name}", 0.0, phase, phase))
             for axis, component in enumerate(EAST_NORTH_UP):
-                label = f"{case} {name}, {component}"
+                label = f"{problem} {name}, {component}"
                 pair = wanted[:, axis], found[:, axis]
                 curves.append(Curve(label, times, *pair, "time [s]", "velocity [m/s]"))
     return readings, curves

@@ -1,4 +1,4 @@
-"""What must hold on any mesh: energy, axes, reciprocity, superposition. Rungs 26, 27, 31, 33."""
+"""What must hold on any mesh: energy, axes, reciprocity, superposition. Cases 26, 27, 31, 33."""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -14,9 +14,9 @@ from pyblast.runs.greens_bank import greens_functions
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
+from verification.cases.plane_waves import forces
 from verification.columns import ROCK, ricker, started
-from verification.ladder import Curve, Reading, rung
-from verification.rungs.plane_waves import forces
+from verification.suite import Curve, Reading, case
 
 SIDES = ("west", "east", "south", "north", "bottom")
 WEAK = {"kn": 2e9, "ks": 1e9, "cohesion": 0.0, "friction": 0.4, "tension": 0.0}
@@ -63,7 +63,7 @@ def shaken(law="coulomb", turn=None, sources=(), amplitude=0.2):
     return simulate(shaken_box(law, turn, sources, amplitude), 0.15)
 
 
-@rung(
+@case(
     "26",
     "Energy ledger",
     source="kinetic + stored + lost = put in",
@@ -93,7 +93,7 @@ def ledger():
     return readings, [curve]
 
 
-@rung(
+@case(
     "27",
     "Rigid motion, patch test, turned model",
     source="linear displacement is exact; laws do not know the axes",
@@ -135,7 +135,7 @@ def stored_gap(side):
     return float(max(gaps) / max(record.pvs for record in direct.values()))
 
 
-@rung(
+@case(
     "31",
     "Reciprocity across a joint",
     source="G_ij(A, B) = G_ji(B, A)",
@@ -163,7 +163,7 @@ def reciprocity():
     ]
 
 
-@rung(
+@case(
     "33",
     "Superposition of holes",
     source="linear models: two holes are the sum of each alone",

@@ -1,7 +1,7 @@
-"""The ladder: what a rung is, and how it is judged.
+"""Verification suite: cases with known answers, observed order of convergence, pass or fail.
 
-A rung measures on one mesh and returns readings and curves; the ladder runs it on its meshes,
-finds the observed order, and compares with the tolerances that the rung states.
+A case measures on one mesh and returns readings and curves. The suite runs it on its meshes,
+computes the observed order, and compares the errors with the tolerances of the case.
 """
 
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-RUNGS = {}
+CASES = {}
 
 
 @dataclass(frozen=True)
@@ -32,17 +32,17 @@ class Reading:
 
     @classmethod
     def relative(cls, quantity, expected, measured):
-        """Make a reading whose error is relative to what is expected."""
+        """Return a reading whose error is relative to the expected value."""
         return cls(quantity, float(expected), float(measured), float(measured / expected - 1.0))
 
     @classmethod
     def absolute(cls, quantity, expected, measured):
-        """Make a reading whose error is the difference."""
+        """Return a reading whose error is the difference."""
         return cls(quantity, float(expected), float(measured), float(measured - expected))
 
     @classmethod
     def norm(cls, quantity, expected, measured):
-        """Make a reading from two curves: the L2 norm of the difference over that of the first."""
+        """Return a reading of two curves: L2 norm of the difference over that of the first."""
         scale = np.linalg.norm(expected)
         error = float(np.linalg.norm(np.asarray(measured) - expected) / scale)
         return cls(quantity, 0.0, error, error)
@@ -50,7 +50,7 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """What the figure of a rung shows: what is expected and what was measured, over one axis.
+    """Expected and measured curve over one axis, for the figure of a case.
 
     Parameters
     ----------
@@ -69,8 +69,8 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Rung:
-    """A problem with a known answer.
+class Case:
+    """Verification case: a problem with a known answer.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ class Rung:
     gate : str
         "R" blocks a release, "E" gates the diagnosis, "C" comes before a claim.
     tolerance : dict of str to float
-        By quantity: the largest absolute error on the mesh that the rung names.
+        By quantity: largest absolute error on the finest mesh.
     measure : callable
         ``measure(n)`` for a mesh of ``n`` (edges per wavelength, or what ``unit`` says), or
         ``measure()`` where no mesh is involved; returns a list of `Reading` and a list of `Curve`.
@@ -90,13 +90,13 @@ class Rung:
     unit : str
         What the numbers in ``meshes`` count.
     order : float or None
-        Least observed order of convergence; None for rungs without a mesh and for exact ones.
+        Least observed order of convergence; None for cases without a mesh and for exact ones.
     ordered : tuple of str
         Quantities whose order is judged; empty: all that have a tolerance.
     quick : bool
         Whether `./dev test` runs it, on its first mesh.
     note : str
-        What the reader of the table should know: which mesh meets the tolerance and why.
+        Shown below the table: which mesh meets the tolerance and why.
     """
 
     number: str
@@ -113,11 +113,11 @@ class Rung:
     note: str = ""
 
 
-def rung(number, title, **about):
-    """Register a function as the measurement of a rung; keywords are those of `Rung`."""
+def case(number, title, **about):
+    """Register a function as the measurement of a case; keywords are those of `Case`."""
 
     def register(measure):
-        RUNGS[number] = Rung(number, title, measure=measure, **about)
+        CASES[number] = Case(number, title, measure=measure, **about)
         return measure
 
     return register
@@ -131,12 +131,12 @@ def observed_order(meshes, errors):
     return float(-np.polyfit(np.log(meshes), np.log(errors), 1)[0])
 
 
-def judged(one, readings):
-    """Judge a rung from its readings on each mesh.
+def judge(problem, readings):
+    """Compare the readings of a case on each mesh with its tolerances.
 
     Parameters
     ----------
-    one : Rung
+    problem : Case
     readings : list of list of Reading
         One list for each mesh, or one list where there is no mesh.
 
@@ -146,17 +146,18 @@ def judged(one, readings):
         One row for each quantity that has a tolerance.
     """
     rows = []
-    for quantity, tolerance in one.tolerance.items():
-        found = [next(r for r in mesh if r.quantity == quantity) for mesh in readings]
-        errors = [r.error for r in found]
+    for quantity, tolerance in problem.tolerance.items():
+        measured = [next(r for r in mesh if r.quantity == quantity) for mesh in readings]
+        errors = [r.error for r in measured]
         within = [bool(abs(error) <= tolerance) for error in errors]
-        order = observed_order(one.meshes, errors) if len(errors) > 1 else float("nan")
+        order = observed_order(problem.meshes, errors) if len(errors) > 1 else float("nan")
         rows.append({
-            "quantity": quantity, "expected": found[-1].expected, "measured": found[-1].measured,
+            "quantity": quantity, "expected": measured[-1].expected,
+            "measured": measured[-1].measured,
             "error": errors, "tolerance": tolerance,
             "order": None if np.isnan(order) else round(order, 2),
-            "met_on": _first_that_lasts(one.meshes or (None,), within),
-            "pass": within[-1] and _order_is_good(one, quantity, tolerance, errors, order),
+            "met_on": _first_that_lasts(problem.meshes or (None,), within),
+            "pass": within[-1] and _order_is_good(problem, quantity, tolerance, errors, order),
         })  # fmt: skip
     return rows
 
@@ -171,10 +172,14 @@ def _first_that_lasts(meshes, within):
     return met
 
 
-def _order_is_good(one, quantity, tolerance, errors, order):
-    """Tell whether errors fall as fast as they should, or are too small for it to matter."""
-    if one.order is None or len(errors) < 2 or (one.ordered and quantity not in one.ordered):
+def _order_is_good(problem, quantity, tolerance, errors, order):
+    """Return whether the observed order is high enough, or the errors too small to tell."""
+    if (
+        problem.order is None
+        or len(errors) < 2
+        or (problem.ordered and quantity not in problem.ordered)
+    ):
         return True
     if max(map(abs, errors)) <= max(0.1 * tolerance, 1e-12):
         return True
-    return bool(order >= one.order)
+    return bool(order >= problem.order)

@@ -1,4 +1,4 @@
-"""Free-field sides of a layered model under input from below. Rung L9."""
+"""Free-field sides of a layered model under input from below. Case L9."""
 
 from dataclasses import replace
 
@@ -11,9 +11,9 @@ from pyblast.model.material import ConstantQ
 from pyblast.model.model import Model, Receiver
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.run import simulate
+from verification.cases.layers import FIRST, ROCK, SOIL, THICKNESS
 from verification.columns import misfit, ricker
-from verification.ladder import Curve, Reading, rung
-from verification.rungs.layers import FIRST, ROCK, SOIL, THICKNESS
+from verification.suite import Curve, Reading, case
 
 AXIS = {"SV": 0, "SH": 1, "P": 2}
 AXES = ("east", "north", "vertical")
@@ -68,7 +68,7 @@ def shaken(n, wave, ground, width):
     return simulate(model, DURATION).seismograms
 
 
-@rung(
+@case(
     "L9",
     "Free-field sides under input from below",
     source="the same ground as a column with guided sides; rung 22 holds that to its closed form",

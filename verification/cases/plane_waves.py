@@ -1,4 +1,4 @@
-"""Plane waves in columns and blocks: speeds, faces and ends. Rungs 1 to 4."""
+"""Plane waves in columns and blocks: speeds, faces and ends. Cases 1 to 4."""
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from verification.columns import (
     spectrum,
     started,
 )
-from verification.ladder import Curve, Reading, rung
+from verification.suite import Curve, Reading, case
 
 FREQUENCY = 20.0
 PATTERNS = {"six tetrahedra": "kuhn", "five tetrahedra": "alternating"}
@@ -46,7 +46,7 @@ def standing(wave, n):
     return record, wanted, omega / wavenumber / SPEED[wave]
 
 
-@rung(
+@case(
     "1",
     "Column, P and S",
     source="exact dispersion of the discrete column: sin(w dt/2) = C sin(kh/2)",
@@ -132,7 +132,7 @@ def forces(constants, displacement):
     return force
 
 
-@rung(
+@case(
     "2",
     "Plane P and S in a block, nine directions",
     source="Bloch analysis of the mesh with the forces of the kernel",
@@ -180,7 +180,7 @@ def interior_gain(wave, n, ends):
     return float(np.abs(gain)[0]), curve
 
 
-@rung(
+@case(
     "3",
     "Stress input through a viscous face",
     source="paper, eq. (6), (7); v(x, t) = v_in(t - x/c)",
@@ -202,7 +202,7 @@ def stress_input(n):
     return readings, curves
 
 
-@rung(
+@case(
     "4",
     "Free and fixed end",
     source="reflection of plane waves: velocity doubles at a free end, strain at a fixed one",

@@ -1,10 +1,10 @@
-"""Waves across linear joints at normal incidence. Rungs 5 and 7."""
+"""Waves across linear joints at normal incidence. Cases 5 and 7."""
 
 import numpy as np
 
 from pyblast.model.joint import Joint
 from verification.columns import IMPEDANCE, SPEED, column, driven, spectrum
-from verification.ladder import Curve, Reading, rung
+from verification.suite import Curve, Reading, case
 
 FREQUENCY = 20.0
 BAND = np.linspace(5.0, 25.0, 21)
@@ -25,7 +25,7 @@ def passed(wave, n, planes, stiffness, far):
     return spectra[0] / spectra[1]
 
 
-@rung(
+@case(
     "5",
     "One linear joint, normal P and SH",
     source="displacement discontinuity: T = 1/(1 - i w z/2k); Schoenberg (1980)",
@@ -59,7 +59,7 @@ def one_joint(n):
     return readings, curves
 
 
-@rung(
+@case(
     "7",
     "Parallel joints: transmission and long waves",
     source="cos f = cos(ws/c) - g sin(ws/c), g = wz/2k; |T|2 = 1/[1 + (g sin Nf/sin f)2]",

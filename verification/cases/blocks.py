@@ -1,4 +1,4 @@
-"""One block on one joint: sliding, sticking, swinging. Rungs 28 and 29."""
+"""One block on one joint: sliding, sticking, swinging. Cases 28 and 29."""
 
 import math
 from dataclasses import replace
@@ -13,7 +13,7 @@ from pyblast.model.model import Model, Receiver
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 from verification.columns import ROCK
-from verification.ladder import Curve, Reading, rung
+from verification.suite import Curve, Reading, case
 
 GRAVITY, THICKNESS = 9.81, 0.5
 KN, KS = 2e9, 1e9
@@ -54,7 +54,7 @@ def pushed(model, duration, acceleration, rise=1e-9, factor=None):
     )
 
 
-@rung(
+@case(
     "28",
     "Sliding block",
     source="v = g (sin s - cos s tan f) t; it sticks where tan s < tan f",
@@ -94,7 +94,7 @@ def sliding():
     return readings, curves
 
 
-@rung(
+@case(
     "29",
     "Block on joint springs",
     source="f = sqrt(kA/m)/2 pi; limit 2/sqrt(k A/m) of a stiff block on one joint",

@@ -1,4 +1,4 @@
-"""Plane waves from outside: what faces that see them send back, tilted ground. Rungs L8, L5."""
+"""Plane waves from outside: what faces that see them send back, tilted ground. Cases L8, L5."""
 
 from dataclasses import replace
 
@@ -11,10 +11,10 @@ from pyblast.model.model import Model, Receiver
 from pyblast.model.plane_wave import PlaneWave
 from pyblast.model.source import TimeFunction
 from pyblast.solver.run import simulate
+from verification.cases.quiet_faces import sent_back
 from verification.columns import ricker, spectrum
-from verification.ladder import Curve, Reading, rung
-from verification.rungs.quiet_faces import sent_back
 from verification.solutions.free_surface import plane_field, surface_gain
+from verification.suite import Curve, Reading, case
 
 ROCK = Material.from_speeds(2500.0, 2000.0 * np.sqrt(3.0), 2000.0)
 FREQUENCY = 20.0
@@ -90,7 +90,7 @@ def one_blind_face(n, wave):
     return scattered(model, [(slowness, plane.polarisation)], 0.0)
 
 
-@rung(
+@case(
     "L8",
     "Plane waves of any incidence through viscous faces",
     source="plane waves of a homogeneous half space, Aki & Richards (2002); rung 12",
@@ -152,7 +152,7 @@ def tilted_ground(n, wave):
     return np.array([np.abs(spectrum(record.times, v, BAND) / given) for v in motion.T])
 
 
-@rung(
+@case(
     "L5",
     "Tilted ground under plane waves",
     source="reflection at a free surface, Aki & Richards (2002)",

@@ -1,12 +1,9 @@
-"""Waves across rough joints, and joints that yield from the start. Rungs L13 and L14."""
+"""Waves across rough joints, and joints that yield from the start. Cases L13 and L14."""
 
 import numpy as np
 
 from pyblast.model.joint import Joint
-from verification.columns import IMPEDANCE, spectrum
-from verification.contact import Contact
-from verification.ladder import Curve, Reading, rung
-from verification.rungs.nonlinear_joints import (
+from verification.cases.nonlinear_joints import (
     FREQUENCY,
     NEARLY_RIGID,
     OMEGA,
@@ -15,6 +12,8 @@ from verification.rungs.nonlinear_joints import (
     harmonic,
     slipping,
 )
+from verification.columns import IMPEDANCE, spectrum
+from verification.contact import Contact
 from verification.solutions.joints import past_friction
 from verification.solutions.rough_joints import (
     RoughWalls,
@@ -23,6 +22,7 @@ from verification.solutions.rough_joints import (
     past_rough_walls,
     past_yielding,
 )
+from verification.suite import Curve, Reading, case
 
 Z = IMPEDANCE["S"]
 ROUGH = {"jrc": 10.0, "jcs": 5e7, "friction": np.tan(np.radians(30.0))}
@@ -68,7 +68,7 @@ def cycle_sizes(times, motion):
     return np.array([np.sqrt(np.mean(motion[cycles == c] ** 2)) for c in range(5)])
 
 
-@rung(
+@case(
     "L13",
     "Rough joint: closes under a push, caps a shear wave, dilates and wears",
     source="rung 10's equation; rung 8's clipped wave at Barton's strength, and with its dilation",
@@ -135,7 +135,7 @@ def led(steps):
     return places, wanted, found
 
 
-@rung(
+@case(
     "L14",
     "Joint that yields from the start: cycles of shear, a shear wave",
     source="theory.md (3.17) to (3.19), integrated apart from pyblast",

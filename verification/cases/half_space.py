@@ -1,4 +1,4 @@
-"""A half space in plane strain: loads, explosions, bound waves. Rungs 13 to 16."""
+"""A half space in plane strain: loads, explosions, bound waves. Cases 13 to 16."""
 
 import numpy as np
 from scipy.optimize import curve_fit
@@ -11,8 +11,8 @@ from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Hole, PointForce, TimeFunction
 from pyblast.solver.run import simulate
 from verification.columns import ricker, started
-from verification.ladder import Curve, Reading, rung
 from verification.solutions.half_space import bound_frequency, bound_mode, surface_motion
+from verification.suite import Curve, Reading, case
 
 ROCK = Material.from_speeds(2500.0, 2000.0 * np.sqrt(3.0), 2000.0)
 FREQUENCY, DURATION = 20.0, 0.26
@@ -64,7 +64,7 @@ def compared(n, places, sources_of, wanted_of, what):
     return readings, curves
 
 
-@rung(
+@case(
     "13",
     "Lamb: line load on a half space",
     source="Lamb (1904), by discrete wave numbers (Bouchon 1981)",
@@ -98,7 +98,7 @@ def lamb(n):
     return readings + norms(curves), curves
 
 
-@rung(
+@case(
     "14",
     "Garvin: buried line explosion",
     source="Garvin (1956), by discrete wave numbers (Bouchon 1981)",
@@ -181,7 +181,7 @@ def swinging(n, kind, stiffness):
                                             "velocity [m/s]")  # fmt: skip
 
 
-@rung(
+@case(
     "15",
     "Rayleigh speed",
     source="R(k, w) = 0",
@@ -199,7 +199,7 @@ def rayleigh(n):
     return [Reading.relative("speed", wanted, found)], [curve]
 
 
-@rung(
+@case(
     "16",
     "Waves along a joint, symmetric and antisymmetric",
     source="R = 2 (kn/mu) kb2 nu_a; R = 2 (ks/mu) kb2 nu_b",

@@ -1,4 +1,4 @@
-"""What a viscous face sends back, by angle. Rung 12."""
+"""What a viscous face sends back, by angle. Case 12."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from pyblast.model.material import Material
 from pyblast.model.model import Model
 from pyblast.solver.preparation import prepare
 from verification.columns import started
-from verification.ladder import Curve, Reading, rung
+from verification.suite import Curve, Reading, case
 
 ROCK = Material.from_speeds(2500.0, 2000.0 * np.sqrt(3.0), 2000.0)
 WAVELENGTH, LENGTH, START, WIDTH = 100.0, 18.0, 9.0, 2.4
@@ -88,7 +88,7 @@ def measured(wave, angle, n):
     return float(total[-1] / total[0])
 
 
-@rung(
+@case(
     "12",
     "Viscous face against angle",
     source="Lysmer & Kuhlemeyer (1969); two reflected waves from the balance of tractions",

@@ -1,4 +1,4 @@
-"""Waves across joints that flow, slip and close, at normal incidence. Rungs 8, 10, 11, L10."""
+"""Waves across joints that flow, slip and close, at normal incidence. Cases 8, 10, 11, L10."""
 
 import numpy as np
 
@@ -8,7 +8,6 @@ from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.run import simulate
 from verification.columns import AXIS, IMPEDANCE, SPEED, column, column_model, ricker, spectrum
 from verification.contact import DT, KN, Contact
-from verification.ladder import Curve, Reading, rung
 from verification.solutions.joints import (
     past_closure,
     past_friction,
@@ -17,6 +16,7 @@ from verification.solutions.joints import (
     through_layer,
     through_maxwell,
 )
+from verification.suite import Curve, Reading, case
 
 FREQUENCY = 20.0
 OMEGA = 2.0 * np.pi * FREQUENCY
@@ -103,7 +103,7 @@ def driven_alone(kind):
     return wanted, np.conj(answer / cause)
 
 
-@rung(
+@case(
     "11",
     "Joints with Kelvin, Maxwell and thick fills, normal P and SH",
     source="displacement discontinuity with k - i w eta, Maxwell's row, layer of finite width",
@@ -175,7 +175,7 @@ def slipping(n, joint):
     return (passes, back, lost), phase, behind, given
 
 
-@rung(
+@case(
     "8",
     "Coulomb plane under a harmonic shear wave",
     source="incident wave clipped at the strength; Miller (1978)",
@@ -231,7 +231,7 @@ def closing(n, gamma, law="closure", pressed=0.0, **walls):
     return t, wanted, found, np.array([push(time) for time in t])
 
 
-@rung(
+@case(
     "10",
     "Closing joint under a half-sine push, normal P",
     source="differential equation of the hyperbola; Zhao and Cai (2001)",
@@ -267,7 +267,7 @@ def closure(n):
     return readings, curves
 
 
-@rung(
+@case(
     "L10",
     "Small waves across joints whose stiffness follows the pressure",
     source="tangent of the hyperbola, kn (1 + p/(kn Vm))^2; power of the pressure",

@@ -10,15 +10,15 @@ from pyblast.model.material import Material, MohrCoulomb
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Pressure, TimeFunction
 from pyblast.solver.run import simulate
-from verification.ladder import Curve, Reading, rung
+from verification.cases.full_space import RAYS
 from verification.meshes import ball_octant
-from verification.rungs.full_space import RAYS
 from verification.solutions.yielding_cavity import (
     Rise,
     corner_frequency,
     source_spectrum,
     yielding_cavity,
 )
+from verification.suite import Curve, Reading, case
 
 ROCK = Material.from_speeds(2500.0, 4000.0, 2309.4, cohesion=10e6, law=MohrCoulomb())
 PRESSURE = 4.0 * ROCK.cohesion
@@ -78,7 +78,7 @@ def exploded(radius, per_radius):
     return corner(radius, records["0"].times, radial)
 
 
-@rung(
+@case(
     "L7",
     "Corner of a charge in ground that yields, over eightfold charge",
     source="similarity, W^(-1/3); the smallest solved along the radius, Tresca",

@@ -1,4 +1,4 @@
-"""Gradients by one adjoint run and by the tangent, against finite differences. Rung 32."""
+"""Gradients by one adjoint run and by the tangent, against finite differences. Case 32."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from pyblast.solver.run import simulate
 from pyblast.solver.sensitivity import gradient, tangents
 from pyblast.solver.tracks import track
 from verification.columns import ROCK, ricker
-from verification.ladder import Curve, Reading, rung
+from verification.suite import Curve, Reading, case
 
 SIDES = ("west", "east", "south", "north", "bottom")
 SIZE = (40.0, 30.0, 30.0)
@@ -80,7 +80,7 @@ def both_ways(change, dt):
     return [motion(change(1.0 + sign * STEP), dt) for sign in (1.0, -1.0)]
 
 
-@rung(
+@case(
     "32",
     "Gradients by adjoint and Born",
     source="central differences of full runs",

@@ -1,4 +1,4 @@
-"""Rung 9: a line explosion beside a plane without friction, in a slab one zone thick."""
+"""Case 9: a line explosion beside a plane without friction, in a slab one zone thick."""
 
 import numpy as np
 
@@ -9,9 +9,9 @@ from pyblast.model.material import Material
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Hole, TimeFunction
 from pyblast.solver.run import simulate
-from verification.ladder import Curve, Reading, rung
 from verification.solutions.full_space import Bell
 from verification.solutions.slipping_plane import slip
+from verification.suite import Curve, Reading, case
 
 ROCK = Material.from_speeds(2500.0, 2000.0 * np.sqrt(3.0), 2000.0)
 FREQUENCY, DURATION = 20.0, 0.26
@@ -54,7 +54,7 @@ def explosion_beside(n):
     return simulate(model, DURATION).seismograms
 
 
-@rung(
+@case(
     "9",
     "Line explosion beside a frictionless plane",
     source="Cagniard's method, set-up of Day (1985)",

@@ -1,4 +1,4 @@
-"""Rayleigh damping of standing waves, and the step it allows. Rung 24."""
+"""Rayleigh damping of standing waves, and the step it allows. Case 24."""
 
 from dataclasses import replace
 
@@ -12,9 +12,9 @@ from pyblast.model.material import Damping
 from pyblast.model.model import Model
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
+from verification.cases.plane_waves import forces
 from verification.columns import AXIS, ROCK, SPEED, column_model, started
-from verification.ladder import Curve, Reading, rung
-from verification.rungs.plane_waves import forces
+from verification.suite import Curve, Reading, case
 
 EDGE, N_EDGES, CENTRAL = 5.0, 24, 25.0
 PARTS = {"both parts": (True, True), "mass": (True, False), "stiffness": (False, True)}
@@ -42,7 +42,7 @@ def decay(wave, halves, damping):
     return natural / (2.0 * np.pi), values[1] / natural, times, motion
 
 
-@rung(
+@case(
     "24",
     "Rayleigh damping of standing waves",
     source="paper, eq. (5): ratio (alpha/w + beta w)/2; free decay e^(-ratio w t)",

@@ -1,4 +1,4 @@
-"""A motion made up beforehand, with the body force that it needs. Rung 36."""
+"""A motion made up beforehand, with the body force that it needs. Case 36."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from pyblast.model.model import Model
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 from verification.columns import ROCK
-from verification.ladder import Curve, Reading, rung
+from verification.suite import Curve, Reading, case
 
 SIZE = 100.0
 SHAPE = np.array([1.0, 0.7, -0.5])
@@ -36,7 +36,7 @@ def made_up(points):
     return product[:, None] * SHAPE, SHAPE[:, None] * first[:, None, :], force
 
 
-@rung(
+@case(
     "36",
     "Manufactured solution",
     source="u = a sin sin sin sin(wt) with the body force of (1.1)",

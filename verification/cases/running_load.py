@@ -11,8 +11,8 @@ from pyblast.model.model import Model, Receiver
 from pyblast.model.source import AirBlast, TimeFunction
 from pyblast.solver.run import simulate
 from verification.columns import ricker, spectrum
-from verification.ladder import Curve, Reading, rung
 from verification.solutions.running_load import coupling, load_that_sets_out
+from verification.suite import Curve, Reading, case
 
 FREQUENCY, AIR = 20.0, 340.0
 BAND = FREQUENCY * np.array([0.6, 0.8, 1.0, 1.2, 1.4])
@@ -80,7 +80,7 @@ def load(times):
     return PRESSURE * ricker(times, FREQUENCY)
 
 
-@rung(
+@case(
     "L2",
     "Air blast over a half space, slower and faster than S waves",
     source="wave number k = w/c_a: v/p = i w nu_a kb2/(mu R), and discrete wave numbers",

@@ -1,4 +1,4 @@
-"""Rung 30: slip-weakening rupture of a fault, TPV3 of the community's benchmarks."""
+"""Case 30: slip-weakening rupture of a fault, TPV3 of the community's benchmarks."""
 
 from dataclasses import replace
 from functools import cache
@@ -13,8 +13,8 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import Material
 from pyblast.model.model import Model, Receiver, Rim
 from pyblast.solver.run import simulate
-from verification.ladder import Curve, Reading, rung
 from verification.solutions.slip_rupture import Weakening, rupture
+from verification.suite import Curve, Reading, case
 
 ROCK = Material.from_speeds(2670.0, 6000.0, 3464.0)
 LAW = Weakening(120e6, 0.677, 0.525, 0.40)
@@ -110,7 +110,7 @@ def crossing(times, slip):
     return times[after - 1] + share * (times[after] - times[after - 1])
 
 
-@rung(
+@case(
     "30",
     "Slip-weakening rupture: TPV3 on a fault of 14.4 by 12 km",
     source="spectral boundary integral, Geubelle & Rice (1995); set-up of Harris et al. (2009)",

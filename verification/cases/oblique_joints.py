@@ -1,4 +1,4 @@
-"""A plane wave across a joint at an angle, as a mode between rollers. Rung 6.
+"""A plane wave across a joint at an angle, as a mode between rollers. Case 6.
 
 Two plane waves that go up and down alike make a mode of profile cos(kz z), which rollers a half
 wavelength apart leave as it is: waves, joint and rollers know no other edges.
@@ -12,8 +12,8 @@ from pyblast.model.joint import Joint
 from pyblast.model.model import Model, Receiver
 from pyblast.solver.preparation import prepare
 from verification.columns import ROCK, spectrum, started
-from verification.ladder import Curve, Reading, rung
 from verification.solutions.joints import oblique
+from verification.suite import Curve, Reading, case
 
 FREQUENCY = 20.0
 OMEGA = 2.0 * np.pi * FREQUENCY
@@ -120,7 +120,7 @@ def wanted(slab):
     return np.transpose(ratios)
 
 
-@rung(
+@case(
     "6",
     "Oblique joint, SH and P-SV",
     source="displacement discontinuity at an angle: T = 1/(1 - i w zs cos a/2ks), 4 x 4 for P-SV",

@@ -1,16 +1,16 @@
-"""Blasts that scatter, and recorders that change what they hear. Rungs 34 and 35."""
+"""Blasts that scatter, and recorders that change what they hear. Cases 34 and 35."""
 
 import numpy as np
 
 from pyblast.signals import recorder
 from pyblast.signals.seismogram import Seismogram
 from verification.columns import ricker
-from verification.ladder import Curve, Reading, rung
+from verification.suite import Curve, Reading, case
 
 SEED, DRAWS, SCATTER = 20, 4000, 2e-3
 
 
-@rung(
+@case(
     "34",
     "Spectrum under firing scatter",
     source="E|F|2 = g |sum a e^(-iwt)|2 + (1 - g) sum a2, g = e^(-w2 s2)",
@@ -33,7 +33,7 @@ def firing_scatter():
     wanted = fade * sharp + (1.0 - fade) * np.sum(amplitudes**2)
     found, error = power.mean(axis=1), power.std(axis=1) / np.sqrt(DRAWS)
     sigmas = (found - wanted) / error
-    # the largest of 60 is below 3.6 with 98 %; the rung asks 3 of all but the largest
+    # the largest of 60 is below 3.6 with 98 %; the case asks 3 of all but the largest
     most = float(np.sort(np.abs(sigmas))[-2])
     mean = float(np.mean(found / wanted - 1.0))
     readings = [
@@ -43,7 +43,7 @@ def firing_scatter():
     return readings, [Curve("12 holes, 2 ms", frequency, wanted, found, "frequency [Hz]", "|F|2")]
 
 
-@rung(
+@case(
     "35",
     "Sensor, clock, rotation",
     source="transfer functions of theory.md section 7.1",

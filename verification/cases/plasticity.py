@@ -15,7 +15,6 @@ from pyblast.solver.assembly import patch_arrays, yield_states
 from pyblast.solver.edge_springs import edge_arrays
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
-from verification.ladder import Curve, Reading, rung
 from verification.solutions.plasticity import (
     flow_number,
     stress_around_hole,
@@ -23,6 +22,7 @@ from verification.solutions.plasticity import (
     triaxial_strength,
     yielded_radius,
 )
+from verification.suite import Curve, Reading, case
 
 CONFINING, COHESION, FRICTION, DILATION = 2e6, 1e6, np.tan(0.6), np.tan(0.2)
 GRADED = 0.4  # of the footing's half width: where cells are twice as long as beside its edge
@@ -60,7 +60,7 @@ def sampled(material, strains, confining):
     return np.array(found).T
 
 
-@rung(
+@case(
     "19",
     "Triaxial test of Mohr-Coulomb ground",
     source="sigma_1 = sigma_3 N + 2 c sqrt(N); dilation slope of the flow rule",
@@ -111,7 +111,7 @@ def quarter_ring(around, *, radius=1.0, far=30.0):
     return Mesh(points, mesh.zones, mesh.zone_group, mesh.groups, mesh.surfaces)
 
 
-@rung(
+@case(
     "20",
     "Hole in Mohr-Coulomb ground under equal stress all round",
     source="Salencon (1969)",
@@ -222,7 +222,7 @@ def pressed(fineness, *, patches, settlement=0.15, crossings=20.0):
     return 0.5 * (at[1:] + at[:-1]), np.diff(work) / np.diff(at) / (width * edge) / soil.cohesion
 
 
-@rung(
+@case(
     "21",
     "Strip footing on ground without weight or friction",
     source="Prandtl (1921): (2 + pi) c",

@@ -1,4 +1,4 @@
-"""Rungs 17 and 18: point sources in a full space, and a spherical cavity under pressure."""
+"""Cases 17 and 18: point sources in a full space, and a spherical cavity under pressure."""
 
 import numpy as np
 
@@ -8,10 +8,10 @@ from pyblast.model.material import Material
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Hole, PointForce, Pressure, TimeFunction
 from pyblast.solver.run import simulate
-from verification.ladder import Curve, Reading, rung
 from verification.meshes import ball_octant
 from verification.solutions.full_space import Bell, explosion, point_force
 from verification.solutions.spherical_cavity import cavity_motion, corner
+from verification.suite import Curve, Reading, case
 
 ROCK = Material.from_speeds(2500.0, 4000.0, 2309.4)
 DOMINANT = 20.0  # Hz of the explosion's P wave
@@ -82,7 +82,7 @@ def transform(times, values, frequencies):
     return waves @ values * (times[1] - times[0])
 
 
-@rung(
+@case(
     "17",
     "Point explosion and point force in a full space",
     source="Stokes (1849); Aki & Richards (2002), (4.4), (4.23)",
@@ -107,12 +107,12 @@ def transform(times, values, frequencies):
 def point_sources(per_wavelength, quadratic=False):
     """Compare with the closed forms at three wavelengths."""
     readings, curves = [], []
-    cases = (
+    sources = (
         ("explosion", exploded, DOMINANT, ROCK.cp),
         ("force", pushed, DOMINANT * ROCK.cs / ROCK.cp, ROCK.cs),
     )
-    for name, case, dominant, speed in cases:
-        times, wanted, found = case(per_wavelength, quadratic)
+    for name, response, dominant, speed in sources:
+        times, wanted, found = response(per_wavelength, quadratic)
         band = dominant * np.linspace(0.3, 1.0, 29)
         expected, measured = (transform(times, v, band) for v in (wanted, found))
         periods = -np.angle(measured[-1] / expected[-1]) / (2.0 * np.pi)
@@ -125,7 +125,7 @@ def point_sources(per_wavelength, quadratic=False):
     return readings, curves
 
 
-@rung(
+@case(
     "L15",
     "Zones of 15 nodes: point explosion and point force in a full space",
     source="Stokes (1849); Aki & Richards (2002), (4.4), (4.23)",
@@ -158,7 +158,7 @@ def cavity_radii(n_edges):
     return CAVITY * np.arange(1.0, 10.0, 0.5 * np.pi / n_edges)
 
 
-@rung(
+@case(
     "18",
     "Spherical cavity under pressure",
     source="Sharpe (1942), Blake (1952), re-derived for any ratio of Poisson",

@@ -7,8 +7,8 @@ from pyblast.model.material import Material
 from pyblast.model.model import Model
 from pyblast.model.source import Column, TimeFunction
 from pyblast.solver.loads import model_loads
-from verification.ladder import Curve, Reading, rung
 from verification.solutions.column import far_field, radiation
+from verification.suite import Curve, Reading, case
 
 ROCK = Material.from_speeds(2500.0, 4000.0, 2309.4)
 LENGTH, DETONATION = 12.0, 4500.0  # m, m/s
@@ -47,7 +47,7 @@ def sent(n):
     return np.moveaxis(waves, 1, 0)
 
 
-@rung(
+@case(
     "L4",
     "Far field of a detonating column, P and SV",
     source="Heelan (1953); P 1 - 2 (cs/cp)^2 cos^2 a, SV sin 2a, times sin(x)/x",
