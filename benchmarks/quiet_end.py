@@ -7,8 +7,8 @@ import numpy as np
 from pyblast.errors import InputError
 from pyblast.model.model import Model
 from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.linear_runs import Watch, seismograms
 from pyblast.solver.preparation import prepare
-from pyblast.solver.tracks import Watch, seismograms
 
 CHECKS = 10  # in the time that receivers must be quiet
 FADED = 1e-6  # of the largest value of a history, per step: it has ended

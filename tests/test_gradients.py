@@ -16,12 +16,11 @@ from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.plane_wave import PlaneWave
 from pyblast.model.source import Hole, TimeFunction
 from pyblast.signals.seismogram import Seismogram
-from pyblast.solver import tracks
-from pyblast.solver.perturbation import with_speeds
+from pyblast.solver import linear_runs as tracks
+from pyblast.solver.linear_runs import track
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
-from pyblast.solver.sensitivity import gradient, tangents
-from pyblast.solver.tracks import track
+from pyblast.solver.sensitivity import gradient, tangents, with_speeds
 from verification.columns import ROCK, misfit, ricker
 
 TIMES = np.arange(0.0, 0.06, 5e-4)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from ..errors import SolverError
 from .. import core
 from ..core import JOINT_LAWS
-from ..solver.perturbation import FAILED, STICKING_JOINTS, by_number
+from ..solver.linear_runs import FAILED, STICKING_JOINTS, by_number
 from ..solver.preparation import LEDGER_EVERY, prepare
 from ..solver.run import collect, failure
 import math

@@ -10,8 +10,8 @@ from ..model.boundary import StressInput, VelocityInput
 from ..model.model import Model, Receiver
 from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
 from ..signals.seismogram import Seismogram
+from ..solver.linear_runs import STICKING_JOINTS
 from ..solver.loads import ADDERS, Loads
-from ..solver.perturbation import STICKING_JOINTS
 
 CHARGES = (Hole, Column)
 KINDS = (*CHARGES, MomentTensor, PointForce)

@@ -13,10 +13,9 @@ from ..errors import InputError, SolverError
 from ..mesh.mesh import locate
 from ..model.model import Model
 from ..model.source import Column, PointForce
-from ..solver.perturbation import STICKING_JOINTS, at_rest, refuse_slip
+from ..solver.linear_runs import STICKING_JOINTS, at_rest, listening, refuse_slip, stretches
 from ..solver.preparation import LEDGER_EVERY, Prepared, prepare
 from ..solver.run import simulate
-from ..solver.tracks import listening, stretches
 from .cache import Cache, input_hash
 from .greens import (
     NEAR,

@@ -3,7 +3,12 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
+from ..core import JOINT_LAWS, ZONE_LAWS
 from ..mesh import tetrahedra
+from ..mesh.tetrahedra import shape_gradients
+from ..model.joint import carried_over
+from .assembly import initial_state, stiffness_arrays
+from .loads import static_conditions
 
 BINS = 200
 TENSOR = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
@@ -126,3 +131,174 @@ def static_loads(model, geometry):
         np.add.at(load, nodes.contacts.minus, force)
         np.add.at(load, nodes.contacts.plus, -force)
     return load, traction, float(np.linalg.norm(corner, axis=2).sum())
+
+
+GAP = 5  # column of contact_state of every law that opens, m
+LOCAL_DAMPING = 0.8
+# Local damping raises the force that slows a node by 1.8, which shortens an elastic step by
+# 1/sqrt(1.8), but a step ruled by stiffness damping by 1/1.8: that damping is left out.
+STATIC_STEP_FACTOR = 0.7
+
+
+def static_arrays(model, geometry):
+    """Return weight, in-situ stress and rollers of the static stage, and the scale of forces."""
+    node_load, contact_initial, scale = static_loads(model, geometry)
+    joint_law = geometry["joint_law"]
+    flows = joint_law == JOINT_LAWS["maxwell"].number  # it would never come to rest
+    moduli = (model.zone_values("first_lame"), model.zone_values("shear"))
+    arrays = {
+        "dt": geometry["dt"] * min(1.0, STATIC_STEP_FACTOR / model.step_factor),
+        "set_beta": np.zeros_like(geometry["set_beta"]),
+        "set_branch": np.zeros_like(geometry["set_branch"]),
+        "memory_rate": np.zeros_like(geometry["memory_rate"]),
+        **dict(zip(("zone_lambda", "zone_shear"), moduli, strict=True)),
+        "row_initial": stressed_rows(geometry, insitu_stress(model)),
+        "joint_law": np.where(flows, JOINT_LAWS["elastic"].number, joint_law).astype("i4"),
+        "node_alpha": np.zeros_like(geometry["node_alpha"]),
+        "local_damping": LOCAL_DAMPING,
+        "node_load": node_load,
+        "contact_initial": contact_initial,
+        **static_conditions(model, geometry),
+        "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),
+        "receiver_weight": np.zeros((0, model.nodes.zone_nodes.shape[1])),
+    }
+    both = {**geometry, **arrays}
+    return {**arrays, **stiffness_arrays(model.nodes, both)}, scale
+
+
+PLASTIC, HARDENING = slice(6, 12), slice(12, 14)  # columns of row_state of a zone that can yield
+
+
+def can_yield(constants):
+    """Tell for every zone whether its law is one that yields, (n_zones,) bool."""
+    yields = constants["set_law"] == ZONE_LAWS["mohr-coulomb"].number
+    return np.repeat(yields[constants["domain_set"]], np.diff(constants["domain_zone_start"]))
+
+
+def stressed_rows(constants, stress):
+    """Return ``row_initial`` with the stress (n_zones, 6) of the zones that can yield in it."""
+    yields = can_yield(constants)
+    initial = constants["row_initial"].copy()
+    initial[constants["zone_row"][yields]] = stress[yields]
+    return initial
+
+
+def settled_rows(constants, static, settled):
+    """Return ``row_initial`` and ``row_state`` that go on from the end of the static stage.
+
+    Zones that can yield start from their settled stress, strained no more but as hardened or
+    softened as they are.
+    """
+    yields = can_yield(constants)
+    rows = constants["zone_row"][yields]
+    initial, memory = constants["row_initial"].copy(), np.zeros_like(settled["row_state"])
+    initial[rows] = static["row_initial"][rows] + excess_stress(static, settled)[yields]
+    memory[rows, HARDENING] = settled["row_state"][rows, HARDENING]
+    return initial, memory
+
+
+def yield_states(constants, state):
+    """Return what the zones that can yield have come to.
+
+    Parameters
+    ----------
+    constants : dict
+        Of a `Prepared`.
+    state : dict
+        Of a `Run` or `Prepared`.
+
+    Returns
+    -------
+    zone : (n,) int64
+    stress : (n, 6) float64, Pa
+        Whole stress by the zone's own law, before the means of patches; theory.md (2.32).
+    plastic : (n, 2) float64
+        Largest shear and tensile plastic strain since the ground was untouched.
+    """
+    zone = np.flatnonzero(can_yield(constants))
+    row = constants["zone_row"][zone]
+    memory = state["row_state"][row]
+    stress = constants["row_initial"][row] + excess_stress(constants, state)[zone]
+    return zone, stress, memory[:, HARDENING]
+
+
+def excess_stress(constants, state):
+    """Return the stress over the initial one that zones had when forces were last found.
+
+    Parameters
+    ----------
+    constants, state : dict
+        Of a march.
+
+    Returns
+    -------
+    (n_zones, 6) float64, Pa
+        By Hooke's law, mean strains of patches and plastic strains; theory.md (2.32).
+    """
+    then = state["displacement"] - constants["dt"] * state["velocity"]
+    domain = np.repeat(
+        np.arange(len(constants["domain_set"])), np.diff(constants["domain_zone_start"])
+    )
+    slot = constants["zone_slot"].T[:, :4] + constants["domain_slot_start"][domain][:, None]
+    moved = then[constants["slot_node"][slot]]
+    slope = np.einsum(
+        "zki,zkj->zij", moved[:, 1:] - moved[:, :1], shape_gradients(constants["slot_place"], slot)
+    )
+    strain = (slope + slope.transpose(0, 2, 1))[:, (0, 1, 2, 1, 2, 0), (0, 1, 2, 2, 0, 1)]
+    strain[:, :3] *= 0.5
+    patch, shared = constants["zone_patch"], constants["zone_patch"] >= 0
+    mean = _dilations(constants, then)[(patch + constants["domain_patch_start"][domain])[shared]]
+    strain[shared, :3] += ((mean - strain[shared, :3].sum(axis=1)) / 3.0)[:, None]
+    yields = can_yield(constants)
+    strain[yields] -= state["row_state"][constants["zone_row"][yields], PLASTIC]
+    stress = constants["zone_shear"][:, None] * strain * ([2.0] * 3 + [1.0] * 3)
+    stress[:, :3] += (constants["zone_lambda"] * strain[:, :3].sum(axis=1))[:, None]
+    return stress
+
+
+def _dilations(constants, motion):
+    """Return how patches swell with the motion (n_nodes, 3) of the nodes, (n_patches,)."""
+    starts = constants["domain_patch_start"]
+    patch = np.repeat(np.arange(starts[-1]), np.diff(constants["patch_start"])[: starts[-1]])
+    domain = np.searchsorted(starts, patch, side="right") - 1
+    slot = constants["patch_slot"] + constants["domain_slot_start"][domain]
+    parts = (constants["patch_gradient"] * motion[constants["slot_node"][slot]]).sum(axis=1)
+    return np.bincount(patch, parts, minlength=starts[-1])
+
+
+def after_static(constants, static, settled):
+    """Start the dynamic stage from the tractions and joint states at the end of the static one.
+
+    An open contact keeps its gap: its initial traction is the tension that a spring of its
+    ``kn`` would have, balanced by a constant load, so it closes where it did before. A zone that
+    can yield starts from its settled stress, strained no more but as hardened or softened as it is.
+
+    Parameters
+    ----------
+    constants : dict
+        Of the dynamic stage.
+    static, settled : dict
+        Constants and final state of the static stage.
+
+    Returns
+    -------
+    constants, state : dict
+    """
+    normal, area = static["contact_normal"], static["contact_area"]
+    minus, plus = static["contact_node"].T
+    kn = static["joint_property"][static["contact_joint"], 0]
+    law = constants["joint_law"][static["contact_joint"]]
+    opens = np.array(["gap" in one.state for one in JOINT_LAWS.values()])
+    virtual = (opens[law] * kn * settled["contact_state"][:, GAP])[:, None] * normal
+    initial = settled["contact_traction"] + virtual
+    load = np.zeros_like(settled["displacement"])
+    np.add.at(load, minus, area[:, None] * virtual)
+    np.add.at(load, plus, -area[:, None] * virtual)
+    stress, memory = settled_rows(constants, static, settled)
+    begun = {"contact_initial": initial, "node_load": load, "row_initial": stress}
+    constants = {**constants, **begun}
+    contact_state = carried_over(law, settled["contact_state"])
+    state = initial_state(constants, contact_state)
+    state["contact_traction"] = settled["contact_traction"].copy()
+    state["row_state"] = memory
+    return constants, state

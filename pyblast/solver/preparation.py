@@ -20,6 +20,7 @@ from ..model.model import Model
 from . import assembly
 from .edge_springs import marching_bytes
 from .free_field import side_loads
+from .initial_stress import after_static, static_arrays
 from .model_file import write_model
 from .time_step import CriticalStep
 
@@ -158,7 +159,7 @@ def prepare(model: Model, duration: float, progress: Callable | None = None, ste
     constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps, sides)}
     state = assembly.initial_state(constants)
     if settled is not None:
-        constants, state = assembly.after_static(constants, *settled)
+        constants, state = after_static(constants, *settled)
     marked = fingerprint(constants, state, {"single": model.single})
     return Prepared(constants, state, n_steps, limit, static, marked, model.single)
 
@@ -175,7 +176,7 @@ def _marched(model, duration):
 
 def _equilibrate(model, geometry, progress):
     """Relax to equilibrium; return a report, and the arrays and the state at rest."""
-    arrays, scale = assembly.static_arrays(model, geometry)
+    arrays, scale = static_arrays(model, geometry)
     constants = {**geometry, **arrays, **assembly.still_loads(STATIC_STEPS)}
     state = assembly.initial_state(constants)
     views = core.to_fortran(constants)

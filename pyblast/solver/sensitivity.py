@@ -1,34 +1,147 @@
 """Sensitivity of linear models: gradients by the adjoint, tangents by Born's approximation."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import InputError
 from ..mesh.mesh import volumes
-from ..model.boundary import StressInput
+from ..model.boundary import FreeField, StressInput
 from ..model.model import Model
+from ..model.plane_wave import PlaneWave
+from ..model.source import Column
 from ..signals.seismogram import Seismogram
-from .perturbation import (
+from .linear_runs import (
     NORMAL,
     SHEAR,
-    STEP,
     Answer,
-    Change,
+    Track,
+    Watch,
     at_rest,
     by_number,
-    difference,
     face_nodes,
     faces,
     flat,
     jump_matrix,
+    point_loads,
     refuse_nonlinear,
     refuse_slip,
+    seismograms,
     strain_matrix,
-    with_speeds,
+    stress_drive,
+    stretches,
 )
+from .loads import surface_impedance
 from .preparation import prepare
-from .tracks import Track, Watch, point_loads, seismograms, stress_drive, stretches
+
+STEP = 1e-3  # of speeds; impedances are linear in them
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """A change of stiffness, contact by contact, zone by zone, face by face.
+
+    Parameters
+    ----------
+    kn, ks : (n_contacts,) float64, Pa/m
+    p_modulus, s_modulus : (n_zones,) float64, Pa
+        Moduli of P and S waves after everything has relaxed.
+    impedance : list of (n_face_nodes, 3, 3) float64, N s/m
+        At the nodes of each of `faces`.
+    """
+
+    kn: np.ndarray
+    ks: np.ndarray
+    p_modulus: np.ndarray
+    s_modulus: np.ndarray
+    impedance: list
+
+
+def difference(model, changed):
+    """Return the `Change` from one model to another with the same mesh, masses and loads.
+
+    Moduli and stiffness are taken as they are, so a change of moduli is exact to all orders.
+
+    Raises
+    ------
+    InputError
+        If anything else than the stiffness of joints and the moduli of materials differs, or
+        moduli where a source follows them.
+    """
+    _refuse_others(model, changed)
+    stiffness = [_stiffness(one) for one in (model, changed)]
+    moduli = [one.zone_moduli() for one in (model, changed)]
+    lame, shear = (moduli[1][k] - moduli[0][k] for k in range(2))
+    if lame.any() or shear.any():
+        _refuse_led(model)
+    walls = [[_impedance(one, face) for face in faces(one)] for one in (model, changed)]
+    impedance = [after - before for before, after in zip(*walls, strict=True)]
+    kn, ks = (stiffness[1] - stiffness[0]).T
+    return Change(kn, ks, lame + 2.0 * shear, shear, impedance)
+
+
+def _stiffness(model):
+    """Return kn and ks of every contact, (n_contacts, 2) Pa/m."""
+    if model.mesh.contacts is None:
+        return np.zeros((0, 2))
+    table = [[joint.properties[name] for name in ("kn", "ks")] for joint in by_number(model)]
+    return np.array(table)[model.mesh.contacts.joint]
+
+
+def _impedance(model, boundary):
+    """Return the impedance (n_nodes, 3, 3) at the nodes of a face, ascending."""
+    known = surface_impedance(model, boundary.surface)
+    return np.array([known[int(node)] for node in face_nodes(model, boundary)])
+
+
+def _refuse_others(model, changed):
+    """Refuse a changed model that differs in more than stiffness."""
+    unlike = [
+        name
+        for name in ("mesh", "boundaries", "damping", "sources", "rim", "ground")
+        if getattr(model, name) is not getattr(changed, name)
+        and getattr(model, name) != getattr(changed, name)
+    ]
+    unlike += [
+        f"materials.{g}"
+        for g in model.mesh.groups
+        if (model.materials[g].density, model.materials[g].law)
+        != (changed.materials[g].density, changed.materials[g].law)
+    ]
+    unlike += [
+        f"joints.{one.surface}"
+        for one, other in zip(by_number(model), by_number(changed), strict=True)
+        if _beside_stiffness(one) != _beside_stiffness(other)
+    ]
+    if unlike:
+        raise InputError(
+            f"{unlike[0]}: a gradient knows changes of kn, ks and of moduli only; "
+            "leave the rest of the changed model as it is"
+        )
+
+
+def _refuse_led(model):
+    """Refuse a change of the ground where loads follow it in ways that are not known here."""
+    for load in (*model.sources, *model.boundaries):
+        if isinstance(load, (Column, PlaneWave, FreeField)):
+            raise InputError(
+                f"sources: a {type(load).__name__} follows the moduli of the ground, which "
+                "gradients do not know; change joints only, or use other sources"
+            )
+
+
+def _beside_stiffness(joint):
+    """Return what a change must leave of a joint."""
+    rest = {n: value for n, value in joint.properties.items() if n not in ("kn", "ks")}
+    return joint.law, rest, joint.fill_mass
+
+
+def with_speeds(model, group, cp=1.0, cs=1.0):
+    """Return the model with the speeds of a group multiplied; density stays."""
+    old = model.materials[group]
+    p, shear = old.density * (cp * old.cp) ** 2, old.shear * cs**2
+    new = replace(old, bulk=p - 4.0 / 3.0 * shear, shear=shear)
+    return replace(model, materials={**model.materials, group: new})
 
 
 def tangents(

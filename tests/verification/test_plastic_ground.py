@@ -19,7 +19,7 @@ from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.report.vtk import write_zones, yield_fields
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver import assembly
-from pyblast.solver.assembly import yield_states
+from pyblast.solver.initial_stress import yield_states
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 from verification.cases.anisotropy import DIRECTIONS, mesh_speeds

@@ -12,11 +12,10 @@ from pyblast.model.material import Damping, Material
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Hole, TimeFunction
 from pyblast.signals.seismogram import Seismogram
-from pyblast.solver.perturbation import with_speeds
+from pyblast.solver.linear_runs import track
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
-from pyblast.solver.sensitivity import gradient, tangents
-from pyblast.solver.tracks import track
+from pyblast.solver.sensitivity import gradient, tangents, with_speeds
 from verification.columns import ROCK, ricker
 from verification.suite import Curve, Reading, case
 

@@ -11,8 +11,9 @@ from pyblast.model.boundary import Fixed, VelocityInput
 from pyblast.model.material import Material, MohrCoulomb
 from pyblast.model.model import InSitu, Model
 from pyblast.signals.seismogram import Seismogram
-from pyblast.solver.assembly import patch_arrays, yield_states
+from pyblast.solver.assembly import patch_arrays
 from pyblast.solver.edge_springs import edge_arrays
+from pyblast.solver.initial_stress import yield_states
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 from verification.solutions.plasticity import (
