@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.reduction import reduced_model as learning
-from benchmarks.reduction import snapshots as training
+from benchmarks.reduction import reduced_model, snapshots
 from benchmarks.reduction.families import Ranges, family
 from benchmarks.reduction.projection import project, solve
 from benchmarks.reduction.reduced_model import reduced
@@ -92,7 +91,7 @@ def off(one, small, found, values):
     known = simulate(one.model(values), one.duration, prepared=one.stressed(values))
     motion = small.contour.to_time(found.velocity).reshape(one.n_steps, -1, 3)
     wanted = waveforms(known.seismograms)
-    got = waveforms(learning.seismograms(one.base, motion, one.dt))
+    got = waveforms(reduced_model.seismograms(one.base, motion, one.dt))
     return np.abs(got - wanted).max() / np.abs(wanted).max()
 
 
@@ -187,8 +186,8 @@ def test_runs_side_by_side_teach_what_single_ones_do():
     one = family(jointed(), Ranges(RANGES), 0.08, 300.0)
     values = one.ranges.validation(3, 4)
 
-    for together, value in zip(training.samples(one, values), values, strict=True):
-        alone = training.samples(one, [value])[0]
+    for together, value in zip(snapshots.samples(one, values), values, strict=True):
+        alone = snapshots.samples(one, [value])[0]
 
         assert np.abs(together.motion - alone.motion).max() < 1e-12 * np.abs(alone.motion).max()
         spread = [modes @ modes.T for modes in (together.modes, alone.modes)]
@@ -197,7 +196,7 @@ def test_runs_side_by_side_teach_what_single_ones_do():
 
 def test_a_run_in_store_is_not_made_again(tmp_path, monkeypatch):
     first = learnt(runs=2, store=tmp_path)
-    monkeypatch.setattr(training, "_march", None)
+    monkeypatch.setattr(snapshots, "_integrate", None)
 
     second = learnt(runs=2, store=tmp_path)
 
@@ -220,7 +219,7 @@ def test_it_refuses_where_contacts_of_a_full_run_slip():
         learnt(slips, runs=3).predict(VALUES)
     one = family(slips, Ranges(RANGES), 0.08, 300.0)
     ended = simulate(one.model(VALUES), one.duration, prepared=one.stressed(VALUES))
-    assert learning.count_failed(ended) > 0
+    assert reduced_model.count_failed(ended) > 0
 
 
 def test_it_refuses_what_it_was_not_trained_for(small):

@@ -5,6 +5,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 
@@ -16,7 +17,7 @@ ANGLE_TOLERANCE = math.radians(2.0)
 LENGTH_TOLERANCE = 0.1
 
 
-def hole_sentences(blast):
+def hole_sentences(blast: "Blast") -> list[str]:
     """Check times, charges, names, places, angles and lengths.
 
     Parameters
@@ -178,7 +179,7 @@ class Firing:
     times: np.ndarray
     scales: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the fields once and make them read-only."""
         times = np.array(self.times, dtype=np.float64, ndmin=1)
         scales = np.array(np.broadcast_to(self.scales, times.shape), dtype=np.float64)
@@ -192,13 +193,13 @@ class Firing:
             object.__setattr__(self, name, values)
 
     @classmethod
-    def rows(cls, n_rows, holes_per_row, delay):
+    def rows(cls, n_rows: int, holes_per_row: int, delay: float) -> "Firing":
         """Fire row after row, ``delay`` s apart; the holes of a row together, all scales 1."""
         if n_rows < 1 or holes_per_row < 1:
             raise InputError(f"firing.rows: need at least 1 x 1, got {n_rows} x {holes_per_row}")
         return cls(np.repeat(delay * np.arange(n_rows), holes_per_row), 1.0)
 
-    def comb_spectrum(self, frequency):
+    def comb_spectrum(self, frequency: ArrayLike) -> np.ndarray:
         """Return ``|sum a_i exp(-2 pi i f t_i)| / sum a_i`` at each frequency [Hz]; 1 at 0 Hz."""
         total = np.sum(self.scales)
         if total == 0.0:
@@ -206,7 +207,7 @@ class Firing:
         turns = np.outer(np.atleast_1d(frequency), self.times)
         return np.abs(np.exp(-2j * np.pi * turns) @ self.scales) / abs(total)
 
-    def scattered(self, sigma, generator):
+    def scattered(self, sigma: float, generator: np.random.Generator) -> "Firing":
         """Add normal scatter of standard deviation ``sigma`` s, drawn from ``generator``."""
         if sigma < 0.0:
             raise InputError(f"firing.scattered: sigma must not be negative, got {sigma:g} s")
@@ -258,7 +259,7 @@ class Blast:
     notes: tuple[str, ...] = field(default=())
     explosive_density: float = ANFO_DENSITY
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the fields once, spread single values over the holes, make arrays read-only."""
         collar = np.array(self.collar, dtype=np.float64)
         if collar.ndim != 2 or collar.shape[1] != 3 or len(collar) == 0:
@@ -308,18 +309,18 @@ class Blast:
             raise InputError(f"blast.{name}: {rule}, got {value} at hole {self.hole_ids[wrong[0]]}")
 
     @property
-    def length(self):
+    def length(self) -> np.ndarray:
         """Distance from collar to toe, (n_holes,) m."""
         return np.linalg.norm(self.toe - self.collar, axis=1)
 
     @property
-    def centres(self):
+    def centres(self) -> np.ndarray:
         """Middle of each charge, (n_holes, 3) m."""
         middle = self._charged_share().mean(axis=1)
         return self.collar + middle[:, None] * (self.toe - self.collar)
 
     @property
-    def columns(self):
+    def columns(self) -> np.ndarray:
         """Upper and lower end of each charge, (n_holes, 2, 3) m.
 
         Those of its deck where given; else of the column that the charge fills above the toe; of
@@ -337,11 +338,11 @@ class Blast:
         return np.where(no_deck, above_toe, self.deck / length[:, None])
 
     @property
-    def charge_length(self):
+    def charge_length(self) -> np.ndarray:
         """Length that each charge fills at the density of its explosive, (n_holes,) m."""
         return self.charge / (self.explosive_density * math.pi / 4.0 * self.diameter**2)
 
-    def firing(self, reference_charge=None, exponent=1.0):
+    def firing(self, reference_charge: float | None = None, exponent: float = 1.0) -> Firing:
         """Turn the blast into times and scales.
 
         Parameters
@@ -369,11 +370,11 @@ class Blast:
         scales = (self.charge / reference_charge) ** exponent
         return Firing(self.times, np.where(self.charge == 0.0, 0.0, scales))
 
-    def charge_per_window(self, window=CHARGE_WINDOW):
+    def charge_per_window(self, window: float = CHARGE_WINDOW) -> float:
         """Return the largest charge [kg] that fires in any window [t, t + window) s."""
         return float(np.max(self.window_charges(window)[1]))
 
-    def window_charges(self, window=CHARGE_WINDOW):
+    def window_charges(self, window: float = CHARGE_WINDOW) -> tuple[np.ndarray, np.ndarray]:
         """Return the firing times in order and the charge in the half-open window from each."""
         if not window > 0.0:
             raise InputError(f"charge_per_window: window must be positive, got {window:g} s")
@@ -392,13 +393,13 @@ class Blast:
                 f"blast.charge: missing for {self.named(missing)}; give charge_kg in the table"
             )
 
-    def named(self, chosen):
+    def named(self, chosen: np.ndarray) -> str:
         """Name up to five of the holes where ``chosen`` (n_holes,) is true."""
         ids = [self.hole_ids[n] for n in np.flatnonzero(chosen)]
         noun = "hole" if len(ids) == 1 else f"{len(ids)} holes:"
         return f"{noun} {', '.join(ids[:5])}{', ...' if len(ids) > 5 else ''}"
 
-    def checks(self):
+    def checks(self) -> list[str]:
         """Say in plain sentences what a blaster wants to know before trusting the table.
 
         Returns

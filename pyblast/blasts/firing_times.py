@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import fft
 from scipy.stats import norm
 
@@ -52,13 +53,13 @@ class HoleFit:
     whiten: Callable | None
     shape: tuple[int, ...]
 
-    def whitened(self, motion):
+    def whitened(self, motion: np.ndarray) -> np.ndarray:
         """Return motion after the operator."""
         if self.whiten is None:
             return motion
         return np.asarray(self.whiten(motion.reshape(self.shape))).reshape(motion.shape)
 
-    def motion(self, hole, delay, rate=False):
+    def motion(self, hole: int, delay: float, rate: bool = False) -> np.ndarray:
         """Return the motion by one hole, or how it changes with its time."""
         spectrum = np.exp(-self.turns * (self.nominal[hole] + delay)) * self.spectra[hole]
         if rate:
@@ -66,7 +67,7 @@ class HoleFit:
         moved = fft.irfft(spectrum, self.size, overwrite_x=True)
         return moved[..., : self.recorded.shape[-1]]
 
-    def remainder(self, values):
+    def remainder(self, values: np.ndarray) -> np.ndarray:
         """Return what is left of the whitened record."""
         n_holes = len(self.nominal)
         spectrum = sum(
@@ -78,7 +79,7 @@ class HoleFit:
         motion = fft.irfft(spectrum, self.size)[..., : self.recorded.shape[-1]]
         return self.whitened(self.recorded - motion)
 
-    def derivatives(self, values):
+    def derivatives(self, values: np.ndarray) -> np.ndarray:
         """Return how the whitened motion changes with each value, (2 n_holes, ...)."""
         n_holes = len(self.nominal)
         by_time = [
@@ -89,12 +90,12 @@ class HoleFit:
         return np.stack([*by_time, *by_scale])
 
     @property
-    def prior(self):
+    def prior(self) -> np.ndarray:
         """Values of the plan."""
         return np.repeat([0.0, 1.0], len(self.nominal))
 
 
-def settled(fit) -> tuple[np.ndarray, float, float]:
+def settled(fit: HoleFit) -> tuple[np.ndarray, float, float]:
     """Return the best values, the variance of the noise, and its excess; theory.md (13.1), (13.2).
 
     The noise begins as loud as all that the plan does not explain, so that the prior holds the
@@ -113,7 +114,7 @@ def settled(fit) -> tuple[np.ndarray, float, float]:
     return values, variance, temper
 
 
-def each_alone(fit, values, variance):
+def each_alone(fit: HoleFit, values: np.ndarray, variance: float) -> np.ndarray:
     """Try all times of each hole in turn, with the best scale of each, until none moves."""
     values, n_holes = values.copy(), len(fit.nominal)
     remainder = fit.remainder(values)
@@ -147,7 +148,7 @@ def _best_alone(fit, hole, now, alone, variance):
     return best
 
 
-def together(fit, values, variance):
+def together(fit: HoleFit, values: np.ndarray, variance: float) -> np.ndarray:
     """Move all times and scales at once to the next minimum, by damped Gauss-Newton steps."""
     damping, unit = 1e-3, np.append(fit.pace, np.ones(len(fit.nominal)))
     remainder = fit.remainder(values)
@@ -170,12 +171,12 @@ def together(fit, values, variance):
     return values
 
 
-def objective(fit, values, remainder, variance):
+def objective(fit: HoleFit, values: np.ndarray, remainder: np.ndarray, variance: float) -> float:
     """Return the misfit with what the prior adds; theory.md (13.1)."""
     return np.sum(remainder**2) / variance + fit.trust @ (values - fit.prior) ** 2
 
 
-def level(fit, values) -> tuple[float, float]:
+def level(fit: HoleFit, values: np.ndarray) -> tuple[float, float]:
     """Return the variance of the noise as far as these values go, and its excess; theory.md (13.2).
 
     Mean square of the remainder, times how much more the derivatives of the misfit differ between
@@ -216,7 +217,14 @@ def _by_receiver_and_band(rows, remainder):
     return np.stack([product[..., band == k].sum(axis=-1) for k in range(BANDS)], axis=-1)
 
 
-def hole_fit(greens, recorded, dt, nominal, spread, whiten) -> HoleFit:
+def hole_fit(
+    greens: np.ndarray,
+    recorded: np.ndarray,
+    dt: float,
+    nominal: np.ndarray,
+    spread: np.ndarray,
+    whiten: Callable | None,
+) -> HoleFit:
     """Prepare a fit; arguments as `firing_times` has checked them."""
     n_holes, n_receivers, n = len(nominal), len(recorded), recorded.shape[-1]
     reach = int(np.ceil(REACH * spread[:n_holes].max() / dt))
@@ -262,11 +270,11 @@ class FiringTimes:
         """Times and scales, ready to be superposed."""
         return Firing(self.times, self.scales)
 
-    def intervals(self, share=0.90):
+    def intervals(self, share: float = 0.90) -> np.ndarray:
         """Return intervals (n_holes, 2) of the times in s that hold each with this probability."""
         return self._around(self.times, slice(0, len(self.times)), share)
 
-    def scale_intervals(self, share=0.90):
+    def scale_intervals(self, share: float = 0.90) -> np.ndarray:
         """Return intervals (n_holes, 2) of the scales that hold each with this probability."""
         return self._around(self.scales, slice(len(self.times), None), share)
 
@@ -279,13 +287,13 @@ class FiringTimes:
 
 
 def firing_times(
-    greens,
-    recorded,
+    greens: ArrayLike,
+    recorded: ArrayLike,
     dt: float,
-    nominal,
+    nominal: ArrayLike,
     *,
-    sigma,
-    scale_sigma=0.3,
+    sigma: ArrayLike,
+    scale_sigma: ArrayLike = 0.3,
     whiten: Callable | None = None,
 ) -> FiringTimes:
     """Find times and scales of the holes that explain records of their blast.

@@ -5,6 +5,7 @@ import io
 import math
 import re
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -35,8 +36,8 @@ class Layout:
     """
 
     name: str
-    columns: dict
-    needs: tuple = ()
+    columns: dict[str, int | str]
+    needs: tuple[str, ...] = ()
     axes: str = "east_north"
     angle_from: str = ""
 
@@ -154,12 +155,12 @@ WITHOUT_HEADER = {
 }
 
 
-def plain(header):
+def plain(header: str) -> str:
     """Write a header in lower case with single underscores: "Hole ID" is "hole_id"."""
     return re.sub(r"[^a-z0-9]+", "_", header.strip().lower()).strip("_")
 
 
-def recognise(first_row):
+def recognise(first_row: Sequence[str]) -> tuple[Layout | None, bool]:
     """Find the layout of a table from its first row.
 
     Parameters
@@ -205,7 +206,7 @@ OPTIONS = {
 }
 
 
-def read_blast(path, mapping=None) -> Blast:
+def read_blast(path: str | Path, mapping: str | Path | dict | None = None) -> Blast:
     """Read a hole table; the layout is found from the columns, not from the file's name.
 
     Parameters
@@ -250,7 +251,7 @@ def read_blast(path, mapping=None) -> Blast:
         raise ReadError(f"{path.name}: {error}") from None
 
 
-def absolute_times(names, origins, delays):
+def absolute_times(names: Sequence[str], origins: Sequence[str], delays: np.ndarray) -> np.ndarray:
     """Add up delays along the ties between holes.
 
     Parameters

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import stats
 
 from ..errors import InputError, ReadError
@@ -58,12 +59,12 @@ class SiteLaw:
         """
         return self.k * 10.0 ** (stats.norm.ppf(0.95) * self.s)
 
-    def beta_interval(self, share=0.90):
+    def beta_interval(self, share: float = 0.90) -> tuple[float, float]:
         """Return the ends of the interval that holds beta with this probability."""
         half = stats.t.ppf(0.5 + 0.5 * share, self.n - 2) * self.s / math.sqrt(self.breadth)
         return self.beta - half, self.beta + half
 
-    def line(self, distance, charge, share=0.5):
+    def line(self, distance: ArrayLike, charge: ArrayLike, share: float = 0.5) -> np.ndarray:
         """Return the peak velocity that this share of new blasts stays below; theory.md (13.4).
 
         Parameters
@@ -98,7 +99,7 @@ class SiteLaw:
         factor = 10.0 ** (stats.t.ppf(share, self.n - 2) * spread)
         return self.k * scaled**-self.beta * factor
 
-    def largest_charge(self, distance, ppv, share=0.95):
+    def largest_charge(self, distance: float, ppv: float, share: float = 0.95) -> float:
         """Return the charge in 8 ms whose peak stays below ``ppv`` in this share of new blasts.
 
         Parameters
@@ -129,7 +130,9 @@ class SiteLaw:
         return float((distance / at) ** (1.0 / self.charge_exponent))
 
 
-def scaled_distance(distance, charge, charge_exponent=0.5):
+def scaled_distance(
+    distance: ArrayLike, charge: ArrayLike, charge_exponent: float = 0.5
+) -> np.ndarray:
     """Return ``distance / charge^charge_exponent``, m and kg; refuse what is not positive."""
     distance, charge = np.asarray(distance, dtype=float), np.asarray(charge, dtype=float)
     for name, values in (("distance", distance), ("charge", charge)):
@@ -143,7 +146,9 @@ def scaled_distance(distance, charge, charge_exponent=0.5):
     return distance / charge**charge_exponent
 
 
-def scaled_distance_ppv(distance, charge, k=0.5, exponent=1.6):
+def scaled_distance_ppv(
+    distance: ArrayLike, charge: ArrayLike, k: float = 0.5, exponent: float = 1.6
+) -> np.ndarray:
     """Return the PPV [m/s] of ``k (distance / sqrt(charge))^-exponent``, distance in m, kg.
 
     The default k = 0.5 m/s and exponent 1.6 are those given with AS 2187.2 for hard rock and a
@@ -152,7 +157,9 @@ def scaled_distance_ppv(distance, charge, k=0.5, exponent=1.6):
     return k * scaled_distance(distance, charge) ** -exponent
 
 
-def fit_site_law(distance, charge, ppv, charge_exponent=0.5) -> SiteLaw:
+def fit_site_law(
+    distance: ArrayLike, charge: ArrayLike, ppv: ArrayLike, charge_exponent: float = 0.5
+) -> SiteLaw:
     """Fit the law of a site to the peaks of its blasts.
 
     Parameters
@@ -259,7 +266,7 @@ class SiteRecords(NamedTuple):
     ppv: np.ndarray
 
 
-def read_site_records(path) -> SiteRecords:
+def read_site_records(path: str | Path) -> SiteRecords:
     """Read columns such as ``distance_m, charge_kg, ppv_mm_per_s``; others are left alone.
 
     Parameters

@@ -1,9 +1,11 @@
 """A production blast from the seismogram of a single hole: linear superposition."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import fft
 
 from ..errors import InputError
@@ -15,8 +17,8 @@ def superpose(
     signature: Seismogram,
     firing: Firing,
     *,
-    signatures=None,
-    travel_shifts=None,
+    signatures: Sequence[Seismogram | None] | None = None,
+    travel_shifts: ArrayLike | None = None,
     method: str = "fft",
 ) -> Seismogram:
     """Sum the single-hole seismogram over the holes of a blast.
@@ -68,7 +70,9 @@ def superpose(
     return replace(signature, velocity=motion, start=start, label="superposed")
 
 
-def travel_shifts(blast: Blast, receiver, speed, reference):
+def travel_shifts(
+    blast: Blast, receiver: ArrayLike, speed: float, reference: ArrayLike
+) -> np.ndarray:
     """Return how much later each hole's waves arrive than those of the signature hole.
 
     Parameters

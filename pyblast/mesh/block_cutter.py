@@ -1,8 +1,10 @@
 """Convex cells of jointed rock, cut by layers, joint sets and faults."""
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .blocks import (
     Cells,
@@ -16,6 +18,7 @@ from .blocks import (
     split_face,
     vertices_of,
 )
+from .grid import Fault, JointSet
 
 _EXACT = 1e-6
 
@@ -35,7 +38,7 @@ class Plane:
     offset: float
     tag: str = ""
 
-    def heights(self, points):
+    def heights(self, points: np.ndarray) -> np.ndarray:
         """Return the signed distances (n,) of points (n, 3) in m."""
         return np.asarray(points) @ self.normal - self.offset
 
@@ -56,7 +59,9 @@ class Cut:
     refused: int
 
 
-def cut_cells(cells, chosen, plane, tolerance) -> tuple[Cells, Cut]:
+def cut_cells(
+    cells: Cells, chosen: Iterable[int], plane: Plane, tolerance: Callable[[np.ndarray], np.ndarray]
+) -> tuple[Cells, Cut]:
     """Cut chosen cells along a plane.
 
     A vertex nearer to the plane than the tolerance counts as lying on it, so the cut bends to
@@ -99,7 +104,9 @@ def _is_bent(vertex, height, limit):
     return vertex in height and _EXACT < abs(height[vertex]) <= limit[vertex]
 
 
-def split_faces(cells, faces, plane, tolerance) -> list[int]:
+def split_faces(
+    cells: Cells, faces: Iterable[int], plane: Plane, tolerance: Callable[[np.ndarray], np.ndarray]
+) -> list[int]:
     """Split faces, not cells, along a plane in place; return all parts."""
     vertices = {v for f in faces for v in cells.loops[f]}
     height, limit = _heights(cells, vertices, plane, tolerance)
@@ -233,7 +240,7 @@ class _Rock:
     cells: Cells
     limits: np.ndarray
     tolerances: np.ndarray
-    bent: list
+    bent: list[np.ndarray]
     refused: int = 0
 
     def cut(self, chosen, plane, spacing=np.inf):
@@ -256,7 +263,14 @@ class _Rock:
         return near
 
 
-def rock_cells(box, limits, tolerances, joint_sets, faults, margin=0.0):
+def rock_cells(
+    box: np.ndarray,
+    limits: ArrayLike,
+    tolerances: ArrayLike,
+    joint_sets: Sequence[tuple[JointSet, set[int]]],
+    faults: Sequence[Fault],
+    margin: float = 0.0,
+) -> tuple[Cells, CutReport]:
     """Cut a box into the cells between layers, joints and faults.
 
     Parameters

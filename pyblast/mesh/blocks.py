@@ -1,6 +1,7 @@
 """Blocks of cells that share faces, edges and vertices, and the repair of their shapes."""
 
 from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,16 +23,16 @@ class Cells:
     ring : dict of (int, int) to set of int, faces at each edge
     """
 
-    points: list = field(default_factory=list)
-    loops: list = field(default_factory=list)
-    tags: list = field(default_factory=list)
-    owners: list = field(default_factory=list)
-    faces: list = field(default_factory=list)
-    kinds: list = field(default_factory=list)
-    ring: dict = field(default_factory=lambda: defaultdict(set))
+    points: list[np.ndarray] = field(default_factory=list)
+    loops: list[list[int]] = field(default_factory=list)
+    tags: list[str] = field(default_factory=list)
+    owners: list[set[int]] = field(default_factory=list)
+    faces: list[set[int]] = field(default_factory=list)
+    kinds: list[int] = field(default_factory=list)
+    ring: dict[tuple[int, int], set[int]] = field(default_factory=lambda: defaultdict(set))
 
 
-def box_cells(low, high, names) -> Cells:
+def box_cells(low: np.ndarray, high: np.ndarray, names: Sequence[str]) -> Cells:
     """Return one cell, a box, with its sides named in the order -x, +x, -y, +y, -z, +z."""
     cells = Cells(faces=[set()], kinds=[0])
     for z in (0, 1):
@@ -44,7 +45,7 @@ def box_cells(low, high, names) -> Cells:
     return cells
 
 
-def copied(cells):
+def copied(cells: Cells) -> Cells:
     """Return a copy that shares nothing but the points, which never change."""
     return Cells(
         points=cells.points[:],
@@ -57,13 +58,13 @@ def copied(cells):
     )
 
 
-def edges(loop):
+def edges(loop: list[int]) -> Iterator[tuple[int, int]]:
     """Yield the edges of a loop, each with its smaller vertex first."""
     for a, b in zip(loop, loop[1:] + loop[:1], strict=True):
         yield (a, b) if a < b else (b, a)
 
 
-def add_face(cells, loop, tag, owners):
+def add_face(cells: Cells, loop: list[int], tag: str, owners: Iterable[int]) -> int:
     """Append a face and enter it everywhere."""
     face = len(cells.loops)
     cells.loops.append(list(loop))
@@ -76,7 +77,7 @@ def add_face(cells, loop, tag, owners):
     return face
 
 
-def split_edge(cells, a, b, share):
+def split_edge(cells: Cells, a: int, b: int, share: float) -> set[int]:
     """Put a vertex on the edge from a to b, in every face around it; return those."""
     new = len(cells.points)
     cells.points.append(cells.points[a] + share * (cells.points[b] - cells.points[a]))
@@ -90,7 +91,7 @@ def split_edge(cells, a, b, share):
     return around
 
 
-def split_face(cells, face, side, height):
+def split_face(cells: Cells, face: int, side: dict[int, int], height: dict[int, float]) -> int:
     """Split one face between the two vertices on the plane that are nearest to it."""
     loop = cells.loops[face]
     n = len(loop)
@@ -111,7 +112,7 @@ def split_face(cells, face, side, height):
     return add_face(cells, below, cells.tags[face], cells.owners[face])
 
 
-def split_cell(cells, cell, side, tag):
+def split_cell(cells: Cells, cell: int, side: dict[int, int], tag: str) -> int | None:
     """Close the cut through a cell; return the new face, None where the cut does not close."""
     above = {f for f in cells.faces[cell] if any(side[v] == 1 for v in cells.loops[f])}
     below = cells.faces[cell] - above
@@ -147,12 +148,12 @@ def _single_loop(border):
         loop.append(ahead)
 
 
-def cell_vertices(cells, cell):
+def cell_vertices(cells: Cells, cell: int) -> np.ndarray:
     """Return the places (n, 3) of the vertices of a cell."""
     return np.array([cells.points[v] for v in sorted(vertices_of(cells, cell))])
 
 
-def vertices_of(cells, cell):
+def vertices_of(cells: Cells, cell: int) -> set[int]:
     """Return the set of vertices of a cell."""
     return {v for f in cells.faces[cell] for v in cells.loops[f]}
 
@@ -161,7 +162,7 @@ _FLAT = 1e-6
 _THINNEST = 1e-4
 
 
-def facets(cells, face):
+def facets(cells: Cells, face: int) -> list[list[int]]:
     """Return a face as flat polygons: itself where it is flat, triangles where it is bent.
 
     Parameters
@@ -209,7 +210,7 @@ def _triangles(places):
     return triangles
 
 
-def crooked_cells(cells, candidates):
+def crooked_cells(cells: Cells, candidates: Iterable[int]) -> list[int]:
     """Return the cells whose surface is not seen, all of it and from inside, from any place.
 
     Parameters
@@ -229,7 +230,7 @@ def crooked_cells(cells, candidates):
     return [c for c in suspects if _is_crooked(cells, c, flat, areas)]
 
 
-def area_vector(cells, facet):
+def area_vector(cells: Cells, facet: list[int]) -> np.ndarray:
     """Return the area vector (3,) of a flat polygon, m2."""
     places = np.array([cells.points[v] for v in facet])
     arms = places[1:] - places[0]

@@ -2,9 +2,12 @@
 
 import logging
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from ..errors import InputError, PyblastWarning
@@ -24,23 +27,29 @@ _RETRIES = (1.0, 0.5, 1.5, 0.25, 0.0)
 _LOG = logging.getLogger(__name__)
 
 
-def build_mesh(box, layers, joint_sets=(), faults=(), **options) -> Mesh:
+def build_mesh(
+    box: ArrayLike,
+    layers: Sequence[Layer],
+    joint_sets: Sequence[JointSet] = (),
+    faults: Sequence[Fault] = (),
+    **options: Any,
+) -> Mesh:
     """Mesh a box of layers cut by joints and faults; see ``build_mesh_report``."""
     return build_mesh_report(box, layers, joint_sets, faults, **options)[0]
 
 
 def build_mesh_report(
-    box,
-    layers: list[Layer],
-    joint_sets: list[JointSet] = (),
-    faults: list[Fault] = (),
+    box: ArrayLike,
+    layers: Sequence[Layer],
+    joint_sets: Sequence[JointSet] = (),
+    faults: Sequence[Fault] = (),
     *,
-    edge=None,
-    surface=None,
-    padding=None,
-    tolerance=None,
-    seed=0,
-    optimize=True,
+    edge: float | None = None,
+    surface: ArrayLike | None = None,
+    padding: tuple[float, float] | None = None,
+    tolerance: float | None = None,
+    seed: int = 0,
+    optimize: bool = True,
 ) -> tuple[Mesh, CutReport]:
     """Mesh a box of layers cut by joints and faults; say how far joints were moved.
 

@@ -1,5 +1,6 @@
 """Tetrahedra in cells through gmsh, its only importer, and smoothing of thin ones."""
 
+from collections.abc import Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -8,7 +9,7 @@ from scipy.sparse import coo_array
 
 from ..errors import InputError
 from . import tetrahedra
-from .blocks import facets
+from .blocks import Cells, facets
 
 # Zones whose smallest altitude is below this share of their longest edge.
 THIN = 0.35
@@ -38,12 +39,12 @@ class _Colour:
     owner: np.ndarray
 
 
-def thinness(points, zones):
+def thinness(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     """Return the smallest altitude over the longest edge, (n_zones,): 0.82 if regular."""
     return tetrahedra.altitudes(points, zones) / tetrahedra.edge_lengths(points, zones).max(axis=1)
 
 
-def free_ways(points, patches):
+def free_ways(points: np.ndarray, patches: Sequence[np.ndarray]) -> np.ndarray:
     """Return the projectors (n_nodes, 3, 3) on the ways that keep nodes on patches and borders.
 
     Parameters
@@ -78,7 +79,7 @@ def _borders(triangles, patch):
     return found[count == 1, 1:]
 
 
-def smoothed(points, zones, patches):
+def smoothed(points: np.ndarray, zones: np.ndarray, patches: Sequence[np.ndarray]) -> np.ndarray:
     """Return points (n_nodes, 3) at which thin zones are thicker; no patch is bent or moved.
 
     Parameters
@@ -221,7 +222,9 @@ def _gmsh():
             gmsh.finalize()
 
 
-def mesh_cells(cells, boxes, edge, optimize):
+def mesh_cells(
+    cells: Cells, boxes: Sequence[tuple], edge: float, optimize: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray], tuple[Slivers, Slivers]]:
     """Fill cells with tetrahedra that conform on all faces.
 
     Parameters
@@ -328,7 +331,7 @@ def _set_sizes(gmsh, boxes, edge):
     fields.setAsBackgroundMesh(smallest)
 
 
-def growth_distance(inside, outside):
+def growth_distance(inside: float, outside: float) -> float:
     """Return the distance over which edges may grow from one length to another, m."""
     return max(abs(outside - inside) / _GROWTH, 1e-3)
 

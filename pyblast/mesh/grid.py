@@ -1,8 +1,10 @@
 """Structured grids of tetrahedra, and the geology that they follow: layers, joint sets, faults."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, permutations
 from math import prod
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +14,7 @@ from .mesh import Mesh
 from .quality import GRID_BYTES, refuse_beyond_memory
 
 
-def upward_normal(dip, dip_direction):
+def upward_normal(dip: float, dip_direction: float) -> np.ndarray:
     """Return the upward unit normal (3,) of a plane.
 
     Parameters
@@ -54,7 +56,7 @@ class Layer:
     thickness: float | None = None
     edge: float | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse sizes that are not positive."""
         for what in ("thickness", "edge"):
             value = getattr(self, what)
@@ -87,7 +89,7 @@ class JointSet:
     regions: tuple[str, ...] | None = None
     persistence: float = 1.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse values out of range."""
         _refuse_dip(self.name, self.dip)
         if not self.spacing > 0.0:
@@ -129,7 +131,7 @@ class Fault:
     extent: tuple[float, float] | None = None
     radius: float | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse values out of range."""
         if self.normal is None:
             _refuse_dip(self.name, self.dip)
@@ -151,7 +153,7 @@ class Fault:
         return np.asarray(self.normal, dtype=float) / np.linalg.norm(self.normal)
 
 
-def layer_limits(layers, top, bottom):
+def layer_limits(layers: Sequence[Layer], top: float, bottom: float) -> np.ndarray:
     """Return the heights (n_layers + 1,) between the layers, from the top down, in m."""
     limits = [top]
     for number, layer in enumerate(layers):
@@ -183,7 +185,13 @@ GROWTH = 1.08  # of cells outside of what matters
 _PER_BOX = {"kuhn": 6, "alternating": 5, "centred": 12}
 
 
-def structured_box(*grid, group="rock", layers=None, planes=None, pattern="kuhn") -> Mesh:
+def structured_box(
+    *grid: Any,
+    group: str = "rock",
+    layers: Sequence[Layer] | None = None,
+    planes: dict[str, tuple[str, Any]] | None = None,
+    pattern: str = "kuhn",
+) -> Mesh:
     """Cut a grid of boxes into tetrahedra.
 
     Parameters
@@ -346,7 +354,14 @@ def _centred_zones(axes, points, cuts):
     return points, zones
 
 
-def graded_axis(limits, anchors, edge, before, after, growth=GROWTH):
+def graded_axis(
+    limits: Sequence[float],
+    anchors: Iterable[float],
+    edge: float,
+    before: float,
+    after: float,
+    growth: float = GROWTH,
+) -> np.ndarray:
     """Return ascending coordinates: even cells between limits and anchors, growing ones outside.
 
     Parameters

@@ -3,6 +3,7 @@
 import contextlib
 import io
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,9 @@ _TAGS = ("gmsh:physical", "cell_tags", "medit:ref", "group", "tag", "material", 
 _IGNORED = ("vertex", "line")
 
 
-def read_mesh(path, groups=None, joints=None) -> Mesh:
+def read_mesh(
+    path: str | Path, groups: dict[str, str] | None = None, joints: Sequence[str] | None = None
+) -> Mesh:
     """Read a mesh of tetrahedra with tagged volumes and surfaces.
 
     Parameters

@@ -1,9 +1,11 @@
 """Mesh of tetrahedra with named surfaces, and its splitting along joints."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -14,13 +16,15 @@ from . import tetrahedra
 _COSINE_MERGED = np.cos(np.radians(20.0))
 
 
-def components(first, second, n):
+def components(first: np.ndarray, second: np.ndarray, n: int) -> tuple[int, np.ndarray]:
     """Return number and labels of the connected parts of a graph given by its edges."""
     graph = coo_array((np.ones(len(first), dtype=np.int32), (first, second)), shape=(n, n))
     return connected_components(graph.tocsr(), directed=False)
 
 
-def double_nodes(zones, n_nodes, facets, first, second):
+def double_nodes(
+    zones: np.ndarray, n_nodes: int, facets: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Give every connected part of the corners at a joint node a node of its own.
 
     Parameters
@@ -65,7 +69,9 @@ def _sorted_corners(zones, faces):
     return np.take_along_axis(corners, np.argsort(zones.ravel()[corners], axis=1), axis=1)
 
 
-def orient(points, zones, joint, first, second):
+def orient(
+    points: np.ndarray, zones: np.ndarray, joint: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Name the faces of the minus and of the plus side, the same way all over each joint."""
     outward = tetrahedra.zone_faces(zones)[first]
     vectors = tetrahedra.triangle_vectors(points, outward)
@@ -103,7 +109,14 @@ def _main_normals(vectors, joint):
     return main * np.sign(leading)[:, None]
 
 
-def pair_nodes(points, zones, doubled, joint, minus, plus):
+def pair_nodes(
+    points: np.ndarray,
+    zones: np.ndarray,
+    doubled: np.ndarray,
+    joint: np.ndarray,
+    minus: np.ndarray,
+    plus: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Pair the nodes of facing facets; each facet gives a third of its area to each pair.
 
     Parameters
@@ -128,7 +141,7 @@ def pair_nodes(points, zones, doubled, joint, minus, plus):
     return keys[:, 0], keys[:, 1], keys[:, 2], normal, area
 
 
-def merge_pairs(keys, vectors):
+def merge_pairs(keys: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Add area vectors (n, 3) of equal keys (n, k) unless their directions differ too much."""
     order = np.lexsort(keys.T[::-1])
     keys, vectors = keys[order], vectors[order]
@@ -196,7 +209,7 @@ class Mesh:
     surfaces: dict[str, np.ndarray]
     contacts: Contacts | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Fix the types and refuse indices that point nowhere."""
         surfaces = {name: _indices(faces, 3) for name, faces in self.surfaces.items()}
         object.__setattr__(self, "points", np.ascontiguousarray(self.points, dtype=np.float64))
@@ -215,20 +228,20 @@ class Mesh:
             _refuse_indices(f"surfaces[{name!r}]", faces, len(self.points), "nodes")
 
     @cached_property
-    def surface_places(self):
+    def surface_places(self) -> dict[str, np.ndarray]:
         """What `surface_faces` found already, by surface."""
         return {}
 
     @cached_property
-    def paired_faces(self):
+    def paired_faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Which faces zones share; see ``tetrahedra.pair_faces``. Found once for each mesh."""
         return tetrahedra.pair_faces(self.zones, len(self.points))
 
-    def split(self, names: list[str] | tuple[str, ...]) -> "Mesh":
+    def split(self, names: Sequence[str]) -> "Mesh":
         """Double the nodes along named internal surfaces; see ``split_mesh``."""
         return split_mesh(self, names)
 
-    def blocks(self, among=None) -> np.ndarray:
+    def blocks(self, among: np.ndarray | None = None) -> np.ndarray:
         """Return the block (n,) of each zone: zones connected without crossing a joint.
 
         Of all, or of zones (n,) that are connected through each other alone.
@@ -260,7 +273,7 @@ def _refuse_indices(what, indices, count, of):
         )
 
 
-def split_mesh(mesh: Mesh, names) -> Mesh:
+def split_mesh(mesh: Mesh, names: Sequence[str]) -> Mesh:
     """Double the nodes along named internal surfaces and pair them as contacts.
 
     Two corners of zones at the same node stay together when their zones share a face that is not
@@ -421,6 +434,8 @@ def altitudes(mesh: Mesh) -> np.ndarray:
     return tetrahedra.altitudes(mesh.points, mesh.zones)
 
 
-def locate(mesh: Mesh, points, tolerance: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+def locate(
+    mesh: Mesh, points: ArrayLike, tolerance: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the zone (n,) and the weights (n, 4) of points (n, 3); see ``tetrahedra.locate``."""
     return tetrahedra.locate(mesh.points, mesh.zones, points, tolerance)

@@ -1,8 +1,10 @@
 """Nodes of linear and quadratic tetrahedra, and the content hash of a mesh."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import lru_cache, wraps
 from hashlib import sha256
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +26,7 @@ from .tetrahedra import (
 KEPT = 2  # results of a function: models that follow one another differ little
 
 
-def feed(digest, value, where):
+def feed(digest: Any, value: Any, where: str) -> None:
     """Add a value with its kind and its length, so that no two inputs read the same."""
     if isinstance(value, (np.ndarray, np.generic)) and value.dtype != object:
         digest.update(f"array {value.dtype.str} {value.shape};".encode())
@@ -60,7 +62,7 @@ class _Inputs:
     values: tuple = field(compare=False)
 
 
-def kept(work):
+def kept(work: Callable) -> Callable:
     """Keep the last results of a function in each process, by the content of its inputs.
 
     Models are made, renumbered and sent to other processes one by one: equal meshes are not one
@@ -95,7 +97,7 @@ def _lock(value):
 
 
 @kept
-def enrich(mesh: Mesh):
+def enrich(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], Contacts | None]:
     """Put nodes on edges and faces and into zones, on both sides of joints.
 
     Corners of two zones at an edge share a node where the zones are connected around that edge
@@ -217,17 +219,17 @@ class Nodes:
     contacts: Contacts | None
 
     @property
-    def quadratic(self):
+    def quadratic(self) -> bool:
         """Whether zones have 15 nodes."""
         return self.zone_nodes.shape[1] > 4
 
-    def sums(self, values):
+    def sums(self, values: np.ndarray) -> np.ndarray:
         """Share a value of each zone (n_zones,) among its nodes as mass is lumped, (n_nodes,)."""
         share = VOLUME_SHARE if self.quadratic else np.full(4, 0.25)
         parts = np.asarray(values)[:, None] * share
         return np.bincount(self.zone_nodes.ravel(), parts.ravel(), minlength=len(self.points))
 
-    def surface_areas(self, name):
+    def surface_areas(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Share the area of a surface among its nodes.
 
         Returns
@@ -246,20 +248,20 @@ class Nodes:
         area = (length * AREA_SHARE).ravel()
         return nodes.ravel(), area, (vectors / length).repeat(7, axis=0)
 
-    def shapes(self, weights):
+    def shapes(self, weights: np.ndarray) -> np.ndarray:
         """Return the shape functions (n, 4 or 15) at barycentric coordinates (n, 4)."""
         return shape_values(weights) if self.quadratic else weights
 
-    def slopes(self, zone, weights):
+    def slopes(self, zone: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Return the gradients (n, 4 or 15, 3) in 1/m of the shape functions at places."""
         by_coordinate = np.eye(4)[None] if not self.quadratic else shape_slopes(weights)
         return self._gradients(zone, by_coordinate)
 
-    def mean_slopes(self, zone):
+    def mean_slopes(self, zone: np.ndarray) -> np.ndarray:
         """Return the mean gradients (n, 4 or 15, 3) in 1/m of the shape functions of zones."""
         return self._gradients(zone, mean_slopes() if self.quadratic else np.eye(4)[None])
 
-    def corner_slopes(self, zone):
+    def corner_slopes(self, zone: np.ndarray) -> np.ndarray:
         """Return the means (4, n, 15, 3) in 1/m of each barycentric coordinate times gradients."""
         return np.stack([self._gradients(zone, table[None]) for table in corner_slopes()])
 
@@ -270,7 +272,7 @@ class Nodes:
         return (by_coordinate[:, :, 1:] - by_coordinate[:, :, :1]) @ np.swapaxes(inverse, 1, 2)
 
 
-def nodes_of(mesh, quadratic):
+def nodes_of(mesh: Mesh, quadratic: bool) -> Nodes:
     """Return the nodes of a mesh, at corners only or 15 a zone."""
     if not quadratic:
         return Nodes(mesh, mesh.points, mesh.zones, mesh.surfaces, mesh.contacts)

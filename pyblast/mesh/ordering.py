@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from . import tetrahedra
-from .mesh import components
+from .mesh import Mesh, components
 
 FEWEST, MOST = 4, 10  # zones of a patch
 
 
-def make_patches(mesh, wanted):
+def make_patches(mesh: Mesh, wanted: np.ndarray) -> np.ndarray:
     """Gather zones into patches.
 
     Parameters
@@ -87,7 +87,7 @@ def _merged(patch, first, second, volume, wanted):
 BITS = 16
 
 
-def morton_keys(places):
+def morton_keys(places: np.ndarray) -> np.ndarray:
     """Return one key (n,) uint64 for each place (n, 3): the interleaved bits of its coordinates."""
     low = places.min(axis=0)
     span = max(float(np.ptp(places, axis=0).max()), np.finfo(float).tiny)
@@ -100,7 +100,7 @@ def morton_keys(places):
     return keys
 
 
-def renumbered(mesh, patch=None):
+def renumbered(mesh: Mesh, patch: np.ndarray | None = None) -> Mesh:
     """Return the same mesh with nodes and zones, group by group, in Morton order (1966).
 
     Parameters

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 from scipy.spatial import cKDTree
 
@@ -22,7 +23,7 @@ _LIMITS = (
 )
 
 
-def available():
+def available() -> float:
     """Return the memory in bytes that the machine has left, within the limit of a container.
 
     Without word from the system it is infinite.
@@ -53,7 +54,7 @@ def _pages():
         return float("inf")
 
 
-def refuse_beyond_memory(what, needed):
+def refuse_beyond_memory(what: str, needed: float) -> None:
     """Refuse what needs more bytes than there are.
 
     Raises
@@ -162,7 +163,9 @@ def _refuse_parts(mesh):
         )
 
 
-def joint_spacing(mesh: Mesh, name: str, direction, n_lines: int = 200, seed: int = 0) -> float:
+def joint_spacing(
+    mesh: Mesh, name: str, direction: ArrayLike, n_lines: int = 200, seed: int = 0
+) -> float:
     """Return the mean spacing of a joint surface along scan-lines, m.
 
     Parameters

@@ -4,6 +4,7 @@ from functools import cache
 from math import factorial
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from ..errors import InputError
@@ -14,7 +15,7 @@ EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 _LARGEST_CUBE = 2_000_000
 
 
-def face_keys(triangles, n_nodes):
+def face_keys(triangles: np.ndarray, n_nodes: int) -> np.ndarray:
     """Return one integer per triangle (n,) int64 that does not depend on the order of its nodes."""
     low, middle, high = np.sort(np.asarray(triangles, dtype=np.int64), axis=1).T
     pair = low * n_nodes + middle
@@ -23,12 +24,14 @@ def face_keys(triangles, n_nodes):
     return pair * n_nodes + high
 
 
-def zone_faces(zones):
+def zone_faces(zones: np.ndarray) -> np.ndarray:
     """Return the four outward faces of every zone, (4 n_zones, 3), face ``4 zone + local``."""
     return zones[:, FACES].reshape(-1, 3)
 
 
-def pair_faces(zones, n_nodes):
+def pair_faces(
+    zones: np.ndarray, n_nodes: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Find which faces two zones share.
 
     Returns
@@ -47,7 +50,9 @@ def pair_faces(zones, n_nodes):
     return order[shared], order[shared + 1], order[starts[counts == 1]], order[excess]
 
 
-def find_faces(zones, n_nodes, triangles, faces):
+def find_faces(
+    zones: np.ndarray, n_nodes: int, triangles: np.ndarray, faces: np.ndarray
+) -> np.ndarray:
     """Return the position (n,) in ``faces`` (``4 zone + local``) of each triangle, -1 if none."""
     on = np.zeros(n_nodes, dtype=bool)
     on[triangles] = True
@@ -63,32 +68,32 @@ def find_faces(zones, n_nodes, triangles, faces):
     return np.where(keys[at] == wanted, near[at], -1)
 
 
-def volumes(points, zones):
+def volumes(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     """Return the signed volumes (n_zones,) in m3."""
     a, b, c, d = (points[zones[:, k]] for k in range(4))
     return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6.0
 
 
-def triangle_vectors(points, triangles):
+def triangle_vectors(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Return the area vectors (n, 3) in m2: half the cross product of two sides."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     return 0.5 * np.cross(b - a, c - a)
 
 
-def edge_lengths(points, zones):
+def edge_lengths(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     """Return the six edge lengths of every zone, (n_zones, 6) in m."""
     ends = points[zones[:, EDGES]]
     return np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2)
 
 
-def altitudes(points, zones):
+def altitudes(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     """Return the smallest altitude of every zone, (n_zones,) in m."""
     vectors = triangle_vectors(points, zone_faces(zones))
     largest = np.linalg.norm(vectors, axis=1).reshape(-1, 4).max(axis=1)
     return 3.0 * np.abs(volumes(points, zones)) / largest
 
 
-def mean_ratio(points, zones):
+def mean_ratio(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     """Return the mean ratio (n_zones,): 1 for a regular tetrahedron, 0 for a flat one.
 
     Notes
@@ -99,7 +104,7 @@ def mean_ratio(points, zones):
     return 12.0 * np.cbrt(3.0 * np.maximum(volumes(points, zones), 0.0)) ** 2 / squares
 
 
-def barycentric(corners, places):
+def barycentric(corners: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return the weights (..., 4) of places (..., 3) in tetrahedra with corners (..., 4, 3)."""
     sides = np.swapaxes(corners[..., 1:, :] - corners[..., :1, :], -1, -2)
     rest = np.linalg.solve(sides, (places - corners[..., 0, :])[..., None])[..., 0]
@@ -113,7 +118,9 @@ def _best_zone(points, zones, candidates, place):
     return candidates[best], weights[best]
 
 
-def locate(points, zones, places, tolerance=None):
+def locate(
+    points: np.ndarray, zones: np.ndarray, places: ArrayLike, tolerance: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Find the zone that holds each place.
 
     Parameters
@@ -174,7 +181,7 @@ def _refuse_outside(points, corners, places, weights, tolerance):
         )
 
 
-def shape_gradients(points, zones):
+def shape_gradients(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     """Return the gradients of shape functions 2 to 4, (n_zones, 3, 3) 1/m, last axis x y z."""
     sides = points[zones[:, 1:]] - points[zones[:, :1]]
     return np.swapaxes(np.linalg.inv(sides), 1, 2)
@@ -208,7 +215,7 @@ def _face_nodes():
 FACE_NODES = _face_nodes()
 
 
-def integral(powers):
+def integral(powers: np.ndarray) -> np.ndarray:
     """Return the mean (n,) over a zone of products of barycentric coordinates, powers (n, 4)."""
     one = np.vectorize(factorial)
     return 6.0 * one(powers).prod(axis=-1) / one(powers.sum(axis=-1) + 3)
@@ -225,12 +232,12 @@ def _products(weights):
     return np.prod(weights[:, None, :] ** POWERS, axis=2)
 
 
-def shape_values(weights):
+def shape_values(weights: np.ndarray) -> np.ndarray:
     """Return the shape functions (n, 15) at barycentric coordinates (n, 4)."""
     return _products(np.asarray(weights, dtype=float)) @ _shape_table().T
 
 
-def shape_slopes(weights):
+def shape_slopes(weights: np.ndarray) -> np.ndarray:
     """Return their derivatives (n, 15, 4) by each barycentric coordinate, as if all were free.
 
     Only differences between the four have a meaning: multiply by the gradients of the coordinates.
@@ -244,13 +251,13 @@ def shape_slopes(weights):
 
 
 @cache
-def mean_slopes():
+def mean_slopes() -> np.ndarray:
     """Return the means (1, 15, 4) over a zone of the slopes of the shape functions."""
     return corner_slopes().sum(axis=0)[None]
 
 
 @cache
-def corner_slopes():
+def corner_slopes() -> np.ndarray:
     """Return the means (4, 15, 4) over a zone of each coordinate times the slopes."""
     slopes, one = np.zeros((4, len(POWERS), 4)), np.eye(4, dtype=int)
     for corner, axis in np.ndindex(4, 4):
@@ -260,7 +267,7 @@ def corner_slopes():
 
 
 @cache
-def stiffness_table():
+def stiffness_table() -> np.ndarray:
     """Return the means (4, 4, 15, 15) over a zone of products of the slopes of two functions.
 
     Notes

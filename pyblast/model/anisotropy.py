@@ -1,12 +1,13 @@
 """Ground whose stiffness depends on direction: layered, schistose, jointed rock as one medium."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from .material import Material
+from .material import Branch, Material
 
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 NAMES = [(i, j) for i in range(6) for j in range(i, 6)]
@@ -33,9 +34,9 @@ class Anisotropic:
 
     stiffness: np.ndarray
     name: ClassVar[str] = "anisotropic"
-    branches: ClassVar[tuple] = ()
+    branches: ClassVar[tuple[Branch, ...]] = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse a matrix that is no stiffness."""
         matrix = np.array(self.stiffness, dtype=np.float64)
         if matrix.shape != (6, 6) or not np.isfinite(matrix).all():
@@ -53,21 +54,21 @@ class Anisotropic:
             )
         object.__setattr__(self, "stiffness", 0.5 * (matrix + matrix.T))
 
-    def properties(self, material):
+    def properties(self, material: Material) -> dict[str, float]:
         """Return the 21 constants over the shear modulus of the material."""
         relative = self.stiffness / material.shear
         return {f"c{i + 1}{j + 1}": relative[i, j] for i, j in NAMES}
 
-    def moduli(self, material):
+    def moduli(self, material: Material) -> tuple[float, float]:
         """Return first Lame modulus and shear modulus of the material, Pa; the latter scales."""
         return material.first_lame, material.shear
 
-    def turned(self, rotation):
+    def turned(self, rotation: ArrayLike) -> "Anisotropic":
         """Return the same medium turned by a rotation matrix (3, 3)."""
         return Anisotropic(turned_stiffness(self.stiffness, rotation))
 
 
-def turned_stiffness(stiffness, rotation):
+def turned_stiffness(stiffness: np.ndarray, rotation: ArrayLike) -> np.ndarray:
     """Return a stiffness (6, 6) turned by a rotation matrix (3, 3): theory.md (2.20)."""
     full = np.empty((3, 3, 3, 3))
     for i, (a, b) in enumerate(VOIGT):
@@ -78,7 +79,7 @@ def turned_stiffness(stiffness, rotation):
     return np.array([[turned[a, b, c, d] for c, d in VOIGT] for a, b in VOIGT])
 
 
-def axes_with_normal(normal):
+def axes_with_normal(normal: ArrayLike) -> np.ndarray:
     """Return a rotation matrix (3, 3) that turns z to a normal (3,) of any length.
 
     Raises
@@ -96,7 +97,7 @@ def axes_with_normal(normal):
     return np.stack([first, np.cross(third, first), third], axis=1)
 
 
-def anisotropic(density, stiffness, **strength):
+def anisotropic(density: float, stiffness: ArrayLike, **strength: float) -> Material:
     """Make a material of a stiffness (6, 6) in Pa in the axes of the model.
 
     Its bulk and shear modulus, on which mesh rules and rims rest, are the means of all directions
@@ -110,8 +111,16 @@ def anisotropic(density, stiffness, **strength):
 
 
 def transverse(
-    density, normal, *, young, young_normal, poisson, poisson_normal, shear_normal, **strength
-):
+    density: float,
+    normal: ArrayLike,
+    *,
+    young: float,
+    young_normal: float,
+    poisson: float,
+    poisson_normal: float,
+    shear_normal: float,
+    **strength: float,
+) -> Material:
     """Make a material that is isotropic in the planes across a normal.
 
     Parameters
@@ -157,7 +166,9 @@ def transverse(
     return anisotropic(density, stiffness, **strength)
 
 
-def jointed(material, normal, spacing, kn, ks):
+def jointed(
+    material: Material, normal: ArrayLike, spacing: float, kn: float, ks: float
+) -> Material:
     """Make the medium that rock with parallel joints is for waves of ten spacings or more.
 
     Parameters
@@ -196,7 +207,7 @@ def jointed(material, normal, spacing, kn, ks):
     return anisotropic(material.density, stiffness, **strength)
 
 
-def stiffness_of(material):
+def stiffness_of(material: Material) -> np.ndarray:
     """Return the stiffness (6, 6) in Pa of an elastic or anisotropic material.
 
     Raises
@@ -215,7 +226,7 @@ def stiffness_of(material):
     return stiffness
 
 
-def christoffel(stiffness, normal):
+def christoffel(stiffness: np.ndarray, normal: ArrayLike) -> np.ndarray:
     """Return the tensor (..., 3, 3) in Pa that rules waves along unit normals (..., 3); (2.22)."""
     x, y, z = np.moveaxis(np.asarray(normal, dtype=float), -1, 0)
     o = np.zeros_like(x)
@@ -224,7 +235,7 @@ def christoffel(stiffness, normal):
     return along @ stiffness @ np.swapaxes(along, -1, -2)
 
 
-def impedance(density, stiffness, normal):
+def impedance(density: ArrayLike, stiffness: np.ndarray, normal: ArrayLike) -> np.ndarray:
     """Return the traction over velocity (..., 3, 3) in Pa s/m of waves along unit normals; (2.23).
 
     The root of density times `christoffel`: each of the three waves with its own impedance.
@@ -232,3 +243,37 @@ def impedance(density, stiffness, normal):
     squared, direction = np.linalg.eigh(christoffel(stiffness, normal))
     scaled = direction * np.sqrt(np.asarray(density)[..., None, None] * squared[..., None, :])
     return scaled @ np.swapaxes(direction, -1, -2)
+
+
+def saturated_rock(
+    dry: Material,
+    porosity: float,
+    solid_bulk: float,
+    fluid_bulk: float = 2.2e9,
+    fluid_density: float = 1000.0,
+) -> Material:
+    """Return a material with its pores full of a fluid; theory.md (1.9).
+
+    Parameters
+    ----------
+    dry : Material
+    porosity : float
+    solid_bulk, fluid_bulk : float, Pa
+    fluid_density : float, kg/m3
+
+    Raises
+    ------
+    InputError
+        If the porosity is none, or the solid not stiffer than the dry rock.
+    """
+    if not 0.0 < porosity < 1.0:
+        raise InputError(f"material.porosity: must lie between 0 and 1, got {porosity:g}")
+    if not dry.bulk < solid_bulk:
+        raise InputError(
+            f"material.solid_bulk: must exceed that of the dry rock, {dry.bulk:g} Pa, got "
+            f"{solid_bulk:g} Pa"
+        )
+    share = dry.bulk / solid_bulk
+    pores = porosity / fluid_bulk + (1.0 - porosity) / solid_bulk - share / solid_bulk
+    bulk = dry.bulk + (1.0 - share) ** 2 / pores
+    return replace(dry, density=dry.density + porosity * fluid_density, bulk=bulk)

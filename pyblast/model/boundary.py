@@ -1,5 +1,6 @@
 """Boundary conditions of a model: fixed, viscous, free field, input, absorbing layer."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
+from .material import Material
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,7 @@ class Viscous:
     """
 
     surface: str
-    media: dict = field(default_factory=dict, hash=False)
+    media: dict[str, Material] = field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class Fixed:
     surface: str
     components: tuple[str, ...] = GEOGRAPHIC
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse components that are none."""
         object.__setattr__(self, "components", tuple(self.components))
         if not self.components or not set(self.components) <= set(GEOGRAPHIC):
@@ -124,7 +126,10 @@ class VelocityInput:
     seismogram: Seismogram
 
 
-def check_boundaries(boundaries, surfaces):
+Boundary = Viscous | Roller | Fixed | FreeField | StressInput | VelocityInput
+
+
+def check_boundaries(boundaries: Sequence[Boundary], surfaces: dict[str, np.ndarray]) -> None:
     """Refuse boundaries on unknown surfaces and those that exclude one another.
 
     Parameters
@@ -204,11 +209,11 @@ class Rim:
         If width or frequency is not positive or the box ends before it begins.
     """
 
-    box: tuple
+    box: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
     width: float
     lowest: float | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse what is no rim."""
         box = np.asarray(self.box, dtype=float)
         if box.shape != (3, 2) or not (box[:, 0] < box[:, 1]).all():
@@ -218,7 +223,7 @@ class Rim:
         if self.lowest is not None and not 0.0 < self.lowest < np.inf:
             raise InputError(f"rim.lowest: must be positive, got {self.lowest:g} Hz")
 
-    def alpha(self, places, speed):
+    def alpha(self, places: np.ndarray, speed: float | np.ndarray) -> np.ndarray:
         """Return the mass damping (n,) in 1/s at places (n, 3) with S speeds (n,)."""
         low, high = np.asarray(self.box, dtype=float).T
         outside = np.maximum(0.0, np.maximum(low - places, places - high))

@@ -32,11 +32,11 @@ class Gradient:
     length: float
     top: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse what is no gradient."""
         _check("gradient", self.reduction, self.length)
 
-    def factor(self, places, edges):
+    def factor(self, places: np.ndarray, edges: np.ndarray) -> np.ndarray:
         """Return the factor (n,) at places (n, 3)."""
         del edges
         return 1.0 - self.reduction * np.exp(-np.maximum(self.top - places[:, 2], 0) / self.length)
@@ -58,7 +58,7 @@ class DamagedZone:
     reduction: float
     length: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse what is no damage."""
         _check("damaged zone", self.reduction, self.length)
         holes = np.asarray(self.holes, dtype=float)
@@ -66,7 +66,7 @@ class DamagedZone:
             raise InputError(f"damaged zone.holes: must be n x 2 x 3 ends, got {holes.shape}")
         object.__setattr__(self, "holes", holes)
 
-    def distance(self, places):
+    def distance(self, places: np.ndarray) -> np.ndarray:
         """Return the distance (n,) in m from places (n, 3) to the nearest hole."""
         nearest = np.full(len(places), np.inf)
         for start, end in self.holes:
@@ -76,7 +76,7 @@ class DamagedZone:
             nearest = np.minimum(nearest, np.linalg.norm(places - foot, axis=1))
         return nearest
 
-    def factor(self, places, edges):
+    def factor(self, places: np.ndarray, edges: np.ndarray) -> np.ndarray:
         """Return the factor (n,) at places (n, 3)."""
         del edges
         return 1.0 - self.reduction * np.exp(-self.distance(places) / self.length)
@@ -107,13 +107,13 @@ class Heterogeneity:
     seed: int
     hurst: float = 0.5
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse what is no field."""
         _check("heterogeneity", self.deviation, self.length)
         if not 0.0 < self.hurst <= 1.0:
             raise InputError(f"heterogeneity.hurst: must lie in 0 to 1, got {self.hurst:g}")
 
-    def factor(self, places, edges):
+    def factor(self, places: np.ndarray, edges: np.ndarray) -> np.ndarray:
         """Return the factor (n,) at places (n, 3) of a mesh with edges (n,) in m."""
         if np.median(edges) * EDGES_PER_LENGTH > self.length:
             raise InputError(
@@ -136,7 +136,10 @@ class Heterogeneity:
         return np.fft.ifftn(amplitude * np.fft.fftn(noise)).real
 
 
-def damaged_group(mesh: Mesh, zone: DamagedZone, radius: float, name="damaged") -> Mesh:
+GroundField = Gradient | DamagedZone | Heterogeneity
+
+
+def damaged_group(mesh: Mesh, zone: DamagedZone, radius: float, name: str = "damaged") -> Mesh:
     """Return a mesh whose zones within a radius in m of the holes are a group of their own.
 
     The group can then have a material with its own speeds and quality; it may be there already.

@@ -34,7 +34,7 @@ RESET = (
 NOT_ABOVE = (("dilation", "friction_residual"), ("friction_dynamic", "friction"))
 
 
-def may_be_left_out(law):
+def may_be_left_out(law: str) -> set[str]:
     """Return the names of the properties of a law that need not be given."""
     return {*FOLLOWED, *DEFAULTS.get(law, {}), *(("kn_max",) if law in STIFFEST else ())}
 
@@ -75,7 +75,7 @@ class Joint:
     insitu_shear: tuple[float, float, float] = (0.0, 0.0, 0.0)
     fill_mass: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Fill in residual strengths and refuse what the law does not know."""
         where = f"joints.{self.surface}"
         if self.law not in JOINT_LAWS:
@@ -120,7 +120,7 @@ class Joint:
             values["kn_max"] = STIFFEST[self.law] * self.properties["kn"]
         return values | self.properties
 
-    def tangents(self, pressure):
+    def tangents(self, pressure: float) -> tuple[float, float]:
         """Return what small waves meet under a pressure in Pa: kn and ks in Pa/m.
 
         Theory.md (3.8), (3.10); of a closing joint on its way of loading.
@@ -136,7 +136,7 @@ class Joint:
             return min(stiffer, self.properties["kn_max"]), ks
         return kn, ks
 
-    def bound(self):
+    def bound(self) -> tuple[float, float]:
         """Return the largest stiffness in Pa/m and the viscosity in Pa s/m of the law."""
         law = JOINT_LAWS[self.law]
         return joint_bound(law, property_row(law, self.properties, N_JOINT_PROPERTIES))
@@ -179,7 +179,14 @@ def _check_together(where, law, values):
         raise InputError(f"{where}.eta_n, eta_s: must be positive, got zero; use 'elastic' instead")
 
 
-def thick_fill(surface, density, cp, cs, thickness, insitu_pressure=0.0):
+def thick_fill(
+    surface: str,
+    density: float,
+    cp: float,
+    cs: float,
+    thickness: float,
+    insitu_pressure: float = 0.0,
+) -> Joint:
     """Return an elastic joint with the stiffness and the mass of a thin layer of fill.
 
     Parameters
@@ -197,7 +204,7 @@ def thick_fill(surface, density, cp, cs, thickness, insitu_pressure=0.0):
     return Joint(surface, "elastic", stiffness, insitu_pressure, fill_mass=mass)
 
 
-def saturated(joint, aperture, fluid_bulk=2.2e9):
+def saturated(joint: Joint, aperture: float, fluid_bulk: float = 2.2e9) -> Joint:
     """Return a joint whose aperture in m is full of a fluid: kn grows by its bulk over aperture.
 
     Shear stiffness and strength stay; theory.md (3.21).
@@ -218,7 +225,7 @@ def saturated(joint, aperture, fluid_bulk=2.2e9):
     return replace(joint, properties={**joint.properties, "kn": kn})
 
 
-def carried_over(law, contact_state):
+def carried_over(law: np.ndarray, contact_state: np.ndarray) -> np.ndarray:
     """Return joint states (n_contacts, n_state) for a stage that begins at no displacement.
 
     Parameters

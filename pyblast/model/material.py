@@ -1,11 +1,13 @@
 """Materials: elastic moduli, damping, constant Q, Mohr-Coulomb strength."""
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
 from ..errors import InputError
@@ -30,7 +32,27 @@ class Branch(NamedTuple):
     compression: float
 
 
-def relative_modulus(branches, frequency, wave="shear"):
+class ZoneLaw(Protocol):
+    """Law of zones: a named routine of the core with its properties and moduli."""
+
+    @property
+    def name(self) -> str:
+        """Name of the routine, a key of ``pyblast.core.ZONE_LAWS``."""
+
+    @property
+    def branches(self) -> tuple[Branch, ...]:
+        """Relaxing springs of the law."""
+
+    def properties(self, material: "Material") -> dict[str, float]:
+        """Return the properties that the routine takes, or raise InputError."""
+
+    def moduli(self, material: "Material") -> tuple[float, float]:
+        """Return the relaxed Lame moduli, Pa."""
+
+
+def relative_modulus(
+    branches: Iterable[Branch], frequency: ArrayLike, wave: str = "shear"
+) -> np.ndarray:
     """Return the complex modulus over the relaxed one at frequencies in Hz; theory.md (2.15)."""
     lag = -2j * np.pi * np.asarray(frequency, dtype=float)
     return 1.0 + sum(getattr(one, wave) * lag / (one.rate + lag) for one in branches)
@@ -65,7 +87,7 @@ class ConstantQ:
     reference: float | None = None
     name: ClassVar[str] = "elastic"
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse values that are no quality and no band."""
         for name in ("qp", "qs"):
             if not 2.0 <= getattr(self, name) < np.inf:
@@ -77,7 +99,7 @@ class ConstantQ:
             raise InputError(f"material.reference: must be positive, got {self.reference} Hz")
 
     @cached_property
-    def rates(self):
+    def rates(self) -> np.ndarray:
         """Rates of the mechanisms, (3,) 1/s, even in logarithm.
 
         How far the outer ones stand inside the band, or outside, is chosen for the best fit.
@@ -97,14 +119,16 @@ class ConstantQ:
         )
         return max(np.abs(1.0 + quality * m.imag / m.real).max() for quality, m in moduli)
 
-    def shares(self, quality):
+    def shares(self, quality: float) -> np.ndarray:
         """Return the share of the modulus that each mechanism lets fade, (3,).
 
         Non-negative least squares of 1/Q over the band: theory.md (2.16).
         """
         return _shares(self.rates, self.band, quality)
 
-    def wave(self, quality, speed, frequency):
+    def wave(
+        self, quality: float, speed: float, frequency: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return phase speed in m/s and true quality of a wave, speed given at the reference."""
         stiffer = self._unrelaxed(quality)
         modulus = _fading(self.shares(quality), self.rates, frequency)
@@ -120,20 +144,20 @@ class ConstantQ:
         return float((1.0 / np.sqrt(modulus)).real ** 2)
 
     @property
-    def branches(self):
+    def branches(self) -> tuple[Branch, ...]:
         """What relaxes, for the kernel: one `Branch` a mechanism."""
         p, s = (self.shares(quality) for quality in (self.qp, self.qs))
         rows = zip(self.rates, s / (1.0 - s.sum()), p / (1.0 - p.sum()), strict=True)
         return tuple(Branch(*map(float, row)) for row in rows)
 
-    def moduli(self, material):
+    def moduli(self, material: "Material") -> tuple[float, float]:
         """Return the Lame moduli after everything has relaxed, Pa."""
         stays = [1.0 - self.shares(quality).sum() for quality in (self.qp, self.qs)]
         shear = material.shear * self._unrelaxed(self.qs) * stays[1]
         p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp) * stays[0]
         return p_wave - 2.0 * shear, shear
 
-    def properties(self, material):
+    def properties(self, material: "Material") -> dict[str, float]:
         """Check that the law suits a material; its routine takes no properties.
 
         Raises
@@ -205,9 +229,9 @@ class MohrCoulomb:
     shear_strain: float = 0.0
     tensile_strain: float = 0.0
     name: ClassVar[str] = "mohr-coulomb"
-    branches: ClassVar[tuple] = ()
+    branches: ClassVar[tuple[Branch, ...]] = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse values that are no strength."""
         for name in ("dilation", *(f"{s}_residual" for s in STRENGTHS), "shear_strain",
                      "tensile_strain"):  # fmt: skip
@@ -215,11 +239,11 @@ class MohrCoulomb:
             if value is not None and not 0.0 <= value < math.inf:
                 raise InputError(f"material.{name}: must be finite and not negative, got {value:g}")
 
-    def moduli(self, material):
+    def moduli(self, material: "Material") -> tuple[float, float]:
         """Return the elastic Lame moduli, Pa."""
         return material.first_lame, material.shear
 
-    def properties(self, material):
+    def properties(self, material: "Material") -> dict[str, float]:
         """Return peak and residual strengths for the routine.
 
         Raises
@@ -260,14 +284,14 @@ class Elastic:
     """Isotropic linear elasticity; theory.md (2.2)."""
 
     name: ClassVar[str] = "elastic"
-    branches: ClassVar[tuple] = ()
+    branches: ClassVar[tuple[Branch, ...]] = ()
 
-    def properties(self, material):
+    def properties(self, material: "Material") -> dict[str, float]:
         """Return the properties of the routine for a material."""
         del material
         return {}
 
-    def moduli(self, material):
+    def moduli(self, material: "Material") -> tuple[float, float]:
         """Return first Lame modulus and shear modulus, Pa."""
         return material.first_lame, material.shear
 
@@ -299,9 +323,9 @@ class Material:
     cohesion: float = math.inf
     friction: float = 0.0
     tension: float = math.inf
-    law: object = Elastic()
+    law: ZoneLaw = Elastic()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse values that are no material."""
         for name, unit in (("density", "kg/m3"), ("bulk", "Pa"), ("shear", "Pa")):
             value = getattr(self, name)
@@ -313,7 +337,9 @@ class Material:
                 raise InputError(f"material.{name}: must not be negative, got {value}")
 
     @classmethod
-    def from_young_poisson(cls, density, young, poisson, **strength):
+    def from_young_poisson(
+        cls, density: float, young: float, poisson: float, **strength: Any
+    ) -> "Material":
         """Make a material from Young's modulus in Pa and Poisson's ratio."""
         if not -1.0 < poisson < 0.5:
             raise InputError(f"material.poisson: must lie between -1 and 0.5, got {poisson:g}")
@@ -321,7 +347,7 @@ class Material:
         return cls(density, bulk, young / (2.0 * (1.0 + poisson)), **strength)
 
     @classmethod
-    def from_speeds(cls, density, cp, cs, **strength):
+    def from_speeds(cls, density: float, cp: float, cs: float, **strength: Any) -> "Material":
         """Make a material from the speeds of P and S waves in m/s."""
         if not cp > math.sqrt(4.0 / 3.0) * cs > 0.0:
             raise InputError(
@@ -331,57 +357,29 @@ class Material:
         return cls(density, density * cp**2 - 4.0 / 3.0 * shear, shear, **strength)
 
     @property
-    def first_lame(self):
+    def first_lame(self) -> float:
         """First Lame modulus [Pa]."""
         return self.bulk - 2.0 / 3.0 * self.shear
 
     @property
-    def cp(self):
+    def cp(self) -> float:
         """Speed of P waves [m/s]; theory.md (1.2)."""
         return math.sqrt((self.bulk + 4.0 / 3.0 * self.shear) / self.density)
 
     @property
-    def cs(self):
+    def cs(self) -> float:
         """Speed of S waves [m/s]; theory.md (1.3)."""
         return math.sqrt(self.shear / self.density)
 
     @property
-    def young(self):
+    def young(self) -> float:
         """Young's modulus [Pa]."""
         return 9.0 * self.bulk * self.shear / (3.0 * self.bulk + self.shear)
 
     @property
-    def poisson(self):
+    def poisson(self) -> float:
         """Poisson's ratio."""
         return (3.0 * self.bulk - 2.0 * self.shear) / (2.0 * (3.0 * self.bulk + self.shear))
-
-
-def saturated_rock(dry, porosity, solid_bulk, fluid_bulk=2.2e9, fluid_density=1000.0):
-    """Return a material with its pores full of a fluid; theory.md (1.9).
-
-    Parameters
-    ----------
-    dry : Material
-    porosity : float
-    solid_bulk, fluid_bulk : float, Pa
-    fluid_density : float, kg/m3
-
-    Raises
-    ------
-    InputError
-        If the porosity is none, or the solid not stiffer than the dry rock.
-    """
-    if not 0.0 < porosity < 1.0:
-        raise InputError(f"material.porosity: must lie between 0 and 1, got {porosity:g}")
-    if not dry.bulk < solid_bulk:
-        raise InputError(
-            f"material.solid_bulk: must exceed that of the dry rock, {dry.bulk:g} Pa, got "
-            f"{solid_bulk:g} Pa"
-        )
-    share = dry.bulk / solid_bulk
-    pores = porosity / fluid_bulk + (1.0 - porosity) / solid_bulk - share / solid_bulk
-    bulk = dry.bulk + (1.0 - share) ** 2 / pores
-    return replace(dry, density=dry.density + porosity * fluid_density, bulk=bulk)
 
 
 @dataclass(frozen=True)
@@ -410,7 +408,7 @@ class Damping:
     stiffness: bool = True
     corner: float | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse values that are no damping."""
         if not 0.0 <= self.ratio < 1.0:
             raise InputError(f"damping.ratio: must lie between 0 and 1, got {self.ratio:g}")
@@ -423,12 +421,12 @@ class Damping:
             )
 
     @property
-    def alpha(self):
+    def alpha(self) -> float:
         """Mass part [1/s]."""
         return self.ratio * 2.0 * math.pi * self.frequency if self.mass else 0.0
 
     @property
-    def beta(self):
+    def beta(self) -> float:
         """Stiffness part that acts on the motion itself [s]."""
         return self._beta if self.corner is None else 0.0
 
@@ -438,12 +436,12 @@ class Damping:
         return self.ratio / (2.0 * math.pi * self.frequency) if self.stiffness else 0.0
 
     @property
-    def low_passed(self):
+    def low_passed(self) -> bool:
         """Whether the stiffness part acts on low-passed motion."""
         return self.corner is not None and self._beta > 0.0
 
     @property
-    def branches(self):
+    def branches(self) -> tuple[Branch, ...]:
         """What low-passed stiffness damping lets relax: theory.md (2.18)."""
         if not self.low_passed:
             return ()
@@ -451,11 +449,11 @@ class Damping:
         return (Branch(rate, self._beta * rate, self._beta * rate),)
 
     @property
-    def step_factor(self):
+    def step_factor(self) -> float:
         """What low-passed stiffness damping leaves of the longest stable step."""
         return (1.0 + sum(one.shear for one in self.branches)) ** -0.5
 
-    def ratio_at(self, frequency):
+    def ratio_at(self, frequency: float) -> float:
         """Share of critical damping at a frequency in Hz: theory.md (2.11), (2.18)."""
         omega = 2.0 * math.pi * frequency
         if self.low_passed:

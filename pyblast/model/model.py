@@ -7,11 +7,13 @@ import numpy as np
 
 from ..errors import InputError
 from ..mesh.mesh import Mesh, edge_lengths, volumes
-from ..mesh.nodes import nodes_of
+from ..mesh.nodes import Nodes, nodes_of
 from ..mesh.ordering import make_patches, renumbered
-from .boundary import Rim, Viscous, check_boundaries
+from .boundary import Boundary, Rim, StressInput, Viscous, check_boundaries
+from .ground_fields import GroundField
 from .joint import Joint
-from .material import Damping, Material
+from .material import Branch, Damping, Material, ZoneLaw
+from .source import Source
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class InSitu:
     horizontal_ratio: float = 0.5
     stress: tuple[float, ...] = (0.0,) * 6
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse a stress that is none."""
         for name, unit in (("gravity", " m/s2"), ("horizontal_ratio", "")):
             value = getattr(self, name)
@@ -109,12 +111,12 @@ class Model:
     mesh: Mesh
     materials: dict[str, Material]
     joints: tuple[Joint, ...] = ()
-    boundaries: tuple = ()
+    boundaries: tuple[Boundary, ...] = ()
     damping: Damping | dict[str, Damping] | None = None
-    sources: tuple = ()
+    sources: tuple[Source, ...] = ()
     receivers: tuple[Receiver, ...] = ()
     rim: Rim | None = None
-    ground: tuple = ()
+    ground: tuple[GroundField, ...] = ()
     insitu: InSitu | None = None
     added_mass: float = 0.0025
     step_factor: float = 0.8
@@ -123,7 +125,7 @@ class Model:
     single: bool = False
     _ordered: bool = field(default=False, repr=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse parts that do not fit; put nodes and zones in an order near in memory."""
         for name in ("joints", "boundaries", "sources", "receivers", "ground"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
@@ -144,7 +146,7 @@ class Model:
             object.__setattr__(self, "_ordered", True)
 
     @cached_property
-    def nodes(self):
+    def nodes(self) -> Nodes:
         """The `Nodes` at which motion is kept."""
         return nodes_of(self.mesh, self.quadratic)
 
@@ -176,7 +178,7 @@ class Model:
             if name not in given:
                 raise InputError(f"joints.{name}: the mesh is split there, but no joint is given")
 
-    def with_joint(self, surface, **properties):
+    def with_joint(self, surface: str, **properties: float) -> "Model":
         """Return the model with some properties of one joint changed (SI)."""
         joints = tuple(
             replace(j, properties={**j.properties, **properties}) if j.surface == surface else j
@@ -184,14 +186,14 @@ class Model:
         )
         return replace(self, joints=joints)
 
-    def zone_values(self, name):
+    def zone_values(self, name: str) -> np.ndarray:
         """Return a property of the materials for every zone, (n_zones,) float64."""
         values = [float(getattr(self.materials[group], name)) for group in self.mesh.groups]
         power = {"density": 0.0, "cp": 1.0, "cs": 1.0}.get(name, 2.0)
         return np.array(values)[self.mesh.zone_group] * self.speed_factor**power
 
     @cached_property
-    def speed_factor(self):
+    def speed_factor(self) -> np.ndarray:
         """The factor of the fields of the ground on wave speeds, (n_zones,) or 1."""
         if not self.ground:
             return np.float64(1.0)
@@ -199,30 +201,30 @@ class Model:
         edges = edge_lengths(self.mesh).mean(axis=1)
         return np.prod([field.factor(centres, edges) for field in self.ground], axis=0)
 
-    def law(self, group):
+    def law(self, group: str) -> ZoneLaw:
         """Return the law of the zones of a group."""
         return self.materials[group].law
 
-    def branches(self, group):
+    def branches(self, group: str) -> tuple[Branch, ...]:
         """Return what relaxes in the zones of a group, by its law and by its damping."""
         damping = self.damping[group] if isinstance(self.damping, dict) else self.damping
         return self.law(group).branches + (damping.branches if damping is not None else ())
 
-    def yielding(self):
+    def yielding(self) -> np.ndarray:
         """Tell for every zone whether its law can yield, (n_zones,) bool."""
         yields = [self.law(group).name == "mohr-coulomb" for group in self.mesh.groups]
         return np.array(yields)[self.mesh.zone_group]
 
-    def patches(self):
+    def patches(self) -> np.ndarray:
         """Return the patch of every zone, (n_zones,) from 0, -1 where its law can not yield."""
         return make_patches(self.mesh, self.yielding())
 
-    def zone_moduli(self):
+    def zone_moduli(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the Lame moduli of every zone after everything has relaxed, (n_zones,) Pa."""
         pairs = [self.law(group).moduli(self.materials[group]) for group in self.mesh.groups]
         return tuple(np.array(pairs)[self.mesh.zone_group].T * self.speed_factor**2)
 
-    def stiffest_moduli(self):
+    def stiffest_moduli(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the Lame moduli of every zone before anything relaxes, (n_zones,) Pa."""
         lame, shear = self.zone_moduli()
         every = [self.branches(group) for group in self.mesh.groups]
@@ -233,7 +235,7 @@ class Model:
         stiff = of_s[self.mesh.zone_group] * shear
         return of_p[self.mesh.zone_group] * (lame + 2.0 * shear) - 2.0 * stiff, stiff
 
-    def group_damping(self, name):
+    def group_damping(self, name: str) -> np.ndarray:
         """Return ``alpha`` (1/s) or ``beta`` (s) of the damping for every group, (n_groups,)."""
         if self.damping is None:
             return np.zeros(len(self.mesh.groups))
@@ -241,7 +243,7 @@ class Model:
         parts = [self.damping[g] if by_group else self.damping for g in self.mesh.groups]
         return np.array([getattr(part, name) for part in parts])
 
-    def zone_damping(self, name):
+    def zone_damping(self, name: str) -> np.ndarray:
         """Return ``alpha`` (1/s) or ``beta`` (s) of the damping for every zone, (n_zones,)."""
         values = self.group_damping(name)[self.mesh.zone_group]
         if self.rim is not None and name == "alpha":
@@ -249,7 +251,7 @@ class Model:
             values += self.rim.alpha(centres, self.zone_values("cs"))
         return values
 
-    def mean_edges(self):
+    def mean_edges(self) -> dict[str, float]:
         """Return the mean edge of each group in m, by volume: small zones do not flatter it.
 
         Zones in the rim, where waves only die, count where a group has no others.
@@ -263,18 +265,18 @@ class Model:
         return dict(zip(self.mesh.groups, mean, strict=True))
 
     @property
-    def edges_per_wavelength(self):
+    def edges_per_wavelength(self) -> float:
         """Edges that an S wave needs for an error of a few per cent: eq. (1), or a third of it."""
         return 3.0 if self.quadratic else 10.0
 
-    def highest_frequency(self):
+    def highest_frequency(self) -> dict[str, float]:
         """Return the frequency in Hz that each group carries: Cs over 10 mean edges, eq. (1)."""
         return {
             group: self.materials[group].cs / (self.edges_per_wavelength * edge)
             for group, edge in self.mean_edges().items()
         }
 
-    def doubles(self, boundary):
+    def doubles(self, boundary: StressInput) -> bool:
         """Tell whether a stress input is doubled: by its own word, or because of dashpots."""
         if boundary.doubled is not None:
             return boundary.doubled

@@ -1,93 +1,37 @@
 """Plane waves that enter through viscous faces, with what a plane free surface sends back."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
 from ..errors import InputError
 from ..mesh.mesh import surface_areas, surface_zones
 from .boundary import Viscous
-from .source import TimeFunction
+from .model import Model
+from .source import PlaneWave, TimeFunction
+
+
+class NodalLoads(Protocol):
+    """Collector of nodal forces that follow functions of time, as in the solver."""
+
+    def add_history(self, function: TimeFunction) -> int:
+        """Add a function of time; return its number."""
+
+    def add(self, nodes: np.ndarray, vectors: np.ndarray, number: int, delays: np.ndarray) -> None:
+        """Add forces (n, 3) per unit of a function at nodes (n,), with delays (n,) in s."""
+
 
 SAME = 1e-6  # relative difference that media and planes may show
 
 
-@dataclass(frozen=True, eq=False)
-class PlaneWave:
-    """A plane wave from outside, seen by viscous faces as the motion that is there undisturbed.
-
-    Parameters
-    ----------
-    wave : str
-        "P", "SV" or "SH". Across a level ground SV shakes in the vertical plane of its path, along
-        its azimuth where it runs straight up; SH shakes to the right of that plane.
-    history : TimeFunction
-        Particle velocity along the polarisation, m/s, at the node of the mesh that it meets first.
-    azimuth : float, rad
-        Where it runs to, clockwise from north.
-    inclination : float, rad
-        Between its path and the vertical: 0 straight up.
-    surfaces : sequence of str
-        Viscous surfaces that see it; none named: all.
-    free_surface : str or None
-        A plane surface, level or not, that sends P and S waves back; the viscous surfaces see them
-        too. None: it is not there; nor is it where the surface is viscous itself.
-
-    Raises
-    ------
-    InputError
-        If the wave is unknown, begins before the run, or an angle is none.
-
-    Notes
-    -----
-    theory.md (4.8) to (4.11).
-    """
-
-    wave: str
-    history: TimeFunction
-    azimuth: float = 0.0
-    inclination: float = 0.0
-    surfaces: tuple[str, ...] = ()
-    free_surface: str | None = "top"
-
-    def __post_init__(self):
-        """Refuse what is no wave."""
-        object.__setattr__(self, "surfaces", tuple(self.surfaces))
-        if self.wave not in ("P", "SV", "SH"):
-            raise InputError(f"plane_wave.wave: must be P, SV or SH, got {self.wave!r}")
-        if self.history.start < 0.0:
-            raise InputError(
-                f"plane_wave.history: must begin at 0 or later, when it meets the model, got "
-                f"{self.history.start:g} s; shift it"
-            )
-        if not math.isfinite(self.azimuth):
-            raise InputError(f"plane_wave.azimuth: must be finite, got {self.azimuth:g} rad")
-        if not 0.0 <= self.inclination <= math.pi:
-            raise InputError(
-                f"plane_wave.inclination: must lie in 0 to pi, got {self.inclination:g} rad"
-            )
-
-    @property
-    def direction(self):
-        """Unit vector (3,) along the path."""
-        return polarisation("P", self.azimuth, self.inclination)
-
-    @property
-    def polarisation(self):
-        """Unit vector (3,) along which positive velocity points."""
-        return polarisation(self.wave, self.azimuth, self.inclination)
-
-
-def polarisation(wave, azimuth, inclination):
-    """Return the unit vector (3,) of a wave's positive velocity; arguments as in `PlaneWave`."""
-    across = math.sin(inclination)
-    path = [across * math.sin(azimuth), across * math.cos(azimuth), math.cos(inclination)]
-    right = [math.cos(azimuth), -math.sin(azimuth), 0.0]
-    return np.array({"P": path, "SH": right, "SV": np.cross(path, right)}[wave])
-
-
-def add_plane_wave(loads, model, wave, impedance):
+def add_plane_wave(
+    loads: NodalLoads,
+    model: Model,
+    wave: PlaneWave,
+    impedance: Callable[[str], dict[int, np.ndarray]],
+) -> None:
     """Add the tractions of a plane wave and of its reflections to the faces that see them.
 
     Parameters
@@ -124,13 +68,15 @@ def add_plane_wave(loads, model, wave, impedance):
             loads.add(nodes, force, number, delay)
 
 
-def stress_of(slowness, motion, lame, shear):
+def stress_of(slowness: np.ndarray, motion: np.ndarray, lame: float, shear: float) -> np.ndarray:
     """Return the stress (3, 3) of a wave ``v = motion f(t - slowness x)`` per ``f``; (4.9)."""
     both = np.outer(motion, slowness)
     return -(lame * (motion @ slowness) * np.eye(3) + shear * (both + both.T))
 
 
-def reflected(slowness, motion, cp, cs, normal):
+def reflected(
+    slowness: np.ndarray, motion: np.ndarray, cp: float, cs: float, normal: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]] | None:
     """Return what a free surface sends back from a plane wave.
 
     Parameters

@@ -1,11 +1,13 @@
 """Sources: holes, charge columns, point forces, moment tensors, pressure on surfaces."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ..errors import InputError
+from .material import Material
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,7 @@ class TimeFunction:
     start: float = 0.0
     held: bool = False
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse samples that are no function of time."""
         values = np.asarray(self.values, dtype=float)
         if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
@@ -40,14 +42,14 @@ class TimeFunction:
             raise InputError(f"time function: dt must be positive, got {self.dt:g} s")
         object.__setattr__(self, "values", values)
 
-    def __call__(self, times):
+    def __call__(self, times: np.ndarray) -> np.ndarray:
         """Read the function at ``times`` (n,) by a cubic spline through its samples."""
         samples = self.start + self.dt * np.arange(len(self.values))
         spline = make_interp_spline(samples, self.values, k=min(3, len(samples) - 1))
         inside = (times >= samples[0]) & ((times <= samples[-1]) | self.held)
         return np.where(inside, spline(np.clip(times, samples[0], samples[-1])), 0.0)
 
-    def integral(self):
+    def integral(self) -> "TimeFunction":
         """Return the running integral from the start, by the trapezoidal rule; held at its end."""
         steps = 0.5 * self.dt * (self.values[1:] + self.values[:-1])
         return TimeFunction(np.append(0.0, np.cumsum(steps)), self.dt, self.start, held=True)
@@ -79,7 +81,7 @@ class Hole:
     exponent: float = 1.0
     spread: float | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse charges and times that are none."""
         if not self.charge > 0.0:
             raise InputError(f"hole.charge: must be positive, got {self.charge:g} kg")
@@ -132,7 +134,7 @@ class MomentTensor:
     moment_rate: TimeFunction
     spread: float | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse what is no tensor."""
         tensor = np.asarray(self.tensor, dtype=float)
         if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
@@ -181,7 +183,7 @@ class Column:
     detonation_speed: float = 4500.0
     sources: int | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse what is no column."""
         length = float(np.linalg.norm(np.subtract(self.end, self.primed)))
         for name, value, unit in (
@@ -195,7 +197,7 @@ class Column:
         if not self.time >= 0.0:
             raise InputError(f"column.time: must not be negative, got {self.time:g} s")
 
-    def tensor(self, material):
+    def tensor(self, material: Material) -> np.ndarray:
         """Return the moment tensor (3, 3) in a material, the mean of its diagonal being one."""
         axis = np.subtract(self.end, self.primed)
         axis = axis / np.linalg.norm(axis)
@@ -203,7 +205,7 @@ class Column:
         mean = (2.0 * across + along) / 3.0
         return (across * np.eye(3) + (along - across) * np.outer(axis, axis)) / mean
 
-    def points(self, count):
+    def points(self, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Return places (n, 3) of the points and their delays (n,) in s."""
         share = (np.arange(count) + 0.5) / count
         way = np.subtract(self.end, self.primed)
@@ -236,12 +238,12 @@ class Pressure:
     start: np.ndarray | None = None
     speed: float = np.inf
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse a speed that is none."""
         if not self.speed > 0.0:
             raise InputError(f"pressure.speed: must be positive, got {self.speed:g} m/s")
 
-    def at(self, places):
+    def at(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return shares (n,) of the history and delays (n,) in s at places (n, 3)."""
         if self.start is None or np.isinf(self.speed):
             return np.ones(len(places)), np.zeros(len(places))
@@ -281,7 +283,7 @@ class AirBlast:
     exponent: float = 1.0
     time: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Refuse what is no blast of air."""
         for name, unit in (("reference", "m"), ("speed", "m/s")):
             value = getattr(self, name)
@@ -292,8 +294,85 @@ class AirBlast:
                 value = getattr(self, name)
                 raise InputError(f"air_blast.{name}: must not be negative, got {value:g}")
 
-    def at(self, places):
+    def at(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return shares (n,) of the history and delays (n,) in s at places (n, 3)."""
         distance = np.linalg.norm(places - np.asarray(self.position, dtype=float), axis=1)
         share = (np.maximum(distance, self.reference) / self.reference) ** -self.exponent
         return share, self.time + distance / self.speed
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneWave:
+    """A plane wave from outside, seen by viscous faces as the motion that is there undisturbed.
+
+    Parameters
+    ----------
+    wave : str
+        "P", "SV" or "SH". Across a level ground SV shakes in the vertical plane of its path, along
+        its azimuth where it runs straight up; SH shakes to the right of that plane.
+    history : TimeFunction
+        Particle velocity along the polarisation, m/s, at the node of the mesh that it meets first.
+    azimuth : float, rad
+        Where it runs to, clockwise from north.
+    inclination : float, rad
+        Between its path and the vertical: 0 straight up.
+    surfaces : sequence of str
+        Viscous surfaces that see it; none named: all.
+    free_surface : str or None
+        A plane surface, level or not, that sends P and S waves back; the viscous surfaces see them
+        too. None: it is not there; nor is it where the surface is viscous itself.
+
+    Raises
+    ------
+    InputError
+        If the wave is unknown, begins before the run, or an angle is none.
+
+    Notes
+    -----
+    theory.md (4.8) to (4.11).
+    """
+
+    wave: str
+    history: TimeFunction
+    azimuth: float = 0.0
+    inclination: float = 0.0
+    surfaces: tuple[str, ...] = ()
+    free_surface: str | None = "top"
+
+    def __post_init__(self) -> None:
+        """Refuse what is no wave."""
+        object.__setattr__(self, "surfaces", tuple(self.surfaces))
+        if self.wave not in ("P", "SV", "SH"):
+            raise InputError(f"plane_wave.wave: must be P, SV or SH, got {self.wave!r}")
+        if self.history.start < 0.0:
+            raise InputError(
+                f"plane_wave.history: must begin at 0 or later, when it meets the model, got "
+                f"{self.history.start:g} s; shift it"
+            )
+        if not math.isfinite(self.azimuth):
+            raise InputError(f"plane_wave.azimuth: must be finite, got {self.azimuth:g} rad")
+        if not 0.0 <= self.inclination <= math.pi:
+            raise InputError(
+                f"plane_wave.inclination: must lie in 0 to pi, got {self.inclination:g} rad"
+            )
+
+    @property
+    def direction(self) -> np.ndarray:
+        """Unit vector (3,) along the path."""
+        return polarisation("P", self.azimuth, self.inclination)
+
+    @property
+    def polarisation(self) -> np.ndarray:
+        """Unit vector (3,) along which positive velocity points."""
+        return polarisation(self.wave, self.azimuth, self.inclination)
+
+
+def polarisation(wave: str, azimuth: float, inclination: float) -> np.ndarray:
+    """Return the unit vector (3,) of a wave's positive velocity; arguments as in `PlaneWave`."""
+    across = math.sin(inclination)
+    path = [across * math.sin(azimuth), across * math.cos(azimuth), math.cos(inclination)]
+    right = [math.cos(azimuth), -math.sin(azimuth), 0.0]
+    return np.array({"P": path, "SH": right, "SV": np.cross(path, right)}[wave])
+
+
+Source = Hole | PointForce | MomentTensor | Column | Pressure | AirBlast | PlaneWave

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -50,9 +51,9 @@ class Gather:
     full_scale: float | None = None
     label: str = ""
     time: str = ""
-    header: dict = field(default_factory=dict)
+    header: dict[str, Any] = field(default_factory=dict)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check that the shapes belong together."""
         n_channels, n_samples = np.shape(self.data)
         expected = {
@@ -66,12 +67,12 @@ class Gather:
                 )
 
     @property
-    def times(self):
+    def times(self) -> np.ndarray:
         """Time of each sample, (n_samples,) s."""
         return self.start + self.dt * np.arange(self.data.shape[1])
 
     @property
-    def offsets(self):
+    def offsets(self) -> np.ndarray:
         """Distance of each receiver from the source, (n_channels,) m."""
         return np.linalg.norm(self.receiver_positions - self.source_position, axis=1)
 

@@ -5,7 +5,7 @@ import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,7 +57,7 @@ class RawRecord:
     serial: str = ""
     full_scale: float | None = None
     time: str = ""
-    header: dict = field(default_factory=dict)
+    header: dict[str, Any] = field(default_factory=dict)
     printed: dict[str, Printed] = field(default_factory=dict)
     unit: str = "m_per_s"
 
@@ -197,7 +197,9 @@ def read_columns(
     return {name: _column(path, rows, name, column) for name, column in columns.items()}
 
 
-def uniform_step(path: Path, times: np.ndarray, lines: list[int], rate: float | None = None):
+def uniform_step(
+    path: Path, times: np.ndarray, lines: list[int], rate: float | None = None
+) -> float:
     """Return the time step of a time column, checked for holes and against the stated rate."""
     growth = (times[-1] - times[0]) / (len(times) - 1)
     if growth <= 0.0:

@@ -4,8 +4,10 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from obspy import UTCDateTime
 
 from ..errors import InputError, PyblastWarning, ReadError
 from ..signals.seismogram import BLAST_AXES, GEOGRAPHIC, Seismogram
@@ -58,12 +60,12 @@ class Recording:
     serial: str
     full_scale: float | None
     clipped: np.ndarray
-    header: dict = field(default_factory=dict)
+    header: dict[str, Any] = field(default_factory=dict)
     checks: tuple[tuple[str, float, float, bool], ...] = ()
     dead: tuple[str, ...] = ()
     time: str = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check that the marks belong to the samples."""
         shape = self.seismogram.velocity.shape
         if np.shape(self.clipped) != shape:
@@ -80,7 +82,7 @@ def read_recording(
     full_scale: float | None = None,
     mapping: str | Path | None = None,
     unit: str | None = None,
-    time_zero=None,
+    time_zero: str | UTCDateTime | None = None,
     orientations: dict[str, tuple[float, float]] | None = None,
     max_bytes: int = MAX_FILE_BYTES,
 ) -> list[Recording]:
@@ -147,7 +149,11 @@ def read_recording(
 
 
 def read_stations(
-    path: str | Path, *, time_zero=None, unit: str = "m_per_s", max_bytes: int = MAX_FILE_BYTES
+    path: str | Path,
+    *,
+    time_zero: str | UTCDateTime | None = None,
+    unit: str = "m_per_s",
+    max_bytes: int = MAX_FILE_BYTES,
 ) -> dict[str, Recording]:
     """Read a file of many stations into a dict by station name; see ``read_recording``."""
     recordings = read_recording(path, time_zero=time_zero, unit=unit, max_bytes=max_bytes)

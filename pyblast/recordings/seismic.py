@@ -3,6 +3,7 @@
 import io
 import struct
 import warnings
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -199,7 +200,7 @@ def station_records(
     traces: list[obspy.Trace],
     *,
     unit: str | None = None,
-    time_zero=None,
+    time_zero: str | UTCDateTime | None = None,
     orientations: dict[str, tuple[float, float]] | None = None,
 ) -> list[RawRecord]:
     """Gather the channels of each station into one record.
@@ -355,7 +356,9 @@ LONGEST = 5  # characters of a station that the format holds
 BANDS = (1000.0, "G"), (250.0, "D"), (80.0, "E"), (0.0, "S")  # of channels, by samples a second
 
 
-def mseed_bytes(motion, channels, dt, start):
+def mseed_bytes(
+    motion: np.ndarray, channels: Sequence[Sequence[str]], dt: float, start: str
+) -> bytes:
     """Return the bytes of a file with the components of many receivers.
 
     Parameters
@@ -379,7 +382,7 @@ def mseed_bytes(motion, channels, dt, start):
     return buffer.getvalue()
 
 
-def channel_names(station, known, dt):
+def channel_names(station: str, known: dict[str, str], dt: float) -> list[str]:
     """Return what the channels east, north and vertical of a record are called in a file.
 
     Parameters

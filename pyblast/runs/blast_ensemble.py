@@ -1,17 +1,19 @@
 """Ensembles of one blast with scattered firing times and strengths, by superposed spectra."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import fft
 
 from ..errors import InputError
 from ..model.model import Receiver
 from ..model.source import PointForce
 from ..signals.seismogram import Seismogram
-from .greens import GreensFunctions, history
+from .greens import GreensFunctions, PointSource, history
 
 DROPPED = 1e-10  # share of the power that may lie above the frequencies kept
 RINGS = 3.0  # cycles of the lower corner that a filter rings before and after
@@ -68,7 +70,7 @@ class BlastSpectra:
         """Time between samples, s."""
         return 1.0 / (self.spacing * self.n_samples)
 
-    def peaks(self, times, scales=1.0) -> Peaks:
+    def peaks(self, times: ArrayLike, scales: ArrayLike = 1.0) -> Peaks:
         """Return the peaks of many blasts; theory.md (9.4).
 
         Parameters
@@ -93,7 +95,7 @@ class BlastSpectra:
             pvs.append(np.sqrt(_top(np.einsum("brct,brct->brt", motion, motion))))
         return Peaks(np.concatenate(ppv), np.concatenate(pvs))
 
-    def seismograms(self, times, scales=1.0) -> dict[str, Seismogram]:
+    def seismograms(self, times: ArrayLike, scales: ArrayLike = 1.0) -> dict[str, Seismogram]:
         """Return the seismograms of one blast, times and scales (n_holes,)."""
         motion = self._motion(*self._checked(np.atleast_2d(times), scales))[0]
         records = {}
@@ -155,7 +157,7 @@ class BlastSpectra:
 
 
 def blast_spectra(
-    bank: GreensFunctions, sources, *, latest: float, earliest: float = 0.0
+    bank: GreensFunctions, sources: Sequence[PointSource], *, latest: float, earliest: float = 0.0
 ) -> BlastSpectra:
     """Prepare the holes of a blast for many sets of times and scales.
 
@@ -194,7 +196,7 @@ def blast_spectra(
     )  # fmt: skip
 
 
-def trimmed(spectra):
+def trimmed(spectra: np.ndarray) -> tuple[np.ndarray, int]:
     """Leave out high frequencies without power, and samples with them.
 
     Parameters
@@ -245,12 +247,12 @@ def _turned(bank, number, size):
 
 
 def signature_spectra(
-    signatures,
+    signatures: dict[str, Any],
     n_holes: int,
     *,
     latest: float,
     earliest: float = 0.0,
-    travel_shifts=None,
+    travel_shifts: ArrayLike | None = None,
 ) -> BlastSpectra:
     """Prepare the holes of a blast by what one hole did at each receiver.
 

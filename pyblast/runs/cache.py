@@ -7,6 +7,7 @@ import sys
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
@@ -25,7 +26,7 @@ RUN_CODE = ("core.py", "signals", "mesh", "model", "solver", "runs")
 WHOLE = ("",)
 
 
-def input_hash(*inputs) -> str:
+def input_hash(*inputs: Any) -> str:
     """Return the SHA-256 of inputs and of the code that works on them.
 
     Parameters
@@ -82,7 +83,7 @@ class Cache:
         Made if absent.
     """
 
-    def __init__(self, folder):
+    def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -105,12 +106,12 @@ class Cache:
             return None
         return arrays
 
-    def put(self, key: str, arrays: dict[str, np.ndarray]):
+    def put(self, key: str, arrays: dict[str, np.ndarray]) -> None:
         """Keep arrays under a key."""
         attributes = {"kind": "kept", "key": key, "content": fingerprint(arrays)}
         write_arrays(self._path(key), {"kept": arrays}, attributes)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return sum(1 for _ in self.folder.glob("*.h5"))
 
     @property
@@ -148,7 +149,7 @@ class KeptRun:
     found: bool
 
 
-def cached_run(model: Model, duration: float, folder=None) -> KeptRun:
+def cached_run(model: Model, duration: float, folder: str | Path | None = None) -> KeptRun:
     """Run a model, or read the same run from a folder: the bits are the same.
 
     Parameters
@@ -172,7 +173,7 @@ def cached_run(model: Model, duration: float, folder=None) -> KeptRun:
     return find_run(model, duration, folder) or _run(model, duration, folder)
 
 
-def find_run(model: Model, duration: float, folder) -> KeptRun | None:
+def find_run(model: Model, duration: float, folder: str | Path | None) -> KeptRun | None:
     """Return the kept run of a model, or None where a folder has none."""
     arrays = Cache(folder).get(input_hash(model, duration)) if folder is not None else None
     return _from_arrays(arrays) if arrays else None

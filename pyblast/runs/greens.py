@@ -1,5 +1,6 @@
 """Green's functions: the motion of a blast as a sum of stored unit runs."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from ..signals.seismogram import Seismogram
 from ..solver.linear_runs import STICKING_JOINTS
 from ..solver.loads import ADDERS, Loads
 
+PointSource = Hole | Column | MomentTensor | PointForce
 CHARGES = (Hole, Column)
 KINDS = (*CHARGES, MomentTensor, PointForce)
 LINEAR_JOINTS = ("elastic", "kelvin", "maxwell", *STICKING_JOINTS)
@@ -20,7 +22,7 @@ LINEAR_ZONES = ("elastic", "anisotropic")
 NONE = TimeFunction(np.zeros(1), 1.0)
 
 
-def unit_source(source):
+def unit_source(source: PointSource) -> PointSource:
     """Return a source of size one without firing time and history."""
     if isinstance(source, CHARGES):
         return replace(source, charge=1.0, time=0.0, moment_rate=NONE, exponent=1.0)
@@ -30,7 +32,7 @@ def unit_source(source):
     return replace(source, direction=np.asarray(source.direction) / size(source), history=NONE)
 
 
-def size(source):
+def size(source: PointSource) -> float:
     """Return what multiplies the history: of a charge, the length of a tensor or a direction."""
     if isinstance(source, CHARGES):
         return source.charge**source.exponent
@@ -38,21 +40,21 @@ def size(source):
     return float(np.linalg.norm(vector)) or 1.0
 
 
-def history(source, times):
+def history(source: PointSource, times: np.ndarray) -> np.ndarray:
     """Return the moment (n,) in N m, or the force in N, at times (n,) as a run reads it."""
     if isinstance(source, PointForce):
         return size(source) * source.history(times)
     return size(source) * source.moment_rate.integral()(times - source.time)
 
 
-def place(source):
+def place(source: PointSource) -> np.ndarray:
     """Return where a source is, (3,) m; of a column its middle."""
     if isinstance(source, Column):
         return 0.5 * np.add(source.primed, source.end)
     return np.asarray(source.position, dtype=float)
 
 
-def likeness(source):
+def likeness(source: PointSource) -> tuple:
     """Return what two sources must have in common to share a run at one place."""
     if isinstance(source, Column):
         way = np.round(np.subtract(source.end, source.primed), 9)
@@ -64,7 +66,7 @@ def likeness(source):
     return Hole, source.spread
 
 
-def loads(model, source, n_steps, dt):
+def loads(model: Model, source: PointSource, n_steps: int, dt: float) -> dict[str, np.ndarray]:
     """Return the load arrays of a source whose history is one from the second step on."""
     found = Loads()
     ADDERS[type(source)](found, model, source)
@@ -73,7 +75,7 @@ def loads(model, source, n_steps, dt):
     return {**found.arrays(dt * np.arange(n_steps)), "history": step}
 
 
-def refuse_what_does_not_superpose(model: Model):
+def refuse_what_does_not_superpose(model: Model) -> None:
     """Refuse models whose motion is not the sum of what each hole does, or not of holes alone.
 
     Raises
@@ -140,7 +142,7 @@ class GreensFunctions:
         Which side was chosen and why, and what proves that nothing slips.
     """
 
-    sources: tuple
+    sources: tuple[PointSource, ...]
     receivers: tuple[Receiver, ...]
     response: np.ndarray
     dt: float
@@ -164,7 +166,7 @@ class GreensFunctions:
         size = np.linalg.norm(self.response, axis=2)
         return float((size[..., -(size.shape[-1] // 10 + 1) :].max(-1) / size.max(-1)).max())
 
-    def numbers(self, sources) -> np.ndarray:
+    def numbers(self, sources: Sequence[PointSource]) -> np.ndarray:
         """Return the place (n,) that each source uses.
 
         Raises
@@ -193,7 +195,9 @@ class GreensFunctions:
                 )
         return found
 
-    def blast(self, sources, duration: float | None = None) -> dict[str, Seismogram]:
+    def blast(
+        self, sources: Sequence[PointSource], duration: float | None = None
+    ) -> dict[str, Seismogram]:
         """Return the seismograms of sources that act together; theory.md (9.1), (9.2).
 
         Parameters
@@ -220,12 +224,12 @@ class GreensFunctions:
             total += fft.rfft(self.response[number, ..., :n], size) * drive
         return self.seismograms(fft.irfft(total, size)[..., :n])
 
-    def increments(self, source, n_steps) -> np.ndarray:
+    def increments(self, source: PointSource, n_steps: int) -> np.ndarray:
         """Return by how much moment or force grows in each step, (n_steps,)."""
         moment = history(source, self.dt * np.arange(n_steps))
         return np.diff(moment, prepend=0.0)
 
-    def seismograms(self, motion) -> dict[str, Seismogram]:
+    def seismograms(self, motion: np.ndarray) -> dict[str, Seismogram]:
         """Return motion (n_receivers, 3, n) as seismograms in the receivers' directions."""
         records = {}
         for receiver, velocity in zip(self.receivers, motion, strict=True):

@@ -1,9 +1,10 @@
 """Runs of unit sources or unit receivers behind stored Green's functions."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -29,7 +30,9 @@ from .greens import (
 )
 
 
-def march_side_by_side(prepared: Prepared, loads, n_steps, nodes) -> Iterator[np.ndarray]:
+def march_side_by_side(
+    prepared: Prepared, loads: Sequence[dict[str, np.ndarray]], n_steps: int, nodes: np.ndarray
+) -> Iterator[np.ndarray]:
     """March a linear model from rest, all that drives it left out, under each of some loads.
 
     A single load goes without lanes.
@@ -100,7 +103,7 @@ def greens_functions(
     *,
     within: float = 0.0,
     side: str | None = None,
-    folder=None,
+    folder: str | Path | None = None,
     executor: Executor | None = None,
 ) -> GreensFunctions:
     """Run what is needed to superpose the blasts of a linear model.

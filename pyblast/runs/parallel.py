@@ -1,11 +1,12 @@
 """Many runs side by side, on the cores of a machine or on many machines, resumed by a cache."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
+from pathlib import Path
 
 from ..core import LEAST_SHARED
 from ..errors import InputError, SolverError
@@ -17,7 +18,11 @@ DASK_SECONDS = 10.0
 
 
 def run_all(
-    models: Sequence[Model], duration: float, *, folder=None, executor: Executor | None = None
+    models: Sequence[Model],
+    duration: float,
+    *,
+    folder: str | Path | None = None,
+    executor: Executor | None = None,
 ) -> list[KeptRun]:
     """Run models, each at most once.
 
@@ -78,7 +83,7 @@ def _left_over(missing, models, executor):
 
 
 @contextmanager
-def executor_of(count=1, dask=""):
+def executor_of(count: int = 1, dask: str = "") -> Iterator[Executor | None]:
     """Open what runs models: None for one worker, processes, or the workers of a dask scheduler.
 
     Parameters
@@ -118,13 +123,13 @@ def _dask_client(address):
 class Processes(ProcessPoolExecutor):
     """A pool that knows how many processes it has, ``count``."""
 
-    def __init__(self, count):
+    def __init__(self, count: int) -> None:
         super().__init__(count, mp_context=get_context("spawn"))
         self.count = count
 
 
 @contextmanager
-def workers(count: int | None = None):
+def workers(count: int | None = None) -> Iterator[Processes]:
     """Open a pool of processes that share the cores of this machine.
 
     Parameters

@@ -64,19 +64,19 @@ class Comparison:
     frequency_method: str
 
     @property
-    def waveform_misfit(self):
+    def waveform_misfit(self) -> np.ndarray:
         """Residual over recorded energy of each component, (3,)."""
         return _ratio(self.residual_energy, self.recorded_energy)
 
     @property
-    def total_waveform_misfit(self):
+    def total_waveform_misfit(self) -> float:
         """Residual over recorded energy of all compared components together."""
         compared = ~np.isnan(self.residual_energy)
         energy = np.sum(self.recorded_energy[compared])
         return float(np.sum(self.residual_energy[compared]) / energy)
 
     @property
-    def misfit(self):
+    def misfit(self) -> float:
         """Mean absolute deviation of PPV and dominant frequency over the components, percent.
 
         With three components this is the cost C of paper.md section 3.
@@ -88,10 +88,10 @@ class Comparison:
 def compare(
     recorded: Seismogram,
     simulated: Seismogram,
-    band=None,
+    band: tuple[float, float] | None = None,
     *,
-    frequency_method="smoothed",
-    time_frequency=True,
+    frequency_method: str = "smoothed",
+    time_frequency: bool = True,
 ) -> Comparison:
     """Compare two seismograms of the same place.
 
@@ -164,7 +164,9 @@ def _ratio(top, bottom):
     return top / safe
 
 
-def in_common(recorded: Seismogram, simulated: Seismogram, band=None):
+def in_common(
+    recorded: Seismogram, simulated: Seismogram, band: tuple[float, float] | None = None
+) -> tuple[Seismogram, Seismogram]:
     """Return both seismograms at the recorded instants, up to the earlier end, within a band.
 
     Raises

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from importlib import resources
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..units import to_si
@@ -45,7 +46,7 @@ class LimitCurve:
     interpolation: str = "linear"
     note: str = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the fields once."""
         corners = np.array(self.corners, dtype=np.float64)
         where = f"limit curve {self.name!r}"
@@ -62,7 +63,7 @@ class LimitCurve:
         corners.setflags(write=False)
         object.__setattr__(self, "corners", corners)
 
-    def limit(self, frequency):
+    def limit(self, frequency: ArrayLike) -> np.ndarray:
         """Return the limit at each frequency.
 
         Parameters
@@ -95,7 +96,7 @@ class LimitCurve:
         return np.exp(value) if self.interpolation == "log-log" else value
 
 
-def load_limits():
+def load_limits() -> dict[str, LimitCurve]:
     """Load the curves that come with pyblast.
 
     Returns

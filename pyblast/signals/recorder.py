@@ -8,16 +8,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.signal import butter, sosfilt, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from .seismogram import Seismogram
 
+Operator = Callable[[Seismogram], Seismogram]
 PADS = 4
 
 
-def recorded(seismogram: Seismogram, chain: Sequence[Callable]) -> Seismogram:
+def recorded(seismogram: Seismogram, chain: Sequence[Operator]) -> Seismogram:
     """Return a seismogram as a chain of operators, the first nearest the ground, would record it.
 
     Examples
@@ -29,7 +31,7 @@ def recorded(seismogram: Seismogram, chain: Sequence[Callable]) -> Seismogram:
     return seismogram
 
 
-def geophone(corner, damping=0.7):
+def geophone(corner: float, damping: float = 0.7) -> Operator:
     """Return the operator of a geophone: a high-pass of second order for velocity; theory.md (7.6).
 
     Parameters
@@ -48,7 +50,7 @@ def geophone(corner, damping=0.7):
     return _filter(response)
 
 
-def coupling(resonance, damping=0.1):
+def coupling(resonance: float, damping: float = 0.1) -> Operator:
     """Return the operator of a sensor that rocks on soft ground at a resonance in Hz; (7.7)."""
     _positive("coupling.resonance", resonance, "Hz")
     _positive("coupling.damping", damping, "")
@@ -60,7 +62,7 @@ def coupling(resonance, damping=0.1):
     return _filter(response)
 
 
-def anti_alias(corner, order=4, *, zero_phase=False):
+def anti_alias(corner: float, order: int = 4, *, zero_phase: bool = False) -> Operator:
     """Return a Butterworth low-pass with a corner in Hz, causal as in a recorder, or zero-phase."""
     _positive("anti_alias.corner", corner, "Hz")
 
@@ -74,12 +76,12 @@ def anti_alias(corner, order=4, *, zero_phase=False):
     return operate
 
 
-def gain(factors):
+def gain(factors: ArrayLike) -> Operator:
     """Return the operator of a gain: a factor, or one for each component; -1 is polarity."""
     return lambda s: replace(s, velocity=s.velocity * np.asarray(factors, dtype=float))
 
 
-def orientation(about_vertical, tilt=0.0, towards=0.0):
+def orientation(about_vertical: float, tilt: float = 0.0, towards: float = 0.0) -> Operator:
     """Return the operator of a sensor that stands askew; energy is kept.
 
     Parameters
@@ -95,7 +97,7 @@ def orientation(about_vertical, tilt=0.0, towards=0.0):
     return lambda s: replace(s, velocity=s.velocity @ matrix)
 
 
-def clock(shift=0.0, drift=0.0):
+def clock(shift: float = 0.0, drift: float = 0.0) -> Operator:
     """Return the operator of a clock: it writes motion ``shift + drift * time`` s too late."""
 
     def operate(seismogram):
@@ -111,13 +113,15 @@ def clock(shift=0.0, drift=0.0):
     return operate
 
 
-def clipping(full_scale):
+def clipping(full_scale: float) -> Operator:
     """Return the operator of a recorder whose range ends at a velocity in m/s."""
     _positive("clipping.full_scale", full_scale, "m/s")
     return lambda s: replace(s, velocity=np.clip(s.velocity, -full_scale, full_scale))
 
 
-def step(time, size, corner, damping=0.7, component=2):
+def step(
+    time: float, size: float, corner: float, damping: float = 0.7, component: int = 2
+) -> Operator:
     """Return the operator that adds what a geophone writes of a step of acceleration.
 
     Parameters

@@ -41,7 +41,7 @@ class Seismogram:
     label: str = ""
     components: tuple[str, str, str] = GEOGRAPHIC
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the fields once and make the samples read-only."""
         velocity = np.array(self.velocity, dtype=np.float64, order="C")
         if velocity.ndim != 2 or velocity.shape[1] != 3 or len(velocity) < 2:
@@ -61,31 +61,31 @@ class Seismogram:
         object.__setattr__(self, "components", tuple(self.components))
 
     @property
-    def times(self):
+    def times(self) -> np.ndarray:
         """Time of each sample, (n_samples,) s."""
         return self.start + self.dt * np.arange(len(self.velocity))
 
     @property
-    def duration(self):
+    def duration(self) -> float:
         """Time from the first to the last sample [s]."""
         return self.dt * (len(self.velocity) - 1)
 
     @property
-    def present(self):
+    def present(self) -> np.ndarray:
         """Which components hold a record, (3,) bool."""
         return ~np.isnan(self.velocity[0])
 
     @property
-    def ppv(self):
+    def ppv(self) -> np.ndarray:
         """Largest absolute sample of each component, (3,) m/s; the mean is not removed."""
         return np.max(np.abs(self.velocity), axis=0)
 
     @property
-    def pvs(self):
+    def pvs(self) -> float:
         """Largest length of the velocity vector at one instant [m/s]."""
         return float(np.sqrt(np.max(np.sum(self.velocity[:, self.present] ** 2, axis=1))))
 
-    def sampled(self, start, dt, n_samples):
+    def sampled(self, start: float, dt: float, n_samples: int) -> "Seismogram":
         """Read the motion at other instants by band-limited interpolation.
 
         Parameters
@@ -120,13 +120,13 @@ class Seismogram:
         motion[np.ix_(outside, self.present)] = 0.0
         return replace(self, velocity=motion, dt=dt, start=start)
 
-    def resampled(self, dt):
+    def resampled(self, dt: float) -> "Seismogram":
         """Change the time between samples, without aliases; starts at the same instant."""
         if not (math.isfinite(dt) and dt > 0.0):
             raise InputError(f"seismogram.resampled: dt must be positive, got {dt:g} s")
         return self.sampled(self.start, dt, math.floor(self.duration / dt + 1e-9) + 1)
 
-    def lowpassed(self, hz):
+    def lowpassed(self, hz: float) -> "Seismogram":
         """Remove what is above ``hz`` without shifting phases.
 
         Butterworth of order 4, forward and backward: amplitude 1/(1 + (f/hz)^8), which is
@@ -134,7 +134,7 @@ class Seismogram:
         """
         return self._filtered("lowpass", hz)
 
-    def bandpassed(self, low, high):
+    def bandpassed(self, low: float, high: float) -> "Seismogram":
         """Keep ``low`` to ``high`` Hz without shifting phases; -6 dB at both corners."""
         if not low < high:
             raise InputError(f"seismogram.bandpassed: need low < high, got {low:g}, {high:g} Hz")
@@ -159,7 +159,7 @@ class Seismogram:
         filtered = signal.sosfiltfilt(sections, self.velocity, axis=0, padlen=padding)
         return replace(self, velocity=filtered)
 
-    def rotated(self, azimuth):
+    def rotated(self, azimuth: float) -> "Seismogram":
         """Turn the horizontal components between east, north and longitudinal, transverse.
 
         Parameters
@@ -181,7 +181,7 @@ class Seismogram:
         )
         return replace(self, velocity=turned, components=names)
 
-    def windowed(self, t0, t1):
+    def windowed(self, t0: float, t1: float) -> "Seismogram":
         """Keep the samples from ``t0`` to ``t1`` [s], both included."""
         kept = (self.times >= t0 - 1e-9 * self.dt) & (self.times <= t1 + 1e-9 * self.dt)
         if np.count_nonzero(kept) < 2:
@@ -191,7 +191,7 @@ class Seismogram:
             )
         return replace(self, velocity=self.velocity[kept], start=float(self.times[kept][0]))
 
-    def shifted(self, seconds):
+    def shifted(self, seconds: float) -> "Seismogram":
         """Start ``seconds`` later; the samples stay as they are."""
         return replace(self, start=self.start + seconds)
 

@@ -56,7 +56,7 @@ class LowPassed:
     corner_3db: float
 
 
-def amplitude_spectrum(seismogram: Seismogram, n_padded=None) -> Spectrum:
+def amplitude_spectrum(seismogram: Seismogram, n_padded: int | None = None) -> Spectrum:
     """Return ``dt |FFT|`` of each component, the mean not removed.
 
     Parameters
@@ -79,7 +79,7 @@ def amplitude_spectrum(seismogram: Seismogram, n_padded=None) -> Spectrum:
     return Spectrum(fft.rfftfreq(n, seismogram.dt), amplitude, "amplitude spectrum")
 
 
-def smoothed_spectrum(seismogram: Seismogram, bandwidth=BANDWIDTH) -> Spectrum:
+def smoothed_spectrum(seismogram: Seismogram, bandwidth: float = BANDWIDTH) -> Spectrum:
     """Smooth the amplitude spectrum with Konno-Ohmachi windows.
 
     Parameters
@@ -130,7 +130,7 @@ def _smoothing(n_padded, dt, duration, bandwidth):
     return centres, csr_array((np.concatenate(weight), np.concatenate(near), ends), shape)
 
 
-def multitaper_spectrum(seismogram: Seismogram, time_bandwidth=4.0) -> Spectrum:
+def multitaper_spectrum(seismogram: Seismogram, time_bandwidth: float = 4.0) -> Spectrum:
     """Average the spectra of the record under orthogonal (Slepian) tapers.
 
     Parameters
@@ -163,7 +163,9 @@ def multitaper_spectrum(seismogram: Seismogram, time_bandwidth=4.0) -> Spectrum:
     )
 
 
-def dominant_frequency(seismogram: Seismogram, method="smoothed", band=None) -> Frequency:
+def dominant_frequency(
+    seismogram: Seismogram, method: str = "smoothed", band: tuple[float, float] | None = None
+) -> Frequency:
     """Find the peak of the spectrum of each component.
 
     Parameters
@@ -214,7 +216,9 @@ def zero_crossing_frequency(seismogram: Seismogram) -> Frequency:
     return Frequency(np.array(hz), "zero crossing at the peak")
 
 
-def significant_duration(seismogram: Seismogram, low=0.05, high=0.95):
+def significant_duration(
+    seismogram: Seismogram, low: float = 0.05, high: float = 0.95
+) -> np.ndarray:
     """Return the time from ``low`` to ``high`` of the energy of each component, (3,) s.
 
     NaN for a missing or silent component; the mean is not removed. Trifunac and Brady (1975).
@@ -231,7 +235,7 @@ def significant_duration(seismogram: Seismogram, low=0.05, high=0.95):
     return duration
 
 
-def lowpass(seismogram: Seismogram, corner=LOW_PASS) -> LowPassed:
+def lowpass(seismogram: Seismogram, corner: float = LOW_PASS) -> LowPassed:
     """Low-pass without phase shift and say how much energy and PPV went.
 
     Parameters
@@ -292,7 +296,9 @@ TF_CYCLES = 3.0
 TF_TOP = 0.4
 
 
-def wavelet_transform(motion, dt, band=None):
+def wavelet_transform(
+    motion: np.ndarray, dt: float, band: tuple[float, float] | None = None
+) -> np.ndarray:
     """Return the Morlet transform of motion (n_samples,), (40, n_samples) complex.
 
     Over the band, or from three cycles per record to 0.8 of Nyquist; obspy's transform, w0 = 6.
@@ -301,7 +307,7 @@ def wavelet_transform(motion, dt, band=None):
     return tf_misfit.cwt(motion, dt, WAVELET, low, high, N_WAVELETS)
 
 
-def envelope_and_phase(wanted, found):
+def envelope_and_phase(wanted: np.ndarray, found: np.ndarray) -> tuple[float, float]:
     """Return single-valued envelope and phase misfit of transforms, the first as reference.
 
     Kristekova et al. (2009), table 1; theory.md (7.5). The phase is that of a product, not of
@@ -313,7 +319,7 @@ def envelope_and_phase(wanted, found):
     return math.sqrt(envelope / level), math.sqrt(phase / level)
 
 
-def lag(data, model, dt):
+def lag(data: np.ndarray, model: np.ndarray, dt: float) -> tuple[float, float]:
     """Return when the correlation of two motions (n_samples, n_components) is largest.
 
     Returns

@@ -1,6 +1,8 @@
 """Assembly of a model into the arrays that the kernels take, named as their arguments."""
 
+from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -17,17 +19,23 @@ from ..core import (
 )
 from ..mesh import tetrahedra
 from ..mesh.mesh import locate
+from ..mesh.nodes import Nodes
 from ..mesh.ordering import MOST
 from ..mesh.tetrahedra import shape_gradients, volumes
+from ..model.model import Model
+from ..model.source import TimeFunction
 from .edge_springs import edge_arrays
 from .loads import Loads, dynamic_conditions, model_loads, surface_impedance
-from .time_step import critical_step
+from .time_step import CriticalStep, critical_step
 
+Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
 DOMAIN_ZONES = 1024
 QUADRATIC_ZONES = 128
 
 
-def domain_arrays(nodes, patch, contact_node):
+def domain_arrays(
+    nodes: Nodes, patch: np.ndarray, contact_node: np.ndarray
+) -> dict[str, np.ndarray]:
     """Cut the zones into domains and give each domain slots for its nodes.
 
     Parameters
@@ -89,7 +97,7 @@ def _numbers(patch, starts):
     return numbers
 
 
-def patch_arrays(nodes, arrays):
+def patch_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
     """Return the patches of all domains with their nodes; theory.md (2.41).
 
     Parameters
@@ -138,13 +146,13 @@ def patch_arrays(nodes, arrays):
     }
 
 
-def time_step(model):
+def time_step(model: Model) -> Step:
     """Return the time step of a model in s, and the `CriticalStep` behind it."""
     limit = critical_step(model)
     return model.step_factor * limit.dt * _damped_share(model), limit
 
 
-def geometry_arrays(model, step=None):
+def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, Any], CriticalStep]:
     """Return what all stages share, and the `CriticalStep` behind its time step.
 
     ``step`` is what `time_step` gave, or the same with a shorter time step.
@@ -170,7 +178,7 @@ def geometry_arrays(model, step=None):
     return {**arrays, **stiffness_arrays(nodes, arrays)}, limit
 
 
-def stiffness_arrays(nodes, arrays):
+def stiffness_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
     """Return edge springs and patches of zones, which depend on their moduli and laws."""
     return {**edge_arrays(nodes, arrays), **patch_arrays(nodes, arrays)}
 
@@ -181,7 +189,7 @@ def _damped_share(model):
     return 1.0 / (raised if model.group_damping("beta").any() else np.sqrt(raised))
 
 
-def zone_laws(model):
+def zone_laws(model: Model) -> dict[str, np.ndarray]:
     """Return the laws and the damping of the sets of zones, one a group, and rows of memory."""
     materials = [model.materials[group] for group in model.mesh.groups]
     given = [model.law(group) for group in model.mesh.groups]
@@ -264,7 +272,12 @@ def _no_contact():
     }
 
 
-def dynamic_arrays(model, geometry, n_steps, sides=()):
+def dynamic_arrays(
+    model: Model,
+    geometry: dict[str, Any],
+    n_steps: int,
+    sides: Sequence[tuple[np.ndarray, np.ndarray, TimeFunction]] = (),
+) -> dict[str, Any]:
     """Return loads, dashpots, prescribed motion and receivers of the dynamic stage.
 
     ``sides`` holds (nodes, forces, TimeFunction) of free-field sides.
@@ -289,12 +302,14 @@ def dynamic_arrays(model, geometry, n_steps, sides=()):
     }
 
 
-def still_loads(n_steps):
+def still_loads(n_steps: int) -> dict[str, np.ndarray]:
     """Return the arrays of no load at all over ``n_steps``."""
     return Loads().arrays(np.zeros(n_steps))
 
 
-def initial_state(constants, contact_state=None):
+def initial_state(
+    constants: dict[str, Any], contact_state: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
     """Return the state at rest: no displacement, tractions and stresses at their initial values."""
     n_nodes, n_contacts = len(constants["node_mass"]), len(constants["contact_area"])
     n_rows = len(constants["row_initial"])

@@ -1,9 +1,13 @@
 """Edge springs: linear tetrahedra of one material as springs along mesh edges; memory estimate."""
 
+from typing import Any
+
 import numpy as np
 
 from ..core import ZONE_LAWS
+from ..mesh.nodes import Nodes
 from ..mesh.tetrahedra import EDGES, shape_gradients, volumes
+from ..model.model import Model
 
 ALONE, SIDE_BY_SIDE = 2, 1  # where the edges of a set are used: in all marches, in batches only
 MOST_SKEW = 0.7  # share of skew edges beyond which zones are as fast in a single run
@@ -18,7 +22,7 @@ EDGE_ARRAYS = (
 )  # fmt: skip
 
 
-def edge_arrays(nodes, arrays):
+def edge_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
     """Turn the zones of linear sets into springs along edges; theory.md (2.39), (2.40).
 
     Parameters
@@ -47,7 +51,7 @@ def edge_arrays(nodes, arrays):
     return {"set_form": form, **_tables(arrays, found)}
 
 
-def without_edges(arrays):
+def without_edges(arrays: dict[str, Any]) -> dict[str, Any]:
     """Return kernel arrays whose zones are all computed by themselves."""
     form = np.zeros(len(arrays["set_law"]), dtype=np.int32)
     return {**arrays, "set_form": form, **_tables(arrays, [])}
@@ -170,7 +174,7 @@ SAMPLE_BYTES = 100.0  # of a receiver and step
 HISTORY_BYTES = 25.0  # of a load's history and step
 
 
-def marching_bytes(model, n_samples=0, n_loaded=0):
+def marching_bytes(model: Model, n_samples: int = 0, n_loaded: int = 0) -> float:
     """Return what assembly and march of a model take beside its mesh, bytes.
 
     Parameters

@@ -1,6 +1,6 @@
 """Free-field boundaries: viscous sides coupled to columns of the ground beside the model."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,7 +53,14 @@ class Shaking:
     stress: dict[int, list[TimeFunction]]
 
 
-def shake(model: Model, column: GroundColumn, inputs, dt: float, duration: float, march: Callable):
+def shake(
+    model: Model,
+    column: GroundColumn,
+    inputs: Sequence[StressInput | VelocityInput],
+    dt: float,
+    duration: float,
+    march: Callable,
+) -> Shaking:
     """March a column under the input of a model, one run for each axis that moves.
 
     Parameters
@@ -173,7 +180,9 @@ def _across(model, group, history):
 LEVEL = 1e-6  # share of the model's size that counts as nothing
 
 
-def side_loads(model, dt: float, duration: float, march: Callable):
+def side_loads(
+    model: Model, dt: float, duration: float, march: Callable
+) -> list[tuple[np.ndarray, np.ndarray, TimeFunction]]:
     """Return the loads of the free-field sides of a model.
 
     Parameters

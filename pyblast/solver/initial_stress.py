@@ -1,5 +1,7 @@
 """Stress before the blast: overburden, horizontal ratio, uniform part, its share in joints."""
 
+from typing import Any
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -7,6 +9,7 @@ from ..core import JOINT_LAWS, ZONE_LAWS
 from ..mesh import tetrahedra
 from ..mesh.tetrahedra import shape_gradients
 from ..model.joint import carried_over
+from ..model.model import Model
 from .assembly import initial_state, stiffness_arrays
 from .loads import static_conditions
 
@@ -14,7 +17,7 @@ BINS = 200
 TENSOR = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 
 
-def overburden_stress(model, places=None):
+def overburden_stress(model: Model, places: np.ndarray | None = None) -> np.ndarray:
     """Return the stress (n_zones, 6) in Pa of the weight above; xx yy zz yz zx xy.
 
     Parameters
@@ -51,7 +54,7 @@ def overburden_stress(model, places=None):
     return stress
 
 
-def insitu_stress(model, places=None):
+def insitu_stress(model: Model, places: np.ndarray | None = None) -> np.ndarray:
     """Return the stress (n_zones, 6) in Pa before anything moves: overburden and uniform part.
 
     At the centres of the zones, or at places (n, 3) in m.
@@ -59,7 +62,7 @@ def insitu_stress(model, places=None):
     return overburden_stress(model, places) + np.asarray(model.insitu.stress, dtype=float)
 
 
-def corner_forces(model):
+def corner_forces(model: Model) -> np.ndarray:
     """Return the forces (n_zones, n, 3) in N of the stress on the nodes of their zones; (2.3).
 
     The stress is that at the centre of a zone; in zones of 15 nodes, which can balance it,
@@ -77,7 +80,7 @@ def corner_forces(model):
     return -volume[:, None, None] * force
 
 
-def joint_tractions(model):
+def joint_tractions(model: Model) -> np.ndarray:
     """Return the traction (n_contacts, 3) in Pa of the stress before the blast at each contact.
 
     Of the mean stress around it; where zones have 15 nodes, of the stress at its place.
@@ -95,7 +98,7 @@ def joint_tractions(model):
     return np.einsum("cij,cj->ci", both[:, TENSOR], contacts.normal)
 
 
-def joint_pressures(model):
+def joint_pressures(model: Model) -> dict[str, float]:
     """Return the mean normal pressure in Pa on each joint before the blast, by its surface."""
     pressures = {joint.surface: joint.insitu_pressure for joint in model.joints}
     contacts = model.nodes.contacts
@@ -108,7 +111,7 @@ def joint_pressures(model):
     return dict(zip(contacts.names, map(float, mean), strict=True))
 
 
-def static_loads(model, geometry):
+def static_loads(model: Model, geometry: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, float]:
     """Return nodal loads, joint tractions and the size of the forces that must balance.
 
     Returns
@@ -140,7 +143,7 @@ LOCAL_DAMPING = 0.8
 STATIC_STEP_FACTOR = 0.7
 
 
-def static_arrays(model, geometry):
+def static_arrays(model: Model, geometry: dict[str, Any]) -> tuple[dict[str, Any], float]:
     """Return weight, in-situ stress and rollers of the static stage, and the scale of forces."""
     node_load, contact_initial, scale = static_loads(model, geometry)
     joint_law = geometry["joint_law"]
@@ -169,13 +172,13 @@ def static_arrays(model, geometry):
 PLASTIC, HARDENING = slice(6, 12), slice(12, 14)  # columns of row_state of a zone that can yield
 
 
-def can_yield(constants):
+def can_yield(constants: dict[str, Any]) -> np.ndarray:
     """Tell for every zone whether its law is one that yields, (n_zones,) bool."""
     yields = constants["set_law"] == ZONE_LAWS["mohr-coulomb"].number
     return np.repeat(yields[constants["domain_set"]], np.diff(constants["domain_zone_start"]))
 
 
-def stressed_rows(constants, stress):
+def stressed_rows(constants: dict[str, Any], stress: np.ndarray) -> np.ndarray:
     """Return ``row_initial`` with the stress (n_zones, 6) of the zones that can yield in it."""
     yields = can_yield(constants)
     initial = constants["row_initial"].copy()
@@ -183,7 +186,9 @@ def stressed_rows(constants, stress):
     return initial
 
 
-def settled_rows(constants, static, settled):
+def settled_rows(
+    constants: dict[str, Any], static: dict[str, Any], settled: dict[str, Any]
+) -> tuple[np.ndarray, np.ndarray]:
     """Return ``row_initial`` and ``row_state`` that go on from the end of the static stage.
 
     Zones that can yield start from their settled stress, strained no more but as hardened or
@@ -197,7 +202,9 @@ def settled_rows(constants, static, settled):
     return initial, memory
 
 
-def yield_states(constants, state):
+def yield_states(
+    constants: dict[str, Any], state: dict[str, Any]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return what the zones that can yield have come to.
 
     Parameters
@@ -222,7 +229,7 @@ def yield_states(constants, state):
     return zone, stress, memory[:, HARDENING]
 
 
-def excess_stress(constants, state):
+def excess_stress(constants: dict[str, Any], state: dict[str, Any]) -> np.ndarray:
     """Return the stress over the initial one that zones had when forces were last found.
 
     Parameters
@@ -266,7 +273,9 @@ def _dilations(constants, motion):
     return np.bincount(patch, parts, minlength=starts[-1])
 
 
-def after_static(constants, static, settled):
+def after_static(
+    constants: dict[str, Any], static: dict[str, Any], settled: dict[str, Any]
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Start the dynamic stage from the tractions and joint states at the end of the static one.
 
     An open contact keeps its gap: its initial traction is the tension that a spring of its

@@ -2,16 +2,19 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import signal, sparse
 
 from .. import core
 from ..core import JOINT_LAWS
 from ..errors import InputError, SolverError
+from ..mesh.mesh import Contacts, Mesh
 from ..mesh.tetrahedra import shape_gradients
-from ..model.boundary import StressInput, Viscous
+from ..model.boundary import Boundary, StressInput, Viscous
+from ..model.joint import Joint
 from ..model.model import Model
 from ..signals.seismogram import Seismogram
 from .assembly import initial_state
@@ -27,17 +30,17 @@ STRAIN = (
 )  # fmt: skip
 
 
-def flat(motion):
+def flat(motion: np.ndarray) -> np.ndarray:
     """Return motion (n, n_nodes, 3) as columns (3 n_nodes, n)."""
     return motion.reshape(len(motion), -1).T
 
 
-def local(nodes, table):
+def local(nodes: np.ndarray, table: np.ndarray) -> np.ndarray:
     """Return where the entries of a table of nodes stand in ascending ``nodes``."""
     return np.searchsorted(nodes, table)
 
 
-def jump_matrix(contacts, nodes):
+def jump_matrix(contacts: Contacts, nodes: np.ndarray) -> sparse.csr_array:
     """Return the matrix (3 n_contacts, 3 n_nodes) from motion to jumps: plus less minus side."""
     n = len(contacts.area)
     rows = np.arange(3 * n)
@@ -50,7 +53,7 @@ def jump_matrix(contacts, nodes):
     return sparse.csr_array((values, places), shape=(3 * n, 3 * len(nodes)))
 
 
-def strain_matrix(mesh, zones, nodes):
+def strain_matrix(mesh: Mesh, zones: np.ndarray, nodes: np.ndarray) -> sparse.csr_array:
     """Return the matrix (6 n_zones, 3 n_nodes) from motion to strains; theory.md (2.1)."""
     inner = shape_gradients(mesh.points, mesh.zones[zones])
     gradient = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
@@ -80,7 +83,7 @@ class Answer:
         Of one group.
     """
 
-    def __init__(self, constants, zones):
+    def __init__(self, constants: dict[str, Any], zones: np.ndarray) -> None:
         """Read stiffness damping, and what relaxes."""
         domain = np.searchsorted(constants["domain_zone_start"], zones[0], side="right") - 1
         number = constants["domain_set"][domain]
@@ -90,7 +93,7 @@ class Answer:
         rows = zip(x, *constants["set_branch"][number].T, strict=True)
         self._branches = [row for row in rows if any(row[1:])]
 
-    def __call__(self, motion):
+    def __call__(self, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what belongs to P and to S modulus, for the next motion (n, ...) in time."""
         if self._last is None:
             self._last = np.zeros_like(motion[:1])
@@ -116,7 +119,11 @@ LINEAR_ZONES = ("elastic",)
 SLIP, FAILED, STATUS = slice(0, 3), 3, 4  # columns of the state of joints that slip
 
 
-def refuse_nonlinear(model, needs="gradients need", joints=LINEAR_JOINTS + STICKING_JOINTS):
+def refuse_nonlinear(
+    model: Model,
+    needs: str = "gradients need",
+    joints: tuple[str, ...] = LINEAR_JOINTS + STICKING_JOINTS,
+) -> None:
     """Refuse models whose motion is not proportional to what drives them.
 
     Parameters
@@ -157,7 +164,7 @@ def refuse_nonlinear(model, needs="gradients need", joints=LINEAR_JOINTS + STICK
         )
 
 
-def refuse_slip(model, prepared, state):
+def refuse_slip(model: Model, prepared: Prepared, state: dict[str, Any]) -> None:
     """Refuse a run at whose end contacts have slipped or opened.
 
     Raises
@@ -181,14 +188,14 @@ def refuse_slip(model, prepared, state):
                 )
 
 
-def by_number(model):
+def by_number(model: Model) -> list[Joint]:
     """Return the joints in the order of the contacts' numbers."""
     table = {joint.surface: joint for joint in model.joints}
     names = model.mesh.contacts.names if model.mesh.contacts is not None else ()
     return [table[name] for name in names]
 
 
-def at_rest(constants):
+def at_rest(constants: dict[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Return constants and state of the same linear model with nothing that drives it."""
     number = {name: law.number for name, law in JOINT_LAWS.items()}
     sticking = np.isin(constants["joint_law"], [number[name] for name in STICKING_JOINTS])
@@ -201,12 +208,12 @@ def at_rest(constants):
     return quiet, initial_state(quiet)
 
 
-def faces(model):
+def faces(model: Model) -> list[Viscous | StressInput]:
     """Return the boundaries whose forces follow the speeds of the ground behind them."""
     return [one for one in model.boundaries if isinstance(one, (Viscous, StressInput))]
 
 
-def face_nodes(model, boundary):
+def face_nodes(model: Model, boundary: Boundary) -> np.ndarray:
     """Return the nodes (n,) of a face, ascending."""
     return np.unique(model.mesh.surfaces[boundary.surface])
 
@@ -246,13 +253,13 @@ class Watch:
     nodes : (n_nodes,) int
     """
 
-    def __init__(self, constants, state, nodes):
+    def __init__(self, constants: dict[str, Any], state: dict[str, Any], nodes: np.ndarray) -> None:
         """Put a receiver at every chosen node, behind those of the model."""
         self._nodes, self._state, self._dt = np.asarray(nodes), state, constants["dt"]
         self._n_receivers = len(constants["receiver_node"])
         self._constants = core.to_fortran({**constants, **listening(constants, self._nodes)})
 
-    def go(self, first, n_steps):
+    def go(self, first: int, n_steps: int) -> Stretch:
         """March from a step on; return the `Stretch`.
 
         Raises
@@ -264,7 +271,7 @@ class Watch:
         last = self._state["velocity"][self._nodes]
         return self._stretch(first, start, last, self._advance(self._constants, first, n_steps))
 
-    def pushed(self, first, loads):
+    def pushed(self, first: int, loads: dict[str, np.ndarray]) -> Stretch:
         """March under the loads of one stretch only, whose histories begin with its first step."""
         start = self._state["displacement"][self._nodes]
         last = self._state["velocity"][self._nodes]
@@ -289,7 +296,7 @@ class Watch:
         return Stretch(first, receivers, displacement, before, after)
 
 
-def listening(constants, nodes):
+def listening(constants: dict[str, Any], nodes: ArrayLike) -> dict[str, np.ndarray]:
     """Return the receivers of a model, and behind them one at every chosen node."""
     corners = constants["receiver_node"].shape[1]  # or all nodes of a quadratic zone
     node, weight = np.repeat(np.asarray(nodes)[:, None], corners, axis=1), np.eye(corners)[:1]
@@ -300,13 +307,13 @@ def listening(constants, nodes):
     }
 
 
-def stretches(n_steps, values):
+def stretches(n_steps: int, values: int) -> list[tuple[int, int]]:
     """Cut steps that hold some numbers each into (first, count) of bounded memory."""
     count = int(min(n_steps, max(1, STRETCH_VALUES // max(1, values))))
     return [(first, min(count, n_steps - first)) for first in range(0, n_steps, count)]
 
 
-def point_loads(node, history):
+def point_loads(node: np.ndarray, history: np.ndarray) -> dict[str, np.ndarray]:
     """Return the load arrays of force histories (n_total, n, 3) in N at nodes (n,)."""
     n_total, n = history.shape[:2]
     return {
@@ -350,10 +357,12 @@ class Track:
     ground: bool
     nodes: np.ndarray
     displacement: np.ndarray
-    velocity: list
+    velocity: list[np.ndarray]
 
 
-def track(model: Model, duration: float, *, ground: bool = True, highest=None) -> Track:
+def track(
+    model: Model, duration: float, *, ground: bool = True, highest: float | None = None
+) -> Track:
     """March a linear model and keep what gradients need.
 
     Parameters
@@ -406,7 +415,7 @@ def _tracked_nodes(model, ground):
     return np.unique([contacts.minus, contacts.plus])
 
 
-def seismograms(model, motion, dt):
+def seismograms(model: Model, motion: np.ndarray, dt: float) -> dict[str, Seismogram]:
     """Return motion (n_steps, n_receivers, 3) as seismograms in the receivers' directions."""
     records = {}
     for number, receiver in enumerate(model.receivers):
@@ -416,7 +425,7 @@ def seismograms(model, motion, dt):
     return records
 
 
-def stress_drive(model, face, times):
+def stress_drive(model: Model, face: StressInput, times: np.ndarray) -> np.ndarray:
     """Return the velocity (n, 1, 3) that a stress input turns into forces by its impedance."""
     motion = np.stack([each(times) for each in components(face)], axis=-1)
     return (2.0 if model.doubles(face) else 1.0) * motion[:, None, :]

@@ -1,12 +1,17 @@
 """Loads and boundary conditions as arrays: nodal forces, dashpots, prescribed directions."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..mesh.mesh import locate, surface_areas, surface_zones
 from ..mesh.tetrahedra import edge_lengths
 from ..model.anisotropy import impedance
 from ..model.boundary import Fixed, Roller, StressInput, VelocityInput, Viscous
+from ..model.model import Model
 from ..model.plane_wave import PlaneWave, add_plane_wave
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 from ..signals.seismogram import GEOGRAPHIC
@@ -21,24 +26,26 @@ PASSING = ((1.0 / 6.0, -np.sqrt(3.0)), (2.0 / 3.0, 0.0), (1.0 / 6.0, np.sqrt(3.0
 class Loads:
     """A growing list of nodal loads and of the histories that they follow."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         """Start empty."""
         self._nodes, self._vectors, self._numbers, self._histories = [], [], [], []
         self._delays = []
 
-    def add_history(self, function, offset=0.0):
+    def add_history(self, function: TimeFunction, offset: float = 0.0) -> int:
         """Add a function of time, read at step times plus an offset in s; return its number."""
         self._histories.append((function, offset))
         return len(self._histories) - 1
 
-    def add(self, nodes, vectors, number, delays=0.0):
+    def add(
+        self, nodes: ArrayLike, vectors: ArrayLike, number: int, delays: ArrayLike = 0.0
+    ) -> None:
         """Add forces ``vectors`` (n, 3) per unit of a history at ``nodes`` (n,), delays in s."""
         self._nodes.append(np.asarray(nodes))
         self._vectors.append(np.asarray(vectors, dtype=float))
         self._numbers.append(np.full(len(nodes), number))
         self._delays.append(np.broadcast_to(np.asarray(delays, dtype=float), len(nodes)))
 
-    def arrays(self, times):
+    def arrays(self, times: np.ndarray) -> dict[str, np.ndarray]:
         """Return the kernel's arrays, histories read at ``times`` (n_total,)."""
         none = np.zeros(0)
         amplitude = [function(times + offset) for function, offset in self._histories]
@@ -53,7 +60,7 @@ class Loads:
         }
 
 
-def model_loads(model, impedance):
+def model_loads(model: Model, impedance: Callable[[str], dict[int, np.ndarray]]) -> Loads:
     """Collect the loads of stress inputs and sources.
 
     Parameters
@@ -82,7 +89,7 @@ def model_loads(model, impedance):
     return loads
 
 
-def components(boundary):
+def components(boundary: StressInput | VelocityInput) -> list[TimeFunction]:
     """Return the three components of an input's seismogram as functions of time.
 
     Raises
@@ -103,7 +110,7 @@ def components(boundary):
     return [TimeFunction(record.velocity[:, k], record.dt, record.start) for k in range(3)]
 
 
-def add_velocity_input(loads, boundary: VelocityInput, dt):
+def add_velocity_input(loads: Loads, boundary: VelocityInput, dt: float) -> list[int]:
     """Add the histories of a prescribed velocity; it is that of the end of each step."""
     return [loads.add_history(function, 0.5 * dt) for function in components(boundary)]
 
@@ -241,7 +248,7 @@ def _own_ground(mesh, zone, distance, spread):
     return block if len(block) >= FEWEST_ZONES else near
 
 
-def surface_impedance(model, surface):
+def surface_impedance(model: Model, surface: str) -> dict[int, np.ndarray]:
     """Sum area (rho cp n n + rho cs (I - n n)) over the faces around each node of a surface.
 
     Zones of anisotropic ground, or with an anisotropic medium behind them, have that of (2.23).
@@ -276,7 +283,9 @@ def surface_impedance(model, surface):
     return {int(node): matrix for node, matrix in zip(unique, summed, strict=True)}
 
 
-def dynamic_conditions(model, geometry, loads):
+def dynamic_conditions(
+    model: Model, geometry: dict[str, Any], loads: Loads
+) -> dict[str, np.ndarray]:
     """Return dashpots and prescribed motion of the dynamic stage as kernel arrays."""
     fixed = {}
     for boundary in model.boundaries:
@@ -295,7 +304,7 @@ def dynamic_conditions(model, geometry, loads):
     return {**_dashpot_arrays(quiet, fixed, geometry), **_fixed_arrays(fixed)}
 
 
-def static_conditions(model, geometry):
+def static_conditions(model: Model, geometry: dict[str, Any]) -> dict[str, np.ndarray]:
     """Return rollers and fixed surfaces of the static stage; viscous surfaces stand on rollers."""
     fixed = {}
     for boundary in model.boundaries:

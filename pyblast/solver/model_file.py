@@ -3,6 +3,7 @@
 import hashlib
 import os
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -14,7 +15,12 @@ MAX_BYTES = 16 * 2**30
 _FILTERS = {"gzip", "shuffle", "fletcher32", None}
 
 
-def write_arrays(path, groups, attributes, told=None):
+def write_arrays(
+    path: str | Path,
+    groups: dict[str, dict[str, Any]],
+    attributes: dict[str, Any],
+    told: dict[str, dict[str, Any]] | None = None,
+) -> None:
     """Write groups of named arrays beside the target, flush, then rename.
 
     Parameters
@@ -48,7 +54,7 @@ def write_arrays(path, groups, attributes, told=None):
         beside.unlink(missing_ok=True)
 
 
-def read_arrays(path):
+def read_arrays(path: str | Path) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:
     """Read all groups of arrays and the attributes of a file.
 
     Returns
@@ -102,7 +108,13 @@ def _refuse_link(path, group, key):
         raise ReadError(f"{path}: '{key}' is a link to another place; copy the array into the file")
 
 
-def write_model(path, constants, state, march, input_hash):
+def write_model(
+    path: str | Path,
+    constants: dict[str, Any],
+    state: dict[str, Any],
+    march: dict[str, int],
+    input_hash: str,
+) -> None:
     """Write a model file for the program ``pyblast-run``.
 
     Parameters
@@ -119,7 +131,14 @@ def write_model(path, constants, state, march, input_hash):
     write_arrays(path, groups, {"kind": "model", "input_sha256": input_hash})
 
 
-def write_checkpoint(path, input_hash, step, state, records, snapshots):
+def write_checkpoint(
+    path: str | Path,
+    input_hash: str,
+    step: int,
+    state: dict[str, Any],
+    records: dict[str, np.ndarray],
+    snapshots: dict[int, np.ndarray],
+) -> None:
     """Write everything that a run needs to go on; snapshots by step."""
     groups = {
         "state": state,
@@ -140,7 +159,9 @@ def _digest(groups):
     return digest.hexdigest()
 
 
-def read_checkpoint(path, input_hash, state, records):
+def read_checkpoint(
+    path: str | Path, input_hash: str, state: dict[str, Any], records: dict[str, np.ndarray]
+) -> tuple[int, dict[str, np.ndarray], dict[str, np.ndarray], dict[int, np.ndarray]]:
     """Read a checkpoint of the model with this hash; the arrays given show the shapes wanted.
 
     Returns

@@ -6,10 +6,12 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from ..errors import InputError, SolverError
 from ..mesh.quality import refuse_beyond_memory
 from ..model.model import Model
 from . import assembly
+from .assembly import Step
 from .edge_springs import marching_bytes
 from .free_field import side_loads
 from .initial_stress import after_static, static_arrays
@@ -25,7 +28,7 @@ from .model_file import write_model
 from .time_step import CriticalStep
 
 
-def fingerprint(*tables):
+def fingerprint(*tables: dict[str, Any]) -> str:
     """Return the SHA-256 of named arrays and numbers, in the order of their names."""
     digest = hashlib.sha256()
     for table in tables:
@@ -36,7 +39,7 @@ def fingerprint(*tables):
     return digest.hexdigest()
 
 
-def versions(input_hash):
+def versions(input_hash: str) -> dict[str, str]:
     """Return the provenance of a result, all text."""
     libraries = ("numpy", "scipy", "obspy", "h5py", "meshio", "gmsh")
     return {
@@ -61,11 +64,11 @@ log = logging.getLogger(__name__)
 class Chunks:
     """How many steps take about `CHUNK_SECONDS`, or a round of the ledger where that is more."""
 
-    def __init__(self, steps):
+    def __init__(self, steps: int) -> None:
         self.steps = steps
 
     @contextmanager
-    def timed(self, steps):
+    def timed(self, steps: int) -> Iterator[None]:
         """Time one chunk of some steps and choose the length of the next."""
         began = time.perf_counter()
         yield
@@ -73,7 +76,7 @@ class Chunks:
         wanted = max(LEDGER_EVERY, int(steps * CHUNK_SECONDS / took))
         self.steps = min(4 * self.steps, wanted)
 
-    def end(self, step):
+    def end(self, step: int) -> int:
         """Return where a chunk from a step ends: with a round of the ledger if it has one.
 
         Zones that can yield are judged when a chunk begins and when energies are told.
@@ -102,25 +105,27 @@ class Prepared:
         Whether the march is in numbers of four bytes.
     """
 
-    constants: dict
-    state: dict
+    constants: dict[str, Any]
+    state: dict[str, np.ndarray]
     n_steps: int
     limit: CriticalStep
-    static: dict
+    static: dict[str, Any]
     fingerprint: str
     single: bool = False
 
-    def as_marched(self, arrays):
+    def as_marched(self, arrays: dict[str, Any]) -> dict[str, Any]:
         """Return constants or a state of this model in the numbers of its march."""
         return core.in_single(arrays) if self.single else arrays
 
-    def begun(self):
+    def begun(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the constants as the kernels take them, and a state of its own to march from."""
         state = {name: value.copy() for name, value in self.as_marched(self.state).items()}
         return core.to_fortran(self.as_marched(self.constants)), state
 
 
-def prepare(model: Model, duration: float, progress: Callable | None = None, step=None) -> Prepared:
+def prepare(
+    model: Model, duration: float, progress: Callable | None = None, step: Step | None = None
+) -> Prepared:
     """Assemble the arrays of a model and bring it to rest under its in-situ stress.
 
     Parameters
@@ -204,7 +209,7 @@ def _equilibrate(model, geometry, progress):
     return {"steps": step, "unbalanced": unbalanced}, (constants, state)
 
 
-def export(prepared: Prepared, path):
+def export(prepared: Prepared, path: str | Path) -> None:
     """Write a prepared model for the program ``pyblast-run``, which marches it to the same bits.
 
     Raises

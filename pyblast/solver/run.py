@@ -1,8 +1,10 @@
 """Runs: time stepping in chunks with checkpoints, of one model or of several over one mesh."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from ..errors import InputError, SolverError
 from ..model.model import Model
 from ..signals.seismogram import Seismogram
 from . import assembly
+from .assembly import Step
 from .edge_springs import EDGE_ARRAYS, without_edges
 from .model_file import read_checkpoint, write_checkpoint
 from .preparation import LEDGER_EVERY, Chunks, Prepared, prepare, versions
@@ -56,9 +59,9 @@ def simulate(
     duration: float,
     *,
     progress: Callable | None = None,
-    checkpoint=None,
-    resume=None,
-    snapshot_times=(),
+    checkpoint: str | Path | None = None,
+    resume: str | Path | None = None,
+    snapshot_times: Sequence[float] = (),
     prepared: Prepared | None = None,
 ) -> Run:
     """March a model through time.
@@ -172,7 +175,15 @@ class _March:
         )  # fmt: skip
 
 
-def collect(model, prepared, motion, energy, state, wall_seconds, snapshots):
+def collect(
+    model: Model,
+    prepared: Prepared,
+    motion: np.ndarray,
+    energy: np.ndarray,
+    state: dict[str, Any],
+    wall_seconds: float,
+    snapshots: dict[float, np.ndarray],
+) -> Run:
     """Return the `Run` of a model that was marched to its end."""
     dt, seismograms = prepared.constants["dt"], {}
     for number, receiver in enumerate(model.receivers):
@@ -188,7 +199,7 @@ def collect(model, prepared, motion, energy, state, wall_seconds, snapshots):
     )  # fmt: skip
 
 
-def failure(model, prepared, step, node):
+def failure(model: Model, prepared: Prepared, step: int, node: int) -> str:
     """Say when and where a march failed, and the likely cause."""
     mesh, limit, dt = model.mesh, prepared.limit, prepared.constants["dt"]
     x, y, z = model.nodes.points[node]
@@ -204,7 +215,7 @@ def failure(model, prepared, step, node):
     )
 
 
-def balance_error(energy):
+def balance_error(energy: dict[str, np.ndarray]) -> float:
     """Return the largest gap of a ledger over the largest energy put in; theory.md (2.8)."""
     gained = sum(energy[n] for n in ("kinetic", "strain", "joint_stored"))
     gained += sum(energy[n] for n in ("joint_dissipated", "zone_dissipated"))
@@ -217,7 +228,13 @@ def balance_error(energy):
 LOADS = ("load_node", "load_vector", "load_history", "load_delay", "load_lane")
 
 
-def run_many(models, duration: float, *, step=None, progress: Callable | None = None) -> list[Run]:
+def run_many(
+    models: Sequence[Model],
+    duration: float,
+    *,
+    step: Step | None = None,
+    progress: Callable | None = None,
+) -> list[Run]:
     """March many models; those that share mesh, ground and boundaries go side by side.
 
     Stiffness, strength and laws of joints, damping, strength of ground, sources, input and in-situ
@@ -292,7 +309,9 @@ def _side_by_side(models, duration, step):
     return runs
 
 
-def stacked(constants, states):
+def stacked(
+    constants: list[dict[str, Any]], states: list[dict[str, np.ndarray]]
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Put the arrays of models side by side, lane by lane; lanes left over repeat the first."""
     rates = sorted({rate for one in constants for rate in one["memory_rate"]})
     constants = _alike_in_edges([_at_rates(one, rates) for one in constants])

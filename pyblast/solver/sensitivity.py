@@ -1,5 +1,6 @@
 """Sensitivity of linear models: gradients by the adjoint, tangents by Born's approximation."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,10 +55,10 @@ class Change:
     ks: np.ndarray
     p_modulus: np.ndarray
     s_modulus: np.ndarray
-    impedance: list
+    impedance: list[np.ndarray]
 
 
-def difference(model, changed):
+def difference(model: Model, changed: Model) -> Change:
     """Return the `Change` from one model to another with the same mesh, masses and loads.
 
     Moduli and stiffness are taken as they are, so a change of moduli is exact to all orders.
@@ -136,7 +137,7 @@ def _beside_stiffness(joint):
     return joint.law, rest, joint.fill_mass
 
 
-def with_speeds(model, group, cp=1.0, cs=1.0):
+def with_speeds(model: Model, group: str, cp: float = 1.0, cs: float = 1.0) -> Model:
     """Return the model with the speeds of a group multiplied; density stays."""
     old = model.materials[group]
     p, shear = old.density * (cp * old.cp) ** 2, old.shear * cs**2
@@ -145,7 +146,7 @@ def with_speeds(model, group, cp=1.0, cs=1.0):
 
 
 def tangents(
-    model: Model, changed: list[Model], duration: float
+    model: Model, changed: Sequence[Model], duration: float
 ) -> tuple[dict[str, Seismogram], list[dict[str, Seismogram]]]:
     """Return the seismograms of a linear model and how they change, at first order.
 
@@ -277,7 +278,7 @@ class Gradient:
     ks: np.ndarray
     p_modulus: np.ndarray
     s_modulus: np.ndarray
-    impedance: list
+    impedance: list[np.ndarray]
 
     def along(self, changed: Model) -> float:
         """Return the first-order change of the misfit from the model to a changed one.

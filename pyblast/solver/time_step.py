@@ -7,12 +7,19 @@ import numpy as np
 from ..mesh import tetrahedra
 from ..mesh.nodes import kept
 from ..mesh.tetrahedra import VOLUME_SHARE, shape_gradients, stiffness_table
+from ..model.model import Model
 
 _CHUNK = 1000
 _ALIKE = 9  # decimals of shape and moduli by which zones count as similar
 
 
-def quadratic_frequencies(points, zones, first_lame, shear, density):
+def quadratic_frequencies(
+    points: np.ndarray,
+    zones: np.ndarray,
+    first_lame: np.ndarray,
+    shear: np.ndarray,
+    density: np.ndarray,
+) -> np.ndarray:
     """Return the square of each zone's largest angular frequency, (n_zones,) 1/s2.
 
     Parameters
@@ -49,7 +56,9 @@ def _per_density(points, zones, first_lame, shear):
     return squared[kind.ravel()] * scale * stiffest
 
 
-def zone_stiffness(points, zones, first_lame, shear):
+def zone_stiffness(
+    points: np.ndarray, zones: np.ndarray, first_lame: np.ndarray, shear: np.ndarray
+) -> np.ndarray:
     """Return the stiffness (n_zones, 45, 45) over the volume of each zone and lumped shares.
 
     Rows and columns run over nodes, then x y z; each is divided by the root of its volume share.
@@ -104,7 +113,13 @@ class CriticalStep:
     unscaled: float
 
 
-def zone_frequencies(points, zones, first_lame, shear, density):
+def zone_frequencies(
+    points: np.ndarray,
+    zones: np.ndarray,
+    first_lame: np.ndarray,
+    shear: np.ndarray,
+    density: np.ndarray,
+) -> np.ndarray:
     """Return the square of each zone's largest angular frequency, (n_zones,) 1/s2.
 
     Notes
@@ -123,7 +138,9 @@ def zone_frequencies(points, zones, first_lame, shear, density):
     return 4.0 * largest / density
 
 
-def anisotropic_frequencies(points, zones, stiffness, density):
+def anisotropic_frequencies(
+    points: np.ndarray, zones: np.ndarray, stiffness: np.ndarray, density: np.ndarray
+) -> np.ndarray:
     """Return what `zone_frequencies` does for stiffnesses (n_zones, 6, 6) in Pa; also exact.
 
     Notes
@@ -142,7 +159,7 @@ def anisotropic_frequencies(points, zones, stiffness, density):
     return 4.0 / density * np.linalg.eigvalsh(lengths @ np.swapaxes(lengths, 1, 2))[:, -1]
 
 
-def model_frequencies(model):
+def model_frequencies(model: Model) -> np.ndarray:
     """Return the square of the largest angular frequency of each zone of a model, (n_zones,)."""
     mesh, density, (lame, shear) = model.mesh, model.zone_values("density"), model.stiffest_moduli()
     if model.quadratic:
@@ -159,7 +176,7 @@ def model_frequencies(model):
     return squared
 
 
-def critical_step(model):
+def critical_step(model: Model) -> CriticalStep:
     """Bound the longest stable step of a model from zones, contacts and damping together.
 
     Parameters
@@ -244,7 +261,7 @@ class _Search:
 
     needs: _Needs
     mass: np.ndarray
-    parts: tuple
+    parts: tuple[tuple[np.ndarray, np.ndarray, float], ...]
 
     def longest(self, share):
         """Return the longest step in s."""
@@ -313,7 +330,7 @@ def _shares(part, added, own):
     return np.bincount(part, added, len(own)) / np.maximum(own, np.finfo(float).tiny)
 
 
-def contact_bounds(model):
+def contact_bounds(model: Model) -> np.ndarray:
     """Sum the largest stiffness (N/m) and the viscosity (N s/m) of the contacts of each node."""
     total = np.zeros((2, len(model.nodes.points)))
     contacts = model.nodes.contacts

@@ -3,9 +3,10 @@
 import numpy as np
 
 from pyblast.mesh.builder import structured_box
+from pyblast.model.anisotropy import saturated_rock
 from pyblast.model.boundary import StressInput, Viscous
 from pyblast.model.joint import Joint, saturated
-from pyblast.model.material import Material, saturated_rock
+from pyblast.model.material import Material
 from pyblast.model.model import Model, Receiver
 from pyblast.solver.run import simulate
 from verification.columns import AXIS, IMPEDANCE, ROCK, column, driven, guides, pulse, spectrum
