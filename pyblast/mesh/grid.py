@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..units import check_angle
 from . import tetrahedra
 from .mesh import Mesh
 from .quality import GRID_BYTES, refuse_beyond_memory
@@ -33,10 +34,11 @@ def upward_normal(dip: float, dip_direction: float) -> np.ndarray:
     return normal / np.linalg.norm(normal)
 
 
-def _refuse_dip(name, dip):
-    """Raise an error where a dip is not an angle between flat and upright, in radians."""
+def _check_orientation(name, dip, dip_direction):
+    """Raise InputError where a dip or dip direction is not an angle in radians."""
     if dip is None or not 0.0 <= dip <= np.pi / 2.0 + 1e-12:
         raise InputError(f"{name}.dip: must lie between 0 and pi/2 rad, got {dip}")
+    check_angle(f"{name}.dip_direction", dip_direction or 0.0)
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ class JointSet:
 
     def __post_init__(self) -> None:
         """Refuse values out of range."""
-        _refuse_dip(self.name, self.dip)
+        _check_orientation(self.name, self.dip, self.dip_direction)
         if not self.spacing > 0.0:
             raise InputError(f"{self.name}.spacing: must be positive, got {self.spacing:g} m")
         if not 0.0 < self.persistence <= 1.0:
@@ -134,7 +136,7 @@ class Fault:
     def __post_init__(self) -> None:
         """Refuse values out of range."""
         if self.normal is None:
-            _refuse_dip(self.name, self.dip)
+            _check_orientation(self.name, self.dip, self.dip_direction)
         elif not np.linalg.norm(self.normal) > 0.0:
             raise InputError(f"{self.name}.normal: must not be zero")
         if self.normal is None and self.dip_direction is None:

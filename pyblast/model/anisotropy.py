@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from ..units import check_modulus
 from .material import Branch, Material
 
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
@@ -147,6 +148,7 @@ def transverse(
     ):  # fmt: skip
         if not 0.0 < value < np.inf:
             raise InputError(f"material.{name}: must be positive, got {value:g} Pa")
+        check_modulus(f"material.{name}", value)
     if not -1.0 < poisson < 1.0:
         raise InputError(f"material.poisson: must lie between -1 and 1, got {poisson:g}")
     compliance[:3, :3] = [

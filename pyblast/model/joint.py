@@ -7,6 +7,7 @@ import numpy as np
 
 from ..core import JOINT_LAWS, N_JOINT_PROPERTIES, joint_bound, property_row
 from ..errors import InputError
+from ..units import check_stiffness, check_tangent
 
 FOLLOWED = {
     "cohesion_residual": ("cohesion", 1.0),
@@ -23,6 +24,9 @@ DEFAULTS = {
 STIFFEST = {"closure": 100.0, "barton_bandis": 100.0, "stress_dependent": 10.0}
 POSITIVE = (
     "kn", "ks", "closure", "weakening_slip", "jcs", "peak_slip", "pressure", "roughness",
+)  # fmt: skip
+TANGENTS = (
+    "friction", "friction_residual", "friction_initial", "friction_dynamic", "dilation",
 )  # fmt: skip
 # States that belong to the displacement, which a stage begins anew.
 RESET = (
@@ -149,6 +153,10 @@ def _check_value(where, name, value, may_be_infinite):
         return
     if not (math.isfinite(value) and value >= 0.0) or (strictly and value == 0.0):
         raise InputError(f"{where}: must be positive and finite, got {value:g}")
+    if name in ("kn", "ks"):
+        check_stiffness(where, value)
+    if name in TANGENTS:
+        check_tangent(where, value)
 
 
 def _check_together(where, law, values):

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
 from ..errors import InputError
+from ..units import check_density, check_modulus, check_speed, check_tangent
 
 MECHANISMS = 3
 FIT_POINTS = 60
@@ -238,6 +239,8 @@ class MohrCoulomb:
             value = getattr(self, name)
             if value is not None and not 0.0 <= value < math.inf:
                 raise InputError(f"material.{name}: must be finite and not negative, got {value:g}")
+        for name in ("dilation", "friction_residual", "dilation_residual"):
+            check_tangent(f"material.{name}", getattr(self, name) or 0.0)
 
     def moduli(self, material: "Material") -> tuple[float, float]:
         """Return the elastic Lame moduli, Pa."""
@@ -331,6 +334,10 @@ class Material:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"material.{name}: must be positive, got {value:g} {unit}")
+        check_density("material.density", self.density)
+        for name in ("bulk", "shear"):
+            check_modulus(f"material.{name}", getattr(self, name))
+        check_tangent("material.friction", self.friction)
         for name in ("cohesion", "friction", "tension"):
             if not getattr(self, name) >= 0.0:
                 value = getattr(self, name)
@@ -343,12 +350,15 @@ class Material:
         """Make a material from Young's modulus in Pa and Poisson's ratio."""
         if not -1.0 < poisson < 0.5:
             raise InputError(f"material.poisson: must lie between -1 and 0.5, got {poisson:g}")
+        check_modulus("material.young", young)
         bulk = young / (3.0 * (1.0 - 2.0 * poisson))
         return cls(density, bulk, young / (2.0 * (1.0 + poisson)), **strength)
 
     @classmethod
     def from_speeds(cls, density: float, cp: float, cs: float, **strength: Any) -> "Material":
         """Make a material from the speeds of P and S waves in m/s."""
+        check_density("material.density", density)
+        check_speed("material.cs", cs)
         if not cp > math.sqrt(4.0 / 3.0) * cs > 0.0:
             raise InputError(
                 f"material: cp must exceed 1.155 cs, got cp {cp:g} m/s and cs {cs:g} m/s"

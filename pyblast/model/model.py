@@ -9,6 +9,7 @@ from ..errors import InputError
 from ..mesh.mesh import Mesh, edge_lengths, volumes
 from ..mesh.nodes import Nodes, nodes_of
 from ..mesh.ordering import make_patches, renumbered
+from ..units import check_angle
 from .boundary import Boundary, Rim, StressInput, Viscous, check_boundaries
 from .ground_fields import GroundField
 from .joint import Joint
@@ -31,6 +32,11 @@ class Receiver:
     name: str
     position: tuple[float, float, float]
     azimuth: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the azimuth."""
+        if self.azimuth is not None:
+            check_angle(f"receiver {self.name!r}.azimuth", self.azimuth)
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ..errors import InputError
+from ..units import check_angle
 from .material import Material
 
 
@@ -351,9 +352,10 @@ class PlaneWave:
             )
         if not math.isfinite(self.azimuth):
             raise InputError(f"plane_wave.azimuth: must be finite, got {self.azimuth:g} rad")
+        check_angle("plane_wave.azimuth", self.azimuth)
         if not 0.0 <= self.inclination <= math.pi:
             raise InputError(
-                f"plane_wave.inclination: must lie in 0 to pi, got {self.inclination:g} rad"
+                f"plane_wave.inclination: must lie in 0 to pi rad, got {self.inclination:g}"
             )
 
     @property

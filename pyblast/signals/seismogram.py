@@ -7,6 +7,7 @@ import numpy as np
 from scipy import fft, signal
 
 from ..errors import InputError
+from ..units import check_angle
 
 FILTER_ORDER = 4
 GEOGRAPHIC = ("east", "north", "vertical")
@@ -174,6 +175,7 @@ class Seismogram:
                 f"seismogram.rotated: components must be {GEOGRAPHIC} or {BLAST_AXES}, "
                 f"got {self.components}"
             )
+        check_angle("seismogram.rotated: azimuth", azimuth)
         east, north, vertical = self.velocity.T
         sine, cosine = math.sin(azimuth), math.cos(azimuth)
         turned = np.column_stack(
