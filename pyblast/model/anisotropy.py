@@ -1,4 +1,4 @@
-"""Ground whose stiffness depends on direction: layered, schistose, jointed rock as one medium."""
+"""Anisotropic and effective media: layered, schistose, jointed and saturated rock."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -16,7 +16,7 @@ NAMES = [(i, j) for i in range(6) for j in range(i, 6)]
 
 @dataclass(frozen=True, eq=False)
 class Anisotropic:
-    """Linear elasticity of any symmetry and orientation.
+    """Anisotropic linear elasticity of any symmetry and orientation.
 
     Parameters
     ----------
@@ -26,11 +26,11 @@ class Anisotropic:
     Raises
     ------
     InputError
-        If the stiffness is not symmetric, or some strain would store no energy.
+        If the stiffness is not symmetric and positive definite.
 
     Notes
     -----
-    theory.md (2.19). Whatever scales the shear modulus of a zone scales the whole stiffness.
+    theory.md (2.19). A factor on the shear modulus of a zone scales the whole stiffness.
     """
 
     stiffness: np.ndarray
@@ -38,7 +38,7 @@ class Anisotropic:
     branches: ClassVar[tuple[Branch, ...]] = ()
 
     def __post_init__(self) -> None:
-        """Refuse a matrix that is no stiffness."""
+        """Check symmetry and positive definiteness."""
         matrix = np.array(self.stiffness, dtype=np.float64)
         if matrix.shape != (6, 6) or not np.isfinite(matrix).all():
             raise InputError(f"stiffness: must be 6 x 6 finite numbers, got shape {matrix.shape}")
@@ -61,32 +61,32 @@ class Anisotropic:
         return {f"c{i + 1}{j + 1}": relative[i, j] for i, j in NAMES}
 
     def moduli(self, material: Material) -> tuple[float, float]:
-        """Return first Lame modulus and shear modulus of the material, Pa; the latter scales."""
+        """Return first Lame modulus and shear modulus of the material, Pa."""
         return material.first_lame, material.shear
 
     def turned(self, rotation: ArrayLike) -> "Anisotropic":
-        """Return the same medium turned by a rotation matrix (3, 3)."""
+        """Return the medium rotated by a matrix (3, 3)."""
         return Anisotropic(turned_stiffness(self.stiffness, rotation))
 
 
 def turned_stiffness(stiffness: np.ndarray, rotation: ArrayLike) -> np.ndarray:
-    """Return a stiffness (6, 6) turned by a rotation matrix (3, 3): theory.md (2.20)."""
+    """Return a stiffness (6, 6) rotated by a matrix (3, 3): theory.md (2.20)."""
     full = np.empty((3, 3, 3, 3))
     for i, (a, b) in enumerate(VOIGT):
         for j, (c, d) in enumerate(VOIGT):
-            for one in ((a, b), (b, a)):
-                full[(*one, c, d)] = full[(*one, d, c)] = stiffness[i, j]
+            for pair in ((a, b), (b, a)):
+                full[(*pair, c, d)] = full[(*pair, d, c)] = stiffness[i, j]
     turned = np.einsum("ia,jb,kc,ld,abcd->ijkl", *[np.asarray(rotation)] * 4, full)
     return np.array([[turned[a, b, c, d] for c, d in VOIGT] for a, b in VOIGT])
 
 
 def axes_with_normal(normal: ArrayLike) -> np.ndarray:
-    """Return a rotation matrix (3, 3) that turns z to a normal (3,) of any length.
+    """Return a rotation matrix (3, 3) from the z axis to a normal (3,) of any length.
 
     Raises
     ------
     InputError
-        If the normal has no length.
+        If the normal is zero.
     """
     normal = np.asarray(normal, dtype=float)
     length = np.linalg.norm(normal)
@@ -99,12 +99,28 @@ def axes_with_normal(normal: ArrayLike) -> np.ndarray:
 
 
 def anisotropic(density: float, stiffness: ArrayLike, **strength: float) -> Material:
-    """Make a material of a stiffness (6, 6) in Pa in the axes of the model.
+    """Return an anisotropic material.
 
-    Its bulk and shear modulus, on which mesh rules and rims rest, are the means of all directions
-    at equal strain (Voigt 1928).
+    Parameters
+    ----------
+    density : float, kg/m3
+    stiffness : (6, 6) float, Pa
+        In the axes of the model; strains xx yy zz and engineering shears yz zx xy.
+    **strength : float
+        Cohesion, friction, tension of `Material`.
+
+    Returns
+    -------
+    Material
+        Its bulk and shear modulus are the Voigt (1928) averages, used for mesh sizes and the
+        absorbing layer.
+
+    Raises
+    ------
+    InputError
+        If the stiffness is not symmetric and positive definite.
     """
-    law = Anisotropic(stiffness)
+    law = Anisotropic(np.asarray(stiffness, dtype=float))
     c = law.stiffness
     bulk = c[:3, :3].sum() / 9.0
     shear = (np.trace(c[:3, :3]) - 3.0 * bulk) / 10.0 + np.trace(c[3:, 3:]) / 5.0
@@ -122,25 +138,25 @@ def transverse(
     shear_normal: float,
     **strength: float,
 ) -> Material:
-    """Make a material that is isotropic in the planes across a normal.
+    """Return a transversely isotropic material: isotropic in the planes across a normal.
 
     Parameters
     ----------
     density : float, kg/m3
     normal : (3,) float
     young, young_normal : float, Pa
-        Young's modulus along the planes and across them.
+        Young's modulus in the planes and along the normal.
     poisson, poisson_normal : float
-        Shrinkage in the planes by tension in them; by tension along the normal.
+        Poisson's ratio within the planes, and for tension along the normal.
     shear_normal : float, Pa
         Shear modulus of planes that slide on one another.
-    **strength
+    **strength : float
         Cohesion, friction, tension of `Material`.
 
     Raises
     ------
     InputError
-        If a modulus is not positive, or the ratios would let some strain store no energy.
+        If a modulus is not positive or the stiffness not positive definite.
     """
     compliance = np.zeros((6, 6))
     for name, value in (
@@ -160,8 +176,8 @@ def transverse(
     compliance[range(3, 6), range(3, 6)] = shears
     if not np.linalg.eigvalsh(compliance)[0] > 0.0:
         raise InputError(
-            f"material.poisson_normal: {poisson_normal:g} with poisson {poisson:g} lets some "
-            "strain store no energy; 2 poisson_normal^2 young/young_normal must stay below "
+            f"material.poisson_normal: {poisson_normal:g} with poisson {poisson:g} is not "
+            "positive definite; 2 poisson_normal^2 young/young_normal must stay below "
             "1 - poisson"
         )
     stiffness = turned_stiffness(np.linalg.inv(compliance), axes_with_normal(normal))
@@ -171,12 +187,12 @@ def transverse(
 def jointed(
     material: Material, normal: ArrayLike, spacing: float, kn: float, ks: float
 ) -> Material:
-    """Make the medium that rock with parallel joints is for waves of ten spacings or more.
+    """Return the effective medium of rock with parallel joints, for wavelengths of ten spacings.
 
     Parameters
     ----------
     material : Material
-        The rock between the joints; may be jointed already.
+        The rock between the joints; may be an effective medium of other joints.
     normal : (3,) float
         Of the joints.
     spacing : float, m
@@ -185,7 +201,7 @@ def jointed(
     Returns
     -------
     Material
-        Of the same density and strength.
+        Anisotropic, of the same density and strength.
 
     Raises
     ------
@@ -210,14 +226,14 @@ def jointed(
 
 
 def stiffness_of(material: Material) -> np.ndarray:
-    """Return the stiffness (6, 6) in Pa of an elastic or anisotropic material.
+    """Return the stiffness matrix (6, 6) in Pa of an elastic or anisotropic material.
 
     Raises
     ------
     InputError
         If the material has another law.
     """
-    if material.law.name == "anisotropic":
+    if isinstance(material.law, Anisotropic):
         return material.law.stiffness
     if material.law.name != "elastic" or material.law.branches:
         law = type(material.law).__name__
@@ -229,7 +245,7 @@ def stiffness_of(material: Material) -> np.ndarray:
 
 
 def christoffel(stiffness: np.ndarray, normal: ArrayLike) -> np.ndarray:
-    """Return the tensor (..., 3, 3) in Pa that rules waves along unit normals (..., 3); (2.22)."""
+    """Return the Christoffel tensor (..., 3, 3) in Pa for unit normals (..., 3); (2.22)."""
     x, y, z = np.moveaxis(np.asarray(normal, dtype=float), -1, 0)
     o = np.zeros_like(x)
     rows = np.array([[x, o, o, o, z, y], [o, y, o, z, o, x], [o, o, z, y, x, o]])
@@ -238,9 +254,9 @@ def christoffel(stiffness: np.ndarray, normal: ArrayLike) -> np.ndarray:
 
 
 def impedance(density: ArrayLike, stiffness: np.ndarray, normal: ArrayLike) -> np.ndarray:
-    """Return the traction over velocity (..., 3, 3) in Pa s/m of waves along unit normals; (2.23).
+    """Return the impedance matrix (..., 3, 3) in Pa s/m of waves along unit normals; (2.23).
 
-    The root of density times `christoffel`: each of the three waves with its own impedance.
+    The matrix square root of density times `christoffel`.
     """
     squared, direction = np.linalg.eigh(christoffel(stiffness, normal))
     scaled = direction * np.sqrt(np.asarray(density)[..., None, None] * squared[..., None, :])
@@ -254,7 +270,7 @@ def saturated_rock(
     fluid_bulk: float = 2.2e9,
     fluid_density: float = 1000.0,
 ) -> Material:
-    """Return a material with its pores full of a fluid; theory.md (1.9).
+    """Return the material of fluid-saturated rock (Gassmann); theory.md (1.9).
 
     Parameters
     ----------
@@ -266,7 +282,7 @@ def saturated_rock(
     Raises
     ------
     InputError
-        If the porosity is none, or the solid not stiffer than the dry rock.
+        If the porosity is not between 0 and 1, or the solid not stiffer than the dry rock.
     """
     if not 0.0 < porosity < 1.0:
         raise InputError(f"material.porosity: must lie between 0 and 1, got {porosity:g}")

@@ -13,19 +13,19 @@ from scipy.optimize import nnls
 from ..errors import InputError
 from ..units import check_density, check_modulus, check_speed, check_tangent
 
-MECHANISMS = 3
-FIT_POINTS = 60
-INSIDE = np.geomspace(0.5, 1.5, 12)  # first rate over the low end of the band
+MECHANISMS = 3  # relaxation mechanisms of a constant Q
+FIT_POINTS = 60  # frequencies of its fit
+INSIDE = np.geomspace(0.5, 1.5, 12)  # first relaxation rate over the low end of the band
 
 
 class Branch(NamedTuple):
-    """Springs that relax, beside those that stay; theory.md (2.14).
+    """Relaxation mechanism: relaxing springs parallel to the elastic ones; theory.md (2.14).
 
     Parameters
     ----------
     rate : float, 1/s
     shear, compression : float
-        Stiffness over that of the springs that stay, for S and for P waves.
+        Stiffness over the relaxed stiffness, for S and for P waves.
     """
 
     rate: float
@@ -34,52 +34,57 @@ class Branch(NamedTuple):
 
 
 class ZoneLaw(Protocol):
-    """Law of zones: a named routine of the core with its properties and moduli."""
+    """Constitutive law of zones.
+
+    ``name`` is a key of ``pyblast.core.ZONE_LAWS``, ``branches`` are the relaxation mechanisms,
+    ``properties`` returns those of the routine and ``moduli`` the relaxed Lame moduli in Pa.
+    """
 
     @property
-    def name(self) -> str:
-        """Name of the routine, a key of ``pyblast.core.ZONE_LAWS``."""
-
+    def name(self) -> str: ...  # noqa: D102
     @property
-    def branches(self) -> tuple[Branch, ...]:
-        """Relaxing springs of the law."""
-
-    def properties(self, material: "Material") -> dict[str, float]:
-        """Return the properties that the routine takes, or raise InputError."""
-
-    def moduli(self, material: "Material") -> tuple[float, float]:
-        """Return the relaxed Lame moduli, Pa."""
+    def branches(self) -> tuple[Branch, ...]: ...  # noqa: D102
+    def properties(self, material: "Material") -> dict[str, float]: ...  # noqa: D102
+    def moduli(self, material: "Material") -> tuple[float, float]: ...  # noqa: D102
 
 
 def relative_modulus(
     branches: Iterable[Branch], frequency: ArrayLike, wave: str = "shear"
 ) -> np.ndarray:
-    """Return the complex modulus over the relaxed one at frequencies in Hz; theory.md (2.15)."""
+    """Return the complex over the relaxed modulus at frequencies in Hz; theory.md (2.15)."""
     lag = -2j * np.pi * np.asarray(frequency, dtype=float)
-    return 1.0 + sum(getattr(one, wave) * lag / (one.rate + lag) for one in branches)
+    relaxing = [getattr(branch, wave) * lag / (branch.rate + lag) for branch in branches]
+    return np.asarray(1.0 + sum(relaxing))
 
 
 @dataclass(frozen=True)
 class ConstantQ:
-    """Quality factors that hold over a band, with the dispersion that belongs to them.
+    """Frequency-independent attenuation: quality factors constant over a band, with dispersion.
 
     Parameters
     ----------
     qp, qs : float
-        Of P and S waves.
+        Quality factors of P and S waves, at least 2.
     band : tuple of 2 float, Hz
-        Where they hold: within 1 % over one decade, 4 % over two, 5 % below Q 10.
+        Band of constant Q: within 1 % over one decade, 4 % over two, 5 % below Q 10.
     reference : float or None, Hz
-        Where the speeds are those of the material; None: the geometric mean of the band.
+        Frequency at which the speeds are those of the material; None: geometric mean of the band.
 
     Raises
     ------
     InputError
-        If a quality factor is below 2, or the band is none.
+        If a quality factor is below 2, or the band is not ascending.
 
     Notes
     -----
-    Emmerich & Korn (1987); theory.md (2.14) to (2.17).
+    Generalised Maxwell body with three mechanisms: Emmerich & Korn (1987); theory.md (2.14) to
+    (2.17).
+
+    Examples
+    --------
+    >>> rock = Material.from_speeds(2700.0, 5000.0, 3000.0, law=ConstantQ(100.0, 50.0, (2.0, 80.0)))
+    >>> rock.law.name
+    'elastic'
     """
 
     qp: float
@@ -89,7 +94,7 @@ class ConstantQ:
     name: ClassVar[str] = "elastic"
 
     def __post_init__(self) -> None:
-        """Refuse values that are no quality and no band."""
+        """Check quality factors and band."""
         for name in ("qp", "qs"):
             if not 2.0 <= getattr(self, name) < np.inf:
                 raise InputError(f"material.{name}: must be at least 2, got {getattr(self, name)}")
@@ -101,9 +106,9 @@ class ConstantQ:
 
     @cached_property
     def rates(self) -> np.ndarray:
-        """Rates of the mechanisms, (3,) 1/s, even in logarithm.
+        """Relaxation rates of the mechanisms, (3,) 1/s, log-spaced.
 
-        How far the outer ones stand inside the band, or outside, is chosen for the best fit.
+        The outer rates are chosen, inside or outside the band, for the best fit.
         """
         low, high = self.band
         choices = [
@@ -112,16 +117,17 @@ class ConstantQ:
         return min(choices, key=self._worst)
 
     def _worst(self, rates):
-        """Return the largest relative error of 1/Q over the band with some rates."""
-        frequency = np.geomspace(*self.band, FIT_POINTS)
+        """Return the largest relative error of 1/Q over the band with these rates."""
+        low, high = self.band
+        frequency = np.geomspace(low, high, FIT_POINTS)
         moduli = (
-            (quality, _fading(_shares(rates, self.band, quality), rates, frequency))
+            (quality, _relative_to_unrelaxed(_shares(rates, self.band, quality), rates, frequency))
             for quality in (self.qp, self.qs)
         )
         return max(np.abs(1.0 + quality * m.imag / m.real).max() for quality, m in moduli)
 
     def shares(self, quality: float) -> np.ndarray:
-        """Return the share of the modulus that each mechanism lets fade, (3,).
+        """Return the fraction of the modulus that relaxes in each mechanism, (3,).
 
         Non-negative least squares of 1/Q over the band: theory.md (2.16).
         """
@@ -130,41 +136,41 @@ class ConstantQ:
     def wave(
         self, quality: float, speed: float, frequency: ArrayLike
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return phase speed in m/s and true quality of a wave, speed given at the reference."""
+        """Return phase velocity in m/s and quality of a wave with ``speed`` at the reference."""
         stiffer = self._unrelaxed(quality)
-        modulus = _fading(self.shares(quality), self.rates, frequency)
+        modulus = _relative_to_unrelaxed(self.shares(quality), self.rates, frequency)
         return (
             speed * np.sqrt(stiffer) / (1.0 / np.sqrt(modulus)).real,
             -modulus.real / modulus.imag,
         )
 
     def _unrelaxed(self, quality):
-        """Return the unrelaxed modulus over that of the speed at the reference."""
+        """Return the unrelaxed modulus over the modulus at the reference frequency."""
         reference = self.reference or np.sqrt(self.band[0] * self.band[1])
-        modulus = _fading(self.shares(quality), self.rates, reference)
+        modulus = _relative_to_unrelaxed(self.shares(quality), self.rates, reference)
         return float((1.0 / np.sqrt(modulus)).real ** 2)
 
     @property
     def branches(self) -> tuple[Branch, ...]:
-        """What relaxes, for the kernel: one `Branch` a mechanism."""
+        """Relaxation mechanisms for the kernel."""
         p, s = (self.shares(quality) for quality in (self.qp, self.qs))
         rows = zip(self.rates, s / (1.0 - s.sum()), p / (1.0 - p.sum()), strict=True)
         return tuple(Branch(*map(float, row)) for row in rows)
 
     def moduli(self, material: "Material") -> tuple[float, float]:
-        """Return the Lame moduli after everything has relaxed, Pa."""
-        stays = [1.0 - self.shares(quality).sum() for quality in (self.qp, self.qs)]
-        shear = material.shear * self._unrelaxed(self.qs) * stays[1]
-        p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp) * stays[0]
+        """Return the relaxed Lame moduli, Pa."""
+        relaxed = [1.0 - self.shares(quality).sum() for quality in (self.qp, self.qs)]
+        shear = material.shear * self._unrelaxed(self.qs) * relaxed[1]
+        p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp) * relaxed[0]
         return p_wave - 2.0 * shear, shear
 
     def properties(self, material: "Material") -> dict[str, float]:
-        """Check that the law suits a material; its routine takes no properties.
+        """Check the law for a material; its routine has no properties.
 
         Raises
         ------
         InputError
-            If the bulk modulus would gain energy, which Qp far above Qs asks for.
+            If Qp is so large compared with Qs that compression would gain energy.
         """
         p, s = self.shares(self.qp), self.shares(self.qs)
         p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp)
@@ -179,14 +185,14 @@ class ConstantQ:
 
 
 def _shares(rates, band, quality):
-    """Fit the shares (3,) of mechanisms of given rates by theory.md (2.16)."""
-    omega = 2.0 * np.pi * np.geomspace(*band, FIT_POINTS)[:, None]
+    """Return the fitted fractions (3,) of mechanisms with given rates; theory.md (2.16)."""
+    omega = 2.0 * np.pi * np.geomspace(band[0], band[1], FIT_POINTS)[:, None]
     matrix = (rates * omega + rates**2 / quality) / (rates**2 + omega**2)
     return nnls(matrix, np.full(FIT_POINTS, 1.0 / quality))[0]
 
 
-def _fading(shares, rates, frequency):
-    """Return the complex modulus over the unrelaxed one at frequencies in Hz; (2.15)."""
+def _relative_to_unrelaxed(shares, rates, frequency):
+    """Return the complex modulus over the unrelaxed modulus at frequencies in Hz; (2.15)."""
     omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[..., None]
     return 1.0 - np.sum(shares * rates / (rates - 1j * omega), axis=-1)
 
@@ -196,7 +202,9 @@ STRENGTHS = ("cohesion", "friction", "dilation", "tension")
 
 @dataclass(frozen=True)
 class MohrCoulomb:
-    """Elastic up to the cohesion, friction and tension of the material, plastic there.
+    """Mohr-Coulomb plasticity with tension cut-off, hardening or softening.
+
+    Peak cohesion, friction and tension are those of the material.
 
     Parameters
     ----------
@@ -206,20 +214,20 @@ class MohrCoulomb:
     friction_residual, dilation_residual : float or None
         Tangents. Each is the peak value where not given.
     shear_strain : float
-        Plastic shear strain (the largest, as an angle) over which cohesion, friction and dilation
-        fall to their residuals; 0 at once.
+        Plastic shear strain (maximum engineering shear) over which cohesion, friction and dilation
+        fall to their residual values; 0: at once.
     tensile_strain : float
-        Plastic strain in tension over which the tensile strength does.
+        Plastic tensile strain over which the tensile strength falls.
 
     Raises
     ------
     InputError
-        If a value is negative or not finite.
+        If a value is negative, not finite, or an angle in degrees.
 
     Notes
     -----
-    theory.md (2.25) to (2.31). Softening belongs to the size of zones: failure gathers in a band
-    one patch of zones wide, so the strains must be chosen for the mesh.
+    theory.md (2.25) to (2.31). Softening depends on the mesh: failure localises in a band one patch
+    of zones wide, so the strains must be chosen for the mesh.
     """
 
     dilation: float = 0.0
@@ -233,7 +241,7 @@ class MohrCoulomb:
     branches: ClassVar[tuple[Branch, ...]] = ()
 
     def __post_init__(self) -> None:
-        """Refuse values that are no strength."""
+        """Check the strengths."""
         for name in ("dilation", *(f"{s}_residual" for s in STRENGTHS), "shear_strain",
                      "tensile_strain"):  # fmt: skip
             value = getattr(self, name)
@@ -252,7 +260,7 @@ class MohrCoulomb:
         Raises
         ------
         InputError
-            If the material has no finite cohesion, or dilates more than it rubs.
+            If the material has no finite cohesion, or the dilation exceeds the friction.
         """
         if not math.isfinite(material.cohesion):
             raise InputError("material.cohesion: missing; a Mohr-Coulomb material needs it")
@@ -268,12 +276,12 @@ class MohrCoulomb:
             if dilation > friction:
                 raise InputError(
                     f"material.dilation{kind}: must not exceed the friction, got tangents "
-                    f"{dilation:g} and {friction:g}; dilation above friction makes energy"
+                    f"{dilation:g} and {friction:g}; dilation above friction creates energy"
                 )
         return {**row, "shear_strain": self.shear_strain, "tensile_strain": self.tensile_strain}
 
     def _tension(self, material):
-        """Return the tensile strength, at most that of the cone's tip; a large one for none."""
+        """Return the tensile strength, limited by the apex of the cone; large without friction."""
         tip = (
             material.cohesion / material.friction
             if material.friction > 0.0
@@ -301,23 +309,29 @@ class Elastic:
 
 @dataclass(frozen=True)
 class Material:
-    """Isotropic elastic material with Mohr-Coulomb strength.
+    """Material: isotropic elastic moduli, density, strength and constitutive law.
 
     Parameters
     ----------
     density : float, kg/m3
     bulk, shear : float, Pa
     cohesion, tension : float, Pa
-        Strength; of the checks, and of zones whose law yields.
+        Strength, of plastic laws and for the checks.
     friction : float
         Tangent of the friction angle.
     law : zone law, optional
-        How stress follows strain: one of ``pyblast.model.material``.
+        Constitutive law: `Elastic`, `ConstantQ`, `MohrCoulomb`, or that of `anisotropic`.
 
     Raises
     ------
     InputError
-        If density or a modulus is not positive, or a strength is negative.
+        If density or a modulus is not positive or not in SI, or a strength is negative.
+
+    Examples
+    --------
+    >>> rock = Material.from_speeds(2700.0, cp=5000.0, cs=3000.0)
+    >>> round(rock.young / 1e9, 1), round(rock.poisson, 3)
+    (59.2, 0.219)
     """
 
     density: float
@@ -329,7 +343,7 @@ class Material:
     law: ZoneLaw = Elastic()
 
     def __post_init__(self) -> None:
-        """Refuse values that are no material."""
+        """Check the values."""
         for name, unit in (("density", "kg/m3"), ("bulk", "Pa"), ("shear", "Pa")):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
@@ -347,7 +361,7 @@ class Material:
     def from_young_poisson(
         cls, density: float, young: float, poisson: float, **strength: Any
     ) -> "Material":
-        """Make a material from Young's modulus in Pa and Poisson's ratio."""
+        """Return a material from Young's modulus in Pa and Poisson's ratio."""
         if not -1.0 < poisson < 0.5:
             raise InputError(f"material.poisson: must lie between -1 and 0.5, got {poisson:g}")
         check_modulus("material.young", young)
@@ -356,7 +370,7 @@ class Material:
 
     @classmethod
     def from_speeds(cls, density: float, cp: float, cs: float, **strength: Any) -> "Material":
-        """Make a material from the speeds of P and S waves in m/s."""
+        """Return a material from the speeds of P and S waves in m/s."""
         check_density("material.density", density)
         check_speed("material.cs", cs)
         if not cp > math.sqrt(4.0 / 3.0) * cs > 0.0:
@@ -394,22 +408,33 @@ class Material:
 
 @dataclass(frozen=True)
 class Damping:
-    """Rayleigh damping, least at its central frequency.
+    """Rayleigh damping, with its minimum at the central frequency.
 
     Parameters
     ----------
     ratio : float
-        Share of critical damping at the central frequency when both parts act.
+        Fraction of critical damping at the central frequency with both parts.
     frequency : float, Hz
     mass, stiffness : bool
-        Which parts act.
+        Whether the mass and the stiffness part act.
     corner : float or None, Hz
-        Low-pass of the motion that the stiffness part sees: it then hardly shortens the time
-        step, and fades above the corner, theory.md (2.18); best at twice the band or more.
+        Corner of a low-pass on the motion damped by the stiffness part, which then hardly reduces
+        the time step; the damping decreases above the corner, theory.md (2.18). Use at least twice
+        the highest frequency.
 
     Notes
     -----
     ``alpha = ratio * omega``, ``beta = ratio / omega``: theory.md (2.10).
+
+    Raises
+    ------
+    InputError
+        If the ratio lies outside 0 to 1, or a frequency is not positive.
+
+    Examples
+    --------
+    >>> round(Damping(0.02, 10.0).ratio_at(20.0), 3)
+    0.025
     """
 
     ratio: float
@@ -419,7 +444,7 @@ class Damping:
     corner: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse values that are no damping."""
+        """Check ratio and frequencies."""
         if not 0.0 <= self.ratio < 1.0:
             raise InputError(f"damping.ratio: must lie between 0 and 1, got {self.ratio:g}")
         if not (math.isfinite(self.frequency) and self.frequency > 0.0):
@@ -432,17 +457,17 @@ class Damping:
 
     @property
     def alpha(self) -> float:
-        """Mass part [1/s]."""
+        """Coefficient of the mass part [1/s]."""
         return self.ratio * 2.0 * math.pi * self.frequency if self.mass else 0.0
 
     @property
     def beta(self) -> float:
-        """Stiffness part that acts on the motion itself [s]."""
+        """Coefficient of the stiffness part without low-pass [s]."""
         return self._beta if self.corner is None else 0.0
 
     @property
     def _beta(self):
-        """Stiffness part, low-passed or not [s]."""
+        """Coefficient of the stiffness part, low-passed or not [s]."""
         return self.ratio / (2.0 * math.pi * self.frequency) if self.stiffness else 0.0
 
     @property
@@ -452,21 +477,21 @@ class Damping:
 
     @property
     def branches(self) -> tuple[Branch, ...]:
-        """What low-passed stiffness damping lets relax: theory.md (2.18)."""
-        if not self.low_passed:
+        """Relaxation mechanism of low-passed stiffness damping: theory.md (2.18)."""
+        if self.corner is None or not self.low_passed:
             return ()
         rate = 2.0 * math.pi * self.corner
         return (Branch(rate, self._beta * rate, self._beta * rate),)
 
     @property
     def step_factor(self) -> float:
-        """What low-passed stiffness damping leaves of the longest stable step."""
-        return (1.0 + sum(one.shear for one in self.branches)) ** -0.5
+        """Factor of low-passed stiffness damping on the critical time step."""
+        return (1.0 + sum(branch.shear for branch in self.branches)) ** -0.5
 
     def ratio_at(self, frequency: float) -> float:
-        """Share of critical damping at a frequency in Hz: theory.md (2.11), (2.18)."""
+        """Return the fraction of critical damping at a frequency in Hz; theory.md (2.11)."""
         omega = 2.0 * math.pi * frequency
         if self.low_passed:
             modulus = relative_modulus(self.branches, frequency)
-            return 0.5 * (self.alpha / omega - modulus.imag)
+            return 0.5 * (self.alpha / omega - modulus.imag.item())
         return 0.5 * (self.alpha / omega + self.beta * omega)

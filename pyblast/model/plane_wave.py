@@ -1,4 +1,4 @@
-"""Plane waves that enter through viscous faces, with what a plane free surface sends back."""
+"""Plane waves through viscous boundaries, with their reflections at a plane free surface."""
 
 import math
 from collections.abc import Callable
@@ -14,16 +14,15 @@ from .source import PlaneWave, TimeFunction
 
 
 class NodalLoads(Protocol):
-    """Collector of nodal forces that follow functions of time, as in the solver."""
+    """Collector of nodal forces (n, 3) that follow functions of time, with delays (n,) in s."""
 
-    def add_history(self, function: TimeFunction) -> int:
-        """Add a function of time; return its number."""
+    def add_history(self, function: TimeFunction) -> int: ...  # noqa: D102
+    def add(  # noqa: D102
+        self, nodes: np.ndarray, vectors: np.ndarray, number: int, delays: np.ndarray
+    ) -> None: ...
 
-    def add(self, nodes: np.ndarray, vectors: np.ndarray, number: int, delays: np.ndarray) -> None:
-        """Add forces (n, 3) per unit of a function at nodes (n,), with delays (n,) in s."""
 
-
-SAME = 1e-6  # relative difference that media and planes may show
+SAME = 1e-6  # relative tolerance for equal media and planes
 
 
 def add_plane_wave(
@@ -32,7 +31,7 @@ def add_plane_wave(
     wave: PlaneWave,
     impedance: Callable[[str], dict[int, np.ndarray]],
 ) -> None:
-    """Add the tractions of a plane wave and of its reflections to the faces that see them.
+    """Add the nodal forces of a plane wave and its reflections on viscous boundaries.
 
     Parameters
     ----------
@@ -77,12 +76,12 @@ def stress_of(slowness: np.ndarray, motion: np.ndarray, lame: float, shear: floa
 def reflected(
     slowness: np.ndarray, motion: np.ndarray, cp: float, cs: float, normal: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]] | None:
-    """Return what a free surface sends back from a plane wave.
+    """Return the reflections of a plane wave at a free surface.
 
     Parameters
     ----------
     slowness, motion : (3,) float64
-        Of the incident wave, s/m, and its amplitude.
+        Slowness of the incident wave, s/m, and its amplitude.
     cp, cs : float, m/s
     normal : (3,) float64
         Unit, out of the ground.
@@ -90,16 +89,16 @@ def reflected(
     Returns
     -------
     list of (slowness (3,), motion (3,)), or None
-        None where P would be bound to the surface.
+        None beyond the critical angle of SV.
 
     Notes
     -----
-    P and two polarisations of S whose tractions cancel that of the incident wave: theory.md (4.11).
-    One S wave alone where the motion is along the surface and across the path.
+    P and two polarisations of S whose tractions cancel that of the incident wave: theory.md (4.11);
+    a single SH wave where the motion is parallel to the surface.
     """
     along = slowness - (slowness @ normal) * normal
     steep = 1.0 / np.array([cp, cs]) ** 2 - along @ along
-    if max(abs(motion @ normal), abs(motion @ slowness) * cs) < SAME:  # SH: as it came
+    if max(abs(motion @ normal), abs(motion @ slowness) * cs) < SAME:  # SH
         return [(along - math.sqrt(steep[1]) * normal, motion)]
     if steep[0] < 0.0:
         return None
@@ -107,14 +106,14 @@ def reflected(
     basis = np.linalg.svd(s[None, :])[2][1:]  # two unit vectors across the path of S
     units = [(p, p * cp), (s, basis[0]), (s, basis[1])]
     ratio = (cp / cs) ** 2 - 2.0
-    tractions = [stress_of(*unit, ratio, 1.0) @ normal for unit in units]
+    tractions = [stress_of(slow, v, ratio, 1.0) @ normal for slow, v in units]
     given = stress_of(slowness, motion, ratio, 1.0) @ normal
     gain = np.linalg.solve(np.array(tractions).T, -given)
     return [(p, gain[0] * units[0][1]), (s, gain[1] * basis[0] + gain[2] * basis[1])]
 
 
 def _trains(model, wave, cp, cs):
-    """Return slowness, motion and lag in s of the wave and of what the free surface sends back."""
+    """Return slowness, motion and lag in s of the incident and the reflected waves."""
     slowness = wave.direction / (cp if wave.wave == "P" else cs)
     incident = (slowness, wave.polarisation, 0.0)
     plane = _free_plane(model, wave)
@@ -139,7 +138,7 @@ def _trains(model, wave, cp, cs):
 
 
 def _faces(model, wave):
-    """Return the viscous surfaces that see a wave."""
+    """Return the viscous boundaries that a wave enters through."""
     viscous = [b.surface for b in model.boundaries if isinstance(b, Viscous)]
     for name in wave.surfaces:
         if name not in viscous:
@@ -153,34 +152,36 @@ def _faces(model, wave):
 
 
 def _medium(model, surfaces):
-    """Return density, cp and cs of the ground behind faces, which must be the same everywhere."""
+    """Return density, cp and cs of the ground behind the boundaries; it must be homogeneous."""
     zones = np.unique(np.concatenate([surface_zones(model.mesh, name) for name in surfaces]))
     if model.rim is not None:
-        raise InputError("plane_wave: a rim would damp the wave along its faces; leave it out")
+        raise InputError(
+            "plane_wave: an absorbing layer (rim) would damp the wave along its faces; leave it out"
+        )
     media = {b.surface: b.media for b in model.boundaries if isinstance(b, Viscous)}
     for group in {model.mesh.groups[n] for n in model.mesh.zone_group[zones]}:
         for surface in surfaces:
-            law = media[surface].get(group, model.materials[group]).law
+            law = (media[surface].get(group) or model.materials[group]).law
             if law.name not in ("elastic", "mohr-coulomb") or law.branches:
                 raise InputError(
                     f"plane_wave: needs ground behind {surface!r} that is isotropic and does not "
-                    f"fade, got the law {type(law).__name__} of '{group}'"
+                    f"attenuate, got the law {type(law).__name__} of '{group}'"
                 )
     values = []
     for name, unit in (("density", "kg/m3"), ("cp", "m/s"), ("cs", "m/s")):
-        found = model.zone_values(name)[zones]
-        if np.ptp(found) > SAME * found.max():
+        value = model.zone_values(name)[zones]
+        if np.ptp(value) > SAME * value.max():
             raise InputError(
                 f"plane_wave: needs one medium behind {', '.join(surfaces)}, got {name} from "
-                f"{found.min():g} to {found.max():g} {unit}; give waves that run straight up "
+                f"{value.min():g} to {value.max():g} {unit}; give waves that run straight up "
                 "through layers by StressInput on the bottom and FreeField on the sides"
             )
-        values.append(float(found[0]))
+        values.append(float(value[0]))
     return values
 
 
 def _free_plane(model, wave):
-    """Return a place and the outward normal of the free surface, or None where there is none."""
+    """Return a point and the outward normal of the free surface, None if there is none."""
     name, mesh = wave.free_surface, model.mesh
     if name is None:
         return None
@@ -189,18 +190,18 @@ def _free_plane(model, wave):
             f"plane_wave.free_surface: no surface named {name!r}; there are "
             f"{', '.join(mesh.surfaces)}; None where no surface sends waves back"
         )
-    held = [b for b in model.boundaries if b.surface == name]
-    if any(isinstance(b, Viscous) for b in held):
+    conditions = [b for b in model.boundaries if b.surface == name]
+    if any(isinstance(b, Viscous) for b in conditions):
         return None
-    if held:
+    if conditions:
         raise InputError(
-            f"plane_wave.free_surface: {name!r} must be free, it has {type(held[0]).__name__}"
+            f"plane_wave.free_surface: {name!r} must be free, it has {type(conditions[0]).__name__}"
         )
     corner, area, normals = surface_areas(mesh, name)
-    quiet = [mesh.surfaces[b.surface].ravel() for b in model.boundaries if isinstance(b, Viscous)]
-    # Hills inside do not matter: what counts is the ground where it meets the faces.
-    rim = np.intersect1d(corner, np.concatenate(quiet))
-    places = mesh.points[rim] if _spread(mesh.points[rim]) else mesh.points[np.unique(corner)]
+    viscous = [mesh.surfaces[b.surface].ravel() for b in model.boundaries if isinstance(b, Viscous)]
+    # Only the edge along the viscous boundaries must be plane; hills inside do not matter.
+    edge = np.intersect1d(corner, np.concatenate(viscous))
+    places = mesh.points[edge] if _spread(mesh.points[edge]) else mesh.points[np.unique(corner)]
     middle = places.mean(axis=0)
     _, sizes, axes = np.linalg.svd(places - middle, full_matrices=False)
     if sizes[2] > SAME * sizes[0]:
@@ -212,7 +213,7 @@ def _free_plane(model, wave):
 
 
 def _spread(places):
-    """Tell whether places (n, 3) span a plane."""
+    """Return whether places (n, 3) span a plane."""
     if len(places) < 3:
         return False
     sizes = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
