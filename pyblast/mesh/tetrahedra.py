@@ -5,7 +5,7 @@ from math import factorial
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from ..errors import InputError
 
@@ -16,7 +16,7 @@ _LARGEST_CUBE = 2_000_000
 
 
 def face_keys(triangles: np.ndarray, n_nodes: int) -> np.ndarray:
-    """Return one integer per triangle (n,) int64 that does not depend on the order of its nodes."""
+    """Return keys (n,) int64 of triangles, independent of the order of their nodes."""
     low, middle, high = np.sort(np.asarray(triangles, dtype=np.int64), axis=1).T
     pair = low * n_nodes + middle
     if n_nodes > _LARGEST_CUBE:
@@ -32,13 +32,13 @@ def zone_faces(zones: np.ndarray) -> np.ndarray:
 def pair_faces(
     zones: np.ndarray, n_nodes: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Find which faces two zones share.
+    """Pair the faces that two zones share.
 
     Returns
     -------
     first, second : (n_shared,) int64, faces ``4 zone + local`` of the two sides, first < second
     single : (n_single,) int64, faces of one zone only
-    excess : (n_excess,) int64, faces beyond the second at the same place
+    excess : (n_excess,) int64, third and further faces with the same nodes
     """
     keys = face_keys(zone_faces(zones), n_nodes)
     order = np.argsort(keys, kind="stable")
@@ -112,7 +112,7 @@ def barycentric(corners: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 def _best_zone(points, zones, candidates, place):
-    """Choose the candidate in which the smallest weight is largest; return it and its weights."""
+    """Return the candidate with the largest smallest weight, and its weights."""
     weights = barycentric(points[zones[candidates]], place)
     best = np.argmax(weights.min(axis=-1))
     return candidates[best], weights[best]
@@ -121,7 +121,7 @@ def _best_zone(points, zones, candidates, place):
 def locate(
     points: np.ndarray, zones: np.ndarray, places: ArrayLike, tolerance: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Find the zone that holds each place.
+    """Return the zone that contains each place, and barycentric coordinates.
 
     Parameters
     ----------
@@ -129,8 +129,8 @@ def locate(
     zones : (n_zones, 4) int32
     places : (n, 3) float64, m
     tolerance : float, m
-        How far outside a place may lie; it then takes the nearest point of the nearest zone.
-        Default: half the mean edge of that zone.
+        Largest distance of a place outside the mesh, which is then moved to the nearest zone.
+        Default: half of the mean edge of that zone.
 
     Returns
     -------
@@ -143,15 +143,15 @@ def locate(
         If a place lies farther outside than the tolerance.
     """
     places = np.atleast_2d(np.asarray(places, dtype=float))
-    tree = cKDTree(points[zones].mean(axis=1))
+    tree = KDTree(points[zones].mean(axis=1))
     near = tree.query(places, k=min(40, len(zones)))[1].reshape(len(places), -1)
     zone, weights = np.empty(len(places), dtype=np.int64), np.empty((len(places), 4))
     for n, place in enumerate(places):
         zone[n], weights[n] = _best_zone(points, zones, near[n], place)
         if weights[n].min() < -1e-9:
             boxes = _zones_around(points, zones, place)
-            everyone = np.union1d(near[n], boxes)
-            zone[n], weights[n] = _best_zone(points, zones, everyone, place)
+            candidates = np.union1d(near[n], boxes)
+            zone[n], weights[n] = _best_zone(points, zones, candidates, place)
     weights = np.maximum(weights, 0.0)
     weights /= weights.sum(axis=1, keepdims=True)
     _refuse_outside(points, zones[zone], places, weights, tolerance)
@@ -168,9 +168,9 @@ def _zones_around(points, zones, place):
 
 
 def _refuse_outside(points, corners, places, weights, tolerance):
-    """Raise an error that names the first place too far from the mesh."""
-    found = np.einsum("ij,ijk->ik", weights, points[corners])
-    distance = np.linalg.norm(found - places, axis=1)
+    """Raise InputError for the first place too far from the mesh."""
+    nearest = np.einsum("ij,ijk->ik", weights, points[corners])
+    distance = np.linalg.norm(nearest - places, axis=1)
     limit = 0.5 * edge_lengths(points, corners).mean(axis=1) if tolerance is None else tolerance
     outside = np.flatnonzero(distance > limit)
     if len(outside):
@@ -187,8 +187,8 @@ def shape_gradients(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     return np.swapaxes(np.linalg.inv(sides), 1, 2)
 
 
-# Products of barycentric coordinates that span the motion of a zone, as exponents (15, 4): the
-# coordinates, their products of two on edges and of three on faces, and the product of all four.
+# Basis of a quadratic zone as exponents (15, 4) of the barycentric coordinates: the coordinates,
+# products of two on edges and of three on faces, and the product of all four.
 POWERS = np.concatenate(
     [
         np.eye(4, dtype=int),
@@ -199,7 +199,7 @@ POWERS = np.concatenate(
 )
 # Barycentric coordinates (15, 4) of the nodes: corners, middles of edges, centroids.
 NODES = POWERS / POWERS.sum(axis=1, keepdims=True)
-# Share of a zone's volume (15,) and of a face's area (7,) that a node stands for; theory.md (2.37).
+# Fractions of a zone's volume (15,) and of a face's area (7,) lumped at a node; theory.md (2.37).
 VOLUME_SHARE = 6.0 * np.repeat([17 / 5040, 2 / 315, 9 / 560, 16 / 315], [4, 6, 4, 1])
 AREA_SHARE = 2.0 * np.repeat([1 / 40, 1 / 15, 9 / 40], [3, 3, 1])
 
@@ -217,8 +217,8 @@ FACE_NODES = _face_nodes()
 
 def integral(powers: np.ndarray) -> np.ndarray:
     """Return the mean (n,) over a zone of products of barycentric coordinates, powers (n, 4)."""
-    one = np.vectorize(factorial)
-    return 6.0 * one(powers).prod(axis=-1) / one(powers.sum(axis=-1) + 3)
+    factorials = np.vectorize(factorial)
+    return 6.0 * factorials(powers).prod(axis=-1) / factorials(powers.sum(axis=-1) + 3)
 
 
 @cache
@@ -238,9 +238,9 @@ def shape_values(weights: np.ndarray) -> np.ndarray:
 
 
 def shape_slopes(weights: np.ndarray) -> np.ndarray:
-    """Return their derivatives (n, 15, 4) by each barycentric coordinate, as if all were free.
+    """Return the derivatives (n, 15, 4) of the shape functions by the barycentric coordinates.
 
-    Only differences between the four have a meaning: multiply by the gradients of the coordinates.
+    The coordinates are taken as independent; multiply by their gradients.
     """
     weights = np.asarray(weights, dtype=float)
     slopes = np.empty((len(weights), len(POWERS), 4))
@@ -259,9 +259,9 @@ def mean_slopes() -> np.ndarray:
 @cache
 def corner_slopes() -> np.ndarray:
     """Return the means (4, 15, 4) over a zone of each coordinate times the slopes."""
-    slopes, one = np.zeros((4, len(POWERS), 4)), np.eye(4, dtype=int)
+    slopes, unit = np.zeros((4, len(POWERS), 4)), np.eye(4, dtype=int)
     for corner, axis in np.ndindex(4, 4):
-        lower = np.maximum(POWERS - one[axis], 0) + one[corner]
+        lower = np.maximum(POWERS - unit[axis], 0) + unit[corner]
         slopes[corner, :, axis] = POWERS[:, axis] * integral(lower)
     return _shape_table() @ slopes
 

@@ -155,9 +155,7 @@ def _medium(model, surfaces):
     """Return density, cp and cs of the ground behind the boundaries; it must be homogeneous."""
     zones = np.unique(np.concatenate([surface_zones(model.mesh, name) for name in surfaces]))
     if model.rim is not None:
-        raise InputError(
-            "plane_wave: an absorbing layer (rim) would damp the wave along its faces; leave it out"
-        )
+        raise InputError("plane_wave: a rim would damp the wave along its faces; leave it out")
     media = {b.surface: b.media for b in model.boundaries if isinstance(b, Viscous)}
     for group in {model.mesh.groups[n] for n in model.mesh.zone_group[zones]}:
         for surface in surfaces:

@@ -14,7 +14,7 @@ from ..errors import InputError, SolverError
 from ..mesh.mesh import locate
 from ..model.model import Model
 from ..model.source import Column, PointForce
-from ..solver.linear_runs import STICKING_JOINTS, at_rest, listening, refuse_slip, stretches
+from ..solver.linear_runs import STICKING_JOINTS, at_rest, node_receivers, refuse_slip, stretches
 from ..solver.preparation import LEDGER_EVERY, Prepared, prepare
 from ..solver.run import simulate
 from .cache import Cache, input_hash
@@ -57,7 +57,7 @@ def march_side_by_side(
         If the motion grows without cause.
     """
     constants, state = at_rest(prepared.constants)
-    constants = {**constants, **listening(constants, nodes), **_in_lanes(loads)}
+    constants = {**constants, **node_receivers(constants, nodes), **_in_lanes(loads)}
     if len(loads) == 1:
         views, advance = core.to_fortran(prepared.as_marched(constants)), core.advance
         state = prepared.as_marched(state)

@@ -1,4 +1,4 @@
-"""Assembly of a model into the arrays that the kernels take, named as their arguments."""
+"""Assembly of a model into kernel arrays, named as the arguments of the kernels."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -36,20 +36,20 @@ QUADRATIC_ZONES = 128
 def domain_arrays(
     nodes: Nodes, patch: np.ndarray, contact_node: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Cut the zones into domains and give each domain slots for its nodes.
+    """Partition the zones into domains and assign slots to their nodes.
 
     Parameters
     ----------
     nodes : Nodes
         Of a mesh whose zones are ordered group by group.
     patch : (n_zones,) int64
-        Patch of each zone, -1 where there is none.
+        Patch of each zone, -1 for none.
     contact_node : (n_contacts, 2) int32
 
     Returns
     -------
     dict
-        Kernel arrays of domains, slots, zones and of the parts of the force of each node.
+        Kernel arrays of domains, slots, zones and of the contributions to nodal forces.
     """
     n_nodes, n_zones = len(nodes.points), len(nodes.zone_nodes)
     group, corners = nodes.mesh.zone_group, nodes.zone_nodes.shape[1]
@@ -76,7 +76,7 @@ def domain_arrays(
 
 
 def _starts(group, patch, size):
-    """Cut where the group changes, and into like sizes, between patches where that is near."""
+    """Return the first zone of each domain: at changes of group, else near equal sizes."""
     ends = np.append(np.flatnonzero(np.diff(group)) + 1, len(group))
     cuts = []
     for low, high in pairwise(np.append(0, ends)):
@@ -89,16 +89,16 @@ def _starts(group, patch, size):
 
 
 def _numbers(patch, starts):
-    """Count the patches within each domain, -1 where there is none; a cut one becomes two."""
+    """Return the number of each patch within its domain, -1 for none."""
     numbers = np.full(len(patch), -1, dtype=np.int32)
     for low, high in pairwise(starts):
-        there = low + np.flatnonzero(patch[low:high] >= 0)
-        numbers[there] = np.unique(patch[there], return_inverse=True)[1]
+        members = low + np.flatnonzero(patch[low:high] >= 0)
+        numbers[members] = np.unique(patch[members], return_inverse=True)[1]
     return numbers
 
 
 def patch_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Return the patches of all domains with their nodes; theory.md (2.41).
+    """Return the patches of averaged dilation with their nodes; theory.md (2.41).
 
     Parameters
     ----------
@@ -109,8 +109,8 @@ def patch_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
     Returns
     -------
     dict
-        Kernel arrays: of each patch its bulk modulus times volume in J, and of each of its nodes
-        the slot and the dilation over motion in 1/m.
+        Kernel arrays: bulk modulus times volume in J of each patch; slot and derivative of the
+        dilation in 1/m of each of its nodes.
     """
     starts = arrays["domain_zone_start"]
     zones = np.flatnonzero(arrays["zone_patch"] >= 0)
@@ -147,15 +147,15 @@ def patch_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
 
 
 def time_step(model: Model) -> Step:
-    """Return the time step of a model in s, and the `CriticalStep` behind it."""
+    """Return the time step of a model in s, and the `CriticalStep` that limits it."""
     limit = critical_step(model)
-    return model.step_factor * limit.dt * _damped_share(model), limit
+    return model.step_factor * limit.dt * _local_damping_factor(model), limit
 
 
 def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, Any], CriticalStep]:
-    """Return what all stages share, and the `CriticalStep` behind its time step.
+    """Return the arrays common to all stages, and the `CriticalStep` of the time step.
 
-    ``step`` is what `time_step` gave, or the same with a shorter time step.
+    ``step`` is the result of `time_step`, or the same with a shorter time step.
     """
     mesh, nodes = model.mesh, model.nodes
     dt, limit = step or time_step(model)
@@ -179,54 +179,53 @@ def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, A
 
 
 def stiffness_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Return edge springs and patches of zones, which depend on their moduli and laws."""
+    """Return the arrays of edge springs and patches, which depend on moduli and laws."""
     return {**edge_arrays(nodes, arrays), **patch_arrays(nodes, arrays)}
 
 
-def _damped_share(model):
-    """Return what local damping, which raises the force that slows a node, leaves of a step."""
+def _local_damping_factor(model):
+    """Return the factor of local damping on the time step."""
     raised = 1.0 + model.local_damping
     return 1.0 / (raised if model.group_damping("beta").any() else np.sqrt(raised))
 
 
 def zone_laws(model: Model) -> dict[str, np.ndarray]:
-    """Return the laws and the damping of the sets of zones, one a group, and rows of memory."""
+    """Return laws and damping of the sets of zones (one per group), and rows of internal state."""
     materials = [model.materials[group] for group in model.mesh.groups]
-    given = [model.law(group) for group in model.mesh.groups]
-    laws = [ZONE_LAWS[law.name] for law in given]
+    laws = [ZONE_LAWS[material.law.name] for material in materials]
     rows = [
-        property_row(law, one.properties(material), N_ZONE_PROPERTIES)
-        for law, one, material in zip(laws, given, materials, strict=True)
+        property_row(law, material.law.properties(material), N_ZONE_PROPERTIES)
+        for law, material in zip(laws, materials, strict=True)
     ]
-    remembers = np.array([bool(law.state) for law in laws])[model.mesh.zone_group]
-    row = np.where(remembers, np.cumsum(remembers) - 1, -1).astype(np.int32)
+    has_state = np.array([bool(law.state) for law in laws])[model.mesh.zone_group]
+    row = np.where(has_state, np.cumsum(has_state) - 1, -1).astype(np.int32)
     return {
         "zone_row": row,
         "set_law": np.array([law.number for law in laws], dtype=np.int32),
         "set_property": np.array(rows),
         "set_beta": model.group_damping("beta"),
         **_branches([model.branches(group) for group in model.mesh.groups]),
-        "row_initial": np.zeros((max(1, int(remembers.sum())), 6)),
+        "row_initial": np.zeros((max(1, int(has_state.sum())), 6)),
     }
 
 
 def _branches(by_set):
-    """Return the distinct rates of what relaxes, and the stiffness of each set at each of them."""
-    rates = sorted({one.rate for branches in by_set for one in branches})
+    """Return the distinct relaxation rates, and the stiffness of each set at each rate."""
+    rates = sorted({branch.rate for branches in by_set for branch in branches})
     table = np.zeros((len(by_set), max(1, len(rates)), 2))
     for number, branches in enumerate(by_set):
-        for one in branches:
-            table[number, rates.index(one.rate)] += one.shear, one.compression
+        for branch in branches:
+            table[number, rates.index(branch.rate)] += branch.shear, branch.compression
     return {"set_branch": table, "memory_rate": np.array(rates or [0.0])}
 
 
 def _contacts(model):
-    """Contacts with the laws and properties of their joints."""
+    """Return the arrays of contacts and of the laws of their joints."""
     contacts = model.nodes.contacts
-    by_name = {joint.surface: joint for joint in model.joints}
-    joints = [by_name[name] for name in contacts.names] if contacts is not None else []
-    if not joints:
+    if contacts is None or not contacts.names:
         return _no_contact()
+    by_name = {joint.surface: joint for joint in model.joints}
+    joints = [by_name[name] for name in contacts.names]
     laws = [JOINT_LAWS[joint.law] for joint in joints]
     table = [
         property_row(law, joint.properties, N_JOINT_PROPERTIES)
@@ -260,7 +259,7 @@ def _fill_mass(model):
 
 
 def _no_contact():
-    """One contact of no area, of a node with itself: the core takes no empty tables."""
+    """Return one contact of zero area, of a node with itself: the core takes no empty tables."""
     return {
         "joint_law": np.zeros(1, dtype=np.int32),
         "joint_property": np.ones((1, N_JOINT_PROPERTIES)),
@@ -302,15 +301,15 @@ def dynamic_arrays(
     }
 
 
-def still_loads(n_steps: int) -> dict[str, np.ndarray]:
-    """Return the arrays of no load at all over ``n_steps``."""
+def zero_loads(n_steps: int) -> dict[str, np.ndarray]:
+    """Return the load arrays of zero load over ``n_steps``."""
     return Loads().arrays(np.zeros(n_steps))
 
 
 def initial_state(
     constants: dict[str, Any], contact_state: np.ndarray | None = None
 ) -> dict[str, np.ndarray]:
-    """Return the state at rest: no displacement, tractions and stresses at their initial values."""
+    """Return the state at rest, with tractions and stresses at their initial values."""
     n_nodes, n_contacts = len(constants["node_mass"]), len(constants["contact_area"])
     n_rows = len(constants["row_initial"])
     if contact_state is None:

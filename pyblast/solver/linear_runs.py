@@ -36,7 +36,7 @@ def flat(motion: np.ndarray) -> np.ndarray:
 
 
 def local(nodes: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """Return where the entries of a table of nodes stand in ascending ``nodes``."""
+    """Return the positions of the entries of a table of nodes in ascending ``nodes``."""
     return np.searchsorted(nodes, table)
 
 
@@ -69,11 +69,11 @@ def strain_matrix(mesh: Mesh, zones: np.ndarray, nodes: np.ndarray) -> sparse.cs
     return sparse.csr_array((np.concatenate(values), places), shape=shape)
 
 
-class Answer:
-    """What the stress of a group makes of motion in time, apart for the P and the S modulus.
+class StressResponse:
+    """Stress response of a group to motion in time, separately for the P and the S modulus.
 
-    Linear, the same at all times, and zero before the first step, so that it can act on the
-    motion of a run or, in reversed time, on that of its adjoint: theory.md (8.5).
+    Linear, time-invariant and causal, so it applies to the motion of a run and, in reversed time,
+    to that of its adjoint: theory.md (8.5).
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class Answer:
     """
 
     def __init__(self, constants: dict[str, Any], zones: np.ndarray) -> None:
-        """Read stiffness damping, and what relaxes."""
+        """Read stiffness damping and relaxation mechanisms."""
         domain = np.searchsorted(constants["domain_zone_start"], zones[0], side="right") - 1
         number = constants["domain_set"][domain]
         self._lag = constants["set_beta"][number] / constants["dt"]
@@ -94,7 +94,7 @@ class Answer:
         self._branches = [row for row in rows if any(row[1:])]
 
     def __call__(self, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what belongs to P and to S modulus, for the next motion (n, ...) in time."""
+        """Return the response with P and with S modulus to the next motion (n, ...) in time."""
         if self._last is None:
             self._last = np.zeros_like(motion[:1])
             self._memory = [np.zeros_like(motion[:1]) for _ in self._branches]
@@ -104,17 +104,17 @@ class Answer:
         s = p.copy() if self._branches else p
         for number, (x, of_s, of_p) in enumerate(self._branches):
             gain = x / (1.0 + x)
-            faded, self._memory[number] = signal.lfilter(
+            relaxed, self._memory[number] = signal.lfilter(
                 [gain, gain], [1.0, -(1.0 - x) / (1.0 + x)], motion, axis=0,
                 zi=self._memory[number],
             )  # fmt: skip
-            p = p + of_p * (motion - faded)
-            s = s + of_s * (motion - faded)
+            p = p + of_p * (motion - relaxed)
+            s = s + of_s * (motion - relaxed)
         return p, s
 
 
 LINEAR_JOINTS = ("elastic", "kelvin")
-STICKING_JOINTS = ("coulomb", "softening")  # linear as long as no contact slips or opens
+STICKING_JOINTS = ("coulomb", "softening")  # linear while no contact slips or opens
 LINEAR_ZONES = ("elastic",)
 SLIP, FAILED, STATUS = slice(0, 3), 3, 4  # columns of the state of joints that slip
 
@@ -124,20 +124,20 @@ def refuse_nonlinear(
     needs: str = "gradients need",
     joints: tuple[str, ...] = LINEAR_JOINTS + STICKING_JOINTS,
 ) -> None:
-    """Refuse models whose motion is not proportional to what drives them.
+    """Raise InputError for models whose motion is not linear in the sources.
 
     Parameters
     ----------
     model : Model
     needs : str
-        Who asks, as the sentences begin.
+        Beginning of the messages.
     joints : tuple of str
-        Laws of joints that are allowed.
+        Allowed joint laws.
 
     Raises
     ------
     InputError
-        With the part that is to blame.
+        Naming the nonlinear part.
     """
     if model.quadratic:
         raise InputError(
@@ -154,7 +154,7 @@ def refuse_nonlinear(
         law = model.law(group).name
         if law not in LINEAR_ZONES:
             raise InputError(
-                f"materials.{group}: {needs} isotropic ground, elastic or fading, got "
+                f"materials.{group}: {needs} isotropic ground, elastic or attenuating, got "
                 f"'{law}'; take another law there"
             )
     if model.local_damping:
@@ -165,12 +165,12 @@ def refuse_nonlinear(
 
 
 def refuse_slip(model: Model, prepared: Prepared, state: dict[str, Any]) -> None:
-    """Refuse a run at whose end contacts have slipped or opened.
+    """Raise InputError if contacts have slipped or opened at the end of a run.
 
     Raises
     ------
     InputError
-        With the joint and the count.
+        Naming the joint and the number of contacts.
     """
     law = prepared.constants["joint_law"]
     begun, ended = prepared.state["contact_state"], state["contact_state"]
@@ -196,21 +196,21 @@ def by_number(model: Model) -> list[Joint]:
 
 
 def at_rest(constants: dict[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Return constants and state of the same linear model with nothing that drives it."""
+    """Return constants and state of a linear model at rest, without loads and initial stress."""
     number = {name: law.number for name, law in JOINT_LAWS.items()}
     sticking = np.isin(constants["joint_law"], [number[name] for name in STICKING_JOINTS])
-    quiet = {
+    unloaded = {
         **constants,
         "joint_law": np.where(sticking, number["elastic"], constants["joint_law"]).astype("i4"),
         **{n: np.zeros_like(constants[n]) for n in ("contact_initial", "node_load", "row_initial")},
         "fixed_history": np.full_like(constants["fixed_history"], -1),
     }
-    return quiet, initial_state(quiet)
+    return unloaded, initial_state(unloaded)
 
 
 def faces(model: Model) -> list[Viscous | StressInput]:
-    """Return the boundaries whose forces follow the speeds of the ground behind them."""
-    return [one for one in model.boundaries if isinstance(one, (Viscous, StressInput))]
+    """Return the boundaries whose impedance depends on the wave speeds of the ground."""
+    return [b for b in model.boundaries if isinstance(b, (Viscous, StressInput))]
 
 
 def face_nodes(model: Model, boundary: Boundary) -> np.ndarray:
@@ -218,11 +218,11 @@ def face_nodes(model: Model, boundary: Boundary) -> np.ndarray:
     return np.unique(model.mesh.surfaces[boundary.surface])
 
 
-STRETCH_VALUES = 2**23  # numbers that one stretch may hold: 64 MB
+STRETCH_VALUES = 2**23  # numbers in one stretch: 64 MB
 
 
 class Stretch(NamedTuple):
-    """Motion over some steps.
+    """Stretch of a run: motion over consecutive steps.
 
     Parameters
     ----------
@@ -243,8 +243,8 @@ class Stretch(NamedTuple):
     after: np.ndarray
 
 
-class Watch:
-    """A march that tells how chosen nodes move; its state changes in place.
+class RecordedRun:
+    """Run that records the motion of chosen nodes; its state changes in place.
 
     Parameters
     ----------
@@ -254,41 +254,41 @@ class Watch:
     """
 
     def __init__(self, constants: dict[str, Any], state: dict[str, Any], nodes: np.ndarray) -> None:
-        """Put a receiver at every chosen node, behind those of the model."""
+        """Add a receiver at every chosen node after those of the model."""
         self._nodes, self._state, self._dt = np.asarray(nodes), state, constants["dt"]
         self._n_receivers = len(constants["receiver_node"])
-        self._constants = core.to_fortran({**constants, **listening(constants, self._nodes)})
+        self._constants = core.to_fortran({**constants, **node_receivers(constants, self._nodes)})
 
-    def go(self, first: int, n_steps: int) -> Stretch:
-        """March from a step on; return the `Stretch`.
+    def advance(self, first: int, n_steps: int) -> Stretch:
+        """Advance from a step; return the `Stretch`.
 
         Raises
         ------
         SolverError
-            If the motion grows without cause.
+            If the run is unstable.
         """
         start = self._state["displacement"][self._nodes]
         last = self._state["velocity"][self._nodes]
         return self._stretch(first, start, last, self._advance(self._constants, first, n_steps))
 
-    def pushed(self, first: int, loads: dict[str, np.ndarray]) -> Stretch:
-        """March under the loads of one stretch only, whose histories begin with its first step."""
+    def advance_with_loads(self, first: int, loads: dict[str, np.ndarray]) -> Stretch:
+        """Advance under the loads of one stretch, whose histories begin at its first step."""
         start = self._state["displacement"][self._nodes]
         last = self._state["velocity"][self._nodes]
-        self._state["sums"][:] = 0.0  # the ledger of a stretch; its end is another's beginning
+        self._state["sums"][:] = 0.0  # the energy balance restarts with each stretch
         constants = {**self._constants, **core.to_fortran(loads)}
         motion = self._advance(constants, 0, len(loads["history"]))
         return self._stretch(first, start, last, motion)
 
     def _advance(self, constants, first, n_steps):
-        """March and return the motion (n_steps, n, 3) of receivers and nodes."""
+        """Return the motion (n_steps, n, 3) of receivers and nodes."""
         motion, _, failed = core.advance(constants, self._state, first, n_steps, LEDGER_EVERY)
         if failed is not None:
-            raise SolverError(f"march: the motion grew without limit at step {first + len(motion)}")
+            raise SolverError(f"run: unstable at step {first + len(motion)}")
         return motion
 
     def _stretch(self, first, start, last, motion):
-        """Add up velocities to displacements."""
+        """Integrate velocities to displacements."""
         after = motion[:, self._n_receivers : self._n_receivers + len(self._nodes)]
         before = np.concatenate([last[None], after[:-1]])
         displacement = start + self._dt * (np.cumsum(after, axis=0) - after)
@@ -296,8 +296,8 @@ class Watch:
         return Stretch(first, receivers, displacement, before, after)
 
 
-def listening(constants: dict[str, Any], nodes: ArrayLike) -> dict[str, np.ndarray]:
-    """Return the receivers of a model, and behind them one at every chosen node."""
+def node_receivers(constants: dict[str, Any], nodes: ArrayLike) -> dict[str, np.ndarray]:
+    """Return the receivers of a model, followed by one at every chosen node."""
     corners = constants["receiver_node"].shape[1]  # or all nodes of a quadratic zone
     node, weight = np.repeat(np.asarray(nodes)[:, None], corners, axis=1), np.eye(corners)[:1]
     weight = weight.repeat(len(node), axis=0)
@@ -308,7 +308,7 @@ def listening(constants: dict[str, Any], nodes: ArrayLike) -> dict[str, np.ndarr
 
 
 def stretches(n_steps: int, values: int) -> list[tuple[int, int]]:
-    """Cut steps that hold some numbers each into (first, count) of bounded memory."""
+    """Return (first, count) of stretches of bounded memory, for a number of values per step."""
     count = int(min(n_steps, max(1, STRETCH_VALUES // max(1, values))))
     return [(first, min(count, n_steps - first)) for first in range(0, n_steps, count)]
 
@@ -331,7 +331,7 @@ SAMPLES_PER_PERIOD = 8
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A run and the motion that its gradients need.
+    """Track: a run with the motion stored for its gradients.
 
     Parameters
     ----------
@@ -340,14 +340,14 @@ class Track:
     seismograms : dict of str to Seismogram
         By receiver, at every step.
     steps : (n_samples,) int
-        At which motion was kept.
+        At which motion is stored.
     ground : bool
-        Whether it was kept at all nodes, or at contacts only.
+        Whether it is stored at all nodes or at contacts only.
     nodes : (n_nodes,) int
-        Where it was kept, ascending.
+        Nodes with stored motion, ascending.
     displacement : (n_samples, n_nodes, 3) float32, m
     velocity : list of (n_samples, n_face_nodes, 3) float32, m/s
-        Mean of both half-steps at the nodes of each face whose impedance follows the ground.
+        Mean of both half-steps at the nodes of each of `faces`.
     """
 
     model: Model
@@ -363,17 +363,17 @@ class Track:
 def track(
     model: Model, duration: float, *, ground: bool = True, highest: float | None = None
 ) -> Track:
-    """March a linear model and keep what gradients need.
+    """Run a linear model and store the motion needed for gradients.
 
     Parameters
     ----------
     model : Model
     duration : float, s
     ground : bool
-        Whether moduli and speeds are wanted too; joints alone need much less memory.
+        Whether gradients of moduli are needed; joints alone need much less memory.
     highest : float, optional, Hz
-        Highest frequency of the motion: 8 samples to its period are kept, and the derivative of
-        the misfit must hold nothing above it. None keeps every step.
+        Highest frequency of the motion and of the derivative of the misfit: 8 samples per period
+        are stored. None: every step.
 
     Raises
     ------
@@ -386,14 +386,14 @@ def track(
     nodes = _tracked_nodes(model, ground)
     n, dt = prepared.n_steps, prepared.constants["dt"]
     every = 1 if highest is None else max(1, math.floor(1.0 / (SAMPLES_PER_PERIOD * highest * dt)))
-    rims = [face_nodes(model, one) for one in (faces(model) if ground else ())]
-    places = [np.searchsorted(nodes, rim) for rim in rims]
-    kept, means, motion = [], [[] for _ in rims], []
-    watch = Watch(prepared.constants, state, nodes)
+    face_node_sets = [face_nodes(model, one) for one in (faces(model) if ground else ())]
+    places = [np.searchsorted(nodes, face_node_set) for face_node_set in face_node_sets]
+    stored, means, motion = [], [[] for _ in face_node_sets], []
+    run = RecordedRun(prepared.constants, state, nodes)
     for first, count in stretches(n, 3 * len(nodes)):
-        stretch = watch.go(first, count)
+        stretch = run.advance(first, count)
         at = slice(-first % every, None, every)
-        kept.append(stretch.displacement[at].astype(np.float32))
+        stored.append(stretch.displacement[at].astype(np.float32))
         for mean, place in zip(means, places, strict=True):
             both = stretch.before[at, place] + stretch.after[at, place]
             mean.append((0.5 * both).astype(np.float32))
@@ -401,7 +401,7 @@ def track(
     refuse_slip(model, prepared, state)
     return Track(
         model, prepared, seismograms(model, np.concatenate(motion), dt), np.arange(0, n, every),
-        ground, nodes, np.concatenate(kept), [np.concatenate(mean) for mean in means],
+        ground, nodes, np.concatenate(stored), [np.concatenate(mean) for mean in means],
     )  # fmt: skip
 
 
@@ -426,6 +426,6 @@ def seismograms(model: Model, motion: np.ndarray, dt: float) -> dict[str, Seismo
 
 
 def stress_drive(model: Model, face: StressInput, times: np.ndarray) -> np.ndarray:
-    """Return the velocity (n, 1, 3) that a stress input turns into forces by its impedance."""
+    """Return the velocity (n, 1, 3) of a stress input, times its factor."""
     motion = np.stack([each(times) for each in components(face)], axis=-1)
     return (2.0 if model.doubles(face) else 1.0) * motion[:, None, :]
