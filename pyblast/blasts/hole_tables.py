@@ -1,4 +1,4 @@
-"""Hole tables from files: known layouts, or any CSV through a mapping of its columns."""
+"""Hole tables: reading of known layouts, or of any CSV by a mapping of its columns."""
 
 import csv
 import io
@@ -29,7 +29,7 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Layout:
-    """A kind of hole table: the column of each quantity, its unit in the key, and the conventions.
+    """Layout of a hole table: columns by quantity with unit, and conventions.
 
     Columns are header names, or numbers from 0 where the file has no header. ``needs`` are the
     keys without which a file is not of this kind; ``angle_from`` is empty where not known.
@@ -207,7 +207,7 @@ OPTIONS = {
 
 
 def read_blast(path: str | Path, mapping: str | Path | dict | None = None) -> Blast:
-    """Read a hole table; the layout is found from the columns, not from the file's name.
+    """Read a hole table; the layout is detected from the columns.
 
     Parameters
     ----------
@@ -222,12 +222,17 @@ def read_blast(path: str | Path, mapping: str | Path | dict | None = None) -> Bl
     Returns
     -------
     Blast
-        Absolute times in s from the blast's zero; what was noticed is in ``notes``.
+        With absolute times in s; remarks of the reader in ``notes``.
 
     Raises
     ------
     ReadError
-        If the file or the mapping can't be understood; names file, line and column.
+        If the file or the mapping is invalid; names file, line and column.
+
+    Examples
+    --------
+    >>> blast = read_blast("holes.csv")  # doctest: +SKIP
+    >>> blast.checks()  # doctest: +SKIP
     """
     path = Path(path)
     asked, options = (None, {}) if mapping is None else _read_mapping(mapping)
@@ -407,7 +412,7 @@ def _assemble(layout, columns):
     if layout.axes == "north_east":
         collar, toe = collar[:, [1, 0, 2]], toe[:, [1, 0, 2]]
     diameter = columns.get("diameter", unknown)
-    blasts = list(dict.fromkeys(columns.get("blast", [])))
+    blasts = list(dict.fromkeys(map(str, columns.get("blast", []))))
     return Blast(
         name=", ".join(blasts[:3]) or layout.name,
         collar=collar,

@@ -1,4 +1,4 @@
-"""Single-hole seismograms in closed form: a charged hole as a spherical cavity under pressure."""
+"""Single-hole signatures in closed form: a spherical cavity under pressure."""
 
 import math
 from collections.abc import Callable
@@ -98,7 +98,7 @@ def cavity_signature(
     rise: float,
     decay: float,
 ) -> np.ndarray:
-    """Work out the radial velocity around a pressurised spherical cavity in full space.
+    """Return the radial velocity around a pressurised spherical cavity in full space.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def cavity_response(
     dt: float,
     duration: float,
 ) -> np.ndarray:
-    """Work out the radial velocity for any pressure history.
+    """Return the radial velocity for any pressure history.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def cavity_response(
 
     Notes
     -----
-    The same equations as ``cavity_signature``, marched exactly for piecewise linear pressure.
+    The equations of ``cavity_signature``, integrated exactly for piecewise linear pressure.
     """
     if isinstance(pulse, CavityPulse):
         return cavity_signature(
@@ -206,7 +206,7 @@ def cavity_seismogram(
     dt: float,
     duration: float,
 ) -> Seismogram:
-    """Turn the cavity's radial motion into three components at a receiver.
+    """Return the seismogram of a pressurised cavity at a receiver.
 
     Parameters
     ----------
@@ -273,7 +273,7 @@ def cavity_moment(radius: float, pressure: float, cp: float, cs: float) -> float
 
 
 def _check_path(density, cp, cs, radius, distance, dt, duration):
-    """Refuse a rock, a cavity or a path that can't exist."""
+    """Check rock, cavity and distance."""
     for name, value in (("density", density), ("cs", cs), ("radius", radius)):
         if not 0.0 < value < math.inf:
             raise InputError(f"cavity.{name}: must be positive, got {value:g}")

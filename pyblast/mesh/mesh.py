@@ -47,7 +47,8 @@ def double_nodes(
     number[corners] = np.arange(len(corners))
     pair = [_sorted_corners(zones, faces) for faces in (first, second)]
     touching = on_joint[corner_node[pair[0]]]
-    _, label = components(*(number[side[touching]] for side in pair), len(corners))
+    left, right = (number[side[touching]] for side in pair)
+    _, label = components(left, right, len(corners))
     node = corner_node[corners]
     order = np.argsort(node, kind="stable")
     _, where = np.unique(label[order], return_index=True)

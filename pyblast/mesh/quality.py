@@ -139,7 +139,7 @@ def _welded(mesh):
 def _refuse_coincident(mesh):
     """Raise InputError for coincident nodes that are not a contact."""
     reach = _COINCIDENT * np.ptp(mesh.points, axis=0).max()
-    pairs = KDTree(mesh.points).query_pairs(reach, output_type="ndarray")
+    pairs = KDTree(mesh.points, leafsize=16).query_pairs(reach, output_type="ndarray")
     label = _welded(mesh)
     pairs = pairs[label[pairs[:, 0]] != label[pairs[:, 1]]]
     if len(pairs):

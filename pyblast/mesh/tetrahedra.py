@@ -143,7 +143,7 @@ def locate(
         If a place lies farther outside than the tolerance.
     """
     places = np.atleast_2d(np.asarray(places, dtype=float))
-    tree = KDTree(points[zones].mean(axis=1))
+    tree = KDTree(points[zones].mean(axis=1), leafsize=16)
     near = tree.query(places, k=min(40, len(zones)))[1].reshape(len(places), -1)
     zone, weights = np.empty(len(places), dtype=np.int64), np.empty((len(places), 4))
     for n, place in enumerate(places):

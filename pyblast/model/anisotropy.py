@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..units import check_modulus
-from .material import Branch, Material
+from .material import Material
 
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 NAMES = [(i, j) for i in range(6) for j in range(i, 6)]
@@ -35,7 +35,7 @@ class Anisotropic:
 
     stiffness: np.ndarray
     name: ClassVar[str] = "anisotropic"
-    branches: ClassVar[tuple[Branch, ...]] = ()
+    branches = ()  # no relaxation
 
     def __post_init__(self) -> None:
         """Check symmetry and positive definiteness."""

@@ -40,8 +40,8 @@ class ZoneLaw(Protocol):
     ``properties`` returns those of the routine and ``moduli`` the relaxed Lame moduli in Pa.
     """
 
-    @property
-    def name(self) -> str: ...  # noqa: D102
+    name: ClassVar[str]
+
     @property
     def branches(self) -> tuple[Branch, ...]: ...  # noqa: D102
     def properties(self, material: "Material") -> dict[str, float]: ...  # noqa: D102
@@ -238,7 +238,7 @@ class MohrCoulomb:
     shear_strain: float = 0.0
     tensile_strain: float = 0.0
     name: ClassVar[str] = "mohr-coulomb"
-    branches: ClassVar[tuple[Branch, ...]] = ()
+    branches = ()  # no relaxation
 
     def __post_init__(self) -> None:
         """Check the strengths."""
@@ -295,7 +295,7 @@ class Elastic:
     """Isotropic linear elasticity; theory.md (2.2)."""
 
     name: ClassVar[str] = "elastic"
-    branches: ClassVar[tuple[Branch, ...]] = ()
+    branches = ()  # no relaxation
 
     def properties(self, material: "Material") -> dict[str, float]:
         """Return the properties of the routine for a material."""
@@ -493,5 +493,5 @@ class Damping:
         omega = 2.0 * math.pi * frequency
         if self.low_passed:
             modulus = relative_modulus(self.branches, frequency)
-            return 0.5 * (self.alpha / omega - modulus.imag.item())
+            return 0.5 * (self.alpha / omega - np.imag(modulus).item())
         return 0.5 * (self.alpha / omega + self.beta * omega)

@@ -125,7 +125,7 @@ def read_vibracord(path: Path, lines: list[str]) -> RawRecord:
             units[match[1]] = column, match[2]
     place = f"{path}, line {titles + 1}"
     order = {"Channel 1": "vertical", "Channel 2": "longitudinal", "Channel 3": "transverse"}
-    wanted = {order.get(key, key): column for key, (column, _) in units.items()}
+    wanted = {order.get(key, str(key)): column for key, (column, _) in units.items()}
     if "vertical" not in wanted:
         raise ReadError(f"{place}: expected columns such as 'Channel 1 (mm/s)', found none")
     factor = common_velocity_factor([symbol for _, symbol in units.values()], place)

@@ -1,4 +1,4 @@
-"""Cache of runs: results in a folder, addressed by the hash of their input."""
+"""Cache of runs: results in a folder, addressed by the content hash of their input."""
 
 import hashlib
 import json
@@ -27,7 +27,7 @@ WHOLE = ("",)
 
 
 def input_hash(*inputs: Any) -> str:
-    """Return the SHA-256 of inputs and of the code that works on them.
+    """Return the SHA-256 of inputs and of the code of a run.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ def input_hash(*inputs: Any) -> str:
     Raises
     ------
     InputError
-        If something is none of these, such as a function: its content can't be told.
+        If an input has no content hash, such as a function.
     """
     digest = hashlib.sha256(code_hash().encode())
     feed(digest, inputs, "input")
@@ -71,16 +71,15 @@ log = logging.getLogger(__name__)
 
 
 class Cache:
-    """A folder of named arrays, one file for each key.
+    """Cache folder of named arrays, one file for each key.
 
-    Each file is written beside its place and renamed, so a killed run leaves none, and holds the
-    hash of its content. What can't be read, or belongs to another key, counts as absent, which
-    the log says.
+    Files are written atomically and contain the hash of their content. Unreadable files and files
+    of another key are ignored, with a warning in the log.
 
     Parameters
     ----------
     folder : path
-        Made if absent.
+        Created if absent.
     """
 
     def __init__(self, folder: str | Path) -> None:
@@ -107,7 +106,7 @@ class Cache:
         return arrays
 
     def put(self, key: str, arrays: dict[str, np.ndarray]) -> None:
-        """Keep arrays under a key."""
+        """Store arrays under a key."""
         attributes = {"kind": "kept", "key": key, "content": fingerprint(arrays)}
         write_arrays(self._path(key), {"kept": arrays}, attributes)
 
@@ -116,7 +115,7 @@ class Cache:
 
     @property
     def size(self) -> int:
-        """Bytes that the folder holds; files may be deleted at any time."""
+        """Size of the folder in bytes; files may be deleted at any time."""
         return sum(path.stat().st_size for path in self.folder.glob("*.h5"))
 
     def _path(self, key):
@@ -125,16 +124,16 @@ class Cache:
 
 @dataclass(frozen=True, eq=False)
 class KeptRun:
-    """What a cache keeps of a run.
+    """Cached run.
 
     Parameters
     ----------
     seismograms : dict of str to Seismogram
         By receiver.
     energy : dict of str to (n_lines,) float64, J
-        The ledger, with ``time`` in s.
+        Terms of the energy balance, with ``time`` in s.
     balance_error, dt, wall_seconds : float
-        As of `Run`; the time is that of the run, not of the reading.
+        As in `Run`; the wall time of the run, not of reading.
     provenance : dict of str to str
     found : bool
         Whether it was read from the cache.
@@ -150,14 +149,14 @@ class KeptRun:
 
 
 def cached_run(model: Model, duration: float, folder: str | Path | None = None) -> KeptRun:
-    """Run a model, or read the same run from a folder: the bits are the same.
+    """Run a model, or read the bit-identical run from the cache.
 
     Parameters
     ----------
     model : Model
     duration : float, s
     folder : path, optional
-        None runs and keeps nothing.
+        Cache folder; None: no cache.
 
     Returns
     -------
@@ -166,7 +165,7 @@ def cached_run(model: Model, duration: float, folder: str | Path | None = None) 
     Raises
     ------
     InputError
-        If the model holds something whose content can't be told, such as a function.
+        If a part of the model has no content hash, such as a function.
     ReadError
         If the folder can't be written.
     """
@@ -174,37 +173,37 @@ def cached_run(model: Model, duration: float, folder: str | Path | None = None) 
 
 
 def find_run(model: Model, duration: float, folder: str | Path | None) -> KeptRun | None:
-    """Return the kept run of a model, or None where a folder has none."""
+    """Return the cached run of a model, or None."""
     arrays = Cache(folder).get(input_hash(model, duration)) if folder is not None else None
     return _from_arrays(arrays) if arrays else None
 
 
 def _run(model, duration, folder):
-    """Run a model and keep it."""
-    made = simulate(model, duration)
+    """Run a model and store it in the cache."""
+    run = simulate(model, duration)
     if folder is not None:
-        Cache(folder).put(input_hash(model, duration), _as_arrays(made))
+        Cache(folder).put(input_hash(model, duration), _as_arrays(run))
     return KeptRun(
-        made.seismograms, made.energy, made.balance_error, made.dt, made.wall_seconds,
-        made.provenance, False,
+        run.seismograms, run.energy, run.balance_error, run.dt, run.wall_seconds,
+        run.provenance, False,
     )  # fmt: skip
 
 
-def _as_arrays(made: Run):
-    """Return a run as named arrays; names of receivers and the like as one text."""
+def _as_arrays(run: Run):
+    """Return a run as named arrays; text and scalars as one JSON array."""
     heads = [
         {"name": name, "dt": s.dt, "start": s.start, "label": s.label, "components": s.components}
-        for name, s in made.seismograms.items()
+        for name, s in run.seismograms.items()
     ]
     plain = {
         "seismograms": heads,
-        "provenance": made.provenance,
-        **{name: getattr(made, name) for name in ("balance_error", "dt", "wall_seconds")},
+        "provenance": run.provenance,
+        **{name: getattr(run, name) for name in ("balance_error", "dt", "wall_seconds")},
     }
     return {
         "plain": np.frombuffer(json.dumps(plain).encode(), dtype=np.uint8),
-        **{f"energy_{name}": line for name, line in made.energy.items()},
-        **{f"motion_{n}": s.velocity for n, s in enumerate(made.seismograms.values())},
+        **{f"energy_{name}": line for name, line in run.energy.items()},
+        **{f"motion_{n}": s.velocity for n, s in enumerate(run.seismograms.values())},
     }
 
 
@@ -223,5 +222,5 @@ def _from_arrays(arrays):
         for name, line in arrays.items()
         if name.startswith("energy_")
     }
-    numbers = (plain[name] for name in ("balance_error", "dt", "wall_seconds"))
-    return KeptRun(seismograms, energy, *numbers, plain["provenance"], True)
+    numbers = {name: plain[name] for name in ("balance_error", "dt", "wall_seconds")}
+    return KeptRun(seismograms, energy, **numbers, provenance=plain["provenance"], found=True)

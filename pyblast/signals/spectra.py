@@ -166,7 +166,7 @@ def multitaper_spectrum(seismogram: Seismogram, time_bandwidth: float = 4.0) -> 
             f"multitaper_spectrum.time_bandwidth: must lie between 1 and {n / 2:g}, "
             f"got {time_bandwidth:g}"
         )
-    tapers = dpss(n, time_bandwidth, n_tapers)
+    tapers = np.asarray(dpss(n, time_bandwidth, n_tapers))
     tapered = tapers[:, :, None] * centred.velocity
     power = np.mean(np.abs(np.asarray(fft.rfft(tapered, axis=1))) ** 2, axis=0)
     return Spectrum(

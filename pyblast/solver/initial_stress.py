@@ -34,7 +34,7 @@ def overburden_stress(model: Model, places: np.ndarray | None = None) -> np.ndar
     """
     mesh, insitu = model.mesh, _insitu(model)
     centres = mesh.points[mesh.zones].mean(axis=1)
-    places = centres if places is None else places
+    at = centres if places is None else places
     volume = tetrahedra.volumes(mesh.points, mesh.zones)
     low, high = mesh.points[:, 2].min(), mesh.points[:, 2].max()
     levels = np.linspace(low, high, BINS + 1)
@@ -43,13 +43,13 @@ def overburden_stress(model: Model, places: np.ndarray | None = None) -> np.ndar
     filled = space > 0.0
     density = np.interp(np.arange(BINS), np.flatnonzero(filled), (weight[filled] / space[filled]))
     column = np.append(0.0, np.cumsum(density * np.diff(levels)))
-    top = np.full(len(places), high)
+    top = np.full(len(at), high)
     if "top" in mesh.surfaces:
         surface = mesh.points[np.unique(mesh.surfaces["top"])]
-        top = surface[KDTree(surface[:, :2]).query(places[:, :2])[1], 2]
-    above = np.interp(top, levels, column) - np.interp(places[:, 2], levels, column)
+        top = surface[KDTree(surface[:, :2], leafsize=16).query(at[:, :2])[1], 2]
+    above = np.interp(top, levels, column) - np.interp(at[:, 2], levels, column)
     vertical = -insitu.gravity * np.maximum(above, 0.0)
-    stress = np.zeros((len(places), 6))
+    stress = np.zeros((len(at), 6))
     stress[:, :2] = insitu.horizontal_ratio * vertical[:, None]
     stress[:, 2] = vertical
     return stress

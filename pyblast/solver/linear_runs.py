@@ -88,7 +88,8 @@ class StressResponse:
         domain = np.searchsorted(constants["domain_zone_start"], zones[0], side="right") - 1
         number = constants["domain_set"][domain]
         self._lag = constants["set_beta"][number] / constants["dt"]
-        self._last, self._memory = None, None
+        self._last: np.ndarray | None = None
+        self._memory: list[np.ndarray] = []
         x = 0.5 * constants["dt"] * constants["memory_rate"]
         rows = zip(x, *constants["set_branch"][number].T, strict=True)
         self._branches = [row for row in rows if any(row[1:])]

@@ -203,7 +203,7 @@ class _BornForce:
         mesh, contacts = model.mesh, model.mesh.contacts
         pieces = [np.zeros(0, dtype=int)]
         self._joints = change.kn.any() or change.ks.any()
-        if self._joints:
+        if contacts is not None and self._joints:
             pieces += [contacts.minus, contacts.plus]
         differs = (change.p_modulus != 0.0) | (change.s_modulus != 0.0)
         pieces.append(mesh.zones[differs].ravel())
@@ -212,7 +212,9 @@ class _BornForce:
         self.nodes = np.unique(
             np.concatenate(pieces + [edge_nodes for _, edge_nodes, _ in self._faces])
         )
-        self._jump = jump_matrix(contacts, self.nodes) if self._joints else None
+        self._jump = None
+        if contacts is not None and self._joints:
+            self._jump = jump_matrix(contacts, self.nodes)
         self._groups = []
         for number in np.unique(mesh.zone_group[differs]):
             zones = np.flatnonzero(differs & (mesh.zone_group == number))
@@ -225,7 +227,7 @@ class _BornForce:
         here = np.searchsorted(nodes, self.nodes)
         moved = stretch.displacement[:, here]
         total = np.zeros_like(flat(moved))
-        if self._joints:
+        if self._jump is not None:
             total -= self._jump.T @ self._traction(self._jump @ flat(moved))
         for zones, volume, matrix, answer in self._groups:
             p, s = (matrix @ flat(motion) for motion in answer(moved))
@@ -244,6 +246,7 @@ class _BornForce:
     def _traction(self, jump):
         """Return area times the traction of the change for jumps (3 n_contacts, n)."""
         contacts, change = self._model.mesh.contacts, self._change
+        assert contacts is not None
         jump = jump.reshape(len(contacts.area), 3, -1)
         normal = contacts.normal[..., None]
         opening = np.sum(jump * normal, axis=1, keepdims=True) * normal
@@ -304,9 +307,10 @@ class Gradient:
     def joint(self, surface: str) -> dict[str, float]:
         """Return the derivatives with respect to kn and ks of a joint, per Pa/m."""
         names = [joint.surface for joint in by_number(self.model)]
-        if surface not in names:
+        contacts = self.model.mesh.contacts
+        if contacts is None or surface not in names:
             raise InputError(f"gradient: no joint '{surface}'; there are {', '.join(names)}")
-        here = self.model.mesh.contacts.joint == names.index(surface)
+        here = contacts.joint == names.index(surface)
         return {"kn": float(self.kn[here].sum()), "ks": float(self.ks[here].sum())}
 
     def ground(self, group: str) -> dict[str, float]:
@@ -446,5 +450,11 @@ class _Products:
 
     def gradient(self):
         """Return the sums as a `Gradient`."""
-        parts = [self._every * part for part in (self._kn, self._ks, self._p, self._s)]
-        return Gradient(self._run.model, *parts, [self._every * wall for wall in self._walls])
+        return Gradient(
+            model=self._run.model,
+            kn=self._every * self._kn,
+            ks=self._every * self._ks,
+            p_modulus=self._every * self._p,
+            s_modulus=self._every * self._s,
+            impedance=[self._every * wall for wall in self._walls],
+        )
