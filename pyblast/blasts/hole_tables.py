@@ -280,7 +280,7 @@ def absolute_times(names: Sequence[str], origins: Sequence[str], delays: np.ndar
         chain, n = [], start
         while n is not None and math.isnan(times[n]):
             if n in chain:
-                circle = [names[k] for k in chain[chain.index(n) :]]
+                circle = [str(names[k]) for k in chain[chain.index(n) :]]
                 raise ReadError(f"hole ties run in a circle: {' <- '.join(circle[:6])}")
             chain.append(n)
             origin = origins[n]

@@ -317,7 +317,7 @@ def _station(path, group, unit, zero, orientations):
         trace.stats.channel: factor * trace.data[n : n + length].astype(np.float64)
         for trace, n in zip(group, skip, strict=True)
     }
-    channels: dict[str, Any] = dict(_oriented(place, samples, orientations))
+    channels = {str(name): x for name, x in _oriented(place, samples, orientations).items()}
     names = {} if orientations else dict(zip(channels, (t.id for t in group), strict=True))
     return RawRecord(
         channels, first.delta, 0.0 if zero is None else begin - zero, first.station,

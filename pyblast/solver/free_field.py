@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import InputError
 from ..mesh.grid import Layer, structured_box
 from ..mesh.mesh import surface_areas, surface_zones
-from ..model.boundary import Fixed, FreeField, StressInput, VelocityInput, Viscous
+from ..model.boundary import Boundary, Fixed, FreeField, StressInput, VelocityInput, Viscous
 from ..model.material import Damping, relative_modulus
 from ..model.model import Model, Receiver
 from ..model.source import TimeFunction
@@ -122,15 +122,16 @@ def _column_model(model, column, inputs):
         damping[name] = model.damping[group] if by_group else model.damping or Damping(0.0, 1.0)
         if group in known:
             media[name] = known[group]
-    ends = [replace(one, surface="bottom") for one in inputs]
-    ends = [
-        replace(one, doubled=model.doubles(given)) if isinstance(one, StressInput) else one
-        for one, given in zip(ends, inputs, strict=True)
-    ]
+    ends: list[Boundary] = []
+    for boundary in inputs:
+        end = replace(boundary, surface="bottom")
+        if isinstance(end, StressInput) and isinstance(boundary, StressInput):
+            end = replace(end, doubled=model.doubles(boundary))
+        ends.append(end)
     if any(isinstance(b, Viscous) for b in base):
         ends.append(Viscous("bottom", media))
     mesh = structured_box(across, across, levels, layers=layers)
-    alone = Model(mesh, materials, boundaries=ends, damping=damping)
+    alone = Model(mesh, materials, boundaries=tuple(ends), damping=damping)
     places = [Receiver(str(n), tuple(p)) for n, p in enumerate(alone.mesh.points)]
     return replace(alone, receivers=places)
 

@@ -59,7 +59,7 @@ def operators():
     dt, length = 1e-3, 8192
     times = dt * np.arange(length)
     motion = Seismogram(np.outer(ricker(times - 1.0, 12.0), [1.0, 0.4, -0.7]), dt)
-    n = recorder.PADS * length
+    n = recorder.PADDING * length
     frequency = np.fft.rfftfreq(n, dt)
     before = np.fft.rfft(motion.velocity[:, 0], n)
     heard = np.abs(before) > 1e-3 * np.abs(before).max()
