@@ -72,7 +72,7 @@ _HOMES = {
     "structured_box": "mesh.builder",
     "superpose": "blasts.superposition",
     "tangents": "solver.sensitivity",
-    "track": "solver.tracks",
+    "track": "solver.linear_runs",
     "transverse": "model.anisotropy",
     "workers": "runs.parallel",
     "write_report": "report.html",

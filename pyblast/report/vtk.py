@@ -9,7 +9,7 @@ from ..errors import ReadError
 from ..mesh import tetrahedra
 from ..project.census import carried_frequency
 from ..project.result import write_text
-from ..solver.assembly import yield_states
+from ..solver.initial_stress import yield_states
 
 
 def zone_fields(model):

@@ -11,7 +11,7 @@ from pyblast.model.boundary import StressInput, Viscous
 from pyblast.model.material import Damping, MohrCoulomb
 from pyblast.model.model import Model
 from pyblast.signals.seismogram import Seismogram
-from pyblast.solver.assembly import excess_stress
+from pyblast.solver.initial_stress import excess_stress
 from pyblast.solver.preparation import prepare
 from verification.columns import ROCK
 
