@@ -72,9 +72,11 @@ def test_a_search_by_waveforms_is_resumed_to_the_same_trace(tmp_path):
     whole, folder = back_analyse(path)
     lines = (folder / TRIALS).read_text().splitlines(keepends=True)
     (folder / TRIALS).write_text("".join(lines[:12]))
+    (folder / RESULT).unlink()
 
-    again, _ = back_analyse(path, resume=True)
+    again, again_in = back_analyse(path)
 
+    assert again_in == folder
     assert np.array_equal(again.trace.points, whole.trace.points)
     assert np.array_equal(again.trace.misfits, whole.trace.misfits)
 

@@ -11,9 +11,9 @@ from line_analysis import noise_misfit, repeatability, scale_and_shift, spread
 from real_figures import draw_hits
 from real_line import hits_by_place, keep_results, recordings_folder, seismograms
 
-from pyblast.blasts.blast import Blast, Firing
-from pyblast.blasts.superposition import superpose, travel_shifts
-from pyblast.signals.comparison import compare
+from pyblast import Blast, compare, superpose
+from pyblast.blasts.blast import Firing
+from pyblast.blasts.superposition import travel_shifts
 
 DELAY, BAND = 0.042, (10.0, 40.0)
 OCTAVES = [(5.0, 10.0), (10.0, 20.0), (20.0, 40.0), (40.0, 80.0), (80.0, 160.0)]

@@ -15,9 +15,9 @@ from line_analysis import scale_and_shift, spread
 from real_figures import draw_firing_times
 from real_line import hits_by_place, keep_results, recordings_folder, seismograms
 
+from pyblast import superpose
 from pyblast.blasts.blast import Firing
 from pyblast.blasts.firing_times import firing_times
-from pyblast.blasts.superposition import superpose
 
 BAND, N_DRAWS = (10.0, 80.0), 20
 PLANS = {"42 ms, 3 ms": (0.042, 0.003), "17 ms, 2 ms": (0.017, 0.002), "42 ms, none": (0.042, 0.0)}

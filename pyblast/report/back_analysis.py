@@ -8,7 +8,7 @@ from ..project.result import plain, write_text
 from . import figures
 from .figures import INK, SIMULATED, _figure, _tidy, _uri
 from .html import page
-from .survey_design import best_extras, found_figures, plan_figure, slip_lines, told_lines
+from .survey_design import best_extras, found_figures, plan_figure, slip_lines, summary_lines
 
 SHOWN = 0.5  # correlations below are not told
 
@@ -271,11 +271,11 @@ def write_search_report(path, summary, confirmed):
         *_search_figures(summary),
         *_motion_figures(confirmed),
     ]
-    text = page("search.html").render(
+    text = page("back_analysis.html").render(
         s=plain(summary),
         laboratory=any(one["laboratory"] is not None for one in summary["parameters"]),
         extras=plain(best_extras(plan)),
-        lines=told_lines(plan),
+        lines=summary_lines(plan),
         sure=posterior_lines(summary["posterior"]),
         slip=[line for name, one in summary["blasts"].items() for line in slip_lines(name, one)],
         figures=[dict(zip(("title", "caption", "image"), row, strict=True)) for row in drawn],

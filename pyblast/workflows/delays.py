@@ -1,7 +1,7 @@
-"""The job from a project to the delays that shake houses least: motions of holes, search, files."""
+"""Delay optimisation of a project: motions of the holes, search, files."""
 
 import hashlib
-from collections.abc import Callable
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,34 +21,43 @@ from ..runs.cache import input_hash
 from ..runs.greens_bank import greens_functions
 from ..signals.limits import load_limits
 from ..solver.preparation import versions
-from .run import new_folder
+from . import Progress, Say, new_folder, silent
 
 RESULT, REPORT = "delays.json", "report.html"
 RUNS = "runs"  # folder of stored responses, shared by all plans
 SHARES = (0.5, 0.9, 0.95)
 
 
-def find_delays(
-    project: Project | str | Path, output=None, *, full: bool = False,
-    progress: Callable | None = None,
-) -> tuple[dict, Path]:  # fmt: skip
-    """Find the delays that table ``[delays]`` of a project asks for.
+def optimise_delays(
+    project: Project | str | Path,
+    out: str | Path | None = None,
+    *,
+    fresh: bool = False,
+    full: bool = False,
+    progress: Progress | None = None,
+    say: Say | None = None,
+) -> tuple[dict, Path]:
+    """Find the delays of least vibration that table ``[delays]`` of a project asks for.
 
     Parameters
     ----------
     project : Project or path of a project file
-    output : path, optional
-        Folder that takes numbered folders, one per plan, and stored responses; ``delays`` beside
-        the project file by default.
+    out : path, optional
+        Folder that takes numbered folders, one per plan, and the responses of the holes in
+        ``runs``, from which the same call goes on; ``delays`` beside the project file by default.
+    fresh : bool
+        Run the responses of the holes anew.
     full : bool
         Take the table ``[full]`` of the project file.
     progress : callable, optional
         Called with (stage, done, total).
+    say : callable, optional
+        Called with a sentence when kept responses are there.
 
     Returns
     -------
     dict
-        What ``delays.json`` holds, of `summarise_delays`.
+        Content of ``delays.json``, see `summarise_delays`.
     Path
         Its folder, with ``report.html``.
 
@@ -61,14 +70,15 @@ def find_delays(
     """
     if not isinstance(project, Project):
         project = load_project(project, full)
-    tell, table = progress or (lambda *_: None), project.config.delays
+    tell, table = progress or silent, project.config.delays
     where = f"{project.path.name}: delays"
     if table is None:
         raise InputError(f"{where}: missing; say between which delays, and at which houses")
     if project.blast is None:
         raise InputError(f"{where}: needs [blast] with the holes that are to be fired")
     limits = house_limits(project)
-    output = project.folder / "delays" if output is None else Path(output)
+    out = project.folder / "delays" if out is None else Path(out)
+    _kept_runs(out / RUNS, fresh, say or silent)
     pattern = _pattern(project)
     scatter = FiringScatter(
         1e-3 * table.scatter_ms, 1e-2 * table.scatter_percent, 1e-2 * table.charge_percent,
@@ -78,7 +88,7 @@ def find_delays(
     planned = project.blast.times
     tell("holes", 0, 2)
     fired = [pattern @ ends[1], pattern @ ends[0], planned]
-    spectra, scales, kept = _spectra(project, np.array([scatter.reach(t) for t in fired]), output)
+    spectra, scales, kept = _spectra(project, np.array([scatter.reach(t) for t in fired]), out)
     tell("delays", 1, 2)
     with named_error(where):
         if table.band_hz is not None:
@@ -89,11 +99,21 @@ def find_delays(
             allowed=_allowed(project, kept), n_blasts=table.draws, seed=table.seed,
         )  # fmt: skip
     tell("writing", 2, 2)
-    folder = new_folder(output)
+    folder = new_folder(out)
     summary = summarise_delays(project, found, pattern @ found.best.delays)
     write_summary(folder / RESULT, summary)
     write_delay_report(folder / REPORT, summary)
     return summary, folder
+
+
+def _kept_runs(folder: Path, fresh: bool, say: Say) -> None:
+    """Say that responses are kept, or remove them for a fresh start."""
+    if not any(folder.glob("*.h5")):
+        return
+    if fresh:
+        shutil.rmtree(folder)
+    else:
+        say(f"goes on with the responses kept in {folder}; --fresh would run them anew")
 
 
 def house_limits(project: Project) -> np.ndarray:
@@ -104,11 +124,11 @@ def house_limits(project: Project) -> np.ndarray:
     InputError
         If a curve says nothing within the band, or is of the vector sum.
     """
-    table, curves, found = project.config.delays, load_limits(), []
+    table, curves, limits = project.config.delays, load_limits(), []
     for house in table.houses:
         where = f"{project.path.name}: delays.houses.{house.name}.limit_curve"
         if house.limit_curve is None:
-            found.append(1e-3 * house.limit_mm_per_s)
+            limits.append(1e-3 * house.limit_mm_per_s)
             continue
         curve = curves[house.limit_curve]
         if curve.quantity == "vector sum":
@@ -125,8 +145,8 @@ def house_limits(project: Project) -> np.ndarray:
                 f"{where}: says nothing below {corners[0]:g} Hz, and delays.band_hz begins at "
                 f"{low:g} Hz; raise it or give limit_mm_per_s"
             )
-        found.append(limit)
-    return np.array(found)
+        limits.append(limit)
+    return np.array(limits)
 
 
 def _pattern(project):
@@ -141,7 +161,9 @@ def _pattern(project):
     return rows_pattern(n_holes // each, each)
 
 
-def _spectra(project, reach, output) -> tuple[BlastSpectra, np.ndarray, np.ndarray]:
+def _spectra(
+    project: Project, reach: np.ndarray, out: Path
+) -> tuple[BlastSpectra, np.ndarray, np.ndarray]:
     """Return what holes do at the houses, their scales, and which holes count."""
     table, ends = project.config.delays, (float(reach.min()), float(reach.max()))
     if table.houses[0].recorded is not None:
@@ -161,7 +183,7 @@ def _spectra(project, reach, output) -> tuple[BlastSpectra, np.ndarray, np.ndarr
             "single hole at each, or model the holes with [holes_inside]"
         )
     model = replace(project.model, receivers=tuple(known[name] for name in names))
-    bank = greens_functions(model, project.duration, folder=output / RUNS)
+    bank = greens_functions(model, project.duration, folder=out / RUNS)
     spectra = blast_spectra(bank, model.sources, earliest=ends[0], latest=ends[1])
     return spectra, np.ones(len(model.sources)), np.flatnonzero(project.blast.charge)
 
