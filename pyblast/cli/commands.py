@@ -428,6 +428,57 @@ def diagnose(
             console.say(f"written: {path}{', from a diagnosis that is unsure' * unsure}")
 
 
+@app.command()
+def records(
+    folder: Annotated[Path, typer.Argument(help="Folder of records.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the numbered results [FOLDER_analysis beside it]."),
+    ] = None,
+    geometry: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV of places, for what headers do not say: kind (receiver or source), name "
+            "(channel, or file of the source), x_m, y_m; optional z_m, file, line, sensor."
+        ),
+    ] = None,
+    surface_band: Annotated[
+        tuple[float, float],
+        typer.Option(metavar="LOW HIGH", help="Hz; surface waves: odd channels, layering."),
+    ] = (10.0, 60.0),
+    air_band: Annotated[
+        tuple[float, float], typer.Option(metavar="LOW HIGH", help="Hz; search of the air wave.")
+    ] = (120.0, 500.0),
+    sensor_band: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="LOW HIGH", help="Hz; comparison of sensors [all of the record]."),
+    ] = None,
+    reference: Annotated[
+        str | None, typer.Option(help="Sensor whose response is known to be flat.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the permutation tests.")] = 0,
+):
+    """Analyse field records without a model.
+
+    Reports the quality of raw records (dead, clipped, printed peaks that differ from the samples),
+    odd channels (polarity, clock, place), the air wave, dispersion and layers, and the response of
+    sensors. Reads SEG-2, SEG-Y, miniSEED, SAC, GSE2, exports of blast seismographs and CSV. Writes
+    records.json and report.html. What can't be analysed is listed with its reason.
+    """
+    with exit_codes():
+        from ..report.records import summary_lines
+        from ..workflows.records import analyse_records
+
+        with console.Progress() as progress:
+            summary, place = analyse_records(
+                folder, out, geometry=geometry, surface_band=surface_band, air_band=air_band,
+                sensor_band=sensor_band, reference=reference, seed=seed, progress=progress,
+            )  # fmt: skip
+        for line in [*summary_lines(summary), f"results: {place}"]:
+            console.say(line)
+        console.say(f"report:  {place / 'report.html'}")
+
+
 def standalone() -> None:
     """Replace this process by the program ``pyblast-run``."""
     binary = resources.files("pyblast") / "bin" / "pyblast-run"

@@ -37,6 +37,8 @@ STAGES = {
     "calibration": "calibration",
     "holes": "runs of the holes",
     "delays": "search of delays",
+    "records": "reading of records",
+    "analyses": "analyses of lines",
     "writing": "results and report",
 }
 WIDE = None if sys.stdout.isatty() else 120  # columns of a log

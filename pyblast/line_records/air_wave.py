@@ -68,13 +68,13 @@ def air_wave(shots, band, *, seed=0) -> Verdict:
              for _ in range(N_DRAWS)]  # fmt: skip
     chance = share_as_large(most, drawn)
     if chance > SURE:
-        return Verdict("NULL", "air_blast", "no wave crosses the line that chance would not make",
+        return Verdict("NULL", "air_blast", "no wave crosses the line beyond chance",
                        band=band, chance=chance)  # fmt: skip
     found = _refined(slants, speed)
     if not AIR[0] < found[0] < AIR[1]:
         return Verdict(
             "NULL", "air_blast",
-            f"the wave that stands out has {found[0]:.0f} m/s, which is none of air",
+            f"the clearest wave has {found[0]:.0f} m/s, which is not the speed of sound in air",
             parameters={"speed": found}, band=band, chance=chance,
         )  # fmt: skip
     delays = [_delay(slant, found[0]) for slant in slants]
@@ -83,7 +83,7 @@ def air_wave(shots, band, *, seed=0) -> Verdict:
     held = held_out(shots, band, found[0], delays, window)
     return Verdict(
         "UNKNOWN" if trouble or held[1] <= held[0] else "NAMED", "air_blast",
-        trouble or f"a wave of {found[0]:.0f} m/s starts with the source in all of the band",
+        trouble or f"a wave of {found[0]:.0f} m/s leaves the source at its time in all of the band",
         tuple(int(c) for c in shots[0].channels),
         {"speed": found, "delay": interval(delays)}, window, band, chance, held,
     )  # fmt: skip

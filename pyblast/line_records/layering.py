@@ -133,7 +133,7 @@ def soft_layer(shots, held, band, *, poisson=0.4, seed=0) -> Verdict:
     if chance > SURE:
         return Verdict(
             "NULL", "soft_surface_layer",
-            f"phase speeds keep to {one_speed:.0f} m/s, but for what chance makes",
+            f"phase speeds do not depart from {one_speed:.0f} m/s beyond chance",
             band=band, chance=chance,
         )  # fmt: skip
     if steep > 0.0:
@@ -144,8 +144,8 @@ def soft_layer(shots, held, band, *, poisson=0.4, seed=0) -> Verdict:
     after = _misfit(other, _speeds(values, other.frequency, poisson))
     return Verdict(
         "NAMED" if after < before else "UNKNOWN", "soft_surface_layer",
-        f"phase speeds fall from {picks.speed[0]:.0f} to {picks.speed[-1]:.0f} m/s; of shots not "
-        f"fitted one speed leaves {before:.1f}, the layer {after:.1f} standard deviations",
+        f"phase speeds fall from {picks.speed[0]:.0f} to {picks.speed[-1]:.0f} m/s; misfit of "
+        f"shots not fitted {before:.1f} standard deviations by one speed, {after:.1f} by the layer",
         parameters=_told(values, spread, picks), band=band, chance=chance, held_out=(before, after),
     )  # fmt: skip
 

@@ -174,8 +174,8 @@ def _oddest(shots, band, reach, seed):
     if scores[kind, where] <= threshold:
         return Verdict(
             "NULL", " | ".join(LABELS),
-            f"the oddest receiver stands out by {scores[kind, where]:.1f} spreads of the others, "
-            f"chance by {threshold:.1f}", band=band, chance=share,
+            f"the oddest receiver deviates by {scores[kind, where]:.1f} robust standard "
+            f"deviations, and 5 % of null draws exceed {threshold:.1f}", band=band, chance=share,
         )  # fmt: skip
     value = float(values[kind][where])
     before, after = _explained([shots[n] for n in held], where, kind, value, reach)
@@ -188,8 +188,8 @@ def _oddest(shots, band, reach, seed):
         outcome = "UNKNOWN"
     return Verdict(
         outcome, label,
-        f"stands out by {scores[kind, where]:.1f} spreads of the others, chance by "
-        f"{threshold:.1f} in {100 * SURE:.0f} %",
+        f"deviates by {scores[kind, where]:.1f} robust standard deviations of the others, and "
+        f"{100 * SURE:.0f} % of null draws exceed {threshold:.1f}",
         (int(misfits.channels[where]),),
         {("factor", "shift", "move")[kind]: (value, value - spread, value + spread)},
         band=band, chance=share, held_out=(before, after),

@@ -54,8 +54,8 @@ def sensor_response(first, second, dt, band, *, names, reference=None, seed=0) -
     named = after < before and chance <= SURE
     target = tuple(name for name in names if name != reference)
     outcome = ("NAMED" if reference else "CLASS") if named else "NULL"
-    why = f"ratio of {names[0]} to {names[1]}: {before:.2f} left by one gain, {after:.2f} by the "
-    why += "curve of the other place (natural logarithm)"
+    why = f"natural log of the ratio of {names[0]} to {names[1]}: {before:.2f} left after one "
+    why += f"gain, {after:.2f} after the curve of the other place"
     if outcome == "CLASS":
         why += "; which of the two is not flat needs a reference"
     return Verdict(
