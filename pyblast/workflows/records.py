@@ -287,7 +287,7 @@ def _odd(line: Line, band: tuple[float, float], seed: int) -> list[Verdict]:
 
 def _unless_noise(verdict: Verdict) -> Verdict:
     """Return a decision on an odd channel, unconfirmed where it shares nothing with neighbours."""
-    if verdict.outcome == "NULL" or verdict.held_out is None or verdict.held_out[1] > NOISE:
+    if verdict.outcome in ("NULL", "UNKNOWN") or (verdict.held_out or (0.0, 0.0))[1] > NOISE:
         return verdict
     why = "; its neighbours explain nothing of it even when corrected: it may hold only noise"
     return replace(verdict, outcome="UNKNOWN", reason=verdict.reason + why)
