@@ -71,10 +71,10 @@ SCRIPT = """
 import sys, json
 sys.path[:0] = sys.argv[1:3]
 from dataclasses import replace
-from test_single import DURATION, SITES, digest, run, site
+from test_single import DURATION, SITES, digest, simulate, site
 from pyblast import _core_single
 _core_single.pyblast_kinds.least_shared = 1
-print(json.dumps(digest(run(site(**SITES["fades"], single=True), DURATION))))
+print(json.dumps(digest(simulate(site(**SITES["fades"], single=True), DURATION))))
 """
 
 

@@ -93,9 +93,9 @@ import sys, json
 sys.path.insert(0, sys.argv[1])
 from test_solver import digest, slipping_model
 from pyblast import _core
-from pyblast.solver.run import run
+from pyblast.solver.run import simulate
 _core.pyblast_kinds.least_shared = int(sys.argv[2])
-result = run(slipping_model(), 0.2)
+result = simulate(slipping_model(), 0.2)
 print(json.dumps([digest(result), result.prepared.fingerprint, result.provenance["threads"]]))
 """
 

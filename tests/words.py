@@ -1,0 +1,40 @@
+"""Home-made words that must not come back, each with the standard term to write instead.
+
+The keys are regular expressions of whole words, matched without regard to case.
+"""
+
+WORDS = {
+    r"foretell(s|ing)?|foretold": "predict, predicted, prediction",
+    r"knobs?": "parameter",
+    r"nats?": "Δ ln evidence (log Bayes factor)",
+    r"chance": "null distribution, null threshold, probability",
+    r"(?<![\w-])folds?(?!-)": "cross-validation, held-out subset",
+    r"bears?": "supports, holds",
+    r"smallest visible": "detection limit",
+    r"errors? of (the|any) theory": "model error",
+    r"believed": "reference, prior",
+    r"heard|hears?": "recorded, simulated",
+    r"settled? by": "decided by",
+    r"descended": "minimised",
+    r"twins?": "synthetic test, alternative mode",
+    r"verdicts?": "decision",
+    r"doubtful|doubts": "finding",
+    r"told": "stated, reported, estimated",
+    r"listening|insensitive": "probe receiver; not identifiable",
+    r"shaping": "covariance update",
+    r"abreast|lanes?": "batch",
+    r"lawful": "general law",
+    r"strayed|strays?": "displacement since the last check",
+    r"march(es|ed|ing)?": "run, integrate, time step",
+    r"swells?|swelling": "volumetric strain",
+    r"rims?": "absorbing layer",
+    r"quiet (boundary|boundaries|ends?|faces?|sides?|surfaces?)": "viscous boundary",
+    r"fades?|fading|faded": "attenuates, attenuation, decays",
+    r"numbers of (four|eight) bytes": "single precision, double precision",
+    r"footprint|census": "memory estimate; model summary",
+    r"rungs?": "verification case",
+    r"ladders?": "verification suite",
+    r"climb(s|ed|ing)?": "run",
+    r"on paper": "in a Monte Carlo simulation",
+    r"make(s)? up for": "compensate, trade off",
+}
