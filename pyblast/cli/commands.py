@@ -404,7 +404,7 @@ def diagnose(
     with exit_codes():
         outputs = [(path, base) for path, base in ((predict_out, False), (predict_baseline, True))
                    if path is not None]  # fmt: skip
-        if (predict is None) != (not outputs):
+        if (predict is None) == bool(outputs):
             raise InputError(
                 "--predict: needs --predict-out, --predict-baseline or both, and they need it"
             )
@@ -422,7 +422,7 @@ def diagnose(
         for line in told_lines(result):
             console.say(line)
         console.say(f"{result['runs']} runs, {result['wall_s']:.0f} s; results: {folder}")
-        for path, baseline in outputs:
+        for path, baseline in outputs if predict is not None else []:
             workflow.predict_case(case, folder, predict, path, baseline=baseline)
             unsure = result["outcome"] in UNSURE and not baseline
             console.say(f"written: {path}{', from a diagnosis that is unsure' * unsure}")

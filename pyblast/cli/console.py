@@ -86,7 +86,7 @@ class Progress:
                 say(f"pyblast: {name}")
             else:
                 self._task = self._bar.add_task(name, total=total)
-        if self._bar is not None:
+        if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=done, total=total)
         elif total > 1 and done / total >= self._shown + 0.1:
             self._shown = done / total

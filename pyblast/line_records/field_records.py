@@ -169,7 +169,8 @@ def _degrees(trace, north: str, east: str) -> tuple[float, float, float]:
     """Return longitude, latitude and 0 of a SAC header; NaN where there are none."""
     header = getattr(trace.stats, "sac", {})
     values = header.get(east, -12345.0), header.get(north, -12345.0)
-    return (math.nan,) * 3 if -12345.0 in values else (*values, 0.0)
+    east_west, north_south = values
+    return (math.nan, math.nan, math.nan) if -12345.0 in values else (east_west, north_south, 0.0)
 
 
 def _in_metres(record: FieldRecord) -> FieldRecord:

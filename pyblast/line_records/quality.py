@@ -1,15 +1,17 @@
 """Quality of channels: dead, clipped, or odd between neighbours by sign, clock or place."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..recordings.raw import at_level, is_dead, plateau_level
-from .shots import SURE, Verdict, correlation, shifted
+from .shots import SURE, Shot, Verdict, correlation, shifted
 
 
-def unusable(data) -> tuple[Verdict, Verdict]:
+def unusable(data: ArrayLike) -> tuple[Verdict, Verdict]:
     """Find what must be masked before anything is diagnosed.
 
     Parameters
@@ -46,7 +48,7 @@ def unusable(data) -> tuple[Verdict, Verdict]:
     )  # fmt: skip
 
 
-def masked(data):
+def masked(data: ArrayLike) -> np.ndarray:
     """Return data with what is unusable as NaN."""
     clipped, dead = unusable(data)
     data = np.array(data, dtype=float)
@@ -82,7 +84,9 @@ class Misfits:
     finest: float
 
 
-def odd_channels(shots, band, *, reach=0.04, seed=0) -> list[Verdict]:
+def odd_channels(
+    shots: Sequence[Shot], band: tuple[float, float], *, reach: float = 0.04, seed: int = 0
+) -> list[Verdict]:
     """Find receivers of wrong polarity, clock or coordinate, the oddest first.
 
     Parameters
@@ -117,39 +121,39 @@ def odd_channels(shots, band, *, reach=0.04, seed=0) -> list[Verdict]:
         found.append(verdict)
         if verdict.outcome == "UNKNOWN":
             break
-        shots = [_put_right(shot, verdict) for shot in shots]
+        shots = [_corrected(shot, verdict) for shot in shots]
     return found or [verdict]
 
 
-def _put_right(shot, verdict):
-    """Undo what a verdict says of a receiver."""
+def _corrected(shot, verdict):
+    """Correct a receiver by a decision."""
     n = int(np.flatnonzero(shot.channels == verdict.target[0])[0])
     motion, places = shot.motion.copy(), shot.places.copy()
-    ((knob, (value, _, _)),) = verdict.parameters.items()
-    if knob == "factor":
+    ((name, (value, _, _)),) = verdict.parameters.items()
+    if name == "factor":
         motion[n] *= value
-    elif knob == "shift":
+    elif name == "shift":
         motion[n] = shifted(motion[n], -value, shot.dt)
     else:
         places[n] += value
     return replace(shot, motion=motion, places=places)
 
 
-def between_neighbours(shot, reach) -> Misfits:
+def between_neighbours(shot: Shot, reach: float) -> Misfits:
     """Compare each inner receiver of a shot with the mean of its neighbours after moveout."""
     sign, lag, slowness = [], [], []
-    for guess, n, slow in _guesses(shot, reach):
-        lags, like = correlation(guess, shot.motion[n], reach, shot.dt, FINER)
+    for predicted, n, slow in _predicted(shot, reach):
+        lags, like = correlation(predicted, shot.motion[n], reach, shot.dt, FINER)
         best = int(np.argmax(np.abs(like)))
         sign.append(like[best])
         lag.append(lags[best])
         slowness.append(slow)
-    rows = (np.array(x)[None] for x in (sign, lag, slowness))
-    return Misfits(*rows, shot.channels[1:-1], shot.dt / FINER)
+    signs, lags_, slow_ = (np.array(x)[None] for x in (sign, lag, slowness))
+    return Misfits(signs, lags_, slow_, shot.channels[1:-1], shot.dt / FINER)
 
 
-def _guesses(shot, reach):
-    """Yield what neighbours foretell at each inner receiver, its number and the slowness there."""
+def _predicted(shot, reach):
+    """Yield the prediction by the neighbours of each inner receiver, its number and slowness."""
     for n in range(1, len(shot.places) - 1):
         left, right = shot.motion[n - 1], shot.motion[n + 1]
         gap = shot.places[n + 1] - shot.places[n - 1]
@@ -266,7 +270,7 @@ def _spread_of(misfits, kind, where, values):
 
 def _explained(shots, where, kind, value, reach):
     """Return the share of energy neighbours explain of a receiver, as it is and put right."""
-    left, total = np.zeros(2), 0.0
+    residual, total = np.zeros(2), 0.0
     for shot in shots:
         n = where + 1
         places = shot.places.copy()
@@ -279,7 +283,7 @@ def _explained(shots, where, kind, value, reach):
             places[n] += value
         for k, (motion, at) in enumerate(((shot.motion[n], shot.places), (own, places))):
             three = replace(shot.only(slice(n - 1, n + 2)), places=at[n - 1 : n + 2])
-            guess = next(_guesses(three, reach))[0]
-            left[k] += np.sum((motion - guess) ** 2) / np.sum(motion**2)
+            predicted = next(_predicted(three, reach))[0]
+            residual[k] += np.sum((motion - predicted) ** 2) / np.sum(motion**2)
         total += 1.0
-    return tuple(float(x) for x in 1.0 - left / total)
+    return tuple(float(x) for x in 1.0 - residual / total)

@@ -1,6 +1,7 @@
-"""Whether one of two sensors that heard the same motion is not flat."""
+"""Sensor response: whether one of two sensors that recorded the same motion is not flat."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import fft, signal
 
 from ..errors import InputError
@@ -9,7 +10,16 @@ from .shots import SURE, Verdict, phase_randomised, share_as_large
 N_DRAWS, N_BANDS, TAPERS, WIDTH = 999, 24, 7, 4.0
 
 
-def sensor_response(first, second, dt, band, *, names, reference=None, seed=0) -> Verdict:
+def sensor_response(
+    first: ArrayLike,
+    second: ArrayLike,
+    dt: float,
+    band: tuple[float, float],
+    *,
+    names: tuple[str, str],
+    reference: str | None = None,
+    seed: int = 0,
+) -> Verdict:
     """Learn the ratio of two sensors' spectra at one place and predict the other place.
 
     Parameters
@@ -42,11 +52,12 @@ def sensor_response(first, second, dt, band, *, names, reference=None, seed=0) -
         )
     if reference is not None and reference not in names:
         raise InputError(f"sensor_response.reference: must be one of {names}, got {reference!r}")
-    edges = np.geomspace(*band, N_BANDS + 1)
+    edges = np.geomspace(band[0], band[1], N_BANDS + 1)
     curves = np.log(_levels(first, dt, edges) / _levels(second, dt, edges))
     before, after = misfits(curves)
     rng = np.random.default_rng(seed)
-    drawn = [np.subtract(*misfits(curves, phase_randomised(curves, rng))) for _ in range(N_DRAWS)]
+    pairs = (misfits(curves, phase_randomised(curves, rng)) for _ in range(N_DRAWS))
+    drawn = [flat - bent for flat, bent in pairs]
     chance = share_as_large(before - after, drawn)
     reply = curves.mean(axis=0)
     if reference == names[0]:
@@ -65,12 +76,12 @@ def sensor_response(first, second, dt, band, *, names, reference=None, seed=0) -
     )  # fmt: skip
 
 
-def misfits(curves, trained=None):
+def misfits(curves: np.ndarray, trained: np.ndarray | None = None) -> tuple[float, float]:
     """Return the log misfit of each place after a gain, and after a curve, of the other."""
     trained = curves if trained is None else trained
     flat = curves - curves[::-1].mean(axis=1, keepdims=True)
     bent = curves - trained[::-1]
-    return tuple(float(np.sqrt(np.mean(x**2))) for x in (flat, bent))
+    return float(np.sqrt(np.mean(flat**2))), float(np.sqrt(np.mean(bent**2)))
 
 
 def _levels(records, dt, edges):

@@ -1,5 +1,7 @@
 """Report of a back-analysis: fit, intervals, posterior, figures."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 from scipy import ndimage
@@ -98,7 +100,7 @@ def corner_figure(parameters, samples):
     axes = figure.subplots(n, n, squeeze=False)
     limits = [_limits(one, column) for one, column in zip(parameters, samples.T, strict=True)]
     for i, j in np.ndindex(n, n):
-        axis = axes[i, j]
+        axis: Any = axes[i, j]
         if j > i:
             axis.set_visible(False)
             continue
@@ -123,7 +125,7 @@ def _limits(one, column):
 
 def _edges(limits, log, count):
     """Return the edges of bins."""
-    return (np.geomspace if log else np.linspace)(*limits, count + 1)
+    return (np.geomspace if log else np.linspace)(limits[0], limits[1], count + 1)
 
 
 def _alone(axis, one, column, limits):

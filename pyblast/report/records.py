@@ -108,7 +108,7 @@ def summary_lines(summary: dict) -> list[str]:
 
 def outcome_text(one: dict) -> str:
     """Return the sentence of one analysis, with its values and 90 % intervals."""
-    labels = " or ".join(LABELS.get(label, label) for label in one["label"].split(" | "))
+    labels = " or ".join(LABELS.get(str(label), str(label)) for label in one["label"].split(" | "))
     head = f"{one['analysis']}{_of(one)}: {FOUND[one['outcome']]}"
     target = f" at {', '.join(map(str, one['target']))}" if one["target"] else ""
     values = "".join(f"; {text}" for text in values_of(one))
@@ -156,7 +156,7 @@ def write_records_report(path: str | Path, summary: dict, views: Sequence[LineVi
             figures.append((f"{name}: dispersion", caption, dispersion_figure(view)))
     rows = [
         {**one, "found": FOUND[one["outcome"]], "values": values_of(one),
-         "labels": " or ".join(LABELS.get(x, x) for x in one["label"].split(" | ")),
+         "labels": " or ".join(LABELS.get(str(x), str(x)) for x in one["label"].split(" | ")),
          "held_out_is": HELD_OUT[one["analysis"]]}
         for one in summary["analyses"]
     ]  # fmt: skip

@@ -83,7 +83,9 @@ def trade_off_figure(plan, pair, points, misfits):
     axis = figure.subplots()
     rows = [plan["parameters"][k] for k in pair]
     low, high = (np.array([one[end] for one in rows]) for end in ("low", "high"))
-    axis.add_patch(Rectangle(low, *(high - low), color=RANGE, alpha=0.5, lw=0, zorder=0))
+    axis.add_patch(
+        Rectangle((low[0], low[1]), *(high - low), color=RANGE, alpha=0.5, lw=0, zorder=0)
+    )
     edge = ellipse(plan, pair)
     axis.plot(*edge, color=SIMULATED, lw=1.4, label="90 % of what is left")
     shown = np.isfinite(misfits) & (misfits > 0.0)

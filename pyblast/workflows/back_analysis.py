@@ -95,6 +95,7 @@ def back_analyse(
     tell("mesh", 0, 1)
     target, table = make_target(project), project.config.back_analysis
     refuse_unready(table, f"{project.path.name}: back_analysis")
+    assert table is not None  # refused above
     before = findings_before(project) if before is None else before
     out = project.folder / "back_analysis" if out is None else Path(out)
     searched = identity(target, table.method, table.seed)
@@ -187,14 +188,14 @@ def design_survey(
     """
     if not isinstance(project, Project):
         project = load_project(project, full)
-    plan = foreseen_plan(project, progress)
+    plan, table = foreseen_plan(project, progress), project.config.back_analysis
     folder = new_folder(project.folder / "survey" if out is None else Path(out))
     parts = [[one.path, one.low, one.high, one.log] for one in plan.parameters]
     files = {"project": project.input_files, "parameters": parts}
     summary = {
         "title": project.title,
         "assumed": list(project.config.assumed),
-        "blasts": [project.path.name, *project.config.back_analysis.blasts],
+        "blasts": [project.path.name, *(table.blasts if table is not None else ())],
         "plan": summarise_plan(plan),
         "files_sha256": project.input_files,
         "provenance": versions(input_hash("plan", files)),

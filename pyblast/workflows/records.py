@@ -362,10 +362,10 @@ def _sensors(
     if len(steps) > 1:
         return _refusal("sensor response", "", "the sensors were sampled at different rates")
     dt, length = steps.pop(), min(len(samples) for row in rows for samples, _ in row)
-    motion = [[samples[:length] for samples, _ in row] for row in rows]
+    motion = [np.array([samples[:length] for samples, _ in row]) for row in rows]
     band = band or (20.0 / (dt * length), TOP_OF_NYQUIST * 0.5 / dt)
     return _tried("sensor response", "", lambda: [sensor_response(
-        *map(np.array, motion), dt, _inside(band, dt), names=(first, second), reference=reference,
+        motion[0], motion[1], dt, _inside(band, dt), names=(first, second), reference=reference,
         seed=seed,
     )])[0]  # fmt: skip
 
