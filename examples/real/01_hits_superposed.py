@@ -88,9 +88,12 @@ def main():
             found[name].append(score)
             octaves[name].append(octave)
         used = [gathers[p][s] for p, s, _ in source], [gathers[p][h] for p, _, h in source]
-        floors.append(noise_misfit(*used, pairs[0], BAND))
+        floors.append(noise_misfit(used[0], used[1], pairs[0], BAND))
         print(f"draw {draw + 1} of {N_DRAWS}: misfit {np.median(found['plain'][-1][:, 0]):.3f}")
-    noise = {f"{b[0]:g}-{b[1]:g} Hz": spread(noise_misfit(*used, pairs[0], b)) for b in OCTAVES}
+    noise = {
+        f"{b[0]:g}-{b[1]:g} Hz": spread(noise_misfit(used[0], used[1], pairs[0], b))
+        for b in OCTAVES
+    }
     west = np.array([one_signature_for_all(records, hit) for hit in range(5)])
     hit = records[-10.0][0][12]
     again = superpose(hit, FIRING).velocity[:, 2]

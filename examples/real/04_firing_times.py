@@ -53,7 +53,7 @@ def one_draw(records, delay, sigma, generator):
     recorded, start = blast(hits, Firing(drawn, 1.0))
     greens = np.array([[s.velocity[:, 2] for s in one] for one in known])
     begins = known[0][0].start - start
-    found = {"truth": drawn + lags, "nominal": nominal, "recorded": recorded, "start": start}
+    found: dict = {"truth": drawn + lags, "nominal": nominal, "recorded": recorded, "start": start}
     for half, (fitted, held) in enumerate([HALVES, HALVES[::-1]]):
         loudness = 1.0 / np.sqrt(np.mean(recorded[fitted] ** 2, axis=1))
         answer = firing_times(

@@ -422,7 +422,8 @@ def diagnose(
         for line in told_lines(result):
             console.say(line)
         console.say(f"{result['runs']} runs, {result['wall_s']:.0f} s; results: {folder}")
-        for path, baseline in outputs if predict is not None else []:
+        for path, baseline in outputs:
+            assert predict is not None  # goes with the outputs
             workflow.predict_case(case, folder, predict, path, baseline=baseline)
             unsure = result["outcome"] in UNSURE and not baseline
             console.say(f"written: {path}{', from a diagnosis that is unsure' * unsure}")

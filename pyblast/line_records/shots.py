@@ -1,5 +1,6 @@
 """Shots along a line of receivers: band, shift, correlation, stack; decision on one effect."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -160,12 +161,14 @@ def phase_randomised(samples: np.ndarray, rng: np.random.Generator) -> np.ndarra
     return fft.irfft(np.abs(spectrum) * np.exp(1j * turns), samples.shape[-1], axis=-1)
 
 
-def share_as_large(found: float, drawn: ArrayLike) -> float:
+def share_as_large(found: float, drawn: Sequence[float]) -> float:
     """Return the share of draws, with the finding itself as one, that are as large."""
     return float((1 + np.count_nonzero(np.asarray(drawn) >= found)) / (1 + len(drawn)))
 
 
-def interval(values: ArrayLike, share: float = 0.9) -> tuple[float, float, float]:
+def interval(
+    values: Sequence[float] | np.ndarray, share: float = 0.9
+) -> tuple[float, float, float]:
     """Return median and the ends that hold this share of values."""
     low, middle, high = np.quantile(values, [0.5 - 0.5 * share, 0.5, 0.5 + 0.5 * share])
     return float(middle), float(low), float(high)

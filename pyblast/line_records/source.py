@@ -60,13 +60,14 @@ def blast_cause(
     of each receiver) on the other half of the record. Fits: theory.md (13.1).
     """
     greens, recorded = np.asarray(greens, float), np.asarray(recorded, float)
+    nominal = np.asarray(nominal, float)
     if not 2 <= folds <= len(recorded):
         raise InputError(
             f"blast_cause.folds: must lie between 2 and {len(recorded)}, got {folds:d}"
         )
     loudness = 1.0 / np.sqrt(np.mean(recorded**2, axis=1))
     parts = np.arange(len(recorded)) % folds
-    job = {"greens": greens, "dt": dt, "nominal": np.asarray(nominal, float), "sigma": sigma,
+    job = {"greens": greens, "dt": dt, "nominal": nominal, "sigma": sigma,
            "loudness": loudness, "parts": parts}  # fmt: skip
     scores, guesses = _scores(job, recorded, LABELS)
     best = max(LABELS, key=lambda label: scores[label])
