@@ -48,7 +48,7 @@ def test_the_page_sets_the_result_beside_the_laboratory_and_doubts_low_damping(f
 
     assert "below the laboratory" in page
     assert "a low damping ratio is no proof of a realistic model" in page
-    assert "How sure it is" in page
+    assert "<h2>Identifiability</h2>" in page
 
 
 def test_noise_above_all_errors_of_the_theory_is_worth_about_one(tmp_path):
