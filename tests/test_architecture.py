@@ -82,7 +82,7 @@ def imported(name):
 
 
 def test_imports_run_in_no_circle():
-    graph = {name: imported(name)[0] & set(TREES) for name in TREES}
+    graph = {name: (imported(name)[0] & set(TREES)) - {""} for name in TREES}  # "": the front door
 
     assert list(TopologicalSorter(graph).static_order())
 

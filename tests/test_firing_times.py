@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import fft
 
-from pyblast import InputError, firing_times
+from pyblast import InputError
+from pyblast.blasts.firing_times import firing_times
 
 DT, N_HOLES, N_RECEIVERS, N = 1e-3, 4, 6, 256
 NOMINAL = 0.03 * np.arange(N_HOLES)

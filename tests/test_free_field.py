@@ -9,7 +9,6 @@ from pyblast import (
     ConstantQ,
     Fixed,
     FreeField,
-    Gradient,
     InputError,
     Joint,
     Material,
@@ -21,14 +20,15 @@ from pyblast import (
     StressInput,
     VelocityInput,
     Viscous,
-    jointed,
     structured_box,
-    tangents,
 )
 from pyblast.mesh.grid import Layer
+from pyblast.model.anisotropy import jointed
+from pyblast.model.ground_fields import Gradient
 from pyblast.solver.free_field import GroundColumn, _Side, shake
 from pyblast.solver.preparation import _run_column, prepare
 from pyblast.solver.run import simulate
+from pyblast.solver.sensitivity import tangents
 from verification.columns import misfit, ricker
 
 SOIL = Material.from_speeds(1900.0, 600.0, 300.0)

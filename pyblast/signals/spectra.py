@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from obspy.signal import tf_misfit
-from obspy.signal.konnoohmachismoothing import konno_ohmachi_smoothing_window
 from scipy import fft, signal
 from scipy.signal.windows import dpss
 from scipy.sparse import csr_array
@@ -127,6 +125,8 @@ def smoothed_spectrum(seismogram: Seismogram, bandwidth: float = BANDWIDTH) -> S
 @lru_cache(maxsize=8)
 def _smoothing(n_padded, dt, duration, bandwidth):
     """Return centres (500,) in Hz and the windows around them, sparse (500, n_frequencies)."""
+    from obspy.signal.konnoohmachismoothing import konno_ohmachi_smoothing_window  # slow to load
+
     frequency = fft.rfftfreq(n_padded, dt)
     centres = np.geomspace(1.0 / duration, frequency[-1], N_SMOOTHED)
     reach = 10.0 ** (3.0 * math.pi / bandwidth)
@@ -316,6 +316,8 @@ def wavelet_transform(
 
     Over the band, or from three cycles per record to 0.8 of Nyquist; obspy's transform, w0 = 6.
     """
+    from obspy.signal import tf_misfit  # slow to load
+
     low, high = band or (TF_CYCLES / (dt * len(motion)), TF_TOP / dt)
     return tf_misfit.cwt(motion, dt, WAVELET, low, high, N_WAVELETS)
 
