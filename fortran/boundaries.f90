@@ -88,26 +88,26 @@ contains
         real(dp), intent(inout) :: force(n_batch, 3, n_nodes)      !! [N]
         real(dp), intent(out) :: work_before(n_batch), work_after(n_batch)
             !! half a step's energy taken out, on the old and on the new velocity [J]
-        real(dp) :: resistance(3), drive(3), old(3), new(3)
+        real(dp) :: resistance(3), drive(3), old(3), new(3), impedance(3, 3), inverse(3, 3)
         integer :: d, n, m
 
         work_before = 0.0_dp
         work_after = 0.0_dp
-        associate (impedance => boundaries%dashpot_impedance, inverse => boundaries%dashpot_inverse)
-            do d = 1, size(boundaries%dashpot_node)
-                n = boundaries%dashpot_node(d)
-                do m = 1, n_batch
-                    old = velocity(m, :, n)
-                    drive = nodes%node_mass(m, n)*(1.0_dp - 0.5_dp*dt*nodes%node_alpha(m, n))*old &
-                        - 0.5_dp*dt*matmul(impedance(:, :, d), old) + dt*force(m, :, n)
-                    new = matmul(inverse(:, :, m, d), drive)
-                    resistance = 0.5_dp*matmul(impedance(:, :, d), old + new)
-                    work_before(m) = work_before(m) + 0.5_dp*dt*dot_product(resistance, old)
-                    work_after(m) = work_after(m) + 0.5_dp*dt*dot_product(resistance, new)
-                    force(m, :, n) = force(m, :, n) - resistance
-                end do
+        do d = 1, size(boundaries%dashpot_node)
+            n = boundaries%dashpot_node(d)
+            impedance = boundaries%dashpot_impedance(:, :, d)
+            do m = 1, n_batch
+                inverse = boundaries%dashpot_inverse(:, :, m, d)
+                old = velocity(m, :, n)
+                drive = nodes%node_mass(m, n)*(1.0_dp - 0.5_dp*dt*nodes%node_alpha(m, n))*old &
+                    - 0.5_dp*dt*matmul(impedance, old) + dt*force(m, :, n)
+                new = matmul(inverse, drive)
+                resistance = 0.5_dp*matmul(impedance, old + new)
+                work_before(m) = work_before(m) + 0.5_dp*dt*dot_product(resistance, old)
+                work_after(m) = work_after(m) + 0.5_dp*dt*dot_product(resistance, new)
+                force(m, :, n) = force(m, :, n) - resistance
             end do
-        end associate
+        end do
     end subroutine viscous_forces
 
     pure subroutine reaction_forces(boundaries, nodes, dt, amplitude, n_nodes, velocity, force, &

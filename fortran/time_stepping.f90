@@ -140,18 +140,23 @@ contains
 
         first = (b - 1)*block_size + 1
         n = last - first + 1
-        associate (mass => nodes%node_mass(:, first:last), alpha => nodes%node_alpha(:, first:last), &
-                   force => work%force(:, :, first:last), u => state%displacement(:, :, first:last), &
-                   v => state%velocity(:, :, first:last), energy => work%block_energy(:, :, b))
-            if (with_energy .or. local_damping > 0.0_dp) then
-                call move_with_energies(n, dt, local_damping, mass, alpha, force, u, v, energy)
-            else if (any(alpha > 0.0_dp)) then
-                call move_with_mass_damping(n, dt, mass, alpha, force, u, v, energy)
-            else
-                energy = 0.0_dp
-                call move_free(n, dt, mass, force, u, v)
-            end if
-        end associate
+        if (with_energy .or. local_damping > 0.0_dp) then
+            call move_with_energies(n, dt, local_damping, nodes%node_mass(:, first:last), &
+                                    nodes%node_alpha(:, first:last), work%force(:, :, first:last), &
+                                    state%displacement(:, :, first:last), &
+                                    state%velocity(:, :, first:last), work%block_energy(:, :, b))
+        else if (any(nodes%node_alpha(:, first:last) > 0.0_dp)) then
+            call move_with_mass_damping(n, dt, nodes%node_mass(:, first:last), &
+                                        nodes%node_alpha(:, first:last), &
+                                        work%force(:, :, first:last), &
+                                        state%displacement(:, :, first:last), &
+                                        state%velocity(:, :, first:last), &
+                                        work%block_energy(:, :, b))
+        else
+            work%block_energy(:, :, b) = 0.0_dp
+            call move_free(n, dt, nodes%node_mass(:, first:last), work%force(:, :, first:last), &
+                           state%displacement(:, :, first:last), state%velocity(:, :, first:last))
+        end if
     end subroutine move_block
 
     pure subroutine move_free(n_nodes, dt, node_mass, force, displacement, velocity)
