@@ -88,27 +88,36 @@ contains
         real(dp), intent(inout) :: force(n_batch, 3, n_nodes)      !! [N]
         real(dp), intent(out) :: work_before(n_batch), work_after(n_batch)
             !! half a step's energy taken out, on the old and on the new velocity [J]
-        real(dp) :: resistance(3), drive(3), old(3), new(3), impedance(3, 3), inverse(3, 3)
+        real(dp) :: resistance(3), old(3), new(3)
         integer :: d, n, m
 
         work_before = 0.0_dp
         work_after = 0.0_dp
         do d = 1, size(boundaries%dashpot_node)
             n = boundaries%dashpot_node(d)
-            impedance = boundaries%dashpot_impedance(:, :, d)
             do m = 1, n_batch
-                inverse = boundaries%dashpot_inverse(:, :, m, d)
                 old = velocity(m, :, n)
-                drive = nodes%node_mass(m, n)*(1.0_dp - 0.5_dp*dt*nodes%node_alpha(m, n))*old &
-                    - 0.5_dp*dt*matmul(impedance, old) + dt*force(m, :, n)
-                new = matmul(inverse, drive)
-                resistance = 0.5_dp*matmul(impedance, old + new)
+                call resist(dt, nodes%node_mass(m, n), nodes%node_alpha(m, n), &
+                            boundaries%dashpot_impedance(:, :, d), &
+                            boundaries%dashpot_inverse(:, :, m, d), old, force(m, :, n), new, &
+                            resistance)
                 work_before(m) = work_before(m) + 0.5_dp*dt*dot_product(resistance, old)
                 work_after(m) = work_after(m) + 0.5_dp*dt*dot_product(resistance, new)
                 force(m, :, n) = force(m, :, n) - resistance
             end do
         end do
     end subroutine viscous_forces
+
+    pure subroutine resist(dt, mass, alpha, impedance, inverse, old, force, new, resistance)
+        !! New velocity of a node at a dashpot, and the force that the dashpot takes.
+        real(dp), intent(in) :: dt, mass, alpha, impedance(3, 3), inverse(3, 3), old(3), force(3)
+        real(dp), intent(out) :: new(3), resistance(3)
+        real(dp) :: drive(3)
+
+        drive = mass*(1.0_dp - 0.5_dp*dt*alpha)*old - 0.5_dp*dt*matmul(impedance, old) + dt*force
+        new = matmul(inverse, drive)
+        resistance = 0.5_dp*matmul(impedance, old + new)
+    end subroutine resist
 
     pure subroutine reaction_forces(boundaries, nodes, dt, amplitude, n_nodes, velocity, force, &
                                     work_before, work_after)

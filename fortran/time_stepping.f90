@@ -145,7 +145,7 @@ contains
                                     nodes%node_alpha(:, first:last), work%force(:, :, first:last), &
                                     state%displacement(:, :, first:last), &
                                     state%velocity(:, :, first:last), work%block_energy(:, :, b))
-        else if (any(nodes%node_alpha(:, first:last) > 0.0_dp)) then
+        else if (any_positive(n, nodes%node_alpha(:, first:last))) then
             call move_with_mass_damping(n, dt, nodes%node_mass(:, first:last), &
                                         nodes%node_alpha(:, first:last), &
                                         work%force(:, :, first:last), &
@@ -158,6 +158,15 @@ contains
                            state%displacement(:, :, first:last), state%velocity(:, :, first:last))
         end if
     end subroutine move_block
+
+    pure function any_positive(n_nodes, value) result(yes)
+        !! Whether any value is above zero.
+        integer, intent(in) :: n_nodes
+        real(dp), intent(in) :: value(n_batch, n_nodes)
+        logical :: yes
+
+        yes = any(value > 0.0_dp)
+    end function any_positive
 
     pure subroutine move_free(n_nodes, dt, node_mass, force, displacement, velocity)
         !! Move nodes that nothing damps: the bits of move_with_energies, without the energies.
