@@ -88,19 +88,19 @@ contains
         real(dp), intent(inout) :: force(n_batch, 3, n_nodes)      !! [N]
         real(dp), intent(out) :: work_before(n_batch), work_after(n_batch)
             !! half a step's energy taken out, on the old and on the new velocity [J]
-        real(dp) :: resistance(3), old(3), new(3)
+        real(dp) :: impedance(3, 3), resistance(3), old(3), new(3)
         integer :: d, n, m
 
         work_before = 0.0_dp
         work_after = 0.0_dp
         do d = 1, size(boundaries%dashpot_node)
             n = boundaries%dashpot_node(d)
+            impedance = boundaries%dashpot_impedance(:, :, d)
             do m = 1, n_batch
                 old = velocity(m, :, n)
                 call resist(dt, nodes%node_mass(m, n), nodes%node_alpha(m, n), &
-                            boundaries%dashpot_impedance(:, :, d), &
-                            boundaries%dashpot_inverse(:, :, m, d), old, force(m, :, n), new, &
-                            resistance)
+                            impedance, boundaries%dashpot_inverse(:, :, m, d), old, &
+                            force(m, :, n), new, resistance)
                 work_before(m) = work_before(m) + 0.5_dp*dt*dot_product(resistance, old)
                 work_after(m) = work_after(m) + 0.5_dp*dt*dot_product(resistance, new)
                 force(m, :, n) = force(m, :, n) - resistance

@@ -9,6 +9,8 @@ module pyblast_contacts
     private
     public :: contact_forces, stored_at_rest
 
+    integer, parameter :: block_size = 256   !! contacts that one thread computes in a row
+
 contains
 
     subroutine contact_forces(contacts, dt, nodes, joints, n_contacts, force)
@@ -22,27 +24,47 @@ contains
         type(joint_state), intent(inout) :: joints
         integer, intent(in) :: n_contacts
         real(dp), intent(inout) :: force(n_batch, 3, 2, n_contacts)    !! minus, plus [N]
-        integer :: c, j, minus, plus, n_nodes
+        integer :: b, n_nodes
 
         n_nodes = size(nodes%velocity, 3)
-        !$omp parallel do schedule(static) default(none) private(j, minus, plus) &
-        !$omp& shared(contacts, dt, nodes, joints, n_contacts, force) &
+        !$omp parallel do schedule(static) default(none) &
+        !$omp& shared(contacts, dt, nodes, joints, n_nodes, n_contacts, force) &
         !$omp& if (n_batch*n_nodes >= least_shared)
-        do c = 1, n_contacts
+        do b = 1, n_contacts, block_size
+            call contact_block(contacts, b, min(b + block_size - 1, n_contacts), dt, n_nodes, &
+                               n_contacts, contacts%contact_initial, nodes%displacement, &
+                               nodes%velocity, joints%contact_traction, joints%contact_state, &
+                               joints%contact_stored, joints%contact_dissipated, force)
+        end do
+        !$omp end parallel do
+    end subroutine contact_forces
+
+    pure subroutine contact_block(contacts, first, last, dt, n_nodes, n_contacts, initial, &
+                                  displacement, velocity, traction, state, stored, dissipated, &
+                                  force)
+        !! Forces of contacts first to last. Explicit shapes: through components it takes longer.
+        type(contact_arrays), intent(in) :: contacts
+        integer, intent(in) :: first, last, n_nodes, n_contacts
+        real(dp), intent(in) :: dt, initial(3, n_batch, n_contacts)
+        real(dp), intent(in) :: displacement(n_batch, 3, n_nodes), velocity(n_batch, 3, n_nodes)
+        real(dp), intent(inout) :: traction(3, n_batch, n_contacts)
+        real(dp), intent(inout) :: state(n_joint_state, n_batch, n_contacts)
+        real(dp), intent(inout) :: stored(n_batch, n_contacts), dissipated(n_batch, n_contacts)
+        real(dp), intent(inout) :: force(n_batch, 3, 2, n_contacts)
+        integer :: c, j, minus, plus
+
+        do c = first, last
             j = contacts%contact_joint(c)
             minus = contacts%contact_node(1, c)
             plus = contacts%contact_node(2, c)
             call contact_force(contacts%joint_law(:, j), contacts%joint_property(:, :, j), dt, &
                                contacts%contact_normal(:, c), contacts%contact_area(c), &
-                               contacts%contact_initial(:, :, c), &
-                               nodes%displacement(:, :, minus), nodes%displacement(:, :, plus), &
-                               nodes%velocity(:, :, minus), nodes%velocity(:, :, plus), &
-                               joints%contact_traction(:, :, c), joints%contact_state(:, :, c), &
-                               joints%contact_stored(:, c), joints%contact_dissipated(:, c), &
-                               force(:, :, :, c))
+                               initial(:, :, c), displacement(:, :, minus), &
+                               displacement(:, :, plus), velocity(:, :, minus), &
+                               velocity(:, :, plus), traction(:, :, c), state(:, :, c), &
+                               stored(:, c), dissipated(:, c), force(:, :, :, c))
         end do
-        !$omp end parallel do
-    end subroutine contact_forces
+    end subroutine contact_block
 
     pure subroutine contact_force(law, property, dt, normal, area, initial, minus, plus, &
                                   minus_velocity, plus_velocity, traction, state, stored, &

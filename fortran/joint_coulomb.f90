@@ -26,13 +26,9 @@ contains
             shear_jump = jump - dot_product(jump, normal)*normal
             tn = tn + kn*(dot_product(jump, normal) - dilated)
             shear = initial_shear + ks*(shear_jump - slip)
-            strength = merge(property(6:8), property(3:5), failed > 0.0_dp)
-            status = 0.0_dp
-            if (tn > strength(3)) then
-                status = 2.0_dp
-            else if (norm2(shear) > strength(1) + max(0.0_dp, -tn)*strength(2)) then
-                status = 1.0_dp
-            end if
+            strength = present_strength(property(3:5), property(6:8), failed)
+            status = merge(1.0_dp, 0.0_dp, norm2(shear) > shear_strength(strength(1), strength(2), tn))
+            if (tn > strength(3)) status = 2.0_dp
             if (status > 0.0_dp) then
                 failed = ior(nint(failed), nint(status))
                 strength = property(6:8)
@@ -53,7 +49,8 @@ contains
                     rise = rise*min(slid, max(0.0_dp, property(10) - length))
                     tn = tn - rise
                     dilated = dilated + rise/kn
-                    call return_to_strength(ks, strength(1) + max(0.0_dp, -tn)*strength(2), shear, slip, slid)
+                    call return_to_strength(ks, shear_strength(strength(1), strength(2), tn), shear, slip, &
+                                            slid)
                     length = length + slid
                 end if
                 traction = tn*normal + shear
@@ -88,11 +85,11 @@ contains
             shear(1) = (initial(1, l) - first*normal(1)) + slide(1)
             shear(2) = (initial(2, l) - first*normal(2)) + slide(2)
             shear(3) = (initial(3, l) - first*normal(3)) + slide(3)
-            strength(1) = merge(property(6, l), property(3, l), state(4, l) > 0.0_dp)
-            strength(2) = merge(property(7, l), property(4, l), state(4, l) > 0.0_dp)
-            strength(3) = merge(property(8, l), property(5, l), state(4, l) > 0.0_dp)
+            strength(1) = present_strength(property(3, l), property(6, l), state(4, l))
+            strength(2) = present_strength(property(4, l), property(7, l), state(4, l))
+            strength(3) = present_strength(property(5, l), property(8, l), state(4, l))
             square = shear(1)**2 + shear(2)**2 + shear(3)**2
-            limit = strength(1) + max(0.0_dp, -along)*strength(2)
+            limit = shear_strength(strength(1), strength(2), along)
             held(l) = law(l) == 1 .or. (law(l) == 2 .and. along <= strength(3) &
                                         .and. square <= limit*limit*(1.0_dp - rounding))
             traction(l, 1) = initial(1, l) + (pull*normal(1) + slide(1))
@@ -105,6 +102,22 @@ contains
                 state(5:6, l) = 0.0_dp
         end do
     end subroutine held_tractions
+
+    pure elemental function present_strength(peak, residual, failed) result(strength)
+        !! Peak strength until the first failure, residual strength after it; theory.md (3.4).
+        real(dp), intent(in) :: peak, residual, failed
+        real(dp) :: strength
+
+        strength = merge(residual, peak, failed > 0.0_dp)
+    end function present_strength
+
+    pure elemental function shear_strength(cohesion, friction, tn) result(strength)
+        !! Coulomb's strength under a normal traction, tension positive; theory.md (3.2).
+        real(dp), intent(in) :: cohesion, friction, tn
+        real(dp) :: strength
+
+        strength = cohesion + max(0.0_dp, -tn)*friction
+    end function shear_strength
 
     pure subroutine softening(property, initial, normal, jump, state, traction, stored)
         !! Coulomb strength that falls in proportion to slip, from cohesion and static friction to

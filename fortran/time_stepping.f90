@@ -270,32 +270,38 @@ contains
         real(dp), intent(in) :: dt                     !! [s]
         type(nodal_state), intent(inout) :: state      !! displacement after the step
         real(dp) :: share(size(rate))
-        integer :: n, n_nodes
+        integer :: b, first, last, n_nodes
 
         if (.not. any(rate > 0.0_dp)) return
         n_nodes = size(state%velocity, 3)
         share = 0.5_dp*dt*rate/(1.0_dp + 0.5_dp*dt*rate)
-        !$omp parallel do schedule(static) default(none) shared(state, dt, share, n_nodes) &
-        !$omp& if (n_batch*n_nodes >= least_shared)
-        do n = 1, n_nodes
-            call follow(size(share), dt, share, state%displacement(:, :, n), &
-                        state%velocity(:, :, n), state%memory(:, :, :, n))
+        !$omp parallel do schedule(static) default(none) private(first, last) &
+        !$omp& shared(state, dt, share, n_nodes) if (n_batch*n_nodes >= least_shared)
+        do b = 1, (n_nodes + block_size - 1)/block_size
+            first = (b - 1)*block_size + 1
+            last = min(b*block_size, n_nodes)
+            call follow(size(share), last - first + 1, dt, share, &
+                        state%displacement(:, :, first:last), state%velocity(:, :, first:last), &
+                        state%memory(:, :, :, first:last))
         end do
         !$omp end parallel do
     end subroutine update_memory
 
-    pure subroutine follow(n_memories, dt, share, displacement, velocity, memory)
-        !! Let the memories of one node follow its displacement.
-        integer, intent(in) :: n_memories
+    pure subroutine follow(n_memories, n_nodes, dt, share, displacement, velocity, memory)
+        !! Let the memories of some nodes follow their displacement.
+        integer, intent(in) :: n_memories, n_nodes
         real(dp), intent(in) :: dt, share(n_memories)
-        real(dp), intent(in) :: displacement(n_batch, 3), velocity(n_batch, 3)
-        real(dp), intent(inout) :: memory(n_batch, 3, n_memories)
+        real(dp), intent(in) :: displacement(n_batch, 3, n_nodes), velocity(n_batch, 3, n_nodes)
+        real(dp), intent(inout) :: memory(n_batch, 3, n_memories, n_nodes)
         real(dp) :: twice(n_batch, 3)
-        integer :: k
+        integer :: n, k
 
-        twice = 2.0_dp*displacement - dt*velocity
-        do k = 1, n_memories
-            memory(:, :, k) = memory(:, :, k) + share(k)*(twice - 2.0_dp*memory(:, :, k))
+        do n = 1, n_nodes
+            twice = 2.0_dp*displacement(:, :, n) - dt*velocity(:, :, n)
+            do k = 1, n_memories
+                memory(:, :, k, n) = memory(:, :, k, n) &
+                    + share(k)*(twice - 2.0_dp*memory(:, :, k, n))
+            end do
         end do
     end subroutine follow
 
