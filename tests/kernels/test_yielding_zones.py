@@ -27,7 +27,7 @@ def judged(law, rng):
     row = core.property_row(table, law.properties(material), core.N_ZONE_PROPERTIES)
     initial = rng.normal(scale=5e5, size=(ZONES, 6)) - 2e6 * rng.random((ZONES, 1)) * (SQUARES == 1)
     strain = rng.normal(scale=3e-5, size=(ZONES, 6))
-    room = core._core.pyblast_plastic_zones.yield_rooms(
+    room = core._core.pyblast_mohr_coulomb.yield_margins(
         row, np.full(ZONES, LAME), np.full(ZONES, SHEAR), initial, strain
     )
     return initial, strain, room, row

@@ -115,18 +115,14 @@ def forces(constants, displacement):
              "skew_spring domain_patch_start patch_start patch_slot patch_gradient "
              "patch_bulk")  # fmt: skip
     views = core.to_fortran({name: constants[name] for name in names.split()})
-    n_domains, n_rows = len(constants["domain_set"]), len(constants["row_initial"])
+    n_rows = len(constants["row_initial"])
     state = core.to_fortran({
         "displacement": displacement, "velocity": np.zeros_like(displacement),
         "memory": np.zeros((len(displacement), 1, 3)), "row_lost": np.zeros(n_rows),
         "row_state": np.zeros((n_rows, core.N_ZONE_STATE)),
     })  # fmt: skip
     slots = np.zeros((len(constants["slot_node"]), 3, 1))
-    core._core.pyblast_zones.zone_forces(
-        **views, **state, tell=False, dt=0.0, slot_force=slots.T,
-        watch=np.zeros_like(slots).T, room=np.full((1, n_domains), -1.0),
-        **{f"domain_{n}": np.zeros((1, n_domains)) for n in ("strain", "lost", "insitu")},
-    )  # fmt: skip
+    core._core.pyblast_border.zone_forces(**views, **state, dt=0.0, slot_force=slots.T)
     force = np.zeros_like(displacement)
     np.add.at(force, constants["slot_node"], slots[..., 0])
     return force

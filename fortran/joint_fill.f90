@@ -1,7 +1,7 @@
-module pyblast_filled_joints
+module pyblast_joint_fill
     !! Joints with a fill that flows, and joints that yield from the first motion on.
     use pyblast_kinds, only : dp, n_joint_properties, n_joint_state
-    use pyblast_frictional_joints, only : split, stored_energy
+    use pyblast_joint_coulomb, only : split, stored_energy
     implicit none
     private
     public :: kelvin, maxwell, yielding
@@ -95,4 +95,4 @@ contains
         end associate
     end subroutine yielding
 
-end module pyblast_filled_joints
+end module pyblast_joint_fill

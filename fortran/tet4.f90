@@ -1,4 +1,4 @@
-module pyblast_linear_zones
+module pyblast_tet4
     !! Isotropic constant-strain tetrahedra whose stress is linear in fields of motion.
     !!
     !! Zones are computed side by side, `width` at a time. Gradients come anew from the corners in
@@ -6,14 +6,14 @@ module pyblast_linear_zones
     use pyblast_kinds, only : dp
     implicit none
     private
-    public :: add_forces, linear_energy, linear_forces, linear_strains
+    public :: add_zone_force, tet4_energy, tet4_forces, tet4_strains
 
     integer, parameter :: width = 32
 
 contains
 
-    pure subroutine linear_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
-                                  zone_shear, place, shearing, swelling, alike, force)
+    pure subroutine tet4_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
+                                  zone_shear, place, deviatoric, volumetric, same_field, force)
         !! Add the corner forces of zones first to last, all of one domain, into its slots.
         !! Shear sees the strain of one field, compression that of another; theory.md (2.14).
         integer, intent(in) :: n_zones, n_slots, first, last
@@ -21,11 +21,11 @@ contains
         real(dp), intent(in) :: zone_lambda(n_zones)             !! first Lame modulus [Pa]
         real(dp), intent(in) :: zone_shear(n_zones)              !! shear modulus [Pa]
         real(dp), intent(in) :: place(3, n_slots)                !! [m]
-        real(dp), intent(in) :: shearing(3, n_slots), swelling(3, n_slots)   !! [m]
-        logical, intent(in) :: alike                             !! whether both fields are one
+        real(dp), intent(in) :: deviatoric(3, n_slots), volumetric(3, n_slots)   !! [m]
+        logical, intent(in) :: same_field                             !! whether both fields are one
         real(dp), intent(inout) :: force(3, n_slots)             !! [N]
         real(dp) :: area(width, 3, 3), inverse(width), strain(width, 6), other(width, 6)
-        real(dp) :: swell(width), corner(width, 3, 3)
+        real(dp) :: isotropic(width), corner(width, 3, 3)
         integer :: z, n
 
         do z = first, last, width
@@ -33,21 +33,21 @@ contains
             associate (s1 => zone_slot(z:, 1), s2 => zone_slot(z:, 2), s3 => zone_slot(z:, 3), &
                        s4 => zone_slot(z:, 4), lambda => zone_lambda(z:), mu => zone_shear(z:))
                 call face_areas(n, n_slots, s1, s2, s3, s4, place, area, inverse)
-                call strains(n, n_slots, s1, s2, s3, s4, shearing, area, inverse, strain)
-                swell(:n) = lambda(:n)*(strain(:n, 1) + strain(:n, 2) + strain(:n, 3))
-                if (.not. alike) then
-                    call strains(n, n_slots, s1, s2, s3, s4, swelling, area, inverse, other)
-                    swell(:n) = swell(:n) + (lambda(:n) + 2.0_dp*mu(:n))*( &
+                call strains(n, n_slots, s1, s2, s3, s4, deviatoric, area, inverse, strain)
+                isotropic(:n) = lambda(:n)*(strain(:n, 1) + strain(:n, 2) + strain(:n, 3))
+                if (.not. same_field) then
+                    call strains(n, n_slots, s1, s2, s3, s4, volumetric, area, inverse, other)
+                    isotropic(:n) = isotropic(:n) + (lambda(:n) + 2.0_dp*mu(:n))*( &
                         (other(:n, 1) - strain(:n, 1)) + (other(:n, 2) - strain(:n, 2)) &
                         + (other(:n, 3) - strain(:n, 3)))
                 end if
-                call tractions(n, mu, swell, strain, area, corner)
+                call tractions(n, mu, isotropic, strain, area, corner)
                 call collect(n, n_slots, s1, s2, s3, s4, corner, force)
             end associate
         end do
-    end subroutine linear_forces
+    end subroutine tet4_forces
 
-    pure subroutine linear_strains(n_zones, n_slots, first, last, zone_slot, place, field, strain, &
+    pure subroutine tet4_strains(n_zones, n_slots, first, last, zone_slot, place, field, strain, &
                                    volume, reach)
         !! Strain that a field gives zones first to last, and what bounds it: no strain exceeds the
         !! largest motion of a corner times the sum of the lengths of the four gradients.
@@ -76,9 +76,9 @@ contains
             end do
             reach(z:z + n - 1) = reach(z:z + n - 1)*inverse(:n)
         end do
-    end subroutine linear_strains
+    end subroutine tet4_strains
 
-    pure subroutine add_forces(n_slots, slot, place, stress, force)
+    pure subroutine add_zone_force(n_slots, slot, place, stress, force)
         !! Add the corner forces of one zone of a given stress; theory.md (2.3).
         integer, intent(in) :: n_slots, slot(4)
         real(dp), intent(in) :: place(3, n_slots), stress(6)
@@ -97,7 +97,7 @@ contains
         end do
         force(:, slot(1)) = force(:, slot(1)) &
             + (corner(:, 1) + corner(:, 2) + corner(:, 3))/6.0_dp
-    end subroutine add_forces
+    end subroutine add_zone_force
 
     pure subroutine face_areas(n, n_slots, s1, s2, s3, s4, place, area, inverse)
         !! Twice the area vectors of the faces opposite corners 2 to 4, and one over six volumes.
@@ -162,10 +162,10 @@ contains
         end do
     end subroutine strains
 
-    pure subroutine tractions(n, shear, swell, strain, area, corner)
+    pure subroutine tractions(n, shear, isotropic, strain, area, corner)
         !! Corner forces f_a = -V sigma g_a, V g_a being a sixth of `area`; theory.md (2.2), (2.3).
         integer, intent(in) :: n
-        real(dp), intent(in) :: shear(n), swell(n), strain(width, 6), area(width, 3, 3)
+        real(dp), intent(in) :: shear(n), isotropic(n), strain(width, 6), area(width, 3, 3)
         real(dp), intent(out) :: corner(width, 3, 3)
         real(dp) :: mean, mu, xx, yy, zz, yz, zx, xy
         integer :: i, k
@@ -174,7 +174,7 @@ contains
             !$omp simd private(mean, mu, xx, yy, zz, yz, zx, xy)
             do i = 1, n
                 mu = -shear(i)/6.0_dp
-                mean = -swell(i)/6.0_dp
+                mean = -isotropic(i)/6.0_dp
                 xx = mean + 2.0_dp*mu*strain(i, 1)
                 yy = mean + 2.0_dp*mu*strain(i, 2)
                 zz = mean + 2.0_dp*mu*strain(i, 3)
@@ -206,7 +206,7 @@ contains
         end do
     end subroutine collect
 
-    pure function linear_energy(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
+    pure function tet4_energy(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
                                 zone_shear, place, field, share) result(energy)
         !! Strain energy of a field in springs that have a share of both moduli of the zones.
         integer, intent(in) :: n_zones, n_slots, first, last, zone_slot(n_zones, 4)
@@ -234,6 +234,6 @@ contains
                     /(6.0_dp*inverse(i))
             end do
         end do
-    end function linear_energy
+    end function tet4_energy
 
-end module pyblast_linear_zones
+end module pyblast_tet4

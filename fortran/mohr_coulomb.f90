@@ -1,11 +1,11 @@
-module pyblast_plastic_zones
+module pyblast_mohr_coulomb
     !! Mohr-Coulomb plasticity with tension cut-off, mapped back exactly in principal stresses.
     use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
     use pyblast_elasticity, only : hooke, work
     use pyblast_principal_stresses, only : cross, principal
     implicit none
     private
-    public :: mohr_coulomb, yield_rooms
+    public :: mohr_coulomb, yield_margins
 
     real(dp), parameter :: rounding = 1e-12_dp
 
@@ -49,25 +49,25 @@ contains
         stored = work(initial + 0.5_dp*state(1:6), strain - state(7:12))
     end subroutine mohr_coulomb
 
-    pure subroutine yield_rooms(n, property, lambda, shear, initial, strain, room)
+    pure subroutine yield_margins(n, property, lambda, shear, initial, strain, yield_margin)
         !! Strain that zones which never yielded can gain before one may; theory.md (2.43).
         !! Positive only where mohr_coulomb would find no yielding.
         integer, intent(in) :: n
         real(dp), intent(in) :: property(n_zone_properties)
         real(dp), intent(in) :: lambda(n), shear(n)  !! Lame moduli [Pa]
         real(dp), intent(in) :: initial(n, 6), strain(n, 6)
-        real(dp), intent(out) :: room(n)
-        real(dp) :: n_phi, n_psi, uniaxial, cutoff, swell, mean, radius, bulk, bend
+        real(dp), intent(out) :: yield_margin(n)
+        real(dp) :: n_phi, n_psi, uniaxial, cutoff, isotropic, mean, radius, bulk, bend
         real(dp) :: xx, yy, zz, yz, zx, xy
         integer :: i
 
         call strength(property, 0.0_dp, 0.0_dp, n_phi, n_psi, uniaxial, cutoff)
-        !$omp simd private(swell, mean, radius, bulk, bend, xx, yy, zz, yz, zx, xy)
+        !$omp simd private(isotropic, mean, radius, bulk, bend, xx, yy, zz, yz, zx, xy)
         do i = 1, n
-            swell = lambda(i)*(strain(i, 1) + strain(i, 2) + strain(i, 3))
-            xx = initial(i, 1) + swell + 2.0_dp*shear(i)*strain(i, 1)
-            yy = initial(i, 2) + swell + 2.0_dp*shear(i)*strain(i, 2)
-            zz = initial(i, 3) + swell + 2.0_dp*shear(i)*strain(i, 3)
+            isotropic = lambda(i)*(strain(i, 1) + strain(i, 2) + strain(i, 3))
+            xx = initial(i, 1) + isotropic + 2.0_dp*shear(i)*strain(i, 1)
+            yy = initial(i, 2) + isotropic + 2.0_dp*shear(i)*strain(i, 2)
+            zz = initial(i, 3) + isotropic + 2.0_dp*shear(i)*strain(i, 3)
             yz = initial(i, 4) + shear(i)*strain(i, 4)
             zx = initial(i, 5) + shear(i)*strain(i, 5)
             xy = initial(i, 6) + shear(i)*strain(i, 6)
@@ -76,12 +76,12 @@ contains
                                   + (yz**2 + zx**2 + xy**2))/3.0_dp)
             bulk = lambda(i) + 2.0_dp*shear(i)/3.0_dp
             bend = sqrt(8.0_dp/3.0_dp)*shear(i)
-            room(i) = min((uniaxial - (n_phi*(mean + radius) - (mean - radius))) &
+            yield_margin(i) = min((uniaxial - (n_phi*(mean + radius) - (mean - radius))) &
                           /((n_phi - 1.0_dp)*bulk + (n_phi + 1.0_dp)*bend), &
                           (cutoff - (mean + radius))/(bulk + bend)) &
                 - rounding*(abs(mean) + radius)/bend
         end do
-    end subroutine yield_rooms
+    end subroutine yield_margins
 
     pure subroutine strength(property, shear_part, tensile_part, n_phi, n_psi, uniaxial, cutoff)
         !! Strength after some plastic strain: linear from peak to residual; theory.md (2.29).
@@ -90,17 +90,17 @@ contains
         real(dp), intent(out) :: n_phi, n_psi              !! of friction and dilation
         real(dp), intent(out) :: uniaxial                  !! uniaxial compressive strength [Pa]
         real(dp), intent(out) :: cutoff                    !! largest tension [Pa]
-        real(dp) :: now(4), spent(4), root
+        real(dp) :: current(4), softening(4), root
 
-        spent(1:3) = share(shear_part, property(9))
-        spent(4) = share(tensile_part, property(10))
-        now = property(1:4) + spent*(property(5:8) - property(1:4))
-        root = now(2) + sqrt(1.0_dp + now(2)**2)
+        softening(1:3) = share(shear_part, property(9))
+        softening(4) = share(tensile_part, property(10))
+        current = property(1:4) + softening*(property(5:8) - property(1:4))
+        root = current(2) + sqrt(1.0_dp + current(2)**2)
         n_phi = root**2
-        n_psi = (now(3) + sqrt(1.0_dp + now(3)**2))**2
-        uniaxial = 2.0_dp*now(1)*root
-        cutoff = now(4)
-        if (cutoff*now(2) > now(1)) cutoff = now(1)/now(2)
+        n_psi = (current(3) + sqrt(1.0_dp + current(3)**2))**2
+        uniaxial = 2.0_dp*current(1)*root
+        cutoff = current(4)
+        if (cutoff*current(2) > current(1)) cutoff = current(1)/current(2)
     end subroutine strength
 
     pure function share(strain, limit) result(part)
@@ -132,23 +132,23 @@ contains
         real(dp), intent(in) :: lambda, shear, n_phi, n_psi, uniaxial, cutoff
         real(dp), intent(in) :: trial(3)             !! principal stresses, descending [Pa]
         real(dp) :: flow(3)
-        real(dp) :: normal(3, 6), way(3, 6), limit(6), amount(3), strain(3), fault, least
+        real(dp) :: normal(3, 6), direction(3, 6), limit(6), amount(3), strain(3), fault, least
         integer, parameter :: active(3, 11) = reshape([ &
             1, 0, 0, 4, 0, 0, 1, 4, 0, 1, 2, 0, 1, 3, 0, 4, 5, 0, 4, 5, 6, &
             1, 4, 5, 2, 4, 5, 1, 2, 4, 1, 3, 4], [3, 11])
         integer :: s, k
 
         normal = planes(n_phi)
-        way = planes(n_psi)
+        direction = planes(n_psi)
         limit(1:3) = uniaxial
         limit(4:6) = cutoff
         least = huge(least)
         flow = 0.0_dp
         do s = 1, 11
-            amount = multipliers(lambda, shear, normal, way, limit, active(:, s), trial)
+            amount = multipliers(lambda, shear, normal, direction, limit, active(:, s), trial)
             strain = 0.0_dp
             do k = 1, 3
-                if (active(k, s) > 0) strain = strain + amount(k)*way(:, active(k, s))
+                if (active(k, s) > 0) strain = strain + amount(k)*direction(:, active(k, s))
             end do
             fault = max(-2.0_dp*shear*minval(amount), &
                         broken(trial - lambda*sum(strain) - 2.0_dp*shear*strain, normal, limit))
@@ -177,9 +177,9 @@ contains
         normal(3, 6) = 1.0_dp
     end function planes
 
-    pure function multipliers(lambda, shear, normal, way, limit, active, trial) result(amount)
+    pure function multipliers(lambda, shear, normal, direction, limit, active, trial) result(amount)
         !! Plastic multipliers that put a stress on up to three planes; 0 where there is no plane.
-        real(dp), intent(in) :: lambda, shear, normal(3, 6), way(3, 6), limit(6), trial(3)
+        real(dp), intent(in) :: lambda, shear, normal(3, 6), direction(3, 6), limit(6), trial(3)
         integer, intent(in) :: active(3)             !! planes; 0 has none
         real(dp) :: amount(3)
         real(dp) :: m(3, 3), right(3)
@@ -193,8 +193,8 @@ contains
             right(i) = dot_product(normal(:, active(i)), trial) - limit(active(i))
             do j = 1, 3
                 if (active(j) == 0) cycle
-                m(i, j) = lambda*sum(normal(:, active(i)))*sum(way(:, active(j))) &
-                    + 2.0_dp*shear*dot_product(normal(:, active(i)), way(:, active(j)))
+                m(i, j) = lambda*sum(normal(:, active(i)))*sum(direction(:, active(j))) &
+                    + 2.0_dp*shear*dot_product(normal(:, active(i)), direction(:, active(j)))
             end do
         end do
         do i = 1, 3
@@ -212,4 +212,4 @@ contains
                     stress(3) - stress(2))
     end function broken
 
-end module pyblast_plastic_zones
+end module pyblast_mohr_coulomb

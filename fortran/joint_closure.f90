@@ -1,7 +1,7 @@
-module pyblast_closing_joints
+module pyblast_joint_closure
     !! Joints that stiffen as they close: Bandis' hyperbola, with Coulomb or with Barton's strength.
     use pyblast_kinds, only : dp, n_joint_properties, n_joint_state
-    use pyblast_frictional_joints, only : slide, split
+    use pyblast_joint_coulomb, only : return_to_strength, split
     implicit none
     private
     public :: barton_bandis, closure
@@ -21,8 +21,8 @@ contains
         real(dp), intent(out) :: traction(3), stored
         real(dp) :: pressure, slid
 
-        call press(property, initial, normal, jump, 0.0_dp, state, pressure, stored)
-        call rub(property(2), property(6) + pressure*property(7), initial, normal, jump, pressure, &
+        call normal_closure(property, initial, normal, jump, 0.0_dp, state, pressure, stored)
+        call slip_with_friction(property(2), property(6) + pressure*property(7), initial, normal, jump, pressure, &
                  state, traction, stored, slid)
     end subroutine closure
 
@@ -39,14 +39,14 @@ contains
         call split(initial, normal, along, shear)
         associate (ks => property(2), length => state(11))
             trial = norm2(shear + ks*(shear_jump - state(1:3)))
-            call widen(property, initial, normal, jump, trial, state, pressure, stored)
-            call rub(ks, rough_strength(property, length, pressure), initial, normal, jump, &
+            call dilate(property, initial, normal, jump, trial, state, pressure, stored)
+            call slip_with_friction(ks, rough_strength(property, length, pressure), initial, normal, jump, &
                      pressure, state, traction, stored, slid)
             length = length + slid
         end associate
     end subroutine barton_bandis
 
-    pure subroutine widen(property, initial, normal, jump, trial, state, pressure, stored)
+    pure subroutine dilate(property, initial, normal, jump, trial, state, pressure, stored)
         !! Pressure of walls that dilate by what they slip in this step, with what they dilated so
         !! far: slip, dilation, pressure and strength of a step solved together, by false position
         !! (Illinois); theory.md (3.14). A trial shear within the strength dilates nothing.
@@ -58,7 +58,7 @@ contains
         integer :: k
 
         before = state(10)
-        call press(property, initial, normal, jump, before, state, pressure, stored)
+        call normal_closure(property, initial, normal, jump, before, state, pressure, stored)
         more = dilation(property, state(11), pressure, trial)
         if (.not. more > 0.0_dp) return
         peak = state(7)
@@ -68,7 +68,7 @@ contains
         surplus = 0.0_dp
         do k = 1, 50
             state(7) = peak
-            call press(property, initial, normal, jump, before + more, state, pressure, stored)
+            call normal_closure(property, initial, normal, jump, before + more, state, pressure, stored)
             left = more - dilation(property, state(11), pressure, trial)
             if (abs(left) <= 1e-12_dp*more) exit
             if (left < 0.0_dp) then
@@ -83,7 +83,7 @@ contains
             more = (low*surplus - high*missing)/(surplus - missing)
         end do
         state(10) = before + more
-    end subroutine widen
+    end subroutine dilate
 
     pure function dilation(property, length, pressure, trial) result(more)
         !! Dilation by the slip that brings a trial shear back to the strength; theory.md (3.14).
@@ -118,7 +118,7 @@ contains
         angle = max(0.0_dp, min(angle, steepest - atan(property(8))))
     end function roughness
 
-    pure subroutine press(property, initial, normal, jump, dilated, state, pressure, stored)
+    pure subroutine normal_closure(property, initial, normal, jump, dilated, state, pressure, stored)
         !! Pressure on the hyperbola, or on the steeper one of unloading; energy of the normal part.
         real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3)
         real(dp), intent(in) :: dilated
@@ -130,7 +130,7 @@ contains
                    peak => state(7), rest => state(8), started => state(9))
             elbow = vm*(1.0_dp - sqrt(kn/kn_max))
             if (.not. started > 0.0_dp) then
-                rest = closed(property, elbow, peak, -dot_product(initial, normal))
+                rest = closure_under(property, elbow, peak, -dot_product(initial, normal))
                 started = 1.0_dp
             end if
             v = rest - dot_product(jump, normal) + dilated
@@ -147,9 +147,9 @@ contains
                 pressure = pressure + kn_max*(v - elbow)
             end if
         end associate
-    end subroutine press
+    end subroutine normal_closure
 
-    pure function closed(property, elbow, peak, pressure) result(v)
+    pure function closure_under(property, elbow, peak, pressure) result(v)
         !! Closure at a pressure, after a largest closure; a tension t stands for a gap of t/kn
         !! beyond what is irrecoverable.
         real(dp), intent(in) :: property(n_joint_properties), elbow, peak, pressure
@@ -171,9 +171,9 @@ contains
                 end if
             end if
         end associate
-    end function closed
+    end function closure_under
 
-    pure subroutine rub(ks, strength, initial, normal, jump, pressure, state, traction, stored, slid)
+    pure subroutine slip_with_friction(ks, strength, initial, normal, jump, pressure, state, traction, stored, slid)
         !! Shear under a pressure: elastic up to the strength, nothing while open; without a limit
         !! of strength it stays elastic whatever the gap, as where closure alone is modelled.
         real(dp), intent(in) :: ks, strength, initial(3), normal(3), jump(3), pressure
@@ -188,7 +188,7 @@ contains
             status = 0.0_dp
             if (pressure > 0.0_dp .or. strength > huge(strength)) then
                 shear = shear + ks*(shear_jump - slip)
-                call slide(ks, strength, shear, slip, slid)
+                call return_to_strength(ks, strength, shear, slip, slid)
                 if (slid > 0.0_dp) status = 1.0_dp
                 traction = shear - pressure*normal
                 stored = stored + 0.5_dp*dot_product(shear, shear)/ks
@@ -199,7 +199,7 @@ contains
             end if
             failed = ior(nint(failed), nint(status))
         end associate
-    end subroutine rub
+    end subroutine slip_with_friction
 
     pure function mobilisation(ratio) result(share)
         !! Share of the roughness that is left after slip over its peak; Barton's table.
@@ -215,4 +215,4 @@ contains
         end do
     end function mobilisation
 
-end module pyblast_closing_joints
+end module pyblast_joint_closure

@@ -1,10 +1,10 @@
-module pyblast_edges
+module pyblast_edge_springs
     !! Linear zones taken together as springs along their edges; theory.md (2.39), (2.40).
     !!
     !! Each edge of a set of zones belongs to one domain. All models of a batch share the springs,
     !! and nothing is gathered but whole vectors.
     use pyblast_kinds, only : dp
-    use pyblast_lanes, only : lanes
+    use pyblast_batch, only : n_batch
     implicit none
     private
     public :: edge_forces
@@ -21,9 +21,9 @@ contains
         integer, intent(in) :: first_skew, last_skew         !! those of the domain
         integer, intent(in) :: skew_slot(2, n_skews)         !! both ends, from 1
         real(dp), intent(in) :: skew_spring(3, n_skews)      !! [N/m]
-        real(dp), intent(in) :: motion(lanes, 3, n_slots)    !! [m]
-        real(dp), intent(inout) :: force(lanes, 3, n_slots)  !! [N]
-        real(dp) :: own(lanes, 3), d(3), f(3)
+        real(dp), intent(in) :: motion(n_batch, 3, n_slots)    !! [m]
+        real(dp), intent(inout) :: force(n_batch, 3, n_slots)  !! [N]
+        real(dp) :: own(n_batch, 3), d(3), f(3)
         integer :: s, e, j, l
 
         do s = 1, n_slots
@@ -31,7 +31,7 @@ contains
             do e = edge_start(s), edge_start(s + 1) - 1
                 j = edge_slot(e)
                 !$omp simd private(d, f)
-                do l = 1, lanes
+                do l = 1, n_batch
                     d(1) = motion(l, 1, j) - motion(l, 1, s)
                     d(2) = motion(l, 2, j) - motion(l, 2, s)
                     d(3) = motion(l, 3, j) - motion(l, 3, s)
@@ -49,21 +49,21 @@ contains
             force(:, :, s) = own
         end do
         do e = first_skew, last_skew
-            call twist(skew_spring(:, e), motion(:, :, skew_slot(1, e)), &
+            call skew_edge_force(skew_spring(:, e), motion(:, :, skew_slot(1, e)), &
                        motion(:, :, skew_slot(2, e)), force(:, :, skew_slot(1, e)), &
                        force(:, :, skew_slot(2, e)))
         end do
     end subroutine edge_forces
 
-    pure subroutine twist(a, from, to, first, second)
+    pure subroutine skew_edge_force(a, from, to, first, second)
         !! Add the cross product of `a` and the stretch of an edge to the force on both its ends.
-        real(dp), intent(in) :: a(3), from(lanes, 3), to(lanes, 3)
-        real(dp), intent(inout) :: first(lanes, 3), second(lanes, 3)
+        real(dp), intent(in) :: a(3), from(n_batch, 3), to(n_batch, 3)
+        real(dp), intent(inout) :: first(n_batch, 3), second(n_batch, 3)
         real(dp) :: x, y, z
         integer :: l
 
         !$omp simd private(x, y, z)
-        do l = 1, lanes
+        do l = 1, n_batch
             x = to(l, 1) - from(l, 1)
             y = to(l, 2) - from(l, 2)
             z = to(l, 3) - from(l, 3)
@@ -74,6 +74,6 @@ contains
             second(l, 2) = second(l, 2) + (a(3)*x - a(1)*z)
             second(l, 3) = second(l, 3) + (a(1)*y - a(2)*x)
         end do
-    end subroutine twist
+    end subroutine skew_edge_force
 
-end module pyblast_edges
+end module pyblast_edge_springs
