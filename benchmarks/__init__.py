@@ -1,3 +1,3 @@
 """What the program costs, measured by commands that anyone can run."""
 
-import pyblast.cli.blas  # noqa: F401  before numpy
+import pyblast.cli  # noqa: F401  before numpy

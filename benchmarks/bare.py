@@ -14,7 +14,7 @@ from pyblast.mesh.ordering import morton_keys, renumbered
 
 from .compiled import called, compiled, plain
 
-KERNELS = ("kinds.f90.in", "linear_zones.f90", "quadratic_strains.f90", "quadratic_zones.f90")
+KERNELS = ("kinds.f90.in", "tet4.f90", "tet15.f90")
 DOMAIN_ZONES = {4: 1024, 15: 128}
 
 

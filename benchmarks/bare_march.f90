@@ -1,8 +1,8 @@
 module bare_march
     !! Marches of elastic zones alone on one thread, to compare what kinds of zones cost.
     use pyblast_kinds, only : dp
-    use pyblast_linear_zones, only : linear_forces
-    use pyblast_quadratic_zones, only : quadratic_forces
+    use pyblast_tet4, only : tet4_forces
+    use pyblast_tet15, only : tet15_forces
     implicit none
     private
     public :: march
@@ -76,10 +76,10 @@ contains
                 part(:, s) = 0.0_dp
             end do
             if (n_corners == 4) then
-                call linear_forces(n_zones, n, zone_start(d), zone_start(d + 1) - 1, zone_slot, &
+                call tet4_forces(n_zones, n, zone_start(d), zone_start(d + 1) - 1, zone_slot, &
                                    lambda, shear, place(:, s1 + 1:), w, w, .true., part)
             else
-                call quadratic_forces(n_zones, n, zone_start(d), zone_start(d + 1) - 1, &
+                call tet15_forces(n_zones, n, zone_start(d), zone_start(d + 1) - 1, &
                                       zone_slot, lambda, shear, place(:, s1 + 1:), w, w, .true., part)
             end if
             do s = 1, n

@@ -1,8 +1,8 @@
 module edge_loops
     !! Edges of all domains on one thread, to compare kinds of numbers that springs are kept in.
     use pyblast_kinds, only : dp
-    use pyblast_lanes, only : lanes
-    use pyblast_edges, only : edge_forces
+    use pyblast_batch, only : n_batch
+    use pyblast_edge_springs, only : edge_forces
     implicit none
     private
     public :: loops
@@ -18,9 +18,9 @@ contains
         integer, intent(in) :: edge_start(n_slots + 1), edge_slot(n_edges)
         real(dp), intent(in) :: edge_spring(6, n_edges)      !! xx yy zz yz zx xy [N/m]
         integer, intent(in) :: skew_start(n_domains + 1), skew_slot(2, n_skews)
-        real(dp), intent(in) :: skew_spring(3, n_skews), displacement(lanes, 3, n_nodes)
-        real(dp), intent(out) :: force(lanes, 3, n_slots)
-        real(dp) :: u(lanes, 3, maxval(slot_start(2:) - slot_start(:n_domains)))
+        real(dp), intent(in) :: skew_spring(3, n_skews), displacement(n_batch, 3, n_nodes)
+        real(dp), intent(out) :: force(n_batch, 3, n_slots)
+        real(dp) :: u(n_batch, 3, maxval(slot_start(2:) - slot_start(:n_domains)))
         integer :: time, d, s1, s2
 
         do time = 1, n_times

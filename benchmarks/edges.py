@@ -92,8 +92,8 @@ def bare(lanes, single):
     """Compile the edges for some lanes, with springs in single precision or in double."""
     with TemporaryDirectory() as folder:
         paths = []
-        for name in ("fortran/lanes.f90.in", "fortran/edges.f90", "benchmarks/edge_loops.f90"):
-            text = (ROOT / name).read_text().replace("@lanes@", str(lanes))
+        for name in ("fortran/batch.f90.in", "fortran/edge_springs.f90", "benchmarks/edge_loops.f90"):
+            text = (ROOT / name).read_text().replace("@n_batch@", str(lanes))
             if single:
                 text = text.replace(
                     "real(dp), intent(in) :: edge_spring", "real, intent(in) :: edge_spring"

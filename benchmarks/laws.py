@@ -7,7 +7,7 @@ same ground marched zone by zone is timed beside it.
 from dataclasses import replace
 
 from pyblast.model.material import ConstantQ, Damping, MohrCoulomb
-from pyblast.solver.edge_springs import ALONE, SIDE_BY_SIDE
+from pyblast.solver.edge_springs import ALWAYS_USED, BATCH_ONLY
 
 from .marching import (
     LEDGER_EVERY,
@@ -25,7 +25,7 @@ TITLE = "Laws"
 CELLS, EVERY = 31, 5  # joints each five cells along all axes: 0.19 facets a zone
 ZONE_STEPS = 4_000_000
 ZONES = "elastic, by zones"
-WAYS = {0: "zones", SIDE_BY_SIDE: "zones, edges in batches", ALONE: "edges"}
+WAYS = {0: "zones", BATCH_ONLY: "zones, edges in batches", ALWAYS_USED: "edges"}
 STRONG = {"cohesion": 1e9, "friction": 0.7, "tension": 1e9}
 
 

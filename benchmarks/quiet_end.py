@@ -7,8 +7,8 @@ import numpy as np
 from pyblast.errors import InputError
 from pyblast.model.model import Model
 from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.linear_runs import RecordedRun, seismograms
 from pyblast.solver.preparation import prepare
-from pyblast.solver.tracks import Watch, seismograms
 
 CHECKS = 10  # in the time that receivers must be quiet
 FADED = 1e-6  # of the largest value of a history, per step: it has ended
@@ -67,11 +67,11 @@ def run_until_quiet(
     window = max(CHECKS, int(np.ceil((_crossing(model) if still is None else still) / dt)))
     ended = _end_of_sources(prepared.constants)
     state = {name: value.copy() for name, value in prepared.state.items()}
-    watch = Watch(prepared.constants, state, np.zeros(0, dtype=int))
+    watch = RecordedRun(prepared.constants, state, np.zeros(0, dtype=int))
     motion, quiet, done = np.zeros((0, len(model.receivers), 3)), False, 0
     while not quiet and done < prepared.n_steps:
         count = min(window // CHECKS, prepared.n_steps - done)
-        motion = np.concatenate([motion, watch.go(done, count).receivers])
+        motion = np.concatenate([motion, watch.advance(done, count).receivers])
         done += count
         size = np.linalg.norm(motion, axis=2)
         peak = size.max(axis=0)

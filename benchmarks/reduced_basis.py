@@ -7,8 +7,8 @@ import time
 import numpy as np
 
 from benchmarks.reduction.projection import project, solve
-from benchmarks.reduction.reduced import TOLERANCE, difference, reduced
-from benchmarks.reduction.training import samples
+from benchmarks.reduction.reduced_model import TOLERANCE, difference, reduced
+from benchmarks.reduction.snapshots import samples
 from pyblast import core
 from pyblast.mesh.builder import structured_box
 from pyblast.mesh.mesh import Mesh
@@ -94,7 +94,7 @@ def errors(small, known):
     Peaks are those of each component, over the largest of the receiver.
     """
     found = solve(small, known.values)
-    motion = small.line.back(found.velocity).reshape(known.motion.shape)
+    motion = small.contour.to_time(found.velocity).reshape(known.motion.shape)
     pairs = list(zip(*(np.swapaxes(one, 0, 1) for one in (known.motion, motion)), strict=True))
     peaks = [[np.abs(one).max(axis=0) for one in pair] for pair in pairs]
     off = max(np.abs(b - a).max() / a.max() for a, b in peaks)
@@ -114,7 +114,7 @@ def full_seconds(family):
 def evaluation_seconds(learnt):
     """Return the median of what predictions take, s of the processor."""
     took = []
-    for values in learnt.family.ranges.unseen(7, SEED + 2):
+    for values in learnt.family.ranges.validation(7, SEED + 2):
         began = time.process_time()
         learnt.predict(values)
         took.append(time.process_time() - began)
@@ -131,7 +131,7 @@ def study(cells, each, counts):
         )
         training = time.perf_counter() - began
         family = learnt.family
-        unseen = samples(family, family.ranges.unseen(UNSEEN, SEED + 1), store)
+        unseen = samples(family, family.ranges.validation(UNSEEN, SEED + 1), store)
         runs = samples(family, learnt.trained, store)
     rows = []
     for count in counts:
@@ -149,7 +149,7 @@ def study(cells, each, counts):
     return {
         "zones": len(model.mesh.zones), "unknowns": 3 * len(model.mesh.points),
         "contacts": len(model.mesh.contacts.area), "parameters": len(family.ranges.limits),
-        "steps": family.n_steps, "frequencies": len(learnt.projection.line.z), "runs": rows,
+        "steps": family.n_steps, "frequencies": len(learnt.projection.contour.z), "runs": rows,
         "estimated": estimates, "true": truths, "evaluation seconds": evaluation,
         "full run seconds": full, "full run over evaluation": full / evaluation,
         "training": {"runs": max(counts), "held out": 4, "seconds": training},
@@ -159,7 +159,7 @@ def study(cells, each, counts):
 
 def many_evaluations(training, learnt):
     """Return wall seconds of one evaluation, three ways, and of many of them; totals composed."""
-    tried = [learnt.family.model(v) for v in learnt.family.ranges.unseen(8, SEED + 3)]
+    tried = [learnt.family.model(v) for v in learnt.family.ranges.validation(8, SEED + 3)]
     took = interleaved({
         "single runs": on(2, lambda: simulate(tried[0], DURATION)),
         "batches of 8": on(2, lambda: run_many(tried, DURATION)),

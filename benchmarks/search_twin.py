@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.reduction.reduced import Reduced, reduced
+from benchmarks.reduction.reduced_model import Reduced, reduced
 from pyblast.inference.global_search import Problem
 from pyblast.inference.misfits import misfit
 from pyblast.mesh.grid import structured_box

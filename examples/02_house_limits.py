@@ -5,10 +5,10 @@ from pathlib import Path
 
 from matplotlib import pyplot as plt
 
-from pyblast.blasts.hole_tables import read_blast
+from pyblast import read_blast, superpose
 from pyblast.blasts.signature import SmoothPulse, cavity_seismogram, pressure_for_peak
 from pyblast.blasts.site_law import scaled_distance_ppv as ppv_law
-from pyblast.blasts.superposition import superpose, travel_shifts
+from pyblast.blasts.superposition import travel_shifts
 from pyblast.signals.limits import load_limits
 from pyblast.signals.spectra import smoothed_spectrum, zero_crossing_frequency
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib import pyplot as plt
 
-from pyblast.blasts.site_law import fit_site_law, read_site_records, scaled_distance
+from pyblast import fit_site_law
+from pyblast.blasts.site_law import read_site_records, scaled_distance
 
 TABLE = sys.argv[1] if len(sys.argv) > 1 else Path(__file__).with_name("site_peaks.csv")
 LIMIT = 0.005

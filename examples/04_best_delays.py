@@ -9,11 +9,13 @@ import sys
 import numpy as np
 from matplotlib import pyplot as plt
 
-from pyblast import Blast, FiringScatter, best_delays, peak_bands, signature_spectra
+from pyblast import Blast
 from pyblast.blasts.signature import SmoothPulse, cavity_seismogram, pressure_for_peak
 from pyblast.blasts.site_law import scaled_distance_ppv
 from pyblast.blasts.superposition import travel_shifts
-from pyblast.planning.delays import gain, rows_pattern
+from pyblast.planning.delays import best_delays, gain, rows_pattern
+from pyblast.planning.peak_distribution import FiringScatter, peak_bands
+from pyblast.runs.blast_ensemble import signature_spectra
 
 ROCK = {"density": 2600.0, "cp": 4000.0, "cs": 2300.0, "radius": 2.0}
 HOUSES = {"north": (0.0, 400.0, 0.0), "east": (350.0, 50.0, 0.0), "south": (60.0, -500.0, 0.0)}

@@ -13,19 +13,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.blasts.blast import Blast
+from pyblast import Blast, Joint, Material, Receiver, Seismogram, TimeFunction, simulate
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.prediction import site_of
-from pyblast.model.joint import Joint
-from pyblast.model.material import Material
-from pyblast.model.model import Receiver
-from pyblast.model.source import TimeFunction
 from pyblast.project.site import Site, SiteJoint
 from pyblast.project.site_file import write_site
 from pyblast.project.site_model import Cut, site_model
 from pyblast.recordings.recording import Recording
-from pyblast.signals.seismogram import Seismogram
-from pyblast.solver.run import simulate
 
 PLACES = ((20, 70, 0), (80, 20, 0), (100, 60, 0), (110, 30, -20), (95, 85, 0), (35, 10, 0))
 CUT = Cut(20.0, 180.0, 1.1, quadratic=True)

@@ -1,9 +1,9 @@
 module pyblast_elasticity
-    !! Isotropic elasticity and the work of stress, shared by all laws of zones.
-    use pyblast_kinds, only : dp
+    !! Linear elasticity, isotropic and anisotropic, and the work of stress.
+    use pyblast_kinds, only : dp, n_zone_properties
     implicit none
     private
-    public :: hooke, hooke_works, work
+    public :: anisotropic, hooke, hooke_work, work
 
 contains
 
@@ -26,7 +26,7 @@ contains
             + stress(4)*strain(4) + stress(5)*strain(5) + stress(6)*strain(6)
     end function work
 
-    pure subroutine hooke_works(n, lambda, shear, initial, elastic, strain, volume, stored, insitu)
+    pure subroutine hooke_work(n, lambda, shear, initial, elastic, strain, volume, stored, insitu)
         !! Energy that stressed zones hold, and the work that their initial stress did; (2.31).
         integer, intent(in) :: n
         real(dp), intent(in) :: lambda(n), shear(n)  !! Lame moduli [Pa]
@@ -53,6 +53,29 @@ contains
             stored = stored + volume(i)*own
             insitu = insitu + volume(i)*all
         end do
-    end subroutine hooke_works
+    end subroutine hooke_work
+
+    pure function anisotropic(property, shear, strain) result(stress)
+        !! Stress by 21 constants over the shear modulus, in the axes of the model; theory.md (2.19).
+        !! Property: upper triangle of the stiffness, row by row.
+        real(dp), intent(in) :: property(n_zone_properties)
+        real(dp), intent(in) :: shear                !! [Pa]
+        real(dp), intent(in) :: strain(6)
+        real(dp) :: stress(6)
+        integer :: i, j, k
+
+        stress = 0.0_dp
+        k = 0
+        do i = 1, 6
+            k = k + 1
+            stress(i) = stress(i) + property(k)*strain(i)
+            do j = i + 1, 6
+                k = k + 1
+                stress(i) = stress(i) + property(k)*strain(j)
+                stress(j) = stress(j) + property(k)*strain(i)
+            end do
+        end do
+        stress = shear*stress
+    end function anisotropic
 
 end module pyblast_elasticity

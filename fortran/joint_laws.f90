@@ -6,15 +6,12 @@ module pyblast_joint_laws
     !! Of every law that opens, the fifth state says whether it slips (1) or is open (2), the sixth
     !! how wide it is open [m].
     use pyblast_kinds, only : dp, n_joint_properties, n_joint_state
-    use pyblast_lanes, only : lanes
-    use pyblast_closing_joints, only : barton_bandis, closure
-    use pyblast_filled_joints, only : kelvin, maxwell, yielding
-    use pyblast_frictional_joints, only : coulomb, softening, stored_energy, stress_dependent
+    use pyblast_joint_closure, only : barton_bandis, closure
+    use pyblast_joint_fill, only : kelvin, maxwell, yielding
+    use pyblast_joint_coulomb, only : coulomb, softening, stored_energy, stress_dependent
     implicit none
     private
-    public :: held_tractions, joint_bound, joint_law_signature, joint_traction
-
-    real(dp), parameter :: rounding = 1e-12_dp   !! within which a law decides, not its bound
+    public :: joint_bound, joint_law_signature, joint_traction
 
 contains
 
@@ -73,50 +70,6 @@ contains
             viscosity = 2.0_dp*maxval(property(3:4))
         end select
     end subroutine joint_bound
-
-    pure subroutine held_tractions(law, property, initial, normal, jump, state, traction, stored, &
-                                   held)
-        !! Traction of one contact in each lane where its springs hold it: elastic, or Coulomb that
-        !! neither slips nor opens; (3.1) to (3.3). Where `held` is false the law itself must say.
-        integer, intent(in) :: law(lanes)
-        real(dp), intent(in) :: property(n_joint_properties, lanes), initial(3, lanes)
-        real(dp), intent(in) :: normal(3), jump(lanes, 3)
-        real(dp), intent(inout) :: state(n_joint_state, lanes)
-        real(dp), intent(out) :: traction(lanes, 3), stored(lanes)
-        logical, intent(out) :: held(lanes)
-        real(dp) :: open, first, pull, along, slide(3), shear(3), square, limit, strength(3), left
-        integer :: l
-
-        !$omp simd private(open, first, pull, along, slide, shear, square, limit, strength, left)
-        do l = 1, lanes
-            left = merge(1.0_dp, 0.0_dp, law(l) == 2)
-            open = jump(l, 1)*normal(1) + jump(l, 2)*normal(2) + jump(l, 3)*normal(3)
-            first = initial(1, l)*normal(1) + initial(2, l)*normal(2) + initial(3, l)*normal(3)
-            pull = property(1, l)*(open - left*state(7, l))
-            along = first + pull
-            slide(1) = property(2, l)*((jump(l, 1) - open*normal(1)) - left*state(1, l))
-            slide(2) = property(2, l)*((jump(l, 2) - open*normal(2)) - left*state(2, l))
-            slide(3) = property(2, l)*((jump(l, 3) - open*normal(3)) - left*state(3, l))
-            shear(1) = (initial(1, l) - first*normal(1)) + slide(1)
-            shear(2) = (initial(2, l) - first*normal(2)) + slide(2)
-            shear(3) = (initial(3, l) - first*normal(3)) + slide(3)
-            strength(1) = merge(property(6, l), property(3, l), state(4, l) > 0.0_dp)
-            strength(2) = merge(property(7, l), property(4, l), state(4, l) > 0.0_dp)
-            strength(3) = merge(property(8, l), property(5, l), state(4, l) > 0.0_dp)
-            square = shear(1)**2 + shear(2)**2 + shear(3)**2
-            limit = strength(1) + max(0.0_dp, -along)*strength(2)
-            held(l) = law(l) == 1 .or. (law(l) == 2 .and. along <= strength(3) &
-                                        .and. square <= limit*limit*(1.0_dp - rounding))
-            traction(l, 1) = initial(1, l) + (pull*normal(1) + slide(1))
-            traction(l, 2) = initial(2, l) + (pull*normal(2) + slide(2))
-            traction(l, 3) = initial(3, l) + (pull*normal(3) + slide(3))
-            stored(l) = 0.5_dp*(along**2/property(1, l) + square/property(2, l))
-        end do
-        do l = 1, lanes
-            if (held(l) .and. law(l) == 2 .and. any(abs(state(5:6, l)) > 0.0_dp)) &
-                state(5:6, l) = 0.0_dp
-        end do
-    end subroutine held_tractions
 
     pure subroutine joint_traction(law, property, dt, initial, normal, jump, step, state, &
                                    traction, stored)

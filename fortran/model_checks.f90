@@ -1,20 +1,209 @@
 module pyblast_model_checks
     !! What the arrays of a model file must keep to, so that no kernel reads outside of them.
+    use pyblast_kinds, only : dp, n_joint_laws, n_joint_properties, n_joint_state, n_sums, &
+        n_zone_laws, n_zone_properties, n_zone_state
+    use pyblast_model_file, only : run_arrays
+    use pyblast_model_types, only : edge_arrays, mesh_arrays, model_arrays, model_state, patch_arrays
+    use pyblast_zone_laws, only : has_memory
     implicit none
     private
-    public :: check_domains, check_edges, check_patches, want, within
+    public :: check_model
 
 contains
 
-    subroutine want(what, found, expected, message)
-        !! Compare sizes of arrays that belong together.
+    subroutine check_model(model, state, run, message)
+        !! Refuse arrays that do not fit together and indices that point nowhere.
+        type(model_arrays), intent(in) :: model
+        type(model_state), intent(in) :: state
+        type(run_arrays), intent(in) :: run
+        character(len=:), allocatable, intent(inout) :: message
+
+        if (run%schema /= 1) message = "the schema is not 1"
+        if (run%n_steps < 1 .or. run%ledger_every < 1) message = "'march' needs positive numbers"
+        if (.not. (model%dt > 0.0_dp .and. model%dt < huge(model%dt))) &
+            message = "'arrays/dt' must be positive"
+        call check_mesh_sizes(model, message)
+        call check_node_sizes(model, run%n_steps, message)
+        call check_state_sizes(model, state, message)
+        call check_mesh_indices(model, message)
+        call check_node_indices(model, message)
+        if (allocated(message)) return
+        call check_domains(model%mesh, model%nodes%node_start, message)
+        call check_memories(model, message)
+        call check_edges(model%mesh, model%edges, message)
+        call check_patches(model%mesh, model%patches, message)
+    end subroutine check_model
+
+    subroutine check_mesh_sizes(model, message)
+        !! Sizes of what zones are made of.
+        type(model_arrays), intent(in) :: model
+        character(len=:), allocatable, intent(inout) :: message
+        integer :: zones, slots, domains, sets, memories
+
+        associate (mesh => model%mesh, edges => model%edges, patches => model%patches, &
+                   ground => model%ground)
+            zones = size(mesh%zone_lambda)
+            slots = size(mesh%slot_node)
+            domains = size(mesh%domain_set)
+            sets = size(ground%set_law)
+            memories = size(ground%memory_rate)
+            call require_size("zones", [shape(mesh%zone_slot), shape(mesh%zone_shear), &
+                                        shape(mesh%zone_row), shape(mesh%zone_patch)], &
+                              [zones, size(model%receivers%receiver_node, 1), zones, zones, zones], &
+                              message)
+            call require_size("zone laws", [shape(ground%set_form), shape(ground%set_property), &
+                                            shape(ground%set_beta), shape(ground%set_branch)], &
+                              [sets, n_zone_properties, 1, sets, 1, sets, 1, 2, memories, sets], &
+                              message)
+            call require_size("slots", [shape(mesh%slot_place), shape(mesh%domain_zone_start), &
+                                        shape(mesh%domain_slot_start)], &
+                              [3, slots, domains + 1, domains + 1], message)
+            call require_size("edges", [shape(edges%edge_start), shape(edges%edge_spring), &
+                                        shape(edges%skew_start), shape(edges%skew_slot), &
+                                        shape(edges%skew_spring)], &
+                              [slots + 1, 6, size(edges%edge_slot), domains + 1, &
+                               2, size(edges%skew_slot, 2), 3, size(edges%skew_slot, 2)], message)
+            call require_size("patches", [shape(patches%domain_patch_start), &
+                                          shape(patches%patch_start), &
+                                          shape(patches%patch_gradient)], &
+                              [domains + 1, size(patches%patch_bulk) + 1, &
+                               3, size(patches%patch_slot)], message)
+        end associate
+    end subroutine check_mesh_sizes
+
+    subroutine check_node_sizes(model, n_steps, message)
+        !! Sizes of nodes, contacts, loads, boundaries and receivers.
+        type(model_arrays), intent(in) :: model
+        integer, intent(in) :: n_steps
+        character(len=:), allocatable, intent(inout) :: message
+        integer :: nodes, contacts, joints
+
+        nodes = size(model%nodes%node_mass)
+        contacts = size(model%contacts%contact_area)
+        joints = size(model%contacts%joint_law)
+        associate (own => model%nodes)
+            call require_size("nodes", [shape(own%node_alpha), shape(own%node_load), &
+                                        shape(own%node_start)], &
+                              [1, nodes, 1, 3, nodes, nodes + 1], message)
+            call require_size("parts", shape(own%node_part), &
+                              [size(model%mesh%slot_node) + 2*contacts], message)
+        end associate
+        associate (own => model%contacts)
+            call require_size("contacts", [shape(own%contact_node), shape(own%contact_normal), &
+                                           shape(own%contact_joint), shape(own%contact_initial)], &
+                              [2, contacts, 3, contacts, contacts, 3, 1, contacts], message)
+            call require_size("joints", [shape(own%joint_law), shape(own%joint_property)], &
+                              [1, joints, n_joint_properties, 1, joints], message)
+        end associate
+        associate (own => model%loads, loads => size(model%loads%load_node))
+            call require_size("loads", [shape(own%load_vector), shape(own%load_history), &
+                                        shape(own%load_delay), shape(own%load_lane), &
+                                        size(own%history, 2)], &
+                              [3, loads, loads, loads, loads, n_steps], message)
+        end associate
+        associate (own => model%boundaries, dashpots => size(model%boundaries%dashpot_node), &
+                   fixed => size(model%boundaries%fixed_node))
+            call require_size("dashpots", [shape(own%dashpot_impedance), &
+                                           shape(own%dashpot_inverse)], &
+                              [3, 3, dashpots, 3, 3, 1, dashpots], message)
+            call require_size("fixed", [shape(own%fixed_direction), shape(own%fixed_history)], &
+                              [3, fixed, 1, fixed], message)
+        end associate
+        call require_size("receivers", shape(model%receivers%receiver_weight), &
+                          shape(model%receivers%receiver_node), message)
+    end subroutine check_node_sizes
+
+    subroutine check_state_sizes(model, state, message)
+        !! Sizes of all that a step changes.
+        type(model_arrays), intent(in) :: model
+        type(model_state), intent(in) :: state
+        character(len=:), allocatable, intent(inout) :: message
+
+        associate (nodes => size(model%nodes%node_mass), rows => size(state%zones%row_lost), &
+                   contacts => size(model%contacts%contact_area), joints => state%joints)
+            call require_size("nodes", [shape(state%nodes%displacement), &
+                                        shape(state%nodes%velocity), shape(state%nodes%memory)], &
+                              [1, 3, nodes, 1, 3, nodes, &
+                               1, 3, size(model%ground%memory_rate), nodes], message)
+            call require_size("zone laws", [shape(state%zones%row_state), &
+                                            shape(model%ground%row_initial)], &
+                              [n_zone_state, 1, rows, 6, 1, rows], message)
+            call require_size("contacts", [shape(joints%contact_traction), &
+                                           shape(joints%contact_state), &
+                                           shape(joints%contact_stored), &
+                                           shape(joints%contact_dissipated)], &
+                              [3, 1, contacts, n_joint_state, 1, contacts, 1, contacts, &
+                               1, contacts], message)
+            call require_size("sums", shape(state%sums), [n_sums, 1], message)
+        end associate
+    end subroutine check_state_sizes
+
+    subroutine check_mesh_indices(model, message)
+        !! Ranges of the indices of zones.
+        type(model_arrays), intent(in) :: model
+        character(len=:), allocatable, intent(inout) :: message
+        integer :: zones, slots, rows
+
+        associate (mesh => model%mesh, ground => model%ground)
+            zones = size(mesh%zone_lambda)
+            slots = size(mesh%slot_node)
+            rows = size(ground%row_initial, 3)
+            call within("slot_node", mesh%slot_node, 1, size(model%nodes%node_mass), message)
+            call within("zone_slot", reshape(mesh%zone_slot, [size(mesh%zone_slot)]), 1, slots, &
+                        message)
+            call within("domain_zone_start", mesh%domain_zone_start, 1, zones + 1, message)
+            call within("domain_slot_start", mesh%domain_slot_start, 1, slots + 1, message)
+            call within("domain_set", mesh%domain_set, 1, size(ground%set_law), message)
+            call within("zone_row", mesh%zone_row, 0, rows, message)
+            call within("zone_patch", mesh%zone_patch, 0, zones, message)
+            call within("set_form", ground%set_form, 1, 3, message)
+            call within("set_law", ground%set_law, 1, n_zone_laws, message)
+        end associate
+    end subroutine check_mesh_indices
+
+    subroutine check_node_indices(model, message)
+        !! Ranges of the indices of nodes, contacts, loads, boundaries and receivers.
+        type(model_arrays), intent(in) :: model
+        character(len=:), allocatable, intent(inout) :: message
+        integer :: nodes, histories
+
+        nodes = size(model%nodes%node_mass)
+        histories = size(model%loads%history, 1)
+        associate (own => model%nodes)
+            call within("node_part", own%node_part, 1, size(own%node_part), message)
+            call within("node_start", own%node_start, 1, size(own%node_part) + 1, message)
+        end associate
+        associate (own => model%contacts)
+            call within("contact_node", reshape(own%contact_node, [size(own%contact_node)]), 1, &
+                        nodes, message)
+            call within("contact_joint", own%contact_joint, 1, size(own%joint_law), message)
+            call within("joint_law", own%joint_law(1, :), 1, n_joint_laws, message)
+        end associate
+        associate (own => model%loads)
+            if (any(own%load_delay < 0.0_dp)) message = "'arrays/load_delay' must not be negative"
+            call within("load_node", own%load_node, 1, nodes, message)
+            call within("load_lane", own%load_lane, 0, 1, message)
+            call within("load_history", own%load_history, 1, histories, message)
+        end associate
+        associate (own => model%boundaries)
+            call within("dashpot_node", own%dashpot_node, 1, nodes, message)
+            call within("fixed_node", own%fixed_node, 1, nodes, message)
+            call within("fixed_history", own%fixed_history(1, :), 0, histories, message)
+        end associate
+        associate (own => model%receivers%receiver_node)
+            call within("receiver_node", reshape(own, [size(own)]), 1, nodes, message)
+        end associate
+    end subroutine check_node_indices
+
+    subroutine require_size(what, found, expected, message)
+        !! Compare lengths of arrays that belong together.
         character(len=*), intent(in) :: what
         integer, intent(in) :: found(:), expected(:)
         character(len=:), allocatable, intent(inout) :: message
 
         if (any(found /= expected) .and. .not. allocated(message)) &
             message = "the arrays of the " // what // " do not have matching lengths"
-    end subroutine want
+    end subroutine require_size
 
     subroutine within(name, indices, low, high, message)
         !! Check the range of indices.
@@ -23,77 +212,102 @@ contains
         character(len=:), allocatable, intent(inout) :: message
 
         if (allocated(message)) return
-        if (minval(indices) < low .or. maxval(indices) > high) &
+        if (any(indices < low .or. indices > high)) &
             message = "'arrays/" // name // "' points outside its table"
     end subroutine within
 
-    subroutine check_domains(zone_start, slot_start, zone_slot, zone_patch, node_start, message)
+    subroutine check_domains(mesh, node_start, message)
         !! The slots of a zone must lie within its domain, and domains and nodes cover everything.
-        integer, intent(in) :: zone_start(:), slot_start(:), zone_slot(:, :), zone_patch(:)
+        type(mesh_arrays), intent(in) :: mesh
         integer, intent(in) :: node_start(:)
         character(len=:), allocatable, intent(inout) :: message
         integer :: d, first, last
 
-        do d = 1, size(zone_start) - 1
-            first = zone_start(d)
-            last = zone_start(d + 1) - 1
-            if (last < first .or. slot_start(d + 1) < slot_start(d)) then
-                message = "'arrays/domain_zone_start' does not ascend"
-                return
-            end if
-            if (maxval(zone_slot(first:last, :)) > slot_start(d + 1) - slot_start(d) &
-                .or. maxval(zone_patch(first:last)) > last - first + 1) &
-                message = "'arrays/zone_slot' or 'zone_patch' points outside its domain"
-        end do
-        if (zone_start(1) /= 1 .or. zone_start(d) /= size(zone_patch) + 1 .or. &
-            any(node_start(2:) < node_start(:size(node_start) - 1))) &
-            message = "'arrays/domain_zone_start' or 'node_start' does not cover everything"
+        associate (zone_start => mesh%domain_zone_start, slot_start => mesh%domain_slot_start)
+            do d = 1, size(mesh%domain_set)
+                first = zone_start(d)
+                last = zone_start(d + 1) - 1
+                if (last < first .or. slot_start(d + 1) < slot_start(d)) then
+                    message = "'arrays/domain_zone_start' does not ascend"
+                    return
+                end if
+                if (maxval(mesh%zone_slot(first:last, :)) > slot_start(d + 1) - slot_start(d) &
+                    .or. maxval(mesh%zone_patch(first:last)) > last - first + 1) &
+                    message = "'arrays/zone_slot' or 'zone_patch' points outside its domain"
+            end do
+            if (zone_start(1) /= 1 .or. zone_start(d) /= size(mesh%zone_patch) + 1 .or. &
+                any(node_start(2:) < node_start(:size(node_start) - 1))) &
+                message = "'arrays/domain_zone_start' or 'node_start' does not cover everything"
+        end associate
     end subroutine check_domains
 
-    subroutine check_edges(slot_start, edge_start, edge_slot, skew_start, skew_slot, message)
+    subroutine check_memories(model, message)
+        !! Zones of a law with memory must each have one.
+        type(model_arrays), intent(in) :: model
+        character(len=:), allocatable, intent(inout) :: message
+        integer :: d
+
+        if (allocated(message)) return
+        associate (mesh => model%mesh)
+            do d = 1, size(mesh%domain_set)
+                if (.not. has_memory(model%ground%set_law(mesh%domain_set(d)))) cycle
+                if (any(mesh%zone_row(mesh%domain_zone_start(d):mesh%domain_zone_start(d + 1) - 1) < 1)) &
+                    message = "'arrays/zone_row' is 0 for zones whose law needs a memory"
+            end do
+        end associate
+    end subroutine check_memories
+
+    subroutine check_edges(mesh, edges, message)
         !! The ends of an edge must lie within its domain, and edges ascend with slots.
-        integer, intent(in) :: slot_start(:), edge_start(:), edge_slot(:)
-        integer, intent(in) :: skew_start(:), skew_slot(:, :)
+        type(mesh_arrays), intent(in) :: mesh
+        type(edge_arrays), intent(in) :: edges
         character(len=:), allocatable, intent(inout) :: message
         integer :: d, e, s, slots
 
         if (allocated(message)) return
-        call within("edge_start", edge_start, 1, size(edge_slot) + 1, message)
-        call within("skew_start", skew_start, 1, size(skew_slot, 2) + 1, message)
+        call within("edge_start", edges%edge_start, 1, size(edges%edge_slot) + 1, message)
+        call within("skew_start", edges%skew_start, 1, size(edges%skew_slot, 2) + 1, message)
         if (allocated(message)) return
-        do d = 1, size(slot_start) - 1
-            slots = slot_start(d + 1) - slot_start(d)
-            do s = slot_start(d), slot_start(d + 1) - 1
-                do e = edge_start(s), edge_start(s + 1) - 1
-                    if (edge_slot(e) < 1 .or. edge_slot(e) > slots) &
-                        message = "'arrays/edge_slot' points outside its domain"
+        associate (slot_start => mesh%domain_slot_start, skew_start => edges%skew_start)
+            do d = 1, size(slot_start) - 1
+                slots = slot_start(d + 1) - slot_start(d)
+                do s = slot_start(d), slot_start(d + 1) - 1
+                    do e = edges%edge_start(s), edges%edge_start(s + 1) - 1
+                        if (edges%edge_slot(e) < 1 .or. edges%edge_slot(e) > slots) &
+                            message = "'arrays/edge_slot' points outside its domain"
+                    end do
+                end do
+                do e = skew_start(d), skew_start(d + 1) - 1
+                    if (any(edges%skew_slot(:, e) < 1 .or. edges%skew_slot(:, e) > slots)) &
+                        message = "'arrays/skew_slot' points outside its domain"
                 end do
             end do
-            do e = skew_start(d), skew_start(d + 1) - 1
-                if (minval(skew_slot(:, e)) < 1 .or. maxval(skew_slot(:, e)) > slots) &
-                    message = "'arrays/skew_slot' points outside its domain"
-            end do
-        end do
+        end associate
     end subroutine check_edges
 
-    subroutine check_patches(slot_start, domain_start, patch_start, patch_slot, message)
+    subroutine check_patches(mesh, patches, message)
         !! The nodes of a patch must lie within its domain.
-        integer, intent(in) :: slot_start(:), domain_start(:), patch_start(:), patch_slot(:)
+        type(mesh_arrays), intent(in) :: mesh
+        type(patch_arrays), intent(in) :: patches
         character(len=:), allocatable, intent(inout) :: message
-        integer :: d, e, p
+        integer :: d, e, p, slots
 
         if (allocated(message)) return
-        call within("domain_patch_start", domain_start, 1, size(patch_start), message)
-        call within("patch_start", patch_start, 1, size(patch_slot) + 1, message)
-        if (allocated(message)) return
-        do d = 1, size(slot_start) - 1
-            do p = domain_start(d), domain_start(d + 1) - 1
-                do e = patch_start(p), patch_start(p + 1) - 1
-                    if (patch_slot(e) < 1 .or. patch_slot(e) > slot_start(d + 1) - slot_start(d)) &
-                        message = "'arrays/patch_slot' points outside its domain"
+        associate (domain_start => patches%domain_patch_start, start => patches%patch_start, &
+                   slot_start => mesh%domain_slot_start)
+            call within("domain_patch_start", domain_start, 1, size(start), message)
+            call within("patch_start", start, 1, size(patches%patch_slot) + 1, message)
+            if (allocated(message)) return
+            do d = 1, size(slot_start) - 1
+                slots = slot_start(d + 1) - slot_start(d)
+                do p = domain_start(d), domain_start(d + 1) - 1
+                    do e = start(p), start(p + 1) - 1
+                        if (patches%patch_slot(e) < 1 .or. patches%patch_slot(e) > slots) &
+                            message = "'arrays/patch_slot' points outside its domain"
+                    end do
                 end do
             end do
-        end do
+        end associate
     end subroutine check_patches
 
 end module pyblast_model_checks

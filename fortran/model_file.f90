@@ -1,291 +1,216 @@
 module pyblast_model_file
-    !! Arrays in and out of HDF5 files; the first failure is kept in `message` and ends all reading.
-    use hdf5
+    !! Model files of the program pyblast-run, and its results.
+    use hdf5, only : hid_t
     use pyblast_kinds, only : dp
+    use pyblast_hdf5_arrays
+    use pyblast_model_types, only : boundary_arrays, contact_arrays, edge_arrays, ground_arrays, &
+        load_arrays, mesh_arrays, model_arrays, model_state, node_arrays, patch_arrays, &
+        receiver_arrays
     implicit none
     private
-    public :: close_file, create_file, create_group, open_file, read_array, write_array
+    public :: read_model, write_result
 
-    interface read_array
-        module procedure read_real_0, read_real_1, read_real_2, read_real_3
-        module procedure read_integer_0, read_integer_1, read_integer_2
-    end interface read_array
-
-    interface write_array
-        module procedure write_real_1, write_real_2, write_real_3, write_integer_0
-    end interface write_array
+    type, public :: run_arrays
+        !! How far a model is integrated, and what is recorded.
+        integer :: schema, n_steps
+        integer :: ledger_every                                  !! steps between lines of energies
+        real(dp), contiguous, pointer :: motion(:, :, :, :)
+            !! (1, 3, n_receivers, n_steps) [m/s]
+        real(dp), contiguous, pointer :: energy(:, :, :)         !! (n_energies, 1, n_lines) [J]
+    end type run_arrays
 
 contains
 
-    subroutine open_file(path, file, message)
-        !! Open a file for reading.
+    subroutine read_model(path, model, state, run, message)
+        !! Read every array of a model file; the first failure is told in `message`.
         character(len=*), intent(in) :: path
-        integer(hid_t), intent(out) :: file
+        type(model_arrays), intent(out) :: model
+        type(model_state), intent(out) :: state
+        type(run_arrays), intent(out) :: run
         character(len=:), allocatable, intent(inout) :: message
-        integer :: status
+        integer(hid_t) :: file
 
-        call h5open_f(status)
-        call h5eset_auto_f(0, status)
-        call h5fopen_f(path, H5F_ACC_RDONLY_F, file, status)
-        if (status /= 0) message = "not an HDF5 file that can be opened"
-    end subroutine open_file
+        call open_file(path, file, message)
+        if (allocated(message)) return
+        call read_array(file, "march/schema", run%schema, message)
+        call read_array(file, "march/n_steps", run%n_steps, message)
+        call read_array(file, "march/ledger_every", run%ledger_every, message)
+        call read_array(file, "arrays/dt", model%dt, message)
+        call read_array(file, "arrays/local_damping", model%local_damping, message)
+        call read_mesh(file, model%mesh, message)
+        call read_edges(file, model%edges, message)
+        call read_patches(file, model%patches, message)
+        call read_ground(file, model%ground, message)
+        call read_nodes(file, model%nodes, message)
+        call read_contacts(file, model%contacts, message)
+        call read_loads(file, model%loads, message)
+        call read_boundaries(file, model%boundaries, message)
+        call read_receivers(file, model%receivers, message)
+        call read_state(file, state, message)
+        call close_file(file, "arrays of the model are still open", message)
+    end subroutine read_model
 
-    subroutine create_file(path, file, message)
-        !! Create a file for writing.
+    subroutine read_mesh(file, mesh, message)
+        integer(hid_t), intent(in) :: file
+        type(mesh_arrays), intent(inout) :: mesh
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "arrays/domain_zone_start", mesh%domain_zone_start, message)
+        call read_array(file, "arrays/domain_slot_start", mesh%domain_slot_start, message)
+        call read_array(file, "arrays/domain_set", mesh%domain_set, message)
+        call read_array(file, "arrays/slot_node", mesh%slot_node, message)
+        call read_array(file, "arrays/slot_place", mesh%slot_place, message)
+        call read_array(file, "arrays/zone_slot", mesh%zone_slot, message)
+        call read_array(file, "arrays/zone_lambda", mesh%zone_lambda, message)
+        call read_array(file, "arrays/zone_shear", mesh%zone_shear, message)
+        call read_array(file, "arrays/zone_row", mesh%zone_row, message)
+        call read_array(file, "arrays/zone_patch", mesh%zone_patch, message)
+    end subroutine read_mesh
+
+    subroutine read_edges(file, edges, message)
+        integer(hid_t), intent(in) :: file
+        type(edge_arrays), intent(inout) :: edges
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "arrays/edge_start", edges%edge_start, message)
+        call read_array(file, "arrays/edge_slot", edges%edge_slot, message)
+        call read_array(file, "arrays/edge_spring", edges%edge_spring, message)
+        call read_array(file, "arrays/skew_start", edges%skew_start, message)
+        call read_array(file, "arrays/skew_slot", edges%skew_slot, message)
+        call read_array(file, "arrays/skew_spring", edges%skew_spring, message)
+    end subroutine read_edges
+
+    subroutine read_patches(file, patches, message)
+        integer(hid_t), intent(in) :: file
+        type(patch_arrays), intent(inout) :: patches
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "arrays/domain_patch_start", patches%domain_patch_start, message)
+        call read_array(file, "arrays/patch_start", patches%patch_start, message)
+        call read_array(file, "arrays/patch_slot", patches%patch_slot, message)
+        call read_array(file, "arrays/patch_gradient", patches%patch_gradient, message)
+        call read_array(file, "arrays/patch_bulk", patches%patch_bulk, message)
+    end subroutine read_patches
+
+    subroutine read_ground(file, ground, message)
+        integer(hid_t), intent(in) :: file
+        type(ground_arrays), intent(inout) :: ground
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "arrays/set_form", ground%set_form, message)
+        call read_array(file, "arrays/set_law", ground%set_law, message)
+        call read_array(file, "arrays/set_property", ground%set_property, message, 2)
+        call read_array(file, "arrays/set_beta", ground%set_beta, message, 1)
+        call read_array(file, "arrays/set_branch", ground%set_branch, message, 1)
+        call read_array(file, "arrays/row_initial", ground%row_initial, message, 2)
+        call read_array(file, "arrays/memory_rate", ground%memory_rate, message)
+    end subroutine read_ground
+
+    subroutine read_nodes(file, nodes, message)
+        integer(hid_t), intent(in) :: file
+        type(node_arrays), intent(inout) :: nodes
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "arrays/node_start", nodes%node_start, message)
+        call read_array(file, "arrays/node_part", nodes%node_part, message)
+        call read_array(file, "arrays/node_mass", nodes%node_mass, message, 1)
+        call read_array(file, "arrays/node_alpha", nodes%node_alpha, message, 1)
+        call read_array(file, "arrays/node_load", nodes%node_load, message, 1)
+    end subroutine read_nodes
+
+    subroutine read_contacts(file, contacts, message)
+        integer(hid_t), intent(in) :: file
+        type(contact_arrays), intent(inout) :: contacts
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "arrays/contact_node", contacts%contact_node, message)
+        call read_array(file, "arrays/contact_normal", contacts%contact_normal, message)
+        call read_array(file, "arrays/contact_area", contacts%contact_area, message)
+        call read_array(file, "arrays/contact_joint", contacts%contact_joint, message)
+        call read_array(file, "arrays/contact_initial", contacts%contact_initial, message, 2)
+        call read_array(file, "arrays/joint_law", contacts%joint_law, message, 1)
+        call read_array(file, "arrays/joint_property", contacts%joint_property, message, 2)
+    end subroutine read_contacts
+
+    subroutine read_loads(file, loads, message)
+        integer(hid_t), intent(in) :: file
+        type(load_arrays), intent(inout) :: loads
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "arrays/load_node", loads%load_node, message)
+        call read_array(file, "arrays/load_vector", loads%load_vector, message)
+        call read_array(file, "arrays/load_history", loads%load_history, message)
+        call read_array(file, "arrays/load_delay", loads%load_delay, message)
+        call read_array(file, "arrays/load_lane", loads%load_lane, message)
+        call read_array(file, "arrays/history", loads%history, message)
+    end subroutine read_loads
+
+    subroutine read_boundaries(file, boundaries, message)
+        integer(hid_t), intent(in) :: file
+        type(boundary_arrays), intent(inout) :: boundaries
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "arrays/dashpot_node", boundaries%dashpot_node, message)
+        call read_array(file, "arrays/dashpot_impedance", boundaries%dashpot_impedance, message)
+        call read_array(file, "arrays/dashpot_inverse", boundaries%dashpot_inverse, message, 3)
+        call read_array(file, "arrays/fixed_node", boundaries%fixed_node, message)
+        call read_array(file, "arrays/fixed_direction", boundaries%fixed_direction, message)
+        call read_array(file, "arrays/fixed_history", boundaries%fixed_history, message, 1)
+    end subroutine read_boundaries
+
+    subroutine read_receivers(file, receivers, message)
+        integer(hid_t), intent(in) :: file
+        type(receiver_arrays), intent(inout) :: receivers
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "arrays/receiver_node", receivers%receiver_node, message)
+        call read_array(file, "arrays/receiver_weight", receivers%receiver_weight, message)
+    end subroutine read_receivers
+
+    subroutine read_state(file, state, message)
+        integer(hid_t), intent(in) :: file
+        type(model_state), intent(inout) :: state
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "state/displacement", state%nodes%displacement, message, 1)
+        call read_array(file, "state/velocity", state%nodes%velocity, message, 1)
+        call read_array(file, "state/memory", state%nodes%memory, message, 1)
+        call read_array(file, "state/row_state", state%zones%row_state, message, 2)
+        call read_array(file, "state/row_lost", state%zones%row_lost, message, 1)
+        call read_array(file, "state/contact_traction", state%joints%contact_traction, message, 2)
+        call read_array(file, "state/contact_state", state%joints%contact_state, message, 2)
+        call read_array(file, "state/contact_stored", state%joints%contact_stored, message, 1)
+        call read_array(file, "state/contact_dissipated", state%joints%contact_dissipated, message, 1)
+        call read_array(file, "state/sums", state%sums, message, 2)
+    end subroutine read_state
+
+    subroutine write_result(path, state, run, message)
+        !! Write records, energies and state.
         character(len=*), intent(in) :: path
-        integer(hid_t), intent(out) :: file
+        type(model_state), intent(in) :: state
+        type(run_arrays), intent(in) :: run
         character(len=:), allocatable, intent(inout) :: message
-        integer :: status
+        integer(hid_t) :: file
 
-        call h5fcreate_f(path, H5F_ACC_TRUNC_F, file, status)
-        if (status /= 0) message = path // ": can't be written"
-    end subroutine create_file
-
-    subroutine close_file(file, message)
-        !! Flush and close a file.
-        integer(hid_t), intent(in) :: file
-        character(len=:), allocatable, intent(inout) :: message
-        integer :: status
-
-        call h5fclose_f(file, status)
-        if (status /= 0 .and. .not. allocated(message)) message = "the result can't be written whole"
-    end subroutine close_file
-
-    subroutine create_group(file, name)
-        !! Create a group of arrays.
-        integer(hid_t), intent(in) :: file
-        character(len=*), intent(in) :: name
-        integer(hid_t) :: group
-        integer :: status
-
-        call h5gcreate_f(file, name, group, status)
-        call h5gclose_f(group, status)
-    end subroutine create_group
-
-    subroutine open_array(file, name, rank, whole, array, n, message)
-        !! Open an array of the wanted rank and kind of number; its lengths in Fortran's order.
-        integer(hid_t), intent(in) :: file
-        character(len=*), intent(in) :: name
-        integer, intent(in) :: rank
-        logical, intent(in) :: whole                   !! whole numbers wanted, else reals
-        integer(hid_t), intent(out) :: array
-        integer(hsize_t), intent(out) :: n(3)
-        character(len=:), allocatable, intent(inout) :: message
-        integer(hid_t) :: space, kind
-        integer(hsize_t) :: largest(3)
-        integer :: status, found, class
-
-        n = 1
-        array = -1
+        call create_file(path, file, message)
         if (allocated(message)) return
-        call h5dopen_f(file, name, array, status)
-        if (status /= 0) then
-            message = "'" // name // "' is missing"
-            return
-        end if
-        call h5dget_space_f(array, space, status)
-        call h5sget_simple_extent_ndims_f(space, found, status)
-        call h5dget_type_f(array, kind, status)
-        call h5tget_class_f(kind, class, status)
-        if (found /= rank .or. (whole .neqv. class == H5T_INTEGER_F)) then
-            message = "'" // name // "' has the wrong shape or kind of number"
-            return
-        end if
-        if (rank > 0) call h5sget_simple_extent_dims_f(space, n(1:rank), largest(1:rank), status)
-    end subroutine open_array
-
-    subroutine finish(array, name, status, message)
-        !! Close an array and note a failure of its reading or writing.
-        integer(hid_t), intent(in) :: array
-        character(len=*), intent(in) :: name
-        integer, intent(in) :: status
-        character(len=:), allocatable, intent(inout) :: message
-        integer :: closed
-
-        if (status /= 0 .and. .not. allocated(message)) message = "'" // name // "' is cut short"
-        call h5dclose_f(array, closed)
-    end subroutine finish
-
-    subroutine read_real_0(file, name, value, message)
-        integer(hid_t), intent(in) :: file
-        character(len=*), intent(in) :: name
-        real(dp), intent(out) :: value
-        character(len=:), allocatable, intent(inout) :: message
-        integer(hid_t) :: array
-        integer(hsize_t) :: n(3)
-        integer :: status
-
-        value = 0.0_dp
-        call open_array(file, name, 0, .false., array, n, message)
-        if (allocated(message)) return
-        call h5dread_f(array, H5T_NATIVE_DOUBLE, value, n(1:1), status)
-        call finish(array, name, status, message)
-    end subroutine read_real_0
-
-    subroutine read_real_1(file, name, value, message)
-        integer(hid_t), intent(in) :: file
-        character(len=*), intent(in) :: name
-        real(dp), allocatable, intent(out) :: value(:)
-        character(len=:), allocatable, intent(inout) :: message
-        integer(hid_t) :: array
-        integer(hsize_t) :: n(3)
-        integer :: status
-
-        call open_array(file, name, 1, .false., array, n, message)
-        allocate (value(n(1)))
-        if (allocated(message)) return
-        call h5dread_f(array, H5T_NATIVE_DOUBLE, value, n(1:1), status)
-        call finish(array, name, status, message)
-    end subroutine read_real_1
-
-    subroutine read_real_2(file, name, value, message)
-        integer(hid_t), intent(in) :: file
-        character(len=*), intent(in) :: name
-        real(dp), allocatable, intent(out) :: value(:, :)
-        character(len=:), allocatable, intent(inout) :: message
-        integer(hid_t) :: array
-        integer(hsize_t) :: n(3)
-        integer :: status
-
-        call open_array(file, name, 2, .false., array, n, message)
-        allocate (value(n(1), n(2)))
-        if (allocated(message)) return
-        call h5dread_f(array, H5T_NATIVE_DOUBLE, value, n(1:2), status)
-        call finish(array, name, status, message)
-    end subroutine read_real_2
-
-    subroutine read_real_3(file, name, value, message)
-        integer(hid_t), intent(in) :: file
-        character(len=*), intent(in) :: name
-        real(dp), allocatable, intent(out) :: value(:, :, :)
-        character(len=:), allocatable, intent(inout) :: message
-        integer(hid_t) :: array
-        integer(hsize_t) :: n(3)
-        integer :: status
-
-        call open_array(file, name, 3, .false., array, n, message)
-        allocate (value(n(1), n(2), n(3)))
-        if (allocated(message)) return
-        call h5dread_f(array, H5T_NATIVE_DOUBLE, value, n, status)
-        call finish(array, name, status, message)
-    end subroutine read_real_3
-
-    subroutine read_integer_0(file, name, value, message)
-        integer(hid_t), intent(in) :: file
-        character(len=*), intent(in) :: name
-        integer, intent(out) :: value
-        character(len=:), allocatable, intent(inout) :: message
-        integer(hid_t) :: array
-        integer(hsize_t) :: n(3)
-        integer :: status
-
-        value = 0
-        call open_array(file, name, 0, .true., array, n, message)
-        if (allocated(message)) return
-        call h5dread_f(array, H5T_NATIVE_INTEGER, value, n(1:1), status)
-        call finish(array, name, status, message)
-    end subroutine read_integer_0
-
-    subroutine read_integer_1(file, name, value, message)
-        integer(hid_t), intent(in) :: file
-        character(len=*), intent(in) :: name
-        integer, allocatable, intent(out) :: value(:)
-        character(len=:), allocatable, intent(inout) :: message
-        integer(hid_t) :: array
-        integer(hsize_t) :: n(3)
-        integer :: status
-
-        call open_array(file, name, 1, .true., array, n, message)
-        allocate (value(n(1)))
-        if (allocated(message)) return
-        call h5dread_f(array, H5T_NATIVE_INTEGER, value, n(1:1), status)
-        call finish(array, name, status, message)
-    end subroutine read_integer_1
-
-    subroutine read_integer_2(file, name, value, message)
-        integer(hid_t), intent(in) :: file
-        character(len=*), intent(in) :: name
-        integer, allocatable, intent(out) :: value(:, :)
-        character(len=:), allocatable, intent(inout) :: message
-        integer(hid_t) :: array
-        integer(hsize_t) :: n(3)
-        integer :: status
-
-        call open_array(file, name, 2, .true., array, n, message)
-        allocate (value(n(1), n(2)))
-        if (allocated(message)) return
-        call h5dread_f(array, H5T_NATIVE_INTEGER, value, n(1:2), status)
-        call finish(array, name, status, message)
-    end subroutine read_integer_2
-
-    subroutine write_real_1(file, name, value, message)
-        integer(hid_t), intent(in) :: file
-        character(len=*), intent(in) :: name
-        real(dp), intent(in) :: value(:)
-        character(len=:), allocatable, intent(inout) :: message
-        integer(hid_t) :: array
-        integer :: status
-
-        call new_array(file, name, shape(value), H5T_NATIVE_DOUBLE, array)
-        call h5dwrite_f(array, H5T_NATIVE_DOUBLE, value, int(shape(value), hsize_t), status)
-        call finish(array, name, status, message)
-    end subroutine write_real_1
-
-    subroutine write_real_2(file, name, value, message)
-        integer(hid_t), intent(in) :: file
-        character(len=*), intent(in) :: name
-        real(dp), intent(in) :: value(:, :)
-        character(len=:), allocatable, intent(inout) :: message
-        integer(hid_t) :: array
-        integer :: status
-
-        call new_array(file, name, shape(value), H5T_NATIVE_DOUBLE, array)
-        call h5dwrite_f(array, H5T_NATIVE_DOUBLE, value, int(shape(value), hsize_t), status)
-        call finish(array, name, status, message)
-    end subroutine write_real_2
-
-    subroutine write_real_3(file, name, value, message)
-        integer(hid_t), intent(in) :: file
-        character(len=*), intent(in) :: name
-        real(dp), intent(in) :: value(:, :, :)
-        character(len=:), allocatable, intent(inout) :: message
-        integer(hid_t) :: array
-        integer :: status
-
-        call new_array(file, name, shape(value), H5T_NATIVE_DOUBLE, array)
-        call h5dwrite_f(array, H5T_NATIVE_DOUBLE, value, int(shape(value), hsize_t), status)
-        call finish(array, name, status, message)
-    end subroutine write_real_3
-
-    subroutine write_integer_0(file, name, value, message)
-        integer(hid_t), intent(in) :: file
-        character(len=*), intent(in) :: name
-        integer, intent(in) :: value
-        character(len=:), allocatable, intent(inout) :: message
-        integer(hid_t) :: array
-        integer :: status
-
-        call new_array(file, name, [integer ::], H5T_NATIVE_INTEGER, array)
-        call h5dwrite_f(array, H5T_NATIVE_INTEGER, value, [1_hsize_t], status)
-        call finish(array, name, status, message)
-    end subroutine write_integer_0
-
-    subroutine new_array(file, name, n, kind, array)
-        !! Create an array of the given lengths.
-        integer(hid_t), intent(in) :: file, kind
-        character(len=*), intent(in) :: name
-        integer, intent(in) :: n(:)
-        integer(hid_t), intent(out) :: array
-        integer(hid_t) :: space
-        integer :: status
-
-        if (size(n) == 0) then
-            call h5screate_f(H5S_SCALAR_F, space, status)
-        else
-            call h5screate_simple_f(size(n), int(n, hsize_t), space, status)
-        end if
-        call h5dcreate_f(file, name, kind, space, array, status)
-        call h5sclose_f(space, status)
-    end subroutine new_array
+        call create_group(file, "march")
+        call create_group(file, "records")
+        call create_group(file, "state")
+        call write_array(file, "march/schema", run%schema, message)
+        call write_array(file, "records/motion", run%motion, 1, message)
+        call write_array(file, "records/energy", run%energy, 2, message)
+        call write_array(file, "state/displacement", state%nodes%displacement, 1, message)
+        call write_array(file, "state/velocity", state%nodes%velocity, 1, message)
+        call write_array(file, "state/memory", state%nodes%memory, 1, message)
+        call write_array(file, "state/row_state", state%zones%row_state, 2, message)
+        call write_array(file, "state/row_lost", state%zones%row_lost, 1, message)
+        call write_array(file, "state/contact_traction", state%joints%contact_traction, 2, message)
+        call write_array(file, "state/contact_state", state%joints%contact_state, 2, message)
+        call write_array(file, "state/contact_stored", state%joints%contact_stored, 1, message)
+        call write_array(file, "state/contact_dissipated", state%joints%contact_dissipated, 1, message)
+        call write_array(file, "state/sums", state%sums, 2, message)
+        call close_file(file, "the result can't be written whole", message)
+    end subroutine write_result
 
 end module pyblast_model_file

@@ -49,7 +49,7 @@ contains
         real(dp), intent(in) :: a(3, 3)
         real(dp), intent(out) :: value(3)
         real(dp), intent(inout) :: axes(3, 3)
-        integer :: order(3), k
+        integer :: order(3)
 
         value = [a(1, 1), a(2, 2), a(3, 3)]
         order = [maxloc(value), 0, minloc(value, back=.true.)]

@@ -2,16 +2,15 @@ module pyblast_zone_laws
     !! Stress laws of zones: one number, one signature line and one routine for each law.
     !!
     !! Strains are xx yy zz and the engineering shears yz zx xy; tension is positive. A law that
-    !! remembers is total: it gives the whole stress, initial stress included.
+    !! has_memory is total: it gives the whole stress, initial stress included.
     use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
-    use pyblast_elasticity, only : hooke, work
-    use pyblast_anisotropic_zones, only : anisotropic
-    use pyblast_plastic_zones, only : mohr_coulomb, yield_rooms
+    use pyblast_elasticity, only : anisotropic, hooke, work
+    use pyblast_mohr_coulomb, only : mohr_coulomb, yield_margins
     implicit none
     private
-    public :: elastic_stress, remembers, zone_law_signature, zone_rooms, zone_stress
+    public :: elastic_stress, has_memory, zone_law_signature, zone_yield_margins, zone_stress
 
-    integer, parameter, public :: isotropic_law = 1   !! linear: computed by pyblast_linear_zones
+    integer, parameter, public :: isotropic_law = 1   !! linear: computed by pyblast_tet4
 
 contains
 
@@ -35,30 +34,30 @@ contains
         end select
     end subroutine zone_law_signature
 
-    pure function remembers(law) result(yes)
+    pure function has_memory(law) result(yes)
         !! Tell whether a law depends on more than the strain.
         integer, intent(in) :: law
         logical :: yes
 
         yes = law == 3
-    end function remembers
+    end function has_memory
 
-    pure subroutine zone_rooms(law, n, property, lambda, shear, initial, strain, room)
+    pure subroutine zone_yield_margins(law, n, property, lambda, shear, initial, strain, yield_margin)
         !! Strain that untouched zones can gain before one may yield; 0 or less where it may now.
         integer, intent(in) :: law, n
         real(dp), intent(in) :: property(n_zone_properties)
         real(dp), intent(in) :: lambda(n), shear(n)    !! Lame moduli [Pa]
         real(dp), intent(in) :: initial(n, 6)          !! stress at no strain [Pa]
         real(dp), intent(in) :: strain(n, 6)
-        real(dp), intent(out) :: room(n)
+        real(dp), intent(out) :: yield_margin(n)
 
         select case (law)
         case (3)
-            call yield_rooms(n, property, lambda, shear, initial, strain, room)
+            call yield_margins(n, property, lambda, shear, initial, strain, yield_margin)
         case default
-            room = 0.0_dp
+            yield_margin = 0.0_dp
         end select
-    end subroutine zone_rooms
+    end subroutine zone_yield_margins
 
     pure function elastic_stress(law, property, lambda, shear, strain) result(stress)
         !! Stress of the elastic part of a law, of a strain or of a strain rate.
@@ -78,7 +77,7 @@ contains
 
     pure subroutine zone_stress(law, property, lambda, shear, initial, strain, state, stress, &
                                 stored, lost)
-        !! Stress of one zone by a law that remembers.
+        !! Stress of one zone by a law that has_memory.
         integer, intent(in) :: law
         real(dp), intent(in) :: property(n_zone_properties)
         real(dp), intent(in) :: lambda, shear          !! Lame moduli [Pa]

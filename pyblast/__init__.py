@@ -1,93 +1,116 @@
-"""Blast waves through jointed rock: superposition, block model, comparison, back-analysis."""
+"""Blast vibration in jointed rock: signature, superposition, block model, comparison, inversion.
 
-from importlib import import_module
+The public names are imported here, in groups. As in SPEC 1 of Scientific Python, the module of a
+name is loaded when the name is first used: ``import pyblast`` and the command line start at once.
+"""
 
-_HOMES = {
-    "AirBlast": "model.source",
-    "Blast": "blasts.blast",
-    "Column": "model.source",
-    "ConstantQ": "model.material",
-    "DamagedZone": "model.ground_fields",
-    "Damping": "model.material",
-    "Firing": "blasts.blast",
-    "FiringScatter": "planning.peak_distribution",
-    "Fixed": "model.boundary",
-    "FreeField": "model.boundary",
-    "Gradient": "model.ground_fields",
-    "Heterogeneity": "model.ground_fields",
-    "Hole": "model.source",
-    "InSitu": "model.model",
-    "InputError": "errors",
-    "Joint": "model.joint",
-    "Material": "model.material",
-    "Mesh": "mesh.mesh",
-    "Model": "model.model",
-    "MohrCoulomb": "model.material",
-    "MomentTensor": "model.source",
-    "PlaneWave": "model.plane_wave",
-    "PointForce": "model.source",
-    "Pressure": "model.source",
-    "Project": "project.project",
-    "PyblastError": "errors",
-    "Receiver": "model.model",
-    "Rim": "model.model",
-    "Roller": "model.boundary",
-    "Seismogram": "signals.seismogram",
-    "StressInput": "model.boundary",
-    "TimeFunction": "model.source",
-    "VelocityInput": "model.boundary",
-    "Viscous": "model.boundary",
-    "anisotropic": "model.anisotropy",
-    "back_analyse": "workflows.back_analysis",
-    "band_functions": "inference.records",
-    "best_delays": "planning.delays",
-    "blast_spectra": "runs.blast_ensemble",
-    "build_mesh": "mesh.builder",
-    "cached_run": "runs.cache",
-    "check": "project.checks",
-    "compare": "signals.comparison",
-    "find_delays": "workflows.delays",
-    "firing_times": "back_analysis.firing_times",
-    "fit_site_law": "blasts.site_law",
-    "gradient": "solver.sensitivity",
-    "greens_functions": "runs.greens_bank",
-    "infer_levels": "inference.covariance",
-    "jointed": "model.anisotropy",
-    "load_limits": "signals.limits",
-    "load_project": "project.project",
-    "misfit": "inference.misfits",
-    "noise_of": "inference.records",
-    "peak_bands": "planning.peak_distribution",
-    "plan_back_analysis": "workflows.back_analysis",
-    "read_blast": "blasts.hole_tables",
-    "read_gather": "recordings.recording",
-    "read_mesh": "mesh.importer",
-    "read_recording": "recordings.recording",
-    "read_result": "project.result",
-    "run": "workflows.run",
-    "simulate": "solver.run",
-    "run_all": "runs.parallel",
-    "run_many": "solver.run",
-    "signature_spectra": "runs.blast_ensemble",
-    "structured_box": "mesh.builder",
-    "superpose": "blasts.superposition",
-    "tangents": "solver.sensitivity",
-    "track": "solver.tracks",
-    "transverse": "model.anisotropy",
-    "workers": "runs.parallel",
-    "write_report": "report.html",
-    "whitener": "inference.covariance",
-}
-__all__ = sorted(_HOMES)
+from functools import cache
+from typing import TYPE_CHECKING
 
+__version__: str
 
-def __getattr__(name):
-    """Import a public name when it is first asked for, so that the package loads at once."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'pyblast' has no attribute {name!r}")
-    return getattr(import_module(f".{_HOMES[name]}", __name__), name)
+if TYPE_CHECKING:
+    # Errors
+    from .errors import InputError, PyblastError
+
+    # Motion and records
+    from .signals.seismogram import Seismogram
+    from .signals.comparison import compare
+    from .recordings.recording import read_recording
+    from .recordings.gather import read_gather
+    from .workflows.records import analyse_records
+
+    # Blasts
+    from .blasts.blast import Blast
+    from .blasts.hole_tables import read_blast
+    from .blasts.superposition import superpose
+    from .blasts.site_law import fit_site_law
+
+    # Mesh
+    from .mesh.mesh import Mesh
+    from .mesh.builder import build_mesh, structured_box
+    from .mesh.importer import read_mesh
+
+    # Model: ground, joints, boundaries, sources, receivers
+    from .model.model import InSitu, Model, Receiver, Rim
+    from .model.material import ConstantQ, Damping, Material, MohrCoulomb
+    from .model.joint import Joint
+    from .model.boundary import Fixed, FreeField, Roller, StressInput, VelocityInput, Viscous
+    from .model.plane_wave import PlaneWave
+    from .model.source import Hole, PointForce, TimeFunction
+
+    # Solve
+    from .workflows.run import simulate
+
+    # Project files: read, check, run, report
+    from .project.project import Project, load_project
+    from .project.checks import check
+    from .workflows.run import run
+    from .project.result import read_result
+    from .report.html import write_report
+
+    # Inverse problems: parameters, survey design, missing physics
+    from .workflows.back_analysis import back_analyse, design_survey
+    from .workflows.diagnose import diagnose_case as diagnose, predict_case as predict
+
+    # Planning of blasts
+    from .workflows.delays import optimise_delays
+
+__all__ = [
+    # Errors
+    "InputError", "PyblastError",
+    # Motion and records
+    "Seismogram", "compare", "read_recording", "read_gather", "analyse_records",
+    # Blasts
+    "Blast", "read_blast", "superpose", "fit_site_law",
+    # Mesh
+    "Mesh", "build_mesh", "structured_box", "read_mesh",
+    # Model: ground, joints, boundaries, sources, receivers
+    "InSitu", "Model", "Receiver", "Rim", "ConstantQ", "Damping", "Material", "MohrCoulomb",
+    "Joint", "Fixed", "FreeField", "Roller", "StressInput", "VelocityInput", "Viscous", "PlaneWave",
+    "Hole", "PointForce", "TimeFunction",
+    # Solve
+    "simulate",
+    # Project files: read, check, run, report
+    "Project", "load_project", "check", "run", "read_result", "write_report",
+    # Inverse problems: parameters, survey design, missing physics
+    "back_analyse", "design_survey", "diagnose", "predict",
+    # Planning of blasts
+    "optimise_delays",
+    # Version
+    "__version__",
+]  # fmt: skip
 
 
-def __dir__():
-    """List the public names."""
-    return __all__
+if not TYPE_CHECKING:
+
+    @cache
+    def _imports():
+        """Return the module of each public name and its name there, from the imports above."""
+        import ast
+        from pathlib import Path
+
+        return {
+            alias.asname or alias.name: (f".{node.module}", alias.name)
+            for node in ast.walk(ast.parse(Path(__file__).read_text(encoding="utf-8")))
+            if isinstance(node, ast.ImportFrom) and node.level == 1
+            for alias in node.names
+        }
+
+    def __getattr__(name):
+        """Load a public name when it is first used."""
+        from importlib import import_module, metadata
+
+        if name not in __all__:
+            raise AttributeError(f"module 'pyblast' has no attribute {name!r}")
+        if name == "__version__":
+            value = metadata.version("pyblast")
+        else:
+            module, attribute = _imports()[name]
+            value = getattr(import_module(module, __name__), attribute)
+        globals()[name] = value
+        return value
+
+    def __dir__():
+        """Return the public names."""
+        return sorted(__all__)

@@ -20,7 +20,7 @@ ENERGIES = (
     "insitu",
     "unbalanced",
 )
-LANES = int(_core_batch.pyblast_lanes.lanes)  # models that march side by side
+LANES = int(_core_batch.pyblast_batch.n_batch)  # models that march side by side
 LEAST_SHARED = int(_core.pyblast_kinds.least_shared)  # nodes of a model whose steps threads share
 N_SUMS = int(_core.pyblast_kinds.n_sums)
 N_JOINT_STATE = int(_core.pyblast_kinds.n_joint_state)
@@ -103,7 +103,7 @@ def stored_at_rest(constants, state):
     """Return the energy that the contacts hold before anything moves, (n_contacts,) J/m2."""
     names = ("contact_normal", "contact_joint", "joint_law", "joint_property", "contact_initial")
     views = to_fortran({name: constants[name] for name in names})
-    found = _core.pyblast_contacts.stored_at_rest(**views, contact_state=state[:, None].T)
+    found = _core.pyblast_border.stored_at_rest(**views, contact_state=state[:, None].T)
     return found.T[..., 0]
 
 
@@ -207,13 +207,13 @@ def advance_all(constants, state, first_step, n_steps, ledger_every):
 
 def _march(core, constants, state, first_step, n_steps, ledger_every):
     """March in one of the cores, with arrays that have lanes; as `advance`, lanes kept."""
-    lanes = int(core.pyblast_lanes.lanes)
+    lanes = int(core.pyblast_batch.n_batch)
     last = first_step + n_steps
     n_lines = -(-last // ledger_every) - -(-first_step // ledger_every)
     real = state["velocity"].dtype
     motion = np.zeros((n_steps, constants["receiver_node"].shape[1], 3, lanes), real)
     energy = np.zeros((n_lines, lanes, len(ENERGIES)), real)
-    info, node, lane = core.pyblast_solver.advance(
+    info, node, lane = core.pyblast_border.advance(
         first_step=first_step,
         ledger_every=ledger_every,
         motion=motion.T,

@@ -1,10 +1,31 @@
-"""Errors, with an exit code each, and findings about input and results."""
+"""Errors, exit codes, and findings about input and results.
 
+====  ==========================================================================================
+code  meaning
+====  ==========================================================================================
+0     done
+1     the solver failed: `SolverError`
+2     wrong input or a file that can't be read or written: `InputError`, `ReadError`, wrong usage
+3     done, and a check found what forbids trust in the result (commands check and run)
+130   interrupted by Ctrl-C or SIGTERM; what was computed is kept, the same command goes on
+====  ==========================================================================================
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+
+EXIT_CODES = {
+    0: "done",
+    1: "the solver failed",
+    2: "wrong input, or a file that can't be read or written",
+    3: "done, and a check found what forbids trust in the result (check, run)",
+    130: "interrupted by Ctrl-C or SIGTERM; what was computed is kept, the same command goes on",
+}
+SOLVER_FAILED, WRONG_INPUT, NOT_TRUSTED, INTERRUPTED = 1, 2, 3, 130
 
 
 class PyblastError(Exception):
-    """Every error that pyblast raises on purpose."""
+    """Base class of all errors that pyblast raises on purpose."""
 
 
 class InputError(PyblastError, ValueError):
@@ -16,7 +37,7 @@ class ReadError(PyblastError, OSError):
 
 
 class SolverError(PyblastError, RuntimeError):
-    """The march through time failed; the message says when, where and the likely cause."""
+    """The time integration failed; the message says when, where and the likely cause."""
 
 
 class PyblastWarning(UserWarning):
@@ -25,14 +46,14 @@ class PyblastWarning(UserWarning):
 
 @dataclass(frozen=True)
 class Finding:
-    """Something doubtful about a project.
+    """A doubtful point of a project or a result.
 
     Parameters
     ----------
     code : str
         D1 to D35.
     title, text : str
-        What it is, in words; what it is here, in numbers.
+        What it is in general; what it is here, in numbers.
     failed : bool
         Whether a result can't be trusted unless this is changed.
     numbers : dict of str to float
@@ -46,6 +67,6 @@ class Finding:
     numbers: dict[str, float] = field(default_factory=dict)
 
 
-def by_wave(pairs):
+def by_wave(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
     """Name the numbers of P and S waves, ``{"rock": (1, 2)}`` as ``{"p_rock": 1, "s_rock": 2}``."""
     return {f"{w}_{n}": v for n, pair in pairs.items() for w, v in zip("ps", pair, strict=True)}

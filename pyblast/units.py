@@ -83,3 +83,66 @@ def to_si(key, value):
     if suffix == "deg":
         return stem, math.radians(value)
     return stem, value * FACTORS.get(suffix, 1.0)
+
+
+LARGEST_ANGLE = 2.0 * math.pi * (1.0 + 1e-9)  # rad
+LARGEST_TANGENT = 10.0  # of 84 degrees
+SMALLEST_DENSITY = 100.0  # kg/m3
+SMALLEST_MODULUS = 1e5  # Pa
+SMALLEST_SPEED = 20.0  # m/s
+SMALLEST_STIFFNESS = 1e4  # Pa/m
+
+
+def check_angle(where: str, angle: float) -> None:
+    """Raise InputError for an angle beyond a full turn: it is in degrees, not in radians."""
+    if abs(angle) > LARGEST_ANGLE:
+        raise InputError(
+            f"{where}: must lie between -2 pi and 2 pi rad, got {angle:g}, which looks like "
+            "degrees; use math.radians"
+        )
+
+
+def check_tangent(where: str, tangent: float) -> None:
+    """Raise InputError for the tangent of a friction or dilation angle above 84 degrees."""
+    if LARGEST_TANGENT < tangent < math.inf:
+        raise InputError(
+            f"{where}: must be the tangent of an angle, at most {LARGEST_TANGENT:g}, got "
+            f"{tangent:g}, which looks like degrees; use math.tan(math.radians({tangent:g}))"
+        )
+
+
+def check_density(where: str, density: float) -> None:
+    """Raise InputError for a density below that of any ground: it is in t/m3 or g/cm3."""
+    if 0.0 < density < SMALLEST_DENSITY:
+        raise InputError(
+            f"{where}: must be at least {SMALLEST_DENSITY:g} kg/m3, got {density:g}, which looks "
+            "like t/m3; multiply by 1000"
+        )
+
+
+def check_modulus(where: str, modulus: float) -> None:
+    """Raise InputError for an elastic modulus below that of any ground: it is in GPa or MPa."""
+    if 0.0 < modulus < SMALLEST_MODULUS:
+        unit, factor = ("GPa", "1e9") if modulus < 1e3 else ("MPa", "1e6")
+        raise InputError(
+            f"{where}: must be at least {SMALLEST_MODULUS:g} Pa, got {modulus:g}, which looks like "
+            f"{unit}; multiply by {factor}"
+        )
+
+
+def check_speed(where: str, speed: float) -> None:
+    """Raise InputError for a wave speed below that of any ground: it is in km/s."""
+    if 0.0 < speed < SMALLEST_SPEED:
+        raise InputError(
+            f"{where}: must be at least {SMALLEST_SPEED:g} m/s, got {speed:g}, which looks like "
+            "km/s; multiply by 1000"
+        )
+
+
+def check_stiffness(where: str, stiffness: float) -> None:
+    """Raise InputError for a joint stiffness below that of any joint: it is in GPa/m."""
+    if 0.0 < stiffness < SMALLEST_STIFFNESS:
+        raise InputError(
+            f"{where}: must be at least {SMALLEST_STIFFNESS:g} Pa/m, got {stiffness:g}, which "
+            "looks like GPa/m; multiply by 1e9"
+        )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-import pyblast.cli.blas  # noqa: F401  before numpy
+import pyblast.cli  # noqa: F401  before numpy
 
 
 @pytest.fixture(scope="session")

@@ -81,7 +81,7 @@ def test_a_finished_search_is_resumed_for_more_runs(tmp_path):
     short, _ = back_analyse(path)
     path.write_text(path.read_text().replace("runs = 3", "runs = 5"))
 
-    long, folder = back_analyse(path, resume=True)
+    long, folder = back_analyse(path)
 
     assert folder.name == "001"
     assert np.array_equal(long.trace.points[:3], short.trace.points)
@@ -137,7 +137,7 @@ def test_ctrl_c_keeps_what_was_run_and_the_same_search_goes_on(tmp_path):
     assert "evaluations are kept" in errors
     assert 3 <= kept < 60
     path.write_text(path.read_text().replace("runs = 60", f"runs = {kept + 1}"))
-    assert call("backanalyse", path, "--resume").exit_code == 0
+    assert call("backanalyse", path).exit_code == 0
     assert log.read_text().count("\n") == kept + 2
 
 
@@ -171,11 +171,10 @@ def test_a_project_without_the_table_is_refused(tmp_path):
         back_analyse(twin_file(tmp_path))
 
 
-def test_nothing_to_resume_is_said_with_exit_code_2(tmp_path):
-    done = call("backanalyse", strong(tmp_path), "--resume")
+def test_a_finished_search_is_not_changed_by_the_same_command(tmp_path):
+    path = strong(tmp_path, runs=2)
 
-    assert done.exit_code == 2
-    assert "nothing to resume" in done.output
+    assert [back_analyse(path)[1].name for _ in range(2)] == ["001", "002"]
 
 
 def test_a_scheduler_that_does_not_answer_is_refused(tmp_path, monkeypatch):

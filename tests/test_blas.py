@@ -1,4 +1,4 @@
-"""BLAS of the commands has one thread, told before numpy is there."""
+"""BLAS of the commands has one thread, set before numpy is imported."""
 
 import os
 import subprocess
@@ -12,6 +12,7 @@ class Spy:
             print(os.environ.get("OPENBLAS_NUM_THREADS"))
 sys.meta_path.insert(0, Spy())
 import {module}
+import numpy
 """
 
 

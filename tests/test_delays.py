@@ -13,7 +13,7 @@ from pyblast import Seismogram, load_project
 from pyblast.back_analysis.trials import simulate
 from pyblast.project.result import write_csv
 from pyblast.signals.seismogram import BLAST_AXES
-from pyblast.workflows.delays import find_delays, house_limits
+from pyblast.workflows.delays import house_limits, optimise_delays
 
 ROWS = ("rows = 4\nholes_per_row = 15", "rows = 2\nholes_per_row = 1")
 TABLE = """
@@ -46,7 +46,7 @@ def planned(folder, table=TABLE, houses=HOUSE, hz=10.0):
 
 
 def test_two_holes_of_one_frequency_are_fired_half_a_period_apart(tmp_path):
-    told, folder = find_delays(planned(tmp_path))
+    told, folder = optimise_delays(planned(tmp_path))
 
     assert told["delays_s"]["between_rows"] == pytest.approx(0.05)  # of 10 Hz
     assert [hole["best_s"] for hole in told["firing"]] == pytest.approx([0.0, 0.05])
@@ -63,7 +63,7 @@ def test_waves_that_travel_count_as_delays(tmp_path):
     table = TABLE + "wave_speed_m_per_s = 325\n"  # 20 ms over the burden of 6.5 m
     houses = HOUSE + "position_m = [1e5, 10, 30]\n"
 
-    told, _ = find_delays(planned(tmp_path, table, houses))
+    told, _ = optimise_delays(planned(tmp_path, table, houses))
 
     moved = told["delays_s"]["between_rows"]
     shift = 1e3 * (moved - 0.05)
@@ -73,7 +73,7 @@ def test_waves_that_travel_count_as_delays(tmp_path):
 def test_a_charge_in_8_ms_rules_out_delays(tmp_path):
     table = TABLE.replace("[20, 80]", "[0, 30]") + "most_charge_kg = 500\n"
 
-    told, _ = find_delays(planned(tmp_path, table, hz=100.0))  # 5 ms would be half a period
+    told, _ = optimise_delays(planned(tmp_path, table, hz=100.0))  # 5 ms would be half a period
 
     assert told["delays_s"]["between_rows"] >= 0.008
     assert min(row[1] for row in told["tried"].tolist()) >= 0.008
@@ -84,7 +84,7 @@ def test_holes_inside_shake_a_receiver_as_the_run_of_the_project_does(tmp_path):
     table = TABLE.replace("[0, 0]", "[5, 15]").replace("[20, 80]", "[0, 0]")
     path.write_text(INSIDE + table + '[[delays.houses]]\nname = "house"\nlimit_mm_per_s = 1\n')
 
-    told, _ = find_delays(path)
+    told, _ = optimise_delays(path)
     run = simulate(load_project(path), (), [()])[0]["house"]
 
     # rows fire together as planned; half a step between samples of the two
@@ -112,7 +112,7 @@ def test_the_command_says_bands_before_and_after(tmp_path):
 def test_the_page_shows_houses_limits_and_the_time_of_each_hole(tmp_path):
     table = TABLE + "scatter_ms = 2\n"
 
-    _, folder = find_delays(planned(tmp_path, table, HOUSE.replace("farm", "<farm>")))
+    _, folder = optimise_delays(planned(tmp_path, table, HOUSE.replace("farm", "<farm>")))
 
     page = (folder / "report.html").read_text()
     rows = re.findall(r"<tr><td>(.*?)</td><td>(.*?)</td><td>(.*?)</td></tr>", page)

@@ -9,7 +9,6 @@ from pyblast import (
     ConstantQ,
     Fixed,
     FreeField,
-    Gradient,
     InputError,
     Joint,
     Material,
@@ -21,14 +20,15 @@ from pyblast import (
     StressInput,
     VelocityInput,
     Viscous,
-    jointed,
     structured_box,
-    tangents,
 )
 from pyblast.mesh.grid import Layer
+from pyblast.model.anisotropy import jointed
+from pyblast.model.ground_fields import Gradient
 from pyblast.solver.free_field import GroundColumn, _Side, shake
-from pyblast.solver.preparation import _marched, prepare
+from pyblast.solver.preparation import _run_column, prepare
 from pyblast.solver.run import simulate
+from pyblast.solver.sensitivity import tangents
 from verification.columns import misfit, ricker
 
 SOIL = Material.from_speeds(1900.0, 600.0, 300.0)
@@ -179,7 +179,7 @@ def test_stress_from_the_mass_above_is_that_of_the_springs():
     column = GroundColumn(tuple(2.5 * np.arange(17.0)), (("rock", 1.0),) * 8 + (("soil", 1.0),) * 8)
     model = slab([])
 
-    shaking = shake(model, column, [model.boundaries[3]], 5e-4, DURATION, _marched)
+    shaking = shake(model, column, [model.boundaries[3]], 5e-4, DURATION, _run_column)
 
     velocity = shaking.velocity[0]
     jump = velocity[10].integral().values - velocity[9].integral().values

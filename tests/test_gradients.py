@@ -16,12 +16,11 @@ from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.plane_wave import PlaneWave
 from pyblast.model.source import Hole, TimeFunction
 from pyblast.signals.seismogram import Seismogram
-from pyblast.solver import tracks
-from pyblast.solver.perturbation import with_speeds
+from pyblast.solver import linear_runs
+from pyblast.solver.linear_runs import track
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
-from pyblast.solver.sensitivity import gradient, tangents
-from pyblast.solver.tracks import track
+from pyblast.solver.sensitivity import gradient, tangents, with_speeds
 from verification.columns import ROCK, misfit, ricker
 
 TIMES = np.arange(0.0, 0.06, 5e-4)
@@ -189,11 +188,11 @@ def test_stretches_of_the_march_change_nothing(name, monkeypatch):
     known, _, derivative = tracked(model)
     wanted = gradient(known, derivative), together(tangents(model, [changed], DURATION)[1][0])
 
-    monkeypatch.setattr(tracks, "STRETCH_VALUES", 100_000)
+    monkeypatch.setattr(linear_runs, "STRETCH_VALUES", 100_000)
     known = track(model, DURATION, highest=None)
     found = gradient(known, derivative), together(tangents(model, [changed], DURATION)[1][0])
 
-    assert len(tracks.stretches(known.prepared.n_steps, 3 * len(known.nodes))) > 1
+    assert len(linear_runs.stretches(known.prepared.n_steps, 3 * len(known.nodes))) > 1
     assert found[0].along(changed) == pytest.approx(wanted[0].along(changed), rel=1e-6)
     assert misfit(found[1], wanted[1]) < 1e-9
 

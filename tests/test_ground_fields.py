@@ -5,8 +5,9 @@ import pytest
 
 from pyblast.errors import InputError
 from pyblast.mesh.builder import structured_box
+from pyblast.model.anisotropy import saturated_rock
 from pyblast.model.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_group
-from pyblast.model.material import Material, saturated_rock
+from pyblast.model.material import Material
 from pyblast.model.model import Model
 from pyblast.solver.time_step import critical_step
 from verification.columns import ROCK

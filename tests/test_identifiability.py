@@ -8,7 +8,7 @@ import pytest
 from small_project import written
 from test_main import call
 
-from pyblast import load_project, plan_back_analysis
+from pyblast import design_survey, load_project
 from pyblast.back_analysis.identifiability import (
     UNIFORM,
     Knowledge,
@@ -71,7 +71,7 @@ def plan(tmp_path_factory):
     path = table(folder, candidate_blasts=["stronger.toml"], candidate_grid=[3, 1])
     text = path.read_text().split("[back_analysis]")[0]
     other.write_text(text.replace("delay_ms = 40", "delay_ms = 25"))
-    return plan_back_analysis(path)
+    return design_survey(path)
 
 
 def test_one_unknown_keeps_one_over_root_of_one_plus_its_information():
@@ -138,7 +138,7 @@ def test_by_peaks_a_factor_is_known_as_well_as_three_peaks_let_it():
 
 
 def test_peaks_tell_less_than_waveforms(tmp_path):
-    made, _ = plan_back_analysis(table(tmp_path, misfit="paper", candidate_grid=[1, 1]))
+    made, _ = design_survey(table(tmp_path, misfit="paper", candidate_grid=[1, 1]))
 
     assert made.misfit == "paper"
     assert made.knowledge.shares[0] > made.other.shares[0]
@@ -171,8 +171,8 @@ def test_a_plan_needs_no_records_and_says_what_noise_it_takes(plan):
     made, folder = plan
 
     assert "0.05 mm/s rms in the band, assumed" in made.noise
-    assert {path.name for path in folder.iterdir()} == {"plan.json", "report.html"}
-    told = json.loads((folder / "plan.json").read_text())["plan"]
+    assert {path.name for path in folder.iterdir()} == {"survey.json", "report.html"}
+    told = json.loads((folder / "survey.json").read_text())["plan"]
     assert [one["name"] for one in told["receivers"]] == ["R1", "R2"]
 
 
@@ -194,7 +194,7 @@ def test_more_never_costs_and_less_never_gains(plan):
 
 def test_a_given_level_of_noise_is_taken(tmp_path):
     loud, quiet = (
-        plan_back_analysis(table(tmp_path, noise_mm_per_s=level, candidate_grid=[1, 1]))[0]
+        design_survey(table(tmp_path, noise_mm_per_s=level, candidate_grid=[1, 1]))[0]
         for level in (10.0, 0.01)
     )
 
@@ -203,13 +203,13 @@ def test_a_given_level_of_noise_is_taken(tmp_path):
 
 
 def test_the_command_prints_what_can_be_told_and_what_would_help(tmp_path):
-    done = call("backanalyse", table(tmp_path, candidate_grid=[3, 1]), "--plan")
+    done = call("backanalyse", table(tmp_path, candidate_grid=[3, 1]), "--design-survey")
 
     assert done.exit_code == 0, done.output
     assert "not identifiable: no contact" in done.output
     assert "most would be learnt from a receiver at" in done.output
     assert "trade off" in done.output or "fixed" in done.output
-    page = (tmp_path / "plan" / "001" / "report.html").read_text()
+    page = (tmp_path / "survey" / "001" / "report.html").read_text()
     assert page.count("data:image/png") == 1
 
 
@@ -220,11 +220,11 @@ def test_where_no_place_is_left_for_a_receiver_the_command_says_so(tmp_path):
     )
     path.write_text(path.read_text().replace("\n[run]\n", f"{crowd}\n[run]\n"))
 
-    done = call("backanalyse", path, "--plan")
+    done = call("backanalyse", path, "--design-survey")
 
     assert done.exit_code == 0, done.output
     assert "no receiver was tried but those of the project" in done.output
-    page = (tmp_path / "plan" / "001" / "report.html").read_text()
+    page = (tmp_path / "survey" / "001" / "report.html").read_text()
     assert "half a wavelength of S" in page
     assert "the best place is ringed" not in page
 
@@ -233,19 +233,19 @@ def test_a_check_of_a_project_that_waits_for_its_records_points_to_the_plan(tmp_
     done = call("check", table(tmp_path))
 
     assert done.exit_code in (0, 3), done.output
-    assert "no record yet; ask with backanalyse --plan" in done.output
+    assert "no record yet; ask with backanalyse --design-survey" in done.output
 
 
-def test_a_plan_is_not_resumed(tmp_path):
-    done = call("backanalyse", table(tmp_path), "--plan", "--resume")
+def test_a_survey_has_nothing_to_start_afresh(tmp_path):
+    done = call("backanalyse", table(tmp_path), "--design-survey", "--fresh")
 
     assert done.exit_code == 2
-    assert "--plan: takes neither" in done.output
+    assert "--design-survey: takes neither" in done.output
 
 
 def test_a_plan_for_a_receiver_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match="has no receiver 'R9'; it has R1, R2"):
-        plan_back_analysis(load_project(table(tmp_path, receivers=["R9"])))
+        design_survey(load_project(table(tmp_path, receivers=["R9"])))
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,11 @@ import pytest
 from small_project import TEXT, written
 from typer.testing import CliRunner
 
+import pyblast
 from pyblast.cli.commands import app
-from pyblast.errors import InputError
+from pyblast.errors import EXIT_CODES
 from pyblast.project.result import read_result, write_csv
-from pyblast.workflows import run
+from pyblast.workflows import result_folder, run
 
 LONG = "grid_cells = [6, 2, 3]", "grid_cells = [30, 10, 15]"
 
@@ -42,7 +43,7 @@ def outcome(tmp_path_factory):
 def test_a_run_writes_everything(tmp_path):
     done = call("run", written(tmp_path))
 
-    assert done.exit_code == 0, done.output
+    assert done.exit_code == 3, done.output
     names = {path.name for path in (tmp_path / "results" / "001").iterdir()}
     assert names == {
         "result.h5", "summary.json", "report.html", "zones.vtu", "joints.vtu", "motion_000.vtu",
@@ -130,7 +131,7 @@ def test_a_check_without_failure_ends_with_code_zero(tmp_path):
 
 
 def test_the_superposed_motion_is_written_as_a_table(tmp_path):
-    shown = call("superpose", written(tmp_path), "--output", tmp_path / "in.csv")
+    shown = call("superpose", written(tmp_path), "--out", tmp_path / "in.csv")
 
     assert shown.exit_code == 0
     assert "60 holes" in shown.output
@@ -160,7 +161,7 @@ def test_a_record_in_east_and_north_is_turned_to_the_receiver(tmp_path, outcome)
 def test_the_mesh_alone_is_written_for_paraview(tmp_path):
     import meshio
 
-    done = call("mesh", written(tmp_path), "--output", tmp_path / "mesh")
+    done = call("mesh", written(tmp_path), "--out", tmp_path / "mesh")
 
     assert done.exit_code == 0
     found = meshio.read(tmp_path / "mesh" / "zones.vtu")
@@ -171,7 +172,7 @@ def test_the_mesh_alone_is_written_for_paraview(tmp_path):
 def test_the_report_is_made_from_the_result_file(tmp_path, outcome):
     page = tmp_path / "page.html"
 
-    assert call("report", outcome.folder, "--output", page).exit_code == 0
+    assert call("report", outcome.folder, "--out", page).exit_code == 0
     assert page.stat().st_size > 50_000
 
 
@@ -183,9 +184,22 @@ def test_a_model_file_is_written_for_the_program(tmp_path):
     assert not (tmp_path / "results").exists()
 
 
-def test_nothing_to_resume_is_an_input_error(tmp_path):
-    with pytest.raises(InputError, match="nothing to resume"):
-        run.run(written(tmp_path), resume=True)
+def test_a_check_that_fails_is_accepted_when_asked(tmp_path):
+    assert call("run", written(tmp_path), "--accept-findings").exit_code == 0
+
+
+def test_the_version_is_shown():
+    shown = call("--version")
+
+    assert shown.exit_code == 0
+    assert shown.output == f"pyblast {pyblast.__version__}\n"
+
+
+def test_the_help_lists_the_exit_codes():
+    shown = " ".join(call("--help").output.split())
+
+    for code, meaning in EXIT_CODES.items():
+        assert f"{code} {meaning}" in shown
 
 
 def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path, outcome):
@@ -195,21 +209,52 @@ def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path, outcome):
 
     with pytest.raises(KeyboardInterrupt, match="checkpoint written"):
         run.run(written(tmp_path), progress=stop)
-    resumed = run.run(tmp_path / "project.toml", resume=True, report=False)
+    said = []
+    resumed = run.run(tmp_path / "project.toml", report=False, say=said.append)
 
     assert resumed.folder.name == "001"
+    assert len(said) == 1
+    assert "goes on with the unfinished result" in said[0]
     assert np.array_equal(resumed.seismograms["R1"].velocity, outcome.seismograms["R1"].velocity)
     assert not (resumed.folder / "checkpoint.h5").exists()
 
 
-def test_ctrl_c_leaves_a_checkpoint_and_code_130(tmp_path):
+def test_an_interrupted_run_of_other_input_and_a_fresh_one_get_new_folders(tmp_path):
+    def stop(stage, *_):
+        if stage == "dynamic":
+            raise KeyboardInterrupt
+
+    path = written(tmp_path)
+    with pytest.raises(KeyboardInterrupt, match="checkpoint written"):
+        run.run(path, progress=stop)
+
+    assert run.run(path, fresh=True, report=False).folder.name == "002"
+    softer = written(tmp_path, ("kn_gpa_per_m = 0.114", "kn_gpa_per_m = 0.1"))
+    assert run.run(softer, report=False).folder.name == "003"
+    assert run.run(written(tmp_path), report=False).folder.name == "001"
+
+
+def test_a_result_under_way_is_left_to_its_process(tmp_path):
+    with (
+        result_folder(tmp_path, lambda _: True) as (first, goes_on),
+        result_folder(tmp_path, lambda _: True) as (second, also),
+    ):
+        assert (first.name, goes_on) == ("001", False)
+        assert (second.name, also) == ("002", False)
+
+    with result_folder(tmp_path, lambda _: True) as (latest, goes_on):
+        assert (latest.name, goes_on) == ("002", True)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_sigterm_leave_a_checkpoint_and_code_130(tmp_path, number):
     path = written(tmp_path, LONG, ("duration_s = 0.1", "duration_s = 60"))
     process = spawn("run", path)
     for line in process.stdout:
-        if "dynamic stage" in line:
+        if "time steps" in line:
             break
     time.sleep(0.5)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     _, told = process.communicate(timeout=30)
 
     assert process.returncode == 130

@@ -12,7 +12,7 @@ from pyblast.mesh.builder import structured_box
 from pyblast.model.boundary import Viscous
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.runs.cache import Cache, cached_run, input_hash
+from pyblast.runs.cache import PACKAGE, RUN_CODE, Cache, cached_run, code_hash, input_hash
 from pyblast.runs.parallel import run_all, workers
 from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
@@ -65,6 +65,12 @@ def test_another_input_is_another_run(tmp_path):
     cache = Cache(tmp_path)
     assert len(cache) == 4
     assert cache.size == sum(path.stat().st_size for path in tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("path", RUN_CODE)
+def test_the_code_of_a_run_is_part_of_its_hash(path):
+    assert (PACKAGE / path).exists()
+    assert code_hash(tuple(other for other in RUN_CODE if other != path)) != code_hash()
 
 
 def test_broken_and_foreign_entries_are_left_aside_with_a_word(tmp_path, caplog):

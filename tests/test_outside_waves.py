@@ -182,7 +182,7 @@ def test_media_that_differ_along_the_faces_are_refused_with_the_cure():
 def test_ground_that_fades_by_a_law_is_refused():
     fading = replace(ROCK, law=ConstantQ(50.0, 40.0))
 
-    with pytest.raises(InputError, match="does not fade, got the law ConstantQ of 'rock'"):
+    with pytest.raises(InputError, match="does not attenuate, got the law ConstantQ of 'rock'"):
         prepare(block(wave(), materials={"rock": fading}), 0.01)
 
 

@@ -9,18 +9,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from pyblast import (
-    FiringScatter,
-    InputError,
-    Seismogram,
-    best_delays,
-    peak_bands,
-    signature_spectra,
-    superpose,
-)
+from pyblast import InputError, Seismogram, superpose
 from pyblast.blasts.blast import Firing
-from pyblast.planning.delays import gain, rows_pattern, severity
-from pyblast.planning.peak_distribution import drawn_peaks
+from pyblast.planning.delays import best_delays, gain, rows_pattern, severity
+from pyblast.planning.peak_distribution import FiringScatter, drawn_peaks, peak_bands
+from pyblast.runs.blast_ensemble import signature_spectra
 
 DT = 1e-3
 TIMES = np.array([0.0, 0.0173, 0.0341, 0.0625])

@@ -182,7 +182,7 @@ def test_a_posterior_that_was_killed_is_resumed_to_the_same_answer(told, tmp_pat
     process.communicate()
     made = log.read_bytes().count(b"\n")
 
-    again, _ = back_analyse(load_project(path), resume=True)
+    again, _ = back_analyse(load_project(path))
 
     lines = (folder / "trials.jsonl").read_bytes().count(b"\n")
     assert 15 + 1 < made < lines == log.read_bytes().count(b"\n")

@@ -8,8 +8,7 @@ import pytest
 from pyblast.errors import InputError
 from pyblast.line_records.air_wave import air_wave
 from pyblast.line_records.layering import rayleigh_speeds, soft_layer
-from pyblast.line_records.quality import masked, odd_channels, unusable
-from pyblast.line_records.sensor import sensor_response
+from pyblast.line_records.quality import masked, odd_channels, sensor_response, unusable
 from pyblast.line_records.shots import Shot, shifted
 from pyblast.line_records.source import blast_cause, closure_law, hyperbola
 

@@ -5,12 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.reduction import reduced as learning
-from benchmarks.reduction import training
-from benchmarks.reduction.family import family
+from benchmarks.reduction import reduced_model, snapshots
+from benchmarks.reduction.families import Ranges, family
 from benchmarks.reduction.projection import project, solve
-from benchmarks.reduction.ranges import Ranges
-from benchmarks.reduction.reduced import reduced
+from benchmarks.reduction.reduced_model import reduced
 from pyblast.errors import InputError
 from pyblast.mesh.builder import structured_box
 from pyblast.mesh.mesh import Mesh
@@ -91,9 +89,9 @@ def waveforms(records):
 def off(one, small, found, values):
     """Return how far a solution is from a run, over the largest motion."""
     known = simulate(one.model(values), one.duration, prepared=one.stressed(values))
-    motion = small.line.back(found.velocity).reshape(one.n_steps, -1, 3)
+    motion = small.contour.to_time(found.velocity).reshape(one.n_steps, -1, 3)
     wanted = waveforms(known.seismograms)
-    got = waveforms(learning.seismograms(one.base, motion, one.dt))
+    got = waveforms(reduced_model.seismograms(one.base, motion, one.dt))
     return np.abs(got - wanted).max() / np.abs(wanted).max()
 
 
@@ -135,7 +133,7 @@ def small():
 
 
 def test_the_estimated_error_is_near_that_of_full_runs(small):
-    for values in small.family.ranges.unseen(4, 9):
+    for values in small.family.ranges.validation(4, 9):
         found = small.confirm(values)
 
         worst = max(found.error.values())
@@ -186,10 +184,10 @@ def test_each_joint_and_group_varies_alone():
 
 def test_runs_side_by_side_teach_what_single_ones_do():
     one = family(jointed(), Ranges(RANGES), 0.08, 300.0)
-    values = one.ranges.unseen(3, 4)
+    values = one.ranges.validation(3, 4)
 
-    for together, value in zip(training.samples(one, values), values, strict=True):
-        alone = training.samples(one, [value])[0]
+    for together, value in zip(snapshots.samples(one, values), values, strict=True):
+        alone = snapshots.samples(one, [value])[0]
 
         assert np.abs(together.motion - alone.motion).max() < 1e-12 * np.abs(alone.motion).max()
         spread = [modes @ modes.T for modes in (together.modes, alone.modes)]
@@ -198,7 +196,7 @@ def test_runs_side_by_side_teach_what_single_ones_do():
 
 def test_a_run_in_store_is_not_made_again(tmp_path, monkeypatch):
     first = learnt(runs=2, store=tmp_path)
-    monkeypatch.setattr(training, "_march", None)
+    monkeypatch.setattr(snapshots, "_integrate", None)
 
     second = learnt(runs=2, store=tmp_path)
 
@@ -217,11 +215,11 @@ def test_it_refuses_where_contacts_of_a_full_run_slip():
     barely, slips = (with_cohesion(share * 1e8 * strong.strength_used) for share in (1.05, 0.95))
 
     assert learnt(barely, runs=3).confirm(VALUES).failed == 0
-    with pytest.raises(InputError, match=r"joints.J: \d+ of \d+ watched contacts slip or open"):
+    with pytest.raises(InputError, match=r"joints.J: \d+ of \d+ monitored contacts slip or open"):
         learnt(slips, runs=3).predict(VALUES)
     one = family(slips, Ranges(RANGES), 0.08, 300.0)
     ended = simulate(one.model(VALUES), one.duration, prepared=one.stressed(VALUES))
-    assert learning.count_failed(ended) > 0
+    assert reduced_model.count_failed(ended) > 0
 
 
 def test_it_refuses_what_it_was_not_trained_for(small):

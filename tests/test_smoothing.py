@@ -5,7 +5,7 @@ import pytest
 
 from pyblast.mesh import tetrahedra
 from pyblast.mesh.builder import structured_box
-from pyblast.mesh.gmsh import free_ways, smoothed, thinness
+from pyblast.mesh.gmsh import smoothed, tangent_projectors, thinness
 
 SIDES = ("west", "east", "south", "north", "bottom", "top")
 
@@ -55,7 +55,7 @@ def test_nodes_stay_on_their_faces_lines_and_corners():
 def test_a_node_is_free_in_the_ways_that_all_its_patches_share():
     points, _, patches = crooked()
 
-    freedom = np.trace(free_ways(points, patches), axis1=1, axis2=2)
+    freedom = np.trace(tangent_projectors(points, patches), axis1=1, axis2=2)
 
     faces = ((points == 0.0) | (points == 4.0)).sum(axis=1)
     assert freedom == pytest.approx(3.0 - faces, abs=1e-12)

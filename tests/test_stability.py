@@ -17,9 +17,9 @@ from pyblast.model.model import Model
 from pyblast.solver import time_step
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
+from verification.cases.full_space import cavity_radii
 from verification.columns import ROCK, started
 from verification.meshes import ball_octant
-from verification.rungs.full_space import cavity_radii
 
 SOFT = Material.from_speeds(1800.0, 1500.0, 500.0)
 CROSS = {"J1": ("x", 1.0), "J2": ("y", 1.0)}

@@ -1,11 +1,21 @@
 """Units: the suffix of a key says the unit, the value comes out in SI."""
 
 import math
+import re
 
+import numpy as np
 import pytest
 
 from pyblast.errors import InputError
+from pyblast.mesh.grid import JointSet
+from pyblast.model.joint import Joint
+from pyblast.model.material import Material, MohrCoulomb
+from pyblast.model.model import Receiver
+from pyblast.model.source import PlaneWave, TimeFunction
+from pyblast.signals.seismogram import Seismogram
 from pyblast.units import FACTORS, split_key, to_si
+
+PULSE = TimeFunction(np.ones(3), 0.1)
 
 
 @pytest.mark.parametrize(
@@ -51,3 +61,27 @@ def test_a_list_is_turned_item_by_item():
 def test_a_friction_angle_out_of_range_is_refused(angle):
     with pytest.raises(InputError, match="friction_angle_deg: must lie between 0 and 89 degrees"):
         to_si("friction_angle_deg", angle)
+
+
+@pytest.mark.parametrize(
+    ("make", "where", "unit"),
+    [
+        (lambda: Material(2.7, 3e10, 2e10), "material.density", "t/m3"),
+        (lambda: Material(2700.0, 45.0, 2e10), "material.bulk", "GPa"),
+        (lambda: Material(2700.0, 3e10, 20_000.0), "material.shear", "MPa"),
+        (lambda: Material(2700.0, 3e10, 2e10, friction=35.0), "material.friction", "degrees"),
+        (lambda: MohrCoulomb(friction_residual=30.0), "material.friction_residual", "degrees"),
+        (lambda: Material.from_young_poisson(2700.0, 60.0, 0.25), "material.young", "GPa"),
+        (lambda: Material.from_speeds(2700.0, 5.5, 3.2), "material.cs", "km/s"),
+        (lambda: Joint("J", "elastic", {"kn": 1.3, "ks": 1e9}), "joints.J.kn", "GPa/m"),
+        (lambda: Receiver("A", (0.0, 0.0, 0.0), 45.0), "receiver 'A'.azimuth", "degrees"),
+        (lambda: PlaneWave("P", PULSE, 270.0), "plane_wave.azimuth", "degrees"),
+        (lambda: JointSet("K", 0.5, 120.0, 3.0), "K.dip_direction", "degrees"),
+        (lambda: Seismogram(np.zeros((2, 3)), 0.1).rotated(30.0), "azimuth", "degrees"),
+    ],
+)
+def test_a_value_in_another_unit_is_refused_with_the_unit_that_it_looks_like(make, where, unit):
+    with pytest.raises(InputError, match=re.escape(where)) as refusal:
+        make()
+
+    assert f"looks like {unit}" in str(refusal.value)

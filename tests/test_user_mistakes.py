@@ -106,7 +106,7 @@ def test_d1_counts_zones_in_the_rim_only_where_there_are_no_others(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "place"),
     [
-        ("density_kg_per_m3 = 2660", "density_kg_per_m3 = 2.66", "materials.rock density is 2.66"),
+        ("density_kg_per_m3 = 2660", "density_kg_per_m3 = 266", "materials.rock density is 266"),
         ("kn_gpa_per_m = 0.114", "kn_gpa_per_m = 114000000", "joint F1 kn is 1.14e"),
     ],
 )
@@ -117,6 +117,13 @@ def test_d26_values_in_another_unit(tmp_path, old, new, place):
 
     assert finding.failed
     assert place in finding.text
+
+
+def test_a_density_in_tonnes_is_refused_with_its_place_in_the_file(tmp_path):
+    path = written(tmp_path, ("density_kg_per_m3 = 2660", "density_kg_per_m3 = 2.66"))
+
+    with pytest.raises(InputError, match=r"materials\.rock: .*2\.66, which looks like t/m3"):
+        load_project(path)
 
 
 def test_d27_holes_in_the_model_that_enter_through_a_face(tmp_path):

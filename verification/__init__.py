@@ -1,3 +1,3 @@
-"""What pyblast is measured against: the ladder, and an independent program."""
+"""Verification of pyblast: a suite of problems with known answers, and an independent program."""
 
-import pyblast.cli.blas  # noqa: F401  before numpy
+import pyblast.cli  # noqa: F401  before numpy

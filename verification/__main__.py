@@ -1,9 +1,9 @@
-"""Run the rungs of the ladder and keep what they gave.
+"""Run the verification suite and store its results.
 
-    python -m verification [RUNG ...] [--quick]
+    python -m verification [CASE ...] [--quick]
 
-Without names every rung is run. ``verification/results.json`` keeps the results of rungs that are
-not run now; the table and the figures in docs follow from it.
+Without names every case is run. ``verification/results.json`` keeps the results of the other
+cases; the table and the figures in docs are written from it.
 """
 
 import importlib
@@ -16,57 +16,61 @@ from pathlib import Path
 from pyblast.errors import PyblastError
 from pyblast.project.result import write_text
 
-from . import page, rungs
-from .ladder import RUNGS, judged
+from . import cases, page
 from .problems import PROBLEMS
+from .suite import CASES, judge
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "verification" / "results.json"
 
 
 def register_all():
-    """Import all rungs, so that they are in `RUNGS`."""
-    for module in pkgutil.iter_modules(rungs.__path__):
-        importlib.import_module(f"{rungs.__name__}.{module.name}")
+    """Import all modules of cases, which register them in `CASES`."""
+    for module in pkgutil.iter_modules(cases.__path__):
+        importlib.import_module(f"{cases.__name__}.{module.name}")
 
 
-def climb(one, quick=False):
-    """Run one rung; return its result and the curves of its last mesh.
+def run_case(problem, quick=False):
+    """Run one case; return its result and the curves of its last mesh.
 
-    A rung that can't be measured is a failed one: its result says why.
+    A case that can't be measured fails; its result gives the reason.
     """
     began = time.perf_counter()
-    about = {
-        "title": one.title, "source": one.source, "gate": one.gate, "unit": one.unit,
-        "meshes": list(one.meshes[:1] if quick else one.meshes), "least_order": one.order,
-        "note": one.note,
-    }  # fmt: skip
+    record = {
+        "title": problem.title,
+        "source": problem.source,
+        "gate": problem.gate,
+        "unit": problem.unit,
+        "meshes": list(problem.meshes[:1] if quick else problem.meshes),
+        "least_order": problem.order,
+        "note": problem.note,
+    }
     try:
-        found = [one.measure(mesh) for mesh in about["meshes"]] or [one.measure()]
+        outcomes = [problem.measure(mesh) for mesh in record["meshes"]] or [problem.measure()]
     except (PyblastError, ArithmeticError, LookupError, ValueError) as error:
-        return {**about, "pass": False, "failure": f"{type(error).__name__}: {error}"}, []
-    rows = judged(one, [readings for readings, _ in found])
+        return {**record, "pass": False, "failure": f"{type(error).__name__}: {error}"}, []
+    rows = judge(problem, [readings for readings, _ in outcomes])
     seconds = round(time.perf_counter() - began, 1)
     passed = all(row["pass"] for row in rows)
-    return {**about, "pass": passed, "seconds": seconds, "quantities": rows}, found[-1][1]
+    return {**record, "pass": passed, "seconds": seconds, "quantities": rows}, outcomes[-1][1]
 
 
 def main(arguments):
-    """Run what is asked for; return 1 where a rung failed."""
+    """Run the cases given; return 1 if one fails."""
     register_all()
     quick = "--quick" in arguments
-    names = [a for a in arguments if a != "--quick"] or sorted(RUNGS, key=page.by_number)
-    unknown = [name for name in names if name not in RUNGS]
+    names = [a for a in arguments if a != "--quick"] or sorted(CASES, key=page.by_number)
+    unknown = [name for name in names if name not in CASES]
     if unknown:
-        known = ", ".join(sorted(RUNGS, key=page.by_number))
-        sys.exit(f"verify: no rung {', '.join(unknown)}; there are {known}")
+        known = ", ".join(sorted(CASES, key=page.by_number))
+        sys.exit(f"verify: no case {', '.join(unknown)}; there are {known}")
     results = json.loads(RESULTS.read_text()) if RESULTS.is_file() else {}
     failed = []
     for name in names:
-        if quick and not RUNGS[name].quick:
+        if quick and not CASES[name].quick:
             continue
-        print(f"{name:>4} {RUNGS[name].title} ...", end=" ", flush=True)
-        result, curves = climb(RUNGS[name], quick)
+        print(f"{name:>4} {CASES[name].title} ...", end=" ", flush=True)
+        result, curves = run_case(CASES[name], quick)
         print("pass" if result["pass"] else "FAIL", f"{result.get('seconds', 0.0):.0f} s")
         failed += [] if result["pass"] else [name]
         if not quick:

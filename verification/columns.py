@@ -1,4 +1,4 @@
-"""Columns of rock in which P or S waves travel along x, for rungs and tests."""
+"""Columns of rock in which P or S waves travel along x, for cases and tests."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Meshes of the ladder that are no boxes."""
+"""Meshes of the suite that are no boxes."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The problems of the ladder, whether a rung measures them yet or not."""
+"""The problems of the suite, whether a case measures them yet or not."""
 
 PROBLEMS = {
     "1": "Column, P and S",

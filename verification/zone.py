@@ -1,4 +1,4 @@
-"""One zone led through strains by hand: what tests and rungs of zone laws share."""
+"""One zone led through strains by hand: what tests and cases of zone laws share."""
 
 from dataclasses import replace
 

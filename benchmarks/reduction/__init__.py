@@ -1,1 +1,1 @@
-"""A reduced basis in the frequency domain, studied as a way to many runs."""
+"""Reduced-basis models in the frequency domain: a study of fast evaluations of many runs."""

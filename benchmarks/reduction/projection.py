@@ -1,33 +1,293 @@
-"""A family of models seen through a basis: small systems, their solution and what it leaves."""
+"""Galerkin projection of a family on a basis, solved on a complex-frequency contour."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import fft
 from scipy.linalg import lapack
 
 from pyblast.errors import InputError
+from pyblast.mesh.tetrahedra import volumes
+from pyblast.solver.linear_runs import SHEAR, strain_matrix
 
-from .basis import basis
-from .driving import driving
-from .family import Family
-from .galerkin import seen
-from .line import Line, line
+from .families import Family
+from .snapshots import orthonormal_basis
 
-SKETCH = 64  # random directions in which the residual is watched
+PADDING = 0.15  # of the duration, over which held sources are tapered off
+ALIASED = 1e-4  # amplitude left of one period in the next
+TAPER = 1.25  # highest frequency solved over the highest of the motion
+
+
+@dataclass(frozen=True, eq=False)
+class Contour:
+    """Contour of complex frequencies z on a circle; symbols of the time-stepping scheme at z.
+
+    Parameters
+    ----------
+    dt : float, s
+    highest : float, Hz
+    n_steps, n_period : int
+        Of a seismogram, and of the period of the discrete transform.
+    z : (n,) complex128
+    weight : (n,) float64
+        1 within the band, falling to 0 above.
+
+    Notes
+    -----
+    theory.md (10.4) to (10.6).
+    """
+
+    dt: float
+    highest: float
+    n_steps: int
+    n_period: int
+    z: np.ndarray
+    weight: np.ndarray
+
+    @property
+    def decay(self):
+        """Exponential damping per step on the circle."""
+        return math.log(1.0 / ALIASED) / self.n_period
+
+    @property
+    def rate(self):
+        """Complex angular frequency of the differential equation, (n,) 1/s."""
+        return np.log(self.z) / self.dt
+
+    @property
+    def mass(self):
+        """Symbol of acceleration, (n,) 1/s2."""
+        return (self.z - 2.0 + 1.0 / self.z) / self.dt**2
+
+    @property
+    def mean_rate(self):
+        """Symbol of the mean velocity, (n,) 1/s."""
+        return (self.z - 1.0 / self.z) / (2.0 * self.dt)
+
+    @property
+    def lagged_rate(self):
+        """Symbol of the velocity half a step before, (n,) 1/s."""
+        return (1.0 - 1.0 / self.z) / self.dt
+
+    def relaxing(self, rate):
+        """Return the symbol of springs that relax at a rate in 1/s, (n,)."""
+        x = 0.5 * rate * self.dt
+        return 1.0 - x * (1.0 + 1.0 / self.z) / (1.0 + x - (1.0 - x) / self.z)
+
+    def velocity(self, displacement):
+        """Return mid-step velocities for displacements, (n, ...) both."""
+        shape = (-1,) + (1,) * (displacement.ndim - 1)
+        return ((self.z - 1.0) / self.dt).reshape(shape) * displacement
+
+    def energy(self, values):
+        """Return the sum over the contour of squared values (n, m) within the band, (m,)."""
+        return np.sum((self.weight[:, None] * np.abs(values)) ** 2, axis=0)
+
+    def transform(self, histories):
+        """Return histories (n_steps, m) at all frequencies (n_period / 2 + 1, m).
+
+        The last value is held and tapered off over the padding.
+        """
+        taper = 0.5 + 0.5 * np.cos(np.pi * np.linspace(0.0, 1.0, self.n_period - self.n_steps))
+        whole = np.concatenate([histories, taper[:, None] * histories[-1]])
+        damped = np.exp(-self.decay * np.arange(self.n_period))[:, None] * whole
+        return fft.rfft(damped, axis=0)
+
+    def to_time(self, values, count=None):
+        """Return values (n, ...) on the contour in the time domain, up to the last step.
+
+        With ``count`` samples per period instead of one a step.
+        """
+        count = count or self.n_period
+        shape = (-1,) + (1,) * (values.ndim - 1)
+        motion = fft.irfft(self.weight.reshape(shape) * values, count, axis=0)
+        every = self.n_period / count
+        motion = motion[: math.ceil(self.n_steps / every)] / every
+        return np.exp(self.decay * every * np.arange(len(motion))).reshape(shape) * motion
+
+
+def contour(dt, n_steps, highest):
+    """Return the contour for seismograms of ``n_steps`` with motion up to ``highest`` Hz."""
+    n_period = fft.next_fast_len(math.ceil((1.0 + PADDING) * n_steps), real=True)
+    n_period += n_period % 2
+    count = min(n_period // 2, math.ceil(TAPER * highest * n_period * dt)) + 1
+    circle = 2j * np.pi * np.arange(count) / n_period + math.log(1.0 / ALIASED) / n_period
+    hertz = np.arange(count) / (n_period * dt)
+    excess = np.clip((hertz / highest - 1.0) / (TAPER - 1.0), 0.0, 1.0)
+    weight = 0.5 + 0.5 * np.cos(np.pi * excess)
+    return Contour(dt, highest, n_steps, n_period, np.exp(circle), weight)
+
+
+MOST_ABOVE = 1e-3  # of the energy of the sources, above the highest frequency
+
+
+def generalised_forces(constants, basis, contour):
+    """Return the generalised forces of all loads, (n_frequencies, n_basis).
+
+    Parameters
+    ----------
+    constants : dict
+        Of a prepared model.
+    basis : (3 n_nodes, n_basis) float64
+    contour : Contour
+
+    Raises
+    ------
+    InputError
+        If the loads hold too much energy above the highest frequency.
+
+    Notes
+    -----
+    Loads of one history and one delay are added first. Delays between steps are interpolated as
+    in the kernel: a cubic through four samples.
+    """
+    vectors, delays = constants["load_vector"], constants["load_delay"]
+    keys = np.stack([constants["load_history"], delays], axis=1)
+    kinds, number = np.unique(keys, axis=0, return_inverse=True)
+    columns = basis.reshape(-1, 3, basis.shape[1])
+    force = np.zeros((len(kinds), basis.shape[1]))
+    for kind in range(len(kinds)):
+        here = np.flatnonzero(number.ravel() == kind)
+        node = constants["load_node"][here]
+        force[kind] = np.einsum("li,lir->r", vectors[here], columns[node])
+    spectrum = contour.transform(constants["history"])
+    _refuse_higher(spectrum, contour)
+    spectrum = spectrum[: len(contour.z), kinds[:, 0].astype(int)]
+    return (spectrum * _delay_symbol(contour.z[:, None], kinds[:, 1])) @ force
+
+
+def _refuse_higher(spectrum, contour):
+    """Raise InputError if histories hold much energy above the highest frequency."""
+    hertz = np.arange(len(spectrum)) / (contour.n_period * contour.dt)
+    energy = (hertz[:, None] * np.abs(spectrum)) ** 2
+    above = energy[hertz > contour.highest].sum(axis=0)
+    share = float(np.max(above / np.maximum(energy.sum(axis=0), np.finfo(float).tiny)))
+    if share > MOST_ABOVE:
+        raise InputError(
+            f"reduced.highest: {100.0 * share:.2g} % of the energy of the sources lies above "
+            f"{contour.highest:g} Hz; low-pass the sources or raise it"
+        )
+
+
+def _delay_symbol(z, delay):
+    """Return the symbol of delays in steps, interpolated as in the kernel."""
+    whole = np.floor(delay)
+    x = delay - whole
+    weights = (
+        -x * (1.0 - x) * (2.0 - x) / 6.0,
+        (1.0 - x**2) * (2.0 - x) / 2.0,
+        x * (1.0 + x) * (2.0 - x) / 2.0,
+        -x * (1.0 - x**2) / 6.0,
+    )
+    cubic = sum(weight * z ** (1 - k) for k, weight in enumerate(weights))
+    return z**-whole * np.where(x > 0.0, cubic, 1.0)
+
+
+CHUNK = 2048  # zones whose strains are formed at once
+
+
+def projected_matrices(model, constants, left, right):
+    """Return the projected matrices of a family between two bases; theory.md (10.3).
+
+    Parameters
+    ----------
+    model : Model
+    constants : dict
+        Of the prepared model.
+    left, right : (3 n_nodes, n_left), (3 n_nodes, n_right) float64
+        Motions; ``right`` are the first of ``left``.
+
+    Returns
+    -------
+    dict of tuple to (n_left, n_right) float64
+        ``("mass",)``, ``("dashpots",)``, ``("rim",)``; by group ``("drag", name)`` for a mass
+        damping of 1/s, ``("p", name)`` and ``("s", name)`` for both moduli of the relaxed ground;
+        by joint ``("kn", name)`` and ``("ks", name)`` for 1 Pa/m.
+    """
+    mesh, mass = model.mesh, constants["node_mass"]
+    matrices = {("mass",): _weighted(left, right, mass)}
+    node, impedance = constants["dashpot_node"], constants["dashpot_impedance"]
+    at, to = (each.reshape(len(mass), 3, -1)[node] for each in (left, right))
+    pushed = np.einsum("nij,njr->nir", impedance, to)
+    matrices["dashpots",] = at.reshape(-1, left.shape[1]).T @ pushed.reshape(-1, right.shape[1])
+    heavy = model.zone_values("density") * volumes(mesh.points, mesh.zones)
+    for number, group in enumerate(mesh.groups):
+        here = np.where(mesh.zone_group == number, heavy, 0.0)
+        matrices["drag", group] = _weighted(left, right, model.nodes.sums(here))
+        zones = np.flatnonzero(mesh.zone_group == number)
+        matrices["p", group], matrices["s", group] = _stiffness(model, zones, left, right)
+    if model.rim is not None:
+        centres = mesh.points[mesh.zones].mean(axis=1)
+        drag = heavy * model.rim.alpha(centres, model.zone_values("cs"))
+        matrices["rim",] = _weighted(left, right, model.nodes.sums(drag))
+    if mesh.contacts is not None:
+        matrices |= _joints(mesh.contacts, left, right)
+    return matrices
+
+
+def _weighted(left, right, weight):
+    """Return the product of two bases with nodal weights."""
+    return left.T @ (np.repeat(weight, 3)[:, None] * right)
+
+
+def _stiffness(model, zones, left, right):
+    """Return the projected stiffness of the P and S moduli of zones of one group."""
+    p, s = np.zeros((2, left.shape[1], right.shape[1]))
+    lame, shear = (each[zones] for each in model.zone_moduli())
+    for first in range(0, len(zones), CHUNK):
+        part = slice(first, first + CHUNK)
+        corners = model.mesh.zones[zones[part]]
+        nodes = np.unique(corners)
+        rows = (3 * nodes[:, None] + np.arange(3)).ravel()
+        matrix = strain_matrix(model.mesh, zones[part], nodes)
+        strain = (matrix @ left[rows]).reshape(len(corners), 6, -1)
+        volume = volumes(model.mesh.points, corners)
+        compression, shearing = volume * (lame + 2.0 * shear)[part], volume * shear[part]
+        dilation = strain[:, :3].sum(axis=1)
+        p += dilation.T @ (compression[:, None] * dilation[:, : right.shape[1]])
+        whole = (shearing[:, None] * SHEAR)[..., None] * strain[:, :, : right.shape[1]]
+        s += strain.reshape(-1, left.shape[1]).T @ whole.reshape(-1, right.shape[1])
+        s -= 2.0 * dilation.T @ (shearing[:, None] * dilation[:, : right.shape[1]])
+    return p, s
+
+
+def _joints(contacts, left, right):
+    """Return the projected unit stiffness of each joint, normal and shear."""
+    found = {}
+    for number, name in enumerate(contacts.names):
+        jump, normal, area = joint_jumps(contacts, number, left)
+        opening = np.einsum("cir,ci->cr", jump, normal)
+        weighted = area[:, None] * opening[:, : right.shape[1]]
+        found["kn", name] = opening.T @ weighted
+        whole = (area[:, None, None] * jump[:, :, : right.shape[1]]).reshape(-1, right.shape[1])
+        found["ks", name] = jump.reshape(-1, left.shape[1]).T @ whole - found["kn", name]
+    return found
+
+
+def joint_jumps(contacts, number, basis):
+    """Return the jumps (n, 3, n_basis), normals and areas of the contacts of one joint."""
+    here = np.flatnonzero(contacts.joint == number)
+    at = basis.reshape(-1, 3, basis.shape[1])
+    jump = at[contacts.plus[here]] - at[contacts.minus[here]]
+    return jump, contacts.normal[here], contacts.area[here]
+
+
+SKETCH = 64  # random directions that sketch the residual
 
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """A family of models seen through a basis.
+    """Galerkin projection of a family of models on a basis.
 
     Parameters
     ----------
     family : Family
-    line : Line
+    contour : Contour
     directions : (3 n_nodes, size) float64
         The basis, orthonormal by the mass.
     matrices : dict of tuple to (size + n_sketch, size) float64
-        From `seen`: first the rows of the basis, then random directions that watch the residual.
+        From `projected_matrices`: rows of the basis, then random rows that sketch the residual.
     force : (n_frequencies, size + n_sketch) complex128
     receivers : (3 n_receivers, size) float64
     mass : float, kg
@@ -35,7 +295,7 @@ class Projection:
     """
 
     family: Family
-    line: Line
+    contour: Contour
     directions: np.ndarray
     matrices: dict
     force: np.ndarray
@@ -49,7 +309,7 @@ class Projection:
 
 
 def project(family: Family, modes, tolerance, seed) -> Projection:
-    """Make a basis of the motion of some runs and look at the family through it.
+    """Project a family on the basis of the motion of its training runs.
 
     Parameters
     ----------
@@ -57,29 +317,28 @@ def project(family: Family, modes, tolerance, seed) -> Projection:
     modes : list of (3 n_nodes, n) float32
         Of each run.
     tolerance : float
-        Share of the largest size of motion below which directions are dropped.
+        Fraction of the largest singular value below which vectors are dropped.
     seed : int
         Of the random directions.
-
     """
     middle = family.ranges.middle()
     model, constants = family.model(middle), family.prepared(middle).constants
     root = np.repeat(np.sqrt(family.mass), 3)[:, None]
-    found = basis(modes, tolerance)
-    both = np.concatenate([found, _watching(constants, seed)], axis=1) / root
-    directions = np.ascontiguousarray(both[:, : found.shape[1]])
-    on = line(family.dt, family.n_steps, family.highest)
+    basis = orthonormal_basis(modes, tolerance)
+    both = np.concatenate([basis, _residual_sketch(constants, seed)], axis=1) / root
+    directions = np.ascontiguousarray(both[:, : basis.shape[1]])
+    path = contour(family.dt, family.n_steps, family.highest)
     corners = directions.reshape(-1, 3, directions.shape[1])[constants["receiver_node"]]
     receivers = np.einsum("rk,rkic->ric", constants["receiver_weight"], corners)
     return Projection(
-        family, on, directions, seen(model, constants, both, directions),
-        driving(constants, both, on), receivers.reshape(-1, directions.shape[1]),
+        family, path, directions, projected_matrices(model, constants, both, directions),
+        generalised_forces(constants, both, path), receivers.reshape(-1, directions.shape[1]),
         float(family.mass.sum()),
     )  # fmt: skip
 
 
-def _watching(constants, seed):
-    """Return random directions (3 n_nodes, n_sketch) that feel no reaction of a support."""
+def _residual_sketch(constants, seed):
+    """Return random directions (3 n_nodes, n_sketch) orthogonal to the supports."""
     shape = len(constants["node_mass"]), 3, SKETCH
     random = np.random.default_rng([seed, 2]).standard_normal(shape) / np.sqrt(SKETCH)
     node, direction = constants["fixed_node"], constants["fixed_direction"]
@@ -90,15 +349,15 @@ def _watching(constants, seed):
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """How a small system moves on the line of complex frequencies.
+    """Solution of the projected system on the contour.
 
     Parameters
     ----------
     motion : (n_frequencies, size) complex128
-        Of the directions of the basis.
+        Coefficients of the basis.
     velocity : (n_frequencies, 3 n_receivers) complex128, m/s
     residual : float
-        Of the whole system over the motion of the quietest receiver; theory.md (10.7).
+        Of the full system over the motion of the receiver that moves least; theory.md (10.7).
     """
 
     motion: np.ndarray
@@ -107,8 +366,8 @@ class Solution:
 
 
 def solve(projection: Projection, values) -> Solution:
-    """Solve the small system of some values on the line; theory.md (10.4)."""
-    n, force, on = projection.size, projection.force, projection.line
+    """Solve the projected system for given values on the contour; theory.md (10.4)."""
+    n, force, path = projection.size, projection.force, projection.contour
     symbols, matrices = _terms(projection, values)
     flat = matrices[:, :n].reshape(len(matrices), -1)
     motion, system = np.empty((len(force), n), dtype=complex), np.empty(n * n, dtype=complex)
@@ -119,17 +378,17 @@ def solve(projection: Projection, values) -> Solution:
     rest = force[:, n:].copy()
     for factor, matrix in zip(symbols, matrices, strict=True):
         rest -= factor[:, None] * (motion @ matrix[n:].T)
-    velocity = on.velocity(motion @ projection.receivers.T)
-    size = np.sqrt(on.energy(rest / np.abs(on.rate)[:, None]).sum() / projection.mass)
-    moved = np.sqrt(on.energy(velocity).reshape(-1, 3).sum(axis=1).min())
+    velocity = path.velocity(motion @ projection.receivers.T)
+    size = np.sqrt(path.energy(rest / np.abs(path.rate)[:, None]).sum() / projection.mass)
+    moved = np.sqrt(path.energy(velocity).reshape(-1, 3).sum(axis=1).min())
     return Solution(motion, velocity, float(size / max(moved, np.finfo(float).tiny)))
 
 
 def _terms(projection, values):
-    """Return what multiplies each matrix on the line, and the matrices; theory.md (10.3)."""
-    family, on, part = projection.family, projection.line, projection.matrices
+    """Return the symbols of the matrices on the contour, and the matrices; theory.md (10.3)."""
+    family, path, part = projection.family, projection.contour, projection.matrices
     model = family.ranges.model(family.base, values)
-    rate, still, lag, relaxes = part["dashpots",].copy(), 0.0, 0.0, {}
+    rate, still, lagged, relaxing = part["dashpots",].copy(), 0.0, 0.0, {}
     if ("rim",) in part:
         rate += part["rim",]
     alpha, beta = model.group_damping("alpha"), model.group_damping("beta")
@@ -137,22 +396,23 @@ def _terms(projection, values):
         p, s = part["p", group], part["s", group]
         rate += alpha[number] * part["drag", group]
         still = still + p + s
-        lag = lag + beta[number] * (p + s)
-        for one in model.branches(group):
-            known = relaxes.get(one.rate, 0.0)
-            relaxes[one.rate] = known + one.compression * p + one.shear * s
+        lagged = lagged + beta[number] * (p + s)
+        for branch in model.branches(group):
+            known = relaxing.get(branch.rate, 0.0)
+            relaxing[branch.rate] = known + branch.compression * p + branch.shear * s
     for joint in model.joints:
         for name in ("kn", "ks"):
             still = still + joint.properties[name] * part[name, joint.surface]
-    symbols, found = [on.mass, on.mean_rate, np.ones_like(on.z)], [part["mass",], rate, still]
-    if np.any(lag):
-        symbols, found = [*symbols, on.lagged_rate], [*found, lag]
-    symbols += [on.relaxing(pace) for pace in relaxes]
-    return np.array(symbols), np.array([*found, *relaxes.values()])
+    symbols = [path.mass, path.mean_rate, np.ones_like(path.z)]
+    matrices = [part["mass",], rate, still]
+    if np.any(lagged):
+        symbols, matrices = [*symbols, path.lagged_rate], [*matrices, lagged]
+    symbols += [path.relaxing(pace) for pace in relaxing]
+    return np.array(symbols), np.array([*matrices, *relaxing.values()])
 
 
-def refuse_led(family):
-    """Refuse families that nothing moves, or whose sources follow what varies.
+def check_sources(family):
+    """Raise InputError for families without sources, or whose sources depend on the parameters.
 
     Raises
     ------

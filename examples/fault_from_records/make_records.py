@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from pyblast import simulate
 from pyblast.project.config_file import check_config
 from pyblast.project.project import make_project
 from pyblast.project.result import write_csv
-from pyblast.solver.run import simulate
 
 HERE = Path(__file__).resolve().parent
 KN, KS, RATIO = 0.55, 0.18, 0.03  # what a back-analysis should find

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast import back_analyse, plan_back_analysis, read_gather
+from pyblast import back_analyse, design_survey, read_gather
 from pyblast.back_analysis.trials import evaluate, simulate
 from pyblast.project.config_file import check_config
 from pyblast.project.project import make_project
 from pyblast.project.result import write_csv
-from pyblast.workflows.back_analysis import RESULT, slip_told
+from pyblast.workflows.back_analysis import RESULT, slip_summary
 
 HERE = Path(__file__).resolve().parent
 PAGE = HERE.parents[1] / "docs" / "quality" / "back_analysis.md"
@@ -119,7 +119,7 @@ def search(folder, name, scale, real):
         f"{min(ratios):.2f} to {max(ratios):.2f} | {numbers['accepted']} |"
     )
     true = evaluate(found.target, np.array([[value for *_, value in RANGES.values()]]))[0]
-    told = [*slip_told(found), *(f"{path}: {why}" for path, why in found.insensitive.items())]
+    told = [*slip_summary(found), *(f"{path}: {why}" for path, why in found.insensitive.items())]
     if name == "waveforms":
         low, high = numbers["plan"]["band_hz"]
         told.append(
@@ -142,9 +142,7 @@ def kept_in(plan):
 
 def planned(folder, scale, real):
     """Return the lines of what the record can tell in the middle of the ranges."""
-    plan, _ = plan_back_analysis(
-        searched(folder, "levenberg", "waveform", scale, real), folder / "plan"
-    )
+    plan, _ = design_survey(searched(folder, "levenberg", "waveform", scale, real), folder / "plan")
     both = zip(RANGES, plan.other.shares, plan.knowledge.shares, strict=True)
     rows = [f"| {path} | {peaks:.2f} | {waves:.2f} |" for path, peaks, waves in both]
     names = list(RANGES)

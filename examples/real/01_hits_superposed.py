@@ -11,9 +11,9 @@ from line_analysis import noise_misfit, repeatability, scale_and_shift, spread
 from real_figures import draw_hits
 from real_line import hits_by_place, keep_results, recordings_folder, seismograms
 
-from pyblast.blasts.blast import Blast, Firing
-from pyblast.blasts.superposition import superpose, travel_shifts
-from pyblast.signals.comparison import compare
+from pyblast import Blast, compare, superpose
+from pyblast.blasts.blast import Firing
+from pyblast.blasts.superposition import travel_shifts
 
 DELAY, BAND = 0.042, (10.0, 40.0)
 OCTAVES = [(5.0, 10.0), (10.0, 20.0), (20.0, 40.0), (40.0, 80.0), (80.0, 160.0)]
@@ -88,9 +88,12 @@ def main():
             found[name].append(score)
             octaves[name].append(octave)
         used = [gathers[p][s] for p, s, _ in source], [gathers[p][h] for p, _, h in source]
-        floors.append(noise_misfit(*used, pairs[0], BAND))
+        floors.append(noise_misfit(used[0], used[1], pairs[0], BAND))
         print(f"draw {draw + 1} of {N_DRAWS}: misfit {np.median(found['plain'][-1][:, 0]):.3f}")
-    noise = {f"{b[0]:g}-{b[1]:g} Hz": spread(noise_misfit(*used, pairs[0], b)) for b in OCTAVES}
+    noise = {
+        f"{b[0]:g}-{b[1]:g} Hz": spread(noise_misfit(used[0], used[1], pairs[0], b))
+        for b in OCTAVES
+    }
     west = np.array([one_signature_for_all(records, hit) for hit in range(5)])
     hit = records[-10.0][0][12]
     again = superpose(hit, FIRING).velocity[:, 2]

@@ -12,14 +12,22 @@ from line_analysis import first_breaks, misfit_map, phase_speeds, with_hammer
 from real_figures import draw_gather
 from real_line import hits_by_place, keep_results, recordings_folder, seismograms, vertical
 
-from pyblast.mesh.builder import Layer, structured_box
+from pyblast import (
+    Damping,
+    Material,
+    Model,
+    PointForce,
+    Receiver,
+    Rim,
+    Roller,
+    TimeFunction,
+    Viscous,
+    compare,
+    simulate,
+    structured_box,
+)
+from pyblast.mesh.builder import Layer
 from pyblast.mesh.grid import graded_axis
-from pyblast.model.boundary import Roller, Viscous
-from pyblast.model.material import Damping, Material
-from pyblast.model.model import Model, Receiver, Rim
-from pyblast.model.source import PointForce, TimeFunction
-from pyblast.signals.comparison import compare
-from pyblast.solver.run import simulate
 
 PLACE, OPPOSITE, HIT, NEAREST = 51.0, -5.0, 2, 4
 DRY, WET, DEPTH = (380.0, 178.0), (1400.0, 231.0), 2.4

@@ -15,9 +15,9 @@ from line_analysis import scale_and_shift, spread
 from real_figures import draw_firing_times
 from real_line import hits_by_place, keep_results, recordings_folder, seismograms
 
+from pyblast import superpose
 from pyblast.back_analysis.firing_times import firing_times
 from pyblast.blasts.blast import Firing
-from pyblast.blasts.superposition import superpose
 
 BAND, N_DRAWS = (10.0, 80.0), 20
 PLANS = {"42 ms, 3 ms": (0.042, 0.003), "17 ms, 2 ms": (0.017, 0.002), "42 ms, none": (0.042, 0.0)}
@@ -53,7 +53,7 @@ def one_draw(records, delay, sigma, generator):
     recorded, start = blast(hits, Firing(drawn, 1.0))
     greens = np.array([[s.velocity[:, 2] for s in one] for one in known])
     begins = known[0][0].start - start
-    found = {"truth": drawn + lags, "nominal": nominal, "recorded": recorded, "start": start}
+    found: dict = {"truth": drawn + lags, "nominal": nominal, "recorded": recorded, "start": start}
     for half, (fitted, held) in enumerate([HALVES, HALVES[::-1]]):
         loudness = 1.0 / np.sqrt(np.mean(recorded[fitted] ** 2, axis=1))
         answer = firing_times(

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from real_line import recordings_folder
 
+from pyblast import read_gather
 from pyblast.line_records.shots import shot_of
-from pyblast.recordings.recording import read_gather
 
 OUTCOMES = Path(__file__).with_name("outcomes.json")
 

@@ -4,7 +4,7 @@ import numpy as np
 from real_line import seismograms
 from scipy import fft, signal
 
-from pyblast.signals.comparison import compare
+from pyblast import compare
 
 N_PADDED, WATER = 2048, 1e-2
 NOISE, FINER = (-0.5, -0.02), 16

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.recordings.recording import read_gather
-from pyblast.signals.seismogram import Seismogram
+from pyblast import Seismogram, read_gather
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 FIGURES = REPOSITORY / "docs" / "figures"

@@ -8,7 +8,7 @@ noise; the acoustic record put right by the spectrum of the *other* place. Argum
 import numpy as np
 from keeper import Sealed, folder_of_recordings, keep
 
-from pyblast.line_records.sensor import sensor_response
+from pyblast.line_records.quality import sensor_response
 
 BAND, DT, PLACES = (60e3, 600e3), 1e-7, ("frontcenter", "fronttop")
 NAMES = ("acoustic", "laser")
@@ -21,14 +21,14 @@ def records(folder):
             for kind, volts in (("AE", 100), ("LDV", 200))]  # fmt: skip
 
 
-def asked(name, truth, acoustic, laser, outcome, reference="laser"):
+def asked(name, truth, acoustic, laser, outcome, reference: str | None = "laser"):
     """Seal, ask, open, score."""
     sealed = Sealed(name, truth)
     said = sensor_response(acoustic, laser, DT, BAND, names=NAMES, reference=reference)
     sealed.answered([said])
     opened = sealed.opened()
     right = said.outcome == outcome and said.target == tuple(opened["target"])
-    before, after = said.held_out
+    before, after = said.held_out or (0.0, 0.0)
     return sealed.scored(right, misfit_flat=before, misfit_response=after)
 
 
@@ -42,7 +42,7 @@ def main():
     copies = 2500.0 * (laser + 0.05 * laser.std() * rng.normal(size=laser.shape))
     power = [np.abs(np.fft.rfft(one)) ** 2 for one in (acoustic, laser)]
     even = [[np.convolve(row, np.ones(41), "same") for row in one] for one in power]
-    smooth = np.sqrt(np.divide(*even))
+    smooth = np.sqrt(np.divide(even[0], even[1]))
     restored = np.fft.irfft(np.fft.rfft(acoustic) / smooth[::-1], acoustic.shape[1])
     keep("T1b", {
         "acoustic sensor": asked("acoustic sensor", truth, acoustic, laser, "NAMED"),

@@ -39,7 +39,8 @@ def main():
         said = closure_law(*zip(*others, strict=True))
         sealed.answered([said])
         opened, p = sealed.opened(), said.parameters
-        line = np.polyfit(*(np.concatenate(x) for x in zip(*others, strict=True)), 1)
+        closure, stress = (np.concatenate(x) for x in zip(*others, strict=True))
+        line = np.polyfit(closure, stress, 1)
         bent = fit_hyperbola(others)
         left = [float(np.sqrt(np.mean((guess - opened["stress"]) ** 2)))
                 for guess in (np.polyval(line, closure), hyperbola(bent, closure))]  # fmt: skip

@@ -4,28 +4,30 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import fft
 from scipy.stats import norm
 
 from ..blasts.blast import Firing
 from ..errors import InputError
 from ..inference.gauss_newton import LeastSquares, gauss_newton
+from ..signals.seismogram import fast_length
 
-REACH = 4.0  # standard deviations of the prior within which times are tried
-TURN = 0.5  # rad of the mean frequency between two times that are tried
+REACH = 4.0  # standard deviations of the prior, range of the grid search
+TURN = 0.5  # rad of the mean frequency, step of the grid search
 CONVERGED = 1e-4  # rad of the mean frequency: smaller changes end the rounds
 LEAST_STEP = 1e-7  # rad of the mean frequency, or of a scale, that is worth a step
 DAMPING = 1e-3  # of the largest curvature, at first
 ROUNDS, SWEEPS, STEPS = 6, 12, 30  # at most
 BANDS = 4
-FAINTEST = 1e-20  # share of the record: noise below this is rounding
+FAINTEST = 1e-20  # of the energy of the record: noise below this is rounding
 
 
 @dataclass(frozen=True, eq=False)
 class HoleFit:
-    """Hold what a blast is fitted with; motion is (n_receivers, n_components, n_recorded).
+    """Fit problem of a blast; motion is (n_receivers, n_components, n_recorded).
 
-    Values are the delays of all holes beside their plan in s, then all scales.
+    Values are the deviations of all holes from their planned times in s, then all scales.
 
     Parameters
     ----------
@@ -35,14 +37,14 @@ class HoleFit:
     recorded : (n_receivers, n_components, n_recorded) float64
     nominal : (n_holes,) float64, s
     precision : (2 n_holes,) float64
-        Inverse variances of the values before the record is seen.
+        Prior inverse variances of the values.
     mean_frequency : (n_holes,) float64, rad/s
-        Mean angular frequency of the motion of each hole.
+        Mean angular frequency of each hole.
     size : int
-        Samples with the zeros that keep both ends apart.
+        Length of the transform with zero padding.
     whiten : callable or None
     shape : tuple of int
-        Of the record as it was given, which the operator expects.
+        Original shape of the record, for the operator.
     """
 
     spectra: np.ndarray
@@ -55,22 +57,22 @@ class HoleFit:
     whiten: Callable | None
     shape: tuple[int, ...]
 
-    def whitened(self, motion):
-        """Return motion after the operator."""
+    def whitened(self, motion: np.ndarray) -> np.ndarray:
+        """Return whitened motion."""
         if self.whiten is None:
             return motion
         return np.asarray(self.whiten(motion.reshape(self.shape))).reshape(motion.shape)
 
-    def motion(self, hole, delay, rate=False):
-        """Return the motion by one hole, or how it changes with its time."""
+    def motion(self, hole: int, delay: float, rate: bool = False) -> np.ndarray:
+        """Return the motion of one hole, or its derivative by time."""
         spectrum = np.exp(-self.turns * (self.nominal[hole] + delay)) * self.spectra[hole]
         if rate:
             spectrum *= -self.turns
-        moved = fft.irfft(spectrum, self.size, overwrite_x=True)
+        moved = np.asarray(fft.irfft(spectrum, self.size, overwrite_x=True))
         return moved[..., : self.recorded.shape[-1]]
 
-    def residual(self, values):
-        """Return the whitened residual of the record."""
+    def residual(self, values: np.ndarray) -> np.ndarray:
+        """Return the whitened residual."""
         n_holes = len(self.nominal)
         spectrum = sum(
             scale * np.exp(-self.turns * (time + delay)) * one
@@ -78,11 +80,11 @@ class HoleFit:
                 self.spectra, self.nominal, values[:n_holes], values[n_holes:], strict=True
             )
         )
-        motion = fft.irfft(spectrum, self.size)[..., : self.recorded.shape[-1]]
+        motion = np.asarray(fft.irfft(spectrum, self.size))[..., : self.recorded.shape[-1]]
         return self.whitened(self.recorded - motion)
 
-    def derivatives(self, values):
-        """Return how the whitened motion changes with each value, (2 n_holes, ...)."""
+    def derivatives(self, values: np.ndarray) -> np.ndarray:
+        """Return the Jacobian of the whitened motion, (2 n_holes, ...)."""
         n_holes = len(self.nominal)
         by_time = [
             values[n_holes + hole] * self.whitened(self.motion(hole, values[hole], rate=True))
@@ -92,34 +94,32 @@ class HoleFit:
         return np.stack([*by_time, *by_scale])
 
     @property
-    def planned(self):
-        """Values of the plan."""
+    def prior(self) -> np.ndarray:
+        """Planned values."""
         return np.repeat([0.0, 1.0], len(self.nominal))
 
 
-def estimated(fit) -> tuple[np.ndarray, float, float]:
-    """Return the best values, the variance of the noise, and its inflation.
+def estimated(fit: HoleFit) -> tuple[np.ndarray, float, float]:
+    """Return the best values, the noise variance and its inflation; theory.md (13.1), (13.2).
 
-    theory.md (13.1), (13.2).
-
-    The noise begins as loud as all that the plan does not explain, so that the prior holds the
-    holes together until the record is clear.
+    The initial noise variance is that of the residual of the plan, so that the prior dominates at
+    first.
     """
-    values, n_holes = fit.planned, len(fit.nominal)
-    variance, inflation = np.mean(fit.residual(values) ** 2), 1.0
+    values, n_holes = fit.prior, len(fit.nominal)
+    variance, inflation = float(np.mean(fit.residual(values) ** 2)), 1.0
     for _ in range(ROUNDS):
-        variance = max(variance, FAINTEST * np.mean(fit.whitened(fit.recorded) ** 2))
-        found = adjusted(fit, coordinate_search(fit, values, variance), variance)
-        moved = np.abs(found - values)[:n_holes].max()
-        values = found
+        variance = max(variance, FAINTEST * float(np.mean(fit.whitened(fit.recorded) ** 2)))
+        updated = adjusted(fit, grid_search(fit, values, variance), variance)
+        moved = np.abs(updated - values)[:n_holes].max()
+        values = updated
         variance, inflation = noise_variance(fit, values)
         if moved < CONVERGED / fit.mean_frequency.max():
             break
     return values, variance, inflation
 
 
-def coordinate_search(fit, values, variance):
-    """Try all times of each hole in turn, with the best scale of each, until none moves."""
+def grid_search(fit: HoleFit, values: np.ndarray, variance: float) -> np.ndarray:
+    """Grid search of the time of each hole in turn, with its best scale, until none moves."""
     values, n_holes = values.copy(), len(fit.nominal)
     residual = fit.residual(values)
     for _ in range(SWEEPS):
@@ -127,7 +127,7 @@ def coordinate_search(fit, values, variance):
         for hole in range(n_holes):
             motion = fit.whitened(fit.motion(hole, values[hole]))
             alone = residual + values[n_holes + hole] * motion
-            delay, scale, motion = _best_of_one(fit, hole, values[hole], alone, variance)
+            delay, scale, motion = _best_alone(fit, hole, values[hole], alone, variance)
             values[hole], values[n_holes + hole] = delay, scale
             residual = alone - scale * motion
         if (values[:n_holes] == before).all():
@@ -135,39 +135,39 @@ def coordinate_search(fit, values, variance):
     return values
 
 
-def _best_of_one(fit, hole, now, alone, variance):
-    """Return delay, scale and whitened motion of one hole that leave least of what is its own."""
-    time_precision, scale_precision = fit.precision[[hole, len(fit.nominal) + hole]]
-    reach, step = REACH / np.sqrt(time_precision), TURN / fit.mean_frequency[hole]
+def _best_alone(fit, hole, now, alone, variance):
+    """Return delay, scale and whitened motion of one hole with the smallest residual."""
+    sure_time, sure_scale = fit.precision[[hole, len(fit.nominal) + hole]]
+    reach, step = REACH / np.sqrt(sure_time), TURN / fit.mean_frequency[hole]
     around = step * np.arange(1, int(np.ceil(reach / step)) + 1)
-    most, best = -np.inf, None
+    most, best = -np.inf, (now, 0.0, np.zeros_like(alone))
     for delay in (now, 0.0, *around, *-around):
         motion = fit.whitened(fit.motion(hole, delay))
-        correlation = np.vdot(motion, alone) / variance + scale_precision
-        weight = np.vdot(motion, motion) / variance + scale_precision
-        scale = max(correlation, 0.0) / weight
-        gain = scale * correlation - time_precision * delay**2
+        likeness = np.vdot(motion, alone) / variance + sure_scale
+        weight = np.vdot(motion, motion) / variance + sure_scale
+        scale = max(likeness, 0.0) / weight
+        gain = scale * likeness - sure_time * delay**2
         if gain > most:
             most, best = gain, (delay, scale, motion)
     return best
 
 
-def adjusted(fit, values, variance):
-    """Move all times and scales at once to the next minimum by Gauss-Newton; theory.md (13.1)."""
+def adjusted(fit: HoleFit, values: np.ndarray, variance: float) -> np.ndarray:
+    """Minimise over all times and scales by damped Gauss-Newton; theory.md (13.1)."""
     rows = fit.derivatives(values).reshape(len(values), -1)
     unit = np.sqrt(np.sum(rows**2, axis=1) / variance + fit.precision)  # of the Hessian's diagonal
     phase = np.append(fit.mean_frequency, np.ones(len(fit.nominal))) / unit
 
     def residual(x):
-        left = fit.residual(x / unit)
-        return left.reshape(len(left), -1) / np.sqrt(variance)
+        white = fit.residual(x / unit)
+        return white.reshape(len(white), -1) / np.sqrt(variance)
 
     def jacobian(x, _):
         rows = fit.derivatives(x / unit) / -np.sqrt(variance)
         return rows.reshape(len(x), len(rows[0]), -1) / unit[:, None, None]
 
     problem = LeastSquares(
-        residual, jacobian, mean=fit.planned * unit, precision=fit.precision / unit**2
+        residual, jacobian, mean=fit.prior * unit, precision=fit.precision / unit**2
     )
     start = values * unit
     end = gauss_newton(
@@ -177,13 +177,12 @@ def adjusted(fit, values, variance):
     return end.x / unit
 
 
-def noise_variance(fit, values) -> tuple[float, float]:
-    """Return the variance of the noise as far as these values go, and its excess; theory.md (13.2).
+def noise_variance(fit: HoleFit, values: np.ndarray) -> tuple[float, float]:
+    """Return the noise variance and its inflation; theory.md (13.2).
 
-    Mean square of the residual, times how much more the derivatives of the misfit differ between
-    receivers, and between bands, than they would if all samples were independent. What noise of
-    any colour does differs between receivers; what a waveform does that no two holes have alike
-    is shared by them, but differs between bands.
+    Mean square of the residual, times the variance of the gradient of the misfit between receivers
+    and between bands over that of independent samples: coloured noise differs between receivers,
+    errors of the waveforms of holes are common to receivers but differ between bands.
     """
     residual = fit.residual(values)
     variance, n_receivers = np.mean(residual**2), len(residual)
@@ -193,7 +192,7 @@ def noise_variance(fit, values) -> tuple[float, float]:
     solved = np.linalg.inv(known + np.diag(fit.precision))
 
     def excess(slopes):
-        """Return how far slopes (n_values, n) differ, beside what independent samples would."""
+        """Return the variance of slopes (n_values, n) over that of independent samples."""
         count = slopes.shape[1]
         if count < 2:
             return 0.0
@@ -205,37 +204,44 @@ def noise_variance(fit, values) -> tuple[float, float]:
         excess(one) for one in (parts.sum(axis=2), parts.sum(axis=1), parts.reshape(len(parts), -1))
     )
     inflation = max(1.0, receivers, receivers + bands - both)
-    return variance * inflation, inflation
+    return float(variance * inflation), inflation
 
 
 def _by_receiver_and_band(rows, residual):
     """Split the derivatives of the misfit, (n_values, n_receivers, BANDS) of equal weight."""
-    size = fft.next_fast_len(rows.shape[-1], real=True)
-    turned, left = fft.rfft(rows, size), fft.rfft(residual, size)
+    size = fast_length(rows.shape[-1])
+    turned, left = (np.asarray(fft.rfft(each, size)) for each in (rows, residual))
     power = np.cumsum(np.sum(np.abs(turned) ** 2, axis=(0, 1)))
     band = np.minimum((BANDS * power / power[-1]).astype(int), BANDS - 1)
     product = np.real(turned.conj() * left) * (2.0 / size)
     return np.stack([product[..., band == k].sum(axis=-1) for k in range(BANDS)], axis=-1)
 
 
-def _hole_fit(greens, recorded, dt, nominal, spread, whiten) -> HoleFit:
-    """Prepare a fit; arguments as `firing_times` has checked them."""
+def hole_fit(
+    greens: np.ndarray,
+    recorded: np.ndarray,
+    dt: float,
+    nominal: np.ndarray,
+    spread: np.ndarray,
+    whiten: Callable | None,
+) -> HoleFit:
+    """Return the fit problem; arguments as checked by `firing_times`."""
     n_holes, n_receivers, n = len(nominal), len(recorded), recorded.shape[-1]
     reach = int(np.ceil(REACH * spread[:n_holes].max() / dt))
-    size = fft.next_fast_len(n + greens.shape[-1] + 2 * reach, real=True)
-    spectra = fft.rfft(greens.reshape(n_holes, n_receivers, -1, greens.shape[-1]), size)
+    size = fast_length(n + greens.shape[-1] + 2 * reach)
+    spectra = np.asarray(fft.rfft(greens.reshape(n_holes, n_receivers, -1, greens.shape[-1]), size))
     turns = 2j * np.pi * fft.rfftfreq(size, dt)
     power = np.sum(np.abs(spectra) ** 2, axis=(1, 2))
-    mean = np.sqrt(power @ np.abs(turns) ** 2 / power.sum(axis=1))
+    mean_frequency = np.sqrt(power @ np.abs(turns) ** 2 / power.sum(axis=1))
     return HoleFit(
-        spectra, turns, recorded.reshape(n_receivers, -1, n), nominal, spread**-2.0, mean, size,
+        spectra, turns, recorded.reshape(n_receivers, -1, n), nominal, spread**-2.0, mean_frequency, size,
         whiten, recorded.shape,
     )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class FiringTimes:
-    """Times and scales of the holes with what remains unknown about them.
+    """Estimated firing times and scales, with covariance.
 
     Parameters
     ----------
@@ -248,7 +254,7 @@ class FiringTimes:
     misfit_before, misfit_after : float
         Whitened energy of the difference over that of the record, by the plan and by these times.
     inflation : float
-        By how much what the noise leaves unknown exceeds what independent samples would.
+        Inflation of the noise variance over that of independent samples.
     """
 
     times: np.ndarray
@@ -264,11 +270,11 @@ class FiringTimes:
         """Times and scales, ready to be superposed."""
         return Firing(self.times, self.scales)
 
-    def intervals(self, share=0.90):
+    def intervals(self, share: float = 0.90) -> np.ndarray:
         """Return intervals (n_holes, 2) of the times in s that hold each with this probability."""
         return self._around(self.times, slice(0, len(self.times)), share)
 
-    def scale_intervals(self, share=0.90):
+    def scale_intervals(self, share: float = 0.90) -> np.ndarray:
         """Return intervals (n_holes, 2) of the scales that hold each with this probability."""
         return self._around(self.scales, slice(len(self.times), None), share)
 
@@ -281,21 +287,21 @@ class FiringTimes:
 
 
 def firing_times(
-    greens,
-    recorded,
+    greens: ArrayLike,
+    recorded: ArrayLike,
     dt: float,
-    nominal,
+    nominal: ArrayLike,
     *,
-    sigma,
-    scale_sigma=0.3,
+    sigma: ArrayLike,
+    scale_sigma: ArrayLike = 0.3,
     whiten: Callable | None = None,
 ) -> FiringTimes:
-    """Find times and scales of the holes that explain records of their blast.
+    """Estimate firing times and scales of holes from records of their blast.
 
     Parameters
     ----------
     greens : (n_holes, n_receivers, n_components, n_samples) or (n_holes, n_receivers, n_samples)
-        Motion by each hole with scale 1, from its firing on, in m/s or what the record is in.
+        Motion of each hole with scale 1 from its firing, in the unit of the record.
     recorded : (n_receivers, n_components, n_recorded) or (n_receivers, n_recorded) float
     dt : float, s
     nominal : (n_holes,) float, s
@@ -319,15 +325,15 @@ def firing_times(
 
     Notes
     -----
-    Least squares with the prior as further data, theory.md (13.1); the level of the noise is that
-    of the residual, raised by theory.md (13.2) where samples are not independent: noise has
-    colours, and no two holes have quite the same waveform.
+    Least squares with a Gaussian prior, theory.md (13.1); the noise variance is that of the
+    residual, inflated by theory.md (13.2) for coloured noise and for differences between the
+    waveforms of holes.
     """
-    fit = _hole_fit(*_checked(greens, recorded, dt, nominal, sigma, scale_sigma), whiten)
+    fit = hole_fit(*_checked(greens, recorded, dt, nominal, sigma, scale_sigma), whiten)
     values, variance, inflation = estimated(fit)
     rows = fit.derivatives(values).reshape(len(values), -1)
     covariance = np.linalg.inv(rows @ rows.T / variance + np.diag(fit.precision))
-    planned = np.sum(fit.residual(fit.planned) ** 2)
+    planned = np.sum(fit.residual(fit.prior) ** 2)
     left, total = np.sum(fit.residual(values) ** 2), np.sum(fit.whitened(fit.recorded) ** 2)
     n_holes = len(fit.nominal)
     return FiringTimes(
@@ -337,7 +343,7 @@ def firing_times(
 
 
 def _checked(greens, recorded, dt, nominal, sigma, scale_sigma):
-    """Refuse what can not be fitted; return arrays, the spreads of times and scales as one."""
+    """Return checked arrays, with the standard deviations of times and scales joined."""
     greens, recorded = np.asarray(greens, dtype=float), np.asarray(recorded, dtype=float)
     nominal = np.asarray(nominal, dtype=float)
     n_holes = len(nominal)

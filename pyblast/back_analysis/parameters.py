@@ -79,7 +79,7 @@ def blasts_of(project: Project) -> tuple[Project, ...]:
         if not blast.recorded:
             raise InputError(
                 f"{blast.path.name}: receivers: none has a record to meet; add "
-                "[receivers.recorded], or ask with backanalyse --plan, which needs none"
+                "[receivers.recorded], or ask with backanalyse --design-survey, which needs none"
             )
     return blasts
 

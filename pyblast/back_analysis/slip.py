@@ -9,7 +9,7 @@ from .. import core
 from ..core import JOINT_LAWS
 from ..errors import SolverError
 from ..project.ground import joint_of_surface
-from ..solver.perturbation import FAILED, STICKING_JOINTS, by_number
+from ..solver.linear_runs import FAILED, STICKING_JOINTS, by_number
 from ..solver.preparation import LEDGER_EVERY, prepare
 from ..solver.run import collect, failure
 from ..units import split_key

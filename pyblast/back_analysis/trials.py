@@ -248,8 +248,8 @@ class TrialLog:
             raise ReadError(f"{self.path}: its trials are not numbered from 1; lines are missing")
         if found != (identity["hash"], KIND):
             raise InputError(
-                f"{self.path}: belongs to another project, record, parameter or method; begin "
-                "anew without --resume"
+                f"{self.path}: belongs to another project, record, parameter or method; "
+                "start anew with --fresh"
             )
         if len(whole) < len(data):
             with self.path.open("r+b") as file:
@@ -342,7 +342,7 @@ class Trials:
         except BrokenProcessPool:
             raise SolverError(
                 f"a worker was killed; {len(self.log.rows)} evaluations are kept in "
-                f"{self.log.path}, go on with --resume"
+                f"{self.log.path}; the same command goes on from there"
             ) from None
 
     def _known(self, begin, job):
@@ -355,7 +355,7 @@ class Trials:
             if row["values"] != point.tolist():
                 raise InputError(
                     f"{self.log.path}: trial {row['number']} is not what this search asks for; it "
-                    "had another number of runs or version; begin anew without --resume"
+                    "had another number of runs or version; start anew with --fresh"
                 )
         return rows if len(rows) == len(job) else None
 

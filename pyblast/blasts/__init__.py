@@ -1,1 +1,1 @@
-"""Blasts: holes, charges, delays, signatures, superposition, site laws."""
+"""Blasts: hole tables, signatures, superposition, firing times, site laws."""

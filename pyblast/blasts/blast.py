@@ -1,10 +1,11 @@
-"""Blasts: places, charges and firing times of holes, and findings about them."""
+"""Blasts: positions, charges and firing times of holes, with plausibility checks."""
 
 import math
 from collections import Counter
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 
@@ -16,8 +17,8 @@ ANGLE_TOLERANCE = math.radians(2.0)
 LENGTH_TOLERANCE = 0.1
 
 
-def hole_sentences(blast):
-    """Check times, charges, names, places, angles and lengths.
+def hole_sentences(blast: "Blast") -> list[str]:
+    """Return sentences on times, charges, names, positions, angles and lengths of holes.
 
     Parameters
     ----------
@@ -26,7 +27,7 @@ def hole_sentences(blast):
     Returns
     -------
     list of str
-        Times and charge per 8 ms window always; every other sentence only where it applies.
+        Times and charge per 8 ms window; others only where they apply.
     """
     return [
         _timing(blast),
@@ -41,7 +42,7 @@ def hole_sentences(blast):
 
 
 def _timing(blast):
-    """Say when the first and the last charge fire."""
+    """Return a sentence on the first and last firing time."""
     first, last = 1e3 * blast.times.min(), 1e3 * blast.times.max()
     instants = len(np.unique(np.round(blast.times / SAME_INSTANT)))
     return (
@@ -51,7 +52,7 @@ def _timing(blast):
 
 
 def _charging(blast):
-    """Say the charge per 8 ms window, or whose charge is missing."""
+    """Return a sentence on the charge per 8 ms window, or on missing charges."""
     missing = np.isnan(blast.charge)
     if np.any(missing):
         return (
@@ -136,8 +137,8 @@ def _lengths(blast):
 def _tight_charges(blast):
     """Find charges that are longer than their deck or hole."""
     deck = blast.deck[:, 1] - blast.deck[:, 0]
-    room = np.where(np.isnan(deck), blast.length, deck)
-    filled = np.where(room > 0.0, blast.charge_length / np.where(room > 0.0, room, 1.0), 0.0)
+    space = np.where(np.isnan(deck), blast.length, deck)
+    filled = np.where(space > 0.0, blast.charge_length / np.where(space > 0.0, space, 1.0), 0.0)
     if np.any(filled > 1.0):
         worst, density = int(np.nanargmax(filled)), blast.explosive_density
         kind = f"at {density:g} kg/m3"
@@ -146,7 +147,7 @@ def _tight_charges(blast):
         yield (
             f"The charge does not fit {kind}: {blast.named(filled > 1.0)}; "
             f"worst {blast.hole_ids[worst]}, {blast.charge[worst]:g} kg need "
-            f"{blast.charge_length[worst]:.3g} m of {room[worst]:.3g} m "
+            f"{blast.charge_length[worst]:.3g} m of {space[worst]:.3g} m "
             f"(a full hole would hold {filled[worst] * density:.4g} kg/m3)."
         )
 
@@ -160,7 +161,7 @@ HEAVIEST, LATEST = 1e6, 1e3
 
 @dataclass(frozen=True, eq=False)
 class Firing:
-    """Hold when the holes fire and how strong each is beside the signature hole.
+    """Firing: times of the holes, and scales relative to the signature hole.
 
     Parameters
     ----------
@@ -173,12 +174,17 @@ class Firing:
     ------
     InputError
         If the lengths differ, no hole is given or a value is not finite.
+
+    Examples
+    --------
+    >>> Firing.rows(2, 3, delay=0.025).times.tolist()
+    [0.0, 0.0, 0.0, 0.025, 0.025, 0.025]
     """
 
     times: np.ndarray
     scales: np.ndarray
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the fields once and make them read-only."""
         times = np.array(self.times, dtype=np.float64, ndmin=1)
         scales = np.array(np.broadcast_to(self.scales, times.shape), dtype=np.float64)
@@ -192,13 +198,14 @@ class Firing:
             object.__setattr__(self, name, values)
 
     @classmethod
-    def rows(cls, n_rows, holes_per_row, delay):
-        """Fire row after row, ``delay`` s apart; the holes of a row together, all scales 1."""
+    def rows(cls, n_rows: int, holes_per_row: int, delay: float) -> "Firing":
+        """Return the firing of rows ``delay`` s apart, holes of a row together, all scales 1."""
         if n_rows < 1 or holes_per_row < 1:
             raise InputError(f"firing.rows: need at least 1 x 1, got {n_rows} x {holes_per_row}")
-        return cls(np.repeat(delay * np.arange(n_rows), holes_per_row), 1.0)
+        times = np.repeat(delay * np.arange(n_rows), holes_per_row)
+        return cls(times, np.ones(len(times)))
 
-    def comb_spectrum(self, frequency):
+    def comb_spectrum(self, frequency: ArrayLike) -> np.ndarray:
         """Return ``|sum a_i exp(-2 pi i f t_i)| / sum a_i`` at each frequency [Hz]; 1 at 0 Hz."""
         total = np.sum(self.scales)
         if total == 0.0:
@@ -206,7 +213,7 @@ class Firing:
         turns = np.outer(np.atleast_1d(frequency), self.times)
         return np.abs(np.exp(-2j * np.pi * turns) @ self.scales) / abs(total)
 
-    def scattered(self, sigma, generator):
+    def scattered(self, sigma: float, generator: np.random.Generator) -> "Firing":
         """Add normal scatter of standard deviation ``sigma`` s, drawn from ``generator``."""
         if sigma < 0.0:
             raise InputError(f"firing.scattered: sigma must not be negative, got {sigma:g} s")
@@ -215,7 +222,7 @@ class Firing:
 
 @dataclass(frozen=True, eq=False)
 class Blast:
-    """Hold the holes of a blast; one entry per charge, so a hole with two decks has two.
+    """Blast: the holes with charges and firing times; a hole with two decks has two entries.
 
     Parameters
     ----------
@@ -233,16 +240,23 @@ class Blast:
     deck : (n_holes, 2) float64, m
         Top and base of the charge along the hole from the collar; NaN where unknown.
     stated_length, stated_inclination : (n_holes,) float64, m and rad
-        What the table says beside collar and toe, for the checks; NaN where it says nothing.
+        Values of the table in addition to collar and toe, for the checks; NaN if absent.
     notes : tuple of str
-        What the reader of the table noticed; repeated by ``checks``.
+        Remarks of the reader of the table; repeated by ``checks``.
     explosive_density : float, kg/m3
-        In the hole; that of ANFO is assumed unless given.
+        In the hole; default: ANFO.
 
     Raises
     ------
     InputError
-        If a shape or value breaks these rules; names the hole.
+        If a shape or value is invalid; names the hole.
+
+    Examples
+    --------
+    >>> collar, toe = [[0, 0, 0], [5, 0, 0]], [[0, 0, -10], [5, 0, -10]]
+    >>> blast = Blast("B1", collar, toe, charge=[50, 60], times=[0.0, 0.004])
+    >>> blast.charge_per_window()
+    110.0
     """
 
     name: str
@@ -250,15 +264,15 @@ class Blast:
     toe: np.ndarray
     charge: np.ndarray
     times: np.ndarray
-    diameter: np.ndarray = math.nan
+    diameter: np.ndarray | float = math.nan
     hole_ids: tuple[str, ...] = ()
-    deck: np.ndarray = math.nan
-    stated_length: np.ndarray = math.nan
-    stated_inclination: np.ndarray = math.nan
+    deck: np.ndarray | float = math.nan
+    stated_length: np.ndarray | float = math.nan
+    stated_inclination: np.ndarray | float = math.nan
     notes: tuple[str, ...] = field(default=())
     explosive_density: float = ANFO_DENSITY
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the fields once, spread single values over the holes, make arrays read-only."""
         collar = np.array(self.collar, dtype=np.float64)
         if collar.ndim != 2 or collar.shape[1] != 3 or len(collar) == 0:
@@ -293,7 +307,7 @@ class Blast:
         self._require("times", self.times <= LATEST, "must be at most 1000 s, is the unit right?")
         self._require("charge", ~(self.charge < 0.0) & ~np.isinf(self.charge), "must be >= 0 kg")
         self._require("charge", ~(self.charge > HEAVIEST), "must be at most 1e6 kg")
-        top, base = self.deck.T
+        top, base = np.asarray(self.deck).T
         self._require(
             "deck", ~(top >= base) & ~(top < 0.0) & ~(base > DEEPEST), "top must lie above base"
         )
@@ -308,47 +322,47 @@ class Blast:
             raise InputError(f"blast.{name}: {rule}, got {value} at hole {self.hole_ids[wrong[0]]}")
 
     @property
-    def length(self):
+    def length(self) -> np.ndarray:
         """Distance from collar to toe, (n_holes,) m."""
         return np.linalg.norm(self.toe - self.collar, axis=1)
 
     @property
-    def centres(self):
+    def centres(self) -> np.ndarray:
         """Middle of each charge, (n_holes, 3) m."""
         middle = self._charged_share().mean(axis=1)
         return self.collar + middle[:, None] * (self.toe - self.collar)
 
     @property
-    def columns(self):
+    def columns(self) -> np.ndarray:
         """Upper and lower end of each charge, (n_holes, 2, 3) m.
 
         Those of its deck where given; else of the column that the charge fills above the toe; of
         the whole hole where the diameter is unknown.
         """
-        way = (self.toe - self.collar)[:, None, :]
-        return self.collar[:, None, :] + self._charged_share()[:, :, None] * way
+        axis = (self.toe - self.collar)[:, None, :]
+        return self.collar[:, None, :] + self._charged_share()[:, :, None] * axis
 
     def _charged_share(self):
-        """Return where each charge begins and ends, (n_holes, 2), shares of the hole."""
+        """Return top and base of each charge as fractions of the hole, (n_holes, 2)."""
         length = np.maximum(self.length, 1e-12)
         filled = np.clip(np.nan_to_num(self.charge_length / length, nan=1.0), 0.0, 1.0)
         above_toe = np.column_stack([1.0 - filled, np.ones_like(filled)])
-        no_deck = np.isnan(self.deck).any(axis=1, keepdims=True)
-        return np.where(no_deck, above_toe, self.deck / length[:, None])
+        deck = np.asarray(self.deck)
+        no_deck = np.isnan(deck).any(axis=1, keepdims=True)
+        return np.where(no_deck, above_toe, deck / length[:, None])
 
     @property
-    def charge_length(self):
+    def charge_length(self) -> np.ndarray:
         """Length that each charge fills at the density of its explosive, (n_holes,) m."""
         return self.charge / (self.explosive_density * math.pi / 4.0 * self.diameter**2)
 
-    def firing(self, reference_charge=None, exponent=1.0):
-        """Turn the blast into times and scales.
+    def firing(self, reference_charge: float | None = None, exponent: float = 1.0) -> Firing:
+        """Return the firing of the blast: times and scales.
 
         Parameters
         ----------
         reference_charge : float, kg, optional
-            Charge of the signature hole. Without it all scales are 1, as the paper has it. A hole
-            of charge 0, a misfire, has the scale 0.
+            Charge of the signature hole. Default: all scales 1. A misfire (charge 0) has scale 0.
         exponent : float
             ``a_i = (charge_i / reference_charge) ** exponent``.
 
@@ -359,7 +373,7 @@ class Blast:
         Raises
         ------
         InputError
-            If scales are wanted and a charge is missing, or the reference is not positive.
+            If a charge needed for scales is missing, or the reference is not positive.
         """
         if reference_charge is None:
             return Firing(self.times, np.where(self.charge == 0.0, 0.0, 1.0))
@@ -369,11 +383,11 @@ class Blast:
         scales = (self.charge / reference_charge) ** exponent
         return Firing(self.times, np.where(self.charge == 0.0, 0.0, scales))
 
-    def charge_per_window(self, window=CHARGE_WINDOW):
+    def charge_per_window(self, window: float = CHARGE_WINDOW) -> float:
         """Return the largest charge [kg] that fires in any window [t, t + window) s."""
         return float(np.max(self.window_charges(window)[1]))
 
-    def window_charges(self, window=CHARGE_WINDOW):
+    def window_charges(self, window: float = CHARGE_WINDOW) -> tuple[np.ndarray, np.ndarray]:
         """Return the firing times in order and the charge in the half-open window from each."""
         if not window > 0.0:
             raise InputError(f"charge_per_window: window must be positive, got {window:g} s")
@@ -392,19 +406,19 @@ class Blast:
                 f"blast.charge: missing for {self.named(missing)}; give charge_kg in the table"
             )
 
-    def named(self, chosen):
+    def named(self, chosen: np.ndarray) -> str:
         """Name up to five of the holes where ``chosen`` (n_holes,) is true."""
         ids = [self.hole_ids[n] for n in np.flatnonzero(chosen)]
         noun = "hole" if len(ids) == 1 else f"{len(ids)} holes:"
         return f"{noun} {', '.join(ids[:5])}{', ...' if len(ids) > 5 else ''}"
 
-    def checks(self):
-        """Say in plain sentences what a blaster wants to know before trusting the table.
+    def checks(self) -> list[str]:
+        """Return plausibility checks of the table, as sentences.
 
         Returns
         -------
         list of str
-            The reader's notes, the times, the charge per 8 ms window, then what is doubtful.
+            Notes of the reader, times, charge per 8 ms window, doubtful entries.
         """
         return [*self.notes, *hole_sentences(self)]
 

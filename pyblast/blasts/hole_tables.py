@@ -1,10 +1,11 @@
-"""Hole tables from files: known layouts, or any CSV through a mapping of its columns."""
+"""Hole tables: reading of known layouts, or of any CSV by a mapping of its columns."""
 
 import csv
 import io
 import math
 import re
 import tomllib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,15 +29,15 @@ UNITS = {
 
 @dataclass(frozen=True)
 class Layout:
-    """A kind of hole table: the column of each quantity, its unit in the key, and the conventions.
+    """Layout of a hole table: columns by quantity with unit, and conventions.
 
     Columns are header names, or numbers from 0 where the file has no header. ``needs`` are the
     keys without which a file is not of this kind; ``angle_from`` is empty where not known.
     """
 
     name: str
-    columns: dict
-    needs: tuple = ()
+    columns: dict[str, int | str]
+    needs: tuple[str, ...] = ()
     axes: str = "east_north"
     angle_from: str = ""
 
@@ -154,12 +155,12 @@ WITHOUT_HEADER = {
 }
 
 
-def plain(header):
+def plain(header: str) -> str:
     """Write a header in lower case with single underscores: "Hole ID" is "hole_id"."""
     return re.sub(r"[^a-z0-9]+", "_", header.strip().lower()).strip("_")
 
 
-def recognise(first_row):
+def recognise(first_row: Sequence[str]) -> tuple[Layout | None, bool]:
     """Find the layout of a table from its first row.
 
     Parameters
@@ -205,8 +206,8 @@ OPTIONS = {
 }
 
 
-def read_blast(path, mapping=None) -> Blast:
-    """Read a hole table; the layout is found from the columns, not from the file's name.
+def read_blast(path: str | Path, mapping: str | Path | dict | None = None) -> Blast:
+    """Read a hole table; the layout is detected from the columns.
 
     Parameters
     ----------
@@ -221,12 +222,17 @@ def read_blast(path, mapping=None) -> Blast:
     Returns
     -------
     Blast
-        Absolute times in s from the blast's zero; what was noticed is in ``notes``.
+        With absolute times in s; remarks of the reader in ``notes``.
 
     Raises
     ------
     ReadError
-        If the file or the mapping can't be understood; names file, line and column.
+        If the file or the mapping is invalid; names file, line and column.
+
+    Examples
+    --------
+    >>> blast = read_blast("holes.csv")  # doctest: +SKIP
+    >>> blast.checks()  # doctest: +SKIP
     """
     path = Path(path)
     asked, options = (None, {}) if mapping is None else _read_mapping(mapping)
@@ -250,7 +256,7 @@ def read_blast(path, mapping=None) -> Blast:
         raise ReadError(f"{path.name}: {error}") from None
 
 
-def absolute_times(names, origins, delays):
+def absolute_times(names: Sequence[str], origins: Sequence[str], delays: np.ndarray) -> np.ndarray:
     """Add up delays along the ties between holes.
 
     Parameters
@@ -274,7 +280,7 @@ def absolute_times(names, origins, delays):
         chain, n = [], start
         while n is not None and math.isnan(times[n]):
             if n in chain:
-                circle = [names[k] for k in chain[chain.index(n) :]]
+                circle = [str(names[k]) for k in chain[chain.index(n) :]]
                 raise ReadError(f"hole ties run in a circle: {' <- '.join(circle[:6])}")
             chain.append(n)
             origin = origins[n]
@@ -406,7 +412,7 @@ def _assemble(layout, columns):
     if layout.axes == "north_east":
         collar, toe = collar[:, [1, 0, 2]], toe[:, [1, 0, 2]]
     diameter = columns.get("diameter", unknown)
-    blasts = list(dict.fromkeys(columns.get("blast", [])))
+    blasts = list(dict.fromkeys(map(str, columns.get("blast", []))))
     return Blast(
         name=", ".join(blasts[:3]) or layout.name,
         collar=collar,

@@ -1,15 +1,18 @@
-"""Single-hole seismograms in closed form: a charged hole as a spherical cavity under pressure."""
+"""Single-hole signatures in closed form: a spherical cavity under pressure."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import signal
 
 from ..errors import InputError
 from ..signals.seismogram import Seismogram
 
 OVERSAMPLING = 16
+Pulse = Callable[[np.ndarray], np.ndarray]  # times in s to pressures in Pa
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,7 @@ class CavityPulse:
     rise: float
     decay: float
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the fields once."""
         if not (0.0 < self.rise < self.decay and math.isfinite(self.decay)):
             raise InputError(
@@ -38,13 +41,13 @@ class CavityPulse:
             raise InputError(f"cavity pulse: pressure must be finite, got {self.pressure:g} Pa")
 
     @property
-    def level(self):
+    def level(self) -> float:
         """Factor of the two exponentials that makes the largest pressure p0 [Pa]."""
         ratio = self.decay / self.rise
         peak = ratio ** (-1.0 / (ratio - 1.0)) - ratio ** (-ratio / (ratio - 1.0))
         return self.pressure / peak
 
-    def __call__(self, times):
+    def __call__(self, times: ArrayLike) -> np.ndarray:
         """Return the pressure [Pa] at each time [s]; zero before 0 s."""
         later = np.maximum(times, 0.0)
         return self.level * (np.exp(-later / self.decay) - np.exp(-later / self.rise))
@@ -69,7 +72,7 @@ class SmoothPulse:
     peak_time: float
     order: int = 3
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the fields once."""
         if not (0.0 < self.peak_time < math.inf and self.order >= 2):
             raise InputError(
@@ -77,16 +80,25 @@ class SmoothPulse:
                 f"and {self.order}"
             )
 
-    def __call__(self, times):
+    def __call__(self, times: ArrayLike) -> np.ndarray:
         """Return the pressure [Pa] at each time [s]; zero before 0 s."""
         x = np.maximum(times, 0.0) / self.peak_time
         return self.pressure * (x * np.exp(1.0 - x)) ** self.order
 
 
 def cavity_signature(
-    density, cp, cs, radius, pressure, distance, dt, duration, rise, decay
+    density: float,
+    cp: float,
+    cs: float,
+    radius: float,
+    pressure: float,
+    distance: float,
+    dt: float,
+    duration: float,
+    rise: float,
+    decay: float,
 ) -> np.ndarray:
-    """Work out the radial velocity around a pressurised spherical cavity in full space.
+    """Return the radial velocity around a pressurised spherical cavity in full space.
 
     Parameters
     ----------
@@ -130,8 +142,17 @@ def cavity_signature(
     return np.where(moving, np.real(growth @ (weights * motion)), 0.0)
 
 
-def cavity_response(density, cp, cs, radius, pulse, distance, dt, duration) -> np.ndarray:
-    """Work out the radial velocity for any pressure history.
+def cavity_response(
+    density: float,
+    cp: float,
+    cs: float,
+    radius: float,
+    pulse: Pulse,
+    distance: float,
+    dt: float,
+    duration: float,
+) -> np.ndarray:
+    """Return the radial velocity for any pressure history.
 
     Parameters
     ----------
@@ -147,7 +168,7 @@ def cavity_response(density, cp, cs, radius, pulse, distance, dt, duration) -> n
 
     Notes
     -----
-    The same equations as ``cavity_signature``, marched exactly for piecewise linear pressure.
+    The equations of ``cavity_signature``, integrated exactly for piecewise linear pressure.
     """
     if isinstance(pulse, CavityPulse):
         return cavity_signature(
@@ -174,9 +195,18 @@ def cavity_response(density, cp, cs, radius, pulse, distance, dt, duration) -> n
 
 
 def cavity_seismogram(
-    density, cp, cs, radius, pulse, *, source, receiver, dt, duration
+    density: float,
+    cp: float,
+    cs: float,
+    radius: float,
+    pulse: Pulse,
+    *,
+    source: ArrayLike,
+    receiver: ArrayLike,
+    dt: float,
+    duration: float,
 ) -> Seismogram:
-    """Turn the cavity's radial motion into three components at a receiver.
+    """Return the seismogram of a pressurised cavity at a receiver.
 
     Parameters
     ----------
@@ -203,7 +233,15 @@ def cavity_seismogram(
     return exact.resampled(dt)
 
 
-def pressure_for_peak(density, cp, cs, radius, pulse, distance, peak):
+def pressure_for_peak(
+    density: float,
+    cp: float,
+    cs: float,
+    radius: float,
+    pulse: CavityPulse | SmoothPulse,
+    distance: float,
+    peak: float,
+) -> CavityPulse | SmoothPulse:
     """Return the pulse with the pressure for which the velocity at ``distance`` peaks at ``peak``.
 
     Shape and radius stay as they are: both are assumptions, and so is the peak where it comes
@@ -229,13 +267,13 @@ def pressure_for_peak(density, cp, cs, radius, pulse, distance, peak):
     return replace(pulse, pressure=peak / float(np.max(np.abs(motion))))
 
 
-def cavity_moment(radius, pressure, cp, cs):
+def cavity_moment(radius: float, pressure: float, cp: float, cs: float) -> float:
     """Return the isotropic moment ``M0 = pi a^3 p0 cp^2 / cs^2`` [N m] of a lasting pressure p0."""
     return math.pi * radius**3 * pressure * (cp / cs) ** 2
 
 
 def _check_path(density, cp, cs, radius, distance, dt, duration):
-    """Refuse a rock, a cavity or a path that can't exist."""
+    """Check rock, cavity and distance."""
     for name, value in (("density", density), ("cs", cs), ("radius", radius)):
         if not 0.0 < value < math.inf:
             raise InputError(f"cavity.{name}: must be positive, got {value:g}")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import stats
 
 from ..errors import InputError, ReadError
@@ -14,12 +15,12 @@ from ..units import FACTORS, split_key
 
 FEWEST, NARROWEST, BEYOND = 6, 2.0, 1.5
 WANTED_RECORDS, WANTED_R2, CURVED = 30, 0.5, 0.01
-SURE = 0.95  # that the peak falls with distance, or the fit is refused
+SURE = 0.95  # required confidence that the peak decreases with distance
 
 
 @dataclass(frozen=True, eq=False)
 class SiteLaw:
-    """Hold ``PPV = k SD^-beta`` with ``SD = R / W^charge_exponent`` and what it is known from.
+    """Site law ``PPV = k SD^-beta`` with ``SD = R / W^charge_exponent``, and its statistics.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ class SiteLaw:
     reach : (2,) float64, m/kg^charge_exponent
         Smallest and largest scaled distance of the records.
     notes : tuple of str
-        What is doubtful about the fit.
+        Doubts about the fit.
     """
 
     k: float
@@ -54,16 +55,16 @@ class SiteLaw:
     def k95(self) -> float:
         """Factor of the parallel line k 10^(1.645 s), m/s, that many programs print.
 
-        It takes k, beta and s for known; ``line(..., 0.95)`` does not.
+        Without the uncertainty of k, beta and s, which ``line(..., 0.95)`` includes.
         """
-        return self.k * 10.0 ** (stats.norm.ppf(0.95) * self.s)
+        return float(self.k * 10.0 ** (stats.norm.ppf(0.95) * self.s))
 
-    def beta_interval(self, share=0.90):
+    def beta_interval(self, share: float = 0.90) -> tuple[float, float]:
         """Return the ends of the interval that holds beta with this probability."""
         half = stats.t.ppf(0.5 + 0.5 * share, self.n - 2) * self.s / math.sqrt(self.breadth)
-        return self.beta - half, self.beta + half
+        return float(self.beta - half), float(self.beta + half)
 
-    def line(self, distance, charge, share=0.5):
+    def line(self, distance: ArrayLike, charge: ArrayLike, share: float = 0.5) -> np.ndarray:
         """Return the peak velocity that this share of new blasts stays below; theory.md (13.4).
 
         Parameters
@@ -98,7 +99,7 @@ class SiteLaw:
         factor = 10.0 ** (stats.t.ppf(share, self.n - 2) * spread)
         return self.k * scaled**-self.beta * factor
 
-    def largest_charge(self, distance, ppv, share=0.95):
+    def largest_charge(self, distance: float, ppv: float, share: float = 0.95) -> float:
         """Return the charge in 8 ms whose peak stays below ``ppv`` in this share of new blasts.
 
         Parameters
@@ -129,7 +130,9 @@ class SiteLaw:
         return float((distance / at) ** (1.0 / self.charge_exponent))
 
 
-def scaled_distance(distance, charge, charge_exponent=0.5):
+def scaled_distance(
+    distance: ArrayLike, charge: ArrayLike, charge_exponent: float = 0.5
+) -> np.ndarray:
     """Return ``distance / charge^charge_exponent``, m and kg; refuse what is not positive."""
     distance, charge = np.asarray(distance, dtype=float), np.asarray(charge, dtype=float)
     for name, values in (("distance", distance), ("charge", charge)):
@@ -143,7 +146,9 @@ def scaled_distance(distance, charge, charge_exponent=0.5):
     return distance / charge**charge_exponent
 
 
-def scaled_distance_ppv(distance, charge, k=0.5, exponent=1.6):
+def scaled_distance_ppv(
+    distance: ArrayLike, charge: ArrayLike, k: float = 0.5, exponent: float = 1.6
+) -> np.ndarray:
     """Return the PPV [m/s] of ``k (distance / sqrt(charge))^-exponent``, distance in m, kg.
 
     The default k = 0.5 m/s and exponent 1.6 are those given with AS 2187.2 for hard rock and a
@@ -152,8 +157,10 @@ def scaled_distance_ppv(distance, charge, k=0.5, exponent=1.6):
     return k * scaled_distance(distance, charge) ** -exponent
 
 
-def fit_site_law(distance, charge, ppv, charge_exponent=0.5) -> SiteLaw:
-    """Fit the law of a site to the peaks of its blasts.
+def fit_site_law(
+    distance: ArrayLike, charge: ArrayLike, ppv: ArrayLike, charge_exponent: float = 0.5
+) -> SiteLaw:
+    """Fit a site law to the peaks of recorded blasts.
 
     Parameters
     ----------
@@ -178,6 +185,14 @@ def fit_site_law(distance, charge, ppv, charge_exponent=0.5) -> SiteLaw:
     Notes
     -----
     Least squares in log10, theory.md (13.3).
+
+    Examples
+    --------
+    >>> distance = np.array([50.0, 80.0, 120.0, 200.0, 300.0, 450.0])
+    >>> ppv = 0.5 * (distance / 5.0) ** -1.6 * [1.1, 0.9, 1.0, 1.0, 0.9, 1.1]
+    >>> law = fit_site_law(distance, np.full(6, 25.0), ppv)
+    >>> round(law.beta, 2)
+    1.6
     """
     if not 0.0 < charge_exponent <= 1.0:
         raise InputError(f"site law: charge_exponent must be above 0, up to 1; {charge_exponent:g}")
@@ -210,7 +225,7 @@ def fit_site_law(distance, charge, ppv, charge_exponent=0.5) -> SiteLaw:
 
 
 def _refuse_poor_places(scaled):
-    """Refuse too few records, or places that tell no slope; scaled distances rising."""
+    """Raise InputError for too few records or too small a range of (sorted) scaled distances."""
     if len(scaled) < FEWEST:
         raise InputError(f"site law: {len(scaled)} records; at least {FEWEST} are needed")
     span = min(scaled[-1] / scaled[1], scaled[-2] / scaled[0])
@@ -222,7 +237,7 @@ def _refuse_poor_places(scaled):
 
 
 def _refuse_no_fall(slope, error, n):
-    """Refuse a slope that rises, or may."""
+    """Raise InputError unless the peaks decrease significantly with distance."""
     if slope + stats.t.ppf(SURE, n - 2) * error >= 0.0:
         raise InputError(
             f"site law: log PPV changes by {slope:.2f} +- {error:.2f} for each factor of ten of "
@@ -232,7 +247,7 @@ def _refuse_no_fall(slope, error, n):
 
 
 def _notes(x, y, r2):
-    """Return sentences about what is doubtful."""
+    """Return sentences on doubts about the fit."""
     notes = []
     if len(x) < WANTED_RECORDS:
         notes.append(f"{len(x)} records; {WANTED_RECORDS} or more make a law to rely on")
@@ -259,7 +274,7 @@ class SiteRecords(NamedTuple):
     ppv: np.ndarray
 
 
-def read_site_records(path) -> SiteRecords:
+def read_site_records(path: str | Path) -> SiteRecords:
     """Read columns such as ``distance_m, charge_kg, ppv_mm_per_s``; others are left alone.
 
     Parameters

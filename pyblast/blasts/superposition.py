@@ -1,13 +1,15 @@
-"""A production blast from the seismogram of a single hole: linear superposition."""
+"""Linear superposition of a production blast from single-hole signatures."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import fft
 
 from ..errors import InputError
-from ..signals.seismogram import Seismogram
+from ..signals.seismogram import Seismogram, fast_length
 from .blast import Blast, Firing
 
 
@@ -15,11 +17,11 @@ def superpose(
     signature: Seismogram,
     firing: Firing,
     *,
-    signatures=None,
-    travel_shifts=None,
+    signatures: Sequence[Seismogram | None] | None = None,
+    travel_shifts: ArrayLike | None = None,
     method: str = "fft",
 ) -> Seismogram:
-    """Sum the single-hole seismogram over the holes of a blast.
+    """Superpose the single-hole signature over the holes of a blast.
 
     Parameters
     ----------
@@ -50,6 +52,12 @@ def superpose(
     ``u = u_s * sum_i a_i delta(t - t_i)``: eq. (9) to (14) of the paper; theory.md (5.4).
     The shift is exact for motion below the Nyquist frequency that begins and ends at rest; a
     delay of whole samples moves any samples unchanged.
+
+    Examples
+    --------
+    >>> pulse = Seismogram(np.hanning(21)[:, None] * [1e-3, 0.0, 0.0], 1e-3)
+    >>> superpose(pulse, Firing.rows(3, 1, delay=0.05)).duration.__round__(3)
+    0.12
     """
     if method not in ("fft", "direct"):
         raise InputError(f'superpose.method: must be "fft" or "direct", got {method!r}')
@@ -61,14 +69,16 @@ def superpose(
     n_samples = max(
         math.ceil(delay - 1e-9) + len(s.velocity) for delay, s in zip(delays, own, strict=True)
     )
-    n_padded = fft.next_fast_len(2 * n_samples, real=True)
+    n_padded = fast_length(2 * n_samples)
     add = _add_spectra if method == "fft" else _add_samples
     motion = add(own, delays, firing.scales, n_padded)[:n_samples]
     start = signature.start + first * signature.dt
     return replace(signature, velocity=motion, start=start, label="superposed")
 
 
-def travel_shifts(blast: Blast, receiver, speed, reference):
+def travel_shifts(
+    blast: Blast, receiver: ArrayLike, speed: float, reference: ArrayLike
+) -> np.ndarray:
     """Return how much later each hole's waves arrive than those of the signature hole.
 
     Parameters
@@ -143,8 +153,8 @@ def _add_spectra(own, delays, scales, n_padded):
         comb += scale * np.exp(-2j * np.pi * cycles)
     spectrum = np.zeros((len(turns), 3), dtype=np.complex128)
     for s, comb in combs.values():
-        spectrum += fft.rfft(s.velocity, n_padded, axis=0) * comb[:, None]
-    return fft.irfft(spectrum, n_padded, axis=0)
+        spectrum += np.asarray(fft.rfft(s.velocity, n_padded, axis=0)) * comb[:, None]
+    return np.asarray(fft.irfft(spectrum, n_padded, axis=0))
 
 
 def _add_samples(own, delays, scales, n_padded):

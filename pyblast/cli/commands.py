@@ -1,152 +1,44 @@
 """Commands of the program: arguments, errors as one sentence, exit codes."""
 
 import os
+import signal
 import sys
 import warnings
-from contextlib import contextmanager
-from importlib import resources
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib import metadata, resources
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ..errors import InputError, PyblastError, SolverError
-from . import (
-    blas,  # noqa: F401  blas: before numpy
-    console,
+from ..errors import (
+    EXIT_CODES,
+    INTERRUPTED,
+    NOT_TRUSTED,
+    SOLVER_FAILED,
+    WRONG_INPUT,
+    InputError,
+    PyblastError,
+    SolverError,
 )
+from . import console
 
-ProjectFile = Annotated[Path, typer.Argument(help="The project file, such as project.toml.")]
+ProjectFile = Annotated[Path, typer.Argument(help="Project file, such as project.toml.")]
 Full = Annotated[
-    bool, typer.Option("--full", help="Take the larger run of table [full] of the file.")
+    bool, typer.Option("--full", help="Take the larger run of table [full] of the project file.")
+]
+Fresh = Annotated[
+    bool,
+    typer.Option("--fresh", help="Start anew instead of going on with an unfinished result."),
 ]
 
-
-@contextmanager
-def told():
-    """Turn every error into one sentence and an exit code: 1 solver, 2 input, 130 interrupted."""
-    try:
-        yield
-    except SolverError as error:
-        console.complain(error)
-        raise typer.Exit(1) from None
-    except PyblastError as error:
-        console.complain(error)
-        raise typer.Exit(2) from None
-    except KeyboardInterrupt as stop:
-        console.complain(f"interrupted; {stop}" if stop.args else "interrupted")
-        raise typer.Exit(130) from None
-
-
-def backanalyse(
-    project: ProjectFile,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder for the numbered searches [back_analysis beside it]."),
-    ] = None,
-    workers: Annotated[
-        int, typer.Option(min=1, help="Processes, for methods that ask for many runs at once.")
-    ] = 1,
-    dask: Annotated[
-        str, typer.Option(help="Address of a dask scheduler whose workers run the models.")
-    ] = "",
-    full: Full = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where the last search was interrupted.")
-    ] = False,
-    plan: Annotated[
-        bool, typer.Option("--plan", help="Only say what records could tell; needs none.")
-    ] = False,
-):
-    """Find unknowns of the ground from recorded blasts.
-
-    Searches the ranges of table [back_analysis], runs the best values in full, and says which
-    unknowns the records can't tell. Writes trials.jsonl, one line a run, back_analysis.json and
-    report.html. Ctrl-C keeps what was run. With --plan it needs no records, and writes plan.json
-    and report.html into numbered folders in plan.
-    """
-    with told():
-        from ..back_analysis.findings import fit_doubts
-        from ..project.project import load_project
-        from ..runs.parallel import executor_of
-        from ..workflows.back_analysis import (
-            back_analyse,
-            doubts_before,
-            plan_back_analysis,
-            slip_told,
-        )
-
-        loaded = load_project(project, full)
-        if plan:
-            if resume or dask or workers > 1:
-                raise InputError("--plan: takes neither --resume nor --workers nor --dask")
-            with console.Progress() as progress:
-                made, folder = plan_back_analysis(loaded, out, progress=progress)
-            console.show_plan(made, folder)
-            return
-        before = doubts_before(loaded)
-        console.show_findings(before)
-        with console.Progress() as progress, executor_of(workers, dask) as executor:
-            found, folder = back_analyse(
-                loaded, out, resume=resume, executor=executor, progress=progress, before=before
-            )
-        console.show_search(found, folder, slip_told(found), fit_doubts(found))
-
-
-def diagnose(
-    case: Annotated[
-        Path, typer.Argument(help="Folder with site.toml, hole tables, records; or project file.")
-    ],
-    out: Annotated[Path, typer.Option(help="Folder for diagnosis.json, report.html and runs.")],
-    budget: Annotated[
-        int, typer.Option(min=1, help="Runs of one blast after which no effect is tried any more.")
-    ] = 400,
-    workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes side by side [one for each core].")
-    ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the shuffled residuals.")] = 1,
-    predict: Annotated[
-        Path | None, typer.Option(help="Hole table of a further blast to foretell.")
-    ] = None,
-    predict_out: Annotated[Path | None, typer.Option(help="miniSEED file for it.")] = None,
-    predict_baseline: Annotated[
-        Path | None, typer.Option(help="The same by the calibrated site without effects.")
-    ] = None,
-):
-    """Say which physics a model lacks, where, and whether the records prove it.
-
-    Calibrates the site, searches a library of effects, and tests the best on records that it was
-    not fitted to. Writes diagnosis.json and report.html. The same command goes on after Ctrl-C.
-    """
-    with told():
-        from ..diagnosis.summary import UNSURE, told_lines
-        from ..runs.parallel import workers as pool
-        from ..workflows.diagnose import check_further, diagnose_folder, predict_file
-
-        wanted = [(predict_out, False), (predict_baseline, True)]
-        if (predict is None) != (predict_out is None and predict_baseline is None):
-            raise InputError(
-                "--predict: needs --predict-out, --predict-baseline or both, and they need it"
-            )
-        if predict is not None:
-            check_further(case, predict, [path for path, _ in wanted if path is not None], out)
-        with console.Progress() as progress, pool(workers) as executor:
-            found = diagnose_folder(
-                case, out, budget=budget, seed=seed, executor=executor, progress=progress
-            )
-        for line in told_lines(found):
-            console.say(line)
-        console.say(f"{found['runs']} runs, {found['wall_s']:.0f} s; written: {out}")
-        for path, baseline in wanted:
-            if path is not None:
-                predict_file(case, out, found, predict, path, baseline)
-                unsure = found["outcome"] in UNSURE and not baseline
-                console.say(f"written: {path}{', by an answer that is unsure' * unsure}")
-
-
 app = typer.Typer(
-    help="Blast vibration in jointed rock: from one hole to the whole blast, through joints and "
-    "faults, to what a seismograph records.",
+    help="Blast vibration in jointed rock: from the seismogram of one hole to that of the whole "
+    "blast, through joints and faults, to what a seismograph records.",
+    epilog="Exit codes: "
+    + "; ".join(f"{code} {meaning}" for code, meaning in EXIT_CODES.items())
+    + ".",
     no_args_is_help=True,
     rich_markup_mode=None,
     add_completion=False,
@@ -154,110 +46,165 @@ app = typer.Typer(
 )
 
 
+@contextmanager
+def exit_codes() -> Iterator[None]:
+    """Turn every error into one sentence and its exit code; SIGTERM counts as Ctrl-C."""
+    before = None
+    with suppress(ValueError):  # outside of the main thread, which alone receives signals
+        before = signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        yield
+    except SolverError as error:
+        console.complain(error)
+        raise typer.Exit(SOLVER_FAILED) from None
+    except PyblastError as error:
+        console.complain(error)
+        raise typer.Exit(WRONG_INPUT) from None
+    except KeyboardInterrupt as stop:
+        console.complain(f"interrupted; {stop}" if stop.args else "interrupted")
+        raise typer.Exit(INTERRUPTED) from None
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGTERM, before)
+
+
+def _interrupt(_number: int, _frame: object) -> None:
+    """Handle SIGTERM as Ctrl-C."""
+    raise KeyboardInterrupt
+
+
+def _show_version(wanted: bool) -> None:
+    """Print the version and end."""
+    if wanted:
+        console.say(f"pyblast {metadata.version('pyblast')}")
+        raise typer.Exit
+
+
+@app.callback()
+def program(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", is_eager=True, callback=_show_version, help="Show the version and exit."
+        ),
+    ] = False,
+):
+    """Take the options that stand before a command."""
+    del version
+
+
 @app.command()
 def run(
     project: ProjectFile,
-    output: Annotated[
+    out: Annotated[
         Path | None,
-        typer.Option(help="Folder for the numbered result folders [results beside it]."),
+        typer.Option(help="Folder for the numbered results [results beside the project file]."),
     ] = None,
     full: Full = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on where the last run was interrupted.")
+    fresh: Fresh = False,
+    accept_findings: Annotated[
+        bool, typer.Option("--accept-findings", help="End with 0 although a check fails.")
     ] = False,
     write_model: Annotated[
         Path | None,
-        typer.Option(help="Write the model for the program pyblast-run, and march nothing."),
+        typer.Option(help="Write the model for the program pyblast-run, and simulate nothing."),
     ] = None,
 ):
-    """Run the whole chain to a report.
+    """Run the whole chain of a project file to a report.
 
     Writes result.h5, summary.json, files for ParaView and report.html. The signature of one
     hole is superposed over the firing times, low-passed, and sent through the jointed rock to
     the receivers; where records are given, they are compared. Earlier results are kept. Ctrl-C
-    writes a checkpoint.
+    or SIGTERM writes a checkpoint, and the same command goes on from it. Ends with 3 if a check
+    fails.
     """
-    with told():
+    with exit_codes():
         from ..project.project import load_project
-        from ..solver import preparation
-        from ..workflows import run as pipeline
 
         loaded = load_project(project, full)
         with console.Progress() as progress:
             if write_model is not None:
+                from ..solver import preparation
+
                 prepared = preparation.prepare(loaded.model, loaded.duration, progress)
                 preparation.export(prepared, write_model)
                 console.say(f"model: {write_model}")
                 return
-            outcome = pipeline.run(loaded, output, resume=resume, progress=progress)
+            from ..workflows import run as workflow
+
+            outcome = workflow.run(loaded, out, fresh=fresh, progress=progress, say=console.say)
         console.show_outcome(outcome)
+        if outcome.check.failed and not accept_findings:
+            console.say("a check fails, see above: exit code 3; --accept-findings accepts it")
+            raise typer.Exit(NOT_TRUSTED)
 
 
 @app.command()
 def check(project: ProjectFile, full: Full = False):
-    """Say what a run will do and what is doubtful.
+    """Check a project: what a run will do, and what is doubtful about it.
 
-    Volumes and masses, zones, the highest frequency that the mesh carries in each material, time
-    step, memory, estimated time, and every defect that the numbers of the project show. Exit
-    code 3 where a result could not be trusted.
+    Shows volumes and masses, zones, the highest frequency that the mesh carries in each material,
+    time step, memory and cost, and the findings on model, input, records and back-analysis. Ends
+    with 3 if a check fails.
     """
-    with told():
+    with exit_codes():
         from ..back_analysis.findings import doubts
         from ..back_analysis.search import is_recorded
-        from ..project.checks import check as look
+        from ..project.checks import check as check_project
         from ..project.project import load_project
 
         loaded = load_project(project, full)
-        found = look(loaded)
-        console.show_check(found)
+        result = check_project(loaded)
+        console.show_check(result)
         if loaded.config.back_analysis is not None and not is_recorded(loaded):
-            console.say("[back_analysis]: no record yet; ask with backanalyse --plan")
+            console.say("[back_analysis]: no record yet; ask with backanalyse --design-survey")
         else:
             console.show_findings(doubts(loaded))
-        if found.failed:
-            raise typer.Exit(3)
+        if result.failed:
+            raise typer.Exit(NOT_TRUSTED)
 
 
 @app.command()
 def mesh(
     project: ProjectFile,
-    output: Annotated[Path, typer.Option(help="Folder for zones.vtu and joints.vtu.")] = Path(),
+    out: Annotated[Path, typer.Option(help="Folder for zones.vtu and joints.vtu.")] = Path(),
     full: Full = False,
 ):
-    """Build, count and write the mesh only.
+    """Build the mesh, count it and write it for ParaView.
 
-    The files for ParaView hold material, block and the highest frequency carried of every zone.
+    The files hold material, block and the highest frequency carried for every zone.
     """
-    with told():
+    with exit_codes():
         from ..project.project import load_project
-        from ..workflows.run import write_mesh_files
 
         loaded = load_project(project, full)
-        console.show_census(write_mesh_files(loaded, output))
-        console.say(f"written: {output / 'zones.vtu'}, {output / 'joints.vtu'}")
+        from ..workflows.run import write_mesh_files
+
+        console.show_census(write_mesh_files(loaded, out))
+        console.say(f"written: {out / 'zones.vtu'}, {out / 'joints.vtu'}")
 
 
 @app.command()
 def superpose(
     project: ProjectFile,
-    output: Annotated[Path | None, typer.Option(help="CSV file for the input motion.")] = None,
+    out: Annotated[Path | None, typer.Option(help="CSV file for the input motion.")] = None,
 ):
-    """Add up the blast from its single hole.
+    """Superpose the signature of one hole over the firing times of the blast.
 
-    The model is not run. Prints peaks of the single hole, of the whole blast, and after the
-    low-pass, with the energy that the filter took.
+    The model is not run. Shows the peaks of the single hole, of the whole blast, and after the
+    low-pass, with the share of energy that the filter removed.
     """
-    with told():
+    with exit_codes():
         from ..project.project import load_project
         from ..project.result import write_csv
 
         stages = load_project(project).input
         if stages is None:
-            raise InputError(f"{project.name}: signature: missing; there is nothing to add up")
+            raise InputError(f"{project.name}: signature: missing; there is nothing to superpose")
         console.show_input(stages)
-        if output is not None:
-            write_csv(output, stages.motion)
-            console.say(f"written: {output}")
+        if out is not None:
+            write_csv(out, stages.motion)
+            console.say(f"written: {out}")
 
 
 @app.command()
@@ -268,38 +215,42 @@ def compare(
     low: Annotated[float | None, typer.Option(help="Compare above this frequency in Hz.")] = None,
     high: Annotated[float | None, typer.Option(help="Compare below; goes with --low.")] = None,
     bearing: Annotated[
-        float | None, typer.Option(help="Degrees from the instrument to the blast, from north.")
+        float | None,
+        typer.Option(help="From the instrument to the blast, degrees clockwise from north."),
     ] = None,
 ):
     """Compare a record with a simulation.
 
-    Peaks, dominant frequencies, durations and waveforms of the three components.
+    Shows deviations of peaks, dominant frequencies, durations and waveforms of the three
+    components.
     """
-    with told():
-        from ..workflows.run import compare_files
-
+    with exit_codes():
         if (low is None) != (high is None):
             raise InputError("--low and --high: go together; give both or neither")
-        band = None if low is None else (low, high)
+        from ..workflows.run import compare_files
+
+        band = None if low is None or high is None else (low, high)
         console.show_comparison(compare_files(recorded, simulated, receiver, band, bearing))
 
 
 @app.command()
 def report(
     result: Annotated[Path, typer.Argument(help="Result folder of a run, or its result.h5.")],
-    output: Annotated[Path | None, typer.Option(help="The page to write [report.html].")] = None,
+    out: Annotated[Path | None, typer.Option(help="Page to write [report.html beside it].")] = None,
 ):
-    """Make the report of a run again.
+    """Draw the report of a run again.
 
     One page with all figures and tables that opens without network.
     """
-    with told():
+    with exit_codes():
         from ..project.result import read_result
-        from ..report.html import write_report
 
         path = result / "result.h5" if result.is_dir() else result
-        page = output or path.with_name("report.html")
-        write_report(page, read_result(path))
+        stored = read_result(path)
+        from ..report.html import write_report
+
+        page = out or path.with_name("report.html")
+        write_report(page, stored)
         console.say(f"written: {page}")
 
 
@@ -312,60 +263,235 @@ def sitelaw(
         float, typer.Option(help="Scaled distance is distance / charge^this.")
     ] = 0.5,
     limit: Annotated[
-        float | None, typer.Option(help="Peak velocity in mm/s; print the charges that keep it.")
+        float | None, typer.Option(help="Peak velocity in mm/s; show the charges that keep it.")
     ] = None,
 ):
     """Fit peak velocity against scaled distance.
 
-    The charge is the largest within 8 ms. Prints the law with its 50 and 95 % lines, and refuses
+    The charge is the largest within 8 ms. Shows the law with its 50 and 95 % lines, and refuses
     records that do not support one.
     """
-    with told():
+    with exit_codes():
         from ..blasts.site_law import fit_site_law, read_site_records
 
         law = fit_site_law(*read_site_records(records), charge_exponent)
         console.show_site_law(law, None if limit is None else 1e-3 * limit)
 
 
-for command in (backanalyse, diagnose):
-    app.command()(command)
-
-
 @app.command()
 def delays(
     project: ProjectFile,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the numbered plans [delays beside it].")
+        Path | None,
+        typer.Option(help="Folder for the numbered plans [delays beside the project file]."),
     ] = None,
     full: Full = False,
+    fresh: Fresh = False,
 ):
-    """Find the delays that shake houses least.
+    """Optimise the delays for the least vibration at some houses.
 
-    Searches between the delays of table [delays] and fires the plan that is there and the best
-    one thousands of times on paper, as holes scatter. Writes delays.json and report.html.
+    Searches between the delays of table [delays], and compares the present and the best plan in a
+    Monte Carlo simulation with firing-time scatter. Writes delays.json and report.html. The same
+    command goes on with the responses of holes that are kept.
     """
-    with told():
+    with exit_codes():
+        from ..project.project import load_project
+
+        loaded = load_project(project, full)
         from ..report.delays import delay_lines
-        from ..workflows.delays import find_delays
+        from ..workflows.delays import optimise_delays
 
         with console.Progress() as progress:
-            table, folder = find_delays(project, out, full=full, progress=progress)
+            table, folder = optimise_delays(
+                loaded, out, fresh=fresh, progress=progress, say=console.say
+            )
         for line in [*delay_lines(table), f"results: {folder}"]:
             console.say(line)
 
 
-def standalone():
-    """Become the program ``pyblast-run``."""
-    program = resources.files("pyblast") / "bin" / "pyblast-run"
-    if not program.is_file():
+@app.command()
+def backanalyse(
+    project: ProjectFile,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for the numbered searches [back_analysis beside the project file; survey "
+            "with --design-survey]."
+        ),
+    ] = None,
+    workers: Annotated[
+        int, typer.Option(min=1, help="Processes, for methods that run many models at once.")
+    ] = 1,
+    dask: Annotated[
+        str, typer.Option(help="Address of a dask scheduler whose workers run the models.")
+    ] = "",
+    full: Full = False,
+    fresh: Fresh = False,
+    design_survey: Annotated[
+        bool,
+        typer.Option(
+            "--design-survey",
+            help="Show which receivers and blasts would constrain the parameters; needs no record.",
+        ),
+    ] = False,
+):
+    """Back-analyse parameters of the ground from recorded blasts.
+
+    Searches the ranges of table [back_analysis], confirms the best values by a full run, and shows
+    which parameters the records do not constrain. Writes trials.jsonl, one line a run,
+    back_analysis.json and report.html. After Ctrl-C or SIGTERM the same command goes on. With
+    --design-survey it needs no records, and writes survey.json and report.html.
+    """
+    with exit_codes():
+        from ..project.project import load_project
+
+        loaded = load_project(project, full)
+        from ..workflows import back_analysis as workflow
+
+        if design_survey:
+            if fresh or dask or workers > 1:
+                raise InputError("--design-survey: takes neither --fresh nor --workers nor --dask")
+            with console.Progress() as progress:
+                plan, folder = workflow.design_survey(loaded, out, progress=progress)
+            console.show_survey(plan, folder)
+            return
+        from ..back_analysis.findings import fit_doubts
+        from ..runs.parallel import executor_of
+
+        before = workflow.findings_before(loaded)
+        console.show_findings(before)
+        with console.Progress() as progress, executor_of(workers, dask) as executor:
+            result, folder = workflow.back_analyse(
+                loaded, out, fresh=fresh, executor=executor, progress=progress, before=before,
+                say=console.say,
+            )  # fmt: skip
+        console.show_search(result, folder, workflow.slip_summary(result), fit_doubts(result))
+
+
+@app.command()
+def diagnose(
+    case: Annotated[
+        Path, typer.Argument(help="Folder with site.toml, hole tables, records; or project file.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the numbered diagnoses and their runs [diagnosis beside]."),
+    ] = None,
+    budget: Annotated[
+        int, typer.Option(min=1, help="Runs of one blast after which no further effect is tried.")
+    ] = 400,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes side by side [one for each core].")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the permuted residuals.")] = 1,
+    fresh: Fresh = False,
+    predict: Annotated[
+        Path | None, typer.Option(help="Hole table of a further blast to predict.")
+    ] = None,
+    predict_out: Annotated[
+        Path | None, typer.Option(help="miniSEED file for its motion by the diagnosed model.")
+    ] = None,
+    predict_baseline: Annotated[
+        Path | None, typer.Option(help="miniSEED file for its motion without the effects found.")
+    ] = None,
+):
+    """Diagnose which physics a model lacks, where, and whether the records support it.
+
+    Calibrates the site, searches a library of effects, and tests the best on records that it was
+    not fitted to. Writes diagnosis.json and report.html. After Ctrl-C or SIGTERM the same command
+    goes on; a finished diagnosis of the same input is only read.
+    """
+    with exit_codes():
+        outputs = [(path, base) for path, base in ((predict_out, False), (predict_baseline, True))
+                   if path is not None]  # fmt: skip
+        if (predict is None) == bool(outputs):
+            raise InputError(
+                "--predict: needs --predict-out, --predict-baseline or both, and they need it"
+            )
+        from ..diagnosis.summary import UNSURE, told_lines
+        from ..runs.parallel import workers as pool
+        from ..workflows import diagnose as workflow
+
+        if predict is not None:
+            workflow.check_further(case, predict, [path for path, _ in outputs], out)
+        with console.Progress() as progress, pool(workers) as executor:
+            result, folder = workflow.diagnose_case(
+                case, out, fresh=fresh, budget=budget, seed=seed, executor=executor,
+                progress=progress, say=console.say,
+            )  # fmt: skip
+        for line in told_lines(result):
+            console.say(line)
+        console.say(f"{result['runs']} runs, {result['wall_s']:.0f} s; results: {folder}")
+        for path, baseline in outputs:
+            assert predict is not None  # goes with the outputs
+            workflow.predict_case(case, folder, predict, path, baseline=baseline)
+            unsure = result["outcome"] in UNSURE and not baseline
+            console.say(f"written: {path}{', from a diagnosis that is unsure' * unsure}")
+
+
+@app.command()
+def records(
+    folder: Annotated[Path, typer.Argument(help="Folder of records.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the numbered results [FOLDER_analysis beside it]."),
+    ] = None,
+    geometry: Annotated[
+        Path | None,
+        typer.Option(
+            help="CSV of places, for what headers do not say: kind (receiver or source), name "
+            "(channel, or file of the source), x_m, y_m; optional z_m, file, line, sensor."
+        ),
+    ] = None,
+    surface_band: Annotated[
+        tuple[float, float],
+        typer.Option(metavar="LOW HIGH", help="Hz; surface waves: odd channels, layering."),
+    ] = (10.0, 60.0),
+    air_band: Annotated[
+        tuple[float, float], typer.Option(metavar="LOW HIGH", help="Hz; search of the air wave.")
+    ] = (120.0, 500.0),
+    sensor_band: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="LOW HIGH", help="Hz; comparison of sensors [all of the record]."),
+    ] = None,
+    reference: Annotated[
+        str | None, typer.Option(help="Sensor whose response is known to be flat.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the permutation tests.")] = 0,
+):
+    """Analyse field records without a model.
+
+    Reports the quality of raw records (dead, clipped, printed peaks that differ from the samples),
+    odd channels (polarity, clock, place), the air wave, dispersion and layers, and the response of
+    sensors. Reads SEG-2, SEG-Y, miniSEED, SAC, GSE2, exports of blast seismographs and CSV. Writes
+    records.json and report.html. What can't be analysed is listed with its reason.
+    """
+    with exit_codes():
+        from ..report.records import summary_lines
+        from ..workflows.records import analyse_records
+
+        with console.Progress() as progress:
+            summary, place = analyse_records(
+                folder, out, geometry=geometry, surface_band=surface_band, air_band=air_band,
+                sensor_band=sensor_band, reference=reference, seed=seed, progress=progress,
+            )  # fmt: skip
+        for line in [*summary_lines(summary), f"results: {place}"]:
+            console.say(line)
+        console.say(f"report:  {place / 'report.html'}")
+
+
+def standalone() -> None:
+    """Replace this process by the program ``pyblast-run``."""
+    binary = resources.files("pyblast") / "bin" / "pyblast-run"
+    if not binary.is_file():
         console.complain(
             "the program pyblast-run is not built; install libhdf5-dev and build again"
         )
-        sys.exit(2)
-    os.execv(str(program), ["pyblast-run", *sys.argv[1:]])
+        sys.exit(WRONG_INPUT)
+    os.execv(str(binary), ["pyblast-run", *sys.argv[1:]])
 
 
-def main():
+def main() -> None:
     """Run the command line."""
     warnings.showwarning = lambda message, *_args, **_options: console.complain(f"note: {message}")
     app(prog_name="pyblast")

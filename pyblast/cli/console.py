@@ -1,28 +1,44 @@
-"""What the commands show on a terminal or in a log: tables, sentences, progress."""
+"""Terminal output of the commands: tables, sentences, progress.
 
+Modules that take long to load are imported where they are used.
+"""
+
+import math
 import sys
 import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.table import Table
 
-from ..report.back_analysis import posterior_lines, summarise_posterior
-from ..report.survey_design import best_extras, summarise_plan, told_lines
+if TYPE_CHECKING:
+    from ..back_analysis.search import BackAnalysis
+    from ..back_analysis.survey_design import Plan
+    from ..blasts.site_law import SiteLaw
+    from ..errors import Finding
+    from ..project.census import Census
+    from ..project.checks import Check
+    from ..project.inputs import InputMotion
+    from ..signals.comparison import Comparison
+    from ..workflows.run import Outcome
 
 STAGES = {
     "input": "input motion",
     "mesh": "mesh",
     "check": "checks",
-    "static": "static stage",
-    "dynamic": "dynamic stage",
+    "static": "initial stress",
+    "dynamic": "time steps",
     "trials": "runs of the search",
-    "plan": "runs of the plan",
+    "plan": "runs of the survey design",
     "calibration": "calibration",
     "holes": "runs of the holes",
     "delays": "search of delays",
+    "records": "reading of records",
+    "analyses": "analyses of lines",
     "writing": "results and report",
 }
 WIDE = None if sys.stdout.isatty() else 120  # columns of a log
@@ -30,12 +46,12 @@ _out = Console(highlight=False, soft_wrap=True, width=WIDE)
 _err = Console(highlight=False, soft_wrap=True, stderr=True)
 
 
-def say(text):
+def say(text: object) -> None:
     """Print a line."""
-    _out.print(text, markup=False)
+    _out.print(str(text), markup=False)
 
 
-def complain(text):
+def complain(text: object) -> None:
     """Print a line to standard error."""
     _err.print(f"pyblast: {text}", markup=False)
 
@@ -43,8 +59,7 @@ def complain(text):
 class Progress:
     """Show how far a run is: a bar on a terminal, plain lines elsewhere."""
 
-    def __init__(self):
-        """Find out whether a person is watching."""
+    def __init__(self) -> None:
         self._bar = None
         if sys.stdout.isatty():
             columns = TextColumn("{task.description:<20}"), BarColumn(), TimeRemainingColumn()
@@ -52,17 +67,17 @@ class Progress:
         self._task, self._stage, self._began, self._shown = None, None, 0.0, 0.0
         self._first = 0
 
-    def __enter__(self):
+    def __enter__(self) -> "Progress":
         if self._bar is not None:
             self._bar.start()
         return self
 
-    def __exit__(self, *_):
+    def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             self._bar.stop()
 
-    def __call__(self, stage, done, total):
-        """Take note of ``done`` of ``total`` in a stage."""
+    def __call__(self, stage: str, done: float, total: float) -> None:
+        """Show that ``done`` of ``total`` in a stage is reached."""
         name = STAGES.get(stage, stage)
         if stage != self._stage:
             self._stage, self._began, self._shown = stage, time.perf_counter(), 0.0
@@ -71,17 +86,17 @@ class Progress:
                 say(f"pyblast: {name}")
             else:
                 self._task = self._bar.add_task(name, total=total)
-        if self._bar is not None:
+        if self._bar is not None and self._task is not None:
             self._bar.update(self._task, completed=done, total=total)
         elif total > 1 and done / total >= self._shown + 0.1:
             self._shown = done / total
             spent = time.perf_counter() - self._began
-            left = spent * (total - done) / (done - self._first) if done > self._first else None
-            guess = "" if left is None else f", about {left:.0f} s left"
-            say(f"pyblast: {name} {100 * done / total:.0f} %{guess}")
+            rest = spent * (total - done) / (done - self._first) if done > self._first else None
+            estimate = "" if rest is None else f", about {rest:.0f} s left"
+            say(f"pyblast: {name} {100 * done / total:.0f} %{estimate}")
 
 
-def _table(*heads):
+def _table(*heads: str) -> Table:
     """Return an empty table with numbers to the right."""
     table = Table(box=None, pad_edge=False)
     for number, head in enumerate(heads):
@@ -90,8 +105,8 @@ def _table(*heads):
     return table
 
 
-def show_census(census):
-    """Print counts, sizes, frequencies, time step and cost."""
+def show_census(census: "Census") -> None:
+    """Print counts, sizes, frequencies, time step and cost of a model."""
     table = _table(
         "material", "zones", "volume m3", "mass t", "edge m", "quality", "carries Hz", "added %"
     )
@@ -110,25 +125,25 @@ def show_census(census):
         f"{100 * census.added_mass:.2g} %; {census.steps} steps"
     )
     if census.seconds is not None:
-        say(f"estimated time {census.seconds:.0f} s, beside the static stage")
+        say(f"estimated time {census.seconds:.0f} s, without the initial stress")
 
 
-def show_check(found):
-    """Print the census, the notes on the holes, and every finding."""
-    show_census(found.census)
-    for note in found.notes:
+def show_check(check: "Check") -> None:
+    """Print the size of the model, the notes on the holes, and every finding."""
+    show_census(check.census)
+    for note in check.notes:
         say(f"- {note}")
-    show_findings(found.findings)
+    show_findings(check.findings)
 
 
-def show_findings(findings):
-    """Print what is doubtful, in words and numbers."""
+def show_findings(findings: "Iterable[Finding]") -> None:
+    """Print findings, in words and numbers."""
     for finding in findings:
         say(f"{finding.code}{' FAILS' if finding.failed else ''}: {finding.title}")
         say(f"    {finding.text}")
 
 
-def show_input(stages):
+def show_input(stages: "InputMotion") -> None:
     """Print the peaks of signature, superposed blast and low-passed motion."""
     table = _table("", *stages.signature.components, "vector sum")
     rows = {"single hole": stages.signature, "whole blast": stages.superposed}
@@ -142,12 +157,12 @@ def show_input(stages):
         low = stages.low_passed
         say(
             f"the filter (-6 dB at {low.corner:g} Hz, -3 dB at {low.corner_3db:.3g} Hz, no phase "
-            f"shift) took {_percent(low.removed_energy)} of the energy of each component"
+            f"shift) removed {_percent(low.removed_energy)} of the energy of each component"
         )
 
 
-def show_comparison(comparison, wanted=True):
-    """Print the deviations per component, whether or not a search wanted them small."""
+def show_comparison(comparison: "Comparison", minimised: bool = True) -> None:
+    """Print the deviations per component, and whether a search minimised them."""
     table = _table("simulated against recorded", *comparison.components)
     for name, values in (
         ("PPV", comparison.ppv_deviation),
@@ -159,12 +174,12 @@ def show_comparison(comparison, wanted=True):
     table.add_row("lag in ms", *(_number(1e3 * v, 1) for v in comparison.lag))
     table.add_row("correlation then", *(_number(v, 2) for v in comparison.correlation))
     _out.print(table)
-    beside = "" if wanted else ", which was no target"
-    say(f"mean deviation of PPV and dominant frequency: {comparison.misfit:.1f} %{beside}")
+    note = "" if minimised else ", which the search did not minimise"
+    say(f"mean deviation of PPV and dominant frequency: {comparison.misfit:.1f} %{note}")
 
 
-def show_outcome(outcome):
-    """Print peaks at the receivers, comparisons, defects and where everything lies."""
+def show_outcome(outcome: "Outcome") -> None:
+    """Print peaks at the receivers, comparisons, findings and the folder of a run."""
     for name, seismogram in outcome.seismograms.items():
         listed = ", ".join(
             f"{component} {_short(1e3 * v)}"
@@ -185,7 +200,7 @@ def show_outcome(outcome):
     say(f"report:  {outcome.folder / 'report.html'}")
 
 
-def show_site_law(law, limit=None):
+def show_site_law(law: "SiteLaw", limit: float | None = None) -> None:
     """Print the law of a site, its lines, and the charges that keep a limit in m/s."""
     low, high = law.beta_interval(0.9)
     unit = f"kg^{law.charge_exponent:.3g}"
@@ -201,7 +216,8 @@ def show_site_law(law, limit=None):
     for note in law.notes:
         say(f"- {note}")
     table = _table(f"SD m/{unit}", "50 % mm/s", "95 % mm/s")
-    for scaled in np.geomspace(*law.reach, 7):
+    low, high = law.reach
+    for scaled in (low * (high / low) ** (step / 6) for step in range(7)):
         lines = (f"{1e3 * law.line(scaled, 1.0, share):.3g}" for share in (0.5, 0.95))
         table.add_row(f"{scaled:.3g}", *lines)
     _out.print(table)
@@ -214,47 +230,49 @@ def show_site_law(law, limit=None):
         _out.print(table)
 
 
-def show_search(found, folder, lines, findings):
-    """Print what a back-analysis found, how it fits, what it can't tell, and what is doubtful."""
-    table = _table("unknown", "from", "to", "found")
-    for one in found.target.parameters:
-        value = f"{found.best[one.name]:.4g}"
+def show_search(
+    result: "BackAnalysis", folder: Path, slip: Sequence[str], findings: "Iterable[Finding]"
+) -> None:
+    """Print the values of a back-analysis, their fit and uncertainty, and its findings."""
+    from ..report.back_analysis import posterior_lines, summarise_posterior
+    from ..report.survey_design import summarise_plan
+
+    table = _table("parameter", "from", "to", "best")
+    for one in result.target.parameters:
+        value = f"{result.best[one.name]:.4g}"
         table.add_row(
             one.name, f"{one.low:g}", f"{one.high:g}",
-            "-" if one.name in found.insensitive else value,
+            "-" if one.name in result.insensitive else value,
         )  # fmt: skip
     _out.print(table)
-    show_told(summarise_plan(found.plan))
-    drawn = summarise_posterior(found.posterior, found.target.parameters)
-    for line in [*posterior_lines(drawn), *lines]:
+    show_identifiability(summarise_plan(result.plan))
+    posterior = summarise_posterior(result.posterior, result.target.parameters)
+    for line in [*posterior_lines(posterior), *slip]:
         say(line)
-    for blast, one in found.confirmed.items():
+    for blast, one in result.confirmed.items():
         for name, comparison in one.comparisons.items():
             say(f"{blast}, {name}, recorded and simulated:")
-            show_comparison(comparison, found.target.misfit == "paper")
+            show_comparison(comparison, result.target.misfit == "paper")
     show_findings(findings)
-    trace = found.trace
+    trace = result.trace
     say(
-        f"misfit '{found.target.misfit}' {trace.misfits[trace.best]:.3g} in run {trace.best + 1} "
-        f"of {len(trace.misfits)} of the search, {found.misfit:.3g} in the full run that confirmed "
-        "it"
+        f"misfit '{result.target.misfit}' {trace.misfits[trace.best]:.3g} in run {trace.best + 1} "
+        f"of {len(trace.misfits)} of the search, {result.misfit:.3g} in the full run that "
+        "confirmed it"
     )
-    if drawn is not None and not drawn["doubt"]:
-        say("the medians and intervals of the posterior take the place of what the search found")
+    if posterior is not None and not posterior["doubt"]:
+        say("the medians and intervals of the posterior replace those of the search")
     say(f"results: {folder}")
     say(f"report:  {folder / 'report.html'}")
 
 
-def _short(value):
-    """Show three digits without powers of ten."""
-    return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+def show_survey(plan: "Plan", folder: Path) -> None:
+    """Print how well receivers and blasts would constrain the parameters, and what would help."""
+    from ..report.survey_design import summarise_plan
 
-
-def show_plan(plan, folder):
-    """Print what receivers and blasts can tell, what would help, and why."""
     summary = summarise_plan(plan)
-    say("what could be told in the middle of the ranges; no record was looked at for the values:")
-    show_told(summary)
+    say("sensitivity at the middle of the ranges; no record was used for the values:")
+    show_identifiability(summary)
     for line in summary["slip"]:
         say(line)
     say(f"noise: {summary['noise']}")
@@ -262,35 +280,45 @@ def show_plan(plan, folder):
     say(f"report:  {folder / 'report.html'}")
 
 
-def show_told(summary):
-    """Print what is told of unknowns, from a `summarise_plan`."""
-    table = _table("unknown", "at", "90 % within", "after/before", "", "other")
+def show_identifiability(summary: dict) -> None:
+    """Print how well each parameter is constrained, from a `summarise_plan`."""
+    from ..report.survey_design import best_extras, summary_lines
+
+    table = _table("parameter", "at", "90 % within", "posterior/prior", "", "other")
     for one in summary["parameters"]:
         within = "-" if one["why"] else "{:.3g} to {:.3g}".format(*one["within"])
         share = "-" if one["why"] else f"{one['share']:.2f}"
         other = f"{one['share_other']:.2f}"
         table.add_row(one["path"], _short(one["value"]), within, share, one["verdict"], other)
     _out.print(table)
-    say(f"by {summary['by']}; other: by {summary['by_other']}")
-    table = _table("one more, or one less", "ln det falls by", "worst then", "which is")
+    say(
+        "posterior/prior: ratio of standard deviations; below 0.3 well constrained, 0.3 to 0.8 "
+        f"partly, above hardly. By {summary['by']}; other: by {summary['by_other']}"
+    )
+    table = _table("one more, or one less", "ln det falls by", "largest ratio then", "of")
     for one in best_extras(summary):
         name = one["name"] if one["kind"] == "receiver" else f"{one['kind']} {one['name']}"
         table.add_row(name, f"{one['gain']:.2g}", f"{one['worst']:.2f}", one["worst_path"])
     _out.print(table)
-    for line in told_lines(summary):
+    for line in summary_lines(summary):
         say(line)
 
 
-def _percent(values):
+def _short(value: float) -> str:
+    """Show three digits without powers of ten."""
+    return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+
+
+def _percent(values: Iterable[float]) -> str:
     """Show fractions as percent, leaving out those that are none."""
-    return ", ".join("-" if np.isnan(v) else f"{100 * v:.3g} %" for v in values)
+    return ", ".join("-" if math.isnan(v) else f"{100 * v:.3g} %" for v in values)
 
 
-def _number(value, digits):
+def _number(value: float, digits: int) -> str:
     """Show a number, a dash where there is none."""
-    return "-" if np.isnan(value) else f"{value:.{digits}f}"
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
-def _one_percent(value):
+def _one_percent(value: float) -> str:
     """Show one fraction as percent."""
-    return "-" if np.isnan(value) else f"{100 * value:+.1f} %"
+    return "-" if math.isnan(value) else f"{100 * value:+.1f} %"

@@ -1,12 +1,13 @@
 """Whether the air brought part of the records: envelopes stacked along slants."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import signal
 
 from ..errors import InputError
-from .shots import SURE, Verdict, interval, jackknifed, share_as_large, shifted
+from .shots import SURE, Shot, Verdict, interval, jackknifed, share_as_large, shifted
 
 AIR = (312.0, 361.0)  # m/s at -30 to 50 degrees C: 20.05 sqrt(T)
 SPEEDS = np.geomspace(120.0, 2000.0, 340)
@@ -24,9 +25,9 @@ class Slants:
     start: float
     delays: np.ndarray
 
-    def stacked(self, speeds):
+    def stacked(self, speeds: np.ndarray) -> np.ndarray:
         """Return the mean over receivers at each speed and delay, (n_speeds, n_delays)."""
-        total = 0.0
+        total = np.zeros((len(speeds), len(self.delays)))
         for row, offset in zip(self.envelopes, self.offsets, strict=True):
             times = offset / speeds[:, None] + self.delays
             index = np.rint((times - self.start) / self.dt).astype(int)
@@ -35,7 +36,7 @@ class Slants:
         return total / len(self.envelopes)
 
 
-def air_wave(shots, band, *, seed=0) -> Verdict:
+def air_wave(shots: Sequence[Shot], band: tuple[float, float], *, seed: int = 0) -> Verdict:
     """Look for a wave that left the source at its time and came through the air.
 
     Parameters
@@ -68,13 +69,13 @@ def air_wave(shots, band, *, seed=0) -> Verdict:
              for _ in range(N_DRAWS)]  # fmt: skip
     chance = share_as_large(most, drawn)
     if chance > SURE:
-        return Verdict("NULL", "air_blast", "no wave crosses the line that chance would not make",
+        return Verdict("NULL", "air_blast", "no wave crosses the line beyond chance",
                        band=band, chance=chance)  # fmt: skip
     found = _refined(slants, speed)
     if not AIR[0] < found[0] < AIR[1]:
         return Verdict(
             "NULL", "air_blast",
-            f"the wave that stands out has {found[0]:.0f} m/s, which is none of air",
+            f"the clearest wave has {found[0]:.0f} m/s, which is not the speed of sound in air",
             parameters={"speed": found}, band=band, chance=chance,
         )  # fmt: skip
     delays = [_delay(slant, found[0]) for slant in slants]
@@ -83,7 +84,7 @@ def air_wave(shots, band, *, seed=0) -> Verdict:
     held = held_out(shots, band, found[0], delays, window)
     return Verdict(
         "UNKNOWN" if trouble or held[1] <= held[0] else "NAMED", "air_blast",
-        trouble or f"a wave of {found[0]:.0f} m/s starts with the source in all of the band",
+        trouble or f"a wave of {found[0]:.0f} m/s leaves the source at its time in all of the band",
         tuple(int(c) for c in shots[0].channels),
         {"speed": found, "delay": interval(delays)}, window, band, chance, held,
     )  # fmt: skip
@@ -145,7 +146,7 @@ def _delay(slant, speed):
 def _window(slants, speed, delays):
     """Return when, after offset/speed, the aligned envelopes of all shots stand out by half."""
     lags = np.arange(-0.05, 0.1, 0.25 * slants[0].dt)
-    profile = 0.0
+    profile = np.zeros(len(lags))
     for slant, delay in zip(slants, delays, strict=True):
         line = Slants(slant.envelopes, slant.offsets, slant.dt, slant.start, lags + delay)
         profile = profile + line.stacked(np.array([speed]))[0]
@@ -170,7 +171,13 @@ def _against_air(shots, band, found, delays, window):
     return ""
 
 
-def held_out(shots, band, speed, delays, window):
+def held_out(
+    shots: Sequence[Shot],
+    band: tuple[float, float],
+    speed: float,
+    delays: Sequence[float],
+    window: tuple[float, float],
+) -> tuple[float, float]:
     """Return shares of energy in the window explained at every other receiver, 0 and by air.
 
     The waveform at a receiver is the mean of its neighbours' on the line, moved by the speed, of a

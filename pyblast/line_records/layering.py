@@ -1,17 +1,21 @@
 """Dispersion of surface waves along a line, and Rayleigh-wave speeds of layered ground."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import fft, linalg, optimize, stats
 
 from ..errors import InputError
-from .shots import SURE, Verdict, share_as_large
+from .shots import SURE, Shot, Verdict, share_as_large
 
 PER_WAVE, DEPTH = 24, 2.0
 
 
-def rayleigh_speeds(frequencies, thickness, vs, poisson=0.4):
+def rayleigh_speeds(
+    frequencies: ArrayLike, thickness: ArrayLike, vs: ArrayLike, poisson: float = 0.4
+) -> np.ndarray:
     """Return phase speeds of the first mode (n,) m/s.
 
     Parameters
@@ -80,7 +84,7 @@ SPEEDS = np.arange(80.0, 700.0, 2.0)
 N_DRAWS, N_FREQUENCIES, FEWEST = 999, 14, 6
 N_CHANCES, AGREED = 20, 0.1  # the share by which picks of drawn shots may differ
 STARTS = ((2.0, 0.7, 1.2), (5.0, 0.7, 1.4), (10.0, 0.8, 1.8))
-DEEPEST = 0.5  # of the longest wave, to which Vs is told
+DEEPEST = 0.5  # of the longest wavelength, down to which Vs is given
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +96,14 @@ class Picks:
     sigma: np.ndarray
 
 
-def soft_layer(shots, held, band, *, poisson=0.4, seed=0) -> Verdict:
+def soft_layer(
+    shots: Sequence[Shot],
+    held: Sequence[Shot],
+    band: tuple[float, float],
+    *,
+    poisson: float = 0.4,
+    seed: int = 0,
+) -> Verdict:
     """Judge a half-space against a layer on a half-space by Rayleigh waves of a line.
 
     Parameters
@@ -119,7 +130,7 @@ def soft_layer(shots, held, band, *, poisson=0.4, seed=0) -> Verdict:
     if len(shots) < 3 or len(held) < 3:
         raise InputError(f"soft_layer: needs 3 shots to fit and 3 to judge, got {len(shots)}, "
                          f"{len(held)}")  # fmt: skip
-    frequencies = np.geomspace(*band, N_FREQUENCIES)
+    frequencies = np.geomspace(band[0], band[1], N_FREQUENCIES)
     picks, other = (phase_speeds(one, frequencies, seed=seed) for one in (shots, held))
     if min(len(picks.speed), len(other.speed)) < FEWEST:
         return Verdict("UNKNOWN", "soft_surface_layer",
@@ -133,7 +144,7 @@ def soft_layer(shots, held, band, *, poisson=0.4, seed=0) -> Verdict:
     if chance > SURE:
         return Verdict(
             "NULL", "soft_surface_layer",
-            f"phase speeds keep to {one_speed:.0f} m/s, but for what chance makes",
+            f"phase speeds do not depart from {one_speed:.0f} m/s beyond chance",
             band=band, chance=chance,
         )  # fmt: skip
     if steep > 0.0:
@@ -144,13 +155,16 @@ def soft_layer(shots, held, band, *, poisson=0.4, seed=0) -> Verdict:
     after = _misfit(other, _speeds(values, other.frequency, poisson))
     return Verdict(
         "NAMED" if after < before else "UNKNOWN", "soft_surface_layer",
-        f"phase speeds fall from {picks.speed[0]:.0f} to {picks.speed[-1]:.0f} m/s; of shots not "
-        f"fitted one speed leaves {before:.1f}, the layer {after:.1f} standard deviations",
-        parameters=_told(values, spread, picks), band=band, chance=chance, held_out=(before, after),
+        f"phase speeds fall from {picks.speed[0]:.0f} to {picks.speed[-1]:.0f} m/s; misfit of "
+        f"shots not fitted {before:.1f} standard deviations by one speed, {after:.1f} by the layer",
+        parameters=_with_intervals(values, spread, picks), band=band, chance=chance,
+        held_out=(before, after),
     )  # fmt: skip
 
 
-def phase_speeds(shots, frequencies, *, n_draws=40, seed=0) -> Picks:
+def phase_speeds(
+    shots: Sequence[Shot], frequencies: np.ndarray, *, n_draws: int = 40, seed: int = 0
+) -> Picks:
     """Pick the speed at which phases of all receivers stack best, theory.md (15.4).
 
     A frequency is left out where drawn sets of shots do not agree, where the best speed is an end
@@ -182,7 +196,7 @@ def _stacked(shot, frequencies, rng):
     return np.abs(np.array(stacks) / len(found)) ** 2
 
 
-def fit_layer(picks, poisson):
+def fit_layer(picks: Picks, poisson: float) -> tuple[np.ndarray, np.ndarray]:
     """Return thickness, Vs of the layer, Vs below, and their covariance, in logarithms."""
     fast = 1.06 * picks.speed
 
@@ -209,7 +223,7 @@ def _misfit(picks, speeds):
     return float(np.sqrt(np.mean(((speeds - picks.speed) / picks.sigma) ** 2)))
 
 
-def _told(values, covariance, picks):
+def _with_intervals(values, covariance, picks):
     """Return the layer with 90 % intervals, by draws of the fit."""
     rng = np.random.default_rng(0)
     depth = DEEPEST * np.max(picks.speed / picks.frequency)

@@ -1,15 +1,26 @@
-"""Quality of channels: dead, clipped, or odd between neighbours by sign, clock or place."""
+"""Quality of channels: dead, clipped, odd by sign, clock or place; response of sensors."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy import fft, signal
 
 from ..errors import InputError
 from ..recordings.raw import at_level, is_dead, plateau_level
-from .shots import SURE, Verdict, correlation, shifted
+from .shots import (
+    SURE,
+    Shot,
+    Verdict,
+    correlation,
+    phase_randomised,
+    share_as_large,
+    shifted,
+)
 
 
-def unusable(data) -> tuple[Verdict, Verdict]:
+def unusable(data: ArrayLike) -> tuple[Verdict, Verdict]:
     """Find what must be masked before anything is diagnosed.
 
     Parameters
@@ -46,7 +57,7 @@ def unusable(data) -> tuple[Verdict, Verdict]:
     )  # fmt: skip
 
 
-def masked(data):
+def masked(data: ArrayLike) -> np.ndarray:
     """Return data with what is unusable as NaN."""
     clipped, dead = unusable(data)
     data = np.array(data, dtype=float)
@@ -82,7 +93,9 @@ class Misfits:
     finest: float
 
 
-def odd_channels(shots, band, *, reach=0.04, seed=0) -> list[Verdict]:
+def odd_channels(
+    shots: Sequence[Shot], band: tuple[float, float], *, reach: float = 0.04, seed: int = 0
+) -> list[Verdict]:
     """Find receivers of wrong polarity, clock or coordinate, the oddest first.
 
     Parameters
@@ -117,39 +130,39 @@ def odd_channels(shots, band, *, reach=0.04, seed=0) -> list[Verdict]:
         found.append(verdict)
         if verdict.outcome == "UNKNOWN":
             break
-        shots = [_put_right(shot, verdict) for shot in shots]
+        shots = [_corrected(shot, verdict) for shot in shots]
     return found or [verdict]
 
 
-def _put_right(shot, verdict):
-    """Undo what a verdict says of a receiver."""
+def _corrected(shot, verdict):
+    """Correct a receiver by a decision."""
     n = int(np.flatnonzero(shot.channels == verdict.target[0])[0])
     motion, places = shot.motion.copy(), shot.places.copy()
-    ((knob, (value, _, _)),) = verdict.parameters.items()
-    if knob == "factor":
+    ((name, (value, _, _)),) = verdict.parameters.items()
+    if name == "factor":
         motion[n] *= value
-    elif knob == "shift":
+    elif name == "shift":
         motion[n] = shifted(motion[n], -value, shot.dt)
     else:
         places[n] += value
     return replace(shot, motion=motion, places=places)
 
 
-def between_neighbours(shot, reach) -> Misfits:
+def between_neighbours(shot: Shot, reach: float) -> Misfits:
     """Compare each inner receiver of a shot with the mean of its neighbours after moveout."""
     sign, lag, slowness = [], [], []
-    for guess, n, slow in _guesses(shot, reach):
-        lags, like = correlation(guess, shot.motion[n], reach, shot.dt, FINER)
+    for predicted, n, slow in _predicted(shot, reach):
+        lags, like = correlation(predicted, shot.motion[n], reach, shot.dt, FINER)
         best = int(np.argmax(np.abs(like)))
         sign.append(like[best])
         lag.append(lags[best])
         slowness.append(slow)
-    rows = (np.array(x)[None] for x in (sign, lag, slowness))
-    return Misfits(*rows, shot.channels[1:-1], shot.dt / FINER)
+    signs, lags_, slow_ = (np.array(x)[None] for x in (sign, lag, slowness))
+    return Misfits(signs, lags_, slow_, shot.channels[1:-1], shot.dt / FINER)
 
 
-def _guesses(shot, reach):
-    """Yield what neighbours foretell at each inner receiver, its number and the slowness there."""
+def _predicted(shot, reach):
+    """Yield the prediction by the neighbours of each inner receiver, its number and slowness."""
     for n in range(1, len(shot.places) - 1):
         left, right = shot.motion[n - 1], shot.motion[n + 1]
         gap = shot.places[n + 1] - shot.places[n - 1]
@@ -174,8 +187,8 @@ def _oddest(shots, band, reach, seed):
     if scores[kind, where] <= threshold:
         return Verdict(
             "NULL", " | ".join(LABELS),
-            f"the oddest receiver stands out by {scores[kind, where]:.1f} spreads of the others, "
-            f"chance by {threshold:.1f}", band=band, chance=share,
+            f"the oddest receiver deviates by {scores[kind, where]:.1f} robust standard "
+            f"deviations, and 5 % of null draws exceed {threshold:.1f}", band=band, chance=share,
         )  # fmt: skip
     value = float(values[kind][where])
     before, after = _explained([shots[n] for n in held], where, kind, value, reach)
@@ -188,8 +201,8 @@ def _oddest(shots, band, reach, seed):
         outcome = "UNKNOWN"
     return Verdict(
         outcome, label,
-        f"stands out by {scores[kind, where]:.1f} spreads of the others, chance by "
-        f"{threshold:.1f} in {100 * SURE:.0f} %",
+        f"deviates by {scores[kind, where]:.1f} robust standard deviations of the others, and "
+        f"{100 * SURE:.0f} % of null draws exceed {threshold:.1f}",
         (int(misfits.channels[where]),),
         {("factor", "shift", "move")[kind]: (value, value - spread, value + spread)},
         band=band, chance=share, held_out=(before, after),
@@ -266,7 +279,7 @@ def _spread_of(misfits, kind, where, values):
 
 def _explained(shots, where, kind, value, reach):
     """Return the share of energy neighbours explain of a receiver, as it is and put right."""
-    left, total = np.zeros(2), 0.0
+    residual, total = np.zeros(2), 0.0
     for shot in shots:
         n = where + 1
         places = shot.places.copy()
@@ -279,7 +292,107 @@ def _explained(shots, where, kind, value, reach):
             places[n] += value
         for k, (motion, at) in enumerate(((shot.motion[n], shot.places), (own, places))):
             three = replace(shot.only(slice(n - 1, n + 2)), places=at[n - 1 : n + 2])
-            guess = next(_guesses(three, reach))[0]
-            left[k] += np.sum((motion - guess) ** 2) / np.sum(motion**2)
+            predicted = next(_predicted(three, reach))[0]
+            residual[k] += np.sum((motion - predicted) ** 2) / np.sum(motion**2)
         total += 1.0
-    return tuple(float(x) for x in 1.0 - left / total)
+    return tuple(float(x) for x in 1.0 - residual / total)
+
+
+N_CURVES, N_BANDS, TAPERS, WIDTH = 999, 24, 7, 4.0
+
+
+def sensor_response(
+    first: ArrayLike,
+    second: ArrayLike,
+    dt: float,
+    band: tuple[float, float],
+    *,
+    names: tuple[str, str],
+    reference: str | None = None,
+    seed: int = 0,
+) -> Verdict:
+    """Learn the ratio of two sensors' spectra at one place and predict the other place.
+
+    Parameters
+    ----------
+    first, second : (2, n_samples) float
+        Records by each sensor at two places, of the same source.
+    dt : float, s
+    band : tuple of 2 float, Hz
+    names : tuple of 2 str
+    reference : str, optional
+        Sensor that is known to be flat. Without it the two can't be told apart.
+    seed : int
+
+    Returns
+    -------
+    Verdict
+        "instrument_response" of the other sensor, or a class of both; "span" is the ratio between
+        its largest and least reply in the band. ``held_out`` is the root mean square of the log
+        ratio at a place, after one gain and after the curve of the other place.
+
+    Notes
+    -----
+    Source and path are in both records of a place and fall out of the ratio, so neither Q nor
+    site can be blamed. Surrogates: the training curve with drawn phases, theory.md (15.3).
+    """
+    first, second = np.asarray(first, float), np.asarray(second, float)
+    if first.shape != second.shape or first.shape[0] != 2:
+        raise InputError(
+            f"sensor_response: needs 2 places for each sensor, got {first.shape}, {second.shape}"
+        )
+    if reference is not None and reference not in names:
+        raise InputError(f"sensor_response.reference: must be one of {names}, got {reference!r}")
+    edges = np.geomspace(band[0], band[1], N_BANDS + 1)
+    curves = np.log(_levels(first, dt, edges) / _levels(second, dt, edges))
+    before, after = log_misfits(curves)
+    rng = np.random.default_rng(seed)
+    pairs = (log_misfits(curves, phase_randomised(curves, rng)) for _ in range(N_CURVES))
+    drawn = [flat - bent for flat, bent in pairs]
+    chance = share_as_large(before - after, drawn)
+    reply = curves.mean(axis=0)
+    if reference == names[0]:
+        reply = -reply
+    named = after < before and chance <= SURE
+    target = tuple(name for name in names if name != reference)
+    outcome = ("NAMED" if reference else "CLASS") if named else "NULL"
+    why = f"natural log of the ratio of {names[0]} to {names[1]}: {before:.2f} left after one "
+    why += f"gain, {after:.2f} after the curve of the other place"
+    if outcome == "CLASS":
+        why += "; which of the two is not flat needs a reference"
+    return Verdict(
+        outcome, "instrument_response", why, target if named else (),
+        _span(curves, edges, reply) if named else {}, band=band, chance=chance,
+        held_out=(before, after),
+    )  # fmt: skip
+
+
+def log_misfits(curves: np.ndarray, trained: np.ndarray | None = None) -> tuple[float, float]:
+    """Return the log misfit of each place after a gain, and after a curve, of the other."""
+    trained = curves if trained is None else trained
+    flat = curves - curves[::-1].mean(axis=1, keepdims=True)
+    bent = curves - trained[::-1]
+    return float(np.sqrt(np.mean(flat**2))), float(np.sqrt(np.mean(bent**2)))
+
+
+def _levels(records, dt, edges):
+    """Return amplitudes in bands (2, N_BANDS), by Slepian tapers."""
+    n = records.shape[1]
+    frequency = fft.rfftfreq(n, dt)
+    tapers = signal.windows.dpss(n, WIDTH, TAPERS)
+    power = np.mean(np.abs(fft.rfft(records[:, None] * tapers)) ** 2, axis=1)
+    place = np.digitize(frequency, edges) - 1
+    if len(np.unique(place[(place >= 0) & (place < N_BANDS)])) < N_BANDS:
+        raise InputError(f"sensor_response.band: {n} samples are too few for {N_BANDS} bands")
+    return np.sqrt(np.stack([power[:, place == k].mean(axis=1) for k in range(N_BANDS)], axis=1))
+
+
+def _span(curves, edges, reply):
+    """Return the ratio of largest to least reply, by the places, and the loudest frequency."""
+    spans = np.exp(np.ptp(curves, axis=1))
+    loudest = int(np.argmax(reply))
+    return {
+        "span": (float(np.exp(np.ptp(reply))), float(spans.min()), float(spans.max())),
+        "loudest": (float(np.sqrt(edges[loudest] * edges[loudest + 1])),
+                    float(edges[loudest]), float(edges[loudest + 1])),
+    }  # fmt: skip

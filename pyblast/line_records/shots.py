@@ -1,11 +1,14 @@
 """Shots along a line of receivers: band, shift, correlation, stack; decision on one effect."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import fft, signal
 
 from ..errors import InputError
+from ..recordings.gather import Gather
 
 EDGE = 0.05
 
@@ -36,11 +39,11 @@ class Shot:
     channels: np.ndarray
 
     @property
-    def times(self):
+    def times(self) -> np.ndarray:
         """Time of each sample, (n_samples,) s."""
         return self.start + self.dt * np.arange(self.motion.shape[1])
 
-    def banded(self, band):
+    def banded(self, band: tuple[float, float]) -> "Shot":
         """Keep a band without phase shift, ends brought to rest."""
         if not 0.0 < band[0] < band[1] < 0.5 / self.dt:
             raise InputError(
@@ -51,14 +54,19 @@ class Shot:
         sos = signal.butter(4, band, "bandpass", fs=1.0 / self.dt, output="sos")
         return replace(self, motion=signal.sosfiltfilt(sos, motion, axis=1))
 
-    def only(self, receivers):
+    def only(self, receivers: slice | np.ndarray) -> "Shot":
         """Keep some receivers, by their order."""
         parts = (x[receivers] for x in (self.motion, self.places, self.offsets, self.channels))
         motion, places, offsets, channels = parts
         return replace(self, motion=motion, places=places, offsets=offsets, channels=channels)
 
 
-def shot_of(gather, places=None, source=None, offsets=None) -> Shot:
+def shot_of(
+    gather: Gather,
+    places: ArrayLike | None = None,
+    source: float | None = None,
+    offsets: ArrayLike | None = None,
+) -> Shot:
     """Return the channels of a gather that move and never clip, ordered along the line.
 
     Parameters
@@ -69,9 +77,9 @@ def shot_of(gather, places=None, source=None, offsets=None) -> Shot:
     source : float, m, optional
     offsets : (n_channels,) float, m, optional
     """
-    places = gather.receiver_positions[:, 0] if places is None else np.asarray(places, float)
+    places = np.asarray(gather.receiver_positions[:, 0] if places is None else places, float)
     source = float(gather.source_position[0]) if source is None else source
-    offsets = np.abs(places - source) if offsets is None else np.asarray(offsets, float)
+    offsets = np.asarray(np.abs(places - source) if offsets is None else offsets, float)
     usable = np.flatnonzero(~gather.dead & ~gather.clipped.any(axis=1))
     order = usable[np.argsort(places[usable], kind="stable")]
     if not np.isfinite(places[order]).all() or not np.isfinite(offsets[order]).all():
@@ -81,7 +89,7 @@ def shot_of(gather, places=None, source=None, offsets=None) -> Shot:
     )
 
 
-def shifted(motion, seconds, dt):
+def shifted(motion: np.ndarray, seconds: ArrayLike, dt: float) -> np.ndarray:
     """Delay rows (..., n) by seconds (...,), band-limited; what leaves comes not back."""
     n = np.shape(motion)[-1]
     size = fft.next_fast_len(2 * n, real=True)
@@ -89,7 +97,9 @@ def shifted(motion, seconds, dt):
     return fft.irfft(fft.rfft(motion, size) * turns, size)[..., :n]
 
 
-def correlation(first, second, reach, dt, finer):
+def correlation(
+    first: np.ndarray, second: np.ndarray, reach: float, dt: float, finer: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Return lags (n,) s within reach and the correlation of second, late by them, with first."""
     n = len(first)
     size = fft.next_fast_len(2 * n, real=True)
@@ -107,7 +117,7 @@ SURE = 0.05
 
 @dataclass(frozen=True)
 class Verdict:
-    """Say what was found, where, and how sure.
+    """Decision on one effect: what was found, where, and how certain it is.
 
     Parameters
     ----------
@@ -143,7 +153,7 @@ class Verdict:
     held_out: tuple[float, float] | None = None
 
 
-def phase_randomised(samples, rng):
+def phase_randomised(samples: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return samples (..., n) of the same spectrum whose phases are drawn, each row its own."""
     spectrum = fft.rfft(samples, axis=-1)
     turns = rng.uniform(0.0, 2.0 * np.pi, spectrum.shape)
@@ -151,20 +161,23 @@ def phase_randomised(samples, rng):
     return fft.irfft(np.abs(spectrum) * np.exp(1j * turns), samples.shape[-1], axis=-1)
 
 
-def share_as_large(found, drawn):
+def share_as_large(found: float, drawn: Sequence[float]) -> float:
     """Return the share of draws, with the finding itself as one, that are as large."""
     return float((1 + np.count_nonzero(np.asarray(drawn) >= found)) / (1 + len(drawn)))
 
 
-def interval(values, share=0.9):
+def interval(
+    values: Sequence[float] | np.ndarray, share: float = 0.9
+) -> tuple[float, float, float]:
     """Return median and the ends that hold this share of values."""
     low, middle, high = np.quantile(values, [0.5 - 0.5 * share, 0.5, 0.5 + 0.5 * share])
     return float(middle), float(low), float(high)
 
 
-def jackknifed(estimates):
+def jackknifed(estimates: ArrayLike) -> tuple[float, float, float]:
     """Return mean and 90 % interval of a value estimated without each part in turn."""
     estimates = np.asarray(estimates, dtype=float)
     n = len(estimates)
     sigma = np.sqrt((n - 1) / n * np.sum((estimates - estimates.mean()) ** 2))
-    return tuple(float(estimates.mean() + k * sigma) for k in (0.0, -1.645, 1.645))
+    middle = float(estimates.mean())
+    return middle, float(middle - 1.645 * sigma), float(middle + 1.645 * sigma)

@@ -1,8 +1,10 @@
 """Single holes against their blast, and closure laws of joints from press tests."""
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import fft, optimize, stats
 
 from ..back_analysis.firing_times import firing_times
@@ -17,7 +19,16 @@ CHARGE = LABELS[1]
 NESTED = ((CHARGE, "delay_scatter"),)  # the first is a case of the second
 
 
-def blast_cause(greens, recorded, dt, nominal, *, sigma, folds=2, seed=0) -> Verdict:
+def blast_cause(
+    greens: ArrayLike,
+    recorded: ArrayLike,
+    dt: float,
+    nominal: ArrayLike,
+    *,
+    sigma: float,
+    folds: int = 2,
+    seed: int = 0,
+) -> Verdict:
     """Name what makes a blast differ from its plan.
 
     Parameters
@@ -49,30 +60,31 @@ def blast_cause(greens, recorded, dt, nominal, *, sigma, folds=2, seed=0) -> Ver
     of each receiver) on the other half of the record. Fits: theory.md (13.1).
     """
     greens, recorded = np.asarray(greens, float), np.asarray(recorded, float)
+    nominal = np.asarray(nominal, float)
     if not 2 <= folds <= len(recorded):
         raise InputError(
             f"blast_cause.folds: must lie between 2 and {len(recorded)}, got {folds:d}"
         )
     loudness = 1.0 / np.sqrt(np.mean(recorded**2, axis=1))
     parts = np.arange(len(recorded)) % folds
-    job = {"greens": greens, "dt": dt, "nominal": np.asarray(nominal, float), "sigma": sigma,
+    job = {"greens": greens, "dt": dt, "nominal": nominal, "sigma": sigma,
            "loudness": loudness, "parts": parts}  # fmt: skip
     scores, guesses = _scores(job, recorded, LABELS)
     best = max(LABELS, key=lambda label: scores[label])
     rng = np.random.default_rng(seed)
-    told = ", ".join(f"{label} {share:.2f}" for label, share in scores.items())
-    told = f"explained on records held out: {told}"
+    shares = ", ".join(f"{label} {share:.2f}" for label, share in scores.items())
+    reason = f"explained on records held out: {shares}"
     if best == "delay_scatter" and scores[CHARGE] > scores["plan"]:
         chance = _chance(job, recorded, guesses[CHARGE], (CHARGE, best), scores, rng)
         best = best if chance <= SURE else CHARGE
     chance = _chance(job, recorded, guesses["plan"], ("plan", best), scores, rng)
     if scores[best] <= scores["plan"] or chance > SURE:
-        return Verdict("NULL", best, told, chance=chance)
+        return Verdict("NULL", best, reason, chance=chance)
     own = _left(recorded, guesses[best])
     rivals = [one for one in LABELS if one != best and (best, one) not in NESTED
               and not _surely_less(own, _left(recorded, guesses[one]))]  # fmt: skip
     return Verdict(
-        "CLASS" if rivals else "NAMED", " | ".join([best, *rivals]), told,
+        "CLASS" if rivals else "NAMED", " | ".join([best, *rivals]), reason,
         tuple(range(len(nominal))), _parameters(job, recorded, best), chance=chance,
         held_out=(scores["plan"], scores[best]),
     )  # fmt: skip
@@ -81,7 +93,7 @@ def blast_cause(greens, recorded, dt, nominal, *, sigma, folds=2, seed=0) -> Ver
 def _chance(job, recorded, simple, labels, scores, rng):
     """Return how often the second effect gains as much in blasts made by the first, and the play.
 
-    Such a blast is what the first effect foretells, with noise like the rest of the record.
+    Such a blast is the prediction of the first effect, with noise like the rest of the record.
     """
     drawn = []
     for _ in range(N_BLAST_DRAWS):
@@ -91,19 +103,19 @@ def _chance(job, recorded, simple, labels, scores, rng):
 
 
 def _scores(job, recorded, labels):
-    """Return the share explained on held-out records, and the motion foretold, by label."""
+    """Return the share explained on held-out records, and the motion predicted, by label."""
     plan = _blast(job["greens"], job["nominal"], np.ones(len(job["nominal"])),
                   recorded.shape[1], job["dt"])  # fmt: skip
     plan = plan * (np.vdot(plan, recorded) / np.vdot(plan, plan))
     guesses = {"plan": plan}
     for label in labels:
         if label != "plan":
-            guesses[label] = _FORETOLD[label](job, recorded, plan)
+            guesses[label] = _PREDICTED[label](job, recorded, plan)
     return {label: _share(recorded, guess) for label, guess in guesses.items()}, guesses
 
 
 def _by_holes(job, recorded, plan, *, times, scales):
-    """Fit times or scales or both on some receivers; foretell the others."""
+    """Fit times or scales or both on some receivers; predict the others."""
     del plan
     guess = np.zeros_like(recorded)
     for part in np.unique(job["parts"]):
@@ -127,7 +139,7 @@ def _fitted(job, recorded, receivers, *, times, scales):
 
 
 def _by_q(job, recorded, plan):
-    """Fit one t* on some receivers; foretell the others."""
+    """Fit one t* on some receivers; predict the others."""
     frequency = fft.rfftfreq(2 * recorded.shape[1], job["dt"])
     spectrum, guess = fft.rfft(plan, 2 * recorded.shape[1]), np.zeros_like(recorded)
     tried = [fft.irfft(spectrum * np.exp(-np.pi * frequency * t))[:, : recorded.shape[1]]
@@ -143,7 +155,7 @@ def _by_q(job, recorded, plan):
 
 
 def _by_site(job, recorded, plan):
-    """Fit delay and gain of each receiver on one half of the record; foretell the other."""
+    """Fit delay and gain of each receiver on one half of the record; predict the other."""
     half, guess = recorded.shape[1] // 2, np.zeros_like(recorded)
     delays = np.arange(-SITE_REACH, SITE_REACH, 0.5 * job["dt"])
     tried = np.stack([shifted(plan, np.full(len(plan), t), job["dt"]) for t in delays])
@@ -194,7 +206,7 @@ def _parameters(job, recorded, label):
             for name, (values, bounds) in rows.items() for n in range(len(values))}  # fmt: skip
 
 
-_FORETOLD = {
+_PREDICTED = {
     "delay_scatter": partial(_by_holes, times=True, scales=True),
     "misfire_or_charge_error": partial(_by_holes, times=False, scales=True),
     "attenuation_Q": _by_q,
@@ -203,9 +215,12 @@ _FORETOLD = {
 
 
 N_CLOSURE_DRAWS = 59
+Pair = tuple[np.ndarray, np.ndarray]  # closure in m, stress in Pa
 
 
-def closure_law(closures, stresses, *, seed=0) -> Verdict:
+def closure_law(
+    closures: Sequence[ArrayLike], stresses: Sequence[ArrayLike], *, seed: int = 0
+) -> Verdict:
     """Judge linear closure against Bandis' hyperbola.
 
     Parameters
@@ -243,7 +258,8 @@ def closure_law(closures, stresses, *, seed=0) -> Verdict:
     for _ in range(N_CLOSURE_DRAWS):
         made = [(u, _linear(straight, u) + phase_randomised(s - _linear(straight, u), rng))
                 for u, s in pairs]  # fmt: skip
-        drawn.append(np.subtract(*held_out_misfits(made)))
+        line, bent = held_out_misfits(made)
+        drawn.append(line - bent)
     chance = share_as_large(before - after, drawn)
     named = after < before and chance <= SURE
     return Verdict(
@@ -254,7 +270,7 @@ def closure_law(closures, stresses, *, seed=0) -> Verdict:
     )  # fmt: skip
 
 
-def held_out_misfits(pairs):
+def held_out_misfits(pairs: Sequence[Pair]) -> tuple[float, float]:
     """Return the misfits of every other point by the points between, by line and by hyperbola."""
     left = np.zeros(2)
     for u, s in pairs:
@@ -265,10 +281,11 @@ def held_out_misfits(pairs):
                 np.mean((s[held] - _linear(_line(some), u[held])) ** 2),
                 np.mean((s[held] - hyperbola(fit_hyperbola(some), u[held])) ** 2),
             ]
-    return tuple(float(x) for x in np.sqrt(left / (2 * len(pairs))))
+    line, bent = np.sqrt(left / (2 * len(pairs)))
+    return float(line), float(bent)
 
 
-def hyperbola(values, closure):
+def hyperbola(values: Sequence[float], closure: np.ndarray) -> np.ndarray:
     """Return stress of kni, Vm, seat; straight on, by its tangent, beyond 99 % of Vm."""
     stiffness, most, seat = values
     u = np.minimum(closure, 0.99 * most)
@@ -276,7 +293,7 @@ def hyperbola(values, closure):
     return seat + stiffness * u / (1.0 - u / most) + slope * (closure - u)
 
 
-def fit_hyperbola(pairs):
+def fit_hyperbola(pairs: Sequence[Pair]) -> tuple[float, float, float]:
     """Return kni, Vm, seat that fit all specimens best."""
     closure, stress = (np.concatenate(one) for one in zip(*pairs, strict=True))
     widest, scale = closure.max(), np.ptp(stress)

@@ -1,1 +1,1 @@
-"""Meshes of tetrahedra: built, cut into blocks, imported, checked."""
+"""Tetrahedral meshes: generation of jointed rock, import, splitting, quality."""

@@ -1,8 +1,10 @@
-"""Convex cells of jointed rock, cut by layers, joint sets and faults."""
+"""Cutting of a box into the cells between layers, joint sets and faults."""
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .blocks import (
     Cells,
@@ -16,13 +18,14 @@ from .blocks import (
     split_face,
     vertices_of,
 )
+from .grid import Fault, JointSet
 
-_EXACT = 1e-6
+_EXACT = 1e-6  # m, distance below which a vertex lies on a plane
 
 
 @dataclass(frozen=True)
 class Plane:
-    """The plane ``normal . x = offset`` and the surface that its facets belong to.
+    """Cutting plane ``normal . x = offset``, with the surface of its facets.
 
     Parameters
     ----------
@@ -35,20 +38,20 @@ class Plane:
     offset: float
     tag: str = ""
 
-    def heights(self, points):
+    def heights(self, points: np.ndarray) -> np.ndarray:
         """Return the signed distances (n,) of points (n, 3) in m."""
         return np.asarray(points) @ self.normal - self.offset
 
 
 @dataclass(frozen=True)
 class Cut:
-    """What one plane did.
+    """Result of one cutting plane.
 
     Parameters
     ----------
     faces : list of int, faces on the plane
-    bent : (n,) float64, how far it was bent to pass through vertices nearby, m
-    refused : int, cells that it could not cut
+    bent : (n,) float64, distances by which it was bent to nearby vertices, m
+    refused : int, cells that could not be cut
     """
 
     faces: list[int]
@@ -56,13 +59,14 @@ class Cut:
     refused: int
 
 
-def cut_cells(cells, chosen, plane, tolerance) -> tuple[Cells, Cut]:
+def cut_cells(
+    cells: Cells, chosen: Iterable[int], plane: Plane, tolerance: Callable[[np.ndarray], np.ndarray]
+) -> tuple[Cells, Cut]:
     """Cut chosen cells along a plane.
 
-    A vertex nearer to the plane than the tolerance counts as lying on it, so the cut bends to
-    pass through it and no part of a cell thinner than the tolerance is left over. Where that
-    would turn a cell inside out, fewer vertices count; where a cut fails all the same, the cell
-    stays whole.
+    Vertices within the tolerance of the plane count as lying on it: the cut bends to them and
+    leaves no part of a cell thinner than the tolerance. Fewer vertices are used where a cell would
+    be inverted; a cell that can't be cut at all stays whole.
 
     Parameters
     ----------
@@ -95,11 +99,13 @@ def cut_cells(cells, chosen, plane, tolerance) -> tuple[Cells, Cut]:
 
 
 def _is_bent(vertex, height, limit):
-    """Tell whether the plane bends to pass through a vertex."""
+    """Return whether the plane is bent to a vertex."""
     return vertex in height and _EXACT < abs(height[vertex]) <= limit[vertex]
 
 
-def split_faces(cells, faces, plane, tolerance) -> list[int]:
+def split_faces(
+    cells: Cells, faces: Iterable[int], plane: Plane, tolerance: Callable[[np.ndarray], np.ndarray]
+) -> list[int]:
     """Split faces, not cells, along a plane in place; return all parts."""
     vertices = {v for f in faces for v in cells.loops[f]}
     height, limit = _heights(cells, vertices, plane, tolerance)
@@ -118,48 +124,48 @@ def _heights(cells, vertices, plane, tolerance):
 
 
 def _sides(height, limit):
-    """Return on which side of the plane each vertex counts: -1, 0 or 1."""
+    """Return the side of the plane of each vertex: -1, 0 or 1."""
     return {v: (h > limit[v]) - (h < -limit[v]) for v, h in height.items()}
 
 
 def _try_cut(cells, chosen, whole, plane, height, limit):
-    """Cut in place; return the cut and the old cells that it would turn inside out."""
+    """Cut in place; return the cut and the cells that it would invert."""
     side = _sides(height, limit)
     crossed = [c for c in chosen if c not in whole and _crossed(cells, c, side)]
     faces = sorted({f for c in crossed for f in cells.faces[c]})
     _flatten_zigzags(cells, faces, side, height)
     parts, touched = _split_faces(cells, faces, side, height)
-    parent, made, failed = {}, [], set()
+    parent, new_faces, failed = {}, [], set()
     for cell in crossed:
         if _crossed(cells, cell, side):
             new = split_cell(cells, cell, side, plane.tag)
             if new is None:
                 failed.add(cell)
             else:
-                made.append(new)
+                new_faces.append(new)
                 parent[len(cells.faces) - 1] = cell
-    changed = {c for f in touched.union(parts, made) for c in cells.owners[f]}
+    changed = {c for f in touched.union(parts, new_faces) for c in cells.owners[f]}
     failed |= {parent.get(c, c) for c in crooked_cells(cells, changed)}
     lying = _tag_lying_faces(cells, [*chosen, *parent], side, plane)
-    bent = [abs(height[v]) for v in sorted({v for f in made + lying for v in cells.loops[f]})]
+    bent = [abs(height[v]) for v in sorted({v for f in new_faces + lying for v in cells.loops[f]})]
     bent = np.array([distance for distance in bent if distance > _EXACT])
-    return Cut(made + lying, bent, len(whole)), failed
+    return Cut(new_faces + lying, bent, len(whole)), failed
 
 
 def _crossed(cells, cell, side):
-    """Tell whether a cell has vertices on both sides."""
-    found = {side[v] for v in vertices_of(cells, cell)}
-    return 1 in found and -1 in found
+    """Return whether a cell has vertices on both sides."""
+    sides = {side[v] for v in vertices_of(cells, cell)}
+    return 1 in sides and -1 in sides
 
 
 def _changes(loop, side):
-    """Count how often the side changes around a loop, vertices on the plane left out."""
+    """Count the changes of side around a loop, without vertices on the plane."""
     signs = [side[v] for v in loop if side[v]]
     return sum(a != b for a, b in zip(signs, signs[1:] + signs[:1], strict=True))
 
 
 def _flatten_zigzags(cells, faces, side, height):
-    """Move vertices onto the plane until it crosses each face once; bent faces may need it."""
+    """Assign vertices of bent faces to the plane until it crosses each face once."""
     for face in faces:
         loop = cells.loops[face]
         while _changes(loop, side) > 2:
@@ -180,37 +186,37 @@ def _split_faces(cells, faces, side, height):
 
 
 def _tag_lying_faces(cells, chosen, side, plane):
-    """Tag the faces that lie on the plane between cells of different sides."""
+    """Tag and return the faces on the plane between cells of different sides."""
     candidates = sorted({f for c in chosen for f in cells.faces[c]})
-    found = []
+    tagged = []
     for face in candidates:
         if len(cells.owners[face]) < 2 or any(side[v] for v in cells.loops[face]):
             continue
         middles = [cell_vertices(cells, c).mean(axis=0) for c in cells.owners[face]]
         if np.prod(plane.heights(middles)) < 0.0 and not cells.tags[face]:
             cells.tags[face] = plane.tag
-            found.append(face)
-    return found
+            tagged.append(face)
+    return tagged
 
 
 SIDES = ("west", "east", "south", "north", "bottom", "top")
-# Share of the spacing within which a cut may bend to pass through a vertex.
+# Fraction of the spacing by which a cut may bend to a vertex.
 _SPACING_SHARE = 0.1
 _DISC_SIDES = 12
-# Joints on a side of the box are no joints.
+# Joints nearer than this fraction of the spacing to a side of the box are left out.
 _INSIDE = 1e-6
 
 
 @dataclass(frozen=True)
 class CutReport:
-    """How far joints were moved so that few slivers are left over, and what repair made of those.
+    """Report of the cutting: displacement of joints and slivers before and after repair.
 
     Parameters
     ----------
     cells : int
-    bent : int, places where a joint was moved
-    largest, mean : float, m, how far
-    refused : int, cells that a joint should cut and could not
+    bent : int, vertices to which a joint was moved
+    largest, mean : float, m, displacement
+    refused : int, cells that a joint could not cut
     slivers : tuple of 2 int
         Zones whose smallest altitude is below a tenth of their longest edge, before and after.
     thinnest : tuple of 2 float
@@ -228,12 +234,12 @@ class CutReport:
 
 @dataclass
 class _Rock:
-    """Cells while they are cut, with what the cuts need to know."""
+    """Cells during the cutting, with tolerances and statistics."""
 
     cells: Cells
     limits: np.ndarray
     tolerances: np.ndarray
-    bent: list
+    bent: list[np.ndarray]
     refused: int = 0
 
     def cut(self, chosen, plane, spacing=np.inf):
@@ -248,7 +254,7 @@ class _Rock:
         return np.searchsorted(-self.limits[1:-1], -np.asarray(points)[:, 2])
 
     def tolerance(self, spacing):
-        """Return the function that says how near to a plane a vertex counts as on it."""
+        """Return the tolerance as a function of position."""
 
         def near(points):
             return np.minimum(self.tolerances[self.layer(points)], _SPACING_SHARE * spacing)
@@ -256,7 +262,14 @@ class _Rock:
         return near
 
 
-def rock_cells(box, limits, tolerances, joint_sets, faults, margin=0.0):
+def rock_cells(
+    box: np.ndarray,
+    limits: ArrayLike,
+    tolerances: ArrayLike,
+    joint_sets: Sequence[tuple[JointSet, set[int]]],
+    faults: Sequence[Fault],
+    margin: float = 0.0,
+) -> tuple[Cells, CutReport]:
     """Cut a box into the cells between layers, joints and faults.
 
     Parameters
@@ -264,23 +277,24 @@ def rock_cells(box, limits, tolerances, joint_sets, faults, margin=0.0):
     box : (3, 2) float64, m
     limits : (n_layers + 1,) float64, m, heights between layers from the top down
     tolerances : (n_layers,) float64, m
-        How far a joint may move to pass through a corner nearby.
-    joint_sets : sequence of (JointSet, set of int), with the layers that it cuts
+        Largest displacement of a joint to a nearby corner.
+    joint_sets : sequence of (JointSet, set of int), with the layers it cuts
     faults : sequence of Fault
     margin : float, m
-        How far the box goes on beyond its sides and bottom; joint sets end at the box.
+        Padding beyond sides and bottom of the box; joint sets end at the box.
 
     Returns
     -------
     cells : Cells
-        Their kind is the layer, plus the number of layers outside the box.
+        Their kind is the layer, plus the number of layers for cells outside the box.
     report : CutReport
     """
     low, high = box[:, 0] - margin, box[:, 1] + [margin, margin, 0.0]
     cells = box_cells(low, high, SIDES)
+    tolerances = np.asarray(tolerances)
     rock = _Rock(cells, np.asarray(limits), np.zeros(len(tolerances)), [])
     _cut_regions(rock, box, margin)
-    rock.tolerances = np.asarray(tolerances)
+    rock.tolerances = tolerances
     spacings = [joints.spacing for joints, _ in joint_sets]
     for fault in faults:
         _cut_fault(rock, fault, min(spacings, default=np.inf))
@@ -297,7 +311,7 @@ def rock_cells(box, limits, tolerances, joint_sets, faults, margin=0.0):
 
 
 def _cut_regions(rock, box, margin):
-    """Cut layers and the limits of the core, and say which layer each cell belongs to."""
+    """Cut at layers and at the limits of the box; assign each cell to a layer."""
     vertical = np.array([0.0, 0.0, 1.0])
     planes = [Plane(vertical, height) for height in rock.limits[1:-1]]
     if margin > 0.0:
@@ -329,24 +343,24 @@ def _cut_joint_set(rock, joints, layers, box):
 
 
 def _cut_fault(rock, fault, spacing):
-    """Cut by a fault, through everything or within its extent."""
+    """Cut by a fault, unbounded or within its extent."""
     plane = Plane(fault.unit_normal, float(np.dot(fault.unit_normal, fault.point)), fault.name)
-    rims = _rims(fault)
-    chosen = [c for c in range(len(rock.cells.faces)) if _within(rock.cells, c, rims)]
+    borders = _borders(fault)
+    chosen = [c for c in range(len(rock.cells.faces)) if _within(rock.cells, c, borders)]
     faces = rock.cut(chosen, plane, spacing)
-    for rim in rims:
+    for border in borders:
         trial = copied(rock.cells)
-        parts = split_faces(trial, faces, rim, rock.tolerance(spacing))
+        parts = split_faces(trial, faces, border, rock.tolerance(spacing))
         if not crooked_cells(trial, {c for f in parts for c in trial.owners[f]}):
             rock.cells, faces = trial, parts
     for face in faces:
         middle = np.mean([rock.cells.points[v] for v in rock.cells.loops[face]], axis=0)
-        if any(rim.heights(middle) > 0.0 for rim in rims):
+        if any(border.heights(middle) > 0.0 for border in borders):
             rock.cells.tags[face] = ""
 
 
-def _rims(fault):
-    """Return the planes (outward) around the extent of a fault, none where it is endless."""
+def _borders(fault):
+    """Return the outward planes around the extent of a fault, none if it is unbounded."""
     if fault.extent is None and fault.radius is None:
         return []
     normal = fault.unit_normal
@@ -355,16 +369,16 @@ def _rims(fault):
     down = np.cross(normal, strike)
     if fault.extent is not None:
         reach = [(strike, fault.extent[0] / 2.0), (down, fault.extent[1] / 2.0)]
-        sides = [(sign * way, half) for way, half in reach for sign in (1.0, -1.0)]
+        sides = [(sign * axis, half) for axis, half in reach for sign in (1.0, -1.0)]
     else:
         angles = 2.0 * np.pi * np.arange(_DISC_SIDES) / _DISC_SIDES
-        # The polygon has the area of the disc.
+        # A polygon with the area of the disc.
         half = fault.radius * np.sqrt(np.pi / _DISC_SIDES / np.tan(np.pi / _DISC_SIDES))
         sides = [(np.cos(a) * strike + np.sin(a) * down, half) for a in angles]
-    return [Plane(way, float(np.dot(way, fault.point)) + half) for way, half in sides]
+    return [Plane(axis, float(np.dot(axis, fault.point)) + half) for axis, half in sides]
 
 
-def _within(cells, cell, rims):
-    """Tell whether a cell reaches inside all rims."""
+def _within(cells, cell, borders):
+    """Return whether a part of a cell lies inside all border planes."""
     places = np.array([cells.points[v] for v in vertices_of(cells, cell)])
-    return all(rim.heights(places).min() < 0.0 for rim in rims)
+    return all(border.heights(places).min() < 0.0 for border in borders)

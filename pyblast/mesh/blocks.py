@@ -1,6 +1,7 @@
-"""Blocks of cells that share faces, edges and vertices, and the repair of their shapes."""
+"""Polyhedral cells with shared faces, edges and vertices; facets and convexity."""
 
 from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -9,7 +10,7 @@ from scipy.optimize import linprog
 
 @dataclass
 class Cells:
-    """Cells that share faces, faces that share vertices; mutable while planes cut it.
+    """Complex of polyhedral cells with shared faces and vertices, changed in place by cuts.
 
     Parameters
     ----------
@@ -22,16 +23,16 @@ class Cells:
     ring : dict of (int, int) to set of int, faces at each edge
     """
 
-    points: list = field(default_factory=list)
-    loops: list = field(default_factory=list)
-    tags: list = field(default_factory=list)
-    owners: list = field(default_factory=list)
-    faces: list = field(default_factory=list)
-    kinds: list = field(default_factory=list)
-    ring: dict = field(default_factory=lambda: defaultdict(set))
+    points: list[np.ndarray] = field(default_factory=list)
+    loops: list[list[int]] = field(default_factory=list)
+    tags: list[str] = field(default_factory=list)
+    owners: list[set[int]] = field(default_factory=list)
+    faces: list[set[int]] = field(default_factory=list)
+    kinds: list[int] = field(default_factory=list)
+    ring: dict[tuple[int, int], set[int]] = field(default_factory=lambda: defaultdict(set))
 
 
-def box_cells(low, high, names) -> Cells:
+def box_cells(low: np.ndarray, high: np.ndarray, names: Sequence[str]) -> Cells:
     """Return one cell, a box, with its sides named in the order -x, +x, -y, +y, -z, +z."""
     cells = Cells(faces=[set()], kinds=[0])
     for z in (0, 1):
@@ -44,8 +45,8 @@ def box_cells(low, high, names) -> Cells:
     return cells
 
 
-def copied(cells):
-    """Return a copy that shares nothing but the points, which never change."""
+def copied(cells: Cells) -> Cells:
+    """Return a copy; only the points, which are never changed, are shared."""
     return Cells(
         points=cells.points[:],
         loops=[loop[:] for loop in cells.loops],
@@ -57,14 +58,14 @@ def copied(cells):
     )
 
 
-def edges(loop):
+def edges(loop: list[int]) -> Iterator[tuple[int, int]]:
     """Yield the edges of a loop, each with its smaller vertex first."""
     for a, b in zip(loop, loop[1:] + loop[:1], strict=True):
         yield (a, b) if a < b else (b, a)
 
 
-def add_face(cells, loop, tag, owners):
-    """Append a face and enter it everywhere."""
+def add_face(cells: Cells, loop: list[int], tag: str, owners: Iterable[int]) -> int:
+    """Append a face and update cells and edges; return its number."""
     face = len(cells.loops)
     cells.loops.append(list(loop))
     cells.tags.append(tag)
@@ -76,8 +77,8 @@ def add_face(cells, loop, tag, owners):
     return face
 
 
-def split_edge(cells, a, b, share):
-    """Put a vertex on the edge from a to b, in every face around it; return those."""
+def split_edge(cells: Cells, a: int, b: int, share: float) -> set[int]:
+    """Insert a vertex on the edge from a to b; return the faces around it."""
     new = len(cells.points)
     cells.points.append(cells.points[a] + share * (cells.points[b] - cells.points[a]))
     around = cells.ring.pop((a, b))
@@ -90,8 +91,8 @@ def split_edge(cells, a, b, share):
     return around
 
 
-def split_face(cells, face, side, height):
-    """Split one face between the two vertices on the plane that are nearest to it."""
+def split_face(cells: Cells, face: int, side: dict[int, int], height: dict[int, float]) -> int:
+    """Split a face between its two vertices on the plane; return the new face."""
     loop = cells.loops[face]
     n = len(loop)
     start = next(k for k in range(n) if side[loop[k]] == 1 and side[loop[k - 1]] != 1)
@@ -111,8 +112,8 @@ def split_face(cells, face, side, height):
     return add_face(cells, below, cells.tags[face], cells.owners[face])
 
 
-def split_cell(cells, cell, side, tag):
-    """Close the cut through a cell; return the new face, None where the cut does not close."""
+def split_cell(cells: Cells, cell: int, side: dict[int, int], tag: str) -> int | None:
+    """Split a cell; return the new face, None if the cut is not a closed loop."""
     above = {f for f in cells.faces[cell] if any(side[v] == 1 for v in cells.loops[f])}
     below = cells.faces[cell] - above
     border = {e for f in above for e in edges(cells.loops[f])}
@@ -131,7 +132,7 @@ def split_cell(cells, cell, side, tag):
 
 
 def _single_loop(border):
-    """Chain edges to one closed loop of vertices, None where they form no or several loops."""
+    """Return the single closed loop of vertices of edges, None if there is not exactly one."""
     around = defaultdict(list)
     for a, b in sorted(border):
         around[a].append(b)
@@ -147,12 +148,12 @@ def _single_loop(border):
         loop.append(ahead)
 
 
-def cell_vertices(cells, cell):
-    """Return the places (n, 3) of the vertices of a cell."""
+def cell_vertices(cells: Cells, cell: int) -> np.ndarray:
+    """Return the positions (n, 3) of the vertices of a cell."""
     return np.array([cells.points[v] for v in sorted(vertices_of(cells, cell))])
 
 
-def vertices_of(cells, cell):
+def vertices_of(cells: Cells, cell: int) -> set[int]:
     """Return the set of vertices of a cell."""
     return {v for f in cells.faces[cell] for v in cells.loops[f]}
 
@@ -161,8 +162,8 @@ _FLAT = 1e-6
 _THINNEST = 1e-4
 
 
-def facets(cells, face):
-    """Return a face as flat polygons: itself where it is flat, triangles where it is bent.
+def facets(cells: Cells, face: int) -> list[list[int]]:
+    """Return a face as flat polygons: itself if it is flat, triangles if it is bent.
 
     Parameters
     ----------
@@ -176,18 +177,18 @@ def facets(cells, face):
     loop = cells.loops[face]
     places = np.array([cells.points[v] for v in loop])
     arms = places[1:] - places[0]
-    normal = _crossed(arms[:-1], arms[1:]).sum(axis=0)
+    normal = _cross(arms[:-1], arms[1:]).sum(axis=0)
     if np.abs(arms @ normal).max() <= _FLAT * np.sqrt(normal @ normal):
         return [loop]
     return [[loop[k] for k in triangle] for triangle in _triangles(places)]
 
 
 def _triangles(places):
-    """Cut a polygon into triangles so that the smallest altitude among them is largest."""
+    """Return the triangulation of a polygon with the largest smallest altitude."""
     n = len(places)
-    ways = places[None] - places[:, None]
-    sides = np.sqrt((ways**2).sum(axis=2))
-    normals = _crossed(ways[:, :, None], ways[:, None])
+    vectors = places[None] - places[:, None]
+    sides = np.sqrt((vectors**2).sum(axis=2))
+    normals = _cross(vectors[:, :, None], vectors[:, None])
     longest = np.maximum(np.maximum(sides[:, :, None], sides[:, None]), sides[None])
     altitude = np.sqrt((normals**2).sum(axis=3)) / np.maximum(longest, _FLAT)
     best, middle = np.full((n, n), np.inf), np.zeros((n, n), dtype=int)
@@ -209,8 +210,8 @@ def _triangles(places):
     return triangles
 
 
-def crooked_cells(cells, candidates):
-    """Return the cells whose surface is not seen, all of it and from inside, from any place.
+def crooked_cells(cells: Cells, candidates: Iterable[int]) -> list[int]:
+    """Return the cells that are not star-shaped: no point sees the whole surface from inside.
 
     Parameters
     ----------
@@ -229,21 +230,21 @@ def crooked_cells(cells, candidates):
     return [c for c in suspects if _is_crooked(cells, c, flat, areas)]
 
 
-def area_vector(cells, facet):
+def area_vector(cells: Cells, facet: list[int]) -> np.ndarray:
     """Return the area vector (3,) of a flat polygon, m2."""
     places = np.array([cells.points[v] for v in facet])
     arms = places[1:] - places[0]
-    return 0.5 * _crossed(arms[:-1], arms[1:]).sum(axis=0)
+    return 0.5 * _cross(arms[:-1], arms[1:]).sum(axis=0)
 
 
-def _crossed(one, other):
-    """Return cross products (..., 3); numpy's own takes five times as long on a few vectors."""
+def _cross(first, second):
+    """Return cross products (..., 3); five times faster than numpy's for a few vectors."""
     ahead, behind = [1, 2, 0], [2, 0, 1]
-    return one[..., ahead] * other[..., behind] - one[..., behind] * other[..., ahead]
+    return first[..., ahead] * second[..., behind] - first[..., behind] * second[..., ahead]
 
 
 def _is_hidden(cells, cell, flat, areas):
-    """Tell whether some facet of a cell is not seen from its middle."""
+    """Return whether a facet of a cell is not visible from its centre."""
     places = [cells.points[v] for v in sorted(vertices_of(cells, cell))]
     middle = sum(places) / len(places)
     directed = set()
@@ -261,7 +262,7 @@ def _is_hidden(cells, cell, flat, areas):
 
 
 def _is_crooked(cells, cell, flat, areas):
-    """Tell whether no place sees all facets of a cell from inside."""
+    """Return whether no point sees all facets of a cell from inside (linear programme)."""
     turns = _turns(cells, cell)
     if turns is None:
         return True
@@ -281,7 +282,7 @@ def _is_crooked(cells, cell, flat, areas):
 
 
 def _turns(cells, cell):
-    """Return 1 or -1 for each face of a cell so that all are turned alike, None where none fit."""
+    """Return the orientation, 1 or -1, of each face of a cell, None if inconsistent."""
     faces = cells.faces[cell]
     start = min(faces)
     turns, waiting = {start: 1}, [start]

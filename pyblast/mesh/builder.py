@@ -1,10 +1,13 @@
-"""Meshes of jointed rock: layers, joint sets and faults in a box, filled by gmsh."""
+"""Mesh generation of jointed rock: layers, joint sets and faults in a box, meshed by gmsh."""
 
 import logging
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from ..errors import InputError, PyblastWarning
@@ -17,32 +20,69 @@ from .quality import MESHING_BYTES, ZONES_PER_CUBE, refuse_beyond_memory
 
 __all__ = ["Fault", "JointSet", "Layer", "build_mesh", "build_mesh_report", "structured_box"]
 _TOLERANCE_SHARE = 0.15
-# Edges inside a volume come out longer than gmsh's size, edges on joints do not (measured).
+# Mean edge inside a volume over that of gmsh's size; edges on joints have that size (measured).
 _INTERIOR_SHARE = 0.77
-# Shares of the tolerance, tried in turn where gmsh takes facets for overlapping.
+# Factors on the tolerance, tried in turn if gmsh takes facets for overlapping.
 _RETRIES = (1.0, 0.5, 1.5, 0.25, 0.0)
 _LOG = logging.getLogger(__name__)
 
 
-def build_mesh(box, layers, joint_sets=(), faults=(), **options) -> Mesh:
-    """Mesh a box of layers cut by joints and faults; see ``build_mesh_report``."""
+def build_mesh(
+    box: ArrayLike,
+    layers: Sequence[Layer],
+    joint_sets: Sequence[JointSet] = (),
+    faults: Sequence[Fault] = (),
+    **options: Any,
+) -> Mesh:
+    """Generate the mesh of a box of layers cut by joints and faults.
+
+    Parameters
+    ----------
+    box : (3, 2) float, m
+        Lower and upper limits of x, y and z.
+    layers : sequence of Layer
+        From the top down.
+    joint_sets : sequence of JointSet
+    faults : sequence of Fault
+        They are cut before the joint sets.
+    **options : Any
+        Keywords of `build_mesh_report`: ``edge``, ``surface``, ``padding``, ``tolerance``,
+        ``seed``, ``optimize``.
+
+    Returns
+    -------
+    Mesh
+        Not split.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range, a region unknown, the mesh larger than the memory, or gmsh
+        missing or unable.
+
+    Examples
+    --------
+    >>> mesh = build_mesh([(0, 40), (0, 40), (0, 20)], [Layer("rock", edge=10.0)])
+    >>> mesh.groups, sorted(mesh.surfaces)
+    (('rock',), ['bottom', 'east', 'north', 'south', 'top', 'west'])
+    """
     return build_mesh_report(box, layers, joint_sets, faults, **options)[0]
 
 
 def build_mesh_report(
-    box,
-    layers: list[Layer],
-    joint_sets: list[JointSet] = (),
-    faults: list[Fault] = (),
+    box: ArrayLike,
+    layers: Sequence[Layer],
+    joint_sets: Sequence[JointSet] = (),
+    faults: Sequence[Fault] = (),
     *,
-    edge=None,
-    surface=None,
-    padding=None,
-    tolerance=None,
-    seed=0,
-    optimize=True,
+    edge: float | None = None,
+    surface: ArrayLike | None = None,
+    padding: tuple[float, float] | None = None,
+    tolerance: float | None = None,
+    seed: int = 0,
+    optimize: bool = True,
 ) -> tuple[Mesh, CutReport]:
-    """Mesh a box of layers cut by joints and faults; say how far joints were moved.
+    """Generate a mesh as `build_mesh`; also return the report of the cutting.
 
     Parameters
     ----------
@@ -50,22 +90,22 @@ def build_mesh_report(
     layers : list of Layer, from the top down
     joint_sets : list of JointSet
     faults : list of Fault
-        They cut before the joint sets do.
+        They are cut before the joint sets.
     edge : float, m
-        Mean edge of the zones in layers that give none. Blocks smaller than it get smaller ones.
+        Mean edge of the zones in layers without one. Smaller blocks get smaller zones.
     surface : (n, 3) float64, m
-        Surveyed top. The mesh is stretched between its bottom and this surface, layers and
-        joints with it, so a joint bends by the relief times its height above the bottom.
+        Surveyed top surface. The mesh with its layers and joints is stretched between the bottom
+        and this surface.
     padding : (distance, edge), m
-        Ground beyond the sides and the bottom with edges that grow to this one; layers and
-        endless faults go on, joint sets end.
+        Ground beyond sides and bottom with edges growing to this one; layers and unbounded faults
+        continue into it, joint sets do not.
     tolerance : float, m
-        A joint moves by up to this to pass through a corner of other joints instead of leaving
-        a sliver; default 0.15 of the edge. Never more than 0.1 of the spacing.
+        Largest displacement of a joint to a corner of other joints, which avoids slivers; default
+        0.15 of the edge, at most 0.1 of the spacing.
     seed : int
-        Chooses which facets of joints that are not persistent stay rock.
+        Of the random choice of intact facets of joints with a persistence below 1.
     optimize : bool
-        Repair thin zones; joints and layers stay where they are.
+        Improve thin zones; joints and layers are not moved.
 
     Returns
     -------
@@ -88,8 +128,8 @@ def build_mesh_report(
     tolerances = _TOLERANCE_SHARE * edges if tolerance is None else np.full(len(edges), tolerance)
     regions, outside = _regions(box, limits, edges * _size_factors(sets, edges), padding)
 
-    def fill(share):
-        cells, report = rock_cells(box, limits, share * tolerances, sets, faults, margin)
+    def fill(factor):
+        cells, report = rock_cells(box, limits, factor * tolerances, sets, faults, margin)
         _weld_shares(cells, sets, seed)
         return cells, report, *mesh_cells(cells, regions, outside, optimize)
 
@@ -106,17 +146,17 @@ def build_mesh_report(
 
 
 def _with_retries(fill):
-    """Return ``fill(share)`` for the first share of the tolerance that gmsh can mesh."""
-    for share in _RETRIES[:-1]:
+    """Return ``fill(factor)`` for the first factor on the tolerance that gmsh can mesh."""
+    for factor in _RETRIES[:-1]:
         try:
-            return fill(share)
+            return fill(factor)
         except MeshingError as error:
-            _LOG.info("%s; cutting again, %g of the tolerance did not do", error, share)
+            _LOG.info("%s; cutting again, %g of the tolerance failed", error, factor)
     return fill(_RETRIES[-1])
 
 
 def _checked_box(box):
-    """Return the box (3, 2) or refuse it."""
+    """Return the box (3, 2); raise InputError if it is invalid."""
     box = np.asarray(box, dtype=float)
     if box.shape != (3, 2) or not (box[:, 1] > box[:, 0]).all():
         raise InputError(f"box: needs (low, high) for x, y and z, low < high, got {box.tolist()}")
@@ -133,14 +173,14 @@ def _layer_edges(layers, edge):
 
 
 def _refuse_too_many(box, limits, edges):
-    """Refuse layers whose zones would not fit into memory, before any is made."""
+    """Raise InputError if the zones would not fit into memory."""
     area = np.prod(box[:2, 1] - box[:2, 0])
     count = ZONES_PER_CUBE * float(np.sum(area * -np.diff(limits) / edges**3))
     refuse_beyond_memory(f"build_mesh: a mesh of about {count:.2g} zones", count * MESHING_BYTES)
 
 
 def _margin(padding, edges):
-    """Return how far the ground goes on beyond the box, m."""
+    """Return the width of the padding, m."""
     if padding is None:
         return 0.0
     margin, edge = padding
@@ -153,7 +193,7 @@ def _margin(padding, edges):
 
 
 def _placed_sets(joint_sets, faults, layers, box):
-    """Pair each joint set with the numbers of its layers; refuse names twice or unknown."""
+    """Return each joint set with its layers; raise InputError for duplicate or unknown names."""
     names = [part.name for part in (*joint_sets, *faults)]
     for name in names:
         if names.count(name) > 1 or name in SIDES or not name:
@@ -174,7 +214,7 @@ def _placed_sets(joint_sets, faults, layers, box):
 
 
 def _weld_shares(cells, sets, seed):
-    """Turn a random share of the facets of each joint set that is not persistent into rock."""
+    """Make a random fraction of the facets of joint sets with persistence below 1 intact."""
     for number, (joints, _) in enumerate(sets):
         faces = np.array([f for f, tag in enumerate(cells.tags) if tag == joints.name])
         if joints.persistence < 1.0 and len(faces):
@@ -185,7 +225,7 @@ def _weld_shares(cells, sets, seed):
 
 
 def _size_factors(sets, edges):
-    """Return what gmsh's size has to be, as a share of the mean edge wanted, (n_layers,)."""
+    """Return gmsh's size over the required mean edge, (n_layers,)."""
     spacing = np.full(len(edges), np.inf)
     for joints, layers in sets:
         for layer in layers:
@@ -194,7 +234,7 @@ def _size_factors(sets, edges):
 
 
 def _regions(box, limits, sizes, padding):
-    """Return limits, edge and growth distance of each layer, for the size field."""
+    """Return limits, edge and growth distance of each layer for gmsh's size field."""
     margin, far = (0.0, max(sizes)) if padding is None else padding
     regions = []
     for top, bottom, size in zip(limits[:-1], limits[1:], sizes, strict=True):
@@ -219,10 +259,10 @@ def _draped(points, surface, low, high):
 
 
 def _announce(report, n_zones):
-    """Log what was cut; warn where a joint is not whole."""
+    """Log the report; warn of blocks that a joint could not cut."""
     _LOG.info(
-        "%d zones in %d blocks; joints moved at %d corners by %.2g m at most; of %d slivers %d are "
-        "left, the thinnest zone went from %.2g to %.2g of its edge",
+        "%d zones in %d blocks; joints moved at %d corners by %.2g m at most; slivers reduced from "
+        "%d to %d, smallest altitude over edge improved from %.2g to %.2g",
         n_zones,
         report.cells,
         report.bent,

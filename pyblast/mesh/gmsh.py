@@ -1,5 +1,6 @@
-"""Tetrahedra in cells through gmsh, its only importer, and smoothing of thin ones."""
+"""Tetrahedral meshing of cells by gmsh, and smoothing of thin zones."""
 
+from collections.abc import Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -8,13 +9,13 @@ from scipy.sparse import coo_array
 
 from ..errors import InputError
 from . import tetrahedra
-from .blocks import facets
+from .blocks import Cells, facets
 
-# Zones whose smallest altitude is below this share of their longest edge.
+# Smallest altitude over longest edge: below THIN a zone is smoothed, below SLIVER a sliver.
 THIN = 0.35
 SLIVER = 0.1
 _SWEEPS = 8
-_SETTLED = 0.05  # share of the nodes that still moved in the last sweep
+_SETTLED = 0.05  # fraction of moved nodes in a sweep at which smoothing ends
 _STEPS = (0.3, 0.1, 0.03)  # tried in turn, over the smallest altitude of a node
 _GAIN = 1e-3
 _PARALLEL = 1e-9
@@ -23,13 +24,13 @@ _FLAT = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class _Colour:
-    """Nodes that share no zone, and the zones around them.
+    """Independent nodes, which share no zone, with their zones (graph colouring).
 
     Parameters
     ----------
     nodes : (n,) int64
     zone, local, owner : (m,) int64
-        A zone, which of its corners the node is, and the row of the node in ``nodes``.
+        Zone, corner of the node in it, and row of the node in ``nodes``.
     """
 
     nodes: np.ndarray
@@ -38,13 +39,13 @@ class _Colour:
     owner: np.ndarray
 
 
-def thinness(points, zones):
-    """Return the smallest altitude over the longest edge, (n_zones,): 0.82 if regular."""
+def thinness(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
+    """Return smallest altitude over longest edge, (n_zones,): 0.82 for a regular tetrahedron."""
     return tetrahedra.altitudes(points, zones) / tetrahedra.edge_lengths(points, zones).max(axis=1)
 
 
-def free_ways(points, patches):
-    """Return the projectors (n_nodes, 3, 3) on the ways that keep nodes on patches and borders.
+def tangent_projectors(points: np.ndarray, patches: Sequence[np.ndarray]) -> np.ndarray:
+    """Return projectors (n_nodes, 3, 3) on motions that keep nodes on their patches and borders.
 
     Parameters
     ----------
@@ -57,29 +58,29 @@ def free_ways(points, patches):
     normal = np.zeros((len(patches), 3))
     np.add.at(normal, patch, tetrahedra.triangle_vectors(points, triangles))
     normal /= np.maximum(np.linalg.norm(normal, axis=1), np.finfo(float).tiny)[:, None]
-    held = np.zeros((len(points), 3, 3))
+    constrained = np.zeros((len(points), 3, 3))
     across = normal[:, :, None] * normal[:, None]
-    np.add.at(held, triangles, across[patch][:, None])
+    np.add.at(constrained, triangles, across[patch][:, None])
     border = _borders(triangles, patch)
     along = points[border[:, 1]] - points[border[:, 0]]
     along /= np.linalg.norm(along, axis=1)[:, None]
     beside = np.eye(3) - along[:, :, None] * along[:, None]
-    np.add.at(held, border, beside[:, None])
-    values, vectors = np.linalg.eigh(held)
+    np.add.at(constrained, border, beside[:, None])
+    values, vectors = np.linalg.eigh(constrained)
     free = (values < _PARALLEL)[:, None, :] * vectors
     return np.einsum("nik,njk->nij", free, vectors)
 
 
 def _borders(triangles, patch):
-    """Return the edges (n, 2) of triangles that no other triangle of their patch has."""
+    """Return the border edges (n, 2) of patches, which belong to one triangle only."""
     edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).reshape(-1, 2)
     keys = np.column_stack([np.repeat(patch, 3), edges])
-    found, count = np.unique(keys, axis=0, return_counts=True)
-    return found[count == 1, 1:]
+    unique, count = np.unique(keys, axis=0, return_counts=True)
+    return unique[count == 1, 1:]
 
 
-def smoothed(points, zones, patches):
-    """Return points (n_nodes, 3) at which thin zones are thicker; no patch is bent or moved.
+def smoothed(points: np.ndarray, zones: np.ndarray, patches: Sequence[np.ndarray]) -> np.ndarray:
+    """Return smoothed points (n_nodes, 3); patches are neither bent nor moved.
 
     Parameters
     ----------
@@ -90,27 +91,27 @@ def smoothed(points, zones, patches):
 
     Notes
     -----
-    Nodes of thin zones take turns in going down ``sum of V0 (sum |g|^2)^2`` of the zones around
-    them, V0 the volume at the start and g the gradients of the shape functions, |g| = 1/altitude:
-    about the mass that a step far longer than that of these zones needs, theory.md (2.13).
+    The nodes of thin zones descend the gradient of ``sum of V0 (sum |g|^2)^2`` over their zones, V0
+    the initial volume and g the gradients of the shape functions, |g| = 1/altitude. This measures
+    the added mass for a given time step, theory.md (2.13).
     """
     points = points.copy()
-    ways = free_ways(points, patches)
+    projectors = tangent_projectors(points, patches)
     thin = thinness(points, zones) < THIN
-    movable = np.trace(ways, axis1=1, axis2=2) > 0.5
+    movable = np.trace(projectors, axis1=1, axis2=2) > 0.5
     nodes = np.unique(zones[thin])
     nodes = nodes[movable[nodes]]
     weight = tetrahedra.volumes(points, zones)
     colours = _colours(zones, nodes, len(points))
     for _ in range(_SWEEPS):
-        moved = sum(_slide(points, zones, ways, weight, colour) for colour in colours)
+        moved = sum(_slide(points, zones, projectors, weight, colour) for colour in colours)
         if moved <= _SETTLED * len(nodes):
             break
     return points
 
 
 def _colours(zones, nodes, n_nodes):
-    """Part nodes into sets within which no two share a zone; return them as `_Colour`."""
+    """Colour nodes so that no two of a colour share a zone."""
     chosen = np.zeros(n_nodes, dtype=bool)
     chosen[nodes] = True
     near = zones[chosen[zones].any(axis=1)]
@@ -130,17 +131,17 @@ def _colours(zones, nodes, n_nodes):
     return colours
 
 
-def _slide(points, zones, ways, weight, colour):
-    """Move the nodes of a colour in place where that helps the zones around; count them."""
+def _slide(points, zones, projectors, weight, colour):
+    """Move the nodes of a colour downhill in place; return the number of moved nodes."""
     count, rows = len(colour.nodes), np.arange(len(colour.zone))
     corners, weight = points[zones[colour.zone]], weight[colour.zone]
     sharpness, gradients = _sharpness(corners)
     own = gradients[rows, colour.local]
     turned = np.einsum("zai,za->zi", gradients, np.einsum("zai,zi->za", gradients, own))
     downhill = np.zeros((count, 3))
-    pull = np.where(np.isfinite(sharpness), weight * sharpness, weight)
-    np.add.at(downhill, colour.owner, pull[:, None] * turned)
-    downhill = np.einsum("nij,nj->ni", ways[colour.nodes], downhill)
+    force = np.where(np.isfinite(sharpness), weight * sharpness, weight)
+    np.add.at(downhill, colour.owner, force[:, None] * turned)
+    downhill = np.einsum("nij,nj->ni", projectors[colour.nodes], downhill)
     reach = np.full(count, np.inf)
     np.minimum.at(reach, colour.owner, 1.0 / np.linalg.norm(own, axis=1))
     length = np.maximum(np.linalg.norm(downhill, axis=1), np.finfo(float).tiny)
@@ -172,13 +173,13 @@ def _sharpness(corners):
 
 _DELAUNAY = 1
 _GROWTH = 0.3
-# Degrees between facets that gmsh takes for overlapping; its 0.1 refuses thin wedges.
+# Degrees between facets that gmsh takes for overlapping; its default of 0.1 refuses thin wedges.
 _NARROWEST = 0.001
 _REPAIRS = 2
 
 
 class MeshingError(InputError):
-    """The blocks are too thin somewhere for gmsh to fill them."""
+    """Error of gmsh, raised where a block is too thin to be meshed."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +199,7 @@ class Slivers:
 
 @contextmanager
 def _gmsh():
-    """Give a quiet gmsh with a fresh model, one thread and a fixed seed."""
+    """Provide gmsh without output, with a new model, one thread and a fixed seed."""
     try:
         import gmsh
     except (ImportError, OSError) as error:
@@ -221,18 +222,20 @@ def _gmsh():
             gmsh.finalize()
 
 
-def mesh_cells(cells, boxes, edge, optimize):
-    """Fill cells with tetrahedra that conform on all faces.
+def mesh_cells(
+    cells: Cells, boxes: Sequence[tuple], edge: float, optimize: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray], tuple[Slivers, Slivers]]:
+    """Mesh cells with tetrahedra that conform on all faces.
 
     Parameters
     ----------
     cells : Cells
     boxes : sequence of ((3, 2) float64, float, float)
-        Limits of a region, edge in it, and distance over which it grows to ``edge``, m.
+        Limits of a region, its edge, and the distance over which the edge grows to ``edge``, m.
     edge : float, m
-        Outside all boxes.
+        Edge outside all boxes.
     optimize : bool
-        Repair thin zones: swap faces, and slide nodes within the faces of their cells.
+        Improve thin zones by swapping faces and by smoothing within the faces of cells.
 
     Returns
     -------
@@ -265,7 +268,7 @@ def mesh_cells(cells, boxes, edge, optimize):
 
 @contextmanager
 def _explained():
-    """Say what to do where gmsh fails."""
+    """Turn errors of gmsh into `MeshingError` with advice."""
     try:
         yield
     except Exception as error:
@@ -277,7 +280,7 @@ def _explained():
 
 
 def _add_geometry(gmsh, cells):
-    """Hand the cells to gmsh's own kernel; return the gmsh surfaces of each face."""
+    """Add the cells to gmsh's built-in kernel; return the gmsh surfaces of each face."""
     kernel = gmsh.model.geo
     used = sorted({v for loop in cells.loops for v in loop})
     for v in used:
@@ -328,13 +331,13 @@ def _set_sizes(gmsh, boxes, edge):
     fields.setAsBackgroundMesh(smallest)
 
 
-def growth_distance(inside, outside):
+def growth_distance(inside: float, outside: float) -> float:
     """Return the distance over which edges may grow from one length to another, m."""
     return max(abs(outside - inside) / _GROWTH, 1e-3)
 
 
 def _smooth(gmsh, n_cells, patches):
-    """Slide the nodes of thin zones; the patches of the geometry stay what they are."""
+    """Smooth the nodes of thin zones in gmsh's mesh."""
     used, points, zones, _ = _read(gmsh, n_cells)
     triangles = [np.searchsorted(used, _elements(gmsh, 2, p, 3)) for face in patches for p in face]
     moved = smoothed(points, zones, triangles)
@@ -364,7 +367,7 @@ def _read(gmsh, n_cells):
 
 
 def _collect(gmsh, cells, patches):
-    """Read zones and surfaces back, nodes numbered from 0 without gaps."""
+    """Return points, zones, their cells and surfaces, with nodes numbered from 0."""
     used, points, zones, counts = _read(gmsh, len(cells.faces))
     surfaces = {}
     for tag, patch in zip(cells.tags, patches, strict=True):
@@ -372,7 +375,7 @@ def _collect(gmsh, cells, patches):
             triangles = [_elements(gmsh, 2, number, 3) for number in patch]
             surfaces.setdefault(tag, []).extend(triangles)
     surfaces = {
-        name: np.searchsorted(used, np.concatenate(found)) for name, found in surfaces.items()
+        name: np.searchsorted(used, np.concatenate(parts)) for name, parts in surfaces.items()
     }
     return points, zones, np.repeat(np.arange(len(counts)), counts), surfaces
 

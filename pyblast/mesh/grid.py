@@ -1,18 +1,21 @@
-"""Structured grids of tetrahedra, and the geology that they follow: layers, joint sets, faults."""
+"""Geology (layers, joint sets, faults) and structured grids of tetrahedra."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, permutations
 from math import prod
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError
+from ..units import check_angle
 from . import tetrahedra
 from .mesh import Mesh
 from .quality import GRID_BYTES, refuse_beyond_memory
 
 
-def upward_normal(dip, dip_direction):
+def upward_normal(dip: float, dip_direction: float) -> np.ndarray:
     """Return the upward unit normal (3,) of a plane.
 
     Parameters
@@ -31,31 +34,32 @@ def upward_normal(dip, dip_direction):
     return normal / np.linalg.norm(normal)
 
 
-def _refuse_dip(name, dip):
-    """Raise an error where a dip is not an angle between flat and upright, in radians."""
+def _check_orientation(name, dip, dip_direction):
+    """Raise InputError where a dip or dip direction is not an angle in radians."""
     if dip is None or not 0.0 <= dip <= np.pi / 2.0 + 1e-12:
         raise InputError(f"{name}.dip: must lie between 0 and pi/2 rad, got {dip}")
+    check_angle(f"{name}.dip_direction", dip_direction or 0.0)
 
 
 @dataclass(frozen=True)
 class Layer:
-    """A layer of ground, listed from the top down.
+    """Layer of ground; layers are listed from the top down.
 
     Parameters
     ----------
     name : str
     thickness : float or None, m
-        None takes the rest down to the bottom.
+        None: down to the bottom.
     edge : float or None, m
-        Mean edge of its zones; None takes that of the whole mesh.
+        Mean edge of its zones; None: that of the whole mesh.
     """
 
     name: str
     thickness: float | None = None
     edge: float | None = None
 
-    def __post_init__(self):
-        """Refuse sizes that are not positive."""
+    def __post_init__(self) -> None:
+        """Check thickness and edge."""
         for what in ("thickness", "edge"):
             value = getattr(self, what)
             if value is not None and not value > 0.0:
@@ -64,7 +68,7 @@ class Layer:
 
 @dataclass(frozen=True, eq=False)
 class JointSet:
-    """Parallel joints at equal spacing.
+    """Joint set: parallel joints at equal spacing.
 
     Parameters
     ----------
@@ -72,11 +76,11 @@ class JointSet:
     dip, dip_direction : float, rad
     spacing : float, m, normal to the joints
     origin : (3,) float64, m
-        A place on one of the joints; None takes the middle of the box.
+        A point on one of the joints; None: the centre of the box.
     regions : sequence of str or None
-        Layers that it cuts; None for all.
+        Names of the layers it cuts; None: all.
     persistence : float
-        Share of the joint area that is open to slip; the rest is rock.
+        Fraction of the joint area that is open; the rest is intact rock.
     """
 
     name: str
@@ -87,9 +91,9 @@ class JointSet:
     regions: tuple[str, ...] | None = None
     persistence: float = 1.0
 
-    def __post_init__(self):
-        """Refuse values out of range."""
-        _refuse_dip(self.name, self.dip)
+    def __post_init__(self) -> None:
+        """Check the values."""
+        _check_orientation(self.name, self.dip, self.dip_direction)
         if not self.spacing > 0.0:
             raise InputError(f"{self.name}.spacing: must be positive, got {self.spacing:g} m")
         if not 0.0 < self.persistence <= 1.0:
@@ -105,20 +109,20 @@ class JointSet:
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """One plane that cuts everything, or everything within its extent.
+    """Fault: a single plane, unbounded or of limited extent.
 
     Parameters
     ----------
     name : str
     dip, dip_direction : float, rad
-        Both or neither; then ``normal`` is given.
+        Both, or ``normal`` instead.
     point : (3,) float64, m
-        A place on it, the middle of its extent.
+        A point on it, the centre of its extent.
     normal : (3,) float64
     extent : tuple of 2 float or None, m
-        Whole length along strike and down dip; None for endless.
+        Full length along strike and down dip; None: unbounded.
     radius : float or None, m
-        Of a round fault, cut as a polygon of the same area; instead of ``extent``.
+        Radius of a circular fault, meshed as a polygon of the same area; instead of ``extent``.
     """
 
     name: str
@@ -129,10 +133,10 @@ class Fault:
     extent: tuple[float, float] | None = None
     radius: float | None = None
 
-    def __post_init__(self):
-        """Refuse values out of range."""
+    def __post_init__(self) -> None:
+        """Check the values."""
         if self.normal is None:
-            _refuse_dip(self.name, self.dip)
+            _check_orientation(self.name, self.dip, self.dip_direction)
         elif not np.linalg.norm(self.normal) > 0.0:
             raise InputError(f"{self.name}.normal: must not be zero")
         if self.normal is None and self.dip_direction is None:
@@ -147,24 +151,25 @@ class Fault:
     def unit_normal(self) -> np.ndarray:
         """Return the upward unit normal (3,)."""
         if self.normal is None:
-            return upward_normal(self.dip, self.dip_direction)
+            return upward_normal(self.dip or 0.0, self.dip_direction or 0.0)
         return np.asarray(self.normal, dtype=float) / np.linalg.norm(self.normal)
 
 
-def layer_limits(layers, top, bottom):
+def layer_limits(layers: Sequence[Layer], top: float, bottom: float) -> np.ndarray:
     """Return the heights (n_layers + 1,) between the layers, from the top down, in m."""
     limits = [top]
     for number, layer in enumerate(layers):
         last = number == len(layers) - 1
         if layer.thickness is None and not last:
             raise InputError(f"layer {layer.name!r}: only the last layer may take the rest")
-        limits.append(bottom if last else limits[-1] - layer.thickness)
-    if len(layers) and layers[-1].thickness is not None:
+        limits.append(bottom if last else limits[-1] - (layer.thickness or 0.0))
+    thickness = layers[-1].thickness if len(layers) else None
+    if thickness is not None:
         rest = limits[-2] - bottom
-        if abs(rest - layers[-1].thickness) > 1e-6 * (top - bottom):
+        if abs(rest - thickness) > 1e-6 * (top - bottom):
             raise InputError(
                 f"layer {layers[-1].name!r}.thickness: must reach the bottom, {rest:g} m are left, "
-                f"got {layers[-1].thickness:g} m; leave it out to take the rest"
+                f"got {thickness:g} m; leave it out to take the rest"
             )
     if min(-np.diff(limits)) <= 0.0:
         raise InputError(
@@ -179,12 +184,18 @@ _SIDES = {"west": (0, 0), "east": (0, -1), "south": (1, 0), "north": (1, -1)} | 
     "top": (2, -1),
 }
 _AXES = {"x": 0, "y": 1, "z": 2}
-GROWTH = 1.08  # of cells outside of what matters
+GROWTH = 1.08  # of cells outside the region of interest
 _PER_BOX = {"kuhn": 6, "alternating": 5, "centred": 12}
 
 
-def structured_box(*grid, group="rock", layers=None, planes=None, pattern="kuhn") -> Mesh:
-    """Cut a grid of boxes into tetrahedra.
+def structured_box(
+    *grid: Any,
+    group: str = "rock",
+    layers: Sequence[Layer] | None = None,
+    planes: dict[str, tuple[str, Any]] | None = None,
+    pattern: str = "kuhn",
+) -> Mesh:
+    """Generate a structured mesh: a grid of boxes cut into tetrahedra.
 
     Parameters
     ----------
@@ -192,15 +203,14 @@ def structured_box(*grid, group="rock", layers=None, planes=None, pattern="kuhn"
         Numbers of boxes along x, y, z and the lengths (3,) in m, from the origin; or the grid
         coordinates in m, ascending.
     group : str
-        Name of the only group where no layers are given.
+        Name of the only group if no layers are given.
     layers : sequence of Layer
-        From the top down; their limits must be grid planes.
+        From the top down; their boundaries must be grid planes.
     planes : dict of str to (axis, place or places)
         Joint surfaces on grid planes, such as ``{"J1": ("x", 93.0)}``.
     pattern : {"kuhn", "alternating", "centred"}
-        Six tetrahedra around the same diagonal of every box; or five, mirrored from box to box; or
-        twelve around a node in its centre, most of them reaching into the next box, which are the
-        nearest to regular.
+        Six tetrahedra around one diagonal of every box; five, mirrored from box to box; or twelve
+        around a node at the centre, shared with neighbouring boxes and the closest to regular.
 
     Returns
     -------
@@ -210,8 +220,14 @@ def structured_box(*grid, group="rock", layers=None, planes=None, pattern="kuhn"
     Raises
     ------
     InputError
-        If coordinates do not ascend, a plane or layer limit is not on the grid, or the grid does
+        If coordinates do not ascend, a plane or layer boundary is not on the grid, or the grid does
         not fit into memory.
+
+    Examples
+    --------
+    >>> mesh = structured_box((2, 1, 1), (20.0, 10.0, 10.0), planes={"J": ("x", 10.0)})
+    >>> len(mesh.zones), mesh.split(["J"]).contacts.area.sum().round(6).item()
+    (12, 100.0)
     """
     axes = _grid_axes(grid)
     if pattern not in _PER_BOX:
@@ -236,11 +252,11 @@ def structured_box(*grid, group="rock", layers=None, planes=None, pattern="kuhn"
     }
     for name, (letter, places) in (planes or {}).items():
         axis = _AXES[letter]
-        found = [
+        parts = [
             _plane_faces(points, faces, axis, _on_grid(axes[axis], place, name), False)
             for place in np.atleast_1d(places)
         ]
-        surfaces[name] = np.concatenate(found)
+        surfaces[name] = np.concatenate(parts)
     height = points[zones].mean(axis=1)[:, 2]
     zone_group = np.searchsorted(-limits[1:-1], -height)
     return Mesh(points, zones, zone_group, tuple(layer.name for layer in layers), surfaces)
@@ -265,7 +281,7 @@ def _grid_axes(grid):
 
 
 def _on_grid(axis, place, name):
-    """Return the grid coordinate at a place or refuse a place between coordinates."""
+    """Return the grid coordinate at a place; raise InputError if there is none."""
     nearest = axis[np.argmin(np.abs(axis - place))]
     if abs(nearest - place) > 1e-9 * (axis[-1] - axis[0]):
         raise InputError(
@@ -275,7 +291,7 @@ def _on_grid(axis, place, name):
 
 
 def _plane_faces(points, faces, axis, place, low):
-    """Return the faces on a grid plane whose zone lies below it, or above where ``low``."""
+    """Return the faces on a grid plane of the zones below it, or above if ``low``."""
     on_plane = points[:, axis] == place
     flat = on_plane[faces].all(axis=1)
     normals = tetrahedra.triangle_vectors(points, faces[flat])[:, axis]
@@ -310,10 +326,10 @@ def _kuhn_zones():
 
 
 def _centred_zones(axes, points, cuts):
-    """Return points with the centres of boxes, and the zones around faces between centres.
+    """Return points including the centres of boxes, and zones between centres and faces.
 
-    Four zones lie around each face between two boxes; a face of the outside, of a joint or of a
-    layer, given by (axis letter, places), has two on each side instead.
+    Four zones lie around each face between two boxes; faces on the boundary, on joints or between
+    layers, given by (axis letter, places), have two zones on each side instead.
     """
     counts = np.array([len(axis) for axis in axes])
     number = np.arange(counts.prod()).reshape(counts[::-1]).transpose(2, 1, 0)
@@ -346,20 +362,27 @@ def _centred_zones(axes, points, cuts):
     return points, zones
 
 
-def graded_axis(limits, anchors, edge, before, after, growth=GROWTH):
-    """Return ascending coordinates: even cells between limits and anchors, growing ones outside.
+def graded_axis(
+    limits: Sequence[float],
+    anchors: Iterable[float],
+    edge: float,
+    before: float,
+    after: float,
+    growth: float = GROWTH,
+) -> np.ndarray:
+    """Return graded coordinates: equal cells between limits and anchors, growing cells outside.
 
     Parameters
     ----------
     limits : (2,) float, m
     anchors : sequence of float, m
-        Coordinates that must be on the grid; those outside the limits are left out.
+        Required coordinates; those outside the limits are ignored.
     edge : float, m
-        Cells between two anchors are at most this long.
+        Largest cell between two anchors.
     before, after : float, m
-        How far the grid goes on outside.
+        Length of the grid outside the limits.
     growth : float
-        Of each cell over the one before it, outside.
+        Ratio of successive cells outside.
     """
     inside = sorted({float(a) for a in anchors if limits[0] < a < limits[1]})
     stops = [float(limits[0]), *inside, float(limits[1])]

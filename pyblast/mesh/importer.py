@@ -1,8 +1,9 @@
-"""Reading of tetrahedral meshes made elsewhere: allow-listed formats through meshio."""
+"""Import of tetrahedral meshes from other programs, in known formats through meshio."""
 
 import contextlib
 import io
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from . import tetrahedra
 from .mesh import Mesh
 from .quality import validate
 
-# Ending: format name of meshio and the bytes that such a file must begin with or hold early.
+# By suffix: meshio's name of the format, and bytes required near the beginning of the file.
 _FORMATS = {
     ".msh": ("gmsh", b"$MeshFormat"),
     ".vtu": ("vtu", b"<VTKFile"),
@@ -26,18 +27,20 @@ _TAGS = ("gmsh:physical", "cell_tags", "medit:ref", "group", "tag", "material", 
 _IGNORED = ("vertex", "line")
 
 
-def read_mesh(path, groups=None, joints=None) -> Mesh:
-    """Read a mesh of tetrahedra with tagged volumes and surfaces.
+def read_mesh(
+    path: str | Path, groups: dict[str, str] | None = None, joints: Sequence[str] | None = None
+) -> Mesh:
+    """Read a tetrahedral mesh with tagged volumes and surfaces.
 
     Parameters
     ----------
     path : str or Path
         Gmsh 2 or 4 (.msh), .vtu, Abaqus .inp, .med or .xdmf.
     groups : dict of str to str
-        Names in the file of tagged volumes (the number where it gives none) to names of groups;
-        volumes not listed keep theirs, numbers become ``group_<number>``.
+        Names (or numbers) of tagged volumes in the file to names of groups; other volumes keep
+        their name, numbers become ``group_<number>``.
     joints : sequence of str
-        Surfaces in the file that must be internal, so that they can be split.
+        Surfaces that will be split; they must be internal.
 
     Returns
     -------
@@ -49,8 +52,12 @@ def read_mesh(path, groups=None, joints=None) -> Mesh:
     ReadError
         If the file is missing, of another format, or broken.
     InputError
-        If the mesh is degenerate, inverted, disconnected, doubled, non-manifold or untagged, or a
-        name is not in it.
+        If the mesh has degenerate, inverted or duplicate zones, is disconnected, non-manifold or
+        untagged, or a name is unknown.
+
+    Examples
+    --------
+    >>> mesh = read_mesh("pit.msh", groups={"1": "rock"}, joints=["F1"])  # doctest: +SKIP
     """
     path = Path(path)
     raw = _read(path, _file_format(path))
@@ -71,7 +78,7 @@ def read_mesh(path, groups=None, joints=None) -> Mesh:
 
 
 def _file_format(path):
-    """Return the meshio name of the format, by ending and content."""
+    """Return meshio's name of the format, by suffix and content."""
     suffix = path.suffix.lower()
     if suffix not in _FORMATS:
         raise ReadError(
@@ -92,7 +99,7 @@ def _file_format(path):
 
 
 def _refuse_other_files(path, name):
-    """Refuse files that would make the reader open other places or expand entities."""
+    """Raise ReadError for files that refer to other files or define entities."""
     text = path.read_bytes()
     if name == "abaqus" and re.search(rb"(?im)^\s*\*\s*include", text):
         raise ReadError(f"{path}: *INCLUDE is not followed; put the mesh into one file")
@@ -103,20 +110,20 @@ def _refuse_other_files(path, name):
 
 
 def _read(path, name):
-    """Read through meshio, which prints and ends the process where a file is broken."""
+    """Read through meshio, which prints and exits if a file is broken."""
     import meshio
 
     try:
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             return meshio.read(path, file_format=name)
-    # Broken files raise whatever the line of code happens to raise.
+    # Broken files can raise any exception in meshio.
     except (Exception, SystemExit) as error:
         reason = type(error).__name__ if not str(error) else str(error).splitlines()[0][:120]
         raise ReadError(f"{path}: broken or no {name} mesh ({reason})") from None
 
 
 def _tagged_cells(path, raw, kind, width):
-    """Return cells (n, width) of one kind and the name (n,) of each, empty where untagged."""
+    """Return cells (n, width) of one kind and their names (n,), empty if untagged."""
     for block in raw.cells:
         if block.type not in ("triangle", "tetra", *_IGNORED):
             raise ReadError(
@@ -169,7 +176,7 @@ def _tag_name(raw, tag, dimension, prefix):
 
 
 def _assemble(points, zones, group_names, triangles, surface_names, groups):
-    """Turn tagged cells into a mesh; drop nodes that no zone uses."""
+    """Return the mesh of tagged cells, without unused nodes."""
     named = np.unique(group_names[group_names != ""]).tolist()
     renamed = _renamed(named, groups)
     untagged = np.flatnonzero(group_names == "")
@@ -184,16 +191,16 @@ def _assemble(points, zones, group_names, triangles, surface_names, groups):
     used = np.unique(zones)
     row = np.full(len(points), -1)
     row[used] = np.arange(len(used))
-    kept = (surface_names != "") & (row[triangles] >= 0).all(axis=1)
+    chosen = (surface_names != "") & (row[triangles] >= 0).all(axis=1)
     surfaces = {
-        name: row[triangles[kept & (surface_names == name)]]
-        for name in np.unique(surface_names[kept]).tolist()
+        name: row[triangles[chosen & (surface_names == name)]]
+        for name in np.unique(surface_names[chosen]).tolist()
     }
     zones = row[zones]
     points = points[used]
     if (tetrahedra.volumes(points, zones) < 0.0).all():
         zones = zones[:, [0, 2, 1, 3]]
-    return Mesh(points, zones, zone_group, tuple(names), surfaces)
+    return Mesh(points, zones, np.array(zone_group), tuple(names), surfaces)
 
 
 def _renamed(named, groups):
@@ -208,7 +215,7 @@ def _renamed(named, groups):
 
 
 def _refuse_outer(mesh, joints):
-    """Refuse joints that are no internal surfaces."""
+    """Raise InputError for joints that are not internal surfaces."""
     first = mesh.paired_faces[0]
     internal = tetrahedra.face_keys(tetrahedra.zone_faces(mesh.zones)[first], len(mesh.points))
     for name in joints:

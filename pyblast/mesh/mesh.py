@@ -1,27 +1,31 @@
-"""Mesh of tetrahedra with named surfaces, and its splitting along joints."""
+"""Tetrahedral mesh with named surfaces, and its splitting along joints."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
 from . import tetrahedra
 
-# Facets that meet at larger angles keep their own contacts, because one normal can't serve both.
+# Facets that meet at larger angles keep separate contacts with their own normals.
 _COSINE_MERGED = np.cos(np.radians(20.0))
 
 
-def components(first, second, n):
-    """Return number and labels of the connected parts of a graph given by its edges."""
+def components(first: np.ndarray, second: np.ndarray, n: int) -> tuple[int, np.ndarray]:
+    """Return number and labels of the connected components of a graph given by its edges."""
     graph = coo_array((np.ones(len(first), dtype=np.int32), (first, second)), shape=(n, n))
     return connected_components(graph.tocsr(), directed=False)
 
 
-def double_nodes(zones, n_nodes, facets, first, second):
-    """Give every connected part of the corners at a joint node a node of its own.
+def double_nodes(
+    zones: np.ndarray, n_nodes: int, facets: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Duplicate joint nodes: one node for each connected part of the corners around it.
 
     Parameters
     ----------
@@ -41,9 +45,10 @@ def double_nodes(zones, n_nodes, facets, first, second):
     corners = np.flatnonzero(on_joint[corner_node])
     number = np.full(len(corner_node), -1)
     number[corners] = np.arange(len(corners))
-    one, other = (_sorted_corners(zones, faces) for faces in (first, second))
-    touching = on_joint[corner_node[one]]
-    _, label = components(number[one[touching]], number[other[touching]], len(corners))
+    pair = [_sorted_corners(zones, faces) for faces in (first, second)]
+    touching = on_joint[corner_node[pair[0]]]
+    left, right = (number[side[touching]] for side in pair)
+    _, label = components(left, right, len(corners))
     node = corner_node[corners]
     order = np.argsort(node, kind="stable")
     _, where = np.unique(label[order], return_index=True)
@@ -65,8 +70,10 @@ def _sorted_corners(zones, faces):
     return np.take_along_axis(corners, np.argsort(zones.ravel()[corners], axis=1), axis=1)
 
 
-def orient(points, zones, joint, first, second):
-    """Name the faces of the minus and of the plus side, the same way all over each joint."""
+def orient(
+    points: np.ndarray, zones: np.ndarray, joint: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the faces of the minus and plus sides, consistently oriented over each joint."""
     outward = tetrahedra.zone_faces(zones)[first]
     vectors = tetrahedra.triangle_vectors(points, outward)
     upward = np.einsum("ij,ij->i", vectors, _main_normals(vectors, joint)[joint])
@@ -78,12 +85,12 @@ def orient(points, zones, joint, first, second):
     key = np.column_stack([joint[owner], low, high])[order]
     starts = np.flatnonzero(np.r_[True, (np.diff(key, axis=0) != 0).any(axis=1)][: 3 * n])
     starts = starts[np.diff(starts, append=3 * n) == 2]
-    one, other = order[starts], order[starts + 1]
-    alike = edges[one, 0] != edges[other, 0]
-    # Facets with both signs as vertices: a part of this graph is one consistent orientation.
-    turned = np.where(alike, 0, n)
-    heads = np.concatenate([owner[one], owner[one] + n])
-    tails = np.concatenate([owner[other] + turned, owner[other] + n - turned])
+    left, right = order[starts], order[starts + 1]
+    consistent = edges[left, 0] != edges[right, 0]
+    # Vertices are facets with both signs: a component of this graph is one orientation.
+    turned = np.where(consistent, 0, n)
+    heads = np.concatenate([owner[left], owner[left] + n])
+    tails = np.concatenate([owner[right] + turned, owner[right] + n - turned])
     count, label = components(heads, tails, 2 * n)
     score = np.bincount(label, weights=np.concatenate([upward, -upward]), minlength=count)
     lead = score[label[:n]] - score[label[n:]]
@@ -93,7 +100,7 @@ def orient(points, zones, joint, first, second):
 
 
 def _main_normals(vectors, joint):
-    """Return the main direction (n_joints, 3) of each joint's area vectors, upward."""
+    """Return the upward principal direction (n_joints, 3) of the area vectors of each joint."""
     count = joint.max(initial=-1) + 1
     tensor = np.zeros((count, 3, 3))
     lengths = np.linalg.norm(vectors, axis=1)
@@ -103,8 +110,15 @@ def _main_normals(vectors, joint):
     return main * np.sign(leading)[:, None]
 
 
-def pair_nodes(points, zones, doubled, joint, minus, plus):
-    """Pair the nodes of facing facets; each facet gives a third of its area to each pair.
+def pair_nodes(
+    points: np.ndarray,
+    zones: np.ndarray,
+    doubled: np.ndarray,
+    joint: np.ndarray,
+    minus: np.ndarray,
+    plus: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return contacts: pairs of nodes of facing facets, each with a third of the area.
 
     Parameters
     ----------
@@ -128,8 +142,8 @@ def pair_nodes(points, zones, doubled, joint, minus, plus):
     return keys[:, 0], keys[:, 1], keys[:, 2], normal, area
 
 
-def merge_pairs(keys, vectors):
-    """Add area vectors (n, 3) of equal keys (n, k) unless their directions differ too much."""
+def merge_pairs(keys: np.ndarray, vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Add the area vectors (n, 3) of equal keys (n, k), unless their directions differ too much."""
     order = np.lexsort(keys.T[::-1])
     keys, vectors = keys[order], vectors[order]
     length = np.linalg.norm(vectors, axis=1)
@@ -150,7 +164,7 @@ def merge_pairs(keys, vectors):
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """Pairs of facing nodes across joints.
+    """Contacts: pairs of facing nodes across joints.
 
     Parameters
     ----------
@@ -171,7 +185,7 @@ class Contacts:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Constant-strain tetrahedra in groups, with named surfaces.
+    """Tetrahedral mesh: nodes, zones in groups, named surfaces and contacts.
 
     Parameters
     ----------
@@ -186,7 +200,14 @@ class Mesh:
     Raises
     ------
     InputError
-        If shapes or indices do not fit together.
+        If shapes or indices are inconsistent.
+
+    Examples
+    --------
+    >>> points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    >>> mesh = Mesh(points, np.array([[0, 1, 2, 3]]), np.array([0]), ("rock",), {})
+    >>> volumes(mesh).round(4).tolist()
+    [0.1667]
     """
 
     points: np.ndarray
@@ -196,8 +217,8 @@ class Mesh:
     surfaces: dict[str, np.ndarray]
     contacts: Contacts | None = None
 
-    def __post_init__(self):
-        """Fix the types and refuse indices that point nowhere."""
+    def __post_init__(self) -> None:
+        """Convert the types; check shapes and indices."""
         surfaces = {name: _indices(faces, 3) for name, faces in self.surfaces.items()}
         object.__setattr__(self, "points", np.ascontiguousarray(self.points, dtype=np.float64))
         object.__setattr__(self, "zones", _indices(self.zones, 4))
@@ -215,34 +236,35 @@ class Mesh:
             _refuse_indices(f"surfaces[{name!r}]", faces, len(self.points), "nodes")
 
     @cached_property
-    def surface_places(self):
-        """What `surface_faces` found already, by surface."""
+    def surface_places(self) -> dict[str, np.ndarray]:
+        """Results of `surface_faces`, by surface."""
         return {}
 
     @cached_property
-    def paired_faces(self):
-        """Which faces zones share; see ``tetrahedra.pair_faces``. Found once for each mesh."""
+    def paired_faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Faces shared by zones, see ``tetrahedra.pair_faces``; computed once."""
         return tetrahedra.pair_faces(self.zones, len(self.points))
 
-    def split(self, names: list[str] | tuple[str, ...]) -> "Mesh":
-        """Double the nodes along named internal surfaces; see ``split_mesh``."""
+    def split(self, names: Sequence[str]) -> "Mesh":
+        """Return the mesh split along named internal surfaces; see ``split_mesh``."""
         return split_mesh(self, names)
 
-    def blocks(self, among=None) -> np.ndarray:
+    def blocks(self, among: np.ndarray | None = None) -> np.ndarray:
         """Return the block (n,) of each zone: zones connected without crossing a joint.
 
-        Of all, or of zones (n,) that are connected through each other alone.
+        Of all zones, or of zones (n,) connected among themselves.
         """
         among = np.arange(len(self.zones)) if among is None else among
         number = np.full(len(self.zones), -1)
         number[among] = np.arange(len(among))
         first, second, _, _ = self.paired_faces
         pairs = number[np.stack([first, second]) // 4]
-        return components(*pairs[:, (pairs >= 0).all(axis=0)], len(among))[1]
+        left, right = pairs[:, (pairs >= 0).all(axis=0)]
+        return components(left, right, len(among))[1]
 
 
 def _indices(values, width):
-    """Return an index table (n, width) int32 or refuse its shape."""
+    """Return an index table (n, width) int32; raise InputError for another shape."""
     table = np.asarray(values)
     if table.size == 0:
         table = np.empty((0, width))
@@ -252,7 +274,7 @@ def _indices(values, width):
 
 
 def _refuse_indices(what, indices, count, of):
-    """Raise an error where an index lies outside 0..count-1."""
+    """Raise InputError for an index outside 0..count-1."""
     if indices.size and (indices.min() < 0 or indices.max() >= count):
         raise InputError(
             f"mesh.{what}: must lie between 0 and {count - 1} ({count} {of}), "
@@ -260,12 +282,12 @@ def _refuse_indices(what, indices, count, of):
         )
 
 
-def split_mesh(mesh: Mesh, names) -> Mesh:
-    """Double the nodes along named internal surfaces and pair them as contacts.
+def split_mesh(mesh: Mesh, names: Sequence[str]) -> Mesh:
+    """Split a mesh along named internal surfaces: duplicate nodes and pair them as contacts.
 
-    Two corners of zones at the same node stay together when their zones share a face that is not
-    a joint and holds the node; every connected part becomes a node of its own. So a node where
-    three joints cross becomes eight, and the tip of a joint that ends in a block stays single.
+    Two corners of zones at a node stay together if their zones share a face that contains the node
+    and is not a joint; each connected part gets its own node. A node where three joints cross
+    becomes eight; the tip of a joint that ends in a block stays single.
 
     Parameters
     ----------
@@ -276,8 +298,8 @@ def split_mesh(mesh: Mesh, names) -> Mesh:
     Returns
     -------
     Mesh
-        First copies keep their number, further ones follow the old nodes. ``surfaces[name]``
-        holds the minus side of each joint; outer surfaces follow their zones.
+        First copies keep their number, further ones are appended. ``surfaces[name]`` is the minus
+        side of each joint; outer surfaces follow their zones.
 
     Raises
     ------
@@ -318,7 +340,7 @@ def split_mesh(mesh: Mesh, names) -> Mesh:
 
 
 def _facet_places(mesh, facets, joint, names, first):
-    """Return where in the list of shared faces each joint facet stands."""
+    """Return the position of each joint facet in the list of shared faces."""
     at = tetrahedra.find_faces(mesh.zones, len(mesh.points), facets, first)
     lost = np.flatnonzero(at < 0)
     if len(lost):
@@ -330,13 +352,15 @@ def _facet_places(mesh, facets, joint, names, first):
     order = np.argsort(at, kind="stable")
     twice = np.flatnonzero(np.diff(at[order]) == 0)
     if len(twice):
-        one, other = names[joint[order[twice[0]]]], names[joint[order[twice[0] + 1]]]
-        raise InputError(f"mesh.split: a facet of {one!r} stands in {other!r} too; name it once")
+        pair = [names[joint[order[twice[0] + k]]] for k in (0, 1)]
+        raise InputError(
+            f"mesh.split: a facet of {pair[0]!r} stands in {pair[1]!r} too; name it once"
+        )
     return at
 
 
 def _moved(mesh, zones, name, faces):
-    """Return the triangles of an outer surface with the nodes of the split zones."""
+    """Return the triangles of an outer surface after splitting."""
     triangles = mesh.surfaces[name]
     face = _surface_faces(mesh, name, faces)
     same = mesh.zones[face // 4][:, None, :] == triangles[:, :, None]
@@ -355,7 +379,7 @@ def _surface_faces(mesh, name, faces):
 
 
 def outer_faces(mesh: Mesh) -> np.ndarray:
-    """Return the outward triangles (n, 3) of the outside of the mesh, joints left out."""
+    """Return the outward triangles (n, 3) of the boundary of the mesh, without joints."""
     welded = np.arange(len(mesh.points))
     if mesh.contacts is not None:
         welded = components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
@@ -366,7 +390,7 @@ def outer_faces(mesh: Mesh) -> np.ndarray:
 def surface_faces(mesh: Mesh, name: str) -> np.ndarray:
     """Return the face ``4 zone + local`` (n,) of each triangle of a surface.
 
-    On joints it is that of the minus side.
+    For joints, that of the minus side.
     """
     if name not in mesh.surfaces:
         raise InputError(f"mesh: no surface named {name!r}; there are {', '.join(mesh.surfaces)}")
@@ -378,12 +402,12 @@ def surface_faces(mesh: Mesh, name: str) -> np.ndarray:
 
 
 def surface_zones(mesh: Mesh, name: str) -> np.ndarray:
-    """Return the zone (n,) behind each triangle of a surface; on joints that of the minus side."""
+    """Return the zone (n,) behind each triangle of a surface; for joints, of the minus side."""
     return surface_faces(mesh, name) // 4
 
 
 def surface_areas(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Share the area of a surface among its nodes.
+    """Return the tributary areas of the nodes of a surface.
 
     Returns
     -------
@@ -421,6 +445,8 @@ def altitudes(mesh: Mesh) -> np.ndarray:
     return tetrahedra.altitudes(mesh.points, mesh.zones)
 
 
-def locate(mesh: Mesh, points, tolerance: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+def locate(
+    mesh: Mesh, points: ArrayLike, tolerance: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the zone (n,) and the weights (n, 4) of points (n, 3); see ``tetrahedra.locate``."""
     return tetrahedra.locate(mesh.points, mesh.zones, points, tolerance)

@@ -1,8 +1,10 @@
 """Nodes of linear and quadratic tetrahedra, and the content hash of a mesh."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import lru_cache, wraps
 from hashlib import sha256
+from typing import Any
 
 import numpy as np
 
@@ -21,11 +23,11 @@ from .tetrahedra import (
     triangle_vectors,
 )
 
-KEPT = 2  # results of a function: models that follow one another differ little
+KEPT = 2  # cached results per function: successive models share their mesh
 
 
-def feed(digest, value, where):
-    """Add a value with its kind and its length, so that no two inputs read the same."""
+def feed(digest: Any, value: Any, where: str) -> None:
+    """Add a value with its type and length to a digest, so that different inputs differ."""
     if isinstance(value, (np.ndarray, np.generic)) and value.dtype != object:
         digest.update(f"array {value.dtype.str} {value.shape};".encode())
         digest.update(np.ascontiguousarray(value).tobytes())
@@ -43,64 +45,64 @@ def feed(digest, value, where):
             feed(digest, value[key], f"{where}.{key}")
     elif is_dataclass(value) and not isinstance(value, type):
         digest.update(f"{type(value).__module__}.{type(value).__qualname__};".encode())
-        for one in fields(value):
-            feed(digest, getattr(value, one.name), f"{where}.{one.name}")
+        for part in fields(value):
+            feed(digest, getattr(value, part.name), f"{where}.{part.name}")
     else:
         raise InputError(
             f"{where}: a {type(value).__name__} has no content that could be compared with that "
-            "of a kept run; give samples, or run without a cache"
+            "of a cached run; give samples, or run without a cache"
         )
 
 
 @dataclass(frozen=True)
 class _Inputs:
-    """Inputs of a function that are equal where their digests are."""
+    """Inputs of a cached function, compared by their content hash."""
 
     digest: bytes
     values: tuple = field(compare=False)
 
 
-def kept(work):
-    """Keep the last results of a function in each process, by the content of its inputs.
+def kept(work: Callable) -> Callable:
+    """Cache the last results of a function by the content hash of its inputs (decorator).
 
-    Models are made, renumbered and sent to other processes one by one: equal meshes are not one
-    object. Arrays of a result are shared, so they can not be written to.
+    Equal meshes of different models are different objects, so identity would not find them. The
+    arrays of a result are shared and therefore read-only.
     """
 
     @lru_cache(KEPT)
-    def recalled(inputs):
-        found = work(*inputs.values)
-        _lock(found)
-        return found
+    def cached(inputs):
+        result = work(*inputs.values)
+        _make_read_only(result)
+        return result
 
     @wraps(work)
-    def recall(*values):
+    def call(*values):
         digest = sha256()
         feed(digest, values, work.__name__)
-        return recalled(_Inputs(digest.digest(), values))
+        return cached(_Inputs(digest.digest(), values))
 
-    return recall
+    return call
 
 
-def _lock(value):
-    """Let nobody write to the arrays of a result."""
+def _make_read_only(value):
+    """Make the arrays of a result read-only."""
     if isinstance(value, np.ndarray):
         value.setflags(write=False)
     elif is_dataclass(value):
-        for one in fields(value):
-            _lock(getattr(value, one.name))
+        for part in fields(value):
+            _make_read_only(getattr(value, part.name))
     elif isinstance(value, (tuple, dict)):
-        for one in value.values() if isinstance(value, dict) else value:
-            _lock(one)
+        for part in value.values() if isinstance(value, dict) else value:
+            _make_read_only(part)
 
 
 @kept
-def enrich(mesh: Mesh):
-    """Put nodes on edges and faces and into zones, on both sides of joints.
+def enrich(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], Contacts | None]:
+    """Return the quadratic mesh: nodes on edges, faces and in zones, on both sides of joints.
 
-    Corners of two zones at an edge share a node where the zones are connected around that edge
-    through faces that are not joints, so a joint ends at its own rim even where its mesh has but
-    one facet between two edges of the rim.
+    Two zones share the node of an edge if they are connected around that edge through faces that
+    are not joints, so that a joint ends at its border even where only one facet lies between two
+    border edges.
 
     Parameters
     ----------
@@ -112,7 +114,7 @@ def enrich(mesh: Mesh):
     points : (n_nodes, 3) float64, m
         Corners first, in their order.
     zone_nodes : (n_zones, 15) int32
-        In the order of ``elements.NODES``.
+        In the order of ``tetrahedra.NODES``.
     surfaces : dict of str to (n, 7) int32
         Nodes of the faces of outer surfaces, and of the minus side of joints.
     contacts : Contacts or None
@@ -139,13 +141,13 @@ def enrich(mesh: Mesh):
 
 
 def _middles(mesh, weights):
-    """Return the places (n_zones, 3) of one node of each zone, the same from all its zones."""
+    """Return the positions (n_zones, 3) of one local node of each zone."""
     ends = np.sort(mesh.zones[:, weights > 0.0], axis=1)
     return mesh.points[ends].mean(axis=1)
 
 
 def _shared_faces(mesh):
-    """Return faces that two zones share, joints or not, and the joint of each, -1 where welded."""
+    """Return the faces shared by two zones and their joint, -1 for none."""
     n_nodes, contacts = len(mesh.points), mesh.contacts
     if contacts is None:
         first, second, _, _ = mesh.paired_faces
@@ -163,7 +165,7 @@ def _shared_faces(mesh):
 
 
 def _edge_nodes(zones, first, second):
-    """Give the edges (n_zones, 6) of zones one number where welded faces join them."""
+    """Return numbers of the edges (n_zones, 6), equal where zones are connected by faces."""
     local = np.zeros((4, 4), dtype=np.int64)
     local[tuple(tetrahedra.EDGES.T)] = local[tuple(tetrahedra.EDGES.T[::-1])] = np.arange(6)
     links = []
@@ -173,11 +175,11 @@ def _edge_nodes(zones, first, second):
         corners = np.take_along_axis(corners, np.argsort(nodes, axis=1), axis=1)
         edges = local[corners, np.roll(corners, -1, axis=1)]
         links.append((6 * (faces // 4)[:, None] + edges).ravel())
-    return components(*links, 6 * len(zones))[1].reshape(-1, 6)
+    return components(links[0], links[1], 6 * len(zones))[1].reshape(-1, 6)
 
 
 def _contacts(mesh, faces, names, joint, minus, plus):
-    """Pair the seven nodes of facing facets; each gives its share of the area to each pair."""
+    """Return the contacts of the seven nodes of facing facets, with their tributary areas."""
     label = components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
     vectors = tetrahedra.triangle_vectors(mesh.points, tetrahedra.zone_faces(mesh.zones)[minus])
     sides = []
@@ -191,18 +193,18 @@ def _contacts(mesh, faces, names, joint, minus, plus):
     apart = keys[:, 1] != keys[:, 2]
     shares = (vectors[:, None, :] * AREA_SHARE[:, None]).reshape(-1, 3)
     keys, area, normal = merge_pairs(keys[apart], shares[apart])
-    owner, one, other = keys.astype(np.int32).T
-    return Contacts(owner, names, one, other, normal, area)
+    owner, minus_node, plus_node = keys.astype(np.int32).T
+    return Contacts(owner, names, minus_node, plus_node, normal, area)
 
 
 @dataclass(frozen=True, eq=False)
 class Nodes:
-    """Nodes of a mesh, and what zones, faces and places make of them.
+    """Nodes of linear or quadratic zones, with lumping, areas and shape functions.
 
     Parameters
     ----------
     mesh : Mesh
-        Its points are the first nodes.
+        Its points are the corner nodes, the first ones.
     points : (n_nodes, 3) float64, m
     zone_nodes : (n_zones, 4 or 15) int32
     surfaces : dict of str to (n_faces, 3 or 7) int32
@@ -217,18 +219,18 @@ class Nodes:
     contacts: Contacts | None
 
     @property
-    def quadratic(self):
+    def quadratic(self) -> bool:
         """Whether zones have 15 nodes."""
         return self.zone_nodes.shape[1] > 4
 
-    def sums(self, values):
-        """Share a value of each zone (n_zones,) among its nodes as mass is lumped, (n_nodes,)."""
+    def sums(self, values: np.ndarray) -> np.ndarray:
+        """Distribute zone values (n_zones,) to the nodes as lumped mass, (n_nodes,)."""
         share = VOLUME_SHARE if self.quadratic else np.full(4, 0.25)
         parts = np.asarray(values)[:, None] * share
         return np.bincount(self.zone_nodes.ravel(), parts.ravel(), minlength=len(self.points))
 
-    def surface_areas(self, name):
-        """Share the area of a surface among its nodes.
+    def surface_areas(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the tributary areas of the nodes of a surface.
 
         Returns
         -------
@@ -246,32 +248,32 @@ class Nodes:
         area = (length * AREA_SHARE).ravel()
         return nodes.ravel(), area, (vectors / length).repeat(7, axis=0)
 
-    def shapes(self, weights):
+    def shapes(self, weights: np.ndarray) -> np.ndarray:
         """Return the shape functions (n, 4 or 15) at barycentric coordinates (n, 4)."""
         return shape_values(weights) if self.quadratic else weights
 
-    def slopes(self, zone, weights):
-        """Return the gradients (n, 4 or 15, 3) in 1/m of the shape functions at places."""
+    def slopes(self, zone: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """Return the gradients (n, 4 or 15, 3) in 1/m of the shape functions at given points."""
         by_coordinate = np.eye(4)[None] if not self.quadratic else shape_slopes(weights)
         return self._gradients(zone, by_coordinate)
 
-    def mean_slopes(self, zone):
+    def mean_slopes(self, zone: np.ndarray) -> np.ndarray:
         """Return the mean gradients (n, 4 or 15, 3) in 1/m of the shape functions of zones."""
         return self._gradients(zone, mean_slopes() if self.quadratic else np.eye(4)[None])
 
-    def corner_slopes(self, zone):
+    def corner_slopes(self, zone: np.ndarray) -> np.ndarray:
         """Return the means (4, n, 15, 3) in 1/m of each barycentric coordinate times gradients."""
         return np.stack([self._gradients(zone, table[None]) for table in corner_slopes()])
 
     def _gradients(self, zone, by_coordinate):
-        """Turn slopes by barycentric coordinates into gradients."""
+        """Return Cartesian gradients of derivatives by barycentric coordinates."""
         corners = self.mesh.points[self.mesh.zones[zone]]
         inverse = np.linalg.inv(corners[:, 1:] - corners[:, :1])
         return (by_coordinate[:, :, 1:] - by_coordinate[:, :, :1]) @ np.swapaxes(inverse, 1, 2)
 
 
-def nodes_of(mesh, quadratic):
-    """Return the nodes of a mesh, at corners only or 15 a zone."""
+def nodes_of(mesh: Mesh, quadratic: bool) -> Nodes:
+    """Return the nodes of a mesh: 4 or 15 per zone."""
     if not quadratic:
         return Nodes(mesh, mesh.points, mesh.zones, mesh.surfaces, mesh.contacts)
     return Nodes(mesh, *enrich(mesh))

@@ -1,18 +1,19 @@
-"""Quality of a mesh: defects, blocks, joint spacings, and memory estimate."""
+"""Mesh quality: defects, removable blocks, joint spacing, available memory."""
 
 import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import linprog
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from ..errors import InputError
 from . import tetrahedra
 from .mesh import Mesh, components, volumes
 
-# Measured growth of the process per zone: gmsh with its mesh, and a grid.
+# Measured memory per zone: gmsh with its mesh, and a structured grid.
 MESHING_BYTES, GRID_BYTES = 1900.0, 300.0
 ZONES_PER_CUBE = 11.0  # zones in a volume of one mean edge cubed
 _GROUPS = Path("/sys/fs/cgroup")
@@ -22,10 +23,10 @@ _LIMITS = (
 )
 
 
-def available():
-    """Return the memory in bytes that the machine has left, within the limit of a container.
+def available() -> float:
+    """Return the available memory in bytes, within the limit of a container.
 
-    Without word from the system it is infinite.
+    Infinite if the system gives no information.
     """
     free = [_left(*files) for files in _LIMITS]
     try:
@@ -38,7 +39,7 @@ def available():
 
 
 def _left(limit, used):
-    """Return what a container may still take, infinite where it has no limit."""
+    """Return the memory left within the limit of a container, infinite without limit."""
     try:
         return float(limit.read_text()) - float(used.read_text())
     except (OSError, ValueError):
@@ -46,20 +47,20 @@ def _left(limit, used):
 
 
 def _pages():
-    """Return the memory of a system without /proc, infinite where it does not tell."""
+    """Return the memory of a system without /proc, infinite if unknown."""
     try:
         return float(os.sysconf("SC_PHYS_PAGES")) * os.sysconf("SC_PAGE_SIZE")
     except (AttributeError, OSError, ValueError):
         return float("inf")
 
 
-def refuse_beyond_memory(what, needed):
-    """Refuse what needs more bytes than there are.
+def refuse_beyond_memory(what: str, needed: float) -> None:
+    """Raise InputError if more memory is needed than is available.
 
     Raises
     ------
     InputError
-        With both numbers.
+        With both amounts.
     """
     free = available()
     if needed > free:
@@ -69,22 +70,22 @@ def refuse_beyond_memory(what, needed):
         )
 
 
-# Smallest volume of a zone as a share of its longest edge cubed; gmsh calls less a sliver too.
+# Smallest volume of a zone over its longest edge cubed, as in gmsh.
 _FLAT = 1e-9
 _COINCIDENT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class BlockCensus:
-    """Blocks of a split mesh.
+    """Blocks of a split mesh: volumes, free surface and removability.
 
     Parameters
     ----------
     volumes : (n_blocks,) float64, m3
     free : (n_blocks,) bool, touches the free surface
     removable : (n_blocks,) bool
-        Touches the free surface, no other side, and some direction moves it out past all its
-        joints without pressing on one.
+        Touches the free surface and no other side, and can move out in some direction without
+        closing any of its joints.
     """
 
     volumes: np.ndarray
@@ -93,13 +94,13 @@ class BlockCensus:
 
 
 def validate(mesh: Mesh) -> None:
-    """Raise an error that names the first defect found.
+    """Raise InputError for the first defect of a mesh.
 
     Raises
     ------
     InputError
-        Zones twice, nodes of a zone twice, flat or inverted zones, coincident nodes that are no
-        contact, faces of more than two zones, or parts that hang together by no face.
+        For duplicate zones, repeated nodes of a zone, flat or inverted zones, coincident nodes
+        without contact, faces of more than two zones, or parts not connected by faces.
     """
     ordered = np.sort(mesh.zones, axis=1)
     _refuse(mesh, (np.diff(ordered, axis=1) == 0).any(axis=1), "name a node twice")
@@ -118,7 +119,7 @@ def validate(mesh: Mesh) -> None:
 
 
 def _refuse(mesh, wrong, what):
-    """Raise an error that counts wrong zones and places the first."""
+    """Raise InputError with the number of wrong zones and the position of the first."""
     if wrong.any():
         zone = np.argmax(wrong)
         x, y, z = mesh.points[mesh.zones[zone]].mean(axis=0)
@@ -136,9 +137,9 @@ def _welded(mesh):
 
 
 def _refuse_coincident(mesh):
-    """Raise an error where two nodes lie at one place and are no contact."""
+    """Raise InputError for coincident nodes that are not a contact."""
     reach = _COINCIDENT * np.ptp(mesh.points, axis=0).max()
-    pairs = cKDTree(mesh.points).query_pairs(reach, output_type="ndarray")
+    pairs = KDTree(mesh.points, leafsize=16).query_pairs(reach, output_type="ndarray")
     label = _welded(mesh)
     pairs = pairs[label[pairs[:, 0]] != label[pairs[:, 1]]]
     if len(pairs):
@@ -150,7 +151,7 @@ def _refuse_coincident(mesh):
 
 
 def _refuse_parts(mesh):
-    """Raise an error where the mesh falls into parts."""
+    """Raise InputError for a disconnected mesh."""
     first, second, _, _ = tetrahedra.pair_faces(_welded(mesh)[mesh.zones], len(mesh.points))
     count, label = components(first // 4, second // 4, len(mesh.zones))
     if count > 1:
@@ -162,7 +163,9 @@ def _refuse_parts(mesh):
         )
 
 
-def joint_spacing(mesh: Mesh, name: str, direction, n_lines: int = 200, seed: int = 0) -> float:
+def joint_spacing(
+    mesh: Mesh, name: str, direction: ArrayLike, n_lines: int = 200, seed: int = 0
+) -> float:
     """Return the mean spacing of a joint surface along scan-lines, m.
 
     Parameters
@@ -170,10 +173,9 @@ def joint_spacing(mesh: Mesh, name: str, direction, n_lines: int = 200, seed: in
     mesh : Mesh
     name : str
     direction : (3,) float
-        Of the lines; the normal of a set gives its true spacing.
+        Direction of the lines; the normal of a set gives the true spacing.
     n_lines : int
-        Through seeded random places of the mesh; those that meet fewer than two joints do not
-        count.
+        Through random points of the mesh; lines that meet fewer than two joints are ignored.
 
     Returns
     -------
@@ -217,19 +219,19 @@ def _crossings(flat, heights, place):
     return np.einsum("ij,ij->i", weights[inside], heights[near][upright][inside])
 
 
-def _cross(one, other):
+def _cross(first, second):
     """Return the cross product (n,) of plane vectors (n, 2)."""
-    return one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+    return first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
 
 
 def block_census(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCensus:
-    """Count the blocks of a split mesh and find those that could slide out.
+    """Return the blocks of a split mesh, with finiteness and removability.
 
     Parameters
     ----------
     mesh : Mesh, split
     free : sequence of str
-        Outer surfaces that hold nothing back; all other ones do.
+        Free outer surfaces; all others are fixed.
 
     Notes
     -----
@@ -248,11 +250,11 @@ def block_census(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCensus:
     joints = () if mesh.contacts is None else mesh.contacts.names
     for name, triangles in mesh.surfaces.items():
         if name not in joints:
-            found = np.isin(keys, tetrahedra.face_keys(triangles, len(mesh.points)))
+            members = np.isin(keys, tetrahedra.face_keys(triangles, len(mesh.points)))
             if name in free:
-                on_free |= found
+                on_free |= members
             else:
-                on_held |= found
+                on_held |= members
     is_free = np.bincount(owner[on_free], minlength=count) > 0
     is_held = np.bincount(owner[on_held], minlength=count) > 0
     removable = np.zeros(count, dtype=bool)
@@ -264,9 +266,9 @@ def block_census(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCensus:
 
 
 def _can_leave(joints, surface):
-    """Tell whether some direction leads out of a block past its joints (n, 3), outward."""
+    """Return whether a block can move out past its joints, outward vectors (n, 3)."""
     joints = joints / np.linalg.norm(joints, axis=1)[:, None]
     joints = np.unique(joints.round(6), axis=0)
     out = surface.sum(axis=0) / np.linalg.norm(surface.sum(axis=0))
-    found = linprog(-out, A_ub=joints, b_ub=np.full(len(joints), 1e-9), bounds=[(-1.0, 1.0)] * 3)
-    return bool(found.status == 0 and -found.fun > 1e-3)
+    solution = linprog(-out, A_ub=joints, b_ub=np.full(len(joints), 1e-9), bounds=[(-1.0, 1.0)] * 3)
+    return bool(solution.status == 0 and -solution.fun > 1e-3)

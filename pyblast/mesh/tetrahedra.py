@@ -4,7 +4,8 @@ from functools import cache
 from math import factorial
 
 import numpy as np
-from scipy.spatial import cKDTree
+from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
 
 from ..errors import InputError
 
@@ -14,8 +15,8 @@ EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 _LARGEST_CUBE = 2_000_000
 
 
-def face_keys(triangles, n_nodes):
-    """Return one integer per triangle (n,) int64 that does not depend on the order of its nodes."""
+def face_keys(triangles: np.ndarray, n_nodes: int) -> np.ndarray:
+    """Return keys (n,) int64 of triangles, independent of the order of their nodes."""
     low, middle, high = np.sort(np.asarray(triangles, dtype=np.int64), axis=1).T
     pair = low * n_nodes + middle
     if n_nodes > _LARGEST_CUBE:
@@ -23,19 +24,21 @@ def face_keys(triangles, n_nodes):
     return pair * n_nodes + high
 
 
-def zone_faces(zones):
+def zone_faces(zones: np.ndarray) -> np.ndarray:
     """Return the four outward faces of every zone, (4 n_zones, 3), face ``4 zone + local``."""
     return zones[:, FACES].reshape(-1, 3)
 
 
-def pair_faces(zones, n_nodes):
-    """Find which faces two zones share.
+def pair_faces(
+    zones: np.ndarray, n_nodes: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pair the faces that two zones share.
 
     Returns
     -------
     first, second : (n_shared,) int64, faces ``4 zone + local`` of the two sides, first < second
     single : (n_single,) int64, faces of one zone only
-    excess : (n_excess,) int64, faces beyond the second at the same place
+    excess : (n_excess,) int64, third and further faces with the same nodes
     """
     keys = face_keys(zone_faces(zones), n_nodes)
     order = np.argsort(keys, kind="stable")
@@ -47,7 +50,9 @@ def pair_faces(zones, n_nodes):
     return order[shared], order[shared + 1], order[starts[counts == 1]], order[excess]
 
 
-def find_faces(zones, n_nodes, triangles, faces):
+def find_faces(
+    zones: np.ndarray, n_nodes: int, triangles: np.ndarray, faces: np.ndarray
+) -> np.ndarray:
     """Return the position (n,) in ``faces`` (``4 zone + local``) of each triangle, -1 if none."""
     on = np.zeros(n_nodes, dtype=bool)
     on[triangles] = True
@@ -63,32 +68,32 @@ def find_faces(zones, n_nodes, triangles, faces):
     return np.where(keys[at] == wanted, near[at], -1)
 
 
-def volumes(points, zones):
+def volumes(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     """Return the signed volumes (n_zones,) in m3."""
     a, b, c, d = (points[zones[:, k]] for k in range(4))
     return np.einsum("ij,ij->i", b - a, np.cross(c - a, d - a)) / 6.0
 
 
-def triangle_vectors(points, triangles):
+def triangle_vectors(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Return the area vectors (n, 3) in m2: half the cross product of two sides."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     return 0.5 * np.cross(b - a, c - a)
 
 
-def edge_lengths(points, zones):
+def edge_lengths(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     """Return the six edge lengths of every zone, (n_zones, 6) in m."""
     ends = points[zones[:, EDGES]]
     return np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2)
 
 
-def altitudes(points, zones):
+def altitudes(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     """Return the smallest altitude of every zone, (n_zones,) in m."""
     vectors = triangle_vectors(points, zone_faces(zones))
     largest = np.linalg.norm(vectors, axis=1).reshape(-1, 4).max(axis=1)
     return 3.0 * np.abs(volumes(points, zones)) / largest
 
 
-def mean_ratio(points, zones):
+def mean_ratio(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     """Return the mean ratio (n_zones,): 1 for a regular tetrahedron, 0 for a flat one.
 
     Notes
@@ -99,7 +104,7 @@ def mean_ratio(points, zones):
     return 12.0 * np.cbrt(3.0 * np.maximum(volumes(points, zones), 0.0)) ** 2 / squares
 
 
-def barycentric(corners, places):
+def barycentric(corners: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return the weights (..., 4) of places (..., 3) in tetrahedra with corners (..., 4, 3)."""
     sides = np.swapaxes(corners[..., 1:, :] - corners[..., :1, :], -1, -2)
     rest = np.linalg.solve(sides, (places - corners[..., 0, :])[..., None])[..., 0]
@@ -107,14 +112,16 @@ def barycentric(corners, places):
 
 
 def _best_zone(points, zones, candidates, place):
-    """Choose the candidate in which the smallest weight is largest; return it and its weights."""
+    """Return the candidate with the largest smallest weight, and its weights."""
     weights = barycentric(points[zones[candidates]], place)
     best = np.argmax(weights.min(axis=-1))
     return candidates[best], weights[best]
 
 
-def locate(points, zones, places, tolerance=None):
-    """Find the zone that holds each place.
+def locate(
+    points: np.ndarray, zones: np.ndarray, places: ArrayLike, tolerance: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the zone that contains each place, and barycentric coordinates.
 
     Parameters
     ----------
@@ -122,8 +129,8 @@ def locate(points, zones, places, tolerance=None):
     zones : (n_zones, 4) int32
     places : (n, 3) float64, m
     tolerance : float, m
-        How far outside a place may lie; it then takes the nearest point of the nearest zone.
-        Default: half the mean edge of that zone.
+        Largest distance of a place outside the mesh, which is then moved to the nearest zone.
+        Default: half of the mean edge of that zone.
 
     Returns
     -------
@@ -136,15 +143,15 @@ def locate(points, zones, places, tolerance=None):
         If a place lies farther outside than the tolerance.
     """
     places = np.atleast_2d(np.asarray(places, dtype=float))
-    tree = cKDTree(points[zones].mean(axis=1))
+    tree = KDTree(points[zones].mean(axis=1), leafsize=16)
     near = tree.query(places, k=min(40, len(zones)))[1].reshape(len(places), -1)
     zone, weights = np.empty(len(places), dtype=np.int64), np.empty((len(places), 4))
     for n, place in enumerate(places):
         zone[n], weights[n] = _best_zone(points, zones, near[n], place)
         if weights[n].min() < -1e-9:
             boxes = _zones_around(points, zones, place)
-            everyone = np.union1d(near[n], boxes)
-            zone[n], weights[n] = _best_zone(points, zones, everyone, place)
+            candidates = np.union1d(near[n], boxes)
+            zone[n], weights[n] = _best_zone(points, zones, candidates, place)
     weights = np.maximum(weights, 0.0)
     weights /= weights.sum(axis=1, keepdims=True)
     _refuse_outside(points, zones[zone], places, weights, tolerance)
@@ -161,9 +168,9 @@ def _zones_around(points, zones, place):
 
 
 def _refuse_outside(points, corners, places, weights, tolerance):
-    """Raise an error that names the first place too far from the mesh."""
-    found = np.einsum("ij,ijk->ik", weights, points[corners])
-    distance = np.linalg.norm(found - places, axis=1)
+    """Raise InputError for the first place too far from the mesh."""
+    nearest = np.einsum("ij,ijk->ik", weights, points[corners])
+    distance = np.linalg.norm(nearest - places, axis=1)
     limit = 0.5 * edge_lengths(points, corners).mean(axis=1) if tolerance is None else tolerance
     outside = np.flatnonzero(distance > limit)
     if len(outside):
@@ -174,14 +181,14 @@ def _refuse_outside(points, corners, places, weights, tolerance):
         )
 
 
-def shape_gradients(points, zones):
+def shape_gradients(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     """Return the gradients of shape functions 2 to 4, (n_zones, 3, 3) 1/m, last axis x y z."""
     sides = points[zones[:, 1:]] - points[zones[:, :1]]
     return np.swapaxes(np.linalg.inv(sides), 1, 2)
 
 
-# Products of barycentric coordinates that span the motion of a zone, as exponents (15, 4): the
-# coordinates, their products of two on edges and of three on faces, and the product of all four.
+# Basis of a quadratic zone as exponents (15, 4) of the barycentric coordinates: the coordinates,
+# products of two on edges and of three on faces, and the product of all four.
 POWERS = np.concatenate(
     [
         np.eye(4, dtype=int),
@@ -192,7 +199,7 @@ POWERS = np.concatenate(
 )
 # Barycentric coordinates (15, 4) of the nodes: corners, middles of edges, centroids.
 NODES = POWERS / POWERS.sum(axis=1, keepdims=True)
-# Share of a zone's volume (15,) and of a face's area (7,) that a node stands for; theory.md (2.37).
+# Fractions of a zone's volume (15,) and of a face's area (7,) lumped at a node; theory.md (2.37).
 VOLUME_SHARE = 6.0 * np.repeat([17 / 5040, 2 / 315, 9 / 560, 16 / 315], [4, 6, 4, 1])
 AREA_SHARE = 2.0 * np.repeat([1 / 40, 1 / 15, 9 / 40], [3, 3, 1])
 
@@ -208,10 +215,10 @@ def _face_nodes():
 FACE_NODES = _face_nodes()
 
 
-def integral(powers):
+def integral(powers: np.ndarray) -> np.ndarray:
     """Return the mean (n,) over a zone of products of barycentric coordinates, powers (n, 4)."""
-    one = np.vectorize(factorial)
-    return 6.0 * one(powers).prod(axis=-1) / one(powers.sum(axis=-1) + 3)
+    factorials = np.vectorize(factorial)
+    return 6.0 * factorials(powers).prod(axis=-1) / factorials(powers.sum(axis=-1) + 3)
 
 
 @cache
@@ -225,15 +232,15 @@ def _products(weights):
     return np.prod(weights[:, None, :] ** POWERS, axis=2)
 
 
-def shape_values(weights):
+def shape_values(weights: np.ndarray) -> np.ndarray:
     """Return the shape functions (n, 15) at barycentric coordinates (n, 4)."""
     return _products(np.asarray(weights, dtype=float)) @ _shape_table().T
 
 
-def shape_slopes(weights):
-    """Return their derivatives (n, 15, 4) by each barycentric coordinate, as if all were free.
+def shape_slopes(weights: np.ndarray) -> np.ndarray:
+    """Return the derivatives (n, 15, 4) of the shape functions by the barycentric coordinates.
 
-    Only differences between the four have a meaning: multiply by the gradients of the coordinates.
+    The coordinates are taken as independent; multiply by their gradients.
     """
     weights = np.asarray(weights, dtype=float)
     slopes = np.empty((len(weights), len(POWERS), 4))
@@ -244,23 +251,23 @@ def shape_slopes(weights):
 
 
 @cache
-def mean_slopes():
+def mean_slopes() -> np.ndarray:
     """Return the means (1, 15, 4) over a zone of the slopes of the shape functions."""
     return corner_slopes().sum(axis=0)[None]
 
 
 @cache
-def corner_slopes():
+def corner_slopes() -> np.ndarray:
     """Return the means (4, 15, 4) over a zone of each coordinate times the slopes."""
-    slopes, one = np.zeros((4, len(POWERS), 4)), np.eye(4, dtype=int)
+    slopes, unit = np.zeros((4, len(POWERS), 4)), np.eye(4, dtype=int)
     for corner, axis in np.ndindex(4, 4):
-        lower = np.maximum(POWERS - one[axis], 0) + one[corner]
+        lower = np.maximum(POWERS - unit[axis], 0) + unit[corner]
         slopes[corner, :, axis] = POWERS[:, axis] * integral(lower)
     return _shape_table() @ slopes
 
 
 @cache
-def stiffness_table():
+def stiffness_table() -> np.ndarray:
     """Return the means (4, 4, 15, 15) over a zone of products of the slopes of two functions.
 
     Notes

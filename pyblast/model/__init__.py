@@ -1,1 +1,1 @@
-"""What is fixed during a run: materials, joints, boundaries, sources."""
+"""Models: materials, joints, boundary conditions, sources and receivers on a mesh."""

@@ -1,11 +1,13 @@
-"""Ground whose stiffness depends on direction: layered, schistose, jointed rock as one medium."""
+"""Anisotropic and effective media: layered, schistose, jointed and saturated rock."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from ..units import check_modulus
 from .material import Material
 
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
@@ -14,7 +16,7 @@ NAMES = [(i, j) for i in range(6) for j in range(i, 6)]
 
 @dataclass(frozen=True, eq=False)
 class Anisotropic:
-    """Linear elasticity of any symmetry and orientation.
+    """Anisotropic linear elasticity of any symmetry and orientation.
 
     Parameters
     ----------
@@ -24,19 +26,19 @@ class Anisotropic:
     Raises
     ------
     InputError
-        If the stiffness is not symmetric, or some strain would store no energy.
+        If the stiffness is not symmetric and positive definite.
 
     Notes
     -----
-    theory.md (2.19). Whatever scales the shear modulus of a zone scales the whole stiffness.
+    theory.md (2.19). A factor on the shear modulus of a zone scales the whole stiffness.
     """
 
     stiffness: np.ndarray
     name: ClassVar[str] = "anisotropic"
-    branches: ClassVar[tuple] = ()
+    branches = ()  # no relaxation
 
-    def __post_init__(self):
-        """Refuse a matrix that is no stiffness."""
+    def __post_init__(self) -> None:
+        """Check symmetry and positive definiteness."""
         matrix = np.array(self.stiffness, dtype=np.float64)
         if matrix.shape != (6, 6) or not np.isfinite(matrix).all():
             raise InputError(f"stiffness: must be 6 x 6 finite numbers, got shape {matrix.shape}")
@@ -53,38 +55,38 @@ class Anisotropic:
             )
         object.__setattr__(self, "stiffness", 0.5 * (matrix + matrix.T))
 
-    def properties(self, material):
+    def properties(self, material: Material) -> dict[str, float]:
         """Return the 21 constants over the shear modulus of the material."""
         relative = self.stiffness / material.shear
         return {f"c{i + 1}{j + 1}": relative[i, j] for i, j in NAMES}
 
-    def moduli(self, material):
-        """Return first Lame modulus and shear modulus of the material, Pa; the latter scales."""
+    def moduli(self, material: Material) -> tuple[float, float]:
+        """Return first Lame modulus and shear modulus of the material, Pa."""
         return material.first_lame, material.shear
 
-    def turned(self, rotation):
-        """Return the same medium turned by a rotation matrix (3, 3)."""
+    def turned(self, rotation: ArrayLike) -> "Anisotropic":
+        """Return the medium rotated by a matrix (3, 3)."""
         return Anisotropic(turned_stiffness(self.stiffness, rotation))
 
 
-def turned_stiffness(stiffness, rotation):
-    """Return a stiffness (6, 6) turned by a rotation matrix (3, 3): theory.md (2.20)."""
+def turned_stiffness(stiffness: np.ndarray, rotation: ArrayLike) -> np.ndarray:
+    """Return a stiffness (6, 6) rotated by a matrix (3, 3): theory.md (2.20)."""
     full = np.empty((3, 3, 3, 3))
     for i, (a, b) in enumerate(VOIGT):
         for j, (c, d) in enumerate(VOIGT):
-            for one in ((a, b), (b, a)):
-                full[(*one, c, d)] = full[(*one, d, c)] = stiffness[i, j]
+            for pair in ((a, b), (b, a)):
+                full[(*pair, c, d)] = full[(*pair, d, c)] = stiffness[i, j]
     turned = np.einsum("ia,jb,kc,ld,abcd->ijkl", *[np.asarray(rotation)] * 4, full)
     return np.array([[turned[a, b, c, d] for c, d in VOIGT] for a, b in VOIGT])
 
 
-def axes_with_normal(normal):
-    """Return a rotation matrix (3, 3) that turns z to a normal (3,) of any length.
+def axes_with_normal(normal: ArrayLike) -> np.ndarray:
+    """Return a rotation matrix (3, 3) from the z axis to a normal (3,) of any length.
 
     Raises
     ------
     InputError
-        If the normal has no length.
+        If the normal is zero.
     """
     normal = np.asarray(normal, dtype=float)
     length = np.linalg.norm(normal)
@@ -96,13 +98,29 @@ def axes_with_normal(normal):
     return np.stack([first, np.cross(third, first), third], axis=1)
 
 
-def anisotropic(density, stiffness, **strength):
-    """Make a material of a stiffness (6, 6) in Pa in the axes of the model.
+def anisotropic(density: float, stiffness: ArrayLike, **strength: float) -> Material:
+    """Return an anisotropic material.
 
-    Its bulk and shear modulus, on which mesh rules and rims rest, are the means of all directions
-    at equal strain (Voigt 1928).
+    Parameters
+    ----------
+    density : float, kg/m3
+    stiffness : (6, 6) float, Pa
+        In the axes of the model; strains xx yy zz and engineering shears yz zx xy.
+    **strength : float
+        Cohesion, friction, tension of `Material`.
+
+    Returns
+    -------
+    Material
+        Its bulk and shear modulus are the Voigt (1928) averages, used for mesh sizes and the
+        absorbing layer.
+
+    Raises
+    ------
+    InputError
+        If the stiffness is not symmetric and positive definite.
     """
-    law = Anisotropic(stiffness)
+    law = Anisotropic(np.asarray(stiffness, dtype=float))
     c = law.stiffness
     bulk = c[:3, :3].sum() / 9.0
     shear = (np.trace(c[:3, :3]) - 3.0 * bulk) / 10.0 + np.trace(c[3:, 3:]) / 5.0
@@ -110,27 +128,35 @@ def anisotropic(density, stiffness, **strength):
 
 
 def transverse(
-    density, normal, *, young, young_normal, poisson, poisson_normal, shear_normal, **strength
-):
-    """Make a material that is isotropic in the planes across a normal.
+    density: float,
+    normal: ArrayLike,
+    *,
+    young: float,
+    young_normal: float,
+    poisson: float,
+    poisson_normal: float,
+    shear_normal: float,
+    **strength: float,
+) -> Material:
+    """Return a transversely isotropic material: isotropic in the planes across a normal.
 
     Parameters
     ----------
     density : float, kg/m3
     normal : (3,) float
     young, young_normal : float, Pa
-        Young's modulus along the planes and across them.
+        Young's modulus in the planes and along the normal.
     poisson, poisson_normal : float
-        Shrinkage in the planes by tension in them; by tension along the normal.
+        Poisson's ratio within the planes, and for tension along the normal.
     shear_normal : float, Pa
         Shear modulus of planes that slide on one another.
-    **strength
+    **strength : float
         Cohesion, friction, tension of `Material`.
 
     Raises
     ------
     InputError
-        If a modulus is not positive, or the ratios would let some strain store no energy.
+        If a modulus is not positive or the stiffness not positive definite.
     """
     compliance = np.zeros((6, 6))
     for name, value in (
@@ -138,6 +164,7 @@ def transverse(
     ):  # fmt: skip
         if not 0.0 < value < np.inf:
             raise InputError(f"material.{name}: must be positive, got {value:g} Pa")
+        check_modulus(f"material.{name}", value)
     if not -1.0 < poisson < 1.0:
         raise InputError(f"material.poisson: must lie between -1 and 1, got {poisson:g}")
     compliance[:3, :3] = [
@@ -149,21 +176,23 @@ def transverse(
     compliance[range(3, 6), range(3, 6)] = shears
     if not np.linalg.eigvalsh(compliance)[0] > 0.0:
         raise InputError(
-            f"material.poisson_normal: {poisson_normal:g} with poisson {poisson:g} lets some "
-            "strain store no energy; 2 poisson_normal^2 young/young_normal must stay below "
+            f"material.poisson_normal: {poisson_normal:g} with poisson {poisson:g} is not "
+            "positive definite; 2 poisson_normal^2 young/young_normal must stay below "
             "1 - poisson"
         )
     stiffness = turned_stiffness(np.linalg.inv(compliance), axes_with_normal(normal))
     return anisotropic(density, stiffness, **strength)
 
 
-def jointed(material, normal, spacing, kn, ks):
-    """Make the medium that rock with parallel joints is for waves of ten spacings or more.
+def jointed(
+    material: Material, normal: ArrayLike, spacing: float, kn: float, ks: float
+) -> Material:
+    """Return the effective medium of rock with parallel joints, for wavelengths of ten spacings.
 
     Parameters
     ----------
     material : Material
-        The rock between the joints; may be jointed already.
+        The rock between the joints; may be an effective medium of other joints.
     normal : (3,) float
         Of the joints.
     spacing : float, m
@@ -172,7 +201,7 @@ def jointed(material, normal, spacing, kn, ks):
     Returns
     -------
     Material
-        Of the same density and strength.
+        Anisotropic, of the same density and strength.
 
     Raises
     ------
@@ -196,15 +225,15 @@ def jointed(material, normal, spacing, kn, ks):
     return anisotropic(material.density, stiffness, **strength)
 
 
-def stiffness_of(material):
-    """Return the stiffness (6, 6) in Pa of an elastic or anisotropic material.
+def stiffness_of(material: Material) -> np.ndarray:
+    """Return the stiffness matrix (6, 6) in Pa of an elastic or anisotropic material.
 
     Raises
     ------
     InputError
         If the material has another law.
     """
-    if material.law.name == "anisotropic":
+    if isinstance(material.law, Anisotropic):
         return material.law.stiffness
     if material.law.name != "elastic" or material.law.branches:
         law = type(material.law).__name__
@@ -215,8 +244,8 @@ def stiffness_of(material):
     return stiffness
 
 
-def christoffel(stiffness, normal):
-    """Return the tensor (..., 3, 3) in Pa that rules waves along unit normals (..., 3); (2.22)."""
+def christoffel(stiffness: np.ndarray, normal: ArrayLike) -> np.ndarray:
+    """Return the Christoffel tensor (..., 3, 3) in Pa for unit normals (..., 3); (2.22)."""
     x, y, z = np.moveaxis(np.asarray(normal, dtype=float), -1, 0)
     o = np.zeros_like(x)
     rows = np.array([[x, o, o, o, z, y], [o, y, o, z, o, x], [o, o, z, y, x, o]])
@@ -224,11 +253,45 @@ def christoffel(stiffness, normal):
     return along @ stiffness @ np.swapaxes(along, -1, -2)
 
 
-def impedance(density, stiffness, normal):
-    """Return the traction over velocity (..., 3, 3) in Pa s/m of waves along unit normals; (2.23).
+def impedance(density: ArrayLike, stiffness: np.ndarray, normal: ArrayLike) -> np.ndarray:
+    """Return the impedance matrix (..., 3, 3) in Pa s/m of waves along unit normals; (2.23).
 
-    The root of density times `christoffel`: each of the three waves with its own impedance.
+    The matrix square root of density times `christoffel`.
     """
     squared, direction = np.linalg.eigh(christoffel(stiffness, normal))
     scaled = direction * np.sqrt(np.asarray(density)[..., None, None] * squared[..., None, :])
     return scaled @ np.swapaxes(direction, -1, -2)
+
+
+def saturated_rock(
+    dry: Material,
+    porosity: float,
+    solid_bulk: float,
+    fluid_bulk: float = 2.2e9,
+    fluid_density: float = 1000.0,
+) -> Material:
+    """Return the material of fluid-saturated rock (Gassmann); theory.md (1.9).
+
+    Parameters
+    ----------
+    dry : Material
+    porosity : float
+    solid_bulk, fluid_bulk : float, Pa
+    fluid_density : float, kg/m3
+
+    Raises
+    ------
+    InputError
+        If the porosity is not between 0 and 1, or the solid not stiffer than the dry rock.
+    """
+    if not 0.0 < porosity < 1.0:
+        raise InputError(f"material.porosity: must lie between 0 and 1, got {porosity:g}")
+    if not dry.bulk < solid_bulk:
+        raise InputError(
+            f"material.solid_bulk: must exceed that of the dry rock, {dry.bulk:g} Pa, got "
+            f"{solid_bulk:g} Pa"
+        )
+    share = dry.bulk / solid_bulk
+    pores = porosity / fluid_bulk + (1.0 - porosity) / solid_bulk - share / solid_bulk
+    bulk = dry.bulk + (1.0 - share) ** 2 / pores
+    return replace(dry, density=dry.density + porosity * fluid_density, bulk=bulk)

@@ -1,5 +1,6 @@
 """Boundary conditions of a model: fixed, viscous, free field, input, absorbing layer."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -7,36 +8,42 @@ import numpy as np
 
 from ..errors import InputError
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
+from .material import Material
 
 
 @dataclass(frozen=True)
 class Viscous:
-    """Quiet surface: dashpots with the impedances of P and S waves; Lysmer & Kuhlemeyer (1969).
+    """Viscous boundary: dashpots with the impedances of P and S waves.
 
-    In the static stage it stands on rollers; in the dynamic stage the static reactions remain.
+    It rests on rollers in the static stage; in the dynamic stage the static reactions remain.
 
     Parameters
     ----------
     surface : str
     media : dict of str to Material
-        What waves meet behind the zones of a group, where it is not their own material: rock with
-        meshed joints is a softer medium, `jointed`. Stress input through the surface takes it too.
+        Medium beyond the boundary by group, where it differs from the material of the group: rock
+        with meshed joints has the impedance of the effective medium, `jointed`. Stress input
+        through the surface uses the same impedance.
+
+    Notes
+    -----
+    Lysmer & Kuhlemeyer (1969); theory.md (4.1).
     """
 
     surface: str
-    media: dict = field(default_factory=dict, hash=False)
+    media: dict[str, Material] = field(default_factory=dict, hash=False)
 
 
 @dataclass(frozen=True)
 class Roller:
-    """No motion along the normal of a surface.
+    """Roller boundary: no motion normal to a surface.
 
     Parameters
     ----------
     surface : str
     dynamic : bool
-        Also in the dynamic stage. Together with `Viscous` on the same surface this is the literal
-        reading of "viscous and fixed in normal direction": the normal dashpot then does nothing.
+        Whether it also holds in the dynamic stage. With `Viscous` on the same surface the normal
+        dashpots then have no effect.
     """
 
     surface: str
@@ -45,13 +52,14 @@ class Roller:
 
 @dataclass(frozen=True)
 class Fixed:
-    """No motion on a surface, in both stages.
+    """Fixed boundary: no motion of a surface, in both stages.
 
     Parameters
     ----------
     surface : str
     components : tuple of str
-        Which of east, north, vertical are held; a column that holds all but one carries S waves.
+        Fixed components, of east, north, vertical. Sides that fix all but one horizontal component
+        guide S waves along a column.
 
     Raises
     ------
@@ -62,8 +70,8 @@ class Fixed:
     surface: str
     components: tuple[str, ...] = GEOGRAPHIC
 
-    def __post_init__(self):
-        """Refuse components that are none."""
+    def __post_init__(self) -> None:
+        """Check the components."""
         object.__setattr__(self, "components", tuple(self.components))
         if not self.components or not set(self.components) <= set(GEOGRAPHIC):
             raise InputError(
@@ -74,14 +82,18 @@ class Fixed:
 
 @dataclass(frozen=True)
 class FreeField:
-    """A viscous side that sees columns of the ground beside the model move; theory.md (4.8).
+    """Free-field boundary: a viscous side coupled to ground columns beside the model.
 
-    For input from below: each column has the layers and the height of the ground where it stands
-    and is marched before the model. The surface is a vertical plane and also `Viscous`.
+    For input from below: each column has the layers and the height of the ground at its position
+    and is integrated before the model. The surface must be a vertical plane and also `Viscous`.
 
     Parameters
     ----------
     surface : str
+
+    Notes
+    -----
+    theory.md (4.8), (4.12), (4.13).
     """
 
     surface: str
@@ -89,7 +101,7 @@ class FreeField:
 
 @dataclass(frozen=True, eq=False)
 class StressInput:
-    """Traction history on a surface, from the particle velocity that is wanted behind it.
+    """Stress input: traction on a surface from the particle velocity of the incident wave.
 
     Parameters
     ----------
@@ -97,9 +109,12 @@ class StressInput:
     seismogram : Seismogram
         East, north and vertical particle velocity, m/s.
     doubled : bool or None
-        Traction ``2 rho c v`` instead of ``rho c v``, because dashpots of the same surface take
-        one half. None: doubled where the surface is also viscous. Eq. (6), (7) of Babanouri et
-        al. (2013); theory.md (4.3).
+        Traction ``2 rho c v`` instead of ``rho c v``, because the dashpots of the same surface
+        absorb one half. None: doubled if the surface is also viscous.
+
+    Notes
+    -----
+    Eq. (6), (7) of Babanouri et al. (2013); theory.md (4.3).
     """
 
     surface: str
@@ -109,9 +124,9 @@ class StressInput:
 
 @dataclass(frozen=True, eq=False)
 class VelocityInput:
-    """Particle velocity prescribed on a surface; refused where the surface is viscous.
+    """Velocity input: particle velocity prescribed on a surface.
 
-    Two surfaces that meet take one seismogram, or their common nodes had two velocities.
+    The surface must not be viscous. Two surfaces with common nodes must have the same seismogram.
 
     Parameters
     ----------
@@ -124,18 +139,17 @@ class VelocityInput:
     seismogram: Seismogram
 
 
-def check_boundaries(boundaries, surfaces):
-    """Refuse boundaries on unknown surfaces and those that exclude one another.
+Boundary = Viscous | Roller | Fixed | FreeField | StressInput | VelocityInput
+
+
+def check_boundaries(boundaries: Sequence[Boundary], surfaces: dict[str, np.ndarray]) -> None:
+    """Raise InputError for boundaries on unknown surfaces and for incompatible boundaries.
 
     Parameters
     ----------
     boundaries : sequence of boundary conditions
     surfaces : dict of str to (n, 3) int
-        Triangles by node.
-
-    Raises
-    ------
-    InputError
+        Triangles.
     """
     viscous = {b.surface for b in boundaries if isinstance(b, Viscous)}
     for boundary in boundaries:
@@ -157,10 +171,10 @@ def check_boundaries(boundaries, surfaces):
             )
         if isinstance(boundary, Fixed) and surface in viscous:
             raise InputError(f"boundaries.{surface}: {kind} and Viscous exclude one another")
-    moved = [b for b in boundaries if isinstance(b, VelocityInput)]
-    for first, second in combinations(moved, 2):
+    prescribed = [b for b in boundaries if isinstance(b, VelocityInput)]
+    for first, second in combinations(prescribed, 2):
         shared = np.intersect1d(surfaces[first.surface], surfaces[second.surface])
-        if len(shared) and not _alike(first.seismogram, second.seismogram):
+        if len(shared) and not _equal(first.seismogram, second.seismogram):
             raise InputError(
                 f"boundaries.{second.surface}: meets '{first.surface}' at {len(shared)} nodes, "
                 "which would have to follow two velocities; give both surfaces the same seismogram "
@@ -168,48 +182,48 @@ def check_boundaries(boundaries, surfaces):
             )
 
 
-def _alike(first, second):
-    """Tell whether two seismograms move a node alike."""
+def _equal(first, second):
+    """Return whether two seismograms are equal."""
     return (first.dt, first.start) == (second.dt, second.start) and np.array_equal(
         first.velocity, second.velocity
     )
 
 
-CROSSED = 3.0  # of cs/width: an S wave that crosses the rim and comes back loses a factor e
-DRAG = 2.5  # of the lowest angular frequency and widths in S waves: more turns it back
+DAMPING = 3.0  # times cs/width: an S wave loses a factor e on its way through and back
+DRAG = 2.5  # limit, times the lowest angular frequency and the width in S waves: more reflects
 
 
 @dataclass(frozen=True)
 class Rim:
-    """Ground outside a box that damps what leaves it, for sources inside the model.
+    """Absorbing layer: damped ground around a box, for sources inside the model.
 
     Parameters
     ----------
     box : ((x0, x1), (y0, y1), (z0, z1)), m
-        What lies inside is not touched; above the box nothing is.
+        Undamped region; the ground above the box is not damped either.
     width : float, m
         From the box to the end of the mesh.
     lowest : float, Hz, optional
-        Lowest frequency that shall leave. A rim of less than half its S wave would turn it back:
-        it damps the less the narrower it is.
+        Lowest frequency to be absorbed. A layer thinner than half of its S wavelength would
+        reflect: its damping is reduced with the width.
 
     Notes
     -----
-    Mass damping ``3 cs/width (d/width)^2`` at distance d: an S wave that crosses the rim and comes
-    back loses a factor e; theory.md (4.5).
+    Mass damping ``3 cs/width (d/width)^2`` at distance d: an S wave loses a factor e on its way
+    through the layer and back; theory.md (4.5).
 
     Raises
     ------
     InputError
-        If width or frequency is not positive or the box ends before it begins.
+        If width or frequency is not positive or a limit of the box is not ascending.
     """
 
-    box: tuple
+    box: tuple[tuple[float, float], tuple[float, float], tuple[float, float]]
     width: float
     lowest: float | None = None
 
-    def __post_init__(self):
-        """Refuse what is no rim."""
+    def __post_init__(self) -> None:
+        """Check box, width and frequency."""
         box = np.asarray(self.box, dtype=float)
         if box.shape != (3, 2) or not (box[:, 0] < box[:, 1]).all():
             raise InputError(f"rim.box: must be three ascending pairs, got {self.box}")
@@ -218,13 +232,13 @@ class Rim:
         if self.lowest is not None and not 0.0 < self.lowest < np.inf:
             raise InputError(f"rim.lowest: must be positive, got {self.lowest:g} Hz")
 
-    def alpha(self, places, speed):
+    def alpha(self, places: np.ndarray, speed: float | np.ndarray) -> np.ndarray:
         """Return the mass damping (n,) in 1/s at places (n, 3) with S speeds (n,)."""
         low, high = np.asarray(self.box, dtype=float).T
         outside = np.maximum(0.0, np.maximum(low - places, places - high))
         outside[:, 2] = np.maximum(0.0, low[2] - places[:, 2])
         depth = np.minimum(1.0, np.linalg.norm(outside, axis=1) / self.width)
-        most = CROSSED * speed / self.width
+        most = DAMPING * speed / self.width
         if self.lowest is not None:
             waves = self.width * self.lowest / speed
             most = np.minimum(most, DRAG * waves * 2.0 * np.pi * self.lowest)

@@ -1,6 +1,6 @@
-"""Ground that is not the same everywhere: gradients, damaged zones, random heterogeneity.
+"""Ground fields: gradients, damaged zones and random heterogeneity of the wave speeds.
 
-A field is a factor on the speeds of all waves at a place; density stays.
+A field is a factor on all wave speeds as a function of position; the density is unchanged.
 """
 
 from dataclasses import dataclass, replace
@@ -17,26 +17,26 @@ CELLS_PER_LENGTH = 5.0
 
 @dataclass(frozen=True)
 class Gradient:
-    """Speeds that grow with depth: 1 - reduction exp(-depth/length); theory.md (1.7).
+    """Gradient of the wave speeds with depth: 1 - reduction exp(-depth/length); theory.md (1.7).
 
     Parameters
     ----------
     reduction : float
-        At the top.
+        Relative reduction at the top.
     length : float, m
     top : float, m
-        Height of the ground.
+        Elevation of the ground surface.
     """
 
     reduction: float
     length: float
     top: float = 0.0
 
-    def __post_init__(self):
-        """Refuse what is no gradient."""
+    def __post_init__(self) -> None:
+        """Check reduction and length."""
         _check("gradient", self.reduction, self.length)
 
-    def factor(self, places, edges):
+    def factor(self, places: np.ndarray, edges: np.ndarray) -> np.ndarray:
         """Return the factor (n,) at places (n, 3)."""
         del edges
         return 1.0 - self.reduction * np.exp(-np.maximum(self.top - places[:, 2], 0) / self.length)
@@ -44,7 +44,7 @@ class Gradient:
 
 @dataclass(frozen=True, eq=False)
 class DamagedZone:
-    """Ground that blasting has damaged around holes: 1 - reduction exp(-distance/length).
+    """Blast-damaged zone around holes: factor 1 - reduction exp(-distance/length).
 
     Parameters
     ----------
@@ -58,25 +58,25 @@ class DamagedZone:
     reduction: float
     length: float
 
-    def __post_init__(self):
-        """Refuse what is no damage."""
+    def __post_init__(self) -> None:
+        """Check reduction, length and holes."""
         _check("damaged zone", self.reduction, self.length)
         holes = np.asarray(self.holes, dtype=float)
         if holes.ndim != 3 or holes.shape[1:] != (2, 3):
             raise InputError(f"damaged zone.holes: must be n x 2 x 3 ends, got {holes.shape}")
         object.__setattr__(self, "holes", holes)
 
-    def distance(self, places):
+    def distance(self, places: np.ndarray) -> np.ndarray:
         """Return the distance (n,) in m from places (n, 3) to the nearest hole."""
         nearest = np.full(len(places), np.inf)
         for start, end in self.holes:
-            way = end - start
-            share = np.clip((places - start) @ way / max(way @ way, 1e-12), 0.0, 1.0)
-            foot = start + share[:, None] * way
+            axis = end - start
+            share = np.clip((places - start) @ axis / max(axis @ axis, 1e-12), 0.0, 1.0)
+            foot = start + share[:, None] * axis
             nearest = np.minimum(nearest, np.linalg.norm(places - foot, axis=1))
         return nearest
 
-    def factor(self, places, edges):
+    def factor(self, places: np.ndarray, edges: np.ndarray) -> np.ndarray:
         """Return the factor (n,) at places (n, 3)."""
         del edges
         return 1.0 - self.reduction * np.exp(-self.distance(places) / self.length)
@@ -84,7 +84,7 @@ class DamagedZone:
 
 @dataclass(frozen=True)
 class Heterogeneity:
-    """A Gaussian random field of the logarithm of the speeds; theory.md (1.8).
+    """Random heterogeneity: Gaussian field of the logarithm of the wave speeds; theory.md (1.8).
 
     Parameters
     ----------
@@ -94,12 +94,12 @@ class Heterogeneity:
         Correlation length.
     seed : int
     hurst : float
-        Of the von Karman correlation; 0.5 is the exponential one.
+        Hurst exponent of the von Karman correlation; 0.5 is the exponential correlation.
 
     Raises
     ------
     InputError
-        If the mesh has fewer than three edges in a correlation length.
+        If a value is out of range, or the mesh has fewer than three edges per correlation length.
     """
 
     deviation: float
@@ -107,13 +107,13 @@ class Heterogeneity:
     seed: int
     hurst: float = 0.5
 
-    def __post_init__(self):
-        """Refuse what is no field."""
+    def __post_init__(self) -> None:
+        """Check deviation, length and Hurst exponent."""
         _check("heterogeneity", self.deviation, self.length)
         if not 0.0 < self.hurst <= 1.0:
             raise InputError(f"heterogeneity.hurst: must lie in 0 to 1, got {self.hurst:g}")
 
-    def factor(self, places, edges):
+    def factor(self, places: np.ndarray, edges: np.ndarray) -> np.ndarray:
         """Return the factor (n,) at places (n, 3) of a mesh with edges (n,) in m."""
         if np.median(edges) * EDGES_PER_LENGTH > self.length:
             raise InputError(
@@ -136,10 +136,13 @@ class Heterogeneity:
         return np.fft.ifftn(amplitude * np.fft.fftn(noise)).real
 
 
-def damaged_group(mesh: Mesh, zone: DamagedZone, radius: float, name="damaged") -> Mesh:
-    """Return a mesh whose zones within a radius in m of the holes are a group of their own.
+GroundField = Gradient | DamagedZone | Heterogeneity
 
-    The group can then have a material with its own speeds and quality; it may be there already.
+
+def damaged_group(mesh: Mesh, zone: DamagedZone, radius: float, name: str = "damaged") -> Mesh:
+    """Return a mesh with the zones within a radius in m of the holes as a separate group.
+
+    The group may exist already.
     """
     near = zone.distance(mesh.points[mesh.zones].mean(axis=1)) <= radius
     if not near.any():
@@ -150,7 +153,7 @@ def damaged_group(mesh: Mesh, zone: DamagedZone, radius: float, name="damaged") 
 
 
 def _check(what, share, length):
-    """Refuse shares and lengths that are none."""
+    """Raise InputError for a reduction outside 0 to 1 or a length that is not positive."""
     if not 0.0 <= share < 1.0:
         raise InputError(f"{what}: the share must lie in 0 to 1, got {share:g}")
     if not 0.0 < length < np.inf:

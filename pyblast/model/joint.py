@@ -1,4 +1,4 @@
-"""Joints: a named surface, the law of its contacts, and its properties."""
+"""Joints: surfaces of the mesh with a contact law and its properties."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -7,6 +7,7 @@ import numpy as np
 
 from ..core import JOINT_LAWS, N_JOINT_PROPERTIES, joint_bound, property_row
 from ..errors import InputError
+from ..units import check_stiffness, check_tangent
 
 FOLLOWED = {
     "cohesion_residual": ("cohesion", 1.0),
@@ -24,24 +25,27 @@ STIFFEST = {"closure": 100.0, "barton_bandis": 100.0, "stress_dependent": 10.0}
 POSITIVE = (
     "kn", "ks", "closure", "weakening_slip", "jcs", "peak_slip", "pressure", "roughness",
 )  # fmt: skip
-# States that belong to the displacement, which a stage begins anew.
+TANGENTS = (
+    "friction", "friction_residual", "friction_initial", "friction_dynamic", "dilation",
+)  # fmt: skip
+# States that belong to the displacement, which is zero at the start of a stage.
 RESET = (
     *("slip_x", "slip_y", "slip_z", "excess_x", "excess_y", "excess_z"),
     *("rate_x", "rate_y", "rate_z", "dilated", "started"),
 )
-# Tangents of which the first may not exceed the second: energy would come from nowhere, or
-# weakening would strengthen.
-NOT_ABOVE = (("dilation", "friction_residual"), ("friction_dynamic", "friction"))
+# Tangents of which the first must not exceed the second: dilation would create energy, and
+# weakening would strengthen the joint.
+UPPER_LIMITS = (("dilation", "friction_residual"), ("friction_dynamic", "friction"))
 
 
-def may_be_left_out(law):
-    """Return the names of the properties of a law that need not be given."""
+def may_be_left_out(law: str) -> set[str]:
+    """Return the names of the optional properties of a law."""
     return {*FOLLOWED, *DEFAULTS.get(law, {}), *(("kn_max",) if law in STIFFEST else ())}
 
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint, a joint set or a fault: one surface of the mesh with one law.
+    """Joint, joint set or fault: one surface of the mesh with one contact law.
 
     Parameters
     ----------
@@ -50,22 +54,28 @@ class Joint:
     law : str
         A name of ``pyblast.core.JOINT_LAWS``; theory.md section 3.
     properties : dict of str to float
-        Those of the law, in SI, frictions and dilation as tangents. What is not given:
-        residual and initial strengths equal the peak, residual tension and dilation are zero,
-        ``kn_max`` of a closing joint is 100 ``kn``, of a stress-dependent one 10 ``kn``, and
-        these two do not slip.
+        In SI, friction and dilation as tangents. Defaults: residual and initial strengths equal
+        the peak, residual tension and dilation are zero, ``kn_max`` is 100 ``kn`` for a closing
+        and 10 ``kn`` for a stress-dependent joint, and these two do not slip.
     insitu_pressure : float, Pa
         Normal pressure before the blast; a static stage replaces it.
     insitu_shear : (3,) float, Pa
-        Shear traction before the blast that the side ahead of the normal pulls the other with;
-        only its part in the plane counts, and a static stage replaces it.
+        Shear traction before the blast, on the side behind the normal; only the part in the plane
+        is used, and a static stage replaces it.
     fill_mass : float, kg/m2
         Mass of a fill per area, half of it on each side; see `thick_fill`.
 
     Raises
     ------
     InputError
-        If the law is unknown, a property is missing, unknown or out of range.
+        If the law is unknown, or a property is missing, unknown, out of range or not in SI.
+
+    Examples
+    --------
+    >>> joint = Joint("F1", "coulomb", {"kn": 2e9, "ks": 1e9, "cohesion": 1e5, "friction": 0.6,
+    ...                                 "tension": 0.0})
+    >>> joint.properties["friction_residual"]
+    0.6
     """
 
     surface: str
@@ -75,13 +85,13 @@ class Joint:
     insitu_shear: tuple[float, float, float] = (0.0, 0.0, 0.0)
     fill_mass: float = 0.0
 
-    def __post_init__(self):
-        """Fill in residual strengths and refuse what the law does not know."""
+    def __post_init__(self) -> None:
+        """Fill in defaults and check the properties."""
         where = f"joints.{self.surface}"
         if self.law not in JOINT_LAWS:
             raise InputError(f"{where}.law: must be one of {', '.join(JOINT_LAWS)}, got {self.law}")
         names = JOINT_LAWS[self.law].properties
-        values = self._filled_in(names)
+        values = self._with_defaults(names)
         for name in values:
             if name not in names:
                 raise InputError(
@@ -108,8 +118,8 @@ class Joint:
             )
         object.__setattr__(self, "properties", {name: float(values[name]) for name in names})
 
-    def _filled_in(self, names):
-        """Return the properties with what may be left out."""
+    def _with_defaults(self, names):
+        """Return the properties with defaults."""
         values = {
             name: factor * self.properties[other]
             for name, (other, factor) in FOLLOWED.items()
@@ -120,10 +130,10 @@ class Joint:
             values["kn_max"] = STIFFEST[self.law] * self.properties["kn"]
         return values | self.properties
 
-    def tangents(self, pressure):
-        """Return what small waves meet under a pressure in Pa: kn and ks in Pa/m.
+    def tangents(self, pressure: float) -> tuple[float, float]:
+        """Return the tangent stiffnesses kn and ks in Pa/m under a normal pressure in Pa.
 
-        Theory.md (3.8), (3.10); of a closing joint on its way of loading.
+        theory.md (3.8), (3.10); for a closing joint on the loading path.
         """
         kn, ks = self.properties["kn"], self.properties["ks"]
         pressure = max(0.0, pressure)
@@ -136,23 +146,27 @@ class Joint:
             return min(stiffer, self.properties["kn_max"]), ks
         return kn, ks
 
-    def bound(self):
-        """Return the largest stiffness in Pa/m and the viscosity in Pa s/m of the law."""
+    def bound(self) -> tuple[float, float]:
+        """Return the largest stiffness in Pa/m and the viscosity in Pa s/m."""
         law = JOINT_LAWS[self.law]
         return joint_bound(law, property_row(law, self.properties, N_JOINT_PROPERTIES))
 
 
 def _check_value(where, name, value, may_be_infinite):
-    """Refuse a property out of its range."""
+    """Raise InputError for a property out of range."""
     strictly = name in POSITIVE
     if may_be_infinite and value == math.inf:
         return
     if not (math.isfinite(value) and value >= 0.0) or (strictly and value == 0.0):
         raise InputError(f"{where}: must be positive and finite, got {value:g}")
+    if name in ("kn", "ks"):
+        check_stiffness(where, value)
+    if name in TANGENTS:
+        check_tangent(where, value)
 
 
 def _check_together(where, law, values):
-    """Refuse properties that contradict one another."""
+    """Raise InputError for inconsistent properties."""
     if "kn_max" in values and not values["kn_max"] > values["kn"]:
         raise InputError(
             f"{where}.kn_max: must exceed kn of {values['kn']:g} Pa/m, got {values['kn_max']:g}"
@@ -165,7 +179,7 @@ def _check_together(where, law, values):
         raise InputError(
             f"{where}.dilation_slip: missing beside dilation; give the slip at which it ends"
         )
-    for low, high in NOT_ABOVE:
+    for low, high in UPPER_LIMITS:
         if low in values and values[low] > values[high]:
             raise InputError(
                 f"{where}.{low}: must not exceed {high} of {values[high]:g}, got {values[low]:g}"
@@ -179,8 +193,15 @@ def _check_together(where, law, values):
         raise InputError(f"{where}.eta_n, eta_s: must be positive, got zero; use 'elastic' instead")
 
 
-def thick_fill(surface, density, cp, cs, thickness, insitu_pressure=0.0):
-    """Return an elastic joint with the stiffness and the mass of a thin layer of fill.
+def thick_fill(
+    surface: str,
+    density: float,
+    cp: float,
+    cs: float,
+    thickness: float,
+    insitu_pressure: float = 0.0,
+) -> Joint:
+    """Return an elastic joint with the stiffness and mass of a thin layer of fill.
 
     Parameters
     ----------
@@ -188,8 +209,8 @@ def thick_fill(surface, density, cp, cs, thickness, insitu_pressure=0.0):
     density : float, kg/m3
     cp, cs : float, m/s
     thickness : float, m
-        The error of what passes stays below 3 % up to a phase of 0.3 across the layer; beyond,
-        mesh the fill as zones. theory.md (3.20).
+        The error of the transmitted wave is below 3 % up to a phase of 0.3 across the layer; mesh
+        thicker fills as zones. theory.md (3.20).
     insitu_pressure : float, Pa
     """
     stiffness = {"kn": density * cp**2 / thickness, "ks": density * cs**2 / thickness}
@@ -197,15 +218,15 @@ def thick_fill(surface, density, cp, cs, thickness, insitu_pressure=0.0):
     return Joint(surface, "elastic", stiffness, insitu_pressure, fill_mass=mass)
 
 
-def saturated(joint, aperture, fluid_bulk=2.2e9):
-    """Return a joint whose aperture in m is full of a fluid: kn grows by its bulk over aperture.
+def saturated(joint: Joint, aperture: float, fluid_bulk: float = 2.2e9) -> Joint:
+    """Return a fluid-saturated joint: kn increases by fluid bulk modulus over aperture (m).
 
-    Shear stiffness and strength stay; theory.md (3.21).
+    Shear stiffness and strength are unchanged; theory.md (3.21).
 
     Raises
     ------
     InputError
-        If the aperture is not positive, or the stiffness of the law follows the pressure.
+        If the aperture is not positive, or the stiffness of the law depends on pressure.
     """
     if joint.law in STIFFEST:
         raise InputError(
@@ -218,8 +239,8 @@ def saturated(joint, aperture, fluid_bulk=2.2e9):
     return replace(joint, properties={**joint.properties, "kn": kn})
 
 
-def carried_over(law, contact_state):
-    """Return joint states (n_contacts, n_state) for a stage that begins at no displacement.
+def carried_over(law: np.ndarray, contact_state: np.ndarray) -> np.ndarray:
+    """Return joint states (n_contacts, n_state) for a stage that starts at zero displacement.
 
     Parameters
     ----------
@@ -227,7 +248,7 @@ def carried_over(law, contact_state):
         Number of each contact's law, from 0.
     contact_state : (n_contacts, n_state) float64
     """
-    anew = np.zeros((len(JOINT_LAWS), contact_state.shape[1]), dtype=bool)
-    for one in JOINT_LAWS.values():
-        anew[one.number, : len(one.state)] = np.isin(one.state, RESET)
-    return np.where(anew[law], 0.0, contact_state)
+    reset = np.zeros((len(JOINT_LAWS), contact_state.shape[1]), dtype=bool)
+    for joint_law in JOINT_LAWS.values():
+        reset[joint_law.number, : len(joint_law.state)] = np.isin(joint_law.state, RESET)
+    return np.where(reset[law], 0.0, contact_state)

@@ -1,28 +1,31 @@
 """Materials: elastic moduli, damping, constant Q, Mohr-Coulomb strength."""
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 
 from ..errors import InputError
+from ..units import check_density, check_modulus, check_speed, check_tangent
 
-MECHANISMS = 3
-FIT_POINTS = 60
-INSIDE = np.geomspace(0.5, 1.5, 12)  # first rate over the low end of the band
+MECHANISMS = 3  # relaxation mechanisms of a constant Q
+FIT_POINTS = 60  # frequencies of its fit
+INSIDE = np.geomspace(0.5, 1.5, 12)  # first relaxation rate over the low end of the band
 
 
 class Branch(NamedTuple):
-    """Springs that relax, beside those that stay; theory.md (2.14).
+    """Relaxation mechanism: relaxing springs parallel to the elastic ones; theory.md (2.14).
 
     Parameters
     ----------
     rate : float, 1/s
     shear, compression : float
-        Stiffness over that of the springs that stay, for S and for P waves.
+        Stiffness over the relaxed stiffness, for S and for P waves.
     """
 
     rate: float
@@ -30,33 +33,58 @@ class Branch(NamedTuple):
     compression: float
 
 
-def relative_modulus(branches, frequency, wave="shear"):
-    """Return the complex modulus over the relaxed one at frequencies in Hz; theory.md (2.15)."""
+class ZoneLaw(Protocol):
+    """Constitutive law of zones.
+
+    ``name`` is a key of ``pyblast.core.ZONE_LAWS``, ``branches`` are the relaxation mechanisms,
+    ``properties`` returns those of the routine and ``moduli`` the relaxed Lame moduli in Pa.
+    """
+
+    name: ClassVar[str]
+
+    @property
+    def branches(self) -> tuple[Branch, ...]: ...  # noqa: D102
+    def properties(self, material: "Material") -> dict[str, float]: ...  # noqa: D102
+    def moduli(self, material: "Material") -> tuple[float, float]: ...  # noqa: D102
+
+
+def relative_modulus(
+    branches: Iterable[Branch], frequency: ArrayLike, wave: str = "shear"
+) -> np.ndarray:
+    """Return the complex over the relaxed modulus at frequencies in Hz; theory.md (2.15)."""
     lag = -2j * np.pi * np.asarray(frequency, dtype=float)
-    return 1.0 + sum(getattr(one, wave) * lag / (one.rate + lag) for one in branches)
+    relaxing = [getattr(branch, wave) * lag / (branch.rate + lag) for branch in branches]
+    return np.asarray(1.0 + sum(relaxing))
 
 
 @dataclass(frozen=True)
 class ConstantQ:
-    """Quality factors that hold over a band, with the dispersion that belongs to them.
+    """Frequency-independent attenuation: quality factors constant over a band, with dispersion.
 
     Parameters
     ----------
     qp, qs : float
-        Of P and S waves.
+        Quality factors of P and S waves, at least 2.
     band : tuple of 2 float, Hz
-        Where they hold: within 1 % over one decade, 4 % over two, 5 % below Q 10.
+        Band of constant Q: within 1 % over one decade, 4 % over two, 5 % below Q 10.
     reference : float or None, Hz
-        Where the speeds are those of the material; None: the geometric mean of the band.
+        Frequency at which the speeds are those of the material; None: geometric mean of the band.
 
     Raises
     ------
     InputError
-        If a quality factor is below 2, or the band is none.
+        If a quality factor is below 2, or the band is not ascending.
 
     Notes
     -----
-    Emmerich & Korn (1987); theory.md (2.14) to (2.17).
+    Generalised Maxwell body with three mechanisms: Emmerich & Korn (1987); theory.md (2.14) to
+    (2.17).
+
+    Examples
+    --------
+    >>> rock = Material.from_speeds(2700.0, 5000.0, 3000.0, law=ConstantQ(100.0, 50.0, (2.0, 80.0)))
+    >>> rock.law.name
+    'elastic'
     """
 
     qp: float
@@ -65,8 +93,8 @@ class ConstantQ:
     reference: float | None = None
     name: ClassVar[str] = "elastic"
 
-    def __post_init__(self):
-        """Refuse values that are no quality and no band."""
+    def __post_init__(self) -> None:
+        """Check quality factors and band."""
         for name in ("qp", "qs"):
             if not 2.0 <= getattr(self, name) < np.inf:
                 raise InputError(f"material.{name}: must be at least 2, got {getattr(self, name)}")
@@ -77,10 +105,10 @@ class ConstantQ:
             raise InputError(f"material.reference: must be positive, got {self.reference} Hz")
 
     @cached_property
-    def rates(self):
-        """Rates of the mechanisms, (3,) 1/s, even in logarithm.
+    def rates(self) -> np.ndarray:
+        """Relaxation rates of the mechanisms, (3,) 1/s, log-spaced.
 
-        How far the outer ones stand inside the band, or outside, is chosen for the best fit.
+        The outer rates are chosen, inside or outside the band, for the best fit.
         """
         low, high = self.band
         choices = [
@@ -89,57 +117,60 @@ class ConstantQ:
         return min(choices, key=self._worst)
 
     def _worst(self, rates):
-        """Return the largest relative error of 1/Q over the band with some rates."""
-        frequency = np.geomspace(*self.band, FIT_POINTS)
+        """Return the largest relative error of 1/Q over the band with these rates."""
+        low, high = self.band
+        frequency = np.geomspace(low, high, FIT_POINTS)
         moduli = (
-            (quality, _fading(_shares(rates, self.band, quality), rates, frequency))
+            (quality, _relative_to_unrelaxed(_shares(rates, self.band, quality), rates, frequency))
             for quality in (self.qp, self.qs)
         )
         return max(np.abs(1.0 + quality * m.imag / m.real).max() for quality, m in moduli)
 
-    def shares(self, quality):
-        """Return the share of the modulus that each mechanism lets fade, (3,).
+    def shares(self, quality: float) -> np.ndarray:
+        """Return the fraction of the modulus that relaxes in each mechanism, (3,).
 
         Non-negative least squares of 1/Q over the band: theory.md (2.16).
         """
         return _shares(self.rates, self.band, quality)
 
-    def wave(self, quality, speed, frequency):
-        """Return phase speed in m/s and true quality of a wave, speed given at the reference."""
+    def wave(
+        self, quality: float, speed: float, frequency: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return phase velocity in m/s and quality of a wave with ``speed`` at the reference."""
         stiffer = self._unrelaxed(quality)
-        modulus = _fading(self.shares(quality), self.rates, frequency)
+        modulus = _relative_to_unrelaxed(self.shares(quality), self.rates, frequency)
         return (
             speed * np.sqrt(stiffer) / (1.0 / np.sqrt(modulus)).real,
             -modulus.real / modulus.imag,
         )
 
     def _unrelaxed(self, quality):
-        """Return the unrelaxed modulus over that of the speed at the reference."""
+        """Return the unrelaxed modulus over the modulus at the reference frequency."""
         reference = self.reference or np.sqrt(self.band[0] * self.band[1])
-        modulus = _fading(self.shares(quality), self.rates, reference)
+        modulus = _relative_to_unrelaxed(self.shares(quality), self.rates, reference)
         return float((1.0 / np.sqrt(modulus)).real ** 2)
 
     @property
-    def branches(self):
-        """What relaxes, for the kernel: one `Branch` a mechanism."""
+    def branches(self) -> tuple[Branch, ...]:
+        """Relaxation mechanisms for the kernel."""
         p, s = (self.shares(quality) for quality in (self.qp, self.qs))
         rows = zip(self.rates, s / (1.0 - s.sum()), p / (1.0 - p.sum()), strict=True)
         return tuple(Branch(*map(float, row)) for row in rows)
 
-    def moduli(self, material):
-        """Return the Lame moduli after everything has relaxed, Pa."""
-        stays = [1.0 - self.shares(quality).sum() for quality in (self.qp, self.qs)]
-        shear = material.shear * self._unrelaxed(self.qs) * stays[1]
-        p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp) * stays[0]
+    def moduli(self, material: "Material") -> tuple[float, float]:
+        """Return the relaxed Lame moduli, Pa."""
+        relaxed = [1.0 - self.shares(quality).sum() for quality in (self.qp, self.qs)]
+        shear = material.shear * self._unrelaxed(self.qs) * relaxed[1]
+        p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp) * relaxed[0]
         return p_wave - 2.0 * shear, shear
 
-    def properties(self, material):
-        """Check that the law suits a material; its routine takes no properties.
+    def properties(self, material: "Material") -> dict[str, float]:
+        """Check the law for a material; its routine has no properties.
 
         Raises
         ------
         InputError
-            If the bulk modulus would gain energy, which Qp far above Qs asks for.
+            If Qp is so large compared with Qs that compression would gain energy.
         """
         p, s = self.shares(self.qp), self.shares(self.qs)
         p_wave = material.density * material.cp**2 * self._unrelaxed(self.qp)
@@ -154,14 +185,14 @@ class ConstantQ:
 
 
 def _shares(rates, band, quality):
-    """Fit the shares (3,) of mechanisms of given rates by theory.md (2.16)."""
-    omega = 2.0 * np.pi * np.geomspace(*band, FIT_POINTS)[:, None]
+    """Return the fitted fractions (3,) of mechanisms with given rates; theory.md (2.16)."""
+    omega = 2.0 * np.pi * np.geomspace(band[0], band[1], FIT_POINTS)[:, None]
     matrix = (rates * omega + rates**2 / quality) / (rates**2 + omega**2)
     return nnls(matrix, np.full(FIT_POINTS, 1.0 / quality))[0]
 
 
-def _fading(shares, rates, frequency):
-    """Return the complex modulus over the unrelaxed one at frequencies in Hz; (2.15)."""
+def _relative_to_unrelaxed(shares, rates, frequency):
+    """Return the complex modulus over the unrelaxed modulus at frequencies in Hz; (2.15)."""
     omega = 2.0 * np.pi * np.asarray(frequency, dtype=float)[..., None]
     return 1.0 - np.sum(shares * rates / (rates - 1j * omega), axis=-1)
 
@@ -171,7 +202,9 @@ STRENGTHS = ("cohesion", "friction", "dilation", "tension")
 
 @dataclass(frozen=True)
 class MohrCoulomb:
-    """Elastic up to the cohesion, friction and tension of the material, plastic there.
+    """Mohr-Coulomb plasticity with tension cut-off, hardening or softening.
+
+    Peak cohesion, friction and tension are those of the material.
 
     Parameters
     ----------
@@ -181,20 +214,20 @@ class MohrCoulomb:
     friction_residual, dilation_residual : float or None
         Tangents. Each is the peak value where not given.
     shear_strain : float
-        Plastic shear strain (the largest, as an angle) over which cohesion, friction and dilation
-        fall to their residuals; 0 at once.
+        Plastic shear strain (maximum engineering shear) over which cohesion, friction and dilation
+        fall to their residual values; 0: at once.
     tensile_strain : float
-        Plastic strain in tension over which the tensile strength does.
+        Plastic tensile strain over which the tensile strength falls.
 
     Raises
     ------
     InputError
-        If a value is negative or not finite.
+        If a value is negative, not finite, or an angle in degrees.
 
     Notes
     -----
-    theory.md (2.25) to (2.31). Softening belongs to the size of zones: failure gathers in a band
-    one patch of zones wide, so the strains must be chosen for the mesh.
+    theory.md (2.25) to (2.31). Softening depends on the mesh: failure localises in a band one patch
+    of zones wide, so the strains must be chosen for the mesh.
     """
 
     dilation: float = 0.0
@@ -205,27 +238,29 @@ class MohrCoulomb:
     shear_strain: float = 0.0
     tensile_strain: float = 0.0
     name: ClassVar[str] = "mohr-coulomb"
-    branches: ClassVar[tuple] = ()
+    branches = ()  # no relaxation
 
-    def __post_init__(self):
-        """Refuse values that are no strength."""
+    def __post_init__(self) -> None:
+        """Check the strengths."""
         for name in ("dilation", *(f"{s}_residual" for s in STRENGTHS), "shear_strain",
                      "tensile_strain"):  # fmt: skip
             value = getattr(self, name)
             if value is not None and not 0.0 <= value < math.inf:
                 raise InputError(f"material.{name}: must be finite and not negative, got {value:g}")
+        for name in ("dilation", "friction_residual", "dilation_residual"):
+            check_tangent(f"material.{name}", getattr(self, name) or 0.0)
 
-    def moduli(self, material):
+    def moduli(self, material: "Material") -> tuple[float, float]:
         """Return the elastic Lame moduli, Pa."""
         return material.first_lame, material.shear
 
-    def properties(self, material):
+    def properties(self, material: "Material") -> dict[str, float]:
         """Return peak and residual strengths for the routine.
 
         Raises
         ------
         InputError
-            If the material has no finite cohesion, or dilates more than it rubs.
+            If the material has no finite cohesion, or the dilation exceeds the friction.
         """
         if not math.isfinite(material.cohesion):
             raise InputError("material.cohesion: missing; a Mohr-Coulomb material needs it")
@@ -241,12 +276,12 @@ class MohrCoulomb:
             if dilation > friction:
                 raise InputError(
                     f"material.dilation{kind}: must not exceed the friction, got tangents "
-                    f"{dilation:g} and {friction:g}; dilation above friction makes energy"
+                    f"{dilation:g} and {friction:g}; dilation above friction creates energy"
                 )
         return {**row, "shear_strain": self.shear_strain, "tensile_strain": self.tensile_strain}
 
     def _tension(self, material):
-        """Return the tensile strength, at most that of the cone's tip; a large one for none."""
+        """Return the tensile strength, limited by the apex of the cone; large without friction."""
         tip = (
             material.cohesion / material.friction
             if material.friction > 0.0
@@ -260,37 +295,43 @@ class Elastic:
     """Isotropic linear elasticity; theory.md (2.2)."""
 
     name: ClassVar[str] = "elastic"
-    branches: ClassVar[tuple] = ()
+    branches = ()  # no relaxation
 
-    def properties(self, material):
+    def properties(self, material: "Material") -> dict[str, float]:
         """Return the properties of the routine for a material."""
         del material
         return {}
 
-    def moduli(self, material):
+    def moduli(self, material: "Material") -> tuple[float, float]:
         """Return first Lame modulus and shear modulus, Pa."""
         return material.first_lame, material.shear
 
 
 @dataclass(frozen=True)
 class Material:
-    """Isotropic elastic material with Mohr-Coulomb strength.
+    """Material: isotropic elastic moduli, density, strength and constitutive law.
 
     Parameters
     ----------
     density : float, kg/m3
     bulk, shear : float, Pa
     cohesion, tension : float, Pa
-        Strength; of the checks, and of zones whose law yields.
+        Strength, of plastic laws and for the checks.
     friction : float
         Tangent of the friction angle.
     law : zone law, optional
-        How stress follows strain: one of ``pyblast.model.material``.
+        Constitutive law: `Elastic`, `ConstantQ`, `MohrCoulomb`, or that of `anisotropic`.
 
     Raises
     ------
     InputError
-        If density or a modulus is not positive, or a strength is negative.
+        If density or a modulus is not positive or not in SI, or a strength is negative.
+
+    Examples
+    --------
+    >>> rock = Material.from_speeds(2700.0, cp=5000.0, cs=3000.0)
+    >>> round(rock.young / 1e9, 1), round(rock.poisson, 3)
+    (59.2, 0.219)
     """
 
     density: float
@@ -299,30 +340,39 @@ class Material:
     cohesion: float = math.inf
     friction: float = 0.0
     tension: float = math.inf
-    law: object = Elastic()
+    law: ZoneLaw = Elastic()
 
-    def __post_init__(self):
-        """Refuse values that are no material."""
+    def __post_init__(self) -> None:
+        """Check the values."""
         for name, unit in (("density", "kg/m3"), ("bulk", "Pa"), ("shear", "Pa")):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0.0):
                 raise InputError(f"material.{name}: must be positive, got {value:g} {unit}")
+        check_density("material.density", self.density)
+        for name in ("bulk", "shear"):
+            check_modulus(f"material.{name}", getattr(self, name))
+        check_tangent("material.friction", self.friction)
         for name in ("cohesion", "friction", "tension"):
             if not getattr(self, name) >= 0.0:
                 value = getattr(self, name)
                 raise InputError(f"material.{name}: must not be negative, got {value}")
 
     @classmethod
-    def from_young_poisson(cls, density, young, poisson, **strength):
-        """Make a material from Young's modulus in Pa and Poisson's ratio."""
+    def from_young_poisson(
+        cls, density: float, young: float, poisson: float, **strength: Any
+    ) -> "Material":
+        """Return a material from Young's modulus in Pa and Poisson's ratio."""
         if not -1.0 < poisson < 0.5:
             raise InputError(f"material.poisson: must lie between -1 and 0.5, got {poisson:g}")
+        check_modulus("material.young", young)
         bulk = young / (3.0 * (1.0 - 2.0 * poisson))
         return cls(density, bulk, young / (2.0 * (1.0 + poisson)), **strength)
 
     @classmethod
-    def from_speeds(cls, density, cp, cs, **strength):
-        """Make a material from the speeds of P and S waves in m/s."""
+    def from_speeds(cls, density: float, cp: float, cs: float, **strength: Any) -> "Material":
+        """Return a material from the speeds of P and S waves in m/s."""
+        check_density("material.density", density)
+        check_speed("material.cs", cs)
         if not cp > math.sqrt(4.0 / 3.0) * cs > 0.0:
             raise InputError(
                 f"material: cp must exceed 1.155 cs, got cp {cp:g} m/s and cs {cs:g} m/s"
@@ -331,77 +381,60 @@ class Material:
         return cls(density, density * cp**2 - 4.0 / 3.0 * shear, shear, **strength)
 
     @property
-    def first_lame(self):
+    def first_lame(self) -> float:
         """First Lame modulus [Pa]."""
         return self.bulk - 2.0 / 3.0 * self.shear
 
     @property
-    def cp(self):
+    def cp(self) -> float:
         """Speed of P waves [m/s]; theory.md (1.2)."""
         return math.sqrt((self.bulk + 4.0 / 3.0 * self.shear) / self.density)
 
     @property
-    def cs(self):
+    def cs(self) -> float:
         """Speed of S waves [m/s]; theory.md (1.3)."""
         return math.sqrt(self.shear / self.density)
 
     @property
-    def young(self):
+    def young(self) -> float:
         """Young's modulus [Pa]."""
         return 9.0 * self.bulk * self.shear / (3.0 * self.bulk + self.shear)
 
     @property
-    def poisson(self):
+    def poisson(self) -> float:
         """Poisson's ratio."""
         return (3.0 * self.bulk - 2.0 * self.shear) / (2.0 * (3.0 * self.bulk + self.shear))
 
 
-def saturated_rock(dry, porosity, solid_bulk, fluid_bulk=2.2e9, fluid_density=1000.0):
-    """Return a material with its pores full of a fluid; theory.md (1.9).
-
-    Parameters
-    ----------
-    dry : Material
-    porosity : float
-    solid_bulk, fluid_bulk : float, Pa
-    fluid_density : float, kg/m3
-
-    Raises
-    ------
-    InputError
-        If the porosity is none, or the solid not stiffer than the dry rock.
-    """
-    if not 0.0 < porosity < 1.0:
-        raise InputError(f"material.porosity: must lie between 0 and 1, got {porosity:g}")
-    if not dry.bulk < solid_bulk:
-        raise InputError(
-            f"material.solid_bulk: must exceed that of the dry rock, {dry.bulk:g} Pa, got "
-            f"{solid_bulk:g} Pa"
-        )
-    share = dry.bulk / solid_bulk
-    pores = porosity / fluid_bulk + (1.0 - porosity) / solid_bulk - share / solid_bulk
-    bulk = dry.bulk + (1.0 - share) ** 2 / pores
-    return replace(dry, density=dry.density + porosity * fluid_density, bulk=bulk)
-
-
 @dataclass(frozen=True)
 class Damping:
-    """Rayleigh damping, least at its central frequency.
+    """Rayleigh damping, with its minimum at the central frequency.
 
     Parameters
     ----------
     ratio : float
-        Share of critical damping at the central frequency when both parts act.
+        Fraction of critical damping at the central frequency with both parts.
     frequency : float, Hz
     mass, stiffness : bool
-        Which parts act.
+        Whether the mass and the stiffness part act.
     corner : float or None, Hz
-        Low-pass of the motion that the stiffness part sees: it then hardly shortens the time
-        step, and fades above the corner, theory.md (2.18); best at twice the band or more.
+        Corner of a low-pass on the motion damped by the stiffness part, which then hardly reduces
+        the time step; the damping decreases above the corner, theory.md (2.18). Use at least twice
+        the highest frequency.
 
     Notes
     -----
     ``alpha = ratio * omega``, ``beta = ratio / omega``: theory.md (2.10).
+
+    Raises
+    ------
+    InputError
+        If the ratio lies outside 0 to 1, or a frequency is not positive.
+
+    Examples
+    --------
+    >>> round(Damping(0.02, 10.0).ratio_at(20.0), 3)
+    0.025
     """
 
     ratio: float
@@ -410,8 +443,8 @@ class Damping:
     stiffness: bool = True
     corner: float | None = None
 
-    def __post_init__(self):
-        """Refuse values that are no damping."""
+    def __post_init__(self) -> None:
+        """Check ratio and frequencies."""
         if not 0.0 <= self.ratio < 1.0:
             raise InputError(f"damping.ratio: must lie between 0 and 1, got {self.ratio:g}")
         if not (math.isfinite(self.frequency) and self.frequency > 0.0):
@@ -423,42 +456,42 @@ class Damping:
             )
 
     @property
-    def alpha(self):
-        """Mass part [1/s]."""
+    def alpha(self) -> float:
+        """Coefficient of the mass part [1/s]."""
         return self.ratio * 2.0 * math.pi * self.frequency if self.mass else 0.0
 
     @property
-    def beta(self):
-        """Stiffness part that acts on the motion itself [s]."""
+    def beta(self) -> float:
+        """Coefficient of the stiffness part without low-pass [s]."""
         return self._beta if self.corner is None else 0.0
 
     @property
     def _beta(self):
-        """Stiffness part, low-passed or not [s]."""
+        """Coefficient of the stiffness part, low-passed or not [s]."""
         return self.ratio / (2.0 * math.pi * self.frequency) if self.stiffness else 0.0
 
     @property
-    def low_passed(self):
+    def low_passed(self) -> bool:
         """Whether the stiffness part acts on low-passed motion."""
         return self.corner is not None and self._beta > 0.0
 
     @property
-    def branches(self):
-        """What low-passed stiffness damping lets relax: theory.md (2.18)."""
-        if not self.low_passed:
+    def branches(self) -> tuple[Branch, ...]:
+        """Relaxation mechanism of low-passed stiffness damping: theory.md (2.18)."""
+        if self.corner is None or not self.low_passed:
             return ()
         rate = 2.0 * math.pi * self.corner
         return (Branch(rate, self._beta * rate, self._beta * rate),)
 
     @property
-    def step_factor(self):
-        """What low-passed stiffness damping leaves of the longest stable step."""
-        return (1.0 + sum(one.shear for one in self.branches)) ** -0.5
+    def step_factor(self) -> float:
+        """Factor of low-passed stiffness damping on the critical time step."""
+        return (1.0 + sum(branch.shear for branch in self.branches)) ** -0.5
 
-    def ratio_at(self, frequency):
-        """Share of critical damping at a frequency in Hz: theory.md (2.11), (2.18)."""
+    def ratio_at(self, frequency: float) -> float:
+        """Return the fraction of critical damping at a frequency in Hz; theory.md (2.11)."""
         omega = 2.0 * math.pi * frequency
         if self.low_passed:
             modulus = relative_modulus(self.branches, frequency)
-            return 0.5 * (self.alpha / omega - modulus.imag)
+            return 0.5 * (self.alpha / omega - np.imag(modulus).item())
         return 0.5 * (self.alpha / omega + self.beta * omega)

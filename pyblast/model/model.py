@@ -1,4 +1,4 @@
-"""Model: everything that is fixed during a run."""
+"""Model: mesh, materials, joints, boundaries, sources and receivers of a run."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -7,33 +7,46 @@ import numpy as np
 
 from ..errors import InputError
 from ..mesh.mesh import Mesh, edge_lengths, volumes
-from ..mesh.nodes import nodes_of
+from ..mesh.nodes import Nodes, nodes_of
 from ..mesh.ordering import make_patches, renumbered
-from .boundary import Rim, Viscous, check_boundaries
+from ..units import check_angle
+from .boundary import Boundary, Rim, StressInput, Viscous, check_boundaries
+from .ground_fields import GroundField
 from .joint import Joint
-from .material import Damping, Material
+from .material import Branch, Damping, Material, ZoneLaw
+from .source import Source
 
 
 @dataclass(frozen=True)
 class Receiver:
-    """A place where motion is wanted.
+    """Receiver: a place at which the motion is recorded.
 
     Parameters
     ----------
     name : str
     position : (3,) float, m
     azimuth : float or None, rad
-        Direction of the longitudinal component, clockwise from north; None keeps east and north.
+        Direction of the longitudinal component, clockwise from north; None: east and north.
+
+    Raises
+    ------
+    InputError
+        If the azimuth is in degrees.
     """
 
     name: str
     position: tuple[float, float, float]
     azimuth: float | None = None
 
+    def __post_init__(self) -> None:
+        """Check the azimuth."""
+        if self.azimuth is not None:
+            check_angle(f"receiver {self.name!r}.azimuth", self.azimuth)
+
 
 @dataclass(frozen=True)
 class InSitu:
-    """Stress before the blast: weight of the ground, horizontal over vertical stress, and more.
+    """In-situ stress: overburden, ratio of horizontal to vertical stress, uniform stress.
 
     Parameters
     ----------
@@ -41,7 +54,7 @@ class InSitu:
     horizontal_ratio : float
         Both horizontal stresses over the vertical one.
     stress : tuple of 6 float, Pa
-        Uniform stress beside that of the weight: xx yy zz yz zx xy, tension positive.
+        Uniform stress in addition to the overburden: xx yy zz yz zx xy, tension positive.
 
     Raises
     ------
@@ -53,8 +66,8 @@ class InSitu:
     horizontal_ratio: float = 0.5
     stress: tuple[float, ...] = (0.0,) * 6
 
-    def __post_init__(self):
-        """Refuse a stress that is none."""
+    def __post_init__(self) -> None:
+        """Check gravity, ratio and stress."""
         for name, unit in (("gravity", " m/s2"), ("horizontal_ratio", "")):
             value = getattr(self, name)
             if not 0.0 <= value < np.inf:
@@ -68,7 +81,7 @@ class InSitu:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """Blocks, joints, boundaries, sources and receivers.
+    """Model: mesh, materials, joints, boundaries, sources and receivers.
 
     Parameters
     ----------
@@ -79,42 +92,53 @@ class Model:
     joints : sequence of Joint
     boundaries : sequence of boundary conditions
     damping : Damping or dict of str to Damping, optional
-    sources : sequence of Hole or PointForce
+    sources : sequence of Source
+        `Hole`, `Column`, `PointForce`, `MomentTensor`, `Pressure`, `AirBlast` or `PlaneWave`.
     receivers : sequence of Receiver
     rim : Rim, optional
+        Absorbing layer.
     ground : sequence of Gradient, DamagedZone or Heterogeneity
-        Factors on the speeds of the materials.
+        Fields of factors on the wave speeds.
     insitu : InSitu, optional
-        Brings a static stage before the dynamic one.
+        In-situ stress; a static stage then precedes the dynamic one.
     added_mass : float
-        Largest share of the mass of each material that may be added to zones that would shorten
-        the time step.
+        Largest fraction of the mass of each material that may be added to zones with a small
+        critical time step (selective mass scaling).
     step_factor : float
         Time step over the critical one.
     quadratic : bool
-        Zones of 15 nodes in place of 4: a wave then needs 2 to 3 edges a length instead of 10 or
-        more. Linear isotropic ground only, joints of any law; theory.md (2.33) to (2.38).
+        Tetrahedra of 15 nodes instead of 4, which need 2 to 3 edges per wavelength instead of 10.
+        Linear isotropic ground only, joints of any law; theory.md (2.33) to (2.38).
     single : bool
-        March in numbers of four bytes: a third quicker, good to some 1e-4 of the peak motion.
+        Single precision: a third faster, accurate to about 1e-4 of the peak motion.
     local_damping : float
-        Share of the force on each node that acts against its motion. Only for slow loading to
-        failure, where waves are not wanted: 0.8 brings rest soonest.
+        Fraction of the unbalanced force on each node that opposes its motion (Cundall). Only for
+        quasi-static loading, without waves: 0.8 converges fastest.
 
     Raises
     ------
     InputError
-        If parts do not fit together: the message names the part.
+        If parts are inconsistent; the message names the part.
+
+    Examples
+    --------
+    >>> from pyblast.mesh.builder import structured_box
+    >>> mesh = structured_box((4, 4, 4), (40.0, 40.0, 40.0))
+    >>> rock = Material.from_speeds(2700.0, 5000.0, 3000.0)
+    >>> model = Model(mesh, {"rock": rock}, boundaries=[Viscous("bottom")])
+    >>> round(float(model.highest_frequency()["rock"]), 1)
+    23.8
     """
 
     mesh: Mesh
     materials: dict[str, Material]
     joints: tuple[Joint, ...] = ()
-    boundaries: tuple = ()
+    boundaries: tuple[Boundary, ...] = ()
     damping: Damping | dict[str, Damping] | None = None
-    sources: tuple = ()
+    sources: tuple[Source, ...] = ()
     receivers: tuple[Receiver, ...] = ()
     rim: Rim | None = None
-    ground: tuple = ()
+    ground: tuple[GroundField, ...] = ()
     insitu: InSitu | None = None
     added_mass: float = 0.0025
     step_factor: float = 0.8
@@ -123,8 +147,8 @@ class Model:
     single: bool = False
     _ordered: bool = field(default=False, repr=False)
 
-    def __post_init__(self):
-        """Refuse parts that do not fit; put nodes and zones in an order near in memory."""
+    def __post_init__(self) -> None:
+        """Check the parts; renumber nodes and zones for locality in memory."""
         for name in ("joints", "boundaries", "sources", "receivers", "ground"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         self._check_materials()
@@ -144,12 +168,12 @@ class Model:
             object.__setattr__(self, "_ordered", True)
 
     @cached_property
-    def nodes(self):
-        """The `Nodes` at which motion is kept."""
+    def nodes(self) -> Nodes:
+        """Nodes of the linear or quadratic zones."""
         return nodes_of(self.mesh, self.quadratic)
 
     def _check_materials(self):
-        """Every group needs a material that its law can take, and its damping if by group."""
+        """Check that every group has a material valid for its law, and its damping."""
         for group in self.mesh.groups:
             if group not in self.materials:
                 raise InputError(f"materials.{group}: missing; the mesh has a group of that name")
@@ -163,85 +187,86 @@ class Model:
                 )
 
     def _check_joints(self):
-        """Joints and split surfaces must be the same set."""
+        """Check that joints and split surfaces are the same set."""
         split = self.mesh.contacts.names if self.mesh.contacts is not None else ()
-        given = [joint.surface for joint in self.joints]
-        for name in given:
-            if name not in split or given.count(name) > 1:
+        surfaces = [joint.surface for joint in self.joints]
+        for name in surfaces:
+            if name not in split or surfaces.count(name) > 1:
                 raise InputError(
                     f"joints.{name}: must be one split surface of the mesh, split are "
                     f"{', '.join(split) or 'none'}"
                 )
         for name in split:
-            if name not in given:
+            if name not in surfaces:
                 raise InputError(f"joints.{name}: the mesh is split there, but no joint is given")
 
-    def with_joint(self, surface, **properties):
-        """Return the model with some properties of one joint changed (SI)."""
+    def with_joint(self, surface: str, **properties: float) -> "Model":
+        """Return the model with changed properties (SI) of one joint."""
         joints = tuple(
             replace(j, properties={**j.properties, **properties}) if j.surface == surface else j
             for j in self.joints
         )
         return replace(self, joints=joints)
 
-    def zone_values(self, name):
+    def zone_values(self, name: str) -> np.ndarray:
         """Return a property of the materials for every zone, (n_zones,) float64."""
         values = [float(getattr(self.materials[group], name)) for group in self.mesh.groups]
         power = {"density": 0.0, "cp": 1.0, "cs": 1.0}.get(name, 2.0)
         return np.array(values)[self.mesh.zone_group] * self.speed_factor**power
 
     @cached_property
-    def speed_factor(self):
-        """The factor of the fields of the ground on wave speeds, (n_zones,) or 1."""
+    def speed_factor(self) -> np.ndarray:
+        """Factor of the ground fields on the wave speeds, (n_zones,) or a scalar 1."""
         if not self.ground:
-            return np.float64(1.0)
+            return np.float64(1.0)  # pyright: ignore[reportReturnType]
         centres = self.mesh.points[self.mesh.zones].mean(axis=1)
         edges = edge_lengths(self.mesh).mean(axis=1)
         return np.prod([field.factor(centres, edges) for field in self.ground], axis=0)
 
-    def law(self, group):
-        """Return the law of the zones of a group."""
+    def law(self, group: str) -> ZoneLaw:
+        """Return the constitutive law of a group."""
         return self.materials[group].law
 
-    def branches(self, group):
-        """Return what relaxes in the zones of a group, by its law and by its damping."""
+    def branches(self, group: str) -> tuple[Branch, ...]:
+        """Return the relaxation mechanisms of a group, of its law and of its damping."""
         damping = self.damping[group] if isinstance(self.damping, dict) else self.damping
         return self.law(group).branches + (damping.branches if damping is not None else ())
 
-    def yielding(self):
-        """Tell for every zone whether its law can yield, (n_zones,) bool."""
+    def yielding(self) -> np.ndarray:
+        """Return whether the law of each zone is plastic, (n_zones,) bool."""
         yields = [self.law(group).name == "mohr-coulomb" for group in self.mesh.groups]
         return np.array(yields)[self.mesh.zone_group]
 
-    def patches(self):
-        """Return the patch of every zone, (n_zones,) from 0, -1 where its law can not yield."""
+    def patches(self) -> np.ndarray:
+        """Return the patch of each zone, (n_zones,) from 0, -1 where the law is not plastic."""
         return make_patches(self.mesh, self.yielding())
 
-    def zone_moduli(self):
-        """Return the Lame moduli of every zone after everything has relaxed, (n_zones,) Pa."""
+    def zone_moduli(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the relaxed Lame moduli of each zone, (n_zones,) Pa."""
         pairs = [self.law(group).moduli(self.materials[group]) for group in self.mesh.groups]
         return tuple(np.array(pairs)[self.mesh.zone_group].T * self.speed_factor**2)
 
-    def stiffest_moduli(self):
-        """Return the Lame moduli of every zone before anything relaxes, (n_zones,) Pa."""
+    def stiffest_moduli(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the unrelaxed Lame moduli of each zone, (n_zones,) Pa."""
         lame, shear = self.zone_moduli()
-        every = [self.branches(group) for group in self.mesh.groups]
+        mechanisms = [self.branches(group) for group in self.mesh.groups]
         of_s, of_p = (
-            1.0 + np.array([sum(getattr(one, wave) for one in some) for some in every])
+            1.0 + np.array([sum(getattr(b, wave) for b in branches) for branches in mechanisms])
             for wave in ("shear", "compression")
         )
         stiff = of_s[self.mesh.zone_group] * shear
         return of_p[self.mesh.zone_group] * (lame + 2.0 * shear) - 2.0 * stiff, stiff
 
-    def group_damping(self, name):
+    def group_damping(self, name: str) -> np.ndarray:
         """Return ``alpha`` (1/s) or ``beta`` (s) of the damping for every group, (n_groups,)."""
-        if self.damping is None:
+        damping = self.damping
+        if damping is None:
             return np.zeros(len(self.mesh.groups))
-        by_group = isinstance(self.damping, dict)
-        parts = [self.damping[g] if by_group else self.damping for g in self.mesh.groups]
+        by_group = damping if isinstance(damping, dict) else None
+        parts = [by_group[g] if by_group is not None else damping for g in self.mesh.groups]
         return np.array([getattr(part, name) for part in parts])
 
-    def zone_damping(self, name):
+    def zone_damping(self, name: str) -> np.ndarray:
         """Return ``alpha`` (1/s) or ``beta`` (s) of the damping for every zone, (n_zones,)."""
         values = self.group_damping(name)[self.mesh.zone_group]
         if self.rim is not None and name == "alpha":
@@ -249,10 +274,10 @@ class Model:
             values += self.rim.alpha(centres, self.zone_values("cs"))
         return values
 
-    def mean_edges(self):
-        """Return the mean edge of each group in m, by volume: small zones do not flatter it.
+    def mean_edges(self) -> dict[str, float]:
+        """Return the mean edge of each group in m, weighted by volume.
 
-        Zones in the rim, where waves only die, count where a group has no others.
+        Zones in the absorbing layer only count if a group has no others.
         """
         edge, weight = edge_lengths(self.mesh).mean(axis=1), volumes(self.mesh)
         group = self.mesh.zone_group
@@ -263,20 +288,20 @@ class Model:
         return dict(zip(self.mesh.groups, mean, strict=True))
 
     @property
-    def edges_per_wavelength(self):
-        """Edges that an S wave needs for an error of a few per cent: eq. (1), or a third of it."""
+    def edges_per_wavelength(self) -> float:
+        """Edges per S wavelength for an error of a few per cent: eq. (1), or a third of it."""
         return 3.0 if self.quadratic else 10.0
 
-    def highest_frequency(self):
-        """Return the frequency in Hz that each group carries: Cs over 10 mean edges, eq. (1)."""
+    def highest_frequency(self) -> dict[str, float]:
+        """Return the highest frequency of each group in Hz: Cs over 10 mean edges, eq. (1)."""
         return {
             group: self.materials[group].cs / (self.edges_per_wavelength * edge)
             for group, edge in self.mean_edges().items()
         }
 
-    def doubles(self, boundary):
-        """Tell whether a stress input is doubled: by its own word, or because of dashpots."""
+    def doubles(self, boundary: StressInput) -> bool:
+        """Return whether a stress input is doubled: as given, or if the surface is viscous."""
         if boundary.doubled is not None:
             return boundary.doubled
-        viscous = [one.surface for one in self.boundaries if isinstance(one, Viscous)]
+        viscous = [b.surface for b in self.boundaries if isinstance(b, Viscous)]
         return boundary.surface in viscous

@@ -1,94 +1,37 @@
-"""Plane waves that enter through viscous faces, with what a plane free surface sends back."""
+"""Plane waves through viscous boundaries, with their reflections at a plane free surface."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
 from ..errors import InputError
 from ..mesh.mesh import surface_areas, surface_zones
 from .boundary import Viscous
-from .source import TimeFunction
-
-SAME = 1e-6  # relative difference that media and planes may show
-
-
-@dataclass(frozen=True, eq=False)
-class PlaneWave:
-    """A plane wave from outside, seen by viscous faces as the motion that is there undisturbed.
-
-    Parameters
-    ----------
-    wave : str
-        "P", "SV" or "SH". Across a level ground SV shakes in the vertical plane of its path, along
-        its azimuth where it runs straight up; SH shakes to the right of that plane.
-    history : TimeFunction
-        Particle velocity along the polarisation, m/s, at the node of the mesh that it meets first.
-    azimuth : float, rad
-        Where it runs to, clockwise from north.
-    inclination : float, rad
-        Between its path and the vertical: 0 straight up.
-    surfaces : sequence of str
-        Viscous surfaces that see it; none named: all.
-    free_surface : str or None
-        A plane surface, level or not, that sends P and S waves back; the viscous surfaces see them
-        too. None: it is not there; nor is it where the surface is viscous itself.
-
-    Raises
-    ------
-    InputError
-        If the wave is unknown, begins before the run, or an angle is none.
-
-    Notes
-    -----
-    theory.md (4.8) to (4.11).
-    """
-
-    wave: str
-    history: TimeFunction
-    azimuth: float = 0.0
-    inclination: float = 0.0
-    surfaces: tuple[str, ...] = ()
-    free_surface: str | None = "top"
-
-    def __post_init__(self):
-        """Refuse what is no wave."""
-        object.__setattr__(self, "surfaces", tuple(self.surfaces))
-        if self.wave not in ("P", "SV", "SH"):
-            raise InputError(f"plane_wave.wave: must be P, SV or SH, got {self.wave!r}")
-        if self.history.start < 0.0:
-            raise InputError(
-                f"plane_wave.history: must begin at 0 or later, when it meets the model, got "
-                f"{self.history.start:g} s; shift it"
-            )
-        if not math.isfinite(self.azimuth):
-            raise InputError(f"plane_wave.azimuth: must be finite, got {self.azimuth:g} rad")
-        if not 0.0 <= self.inclination <= math.pi:
-            raise InputError(
-                f"plane_wave.inclination: must lie in 0 to pi, got {self.inclination:g} rad"
-            )
-
-    @property
-    def direction(self):
-        """Unit vector (3,) along the path."""
-        return polarisation("P", self.azimuth, self.inclination)
-
-    @property
-    def polarisation(self):
-        """Unit vector (3,) along which positive velocity points."""
-        return polarisation(self.wave, self.azimuth, self.inclination)
+from .model import Model
+from .source import PlaneWave, TimeFunction
 
 
-def polarisation(wave, azimuth, inclination):
-    """Return the unit vector (3,) of a wave's positive velocity; arguments as in `PlaneWave`."""
-    across = math.sin(inclination)
-    path = [across * math.sin(azimuth), across * math.cos(azimuth), math.cos(inclination)]
-    right = [math.cos(azimuth), -math.sin(azimuth), 0.0]
-    return np.array({"P": path, "SH": right, "SV": np.cross(path, right)}[wave])
+class NodalLoads(Protocol):
+    """Collector of nodal forces (n, 3) that follow functions of time, with delays (n,) in s."""
+
+    def add_history(self, function: TimeFunction) -> int: ...  # noqa: D102
+    def add(  # noqa: D102
+        self, nodes: np.ndarray, vectors: np.ndarray, number: int, delays: np.ndarray
+    ) -> None: ...
 
 
-def add_plane_wave(loads, model, wave, impedance):
-    """Add the tractions of a plane wave and of its reflections to the faces that see them.
+SAME = 1e-6  # relative tolerance for equal media and planes
+
+
+def add_plane_wave(
+    loads: NodalLoads,
+    model: Model,
+    wave: PlaneWave,
+    impedance: Callable[[str], dict[int, np.ndarray]],
+) -> None:
+    """Add the nodal forces of a plane wave and its reflections on viscous boundaries.
 
     Parameters
     ----------
@@ -124,19 +67,21 @@ def add_plane_wave(loads, model, wave, impedance):
             loads.add(nodes, force, number, delay)
 
 
-def stress_of(slowness, motion, lame, shear):
+def stress_of(slowness: np.ndarray, motion: np.ndarray, lame: float, shear: float) -> np.ndarray:
     """Return the stress (3, 3) of a wave ``v = motion f(t - slowness x)`` per ``f``; (4.9)."""
     both = np.outer(motion, slowness)
     return -(lame * (motion @ slowness) * np.eye(3) + shear * (both + both.T))
 
 
-def reflected(slowness, motion, cp, cs, normal):
-    """Return what a free surface sends back from a plane wave.
+def reflected(
+    slowness: np.ndarray, motion: np.ndarray, cp: float, cs: float, normal: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]] | None:
+    """Return the reflections of a plane wave at a free surface.
 
     Parameters
     ----------
     slowness, motion : (3,) float64
-        Of the incident wave, s/m, and its amplitude.
+        Slowness of the incident wave, s/m, and its amplitude.
     cp, cs : float, m/s
     normal : (3,) float64
         Unit, out of the ground.
@@ -144,16 +89,16 @@ def reflected(slowness, motion, cp, cs, normal):
     Returns
     -------
     list of (slowness (3,), motion (3,)), or None
-        None where P would be bound to the surface.
+        None beyond the critical angle of SV.
 
     Notes
     -----
-    P and two polarisations of S whose tractions cancel that of the incident wave: theory.md (4.11).
-    One S wave alone where the motion is along the surface and across the path.
+    P and two polarisations of S whose tractions cancel that of the incident wave: theory.md (4.11);
+    a single SH wave where the motion is parallel to the surface.
     """
     along = slowness - (slowness @ normal) * normal
     steep = 1.0 / np.array([cp, cs]) ** 2 - along @ along
-    if max(abs(motion @ normal), abs(motion @ slowness) * cs) < SAME:  # SH: as it came
+    if max(abs(motion @ normal), abs(motion @ slowness) * cs) < SAME:  # SH
         return [(along - math.sqrt(steep[1]) * normal, motion)]
     if steep[0] < 0.0:
         return None
@@ -161,14 +106,14 @@ def reflected(slowness, motion, cp, cs, normal):
     basis = np.linalg.svd(s[None, :])[2][1:]  # two unit vectors across the path of S
     units = [(p, p * cp), (s, basis[0]), (s, basis[1])]
     ratio = (cp / cs) ** 2 - 2.0
-    tractions = [stress_of(*unit, ratio, 1.0) @ normal for unit in units]
+    tractions = [stress_of(slow, v, ratio, 1.0) @ normal for slow, v in units]
     given = stress_of(slowness, motion, ratio, 1.0) @ normal
     gain = np.linalg.solve(np.array(tractions).T, -given)
     return [(p, gain[0] * units[0][1]), (s, gain[1] * basis[0] + gain[2] * basis[1])]
 
 
 def _trains(model, wave, cp, cs):
-    """Return slowness, motion and lag in s of the wave and of what the free surface sends back."""
+    """Return slowness, motion and lag in s of the incident and the reflected waves."""
     slowness = wave.direction / (cp if wave.wave == "P" else cs)
     incident = (slowness, wave.polarisation, 0.0)
     plane = _free_plane(model, wave)
@@ -193,7 +138,7 @@ def _trains(model, wave, cp, cs):
 
 
 def _faces(model, wave):
-    """Return the viscous surfaces that see a wave."""
+    """Return the viscous boundaries that a wave enters through."""
     viscous = [b.surface for b in model.boundaries if isinstance(b, Viscous)]
     for name in wave.surfaces:
         if name not in viscous:
@@ -207,34 +152,34 @@ def _faces(model, wave):
 
 
 def _medium(model, surfaces):
-    """Return density, cp and cs of the ground behind faces, which must be the same everywhere."""
+    """Return density, cp and cs of the ground behind the boundaries; it must be homogeneous."""
     zones = np.unique(np.concatenate([surface_zones(model.mesh, name) for name in surfaces]))
     if model.rim is not None:
         raise InputError("plane_wave: a rim would damp the wave along its faces; leave it out")
     media = {b.surface: b.media for b in model.boundaries if isinstance(b, Viscous)}
     for group in {model.mesh.groups[n] for n in model.mesh.zone_group[zones]}:
         for surface in surfaces:
-            law = media[surface].get(group, model.materials[group]).law
+            law = (media[surface].get(group) or model.materials[group]).law
             if law.name not in ("elastic", "mohr-coulomb") or law.branches:
                 raise InputError(
                     f"plane_wave: needs ground behind {surface!r} that is isotropic and does not "
-                    f"fade, got the law {type(law).__name__} of '{group}'"
+                    f"attenuate, got the law {type(law).__name__} of '{group}'"
                 )
     values = []
     for name, unit in (("density", "kg/m3"), ("cp", "m/s"), ("cs", "m/s")):
-        found = model.zone_values(name)[zones]
-        if np.ptp(found) > SAME * found.max():
+        value = model.zone_values(name)[zones]
+        if np.ptp(value) > SAME * value.max():
             raise InputError(
                 f"plane_wave: needs one medium behind {', '.join(surfaces)}, got {name} from "
-                f"{found.min():g} to {found.max():g} {unit}; give waves that run straight up "
+                f"{value.min():g} to {value.max():g} {unit}; give waves that run straight up "
                 "through layers by StressInput on the bottom and FreeField on the sides"
             )
-        values.append(float(found[0]))
+        values.append(float(value[0]))
     return values
 
 
 def _free_plane(model, wave):
-    """Return a place and the outward normal of the free surface, or None where there is none."""
+    """Return a point and the outward normal of the free surface, None if there is none."""
     name, mesh = wave.free_surface, model.mesh
     if name is None:
         return None
@@ -243,18 +188,18 @@ def _free_plane(model, wave):
             f"plane_wave.free_surface: no surface named {name!r}; there are "
             f"{', '.join(mesh.surfaces)}; None where no surface sends waves back"
         )
-    held = [b for b in model.boundaries if b.surface == name]
-    if any(isinstance(b, Viscous) for b in held):
+    conditions = [b for b in model.boundaries if b.surface == name]
+    if any(isinstance(b, Viscous) for b in conditions):
         return None
-    if held:
+    if conditions:
         raise InputError(
-            f"plane_wave.free_surface: {name!r} must be free, it has {type(held[0]).__name__}"
+            f"plane_wave.free_surface: {name!r} must be free, it has {type(conditions[0]).__name__}"
         )
     corner, area, normals = surface_areas(mesh, name)
-    quiet = [mesh.surfaces[b.surface].ravel() for b in model.boundaries if isinstance(b, Viscous)]
-    # Hills inside do not matter: what counts is the ground where it meets the faces.
-    rim = np.intersect1d(corner, np.concatenate(quiet))
-    places = mesh.points[rim] if _spread(mesh.points[rim]) else mesh.points[np.unique(corner)]
+    viscous = [mesh.surfaces[b.surface].ravel() for b in model.boundaries if isinstance(b, Viscous)]
+    # Only the edge along the viscous boundaries must be plane; hills inside do not matter.
+    edge = np.intersect1d(corner, np.concatenate(viscous))
+    places = mesh.points[edge] if _spread(mesh.points[edge]) else mesh.points[np.unique(corner)]
     middle = places.mean(axis=0)
     _, sizes, axes = np.linalg.svd(places - middle, full_matrices=False)
     if sizes[2] > SAME * sizes[0]:
@@ -266,7 +211,7 @@ def _free_plane(model, wave):
 
 
 def _spread(places):
-    """Tell whether places (n, 3) span a plane."""
+    """Return whether places (n, 3) span a plane."""
     if len(places) < 3:
         return False
     sizes = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)

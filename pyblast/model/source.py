@@ -1,16 +1,19 @@
 """Sources: holes, charge columns, point forces, moment tensors, pressure on surfaces."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from ..errors import InputError
+from ..units import check_angle
+from .material import Material
 
 
 @dataclass(frozen=True, eq=False)
 class TimeFunction:
-    """Samples of a function of time, zero before the first.
+    """Function of time, given by samples; zero before the first.
 
     Parameters
     ----------
@@ -18,12 +21,19 @@ class TimeFunction:
     dt : float, s
     start : float, s
     held : bool
-        Whether the last value stays after the end; else the function is zero there.
+        Whether the last value holds after the end; otherwise zero.
 
     Raises
     ------
     InputError
         If there are no samples, one is not finite, or the sampling is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> ramp = TimeFunction(np.array([0.0, 1.0, 2.0]), dt=0.1)
+    >>> ramp(np.array([0.05, 0.15, 0.3])).round(6).tolist()
+    [0.5, 1.5, 0.0]
     """
 
     values: np.ndarray
@@ -31,8 +41,8 @@ class TimeFunction:
     start: float = 0.0
     held: bool = False
 
-    def __post_init__(self):
-        """Refuse samples that are no function of time."""
+    def __post_init__(self) -> None:
+        """Check samples and sampling."""
         values = np.asarray(self.values, dtype=float)
         if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
             raise InputError("time function: values must be one row of finite numbers")
@@ -40,22 +50,22 @@ class TimeFunction:
             raise InputError(f"time function: dt must be positive, got {self.dt:g} s")
         object.__setattr__(self, "values", values)
 
-    def __call__(self, times):
-        """Read the function at ``times`` (n,) by a cubic spline through its samples."""
+    def __call__(self, times: np.ndarray) -> np.ndarray:
+        """Return the values at ``times`` (n,) by a cubic spline through the samples."""
         samples = self.start + self.dt * np.arange(len(self.values))
         spline = make_interp_spline(samples, self.values, k=min(3, len(samples) - 1))
         inside = (times >= samples[0]) & ((times <= samples[-1]) | self.held)
         return np.where(inside, spline(np.clip(times, samples[0], samples[-1])), 0.0)
 
-    def integral(self):
-        """Return the running integral from the start, by the trapezoidal rule; held at its end."""
+    def integral(self) -> "TimeFunction":
+        """Return the integral from the start by the trapezoidal rule; held at its end."""
         steps = 0.5 * self.dt * (self.values[1:] + self.values[:-1])
         return TimeFunction(np.append(0.0, np.cumsum(steps)), self.dt, self.start, held=True)
 
 
 @dataclass(frozen=True, eq=False)
 class Hole:
-    """A charged hole as an isotropic point source, M(t) = M1(t) W^e; theory.md (5.2).
+    """Charged hole: isotropic moment source M(t) = M1(t) W^e; theory.md (5.2).
 
     Parameters
     ----------
@@ -64,12 +74,17 @@ class Hole:
     time : float, s
         Firing time.
     moment_rate : TimeFunction
-        Of 1 kg, N m/s.
+        For 1 kg, N m/s.
     exponent : float
-        Of the charge.
+        Exponent of the charge.
     spread : float or None, m
-        Radius over which the source is spread so that the mesh does not print through; None
-        takes one mean edge of the zone around it, 0 puts it into that zone alone.
+        Radius over which the source is distributed to reduce mesh effects; None: one mean edge of
+        the zone at the hole; 0: that zone only.
+
+    Raises
+    ------
+    InputError
+        If the charge is not positive or the time negative.
     """
 
     position: np.ndarray
@@ -79,8 +94,8 @@ class Hole:
     exponent: float = 1.0
     spread: float | None = None
 
-    def __post_init__(self):
-        """Refuse charges and times that are none."""
+    def __post_init__(self) -> None:
+        """Check charge and time."""
         if not self.charge > 0.0:
             raise InputError(f"hole.charge: must be positive, got {self.charge:g} kg")
         if not self.time >= 0.0:
@@ -89,13 +104,13 @@ class Hole:
 
 @dataclass(frozen=True, eq=False)
 class PointForce:
-    """A force at a point, such as a hammer on the ground; theory.md (5.3).
+    """Point force, such as a hammer blow; theory.md (5.3).
 
     Parameters
     ----------
     position : (3,) float, m
     direction : (3,) float
-        Its length scales the history.
+        Its length multiplies the history.
     history : TimeFunction
         Force, N.
     """
@@ -107,18 +122,18 @@ class PointForce:
 
 @dataclass(frozen=True, eq=False)
 class MomentTensor:
-    """A moment tensor at a point; theory.md (5.8).
+    """Moment tensor source; theory.md (5.8).
 
     Parameters
     ----------
     position : (3,) float, m
     tensor : (3, 3) float
-        Symmetric, east north up; its size scales the history.
+        Symmetric, east north up; multiplies the history.
     time : float, s
     moment_rate : TimeFunction
         N m/s.
     spread : float or None, m
-        As of `Hole`.
+        As in `Hole`.
 
     Raises
     ------
@@ -132,34 +147,34 @@ class MomentTensor:
     moment_rate: TimeFunction
     spread: float | None = None
 
-    def __post_init__(self):
-        """Refuse what is no tensor."""
+    def __post_init__(self) -> None:
+        """Check shape and symmetry."""
         tensor = np.asarray(self.tensor, dtype=float)
         if tensor.shape != (3, 3) or not np.isfinite(tensor).all():
             raise InputError("moment tensor: must be three rows of three finite numbers")
         if not np.allclose(tensor, tensor.T, atol=1e-9 * max(np.abs(tensor).max(), 1e-300)):
-            raise InputError("moment tensor: must be symmetric, or it would turn rock")
+            raise InputError("moment tensor: must be symmetric, or it would exert a torque")
         object.__setattr__(self, "tensor", tensor)
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A long charge that detonates from one end to the other; theory.md (5.9).
+    """Charge column that detonates from one end to the other; theory.md (5.9).
 
     Parameters
     ----------
     primed, end : (3,) float, m
-        Where it is initiated, and its other end.
+        Initiation point, and the other end.
     charge : float, kg
     time : float, s
         Firing time.
     moment_rate : TimeFunction
-        Of 1 kg, N m/s; a third of the trace, so that a column is as strong as a `Hole`.
+        For 1 kg, N m/s: one third of the trace, as for `Hole`.
     exponent : float
-        Of the charge.
+        Exponent of the charge.
     detonation_speed : float, m/s
     sources : int or None
-        Points that stand for the column; None: one for each mean edge of the zones it crosses.
+        Number of point sources; None: one per mean edge of the zones along the column.
 
     Raises
     ------
@@ -168,8 +183,7 @@ class Column:
 
     Notes
     -----
-    Pressure in a long hole: moment across over moment along as (lambda + 2 mu) : lambda, Heelan
-    (1953).
+    Pressure in a long hole: transverse to axial moment is (lambda + 2 mu) : lambda, Heelan (1953).
     """
 
     primed: np.ndarray
@@ -181,8 +195,8 @@ class Column:
     detonation_speed: float = 4500.0
     sources: int | None = None
 
-    def __post_init__(self):
-        """Refuse what is no column."""
+    def __post_init__(self) -> None:
+        """Check charge, speed, length and time."""
         length = float(np.linalg.norm(np.subtract(self.end, self.primed)))
         for name, value, unit in (
             ("charge", self.charge, "kg"),
@@ -195,25 +209,25 @@ class Column:
         if not self.time >= 0.0:
             raise InputError(f"column.time: must not be negative, got {self.time:g} s")
 
-    def tensor(self, material):
-        """Return the moment tensor (3, 3) in a material, the mean of its diagonal being one."""
+    def tensor(self, material: Material) -> np.ndarray:
+        """Return the moment tensor (3, 3) in a material, normalised to a mean diagonal of one."""
         axis = np.subtract(self.end, self.primed)
         axis = axis / np.linalg.norm(axis)
         across, along = material.first_lame + 2.0 * material.shear, material.first_lame
         mean = (2.0 * across + along) / 3.0
         return (across * np.eye(3) + (along - across) * np.outer(axis, axis)) / mean
 
-    def points(self, count):
-        """Return places (n, 3) of the points and their delays (n,) in s."""
+    def points(self, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions (n, 3) of the point sources and their delays (n,) in s."""
         share = (np.arange(count) + 0.5) / count
-        way = np.subtract(self.end, self.primed)
-        delays = share * np.linalg.norm(way) / self.detonation_speed
-        return np.asarray(self.primed) + share[:, None] * way, delays
+        axis = np.subtract(self.end, self.primed)
+        delays = share * np.linalg.norm(axis) / self.detonation_speed
+        return np.asarray(self.primed) + share[:, None] * axis, delays
 
 
 @dataclass(frozen=True, eq=False)
 class Pressure:
-    """A pressure on a surface of the mesh, such as the wall of a hole; theory.md (5.10).
+    """Pressure on a surface of the mesh, such as the wall of a hole; theory.md (5.10).
 
     Parameters
     ----------
@@ -221,9 +235,9 @@ class Pressure:
     history : TimeFunction
         Pa, positive into the ground.
     start : (3,) float, m, optional
-        Where it begins, if it runs.
+        Origin of a travelling pressure.
     speed : float, m/s
-        At which it runs from there; infinite: everywhere at once.
+        Travel speed; infinite: everywhere at once.
 
     Raises
     ------
@@ -236,13 +250,13 @@ class Pressure:
     start: np.ndarray | None = None
     speed: float = np.inf
 
-    def __post_init__(self):
-        """Refuse a speed that is none."""
+    def __post_init__(self) -> None:
+        """Check the speed."""
         if not self.speed > 0.0:
             raise InputError(f"pressure.speed: must be positive, got {self.speed:g} m/s")
 
-    def at(self, places):
-        """Return shares (n,) of the history and delays (n,) in s at places (n, 3)."""
+    def at(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return factors (n,) on the history and delays (n,) in s at places (n, 3)."""
         if self.start is None or np.isinf(self.speed):
             return np.ones(len(places)), np.zeros(len(places))
         return np.ones(len(places)), np.linalg.norm(places - self.start, axis=1) / self.speed
@@ -250,22 +264,22 @@ class Pressure:
 
 @dataclass(frozen=True, eq=False)
 class AirBlast:
-    """A pressure that runs through the air over a free surface; theory.md (5.11).
+    """Air blast: pressure travelling over a free surface; theory.md (5.11).
 
     Parameters
     ----------
     surface : str
     position : (3,) float, m
-        Where it comes from, such as the collar of a hole.
+        Origin, such as the collar of a hole.
     history : TimeFunction
-        Overpressure in Pa at the reference distance, from its arrival there on.
+        Overpressure in Pa at the reference distance, from its arrival.
     reference : float, m
-        Nearer than this the pressure does not grow.
+        The pressure is constant within this distance.
     speed : float, m/s
     exponent : float
         Decay with distance.
     time : float, s
-        When it leaves the place.
+        Time of emission.
 
     Raises
     ------
@@ -281,8 +295,8 @@ class AirBlast:
     exponent: float = 1.0
     time: float = 0.0
 
-    def __post_init__(self):
-        """Refuse what is no blast of air."""
+    def __post_init__(self) -> None:
+        """Check distance, speed, exponent and time."""
         for name, unit in (("reference", "m"), ("speed", "m/s")):
             value = getattr(self, name)
             if not 0.0 < value < np.inf:
@@ -292,8 +306,86 @@ class AirBlast:
                 value = getattr(self, name)
                 raise InputError(f"air_blast.{name}: must not be negative, got {value:g}")
 
-    def at(self, places):
-        """Return shares (n,) of the history and delays (n,) in s at places (n, 3)."""
+    def at(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return factors (n,) on the history and delays (n,) in s at places (n, 3)."""
         distance = np.linalg.norm(places - np.asarray(self.position, dtype=float), axis=1)
         share = (np.maximum(distance, self.reference) / self.reference) ** -self.exponent
         return share, self.time + distance / self.speed
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneWave:
+    """Plane wave from outside, which enters through viscous boundaries.
+
+    Parameters
+    ----------
+    wave : str
+        "P", "SV" or "SH". SV is polarised in the vertical plane of propagation, along the azimuth
+        for vertical incidence; SH to the right of that plane.
+    history : TimeFunction
+        Particle velocity along the polarisation, m/s, at the first node that the wave reaches.
+    azimuth : float, rad
+        Direction of propagation, clockwise from north.
+    inclination : float, rad
+        Angle of propagation from the vertical; 0 is straight up.
+    surfaces : sequence of str
+        Viscous boundaries through which it enters; empty: all.
+    free_surface : str or None
+        Plane surface, horizontal or not, at which P and S are reflected; the reflections act on
+        the viscous boundaries too. None, or a viscous surface: no reflections.
+
+    Raises
+    ------
+    InputError
+        If the wave is unknown, begins before the run, or an angle is out of range or in degrees.
+
+    Notes
+    -----
+    theory.md (4.8) to (4.11).
+    """
+
+    wave: str
+    history: TimeFunction
+    azimuth: float = 0.0
+    inclination: float = 0.0
+    surfaces: tuple[str, ...] = ()
+    free_surface: str | None = "top"
+
+    def __post_init__(self) -> None:
+        """Check type, history and angles."""
+        object.__setattr__(self, "surfaces", tuple(self.surfaces))
+        if self.wave not in ("P", "SV", "SH"):
+            raise InputError(f"plane_wave.wave: must be P, SV or SH, got {self.wave!r}")
+        if self.history.start < 0.0:
+            raise InputError(
+                f"plane_wave.history: must begin at 0 or later, when it meets the model, got "
+                f"{self.history.start:g} s; shift it"
+            )
+        if not math.isfinite(self.azimuth):
+            raise InputError(f"plane_wave.azimuth: must be finite, got {self.azimuth:g} rad")
+        check_angle("plane_wave.azimuth", self.azimuth)
+        if not 0.0 <= self.inclination <= math.pi:
+            raise InputError(
+                f"plane_wave.inclination: must lie in 0 to pi rad, got {self.inclination:g}"
+            )
+
+    @property
+    def direction(self) -> np.ndarray:
+        """Unit vector (3,) of propagation."""
+        return polarisation("P", self.azimuth, self.inclination)
+
+    @property
+    def polarisation(self) -> np.ndarray:
+        """Unit vector (3,) of positive velocity."""
+        return polarisation(self.wave, self.azimuth, self.inclination)
+
+
+def polarisation(wave: str, azimuth: float, inclination: float) -> np.ndarray:
+    """Return the unit vector (3,) of a wave's positive velocity; arguments as in `PlaneWave`."""
+    across = math.sin(inclination)
+    path = [across * math.sin(azimuth), across * math.cos(azimuth), math.cos(inclination)]
+    right = [math.cos(azimuth), -math.sin(azimuth), 0.0]
+    return np.array({"P": path, "SH": right, "SV": np.cross(path, right)}[wave])
+
+
+Source = Hole | PointForce | MomentTensor | Column | Pressure | AirBlast | PlaneWave

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..runs.blast_ensemble import BlastSpectra
@@ -62,16 +63,16 @@ def rows_pattern(n_rows: int, holes_per_row: int) -> np.ndarray:
 
 def best_delays(
     spectra: BlastSpectra,
-    pattern,
-    low,
-    high,
+    pattern: ArrayLike,
+    low: ArrayLike,
+    high: ArrayLike,
     scatter: FiringScatter,
     *,
     step: float = 1e-3,
     points: int = 12,
-    limits=1.0,
+    limits: ArrayLike = 1.0,
     share: float = 0.9,
-    scales=1.0,
+    scales: ArrayLike = 1.0,
     allowed: Callable | None = None,
     n_blasts: int = SEARCHED,
     seed: int = 0,
@@ -137,19 +138,29 @@ def best_delays(
     apart = np.maximum(most // max(points - 1, 1), 1)
     while True:
         apart = np.maximum(apart // 2, 1)
-        best = sorted(found, key=found.get)[:BEST]
+        best = sorted(found, key=found.__getitem__)[:BEST]
         steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * len(low)), -1).reshape(-1, len(low)) * apart
         around = (np.clip(np.array(place) + one, 0, most) for place in best for one in steps)
         before = len(found)
         look(tuple(place.tolist()) for place in around)
         if (apart == 1).all() and len(found) == before:
             break
-    delays = low + step * np.array(min(found, key=found.get))
+    delays = low + step * np.array(min(found, key=found.__getitem__))
     tried = np.array([[*(low + step * np.array(place)), value] for place, value in found.items()])
     return BestDelays(delays, pattern @ delays, tried)
 
 
-def severity(spectra, times, scatter, limits, share, *, scales=1.0, n_blasts=FRESH, seed=1):
+def severity(
+    spectra: BlastSpectra,
+    times: ArrayLike,
+    scatter: FiringScatter,
+    limits: ArrayLike,
+    share: float,
+    *,
+    scales: ArrayLike = 1.0,
+    n_blasts: int = FRESH,
+    seed: int = 1,
+) -> float:
     """Return what the largest peak over its limit stays below in this share of drawn blasts."""
     return float(
         np.quantile(_worst(spectra, times, scatter, limits, scales, n_blasts, seed), share)
@@ -158,13 +169,13 @@ def severity(spectra, times, scatter, limits, share, *, scales=1.0, n_blasts=FRE
 
 def gain(
     spectra: BlastSpectra,
-    before,
-    after,
+    before: ArrayLike,
+    after: ArrayLike,
     scatter: FiringScatter,
     *,
-    limits=1.0,
+    limits: ArrayLike = 1.0,
     share: float = 0.9,
-    scales=1.0,
+    scales: ArrayLike = 1.0,
     n_blasts: int = FRESH,
     seed: int = 1,
 ) -> Gain:
@@ -190,8 +201,9 @@ def gain(
     """
     pair = [_worst(spectra, times, scatter, limits, scales, n_blasts, seed)
             for times in (before, after)]  # fmt: skip
-    values = [float(np.quantile(each, share)) for each in pair]
-    return Gain(share, *values, 1.0 - values[1] / values[0], _interval(*pair, share, seed))
+    first, second = (float(np.quantile(each, share)) for each in pair)
+    spread = _interval(pair[0], pair[1], share, seed)
+    return Gain(share, first, second, 1.0 - second / first, spread)
 
 
 def _interval(before, after, share, seed):
@@ -258,21 +270,21 @@ class DelayPlan:
 
 def plan_delays(
     spectra: BlastSpectra,
-    pattern,
-    low,
-    high,
+    pattern: ArrayLike,
+    low: ArrayLike,
+    high: ArrayLike,
     scatter: FiringScatter,
     *,
-    planned,
-    limits,
+    planned: ArrayLike,
+    limits: ArrayLike,
     step: float,
     share: float,
-    scales=1.0,
+    scales: ArrayLike = 1.0,
     allowed: Callable | None = None,
     n_blasts: int,
     seed: int,
 ) -> DelayPlan:
-    """Search delays, then fire the plan that is there and the best one on fresh draws.
+    """Search delays, then compare the present plan and the best one on new draws.
 
     Parameters
     ----------

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import stats
 
 from ..errors import InputError
@@ -43,7 +44,9 @@ class FiringScatter:
             if not 0.0 <= value < math.inf:
                 raise InputError(f"firing scatter: {name} must not be negative, got {value:g}")
 
-    def drawn(self, times, n_blasts: int, seed, scales=1.0):
+    def drawn(
+        self, times: ArrayLike, n_blasts: int, seed: int, scales: ArrayLike = 1.0
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Draw blasts around a plan; theory.md (13.6).
 
         Parameters
@@ -67,7 +70,7 @@ class FiringScatter:
         factor = unsure[:, 1:] * self.charge * strong + self.blast * deviations[:, 2:3]
         return times + sigma * late, np.asarray(scales) * np.exp(factor)
 
-    def reach(self, times) -> tuple[float, float]:
+    def reach(self, times: ArrayLike) -> tuple[float, float]:
         """Return the earliest and the latest time in s that can be drawn for a plan."""
         times = np.asarray(times, dtype=float)
         most = math.exp(FARTHEST * self.doubt) * FARTHEST
@@ -110,7 +113,7 @@ class PeakBands:
         ranks = stats.binom.ppf([0.5 - 0.5 * sure, 0.5 + 0.5 * sure], n, share).astype(int)
         return self.peaks[np.clip(ranks - [1, 0], 0, n - 1)]  # the first counts from one
 
-    def coverage(self, peaks, share: float) -> float:
+    def coverage(self, peaks: np.ndarray, share: float) -> float:
         """Return how many of some other peaks (n_others, n_receivers) lie in the band."""
         low, high = self.band(share)
         return float(np.mean((peaks >= low) & (peaks <= high)))
@@ -118,15 +121,15 @@ class PeakBands:
 
 def peak_bands(
     spectra: BlastSpectra,
-    times,
+    times: ArrayLike,
     scatter: FiringScatter,
     *,
-    scales=1.0,
+    scales: ArrayLike = 1.0,
     n_blasts: int = N_BLASTS,
     seed: int = 0,
     quantity: str = "ppv",
 ) -> PeakBands:
-    """Fire a plan many times on paper.
+    """Simulate the peaks of a plan by Monte Carlo draws of times and charges.
 
     Parameters
     ----------
@@ -153,7 +156,15 @@ def peak_bands(
     return PeakBands(tuple(one.name for one in spectra.receivers), np.sort(peaks, axis=0))
 
 
-def drawn_peaks(spectra, times, scatter, scales, n_blasts, seed, quantity="ppv"):
+def drawn_peaks(
+    spectra: BlastSpectra,
+    times: ArrayLike,
+    scatter: FiringScatter,
+    scales: ArrayLike,
+    n_blasts: int,
+    seed: int,
+    quantity: str = "ppv",
+) -> np.ndarray:
     """Return peaks (n_blasts, n_receivers) in m/s in the order of their drawing."""
     if quantity not in QUANTITIES:
         raise InputError(f'quantity: must be "ppv" or "pvs", got {quantity!r}')

@@ -236,8 +236,8 @@ def fault_low_pass(name, stiffness, group, material, frequency, band):
         f"The fault {name} is itself a low-pass",
         f"In '{group}' its corner is {corners[0]:.1f} Hz (P) and {corners[1]:.1f} Hz (S); it "
         f"passes {listed} (P/S). By amplitude alone its stiffness can't be told from damping, "
-        f"soil or mesh (what waveforms tell: backanalyse --plan); at {frequency:.3g} Hz +10 % of "
-        f"kn gives {100 * gain[0]:+.0f} % P, of ks {100 * gain[1]:+.0f} % S (D9).",
+        f"soil or mesh (by waveforms: backanalyse --design-survey); at {frequency:.3g} Hz +10 % "
+        f"of kn gives {100 * gain[0]:+.0f} % P, of ks {100 * gain[1]:+.0f} % S (D9).",
         numbers={"corner_p": corners[0], "corner_s": corners[1], "gain_p": gain[0],
                  "gain_s": gain[1]}
         | {f"t_{key}": v for key, v in by_wave({f"{f:g}": pair for f, pair in at.items()}).items()},

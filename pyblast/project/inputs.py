@@ -12,8 +12,7 @@ from ..blasts.site_law import scaled_distance_ppv
 from ..blasts.superposition import superpose, travel_shifts
 from ..errors import InputError
 from ..model.boundary import StressInput, VelocityInput
-from ..model.plane_wave import PlaneWave, polarisation
-from ..model.source import TimeFunction
+from ..model.source import PlaneWave, TimeFunction, polarisation
 from ..recordings.recording import Recording, read_recording
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..signals.spectra import LowPassed, lowpass

@@ -5,6 +5,7 @@ import math
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -142,7 +143,7 @@ def write_csv(path, seismogram):
     write_text(path, "\n".join([",".join(heads), *lines]) + "\n")
 
 
-def plain(value):
+def plain(value) -> Any:
     """Turn numpy numbers and arrays into what JSON knows; numbers that are none become null."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}

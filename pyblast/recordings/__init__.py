@@ -1,1 +1,1 @@
-"""Records of seismographs and geophone lines, in the formats that instruments write."""
+"""Recordings of blast seismographs and geophone lines: file formats and checks."""

@@ -1,7 +1,8 @@
-"""Gather: many channels of one shot on a line of geophones, from SEG-2 and SEG-Y."""
+"""Shot gathers: all channels of a geophone line for one shot, from SEG-2 and SEG-Y."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -15,7 +16,7 @@ _LENGTH_UNITS = {"METERS": "m", "CENTIMETERS": "cm", "FEET": "ft", "MILLIMETERS"
 
 @dataclass(frozen=True, eq=False)
 class Gather:
-    """Hold the channels that recorded one shot.
+    """Shot gather: the channels of a geophone line for one shot.
 
     Parameters
     ----------
@@ -24,17 +25,17 @@ class Gather:
     start : float, s
         Time of the first sample from the trigger; negative with a pre-trigger.
     source_position : (3,) float64, m
-        NaN where the header does not tell.
+        NaN where the header has none.
     receiver_positions : (n_channels, 3) float64, m
-        NaN where the headers do not tell, or give every channel the same place.
+        NaN where the headers have none, or the same for every channel.
     unit : str
         "V" where the header scales the samples, otherwise "counts".
     dead : (n_channels,) bool
-        Channels that never move.
+        Channels with constant samples.
     clipped : (n_channels, n_samples) bool
         Samples at the converter's full scale.
     full_scale : float or None, ``unit``
-        Given, or found as a plateau in one of the channels; None where nothing clips.
+        As given, or detected as a plateau in one of the channels; None where nothing clips.
     header : dict
         Header values; a tuple where they differ between channels.
     """
@@ -50,10 +51,10 @@ class Gather:
     full_scale: float | None = None
     label: str = ""
     time: str = ""
-    header: dict = field(default_factory=dict)
+    header: dict[str, Any] = field(default_factory=dict)
 
-    def __post_init__(self):
-        """Check that the shapes belong together."""
+    def __post_init__(self) -> None:
+        """Check the shapes."""
         n_channels, n_samples = np.shape(self.data)
         expected = {
             "receiver_positions": (n_channels, 3), "source_position": (3,),
@@ -66,12 +67,12 @@ class Gather:
                 )
 
     @property
-    def times(self):
+    def times(self) -> np.ndarray:
         """Time of each sample, (n_samples,) s."""
         return self.start + self.dt * np.arange(self.data.shape[1])
 
     @property
-    def offsets(self):
+    def offsets(self) -> np.ndarray:
         """Distance of each receiver from the source, (n_channels,) m."""
         return np.linalg.norm(self.receiver_positions - self.source_position, axis=1)
 
@@ -83,29 +84,34 @@ def read_gather(
     full_scale: float | None = None,
     max_bytes: int = MAX_FILE_BYTES,
 ) -> Gather:
-    """Read the channels of one shot from SEG-2 or SEG-Y.
+    """Read a shot gather from SEG-2 or SEG-Y.
 
     Parameters
     ----------
     path : str or Path
     format : str, optional
-        "SEG2" or "SEGY"; found by content if not given.
+        "SEG2" or "SEGY"; detected from the content if not given.
     full_scale : float, optional
-        Level of clipping in the unit of the file; searched for as a plateau if not given.
+        Level of clipping in the unit of the file; detected as a plateau if not given.
     max_bytes : int
-        Larger files are refused before they are read.
+        Largest size of the file.
 
     Raises
     ------
     InputError
-        If ``format`` is another one.
+        If ``format`` is unknown.
     ReadError
-        If the file is none of these, is cut short, or its channels do not belong together.
+        If the file has another format, is cut short, or its channels differ in sampling.
 
     Notes
     -----
     The SEG-2 header DESCALING_FACTOR turns counts into millivolts; SEG-2 positions are in the
-    header's UNITS. ``full_scale`` found in one channel holds for all: they share a converter.
+    header's UNITS. A full scale detected in one channel holds for all: they share a converter.
+
+    Examples
+    --------
+    >>> gather = read_gather("shot_012.sg2")  # doctest: +SKIP
+    >>> gather.offsets.max()  # doctest: +SKIP
     """
     path = Path(path)
     content = read_bytes(path, max_bytes)
@@ -129,7 +135,7 @@ def read_gather(
 
 
 def _clipped(data, full_scale):
-    """Mark what is at full scale, given or found in any of the channels."""
+    """Return the clipped samples and the full scale, given or detected in any channel."""
     if full_scale is not None:
         return np.abs(data) >= full_scale * (1.0 - 1e-6), full_scale
     levels = [level for level in map(plateau_level, data) if level is not None]
@@ -139,7 +145,7 @@ def _clipped(data, full_scale):
 
 
 def _seg2_header(path, traces):
-    """Take scale, delay and places from SEG-2 headers."""
+    """Read scale, delay and positions from SEG-2 headers."""
     headers = [dict(trace.stats.seg2) for trace in traces]
     scaled = [header.get("DESCALING_FACTOR") for header in headers]
     factor = 1.0
@@ -164,7 +170,7 @@ def _seg2_header(path, traces):
 
 
 def _segy_header(path, traces):
-    """Take delay and places from SEG-Y trace headers."""
+    """Read delay and positions from SEG-Y trace headers."""
     headers = [trace.stats.segy.trace_header for trace in traces]
     delays = {header.delay_recording_time for header in headers}
     if len(delays) > 1:
@@ -186,7 +192,7 @@ def _segy_header(path, traces):
 
 
 def _place(path, channel, key, header):
-    """Read one to three coordinates; NaN where there are none."""
+    """Read one to three coordinates; NaN if absent."""
     texts = str(header.get(key, "")).split()[:3]
     values = [_number(path, channel, key, text) for text in texts]
     return np.array(values + [0.0] * (3 - len(values))) if values else np.full(3, np.nan)
@@ -204,7 +210,7 @@ def _number(path, channel, key, text):
 
 
 def _summary(headers):
-    """Keep one value where all channels agree and a tuple where they differ."""
+    """Return one value per key where all channels agree, a tuple where they differ."""
     keys = dict.fromkeys(key for header in headers for key in header)
     columns = {key: [header.get(key, "") for header in headers] for key in keys}
     return {

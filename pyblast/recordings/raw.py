@@ -1,11 +1,11 @@
-"""Raw records: text lines and samples of a recorder, clipping, dead channels, printed peaks."""
+"""Raw records: parsing of text and units, clipping, dead channels, printed peak values."""
 
 import csv
 import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ _QUANTITY = re.compile(r"([<>]?)\s*([-+]?[\d.,]*\d(?:[eE][-+]?\d+)?)\s*(.*)")
 
 
 class Printed(NamedTuple):
-    """A value that the device printed: SI value, step of its last digit, and "<", ">" or ""."""
+    """Value printed by the instrument: SI value, step of its last digit, and "<", ">" or ""."""
 
     value: float
     step: float
@@ -31,7 +31,7 @@ class Printed(NamedTuple):
 
 @dataclass(frozen=True)
 class RawRecord:
-    """Samples and header of one record, named but not yet turned, judged or checked.
+    """Raw record: samples and header as read, before checks and rotation.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class RawRecord:
     time : str
         ISO time stamp of the file.
     printed : dict of str to Printed
-        Values that the device computed itself, for the self-check.
+        Values computed by the instrument, for the self-check.
     unit : str
         "m_per_s", or "counts" while the instrument response is still in the samples.
     """
@@ -57,13 +57,13 @@ class RawRecord:
     serial: str = ""
     full_scale: float | None = None
     time: str = ""
-    header: dict = field(default_factory=dict)
+    header: dict[str, Any] = field(default_factory=dict)
     printed: dict[str, Printed] = field(default_factory=dict)
     unit: str = "m_per_s"
 
 
 def read_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
-    """Read a regular file whose size is known to be bearable."""
+    """Read a regular file that is not larger than ``max_bytes``."""
     if not path.is_file():
         raise ReadError(f"{path}: expected a file, found {'a folder' if path.is_dir() else 'none'}")
     size = path.stat().st_size
@@ -75,7 +75,7 @@ def read_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
 
 
 def decode_lines(path: Path, content: bytes) -> list[str]:
-    """Turn bytes into lines; a UTF-8 mark is dropped, UTF-16 and binary content are refused."""
+    """Decode text lines; drops a UTF-8 mark, refuses UTF-16 and binary content."""
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise ReadError(f"{path}: is UTF-16 text, save it as UTF-8")
     if b"\0" in content:
@@ -116,7 +116,7 @@ def unit_factor(symbol: str, place: str) -> float:
 
 
 def velocity_factor(symbol: str, place: str) -> float:
-    """Return the factor to m/s, refusing a unit that isn't one of velocity."""
+    """Return the factor to m/s; raise ReadError unless the unit is one of velocity."""
     suffix = symbol.strip().lower().replace("/", "_per_")
     if not suffix.endswith(("_per_s", "_per_sec")):
         raise ReadError(f"{place}: expected a unit of velocity such as mm/s, got '{symbol[:40]}'")
@@ -124,7 +124,7 @@ def velocity_factor(symbol: str, place: str) -> float:
 
 
 def number(text: str, place: str, decimal: str = ".") -> float:
-    """Turn text into a finite number."""
+    """Parse a finite number."""
     cleaned = text.strip()
     if decimal == ",":
         if "." in cleaned:
@@ -140,7 +140,7 @@ def number(text: str, place: str, decimal: str = ".") -> float:
 
 
 def quantity(text: str, place: str, unit: str = "") -> Printed | None:
-    """Turn ``12.5 mm/s`` or ``>100 Hz`` into SI; None where nothing was measured."""
+    """Parse a quantity such as ``12.5 mm/s`` or ``>100 Hz`` into SI; None if not measured."""
     if text.strip().lower() in ("", "n/a", "na", "-", "--", "---", "oorange"):
         return None
     match = _QUANTITY.fullmatch(text.strip())
@@ -156,7 +156,7 @@ def quantity(text: str, place: str, unit: str = "") -> Printed | None:
 
 
 def sampling_step(rate: float, place: str) -> float:
-    """Return the time step of a sampling rate that a recorder can have."""
+    """Return the sampling interval of a plausible sampling rate."""
     if not SLOWEST_RATE <= rate <= FASTEST_RATE:
         raise ReadError(
             f"{place}: sampling rate must lie between {SLOWEST_RATE:g} and "
@@ -168,7 +168,7 @@ def sampling_step(rate: float, place: str) -> float:
 def read_columns(
     path: Path, rows: list[tuple[int, list[str]]], columns: dict[str, int], width: int | None = None
 ) -> dict[str, np.ndarray]:
-    """Turn numbered rows of cells into columns of finite numbers.
+    """Parse numbered rows of cells into columns of finite numbers.
 
     Parameters
     ----------
@@ -197,8 +197,10 @@ def read_columns(
     return {name: _column(path, rows, name, column) for name, column in columns.items()}
 
 
-def uniform_step(path: Path, times: np.ndarray, lines: list[int], rate: float | None = None):
-    """Return the time step of a time column, checked for holes and against the stated rate."""
+def uniform_step(
+    path: Path, times: np.ndarray, lines: list[int], rate: float | None = None
+) -> float:
+    """Return the sampling interval of a time column, checked for gaps and the stated rate."""
     growth = (times[-1] - times[0]) / (len(times) - 1)
     if growth <= 0.0:
         raise ReadError(f"{path}, line {lines[-1]}: time must grow, got {times[-1]:g} s")
@@ -222,15 +224,15 @@ def uniform_step(path: Path, times: np.ndarray, lines: list[int], rate: float | 
     return sampling_step(rate, f"{path}, sampling rate")
 
 
-def one_unit(symbols: list[str], place: str) -> float:
-    """Return the velocity factor of columns that must share a unit."""
+def common_velocity_factor(symbols: list[str], place: str) -> float:
+    """Return the factor to m/s of columns that share one unit."""
     if len({symbol.lower() for symbol in symbols}) > 1:
         raise InputError(f"{place}: components must share one unit, got {', '.join(symbols)}")
     return velocity_factor(symbols[0], place)
 
 
 def _column(path, rows, name, column):
-    """Parse one column, deciding its decimal mark from all of its cells."""
+    """Parse one column; its decimal mark is inferred from all cells."""
     texts = [cells[column] for _, cells in rows]
     decimal = "," if any("," in text for text in texts) else "."
     try:
@@ -258,7 +260,7 @@ PLATEAU_MARGIN = 1e-6
 def check_printed(
     printed: dict[str, Printed], seismogram: Seismogram
 ) -> tuple[tuple[str, float, float, bool], ...]:
-    """Compare every value that the device printed with the same value from the raw samples.
+    """Compare the values printed by the instrument with those of the samples.
 
     Returns
     -------
@@ -272,16 +274,16 @@ def check_printed(
     The mean is not removed; the vector sum is taken at one instant; acceleration is a forward
     difference; frequency comes from the zero crossings on both sides of the peak.
     """
-    found = device_values(seismogram) if printed else {}
+    computed = device_values(seismogram) if printed else {}
     return tuple(
-        (name, value.value, found[name], _within(name, value, found[name], seismogram.dt))
+        (name, value.value, computed[name], _within(name, value, computed[name], seismogram.dt))
         for name, value in printed.items()
-        if np.isfinite(found.get(name, np.nan))
+        if np.isfinite(computed.get(name, np.nan))
     )
 
 
 def device_values(seismogram: Seismogram) -> dict[str, float]:
-    """Compute what a blast seismograph prints, by the rules of such devices (SI)."""
+    """Return the values that a blast seismograph prints, by its definitions (SI)."""
     frequency = zero_crossing_frequency(seismogram).hz
     values = {}
     for n in np.flatnonzero(seismogram.present):
@@ -300,7 +302,7 @@ def device_values(seismogram: Seismogram) -> dict[str, float]:
 
 
 def clipped_samples(samples: np.ndarray, full_scale: float | None) -> np.ndarray:
-    """Mark the samples at full scale, or on a plateau where the full scale is unknown.
+    """Return which samples are clipped: at full scale, or on a plateau if that is unknown.
 
     Parameters
     ----------
@@ -319,17 +321,17 @@ def clipped_samples(samples: np.ndarray, full_scale: float | None) -> np.ndarray
 
 
 def at_level(size: np.ndarray, level: float) -> np.ndarray:
-    """Mark sizes equal to a converter's level."""
+    """Return which magnitudes equal a level of the converter."""
     return np.abs(size - level) <= level * PLATEAU_MARGIN
 
 
 def plateau_level(samples: np.ndarray) -> float | None:
-    """Find the level at which a converter of unknown full scale has clipped.
+    """Return the clipping level of a converter of unknown full scale, None if nothing is clipped.
 
-    Three or more equal consecutive samples at the extreme count, unless they are what rounding
-    makes of a smooth peak: the flank, continued over half of the plateau, must overshoot the
-    level by more than 8 steps of the finest difference in the record (a parabola: 7 at most),
-    and the level be at least 32 of them.
+    Clipped are three or more equal consecutive samples at the extreme, unless a smooth peak
+    rounded to digits looks the same: the flank, extrapolated over half of the plateau, must exceed
+    the level by more than 8 digits (a parabola: at most 7), and the level must be at least 32
+    digits.
     """
     values = np.unique(samples)
     if len(values) < 3:
@@ -352,7 +354,7 @@ def plateau_level(samples: np.ndarray) -> float | None:
 
 
 def _overshoot(flank, level, length):
-    """Continue a flank, nearest sample first, to the middle of a plateau of that length."""
+    """Extrapolate a flank, nearest sample first, to the middle of a plateau of a length."""
     reach = length // 2
     if len(flank) <= reach:
         return 0.0
@@ -361,12 +363,12 @@ def _overshoot(flank, level, length):
 
 
 def is_dead(samples: np.ndarray) -> bool:
-    """Tell whether a channel never moves."""
+    """Return whether a channel is dead: all samples equal."""
     return bool(np.all(samples == samples[0]))
 
 
 def _within(name, printed: Printed, found, dt):
-    """Judge one value by the tolerance of its kind."""
+    """Return whether a printed value agrees with that of the samples."""
     if "time of" in name:
         return bool(abs(found - printed.value) <= printed.step + dt)
     share = FREQUENCY_TOLERANCE if "frequency" in name else TOLERANCE

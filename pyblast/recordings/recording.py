@@ -1,11 +1,13 @@
-"""Recordings: one door to every recorder format, found by content, in SI, checked and turned."""
+"""Recordings: reading of all formats by content, in SI, with checks and rotation."""
 
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from obspy import UTCDateTime
 
 from ..errors import InputError, PyblastWarning, ReadError
 from ..signals.seismogram import BLAST_AXES, GEOGRAPHIC, Seismogram
@@ -35,12 +37,12 @@ FORMATS = (*_TEXT_ROWS, "MAPPED", *_STATION_FORMATS)
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """Hold a seismogram with what its recorder said about it.
+    """Recording: a seismogram with the header and self-checks of its instrument.
 
     Parameters
     ----------
     seismogram : Seismogram
-        In m/s; in counts while ``header["unit"]`` says so.
+        In m/s, or in counts if ``header["unit"]`` is "counts".
     instrument, serial : str
     full_scale : float or None, m/s
     clipped : (n_samples, 3) bool
@@ -48,7 +50,7 @@ class Recording:
     header : dict
     checks : tuple of (name, printed value, recomputed value, within), SI
     dead : tuple of str
-        Components that never move.
+        Components with constant samples.
     time : str
         ISO time stamp of the file.
     """
@@ -58,13 +60,13 @@ class Recording:
     serial: str
     full_scale: float | None
     clipped: np.ndarray
-    header: dict = field(default_factory=dict)
+    header: dict[str, Any] = field(default_factory=dict)
     checks: tuple[tuple[str, float, float, bool], ...] = ()
     dead: tuple[str, ...] = ()
     time: str = ""
 
-    def __post_init__(self):
-        """Check that the marks belong to the samples."""
+    def __post_init__(self) -> None:
+        """Check the shape of the clipping marks."""
         shape = self.seismogram.velocity.shape
         if np.shape(self.clipped) != shape:
             raise InputError(
@@ -80,20 +82,20 @@ def read_recording(
     full_scale: float | None = None,
     mapping: str | Path | None = None,
     unit: str | None = None,
-    time_zero=None,
+    time_zero: str | UTCDateTime | None = None,
     orientations: dict[str, tuple[float, float]] | None = None,
     max_bytes: int = MAX_FILE_BYTES,
 ) -> list[Recording]:
-    """Read every record of a file.
+    """Read all recordings of a file.
 
     Parameters
     ----------
     path : str or Path, or several for one-channel files (SAC, GSE2)
     format : str, optional
-        One of ``FORMATS``; found by content if not given, and held against it if given.
+        One of ``FORMATS``; detected from the content if not given, checked against it otherwise.
     bearing : float, rad, optional
-        Direction from receiver to blast, clockwise from north; turns longitudinal (towards the
-        blast) and transverse (90 degrees clockwise of it) into east and north.
+        Direction from receiver to blast, clockwise from north; rotates longitudinal (towards the
+        blast) and transverse (90 degrees clockwise of it) to east and north.
     full_scale : float, m/s, optional
         Overrides the one in the header.
     mapping : str or Path, optional
@@ -101,27 +103,33 @@ def read_recording(
     unit : str, optional
         Of seismological samples: ``m_per_s`` and the like, or ``counts``.
     time_zero : str or obspy.UTCDateTime, optional
-        Instant that becomes time 0 in seismological formats.
+        Time 0 of seismological formats.
     orientations : dict of channel code to (azimuth, dip), rad, optional
         For seismological channels that are not named E, N, Z.
     max_bytes : int
-        Larger files are refused before they are read.
+        Largest size of a file.
 
     Returns
     -------
     list of Recording
+        In m/s, one for each instrument in the file.
 
     Raises
     ------
     ReadError
-        If a file is no recording, is cut short or holds something else than finite numbers.
+        If a file is no recording, is cut short or holds samples that are not finite numbers.
     InputError
-        If an argument, a unit or a component breaks a rule.
+        If an argument, a unit or a component is invalid.
 
     Notes
     -----
-    Warns (PyblastWarning) of dead channels, of clipping, and where the samples do not give the
-    values that the device printed.
+    Warns (PyblastWarning) of dead channels, of clipping, and of differences between the samples and
+    the values printed by the instrument.
+
+    Examples
+    --------
+    >>> recording, = read_recording("R1.csv")  # doctest: +SKIP
+    >>> recording.seismogram.ppv  # doctest: +SKIP
     """
     paths = [Path(path)] if isinstance(path, (str, Path)) else [Path(item) for item in path]
     contents = [read_bytes(item, max_bytes) for item in paths]
@@ -142,12 +150,20 @@ def read_recording(
     else:
         lines = decode_lines(paths[0], contents[0])
         reader = _TEXT_ROWS.get(format)
-        raws = [reader.read(paths[0], lines) if reader else read_mapped(paths[0], lines, mapping)]
+        if reader is not None:
+            raws = [reader.read(paths[0], lines)]
+        else:
+            assert mapping is not None  # by _choose_format
+            raws = [read_mapped(paths[0], lines, mapping)]
     return [_recording(paths[0], raw, bearing, full_scale) for raw in raws]
 
 
 def read_stations(
-    path: str | Path, *, time_zero=None, unit: str = "m_per_s", max_bytes: int = MAX_FILE_BYTES
+    path: str | Path,
+    *,
+    time_zero: str | UTCDateTime | None = None,
+    unit: str = "m_per_s",
+    max_bytes: int = MAX_FILE_BYTES,
 ) -> dict[str, Recording]:
     """Read a file of many stations into a dict by station name; see ``read_recording``."""
     recordings = read_recording(path, time_zero=time_zero, unit=unit, max_bytes=max_bytes)
@@ -158,7 +174,7 @@ def read_stations(
 
 
 def remove_response(recording: Recording, response: str | Path | dict) -> Recording:
-    """Turn counts into m/s by the instrument's response.
+    """Remove the instrument response: counts to m/s.
 
     Parameters
     ----------
@@ -201,30 +217,30 @@ def remove_response(recording: Recording, response: str | Path | dict) -> Record
 
 
 def _choose_format(path, content, format, mapping):
-    """Find the format by content, or hold the asked one against the content."""
+    """Return the format of a file by its content, checked against the requested one."""
     if format is not None and format not in FORMATS:
         raise InputError(f"format: must be one of {', '.join(FORMATS)}, got '{format}'")
     if mapping is not None or format == "MAPPED":
         if mapping is None or format not in (None, "MAPPED"):
             raise InputError(f"{path}: a mapping belongs to format MAPPED, and the reverse")
         return "MAPPED"
-    found = sniff_seismic(content)
-    if found in ("SEG2", "SEGY"):
-        raise InputError(f"{path}: is a gather ({found}), read it with read_gather")
-    if found is None:
+    detected = sniff_seismic(content)
+    if detected in ("SEG2", "SEGY"):
+        raise InputError(f"{path}: is a gather ({detected}), read it with read_gather")
+    if detected is None:
         head = decode_lines(path, content)[:60]
-        found = next(
+        detected = next(
             (name for name, row in _TEXT_ROWS.items() if head and row.recognises(head)), None
         )
-    if found is None:
+    if detected is None:
         raise ReadError(f"{path}: is none of {', '.join(FORMATS)}; describe a table by a mapping")
-    if format not in (None, found):
-        raise ReadError(f"{path}: its content is {found}, not {format}")
-    return found
+    if format not in (None, detected):
+        raise ReadError(f"{path}: its content is {detected}, not {format}")
+    return detected
 
 
 def _recording(path, raw, bearing, full_scale):
-    """Name, judge, check and turn one raw record."""
+    """Return the recording of one raw record: named, checked and rotated."""
     axes = BLAST_AXES if {"longitudinal", "transverse"} & set(raw.channels) else GEOGRAPHIC
     if not set(raw.channels) <= set(axes):
         raise InputError(f"{path}: components {', '.join(raw.channels)} mix two sets of axes")
@@ -239,15 +255,15 @@ def _recording(path, raw, bearing, full_scale):
     checks = check_printed(raw.printed, seismogram)
     _report(path, raw, dead, clipped, checks)
     if bearing is not None:
-        seismogram, clipped = _turned(path, seismogram, clipped, bearing)
+        seismogram, clipped = _rotated(path, seismogram, clipped, bearing)
     header = {**raw.header, "unit": raw.unit}
     return Recording(
         seismogram, raw.instrument, raw.serial, full_scale, clipped, header, checks, dead, raw.time
     )
 
 
-def _turned(path, seismogram, clipped, bearing):
-    """Turn longitudinal and transverse into east and north, with their marks."""
+def _rotated(path, seismogram, clipped, bearing):
+    """Rotate longitudinal and transverse to east and north, with their clipping marks."""
     if seismogram.components != BLAST_AXES or not np.all(seismogram.present[:2]):
         raise InputError(
             f"{path}: a bearing needs longitudinal and transverse components, "
@@ -258,7 +274,7 @@ def _turned(path, seismogram, clipped, bearing):
 
 
 def _refuse_nonsense(path, raw, full_scale):
-    """Refuse velocities that no ground reaches; they come from a wrong unit or byte order."""
+    """Raise ReadError for impossible velocities, caused by a wrong unit or byte order."""
     if full_scale is not None and not 0.0 < full_scale < np.inf:
         raise InputError(f"{path}: full scale must be positive, got {full_scale:g} m/s")
     if raw.unit == "counts":
@@ -273,7 +289,7 @@ def _refuse_nonsense(path, raw, full_scale):
 
 
 def _report(path, raw, dead, clipped, checks):
-    """Warn of dead channels, clipping and values that differ from the device's own."""
+    """Warn of dead channels, clipping and differences from the printed values."""
     place = f"{path}, {raw.label}"
     if dead:
         _warn(f"{place}: {', '.join(dead)} never moves, the channel is dead")
@@ -289,11 +305,11 @@ def _report(path, raw, dead, clipped, checks):
 
 
 def _columns(channels, axes, n_samples):
-    """Arrange components in the order of the axes; missing ones are NaN."""
+    """Return components (n_samples, 3) in the order of the axes; NaN where missing."""
     missing = np.full(n_samples, np.nan)
     return np.column_stack([channels.get(name, missing) for name in axes])
 
 
 def _warn(message):
-    """Warn as from the caller of the reader."""
+    """Warn with the stack level of the caller of the reader."""
     warnings.warn(message, PyblastWarning, stacklevel=4)

@@ -1,10 +1,12 @@
-"""Seismological formats (miniSEED, SAC, SEG-2), recognised by their first bytes, through obspy."""
+"""Seismological formats (miniSEED, SAC, GSE2, SEG-2, SEG-Y) through obspy, checked beforehand."""
 
 import io
 import struct
 import warnings
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import obspy
@@ -25,7 +27,7 @@ def sniff_seismic(content: bytes) -> str | None:
 
 
 def check_bytes(path: Path, content: bytes, name: str) -> None:
-    """Refuse content that is not of the format, is cut short, or would harm its decoder."""
+    """Raise ReadError for content of another format, cut short, or harmful to its decoder."""
     if name not in _MAGIC:
         raise InputError(f"format: must be one of {', '.join(_MAGIC)}, got '{name}'")
     if not _MAGIC[name](content):
@@ -52,7 +54,7 @@ def _is_mseed(content):
 
 
 def _mseed_bytes(content):
-    """Walk along the record lengths of miniSEED to where the last record should end."""
+    """Return where the last miniSEED record should end, from the record lengths."""
     place = 0
     while place + 48 <= len(content) and _is_mseed(content[place : place + 48]):
         (year,) = struct.unpack_from(">H", content, place + 20)
@@ -82,7 +84,7 @@ def _is_segy(content):
 
 
 def _segy_bytes(content):
-    """Return the bytes of the text headers and of whole traces, at least one."""
+    """Return the number of bytes of the text headers and of whole traces, at least one."""
     n_samples, code = struct.unpack(">H2xh", content[3220:3226])
     n_texts = max(0, struct.unpack(">h", content[3504:3506])[0])
     size = 240 + n_samples * _SEGY_SAMPLE_BYTES[code]
@@ -91,13 +93,13 @@ def _segy_bytes(content):
 
 
 def _sac_bytes(content):
-    """Return the bytes that a SAC header promises."""
+    """Return the number of bytes by the SAC header."""
     order = "<" if struct.unpack("<i", content[304:308])[0] in (6, 7) else ">"
     return 632 + 4 * max(0, struct.unpack(order + "i", content[316:320])[0])
 
 
 def _refuse_wild_places(path, content):
-    """Refuse SAC places that are no degrees; obspy would turn around the globe without end."""
+    """Raise ReadError for SAC coordinates beyond 360 degrees, on which obspy never returns."""
     order = "<" if struct.unpack("<i", content[304:308])[0] in (6, 7) else ">"
     values = struct.unpack_from(order + "6f", content, 4 * 31)
     for name, value in zip(("stla", "stlo", "", "", "evla", "evlo"), values, strict=True):
@@ -106,7 +108,7 @@ def _refuse_wild_places(path, content):
 
 
 def _seg2_bytes(content):
-    """Return the bytes that the trace pointers and sample counts of SEG-2 promise."""
+    """Return the number of bytes by the trace pointers and sample counts of SEG-2."""
     order = "<" if content[:2] == b"\x55\x3a" else ">"
     (n_traces,) = struct.unpack_from(order + "H", content, 6)
     if 32 + 4 * n_traces > len(content):
@@ -124,7 +126,7 @@ def _seg2_bytes(content):
 
 
 def _refuse_broken_gse2(path, content):
-    """Refuse GSE2 whose lines or sample counts would lead obspy's decoder out of its buffers."""
+    """Raise ReadError for GSE2 that would overflow the buffers of obspy's decoder."""
     for n, window in enumerate(content.split(b"WID2 ")[1:], 1):
         lines = [line.rstrip() for line in window.split(b"\n")]
         kind, count = lines[0][39:42], lines[0][43:51].strip()
@@ -163,9 +165,10 @@ _PAZ_KEYS = {"poles", "zeros", "gain", "sensitivity"}
 
 
 def read_traces(path: Path, content: bytes, name: str) -> list[obspy.Trace]:
-    """Read traces by an allow-listed format and refuse what is not finite numbers.
+    """Read traces of a known format; raise ReadError for samples that are not finite.
 
-    The bytes go to obspy, never the path: a path may be a pattern, an address or an archive.
+    obspy gets the bytes, never the path, which it could take for a pattern, an address or an
+    archive.
     """
     check_bytes(path, content, name)
     try:
@@ -199,17 +202,17 @@ def station_records(
     traces: list[obspy.Trace],
     *,
     unit: str | None = None,
-    time_zero=None,
+    time_zero: str | UTCDateTime | None = None,
     orientations: dict[str, tuple[float, float]] | None = None,
 ) -> list[RawRecord]:
-    """Gather the channels of each station into one record.
+    """Return one raw record per station from its channels.
 
     Parameters
     ----------
     unit : str, optional
-        ``m_per_s``, ``mm_per_s``, ... or ``counts``. None takes floating samples as m/s.
+        ``m_per_s``, ``mm_per_s``, ... or ``counts``. None: floating-point samples are m/s.
     time_zero : str or obspy.UTCDateTime, optional
-        Instant that becomes time 0; otherwise the first sample is.
+        Time 0; the first sample by default.
     orientations : dict of channel code to (azimuth, dip), rad, optional
         SEED sense: azimuth clockwise from north, dip positive down. Needed for channels that
         are not named E, N, Z.
@@ -226,16 +229,16 @@ def station_records(
 
 
 def deconvolve(record: RawRecord, response: str | Path | dict, place: str) -> dict:
-    """Remove an instrument response from each channel; returns component to m/s."""
+    """Return each component in m/s after removal of the instrument response."""
     inventory = None if isinstance(response, dict) else read_inventory(Path(response))
-    if inventory is None and set(response) != _PAZ_KEYS:
+    if isinstance(response, dict) and set(response) != _PAZ_KEYS:
         raise InputError(
             f"{place}: response must have {', '.join(sorted(_PAZ_KEYS))}, "
             f"got {', '.join(map(str, response))}"
         )
     cleaned = {}
     for name, samples in record.channels.items():
-        header = {"delta": record.dt}
+        header: dict[str, Any] = {"delta": record.dt}
         if record.time:
             header["starttime"] = obspy.UTCDateTime(record.time)
         trace = obspy.Trace(np.array(samples), header)
@@ -253,7 +256,7 @@ def deconvolve(record: RawRecord, response: str | Path | dict, place: str) -> di
 
 
 def read_inventory(path: Path) -> obspy.Inventory:
-    """Read StationXML, refusing document types and entities before any parser sees them."""
+    """Read StationXML; document types and entities are refused before parsing."""
     content = read_bytes(path, _MAX_METADATA_BYTES)
     if b"<FDSNStationXML" not in content[:2000] or b"<!" in content.replace(b"<!--", b""):
         raise ReadError(f"{path}: expected StationXML without a document type, found other text")
@@ -265,12 +268,12 @@ def read_inventory(path: Path) -> obspy.Inventory:
 
 
 def _first_sentence(error):
-    """Shorten another library's message to one line."""
+    """Return the first sentence of an error message."""
     return " ".join(str(error).split()).split(". ")[0][:160]
 
 
 def _joined(path, traces):
-    """Join the pieces of each channel where they touch; name gaps and overlaps."""
+    """Join the pieces of each channel; raise ReadError for gaps and overlaps."""
     stream = obspy.Stream(traces)
     try:
         stream.merge(method=-1)
@@ -290,7 +293,7 @@ def _joined(path, traces):
 
 
 def _station(path, group, unit, zero, orientations):
-    """Cut the channels of one station to their common window and name them."""
+    """Return the record of one station: channels in their common time window."""
     first = group[0].stats
     place = f"{path}, station {first.station or '(unnamed)'}"
     if any(abs(trace.stats.delta - first.delta) > 1e-9 * first.delta for trace in group):
@@ -314,7 +317,7 @@ def _station(path, group, unit, zero, orientations):
         trace.stats.channel: factor * trace.data[n : n + length].astype(np.float64)
         for trace, n in zip(group, skip, strict=True)
     }
-    channels = _oriented(place, samples, orientations)
+    channels = {str(name): x for name, x in _oriented(place, samples, orientations).items()}
     names = {} if orientations else dict(zip(channels, (t.id for t in group), strict=True))
     return RawRecord(
         channels, first.delta, 0.0 if zero is None else begin - zero, first.station,
@@ -324,16 +327,15 @@ def _station(path, group, unit, zero, orientations):
 
 
 def _oriented(place, samples, orientations):
-    """Turn channels into east, north, vertical by their codes or by given orientations."""
+    """Return east, north, vertical by the channel codes or by given orientations."""
     if orientations is None:
         names = {code: SEED_COMPONENTS.get(code[-1:].upper()) for code in samples}
-        unknown = [code for code, name in names.items() if name is None]
-        if unknown or len(set(names.values())) < len(names):
+        if None in names.values() or len(set(names.values())) < len(names):
             raise InputError(
                 f"{place}: channels {', '.join(samples)} must end in E, N, Z once "
                 "each, otherwise pass orientations (azimuth, dip)"
             )
-        return {names[code]: values for code, values in samples.items()}
+        return {str(names[code]): values for code, values in samples.items()}
     if len(samples) != 3 or not set(samples) <= set(orientations):
         raise InputError(f"{place}: orientations need the three channels {', '.join(samples)}")
     azimuth, dip = np.array([orientations[code] for code in samples], dtype=np.float64).T
@@ -351,12 +353,14 @@ def _oriented(place, samples, orientations):
     )
 
 
-LONGEST = 5  # characters of a station that the format holds
+LONGEST = 5  # characters of a station name in miniSEED
 BANDS = (1000.0, "G"), (250.0, "D"), (80.0, "E"), (0.0, "S")  # of channels, by samples a second
 
 
-def mseed_bytes(motion, channels, dt, start):
-    """Return the bytes of a file with the components of many receivers.
+def mseed_bytes(
+    motion: np.ndarray, channels: Sequence[Sequence[str]], dt: float, start: str
+) -> bytes:
+    """Return a miniSEED file with the components of many receivers, as bytes.
 
     Parameters
     ----------
@@ -379,20 +383,20 @@ def mseed_bytes(motion, channels, dt, start):
     return buffer.getvalue()
 
 
-def channel_names(station, known, dt):
-    """Return what the channels east, north and vertical of a record are called in a file.
+def channel_names(station: str, known: dict[str, str], dt: float) -> list[str]:
+    """Return the channel identifiers of east, north and vertical of a record.
 
     Parameters
     ----------
     station : str
     known : dict of str to str
-        Identifiers by component, as the record was read; what lacks is called alike.
+        Identifiers by component from the file that was read; the others are derived from them.
     dt : float, s
 
     Raises
     ------
     InputError
-        If nothing is known, and the format can't hold the name of the station.
+        If no identifier is known and the name of the station is too long for the format.
 
     Notes
     -----

@@ -15,9 +15,9 @@ from ..units import FACTORS, split_key, to_si
 from .raw import (
     Printed,
     RawRecord,
+    common_velocity_factor,
     decode_lines,
     number,
-    one_unit,
     quantity,
     read_bytes,
     read_columns,
@@ -46,7 +46,7 @@ _DATES = (
 
 
 class TextFormat(NamedTuple):
-    """How a layout is recognised from its first lines, and its reader."""
+    """Text format: a test of the first lines, and its reader."""
 
     recognises: Callable[[list[str]], bool]
     read: Callable[[Path, list[str]], RawRecord]
@@ -68,7 +68,7 @@ def read_instantel_ascii(path: Path, lines: list[str]) -> RawRecord:
 def read_instantel_csv(path: Path, lines: list[str]) -> RawRecord:
     """Read the CSV export of Instantel THOR (``"Key","Value"`` rows, then a row of channels)."""
     delimiter = _delimiter(lines[0])
-    header, titles = {}, None
+    header, titles, cells = {}, 0, []
     for titles, line in enumerate(lines):
         cells = split_line(path, titles + 1, line, delimiter)
         if sum(cell.lower() in COMPONENT_NAMES for cell in cells) >= 2:
@@ -84,7 +84,7 @@ def read_instantel_csv(path: Path, lines: list[str]) -> RawRecord:
 
 
 def read_texcel(path: Path, lines: list[str]) -> RawRecord:
-    """Read a Texcel CSV: names, units, samples, with the metadata beside the first rows."""
+    """Read a Texcel CSV: names, units, samples, and metadata beside the first rows."""
     table = [split_line(path, n, line) for n, line in enumerate(lines, 1)]
     titles = table[0][:8]
     names = _channels(path, 1, titles)
@@ -96,7 +96,7 @@ def read_texcel(path: Path, lines: list[str]) -> RawRecord:
     if len(table) < 2 or len(table[1]) <= max(names.values()):
         raise ReadError(f"{path}, line 2: expected one unit for each of the channels")
     symbols = [table[1][column].strip("[]") for column in names.values()]
-    factor = one_unit(symbols, f"{path}, line 2")
+    factor = common_velocity_factor(symbols, f"{path}, line 2")
     columns = read_columns(path, list(enumerate(table[2:], 3)), {"Sample Time": 0, **names})
     times = columns.pop("Sample Time")
     rate = header.get("Frequency [Hz]")
@@ -125,14 +125,14 @@ def read_vibracord(path: Path, lines: list[str]) -> RawRecord:
             units[match[1]] = column, match[2]
     place = f"{path}, line {titles + 1}"
     order = {"Channel 1": "vertical", "Channel 2": "longitudinal", "Channel 3": "transverse"}
-    wanted = {order.get(key, key): column for key, (column, _) in units.items()}
+    wanted = {order.get(key, str(key)): column for key, (column, _) in units.items()}
     if "vertical" not in wanted:
         raise ReadError(f"{place}: expected columns such as 'Channel 1 (mm/s)', found none")
-    factor = one_unit([symbol for _, symbol in units.values()], place)
+    factor = common_velocity_factor([symbol for _, symbol in units.values()], place)
     rows = [(n + 1, split_line(path, n + 1, lines[n])) for n in range(titles + 1, len(lines))]
     columns = read_columns(path, rows, {"Time": 0, **wanted}, len(cells))
     times, sums = columns.pop("Time"), columns.pop("Vector sum 1", None)
-    rate = _needed(path, header, "Sampling rate", "sps").value
+    rate = _required(path, header, "Sampling rate", "sps").value
     before = quantity(header.get("Pretrigger", ""), f"{path}, 'Pretrigger'", "s")
     start = -abs(before.value) if before and times[0] >= 0.0 else float(times[0])
     printed = {} if sums is None else {"vector sum": Printed(factor * sums.max(), factor * 1e-3)}
@@ -163,16 +163,16 @@ TEXT_FORMATS = {
 
 
 def _is_channel_row(line):
-    """Tell the row of channels from the header lines above it."""
+    """Return whether a line is the row of channels and not a header line."""
     return bool(line.strip()) and " :" not in line and not line.lstrip().startswith('"')
 
 
 def _instantel(path, header, names, rows):
-    """Build the record that both Instantel layouts describe."""
+    """Return the raw record of either Instantel layout."""
     keys = {key.replace(" ", "").lower(): key for key in header}
     unit = header.get(keys.get("units"), "").split(" and")[0].split(";")[0].strip() or "mm/s"
     factor = velocity_factor(unit, f"{path}, '{keys.get('units', 'Units')}'")
-    rate = _needed(path, header, keys.get("samplerate", "Sample Rate"), "sps").value
+    rate = _required(path, header, keys.get("samplerate", "Sample Rate"), "sps").value
     dt = sampling_step(rate, f"{path}, '{keys['samplerate']}'")
     columns = read_columns(path, rows, names)
     channels = {name: factor * values for name, values in columns.items()}
@@ -205,19 +205,19 @@ def _instantel(path, header, names, rows):
 
 
 def _printed(field, unit):
-    """Collect what the device printed, by the names that the self-check uses."""
+    """Return the values printed by the instrument, by the names of the self-check."""
     units = {"ppv": unit, "zcfreq": "Hz", "timeofpeak": "s", "peakacceleration": "g"}
-    found = {
+    printed = {
         f"{COMPONENT_NAMES[short]} {name}": field(short + key, unit=units[key])
         for short in ("tran", "vert", "long") for key, name in _PRINTED.items()
     }  # fmt: skip
-    found["vector sum"] = field("peakvectorsum", unit=unit)
-    found["time of vector sum"] = field("peakvectorsumtime")
-    return {name: value for name, value in found.items() if value is not None}
+    printed["vector sum"] = field("peakvectorsum", unit=unit)
+    printed["time of vector sum"] = field("peakvectorsumtime")
+    return {name: value for name, value in printed.items() if value is not None}
 
 
 def _start_from_peak(channels, dt, printed):
-    """Place the first sample where a header gives no pre-trigger but times of the peaks."""
+    """Return the start time from the times of the peaks, if there is no pre-trigger."""
     for name in sorted(channels, key=lambda name: -np.max(np.abs(channels[name]))):
         peak = printed.get(f"{name} time of peak")
         if peak:
@@ -226,7 +226,7 @@ def _start_from_peak(channels, dt, printed):
 
 
 def _channels(path, line, titles):
-    """Find the columns of the components, by any of the names that devices use."""
+    """Return the columns of the components, by the names that instruments use."""
     names = {}
     for column, title in enumerate(titles):
         name = COMPONENT_NAMES.get(title.strip('"').lower())
@@ -242,22 +242,22 @@ def _channels(path, line, titles):
     return names
 
 
-def _needed(path, header, key, unit):
-    """Return a quantity of the header that nothing works without."""
-    found = quantity(header.get(key, ""), f"{path}, '{key}'", unit)
-    if found is None:
+def _required(path, header, key, unit):
+    """Return a required quantity of the header."""
+    value = quantity(header.get(key, ""), f"{path}, '{key}'", unit)
+    if value is None:
         raise ReadError(f"{path}: expected '{key}' in the header, found none")
-    return found
+    return value
 
 
 def _delimiter(line):
-    """Tell a comma from a semicolon or a tab in the first line of an export."""
+    """Return the delimiter of the first line of an export: comma, semicolon or tab."""
     outside = re.sub(r'"[^"]*"', "", line)
     return max(",;\t", key=outside.count)
 
 
 def _time_stamp(time, date):
-    """Join time and date of the header to ISO form; empty where they can't be read."""
+    """Return time and date of the header in ISO form; empty if they can't be parsed."""
     for layout in _DATES:
         try:
             return datetime.strptime(f"{time} {date}", layout).isoformat()
@@ -280,7 +280,7 @@ _MAX_MAPPING_BYTES = 100_000
 
 
 def recognises_generic(lines: list[str]) -> bool:
-    """Tell whether the first line that is no comment starts with ``time_`` and a unit."""
+    """Return whether the first line after comments starts with ``time_`` and a unit."""
     first = next((line for line in lines if not line.startswith("#")), "")
     return re.match(r'\s*"?time_(s|ms)"?\s*[,;\t]', first) is not None
 
@@ -294,8 +294,8 @@ def read_generic(path: Path, lines: list[str]) -> RawRecord:
     columns, factors = {}, {}
     for column, title in enumerate(titles):
         stem, suffix = split_key(title.strip())
-        name = "time" if stem == "time" else COMPONENT_NAMES.get(stem.lower())
-        if name is None or name in columns:
+        name = "time" if stem == "time" else COMPONENT_NAMES.get(stem.lower(), "")
+        if not name or name in columns:
             raise InputError(
                 f"{place}: column '{title[:40]}' must be time or one component, "
                 "once, such as east_mm_per_s"
@@ -342,7 +342,7 @@ def read_mapped(path: Path, lines: list[str], mapping: str | Path) -> RawRecord:
         dt = uniform_step(path, times, [line for line, _ in rows], rate)
         start = start if "pretrigger" in rules else float(times[0])
     else:
-        dt = sampling_step(rate, f"{place}, sampling_rate_hz")
+        dt = sampling_step(rules["sampling_rate"], f"{place}, sampling_rate_hz")
     factor = velocity_factor(rules["unit"], f"{place}, unit")
     return RawRecord(
         {name: factor * column for name, column in values.items()}, dt, start,
@@ -352,7 +352,7 @@ def read_mapped(path: Path, lines: list[str], mapping: str | Path) -> RawRecord:
 
 
 def _load_mapping(path):
-    """Read the mapping strictly; keys with a unit suffix become SI."""
+    """Read a mapping file; unknown keys are refused, quantities become SI."""
     text = "\n".join(decode_lines(path, read_bytes(path, _MAX_MAPPING_BYTES)))
     try:
         table = tomllib.loads(text)
@@ -374,7 +374,7 @@ def _load_mapping(path):
 
 
 def _check_mapping(path, rules):
-    """Refuse a mapping that leaves something open."""
+    """Raise InputError for an incomplete or inconsistent mapping."""
     missing = [key for key in ("columns", "unit") if not rules.get(key)]
     if missing:
         raise InputError(f"{path}: expected '{missing[0]}', found none")
@@ -394,7 +394,7 @@ def _check_mapping(path, rules):
 
 
 def _column_index(place, key, column, titles):
-    """Turn a column given by title or by number from 1 into an index from 0."""
+    """Return the index from 0 of a column given by title or by number from 1."""
     if isinstance(column, str):
         if column not in titles:
             raise InputError(
@@ -407,7 +407,7 @@ def _column_index(place, key, column, titles):
 
 
 def _refuse_commas(path, rows):
-    """Refuse decimal commas where the mapping promises decimal points."""
+    """Raise InputError for decimal commas if the mapping says decimal points."""
     for line, cells in rows:
         if any("," in cell for cell in cells):
             raise InputError(

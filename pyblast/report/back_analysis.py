@@ -1,5 +1,7 @@
 """Report of a back-analysis: fit, intervals, posterior, figures."""
 
+from typing import Any
+
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 from scipy import ndimage
@@ -8,7 +10,7 @@ from ..project.result import plain, write_text
 from . import figures
 from .figures import INK, SIMULATED, _figure, _tidy, _uri
 from .html import page
-from .survey_design import best_extras, found_figures, plan_figure, slip_lines, told_lines
+from .survey_design import best_extras, found_figures, plan_figure, slip_lines, summary_lines
 
 SHOWN = 0.5  # correlations below are not told
 
@@ -98,7 +100,7 @@ def corner_figure(parameters, samples):
     axes = figure.subplots(n, n, squeeze=False)
     limits = [_limits(one, column) for one, column in zip(parameters, samples.T, strict=True)]
     for i, j in np.ndindex(n, n):
-        axis = axes[i, j]
+        axis: Any = axes[i, j]
         if j > i:
             axis.set_visible(False)
             continue
@@ -123,7 +125,7 @@ def _limits(one, column):
 
 def _edges(limits, log, count):
     """Return the edges of bins."""
-    return (np.geomspace if log else np.linspace)(*limits, count + 1)
+    return (np.geomspace if log else np.linspace)(limits[0], limits[1], count + 1)
 
 
 def _alone(axis, one, column, limits):
@@ -271,11 +273,11 @@ def write_search_report(path, summary, confirmed):
         *_search_figures(summary),
         *_motion_figures(confirmed),
     ]
-    text = page("search.html").render(
+    text = page("back_analysis.html").render(
         s=plain(summary),
         laboratory=any(one["laboratory"] is not None for one in summary["parameters"]),
         extras=plain(best_extras(plan)),
-        lines=told_lines(plan),
+        lines=summary_lines(plan),
         sure=posterior_lines(summary["posterior"]),
         slip=[line for name, one in summary["blasts"].items() for line in slip_lines(name, one)],
         figures=[dict(zip(("title", "caption", "image"), row, strict=True)) for row in drawn],

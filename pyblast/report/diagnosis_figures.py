@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
+from matplotlib.ticker import MaxNLocator
 
 from ..signals.spectra import wavelet_transform
 from .figures import FAULT, GROUND, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
@@ -108,7 +109,7 @@ def time_frequency_figure(recorded, differences, dt, band, window=None):
     for axis, (title, motion) in zip(axes, parts.items(), strict=True):
         level = 1e3 * np.abs(wavelet_transform(motion, dt, band))
         top = top or float(level.max())
-        frequency = np.geomspace(*band, len(level))
+        frequency = np.geomspace(band[0], band[1], len(level))
         drawn = axis.pcolormesh(
             times, frequency, level, vmin=0.0, vmax=top, cmap="magma_r", shading="nearest",
             rasterized=True,
@@ -166,7 +167,7 @@ def holes_figure(values, usual, label):
             )  # fmt: skip
     axis.set_xlabel("hole, in the order of the hole table")
     axis.set_ylabel(label, parse_math=False)
-    axis.xaxis.get_major_locator().set_params(integer=True)
+    axis.xaxis.set_major_locator(MaxNLocator("auto", steps=[1, 2, 2.5, 5, 10], integer=True))
     axis.legend(fontsize=7, frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     _tidy(axis)
     return _uri(figure)
@@ -224,7 +225,7 @@ def maps_figure(site, receivers, sizes, material, *, found=(), points=()):
         _points(plan, section, points, across)
     bar = figure.colorbar(drawn, ax=axes, shrink=0.6)
     bar.set_label("misfit over that of small errors (1: explained)", fontsize=8)
-    bar.set_ticks(round_marks(norm.vmin, norm.vmax))
+    bar.set_ticks(round_marks(norm.vmin, norm.vmax).tolist())
     bar.minorticks_off()
     bar.ax.yaxis.set_major_formatter("{x:g}")
     bar.ax.tick_params(labelsize=7)
@@ -299,7 +300,7 @@ def _joints(axis, site, box, view, found):
         strong = name in found
         style = {"color": FAULT if strong else INK, "lw": 2.4 if strong else 1.0, "zorder": 3}
         if normal not in view:
-            corner = [ends[k][0] for k in view]
+            corner = ends[view[0]][0], ends[view[1]][0]
             axis.add_patch(
                 Rectangle(corner, *(np.ptp(ends[k]) for k in view), fill=False, ls=":", **style)
             )

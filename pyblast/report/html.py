@@ -39,7 +39,7 @@ def render(result: Result) -> str:
 
 def page(name):
     """Return the template of a page, which escapes every name that users give."""
-    here = resources.files(__package__) / "templates"
+    here = resources.files("pyblast.report") / "templates"
     loader = FunctionLoader(lambda part: here.joinpath(part).read_text(encoding="utf-8"))
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True

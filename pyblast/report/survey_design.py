@@ -84,7 +84,9 @@ def trade_off_figure(plan, pair, points, misfits):
     axis = figure.subplots()
     rows = [plan["parameters"][k] for k in pair]
     low, high = (np.array([one[end] for one in rows]) for end in ("low", "high"))
-    axis.add_patch(Rectangle(low, *(high - low), color=RANGE, alpha=0.5, lw=0, zorder=0))
+    axis.add_patch(
+        Rectangle((low[0], low[1]), *(high - low), color=RANGE, alpha=0.5, lw=0, zorder=0)
+    )
     edge = ellipse(plan, pair)
     axis.plot(*edge, color=SIMULATED, lw=1.4, label="90 % of what is left")
     shown = np.isfinite(misfits) & (misfits > 0.0)
@@ -264,7 +266,7 @@ def best_extras(plan):
     return more + kinds["without"]
 
 
-def told_lines(plan) -> list[str]:
+def summary_lines(plan) -> list[str]:
     """Say what trades off, what can't be told, and what would help most."""
     lines = [
         f"{one['first']} and {one['second']} trade off: the errors of both go together with a "
@@ -381,12 +383,12 @@ def plan_figure(plan):
     return "What the records can tell", caption, shares_figure(plan)
 
 
-def write_plan_report(path, summary):
+def write_survey_report(path, summary):
     """Write the page of a plan, as `summarise_plan` and its title say it."""
     title, caption, image = plan_figure(summary["plan"])
-    text = page("plan.html").render(
+    text = page("survey_design.html").render(
         s=plain(summary), extras=plain(best_extras(summary["plan"])),
-        lines=told_lines(summary["plan"]),
+        lines=summary_lines(summary["plan"]),
         figures=[{"title": title, "caption": caption, "image": image}],
     )  # fmt: skip
     write_text(path, text)

@@ -9,7 +9,7 @@ from ..errors import ReadError
 from ..mesh import tetrahedra
 from ..project.census import carried_frequency
 from ..project.result import write_text
-from ..solver.assembly import yield_states
+from ..solver.initial_stress import yield_states
 
 
 def zone_fields(model):
@@ -70,9 +70,9 @@ def write_joints(path, mesh, displacement=None):
     triangles = np.concatenate([np.empty((0, 3), np.int32), *(mesh.surfaces[n] for n in names)])
     number = np.repeat(np.arange(len(names)), [len(mesh.surfaces[n]) for n in names])
     fields = {}
-    if displacement is not None and len(names):
+    contacts = mesh.contacts
+    if displacement is not None and contacts is not None and len(names):
         jump = np.zeros_like(mesh.points)
-        contacts = mesh.contacts
         jump[contacts.minus] = displacement[contacts.plus] - displacement[contacts.minus]
         fields["jump"] = jump
     joints = {"joint": [number.astype(np.int32)]}

@@ -1,1 +1,1 @@
-"""Many runs: cached, in parallel, superposed from Green's functions."""
+"""Sets of runs: cache, parallel execution, Green's functions, blast ensembles."""

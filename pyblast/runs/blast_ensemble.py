@@ -1,35 +1,36 @@
 """Ensembles of one blast with scattered firing times and strengths, by superposed spectra."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import fft
 
 from ..errors import InputError
 from ..model.model import Receiver
 from ..model.source import PointForce
-from ..signals.seismogram import Seismogram
-from .greens import GreensFunctions, history
+from ..signals.seismogram import Seismogram, fast_length
+from .greens import GreensFunctions, PointSource, history
 
-DROPPED = 1e-10  # share of the power that may lie above the frequencies kept
-RINGS = 3.0  # cycles of the lower corner that a filter rings before and after
-SAMPLES_PER_PERIOD = 8  # of the highest frequency kept; peaks between them by a parabola
-# Values of motion in one batch of blasts: near in memory, and products too small to be split over
-# threads, whose hand-over would cost more than the product.
+DROPPED = 1e-10  # fraction of the power above the highest frequency
+RINGS = 3.0  # cycles of the lower corner for which a filter rings before and after
+SAMPLES_PER_PERIOD = 8  # of the highest frequency; peaks are interpolated by a parabola
+# Values of motion per batch of blasts: fits the cache, and products are too small for threads.
 AT_ONCE = 2**19
 
 
 class Peaks(NamedTuple):
-    """Largest motion of many blasts.
+    """Peaks of many blasts.
 
     Parameters
     ----------
     ppv : (n_blasts, n_receivers, 3) float64, m/s
-        Of each component.
+        By component.
     pvs : (n_blasts, n_receivers) float64, m/s
-        Of the vector at one instant.
+        Peak vector sum.
     """
 
     ppv: np.ndarray
@@ -38,21 +39,21 @@ class Peaks(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BlastSpectra:
-    """Spectra of each hole's motion at all receivers, ready to be summed.
+    """Spectra of the motion of each hole at all receivers, to be superposed.
 
     Parameters
     ----------
     spectra : (n_frequencies, n_holes, 3 n_receivers) complex128
-        Of the motion of each hole when it fires at 0 s with its charge.
+        Motion of each hole fired at 0 s with its charge.
     receivers : tuple of Receiver
     spacing : float, Hz
-        Of the frequencies, from 0.
+        Frequency interval, from 0.
     n_samples : int
-        Of the motion that is worked out.
+        Samples of the motion.
     start : float, s
-        Of its first sample.
+        Time of its first sample.
     earliest, latest : float, s
-        Between which holes may fire.
+        Range of firing times.
     """
 
     spectra: np.ndarray
@@ -68,7 +69,7 @@ class BlastSpectra:
         """Time between samples, s."""
         return 1.0 / (self.spacing * self.n_samples)
 
-    def peaks(self, times, scales=1.0) -> Peaks:
+    def peaks(self, times: ArrayLike, scales: ArrayLike = 1.0) -> Peaks:
         """Return the peaks of many blasts; theory.md (9.4).
 
         Parameters
@@ -76,12 +77,12 @@ class BlastSpectra:
         times : (n_blasts, n_holes) float, s
             Firing times.
         scales : (n_blasts, n_holes) float or what spreads to it
-            Factors on what each hole does with its own charge.
+            Factors on the motion of each hole.
 
         Raises
         ------
         InputError
-            If a hole fires outside the times allowed for.
+            If a firing time is out of range.
         """
         times, scales = self._checked(times, scales)
         together = max(1, AT_ONCE // (3 * len(self.receivers) * self.n_samples))
@@ -93,7 +94,7 @@ class BlastSpectra:
             pvs.append(np.sqrt(_top(np.einsum("brct,brct->brt", motion, motion))))
         return Peaks(np.concatenate(ppv), np.concatenate(pvs))
 
-    def seismograms(self, times, scales=1.0) -> dict[str, Seismogram]:
+    def seismograms(self, times: ArrayLike, scales: ArrayLike = 1.0) -> dict[str, Seismogram]:
         """Return the seismograms of one blast, times and scales (n_holes,)."""
         motion = self._motion(*self._checked(np.atleast_2d(times), scales))[0]
         records = {}
@@ -106,12 +107,12 @@ class BlastSpectra:
         return records
 
     def banded(self, low: float, high: float) -> "BlastSpectra":
-        """Keep ``low`` to ``high`` Hz, -6 dB at both, with the response of theory.md (13.5).
+        """Band-pass from ``low`` to ``high`` Hz, -6 dB at both; theory.md (13.5).
 
         Raises
         ------
         InputError
-            If the band holds nothing.
+            If the band is empty.
         """
         top = self.spacing * len(self.spectra)
         if not 0.0 < low < min(high, top):
@@ -120,11 +121,13 @@ class BlastSpectra:
             )
         rings = int(np.ceil(RINGS / (low * self.dt)))
         motion = fft.irfft(self.spectra, self.n_samples, axis=0)
-        size = fft.next_fast_len(self.n_samples + 2 * rings, real=True)
+        size = fast_length(self.n_samples + 2 * rings)
         hz = fft.rfftfreq(size, self.dt)
         off = (hz**2 - low * high) / np.maximum(hz * (high - low), 1e-30)
         gain = np.exp(-2j * np.pi * hz * rings * self.dt) / (1.0 + np.minimum(abs(off), 1e30) ** 8)
-        spectra, n_samples = trimmed(fft.rfft(motion, size, axis=0) * gain[:, None, None] / size)
+        spectra, n_samples = trimmed(
+            np.asarray(fft.rfft(motion, size, axis=0)) * gain[:, None, None] / size
+        )
         return replace(
             self, spectra=spectra, n_samples=n_samples, spacing=1.0 / (size * self.dt),
             start=self.start - rings * self.dt,
@@ -150,40 +153,39 @@ class BlastSpectra:
         for number, matrix in enumerate(self.spectra):
             total[..., number] = holes @ matrix
             holes *= turn
-        motion = fft.irfft(total, self.n_samples, overwrite_x=True)
+        motion = np.asarray(fft.irfft(total, self.n_samples, overwrite_x=True))
         return motion.reshape(len(times), len(self.receivers), 3, -1)
 
 
 def blast_spectra(
-    bank: GreensFunctions, sources, *, latest: float, earliest: float = 0.0
+    bank: GreensFunctions, sources: Sequence[PointSource], *, latest: float, earliest: float = 0.0
 ) -> BlastSpectra:
-    """Prepare the holes of a blast for many sets of times and scales.
+    """Return the spectra of the holes of a blast, for many sets of times and scales.
 
     Parameters
     ----------
     bank : GreensFunctions
     sources : sequence of Hole, Column or MomentTensor
-        With their charges and time functions; their times do not count.
+        With charges and time functions; their times are ignored.
     latest, earliest : float, s
-        Between which any hole of any blast may fire.
+        Range of firing times.
 
     Raises
     ------
     InputError
-        If a source is at no stored place, or the times are in the wrong order.
+        If a source is at no stored place, or ``latest`` is before ``earliest``.
 
     Notes
     -----
-    Times fall between samples by turning phases, which is exact for what a time function holds
-    below the Nyquist frequency of the time step. Motion later than ``bank.duration`` after a
-    firing is missing; see ``bank.unfinished``.
+    Times between samples are phase shifts, exact below the Nyquist frequency of the time step.
+    Motion later than ``bank.duration`` after a firing is missing; see ``bank.unfinished``.
     """
     if not earliest <= latest:
         raise InputError(f"latest: must not be below earliest, got {latest:g} < {earliest:g} s")
     numbers, dt = bank.numbers(sources), bank.dt
     drives, lead = _drives(bank, sources)
     n_steps = bank.response.shape[-1] + drives.shape[1] + int(np.ceil((latest - earliest) / dt))
-    size = fft.next_fast_len(n_steps, real=True)
+    size = fast_length(n_steps)
     responses = [_turned(bank, number, size) for number in range(len(bank.sources))]
     spectra = np.stack([fft.rfft(drive, size) * responses[number]
                         for drive, number in zip(drives, numbers, strict=True)])  # fmt: skip
@@ -194,8 +196,8 @@ def blast_spectra(
     )  # fmt: skip
 
 
-def trimmed(spectra):
-    """Leave out high frequencies without power, and samples with them.
+def trimmed(spectra: np.ndarray) -> tuple[np.ndarray, int]:
+    """Return spectra without high frequencies of negligible power, and fewer samples.
 
     Parameters
     ----------
@@ -211,12 +213,12 @@ def trimmed(spectra):
     power = np.sum(np.abs(spectra) ** 2, axis=(1, 2))
     above = np.cumsum(power[::-1])[::-1]
     kept = max(2, int(np.count_nonzero(above > DROPPED * above[0])))
-    n_samples = fft.next_fast_len(max(SAMPLES_PER_PERIOD * kept, 4), real=True)
+    n_samples = fast_length(max(SAMPLES_PER_PERIOD * kept, 4))
     return np.ascontiguousarray(spectra[:kept]) * n_samples, n_samples
 
 
 def _top(values):
-    """Return the largest of positive values (..., n), by a parabola through it and both beside."""
+    """Return the largest of positive values (..., n), interpolated by a parabola."""
     at = np.clip(values.argmax(axis=-1), 1, values.shape[-1] - 2)[..., None]
     left, middle, right = (np.take_along_axis(values, at + k, axis=-1)[..., 0] for k in (-1, 0, 1))
     bend = np.maximum(2.0 * middle - left - right, 1e-300)
@@ -225,7 +227,7 @@ def _top(values):
 
 
 def _drives(bank, sources):
-    """Return increments (n_sources, n) of moment for firings at 0 s, and how many come before."""
+    """Return moment increments (n_sources, n) for firing at 0 s, and the number before 0 s."""
     functions = [one.history if isinstance(one, PointForce) else one.moment_rate for one in sources]
     lead = max(0, int(np.ceil(-min(each.start for each in functions) / bank.dt)))
     last = max(each.start + each.dt * len(each.values) for each in functions)
@@ -235,8 +237,8 @@ def _drives(bank, sources):
 
 
 def _turned(bank, number, size):
-    """Return spectra (3 n_receivers, n_frequencies) of one place in the receivers' directions."""
-    spectra = fft.rfft(bank.response[number], size)
+    """Return spectra (3 n_receivers, n_frequencies) of one place in receiver components."""
+    spectra = np.asarray(fft.rfft(bank.response[number], size))
     for receiver, (east, north, _) in zip(bank.receivers, spectra, strict=True):
         if receiver.azimuth is not None:
             sine, cosine = np.sin(receiver.azimuth), np.cos(receiver.azimuth)
@@ -245,35 +247,35 @@ def _turned(bank, number, size):
 
 
 def signature_spectra(
-    signatures,
+    signatures: dict[str, Any],
     n_holes: int,
     *,
     latest: float,
     earliest: float = 0.0,
-    travel_shifts=None,
+    travel_shifts: ArrayLike | None = None,
 ) -> BlastSpectra:
-    """Prepare the holes of a blast by what one hole did at each receiver.
+    """Return the spectra of the holes of a blast from single-hole signatures.
 
     Parameters
     ----------
     signatures : dict of str to Seismogram, or to a sequence of n_holes of them
-        By receiver, zero time at the firing; a sequence gives each hole its own. A component
-        that was not recorded counts as still.
+        By receiver, time zero at firing; a sequence has one per hole. Components that were not
+        recorded are zero.
     n_holes : int
     latest, earliest : float, s
-        Between which any hole of any blast may fire.
+        Range of firing times.
     travel_shifts : (n_receivers, n_holes) float, s, optional
-        How much later than the signature each hole arrives, see `superposition.travel_shifts`.
+        Later arrival of each hole than the signature, see `superposition.travel_shifts`.
 
     Returns
     -------
     BlastSpectra
-        Whose receivers have no place.
+        With receivers at the origin.
 
     Raises
     ------
     InputError
-        If numbers, samplings or axes do not agree, or the times are in the wrong order.
+        If numbers, samplings or components differ, or ``latest`` is before ``earliest``.
 
     Notes
     -----
@@ -299,7 +301,7 @@ def signature_spectra(
     begins = shifts + [[one.start for one in row] for row in table]
     longest = max(len(one.velocity) for row in table for one in row)
     n = longest + ceil((np.ptp(begins) + latest - earliest) / first.dt) + 1
-    size = fft.next_fast_len(n, real=True)
+    size = fast_length(n)
     turns = -2j * np.pi * fft.rfftfreq(size, first.dt)[:, None]
     spectra = np.empty((len(turns), n_holes, len(table), 3), dtype=complex)
     for number, row in enumerate(table):

@@ -1,4 +1,4 @@
-"""Cache of runs: results in a folder, addressed by the hash of their input."""
+"""Cache of runs: results in a folder, addressed by the content hash of their input."""
 
 import hashlib
 import json
@@ -7,6 +7,7 @@ import sys
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import scipy
@@ -20,12 +21,13 @@ from ..solver.preparation import fingerprint
 from ..solver.run import Run, simulate
 
 PACKAGE = Path(__file__).parents[1]
-MARCHES = ("motion", "meshing", "solving", "ensembles")
-WHOLE = ("",)  # all rooms, and what stands above them
+# Code that a run depends on, and all code: paths within the package.
+RUN_CODE = ("core.py", "signals", "mesh", "model", "solver", "runs")
+WHOLE = ("",)
 
 
-def input_hash(*inputs) -> str:
-    """Return the SHA-256 of inputs and of the code that works on them.
+def input_hash(*inputs: Any) -> str:
+    """Return the SHA-256 of inputs and of the code of a run.
 
     Parameters
     ----------
@@ -34,7 +36,7 @@ def input_hash(*inputs) -> str:
     Raises
     ------
     InputError
-        If something is none of these, such as a function: its content can't be told.
+        If an input has no content hash, such as a function.
     """
     digest = hashlib.sha256(code_hash().encode())
     feed(digest, inputs, "input")
@@ -42,10 +44,16 @@ def input_hash(*inputs) -> str:
 
 
 @lru_cache
-def code_hash(rooms=MARCHES) -> str:
-    """Return the SHA-256 of rooms of modules, of the core, and of numpy's and scipy's version."""
+def code_hash(paths: tuple[str, ...] = RUN_CODE) -> str:
+    """Return the SHA-256 of modules, of the compiled core, and of numpy's and scipy's version.
+
+    Parameters
+    ----------
+    paths : tuple of str
+        Modules and packages within pyblast.
+    """
     digest = hashlib.sha256(f"numpy {np.__version__} scipy {scipy.__version__}".encode())
-    files = [file for name in rooms for file in sorted((PACKAGE / name).rglob("*.py"))]
+    files = [file for name in paths for file in _modules(PACKAGE / name)]
     cores = [name for name in sorted(sys.modules) if name.startswith("pyblast._core")]
     for file in [*files, *(Path(sys.modules[name].__file__ or "") for name in cores)]:
         if file.is_file():
@@ -54,23 +62,27 @@ def code_hash(rooms=MARCHES) -> str:
     return digest.hexdigest()
 
 
+def _modules(path):
+    """Return the modules at a path, sorted: one file, or all of a folder."""
+    return sorted(path.rglob("*.py")) if path.is_dir() else [path]
+
+
 log = logging.getLogger(__name__)
 
 
 class Cache:
-    """A folder of named arrays, one file for each key.
+    """Cache folder of named arrays, one file for each key.
 
-    Each file is written beside its place and renamed, so a killed run leaves none, and holds the
-    hash of its content. What can't be read, or belongs to another key, counts as absent, which
-    the log says.
+    Files are written atomically and contain the hash of their content. Unreadable files and files
+    of another key are ignored, with a warning in the log.
 
     Parameters
     ----------
     folder : path
-        Made if absent.
+        Created if absent.
     """
 
-    def __init__(self, folder):
+    def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -93,17 +105,17 @@ class Cache:
             return None
         return arrays
 
-    def put(self, key: str, arrays: dict[str, np.ndarray]):
-        """Keep arrays under a key."""
+    def put(self, key: str, arrays: dict[str, np.ndarray]) -> None:
+        """Store arrays under a key."""
         attributes = {"kind": "kept", "key": key, "content": fingerprint(arrays)}
         write_arrays(self._path(key), {"kept": arrays}, attributes)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return sum(1 for _ in self.folder.glob("*.h5"))
 
     @property
     def size(self) -> int:
-        """Bytes that the folder holds; files may be deleted at any time."""
+        """Size of the folder in bytes; files may be deleted at any time."""
         return sum(path.stat().st_size for path in self.folder.glob("*.h5"))
 
     def _path(self, key):
@@ -112,16 +124,16 @@ class Cache:
 
 @dataclass(frozen=True, eq=False)
 class KeptRun:
-    """What a cache keeps of a run.
+    """Cached run.
 
     Parameters
     ----------
     seismograms : dict of str to Seismogram
         By receiver.
     energy : dict of str to (n_lines,) float64, J
-        The ledger, with ``time`` in s.
+        Terms of the energy balance, with ``time`` in s.
     balance_error, dt, wall_seconds : float
-        As of `Run`; the time is that of the run, not of the reading.
+        As in `Run`; the wall time of the run, not of reading.
     provenance : dict of str to str
     found : bool
         Whether it was read from the cache.
@@ -136,15 +148,15 @@ class KeptRun:
     found: bool
 
 
-def cached_run(model: Model, duration: float, folder=None) -> KeptRun:
-    """Run a model, or read the same run from a folder: the bits are the same.
+def cached_run(model: Model, duration: float, folder: str | Path | None = None) -> KeptRun:
+    """Run a model, or read the bit-identical run from the cache.
 
     Parameters
     ----------
     model : Model
     duration : float, s
     folder : path, optional
-        None runs and keeps nothing.
+        Cache folder; None: no cache.
 
     Returns
     -------
@@ -153,45 +165,45 @@ def cached_run(model: Model, duration: float, folder=None) -> KeptRun:
     Raises
     ------
     InputError
-        If the model holds something whose content can't be told, such as a function.
+        If a part of the model has no content hash, such as a function.
     ReadError
         If the folder can't be written.
     """
     return find_run(model, duration, folder) or _run(model, duration, folder)
 
 
-def find_run(model: Model, duration: float, folder) -> KeptRun | None:
-    """Return the kept run of a model, or None where a folder has none."""
+def find_run(model: Model, duration: float, folder: str | Path | None) -> KeptRun | None:
+    """Return the cached run of a model, or None."""
     arrays = Cache(folder).get(input_hash(model, duration)) if folder is not None else None
     return _from_arrays(arrays) if arrays else None
 
 
 def _run(model, duration, folder):
-    """Run a model and keep it."""
-    made = simulate(model, duration)
+    """Run a model and store it in the cache."""
+    run = simulate(model, duration)
     if folder is not None:
-        Cache(folder).put(input_hash(model, duration), _as_arrays(made))
+        Cache(folder).put(input_hash(model, duration), _as_arrays(run))
     return KeptRun(
-        made.seismograms, made.energy, made.balance_error, made.dt, made.wall_seconds,
-        made.provenance, False,
+        run.seismograms, run.energy, run.balance_error, run.dt, run.wall_seconds,
+        run.provenance, False,
     )  # fmt: skip
 
 
-def _as_arrays(made: Run):
-    """Return a run as named arrays; names of receivers and the like as one text."""
+def _as_arrays(run: Run):
+    """Return a run as named arrays; text and scalars as one JSON array."""
     heads = [
         {"name": name, "dt": s.dt, "start": s.start, "label": s.label, "components": s.components}
-        for name, s in made.seismograms.items()
+        for name, s in run.seismograms.items()
     ]
     plain = {
         "seismograms": heads,
-        "provenance": made.provenance,
-        **{name: getattr(made, name) for name in ("balance_error", "dt", "wall_seconds")},
+        "provenance": run.provenance,
+        **{name: getattr(run, name) for name in ("balance_error", "dt", "wall_seconds")},
     }
     return {
         "plain": np.frombuffer(json.dumps(plain).encode(), dtype=np.uint8),
-        **{f"energy_{name}": line for name, line in made.energy.items()},
-        **{f"motion_{n}": s.velocity for n, s in enumerate(made.seismograms.values())},
+        **{f"energy_{name}": line for name, line in run.energy.items()},
+        **{f"motion_{n}": s.velocity for n, s in enumerate(run.seismograms.values())},
     }
 
 
@@ -210,5 +222,5 @@ def _from_arrays(arrays):
         for name, line in arrays.items()
         if name.startswith("energy_")
     }
-    numbers = (plain[name] for name in ("balance_error", "dt", "wall_seconds"))
-    return KeptRun(seismograms, energy, *numbers, plain["provenance"], True)
+    numbers = {name: plain[name] for name in ("balance_error", "dt", "wall_seconds")}
+    return KeptRun(seismograms, energy, **numbers, provenance=plain["provenance"], found=True)

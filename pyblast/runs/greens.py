@@ -1,5 +1,6 @@
-"""Green's functions: the motion of a blast as a sum of stored unit runs."""
+"""Green's functions: superposition of a blast from stored unit responses."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,10 +10,11 @@ from ..errors import InputError
 from ..model.boundary import StressInput, VelocityInput
 from ..model.model import Model, Receiver
 from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
-from ..signals.seismogram import Seismogram
+from ..signals.seismogram import Seismogram, fast_length
+from ..solver.linear_runs import STICKING_JOINTS
 from ..solver.loads import ADDERS, Loads
-from ..solver.perturbation import STICKING_JOINTS
 
+PointSource = Hole | Column | MomentTensor | PointForce
 CHARGES = (Hole, Column)
 KINDS = (*CHARGES, MomentTensor, PointForce)
 LINEAR_JOINTS = ("elastic", "kelvin", "maxwell", *STICKING_JOINTS)
@@ -20,8 +22,8 @@ LINEAR_ZONES = ("elastic", "anisotropic")
 NONE = TimeFunction(np.zeros(1), 1.0)
 
 
-def unit_source(source):
-    """Return a source of size one without firing time and history."""
+def unit_source(source: PointSource) -> PointSource:
+    """Return a unit source without firing time and history."""
     if isinstance(source, CHARGES):
         return replace(source, charge=1.0, time=0.0, moment_rate=NONE, exponent=1.0)
     if isinstance(source, MomentTensor):
@@ -30,30 +32,30 @@ def unit_source(source):
     return replace(source, direction=np.asarray(source.direction) / size(source), history=NONE)
 
 
-def size(source):
-    """Return what multiplies the history: of a charge, the length of a tensor or a direction."""
+def size(source: PointSource) -> float:
+    """Return the factor on the history: of the charge, the norm of the tensor or direction."""
     if isinstance(source, CHARGES):
         return source.charge**source.exponent
     vector = source.tensor if isinstance(source, MomentTensor) else source.direction
     return float(np.linalg.norm(vector)) or 1.0
 
 
-def history(source, times):
-    """Return the moment (n,) in N m, or the force in N, at times (n,) as a run reads it."""
+def history(source: PointSource, times: np.ndarray) -> np.ndarray:
+    """Return the moment (n,) in N m, or the force in N, at times (n,)."""
     if isinstance(source, PointForce):
         return size(source) * source.history(times)
     return size(source) * source.moment_rate.integral()(times - source.time)
 
 
-def place(source):
-    """Return where a source is, (3,) m; of a column its middle."""
+def place(source: PointSource) -> np.ndarray:
+    """Return the position of a source, (3,) m; the centre of a column."""
     if isinstance(source, Column):
         return 0.5 * np.add(source.primed, source.end)
     return np.asarray(source.position, dtype=float)
 
 
-def likeness(source):
-    """Return what two sources must have in common to share a run at one place."""
+def likeness(source: PointSource) -> tuple:
+    """Return the properties that sources at one place must share to have one response."""
     if isinstance(source, Column):
         way = np.round(np.subtract(source.end, source.primed), 9)
         return Column, *way, source.detonation_speed, source.sources
@@ -64,22 +66,22 @@ def likeness(source):
     return Hole, source.spread
 
 
-def loads(model, source, n_steps, dt):
-    """Return the load arrays of a source whose history is one from the second step on."""
-    found = Loads()
-    ADDERS[type(source)](found, model, source)
+def loads(model: Model, source: PointSource, n_steps: int, dt: float) -> dict[str, np.ndarray]:
+    """Return the load arrays of a source with a unit step history from the second step."""
+    collector = Loads()
+    ADDERS[type(source)](collector, model, source)
     step = np.ones((n_steps, 1))
     step[0] = 0.0
-    return {**found.arrays(dt * np.arange(n_steps)), "history": step}
+    return {**collector.arrays(dt * np.arange(n_steps)), "history": step}
 
 
-def refuse_what_does_not_superpose(model: Model):
-    """Refuse models whose motion is not the sum of what each hole does, or not of holes alone.
+def refuse_what_does_not_superpose(model: Model) -> None:
+    """Raise InputError for models to which superposition of their holes does not apply.
 
     Raises
     ------
     InputError
-        With the part that is to blame.
+        Naming the part.
     """
     for joint in model.joints:
         if joint.law not in LINEAR_JOINTS:
@@ -115,32 +117,32 @@ def refuse_what_does_not_superpose(model: Model):
             raise InputError(f"{part}: none; stored responses lead from sources to receivers")
 
 
-NEAR = 1e-6  # m: the same place
+NEAR = 1e-6  # m, distance of equal positions
 
 
 @dataclass(frozen=True, eq=False)
 class GreensFunctions:
-    """Motion of receivers by a unit step of moment, or of force, at each of some places.
+    """Green's functions: response of receivers to a unit step of moment or force at places.
 
     Parameters
     ----------
     sources : tuple of Hole, Column, MomentTensor or PointForce
-        One for each place, without charge and history.
+        Unit sources, one for each place.
     receivers : tuple of Receiver
     response : (n_sources, n_receivers, 3, n_steps) float64, m/s per N m or per N
         East, north, vertical; sample k half a step after k steps from the step of moment.
     dt : float, s
         The time step of the model.
     within : float, m
-        Sources this near to a place use its response.
+        Largest distance of a source from its place.
     side : str
-        "source" or "receiver": where the runs were made.
+        "source" or "receiver" (reciprocity).
     runs : int
     said : str
-        Which side was chosen and why, and what proves that nothing slips.
+        Choice of the side, and the check that no contact slips.
     """
 
-    sources: tuple
+    sources: tuple[PointSource, ...]
     receivers: tuple[Receiver, ...]
     response: np.ndarray
     dt: float
@@ -151,58 +153,59 @@ class GreensFunctions:
 
     @property
     def duration(self) -> float:
-        """For how long after a step of moment its motion is known, s."""
+        """Duration of the responses, s."""
         return self.dt * self.response.shape[-1]
 
     @property
     def unfinished(self) -> float:
-        """Largest motion in the last tenth over the largest of all, worst receiver and place.
+        """Largest motion in the last tenth over the peak, for the worst receiver and place.
 
-        What a hole still does later than `duration` after its firing is unknown, and missing from
-        blasts that last longer.
+        Motion later than `duration` after a firing is missing in longer blasts.
         """
         size = np.linalg.norm(self.response, axis=2)
         return float((size[..., -(size.shape[-1] // 10 + 1) :].max(-1) / size.max(-1)).max())
 
-    def numbers(self, sources) -> np.ndarray:
-        """Return the place (n,) that each source uses.
+    def numbers(self, sources: Sequence[PointSource]) -> np.ndarray:
+        """Return the number (n,) of the place of each source.
 
         Raises
         ------
         InputError
-            If there is none of its kind within reach.
+            If there is no place of its kind within reach.
         """
-        places = np.array([place(one) for one in self.sources])
-        alike = [likeness(one) for one in self.sources]
-        found = np.zeros(len(sources), dtype=int)
+        places = np.array([place(unit) for unit in self.sources])
+        kinds = [likeness(unit) for unit in self.sources]
+        numbers = np.zeros(len(sources), dtype=int)
         for n, source in enumerate(sources):
-            wanted = likeness(source)
+            kind = likeness(source)
             away = np.linalg.norm(places - place(source), axis=1)
-            away[[one != wanted for one in alike]] = np.inf
-            found[n] = away.argmin()
-            if np.isinf(away[found[n]]):
+            away[[other != kind for other in kinds]] = np.inf
+            numbers[n] = away.argmin()
+            if np.isinf(away[numbers[n]]):
                 raise InputError(
                     f"sources[{n}]: no {type(source).__name__} of this shape is stored anywhere; "
                     "add one to the model of the bank"
                 )
-            if away[found[n]] > self.within + NEAR:
+            if away[numbers[n]] > self.within + NEAR:
                 raise InputError(
                     f"sources[{n}]: the nearest stored place of such a {type(source).__name__} "
-                    f"lies {away[found[n]]:g} m away, allowed are {self.within:g} m; add its place "
-                    "to the model of the bank"
+                    f"lies {away[numbers[n]]:g} m away, allowed are {self.within:g} m; add its "
+                    "place to the model of the bank"
                 )
-        return found
+        return numbers
 
-    def blast(self, sources, duration: float | None = None) -> dict[str, Seismogram]:
-        """Return the seismograms of sources that act together; theory.md (9.1), (9.2).
+    def blast(
+        self, sources: Sequence[PointSource], duration: float | None = None
+    ) -> dict[str, Seismogram]:
+        """Return the seismograms of a blast; theory.md (9.1), (9.2).
 
         Parameters
         ----------
         sources : sequence of Hole, Column, MomentTensor or PointForce
             At the stored places, with any charges, exponents, times and time functions.
         duration : float, s, optional
-            Up to `duration`, which is the default, they are those of a run to rounding; see
-            `unfinished` for longer ones.
+            Default `duration`, for which the result equals a run to rounding; see `unfinished` for
+            longer ones.
 
         Raises
         ------
@@ -211,21 +214,23 @@ class GreensFunctions:
         """
         n_known = self.response.shape[-1]
         n = n_known if duration is None else max(2, int(np.ceil(duration / self.dt - 1e-9)))
-        size = fft.next_fast_len(n + min(n, n_known), real=True)
+        size = fast_length(n + min(n, n_known))
         total = np.zeros((len(self.receivers), 3, size // 2 + 1), dtype=complex)
         numbers = self.numbers(sources)
         for number in np.unique(numbers):
             chosen = [s for s, at in zip(sources, numbers, strict=True) if at == number]
-            drive = sum(fft.rfft(self.increments(s, n), size) for s in chosen)
-            total += fft.rfft(self.response[number, ..., :n], size) * drive
-        return self.seismograms(fft.irfft(total, size)[..., :n])
+            drive = np.asarray(
+                sum(np.asarray(fft.rfft(self.increments(s, n), size)) for s in chosen)
+            )
+            total += np.asarray(fft.rfft(self.response[number, ..., :n], size)) * drive
+        return self.seismograms(np.asarray(fft.irfft(total, size))[..., :n])
 
-    def increments(self, source, n_steps) -> np.ndarray:
-        """Return by how much moment or force grows in each step, (n_steps,)."""
+    def increments(self, source: PointSource, n_steps: int) -> np.ndarray:
+        """Return the increments of moment or force per step, (n_steps,)."""
         moment = history(source, self.dt * np.arange(n_steps))
         return np.diff(moment, prepend=0.0)
 
-    def seismograms(self, motion) -> dict[str, Seismogram]:
+    def seismograms(self, motion: np.ndarray) -> dict[str, Seismogram]:
         """Return motion (n_receivers, 3, n) as seismograms in the receivers' directions."""
         records = {}
         for receiver, velocity in zip(self.receivers, motion, strict=True):

@@ -1,9 +1,11 @@
-"""Runs of unit sources or unit receivers behind stored Green's functions."""
+"""Computation of Green's functions by runs of unit sources, or of receivers by reciprocity."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,15 +15,15 @@ from ..errors import InputError, SolverError
 from ..mesh.mesh import locate
 from ..model.model import Model
 from ..model.source import Column, PointForce
-from ..solver.perturbation import STICKING_JOINTS, at_rest, refuse_slip
+from ..solver.linear_runs import STICKING_JOINTS, at_rest, node_receivers, refuse_slip, stretches
 from ..solver.preparation import LEDGER_EVERY, Prepared, prepare
 from ..solver.run import simulate
-from ..solver.tracks import listening, stretches
 from .cache import Cache, input_hash
 from .greens import (
     NEAR,
     NONE,
     GreensFunctions,
+    PointSource,
     likeness,
     loads,
     place,
@@ -30,19 +32,21 @@ from .greens import (
 )
 
 
-def march_side_by_side(prepared: Prepared, loads, n_steps, nodes) -> Iterator[np.ndarray]:
-    """March a linear model from rest, all that drives it left out, under each of some loads.
+def run_loads(
+    prepared: Prepared, loads: Sequence[dict[str, np.ndarray]], n_steps: int, nodes: np.ndarray
+) -> Iterator[np.ndarray]:
+    """Run a linear model from rest under each of several loads, in one batch.
 
-    A single load goes without lanes.
+    The sources of the model are left out; a single load is not run as a batch.
 
     Parameters
     ----------
     prepared : Prepared
     loads : sequence of dict
-        Load arrays of up to `kernels.LANES` lanes, each with one history.
+        Load arrays of up to `core.LANES` runs, each with one history.
     n_steps : int
     nodes : (n_nodes,) int
-        That are listened to beside the receivers of the model.
+        Recorded in addition to the receivers of the model.
 
     Yields
     ------
@@ -52,10 +56,10 @@ def march_side_by_side(prepared: Prepared, loads, n_steps, nodes) -> Iterator[np
     Raises
     ------
     SolverError
-        If the motion grows without cause.
+        If a run is unstable.
     """
     constants, state = at_rest(prepared.constants)
-    constants = {**constants, **listening(constants, nodes), **_in_lanes(loads)}
+    constants = {**constants, **node_receivers(constants, nodes), **_merged_loads(loads)}
     if len(loads) == 1:
         views, advance = core.to_fortran(prepared.as_marched(constants)), core.advance
         state = prepared.as_marched(state)
@@ -65,13 +69,13 @@ def march_side_by_side(prepared: Prepared, loads, n_steps, nodes) -> Iterator[np
     for first, count in stretches(n_steps, 3 * core.LANES * len(constants["receiver_node"])):
         motion, _, failed = advance(views, state, first, count, LEDGER_EVERY)
         if failed is not None:
-            raise SolverError(f"march: the motion grew without limit at step {first + len(motion)}")
+            raise SolverError(f"run: unstable at step {first + len(motion)}")
         yield motion.reshape(*motion.shape[:3], -1)[..., : len(loads)]
 
 
-def _in_lanes(loads):
-    """Return the loads of all lanes as one list."""
-    together = {
+def _merged_loads(loads):
+    """Return the loads of all lanes as one table."""
+    merged = {
         name: np.concatenate([one[name] for one in loads])
         for name in ("load_node", "load_vector", "load_delay")
     }
@@ -79,11 +83,11 @@ def _in_lanes(loads):
         np.arange(len(loads), dtype=np.int32), [len(one["load_node"]) for one in loads]
     )
     history = np.hstack([one["history"] for one in loads])
-    return {**together, "load_history": lane, "load_lane": lane, "history": history}
+    return {**merged, "load_history": lane, "load_lane": lane, "history": history}
 
 
 def _repeated(arrays):
-    """Return arrays that each lane has for itself once for each lane."""
+    """Return arrays repeated for each lane, where lanes have their own."""
     return {
         name: np.stack([value] * core.LANES, axis=core.LANE_AXIS[name])
         if name in core.LANE_AXIS
@@ -101,23 +105,24 @@ def greens_functions(
     *,
     within: float = 0.0,
     side: str | None = None,
-    folder=None,
+    folder: str | Path | None = None,
     executor: Executor | None = None,
 ) -> GreensFunctions:
-    """Run what is needed to superpose the blasts of a linear model.
+    """Compute the Green's functions of a linear model, for the superposition of blasts.
 
     Parameters
     ----------
     model : Model
-        Its sources tell the places; charges, times and histories count only for the proof below.
+        Its sources define the places; charges, times and histories are used only to check that no
+        contact slips.
     duration : float, s
     within : float, m
-        Holes this near to another share its run; `cluster_error` says at which price.
+        Holes within this distance share a response; see `cluster_error`.
     side : str, optional
-        "source": a run for each place. "receiver": three for each receiver, by reciprocity. None
-        takes what needs fewer.
+        "source": one run per place; "receiver": three per receiver, by reciprocity. None: the side
+        with fewer runs.
     folder : path, optional
-        Where responses are kept and found.
+        Cache folder.
     executor : Executor, optional
         As for `run_all`.
 
@@ -128,50 +133,54 @@ def greens_functions(
     Raises
     ------
     InputError
-        If the model does not superpose: it yields, closes, is driven by more than its holes, or
-        has joints with friction of which a contact slips or opens in a run of its own blast. That
-        run proves it for this blast only; a stronger one may still slip.
+        If superposition does not apply: plastic ground, closing joints, other sources than holes,
+        or contacts that slip or open in a run of the blast of the model. A stronger blast may
+        still slip.
 
     Notes
     -----
-    The step of moment comes in a single time step: it holds all frequencies that a run can hold,
-    so that no time function lies outside and nothing is divided by a spectrum; theory.md (9.1) to
-    (9.3).
+    The moment is a step within one time step, which contains all frequencies of a run, so there is
+    no division by a spectrum; theory.md (9.1) to (9.3).
     """
     refuse_what_does_not_superpose(model)
     if side not in (None, "source", "receiver"):
         raise InputError(f'side: must be "source" or "receiver", got {side!r}')
     units = tuple(unit_source(source) for source in _places(model.sources, within))
-    chosen, said = _choose(side, units, model.receivers)
-    proved = _prove_no_slip(model, duration, folder)
-    said = f"{said}; {proved}" if proved else said
-    log.info("stored responses: %s", said)
+    chosen, summary = _choose(side, units, model.receivers)
+    checked = _check_no_slip(model, duration, folder)
+    summary = f"{summary}; {checked}" if checked else summary
+    log.info("stored responses: %s", summary)
     numbers = list(range(len(units) if chosen == "source" else 3 * len(model.receivers)))
-    still = replace(model, sources=units, insitu=None)
-    found = _collect(still, duration, chosen, numbers, folder, executor)
-    response = np.stack([arrays["response"] for arrays in found])
+    unloaded = replace(model, sources=units, insitu=None)
+    results = _collect(unloaded, duration, chosen, numbers, folder, executor)
+    response = np.stack([arrays["response"] for arrays in results])
     if chosen == "receiver":
         response = response.reshape(len(model.receivers), 3, len(units), -1).transpose(2, 0, 1, 3)
-    dt = float(found[0]["dt"])
+    dt = float(results[0]["dt"])
     return GreensFunctions(
         units, model.receivers, np.ascontiguousarray(response), dt, within, chosen, len(numbers),
-        said,
+        summary,
     )  # fmt: skip
 
 
 def cluster_error(model: Model, within: float, highest: float) -> float:
-    """Return how far a source moved by ``within`` m may turn phases: 2 pi f d/cs, in rad.
+    """Return the phase error of a source moved by ``within`` m: 2 pi f d/cs, in rad.
 
-    At the highest frequency in Hz and with the slowest ground that holds a source; about the
-    largest relative error of the motion, where both waves arrive along the way it was moved.
+    At the highest frequency in Hz and the smallest cs at a source; about the largest relative error
+    of the motion.
     """
-    zones, _ = locate(model.mesh, [place(source) for source in model.sources])
+    zones, _ = locate(model.mesh, [place(source) for source in _point_sources(model)])
     slowest = np.broadcast_to(model.zone_values("cs"), len(model.mesh.zones))[zones].min()
     return float(2.0 * np.pi * highest * within / slowest)
 
 
+def _point_sources(model) -> list[PointSource]:
+    """Return the sources that have a place."""
+    return [source for source in model.sources if isinstance(source, PointSource)]
+
+
 def _places(sources, within):
-    """Return one source for each place and shape; those within reach of one kept are left out."""
+    """Return one source for each place and kind; sources within reach of another are left out."""
     kept = []
     for source in sources:
         reached = [
@@ -185,7 +194,7 @@ def _places(sources, within):
 
 
 def _choose(side, units, receivers):
-    """Return the side with fewer runs, or the one wanted, and a sentence about it."""
+    """Return the side with fewer runs, or the requested one, and a sentence about it."""
     n_source, n_receiver = len(units), 3 * len(receivers)
     columns = any(isinstance(unit, Column) for unit in units)
     if columns and side == "receiver":
@@ -202,41 +211,41 @@ def _choose(side, units, receivers):
     )
 
 
-def _prove_no_slip(model, duration, folder):
-    """Run the blast of a model with joints that may slip; say that none did."""
+def _check_no_slip(model, duration, folder):
+    """Run the blast of a model with frictional joints; raise InputError if a contact slips."""
     if not any(joint.law in STICKING_JOINTS for joint in model.joints):
         return ""
     key = input_hash("no slip", model, duration) if folder is not None else ""
     cache = Cache(folder) if folder is not None else None
     if cache is None or cache.get(key) is None:
-        made = simulate(model, duration)
-        refuse_slip(model, made.prepared, made.state)
+        run = simulate(model, duration)
+        refuse_slip(model, run.prepared, run.state)
         if cache is not None:
             cache.put(key, {"slipped": np.zeros(1, dtype=np.int32)})
     return "no contact slips or opens in the run of the whole blast"
 
 
 def _collect(model, duration, side, numbers, folder, executor):
-    """Return the arrays of every run, those that are kept from the folder."""
-    found = {}
+    """Return the arrays of every run, from the cache where possible."""
+    results: dict[int, Any] = {}
     if folder is not None:
         cache = Cache(folder)
-        found = {n: cache.get(_key(model, duration, side, n)) for n in numbers}
-    missing = [n for n in numbers if found.get(n) is None]
-    abreast = 1 if model.quadratic else LANES  # lanes gain nothing there: docs/performance.md
-    groups = [missing[n : n + abreast] for n in range(0, len(missing), abreast)]
+        results = {n: cache.get(_key(model, duration, side, n)) for n in numbers}
+    missing = [n for n in numbers if results.get(n) is None]
+    batch = 1 if model.quadratic else LANES  # batches do not speed up quadratic zones
+    groups = [missing[n : n + batch] for n in range(0, len(missing), batch)]
     if executor is None:
-        made = [_march_group(model, duration, side, group, folder) for group in groups]
+        computed = [_run_group(model, duration, side, group, folder) for group in groups]
     else:
-        tasks = [executor.submit(_march_group, model, duration, side, g, folder) for g in groups]
-        made = [task.result() for task in tasks]
-    for group, arrays in zip(groups, made, strict=True):
-        found |= dict(zip(group, arrays, strict=True))
-    return [found[n] for n in numbers]
+        tasks = [executor.submit(_run_group, model, duration, side, g, folder) for g in groups]
+        computed = [task.result() for task in tasks]
+    for group, arrays in zip(groups, computed, strict=True):
+        results |= dict(zip(group, arrays, strict=True))
+    return [results[n] for n in numbers]
 
 
 def _key(model, duration, side, number):
-    """Return the hash of all that one run depends on."""
+    """Return the content hash of the input of one run."""
     if side == "source":
         return input_hash(side, replace(model, sources=[model.sources[number]]), duration)
     receiver = model.receivers[number // 3]
@@ -244,29 +253,30 @@ def _key(model, duration, side, number):
     return input_hash(side, replace(model, receivers=()), at, number % 3, duration)
 
 
-def _march_group(model, duration, side, numbers, folder):
-    """March some runs of a bank side by side; keep each."""
+def _run_group(model, duration, side, numbers, folder):
+    """Compute one batch of responses; store each in the cache."""
     prepared = prepare(model, duration)
-    march = _from_sources if side == "source" else _from_receivers
+    respond = _from_sources if side == "source" else _from_receivers
     dt = np.array(prepared.constants["dt"])
-    made = [{"response": one, "dt": dt} for one in march(model, prepared, numbers)]
+    results = [{"response": each, "dt": dt} for each in respond(model, prepared, numbers)]
     if folder is not None:
-        for number, arrays in zip(numbers, made, strict=True):
+        for number, arrays in zip(numbers, results, strict=True):
             Cache(folder).put(_key(model, duration, side, number), arrays)
-    return made
+    return results
 
 
 def _from_sources(model, prepared, numbers):
-    """Return the motion (n_receivers, 3, n_steps) after a unit step of each source."""
-    motion = np.concatenate(list(_march(model, prepared, [model.sources[n] for n in numbers], [])))
+    """Return the motion (n_receivers, 3, n_steps) for a unit step of each source."""
+    motion = np.concatenate(
+        list(_unit_step_runs(model, prepared, [model.sources[n] for n in numbers], []))
+    )
     return [np.ascontiguousarray(one) for one in motion[1:].transpose(3, 1, 2, 0)]
 
 
 def _from_receivers(model, prepared, numbers):
-    """Return what a unit step of each source does to some components, (n_sources, n_steps) each.
+    """Return the responses (n_sources, n_steps) of receiver components, by reciprocity.
 
-    The motion of the nodes that a source loads, by a force at the receiver, times those loads;
-    theory.md (9.3).
+    Motion of the loaded nodes for a force at the receiver, times the loads; theory.md (9.3).
     """
     each = [loads(model, source, 2, prepared.constants["dt"]) for source in model.sources]
     nodes = np.unique(np.concatenate([one["load_node"] for one in each]))
@@ -276,13 +286,13 @@ def _from_receivers(model, prepared, numbers):
     forces = [PointForce(model.receivers[n // 3].position, np.eye(3)[n % 3], NONE) for n in numbers]
     pieces = [
         np.tensordot(motion[:, len(model.receivers) :], table, axes=([1, 2], [1, 2]))
-        for motion in _march(model, prepared, forces, nodes)
+        for motion in _unit_step_runs(model, prepared, forces, nodes)
     ]
     return [np.ascontiguousarray(one) for one in np.concatenate(pieces)[1:].transpose(1, 2, 0)]
 
 
-def _march(model, prepared, sources, nodes):
-    """March one step more than a run under unit steps of sources, which come with the second."""
+def _unit_step_runs(model, prepared, sources, nodes):
+    """Run unit steps of sources from the second step, for one step more than a run."""
     n_steps = prepared.n_steps + 1
     each = [loads(model, source, n_steps, prepared.constants["dt"]) for source in sources]
-    return march_side_by_side(prepared, each, n_steps, np.array(nodes, dtype=int))
+    return run_loads(prepared, each, n_steps, np.array(nodes, dtype=int))

@@ -1,11 +1,12 @@
-"""Many runs side by side, on the cores of a machine or on many machines, resumed by a cache."""
+"""Parallel runs on the cores of a machine or on several machines, resumable by the cache."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
+from pathlib import Path
 
 from ..core import LEAST_SHARED
 from ..errors import InputError, SolverError
@@ -17,20 +18,24 @@ DASK_SECONDS = 10.0
 
 
 def run_all(
-    models: Sequence[Model], duration: float, *, folder=None, executor: Executor | None = None
+    models: Sequence[Model],
+    duration: float,
+    *,
+    folder: str | Path | None = None,
+    executor: Executor | None = None,
 ) -> list[KeptRun]:
-    """Run models, each at most once.
+    """Run many models in parallel, each at most once.
 
     Parameters
     ----------
     models : sequence of Model
     duration : float, s
     folder : path, optional
-        Where runs are kept and found; workers on other machines must see it under this name.
-        After an interruption the same call goes on with what is missing.
+        Cache folder, shared with workers on other machines. After an interruption the same call
+        computes the missing runs.
     executor : concurrent.futures.Executor, optional
-        `workers` for this machine; for many machines any other, such as what
-        ``dask.distributed.Client.get_executor`` returns. None runs one after the other.
+        `workers` for this machine; for several machines e.g. the result of
+        ``dask.distributed.Client.get_executor``. None: sequentially.
 
     Returns
     -------
@@ -40,13 +45,13 @@ def run_all(
     Raises
     ------
     InputError, SolverError
-        Those of the first model that fails.
+        Of the first model that fails.
     """
     if executor is None:
         return [cached_run(model, duration, folder) for model in models]
-    kept = [find_run(model, duration, folder) for model in models]
-    missing = [n for n, run in enumerate(kept) if run is None]
-    here = _left_over(missing, models, executor)
+    cached = [find_run(model, duration, folder) for model in models]
+    missing = [n for n, run in enumerate(cached) if run is None]
+    here = _remainder(missing, models, executor)
     waiting = {
         n: executor.submit(cached_run, models[n], duration, folder)
         for n in missing if n not in here
@@ -59,17 +64,17 @@ def run_all(
             "runs: a process was lost, perhaps for want of memory; the same command goes on "
             "with what is missing"
         ) from None
-    finally:  # after a failure or Ctrl-C what has not begun shall not begin
+    finally:  # cancel pending runs after a failure or Ctrl-C
         for future in waiting.values():
             future.cancel()
-    return [done.get(n, run) for n, run in enumerate(kept)]
+    return [done[n] if run is None else run for n, run in enumerate(cached)]
 
 
-def _left_over(missing, models, executor):
-    """Return the last of the missing, which this process makes on all threads, one by one.
+def _remainder(missing, models, executor):
+    """Return the last missing runs, which this process computes on all threads, one by one.
 
-    What is left beyond equal shares of the pool, if it fills no more than half of it and steps of
-    its models are worth sharing.
+    The remainder after equal shares of the pool, if it fills at most half of the pool and the
+    models are large enough for several threads.
     """
     count = getattr(executor, "count", 0)
     rest = missing[len(missing) - len(missing) % count :] if count else []
@@ -78,13 +83,13 @@ def _left_over(missing, models, executor):
 
 
 @contextmanager
-def executor_of(count=1, dask=""):
-    """Open what runs models: None for one worker, processes, or the workers of a dask scheduler.
+def executor_of(count: int = 1, dask: str = "") -> Iterator[Executor | None]:
+    """Provide an executor: None for one worker, processes, or the workers of a dask scheduler.
 
     Parameters
     ----------
     count : int
-        Processes; not used with dask.
+        Number of processes; not used with dask.
     dask : str
         Address of a scheduler, such as ``tcp://host:8786``.
 
@@ -116,26 +121,27 @@ def _dask_client(address):
 
 
 class Processes(ProcessPoolExecutor):
-    """A pool that knows how many processes it has, ``count``."""
+    """Process pool with its number of processes, ``count``."""
 
-    def __init__(self, count):
+    def __init__(self, count: int) -> None:
         super().__init__(count, mp_context=get_context("spawn"))
         self.count = count
 
 
 @contextmanager
-def workers(count: int | None = None):
-    """Open a pool of processes that share the cores of this machine.
+def workers(count: int | None = None) -> Iterator[Processes]:
+    """Provide a pool of processes that share the cores of this machine.
 
     Parameters
     ----------
     count : int, optional
-        None: one for each core, with one thread each, which beats few workers of many threads.
+        None: one per core, with one thread each, which is faster than few processes with many
+        threads.
 
     Notes
     -----
-    Processes start afresh: forking would copy threads of OpenMP that do not run in the copy. A
-    script therefore needs ``if __name__ == "__main__":`` around its work.
+    Processes are spawned, since forking does not work with OpenMP threads. A script therefore needs
+    ``if __name__ == "__main__":`` around its work.
     """
     cores = os.cpu_count() or 1
     count = count or cores

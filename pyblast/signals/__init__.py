@@ -1,1 +1,1 @@
-"""Motion at a place: seismograms, spectra, comparison, limit curves."""
+"""Ground motion: seismograms, spectra, comparison, recorder response, limit curves."""

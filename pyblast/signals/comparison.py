@@ -1,4 +1,4 @@
-"""Recorded against simulated motion at one receiver: peaks, frequencies, durations, waveforms."""
+"""Comparison of recorded and simulated motion at one receiver."""
 
 from dataclasses import dataclass
 
@@ -15,14 +15,14 @@ from .spectra import (
     wavelet_transform,
 )
 
-SILENT = 1e-6
+SILENT = 1e-6  # fraction of the largest spectral amplitude below which there is no signal
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """How a simulated seismogram differs from the recorded one, per component.
+    """Comparison of a simulated seismogram with the recorded one, per component.
 
-    Every (3,) array is NaN where a component is missing on either side or silent in the record.
+    Every (3,) array is NaN where a component is missing in either or silent in the record.
     Deviations are ``simulated / recorded - 1``.
 
     Attributes
@@ -34,16 +34,16 @@ class Comparison:
     residual_energy, recorded_energy : (3,) float64
         The two sums, m2/s2.
     lag, correlation : (3,) float64
-        Lag [s] of largest cross-correlation, positive where the simulation is late, and that
-        correlation.
+        Lag [s] of the largest cross-correlation, positive where the simulation is late, and the
+        correlation at that lag.
     envelope_misfit, phase_misfit : (3,) float64
-        Time-frequency misfits of Kristekova et al. (2009); NaN where not asked for.
+        Time-frequency misfits of Kristekova et al. (2009); NaN if not requested.
     frequency : (n,) float64, Hz
     spectral_ratio : (n, 3) float64
-        Smoothed simulated over smoothed recorded amplitude; NaN where the record holds less than
-        1e-6 of its largest amplitude.
+        Smoothed simulated over smoothed recorded amplitude; NaN where the recorded amplitude is
+        below 1e-6 of its maximum.
     band : tuple of 2 float, Hz, or None
-        Band to which both records were filtered before everything else.
+        Pass band of the filter applied to both.
     frequency_method : str
         Definition of the dominant frequency: "smoothed", "multitaper" or "raw".
     """
@@ -64,19 +64,19 @@ class Comparison:
     frequency_method: str
 
     @property
-    def waveform_misfit(self):
+    def waveform_misfit(self) -> np.ndarray:
         """Residual over recorded energy of each component, (3,)."""
         return _ratio(self.residual_energy, self.recorded_energy)
 
     @property
-    def total_waveform_misfit(self):
+    def total_waveform_misfit(self) -> float:
         """Residual over recorded energy of all compared components together."""
         compared = ~np.isnan(self.residual_energy)
         energy = np.sum(self.recorded_energy[compared])
         return float(np.sum(self.residual_energy[compared]) / energy)
 
     @property
-    def misfit(self):
+    def misfit(self) -> float:
         """Mean absolute deviation of PPV and dominant frequency over the components, percent.
 
         With three components this is the cost C of paper.md section 3.
@@ -88,24 +88,24 @@ class Comparison:
 def compare(
     recorded: Seismogram,
     simulated: Seismogram,
-    band=None,
+    band: tuple[float, float] | None = None,
     *,
-    frequency_method="smoothed",
-    time_frequency=True,
+    frequency_method: str = "smoothed",
+    time_frequency: bool = True,
 ) -> Comparison:
-    """Compare two seismograms of the same place.
+    """Compare a recorded and a simulated seismogram of one receiver.
 
     Parameters
     ----------
     recorded, simulated : Seismogram
-        The simulation is read at the recorded instants (band-limited). It is at rest before its
-        start; after its end nothing is compared.
+        The simulation is interpolated (band-limited) at the times of the record. It is zero before
+        its start; the comparison ends with the shorter of the two.
     band : tuple of 2 float, Hz, optional
-        Both are band-passed without phase shift first.
+        Both are first band-passed without phase shift.
     frequency_method : str
         Definition of the dominant frequency, see ``dominant_frequency``.
     time_frequency : bool
-        Whether to work out envelope and phase misfits, the slow part.
+        Whether to compute envelope and phase misfits, which takes most of the time.
 
     Returns
     -------
@@ -115,31 +115,45 @@ def compare(
     ------
     InputError
         If components differ, none is in both, the record is silent or the times do not overlap.
+
+    Notes
+    -----
+    Waveform misfit ``sum (d - s)^2 / sum d^2``; theory.md (7.1) to (7.5). Envelope and phase
+    misfit: Kristekova et al. (2009).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> times = np.arange(0.0, 1.0, 1e-3)
+    >>> pulse = np.exp(-((times - 0.5) ** 2) / 1e-3)[:, None] * [1.0, 0.5, 0.2]
+    >>> recorded, simulated = Seismogram(pulse, 1e-3), Seismogram(0.9 * pulse, 1e-3)
+    >>> compare(recorded, simulated).ppv_deviation.round(3).tolist()
+    [-0.1, -0.1, -0.1]
     """
     recorded, simulated = in_common(recorded, simulated, band)
-    both = recorded.present & simulated.present & np.any(recorded.velocity != 0.0, axis=0)
-    if not np.any(both):
+    compared = recorded.present & simulated.present & np.any(recorded.velocity != 0.0, axis=0)
+    if not np.any(compared):
         raise InputError("compare: no component with motion is present in both seismograms")
-    data, model = (np.where(both, s.velocity, np.nan) for s in (recorded, simulated))
-    found, wanted = (
+    data, model = (np.where(compared, s.velocity, np.nan) for s in (recorded, simulated))
+    hz_simulated, hz_recorded = (
         dominant_frequency(s, frequency_method, band).hz for s in (simulated, recorded)
     )
-    lasted, lasts = significant_duration(simulated), significant_duration(recorded)
+    durations = significant_duration(simulated), significant_duration(recorded)
     pairs = zip(data.T, model.T, strict=True)
-    late, correlation = np.transpose([lag(d[:, None], m[:, None], recorded.dt) for d, m in pairs])
+    lags, correlation = np.transpose([lag(d[:, None], m[:, None], recorded.dt) for d, m in pairs])
     envelope, phase = np.full((2, 3), np.nan)
-    for n in np.flatnonzero(both & time_frequency):
+    for n in np.flatnonzero(compared & time_frequency):
         transforms = (wavelet_transform(each[:, n], recorded.dt, band) for each in (data, model))
         envelope[n], phase[n] = envelope_and_phase(*transforms)
     frequency, ratio = _spectral_ratio(recorded, simulated)
     return Comparison(
         components=recorded.components,
         ppv_deviation=_ratio(np.max(np.abs(model), axis=0), np.max(np.abs(data), axis=0)) - 1.0,
-        frequency_deviation=np.where(both, _ratio(found, wanted) - 1.0, np.nan),
-        duration_deviation=np.where(both, _ratio(lasted, lasts) - 1.0, np.nan),
+        frequency_deviation=np.where(compared, _ratio(hz_simulated, hz_recorded) - 1.0, np.nan),
+        duration_deviation=np.where(compared, _ratio(*durations) - 1.0, np.nan),
         residual_energy=np.sum((data - model) ** 2, axis=0),
         recorded_energy=np.sum(data**2, axis=0),
-        lag=late,
+        lag=lags,
         correlation=correlation,
         envelope_misfit=envelope,
         phase_misfit=phase,
@@ -154,8 +168,8 @@ def _spectral_ratio(recorded, simulated):
     """Frequencies and smoothed simulated over smoothed recorded amplitude."""
     spectrum = smoothed_spectrum(recorded)
     floor = SILENT * np.max(spectrum.amplitude, axis=0)
-    heard = np.where(spectrum.amplitude > floor, spectrum.amplitude, np.nan)
-    return spectrum.frequency, smoothed_spectrum(simulated).amplitude / heard
+    level = np.where(spectrum.amplitude > floor, spectrum.amplitude, np.nan)
+    return spectrum.frequency, smoothed_spectrum(simulated).amplitude / level
 
 
 def _ratio(top, bottom):
@@ -164,8 +178,10 @@ def _ratio(top, bottom):
     return top / safe
 
 
-def in_common(recorded: Seismogram, simulated: Seismogram, band=None):
-    """Return both seismograms at the recorded instants, up to the earlier end, within a band.
+def in_common(
+    recorded: Seismogram, simulated: Seismogram, band: tuple[float, float] | None = None
+) -> tuple[Seismogram, Seismogram]:
+    """Return both seismograms at the times of the record, up to the earlier end, in a band.
 
     Raises
     ------

@@ -1,10 +1,11 @@
-"""Vibration-limit curves: data in limits.toml, unverified until a named person confirms them."""
+"""Vibration limit curves of standards; the data in limits.toml are unverified."""
 
 import tomllib
 from dataclasses import dataclass
 from importlib import resources
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..units import to_si
@@ -15,14 +16,14 @@ QUANTITIES = ("peak component", "vertical component", "horizontal component", "v
 
 @dataclass(frozen=True, eq=False)
 class LimitCurve:
-    """A limit of particle velocity against frequency.
+    """Limit of particle velocity as a function of frequency.
 
     Parameters
     ----------
     name, source : str
     verified : bool
         Whether a named person compared the numbers with the standard. An unverified curve is
-        drawn and labelled, never a pass or fail.
+        plotted with that label and gives no pass or fail.
     quantity : str
         What the limit applies to: "peak component", "vector sum", ...
     corners : (n_corners, 2) float64, Hz and m/s
@@ -34,7 +35,7 @@ class LimitCurve:
     Raises
     ------
     InputError
-        If the corners do not rise, a limit is not positive or a word is unknown.
+        If the corners do not rise, a limit is not positive or a name is unknown.
     """
 
     name: str
@@ -45,7 +46,7 @@ class LimitCurve:
     interpolation: str = "linear"
     note: str = ""
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the fields once."""
         corners = np.array(self.corners, dtype=np.float64)
         where = f"limit curve {self.name!r}"
@@ -62,7 +63,7 @@ class LimitCurve:
         corners.setflags(write=False)
         object.__setattr__(self, "corners", corners)
 
-    def limit(self, frequency):
+    def limit(self, frequency: ArrayLike) -> np.ndarray:
         """Return the limit at each frequency.
 
         Parameters
@@ -72,8 +73,8 @@ class LimitCurve:
         Returns
         -------
         array of float64, m/s
-            NaN below the first corner, where the curve says nothing; the last value above the
-            last corner. At a step the lower of its two values.
+            NaN below the first corner, where the curve is undefined; the last value above the
+            last corner. At a step the lower of the two values.
         """
         frequency = np.asarray(frequency, dtype=np.float64)
         values = np.minimum(self._from(frequency, "left"), self._from(frequency, "right"))
@@ -95,20 +96,26 @@ class LimitCurve:
         return np.exp(value) if self.interpolation == "log-log" else value
 
 
-def load_limits():
-    """Load the curves that come with pyblast.
+def load_limits() -> dict[str, LimitCurve]:
+    """Load the limit curves that come with pyblast.
 
     Returns
     -------
     dict of str to LimitCurve
-        By short key ("usbm_plaster", "din_4150_dwelling", ...), all with ``verified`` false.
+        By key ("usbm_plaster", "din_4150_dwelling", ...), all with ``verified`` false.
+
+    Examples
+    --------
+    >>> curve = load_limits()["usbm_plaster"]
+    >>> curve.verified
+    False
     """
-    text = resources.files(__package__).joinpath("limits.toml").read_text(encoding="utf-8")
+    text = resources.files("pyblast.signals").joinpath("limits.toml").read_text(encoding="utf-8")
     return {key: _curve(entry) for key, entry in tomllib.loads(text).items()}
 
 
 def _curve(entry):
-    """Turn one entry of the data file into SI."""
-    hz, limit = entry.pop("frequency_hz"), entry.pop("limit_mm_per_s")
-    corners = zip(to_si("frequency_hz", hz)[1], to_si("limit_mm_per_s", limit)[1], strict=True)
-    return LimitCurve(corners=np.array(list(corners)), **entry)
+    """Return the curve of one entry of the data file, in SI."""
+    keys = ("frequency_hz", "limit_mm_per_s")
+    columns = [to_si(key, entry.pop(key))[1] for key in keys]
+    return LimitCurve(corners=np.array(columns).T, **entry)

@@ -1,42 +1,47 @@
-"""What a recorder makes of motion: operators on simulated seismograms, never on records.
+"""Recorder response: operators that turn simulated ground motion into a recording.
 
-Each operator is applied to velocity and gives what the recorder would have written. Transfer
-functions are theory.md (7.6) and (7.7), in the convention of numpy.
+Each operator takes and returns a seismogram of velocity. The transfer functions are theory.md (7.6)
+and (7.7), in numpy's sign convention.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.signal import butter, sosfilt, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from .seismogram import Seismogram
 
-PADS = 4
+Operator = Callable[[Seismogram], Seismogram]
+PADDING = 4  # length of the transform over that of the record
 
 
-def recorded(seismogram: Seismogram, chain: Sequence[Callable]) -> Seismogram:
-    """Return a seismogram as a chain of operators, the first nearest the ground, would record it.
+def recorded(seismogram: Seismogram, chain: Sequence[Operator]) -> Seismogram:
+    """Apply a chain of operators to a seismogram, from the ground to the file.
 
     Examples
     --------
-    >>> heard = recorded(motion, [geophone(4.5, 0.7), gain(1.02), clipping(0.254)])
+    >>> import numpy as np
+    >>> motion = Seismogram(np.ones((50, 3)), 1e-3)
+    >>> recorded(motion, [gain(1.02), clipping(0.254)]).ppv.tolist()
+    [0.254, 0.254, 0.254]
     """
     for operator in chain:
         seismogram = operator(seismogram)
     return seismogram
 
 
-def geophone(corner, damping=0.7):
-    """Return the operator of a geophone: a high-pass of second order for velocity; theory.md (7.6).
+def geophone(corner: float, damping: float = 0.7) -> Operator:
+    """Return the response of a geophone: second-order high-pass of velocity; theory.md (7.6).
 
     Parameters
     ----------
     corner : float, Hz
     damping : float
-        Share of critical damping.
+        Fraction of critical damping.
     """
     _positive("geophone.corner", corner, "Hz")
     _positive("geophone.damping", damping, "")
@@ -48,8 +53,8 @@ def geophone(corner, damping=0.7):
     return _filter(response)
 
 
-def coupling(resonance, damping=0.1):
-    """Return the operator of a sensor that rocks on soft ground at a resonance in Hz; (7.7)."""
+def coupling(resonance: float, damping: float = 0.1) -> Operator:
+    """Return the coupling resonance (Hz) of a sensor on soft ground; theory.md (7.7)."""
     _positive("coupling.resonance", resonance, "Hz")
     _positive("coupling.damping", damping, "")
 
@@ -60,8 +65,8 @@ def coupling(resonance, damping=0.1):
     return _filter(response)
 
 
-def anti_alias(corner, order=4, *, zero_phase=False):
-    """Return a Butterworth low-pass with a corner in Hz, causal as in a recorder, or zero-phase."""
+def anti_alias(corner: float, order: int = 4, *, zero_phase: bool = False) -> Operator:
+    """Return an anti-alias filter: Butterworth low-pass (corner in Hz), causal or zero-phase."""
     _positive("anti_alias.corner", corner, "Hz")
 
     def operate(seismogram):
@@ -74,20 +79,20 @@ def anti_alias(corner, order=4, *, zero_phase=False):
     return operate
 
 
-def gain(factors):
-    """Return the operator of a gain: a factor, or one for each component; -1 is polarity."""
+def gain(factors: ArrayLike) -> Operator:
+    """Return a gain: one factor, or one per component; -1 reverses the polarity."""
     return lambda s: replace(s, velocity=s.velocity * np.asarray(factors, dtype=float))
 
 
-def orientation(about_vertical, tilt=0.0, towards=0.0):
-    """Return the operator of a sensor that stands askew; energy is kept.
+def orientation(about_vertical: float, tilt: float = 0.0, towards: float = 0.0) -> Operator:
+    """Return the rotation of a misoriented sensor, which preserves energy.
 
     Parameters
     ----------
     about_vertical : float, rad
-        By which it is turned clockwise, seen from above.
+        Clockwise, seen from above.
     tilt, towards : float, rad
-        By how much it leans, and towards which bearing.
+        Tilt angle, and its bearing.
     """
     axis = tilt * np.array([np.cos(towards), -np.sin(towards), 0.0])
     turn = Rotation.from_rotvec(axis) * Rotation.from_euler("z", -about_vertical)
@@ -95,8 +100,8 @@ def orientation(about_vertical, tilt=0.0, towards=0.0):
     return lambda s: replace(s, velocity=s.velocity @ matrix)
 
 
-def clock(shift=0.0, drift=0.0):
-    """Return the operator of a clock: it writes motion ``shift + drift * time`` s too late."""
+def clock(shift: float = 0.0, drift: float = 0.0) -> Operator:
+    """Return a clock error: motion is recorded ``shift + drift * time`` s late."""
 
     def operate(seismogram):
         times = (seismogram.times - shift) / (1.0 + drift)
@@ -111,22 +116,24 @@ def clock(shift=0.0, drift=0.0):
     return operate
 
 
-def clipping(full_scale):
-    """Return the operator of a recorder whose range ends at a velocity in m/s."""
+def clipping(full_scale: float) -> Operator:
+    """Return clipping at the full scale of the recorder, m/s."""
     _positive("clipping.full_scale", full_scale, "m/s")
     return lambda s: replace(s, velocity=np.clip(s.velocity, -full_scale, full_scale))
 
 
-def step(time, size, corner, damping=0.7, component=2):
-    """Return the operator that adds what a geophone writes of a step of acceleration.
+def step(
+    time: float, size: float, corner: float, damping: float = 0.7, component: int = 2
+) -> Operator:
+    """Return the added response of a geophone to a step of acceleration.
 
     Parameters
     ----------
     time : float, s
-        When the ground tilts or is knocked.
+        Time of the step.
     size : float, m/s2
     corner, damping : float
-        Of the geophone, Hz and share of critical, below one: theory.md (7.8).
+        Of the geophone, Hz and fraction of critical, below one: theory.md (7.8).
     component : int
     """
     _positive("step.corner", corner, "Hz")
@@ -135,21 +142,21 @@ def step(time, size, corner, damping=0.7, component=2):
 
     def operate(seismogram):
         after = np.maximum(seismogram.times - time, 0.0)
-        own = 2.0 * np.pi * corner
-        turn = own * np.sqrt(1.0 - damping**2)
+        natural = 2.0 * np.pi * corner
+        turn = natural * np.sqrt(1.0 - damping**2)
         velocity = seismogram.velocity.copy()
-        fade = np.exp(-damping * own * after)
-        velocity[:, component] += size * fade * np.sin(turn * after) / turn
+        decay = np.exp(-damping * natural * after)
+        velocity[:, component] += size * decay * np.sin(turn * after) / turn
         return replace(seismogram, velocity=velocity)
 
     return operate
 
 
 def _filter(response):
-    """Return an operator from a transfer function of frequency in Hz, conjugate convention."""
+    """Return the operator of a transfer function of frequency in Hz."""
 
     def operate(seismogram):
-        length = PADS * len(seismogram.velocity)
+        length = PADDING * len(seismogram.velocity)
         frequency = np.fft.rfftfreq(length, seismogram.dt)
         spectrum = np.fft.rfft(seismogram.velocity, length, axis=0) * response(frequency)[:, None]
         filtered = np.fft.irfft(spectrum, length, axis=0)[: len(seismogram.velocity)]
@@ -159,6 +166,6 @@ def _filter(response):
 
 
 def _positive(where, value, unit):
-    """Refuse what is not positive."""
+    """Raise InputError for a value that is not positive."""
     if not 0.0 < value < np.inf:
         raise InputError(f"recorder.{where}: must be positive, got {value:g} {unit}".rstrip())

@@ -1,4 +1,4 @@
-"""Three components of particle velocity at a place, recorded or simulated: Seismogram."""
+"""Seismograms: three components of particle velocity, recorded or simulated."""
 
 import math
 from dataclasses import dataclass, replace
@@ -7,16 +7,19 @@ import numpy as np
 from scipy import fft, signal
 
 from ..errors import InputError
+from ..units import check_angle
 
 FILTER_ORDER = 4
 GEOGRAPHIC = ("east", "north", "vertical")
 BLAST_AXES = ("longitudinal", "transverse", "vertical")
-PASS_BAND = 0.8
+PASS_BAND = 0.8  # of the new Nyquist frequency, kept without taper when resampling
 
 
 @dataclass(frozen=True, eq=False)
 class Seismogram:
-    """Hold particle velocity at a place; every change returns a new seismogram.
+    """Seismogram: three components of particle velocity at one place.
+
+    Immutable: every method returns a new seismogram.
 
     Parameters
     ----------
@@ -27,12 +30,22 @@ class Seismogram:
     start : float, s
         Time of the first sample; zero is the firing of the first hole.
     label : str
+        Name of the receiver or station.
     components : tuple of 3 str
+        ``GEOGRAPHIC`` (east, north, vertical) or ``BLAST_AXES`` (longitudinal, transverse,
+        vertical).
 
     Raises
     ------
     InputError
-        If a shape, the sampling, a value or a component's name breaks these rules.
+        If the shape, the sampling, a sample or the names of components are invalid.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> motion = Seismogram(np.array([[0.0, 0.0, 0.0], [3e-3, 4e-3, 0.0]]), dt=1e-3)
+    >>> motion.ppv.tolist(), motion.pvs
+    ([0.003, 0.004, 0.0], 0.005)
     """
 
     velocity: np.ndarray
@@ -41,7 +54,7 @@ class Seismogram:
     label: str = ""
     components: tuple[str, str, str] = GEOGRAPHIC
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         """Check the fields once and make the samples read-only."""
         velocity = np.array(self.velocity, dtype=np.float64, order="C")
         if velocity.ndim != 2 or velocity.shape[1] != 3 or len(velocity) < 2:
@@ -61,32 +74,32 @@ class Seismogram:
         object.__setattr__(self, "components", tuple(self.components))
 
     @property
-    def times(self):
+    def times(self) -> np.ndarray:
         """Time of each sample, (n_samples,) s."""
         return self.start + self.dt * np.arange(len(self.velocity))
 
     @property
-    def duration(self):
+    def duration(self) -> float:
         """Time from the first to the last sample [s]."""
         return self.dt * (len(self.velocity) - 1)
 
     @property
-    def present(self):
-        """Which components hold a record, (3,) bool."""
+    def present(self) -> np.ndarray:
+        """Whether each component was recorded, (3,) bool."""
         return ~np.isnan(self.velocity[0])
 
     @property
-    def ppv(self):
-        """Largest absolute sample of each component, (3,) m/s; the mean is not removed."""
+    def ppv(self) -> np.ndarray:
+        """Peak particle velocity of each component, (3,) m/s; the mean is not removed."""
         return np.max(np.abs(self.velocity), axis=0)
 
     @property
-    def pvs(self):
-        """Largest length of the velocity vector at one instant [m/s]."""
+    def pvs(self) -> float:
+        """Peak vector sum: largest length of the velocity vector at one time [m/s]."""
         return float(np.sqrt(np.max(np.sum(self.velocity[:, self.present] ** 2, axis=1))))
 
-    def sampled(self, start, dt, n_samples):
-        """Read the motion at other instants by band-limited interpolation.
+    def sampled(self, start: float, dt: float, n_samples: int) -> "Seismogram":
+        """Resample at given times by band-limited interpolation.
 
         Parameters
         ----------
@@ -102,8 +115,8 @@ class Seismogram:
 
         Notes
         -----
-        The line through first and last sample is set apart, the rest is a sine series over the
-        record, so that neither end rings.
+        The line through the first and last sample is subtracted and the rest expanded in a sine
+        series, so that the ends do not ring.
         """
         if not (math.isfinite(dt) and dt > 0.0):
             raise InputError(f"seismogram.sampled: dt must be positive, got {dt:g} s")
@@ -120,22 +133,22 @@ class Seismogram:
         motion[np.ix_(outside, self.present)] = 0.0
         return replace(self, velocity=motion, dt=dt, start=start)
 
-    def resampled(self, dt):
-        """Change the time between samples, without aliases; starts at the same instant."""
+    def resampled(self, dt: float) -> "Seismogram":
+        """Change the sampling interval without aliasing; the start time stays."""
         if not (math.isfinite(dt) and dt > 0.0):
             raise InputError(f"seismogram.resampled: dt must be positive, got {dt:g} s")
         return self.sampled(self.start, dt, math.floor(self.duration / dt + 1e-9) + 1)
 
-    def lowpassed(self, hz):
-        """Remove what is above ``hz`` without shifting phases.
+    def lowpassed(self, hz: float) -> "Seismogram":
+        """Low-pass filter at ``hz`` without phase shift.
 
         Butterworth of order 4, forward and backward: amplitude 1/(1 + (f/hz)^8), which is
         -6 dB at ``hz`` and -3 dB at 0.896 ``hz``.
         """
         return self._filtered("lowpass", hz)
 
-    def bandpassed(self, low, high):
-        """Keep ``low`` to ``high`` Hz without shifting phases; -6 dB at both corners."""
+    def bandpassed(self, low: float, high: float) -> "Seismogram":
+        """Band-pass filter, ``low`` to ``high`` Hz, without phase shift; -6 dB at both corners."""
         if not low < high:
             raise InputError(f"seismogram.bandpassed: need low < high, got {low:g}, {high:g} Hz")
         return self._filtered("bandpass", low, high)
@@ -150,7 +163,7 @@ class Seismogram:
             )
         sections = signal.butter(
             FILTER_ORDER,
-            corners if len(corners) > 1 else corners[0],
+            corners[0] if kind == "lowpass" else corners,
             kind,
             fs=1.0 / self.dt,
             output="sos",
@@ -159,14 +172,19 @@ class Seismogram:
         filtered = signal.sosfiltfilt(sections, self.velocity, axis=0, padlen=padding)
         return replace(self, velocity=filtered)
 
-    def rotated(self, azimuth):
-        """Turn the horizontal components between east, north and longitudinal, transverse.
+    def rotated(self, azimuth: float) -> "Seismogram":
+        """Rotate the horizontal components: east, north to longitudinal, transverse, or back.
 
         Parameters
         ----------
         azimuth : float, rad
             Direction of the longitudinal axis, clockwise from north; the transverse axis lies
             90 degrees clockwise of it. The rotation is its own inverse.
+
+        Raises
+        ------
+        InputError
+            If the components have other names, or the azimuth is in degrees.
         """
         names = {GEOGRAPHIC: BLAST_AXES, BLAST_AXES: GEOGRAPHIC}.get(self.components)
         if names is None:
@@ -174,6 +192,7 @@ class Seismogram:
                 f"seismogram.rotated: components must be {GEOGRAPHIC} or {BLAST_AXES}, "
                 f"got {self.components}"
             )
+        check_angle("seismogram.rotated: azimuth", azimuth)
         east, north, vertical = self.velocity.T
         sine, cosine = math.sin(azimuth), math.cos(azimuth)
         turned = np.column_stack(
@@ -181,23 +200,28 @@ class Seismogram:
         )
         return replace(self, velocity=turned, components=names)
 
-    def windowed(self, t0, t1):
-        """Keep the samples from ``t0`` to ``t1`` [s], both included."""
-        kept = (self.times >= t0 - 1e-9 * self.dt) & (self.times <= t1 + 1e-9 * self.dt)
-        if np.count_nonzero(kept) < 2:
+    def windowed(self, t0: float, t1: float) -> "Seismogram":
+        """Cut out the samples from ``t0`` to ``t1`` [s], both included."""
+        inside = (self.times >= t0 - 1e-9 * self.dt) & (self.times <= t1 + 1e-9 * self.dt)
+        if np.count_nonzero(inside) < 2:
             raise InputError(
                 f"seismogram.windowed: {t0:g} to {t1:g} s holds fewer than 2 samples of a record "
                 f"from {self.start:g} to {self.start + self.duration:g} s"
             )
-        return replace(self, velocity=self.velocity[kept], start=float(self.times[kept][0]))
+        return replace(self, velocity=self.velocity[inside], start=float(self.times[inside][0]))
 
-    def shifted(self, seconds):
-        """Start ``seconds`` later; the samples stay as they are."""
+    def shifted(self, seconds: float) -> "Seismogram":
+        """Shift the start by ``seconds``; the samples are unchanged."""
         return replace(self, start=self.start + seconds)
 
 
+def fast_length(n_samples: int) -> int:
+    """Return the next length from ``n_samples`` on for which real Fourier transforms are fast."""
+    return fft.next_fast_len(n_samples, real=True)  # type: ignore[return-value]
+
+
 def _refuse_gaps(velocity, components):
-    """Refuse infinite samples, gaps inside a component and a record without any component."""
+    """Raise InputError for infinite samples, gaps and records without any component."""
     missing = np.all(np.isnan(velocity), axis=0)
     if np.all(missing):
         raise InputError("seismogram.velocity: every component is missing")
@@ -211,13 +235,13 @@ def _refuse_gaps(velocity, components):
 
 
 def _sine_series_at(motion, dt, first, new_dt, n_samples):
-    """Evaluate the sine series of motion that is zero at both ends, at first + m*new_dt."""
+    """Evaluate the sine series of motion, zero at both ends, at ``first + m*new_dt``."""
     n_waves = len(motion) - 2
     if n_waves < 1:
         return np.zeros((n_samples, 3)) + 0.0 * motion[0]
     duration = dt * (len(motion) - 1)
     waves = np.arange(1, n_waves + 1)
-    amplitude = fft.dst(motion[1:-1], type=1, axis=0) / (n_waves + 1)
+    amplitude = np.asarray(fft.dst(motion[1:-1], type=1, axis=0)) / (n_waves + 1)
     if new_dt > dt:
         nyquist = 0.5 / new_dt
         above = (waves / (2.0 * duration) / nyquist - PASS_BAND) / (1.0 - PASS_BAND)

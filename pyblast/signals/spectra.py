@@ -1,31 +1,35 @@
-"""Spectra of motion: smoothing, dominant frequency, duration, low-pass, time-frequency misfit."""
+"""Spectra of motion: smoothing, dominant frequency, duration, filters, time-frequency misfit."""
 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from obspy.signal import tf_misfit
-from obspy.signal.konnoohmachismoothing import konno_ohmachi_smoothing_window
 from scipy import fft, signal
+from scipy.signal.windows import dpss
 from scipy.sparse import csr_array
 
 from ..errors import InputError
-from .seismogram import Seismogram
+from .seismogram import Seismogram, fast_length
 
-BANDWIDTH = 40.0
-N_SMOOTHED = 500
-PADDING = 16
-N_LINES = 400
-LOW_PASS = 20.0
+BANDWIDTH = 40.0  # b of Konno and Ohmachi
+N_SMOOTHED = 500  # centre frequencies
+PADDING = 16  # length of the transform over that of the record
+N_LINES = 400  # frequencies in a smoothing window beyond which some are skipped
+LOW_PASS = 20.0  # Hz
 MINUS_3_DB = (math.sqrt(2.0) - 1.0) ** 0.125
 
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Amplitude against frequency, and how it was made.
+    """Amplitude spectrum, with its definition.
 
-    ``frequency`` (n,) Hz, ``amplitude`` (n, 3) m/s/Hz, ``definition`` a phrase for captions.
+    Parameters
+    ----------
+    frequency : (n,) float64, Hz
+    amplitude : (n, 3) float64, m/s/Hz
+    definition : str
+        For captions.
     """
 
     frequency: np.ndarray
@@ -35,7 +39,7 @@ class Spectrum:
 
 @dataclass(frozen=True, eq=False)
 class Frequency:
-    """One frequency per component, ``hz`` (3,) and the definition it follows."""
+    """Frequency of each component, ``hz`` (3,), with its definition."""
 
     hz: np.ndarray
     definition: str
@@ -43,10 +47,17 @@ class Frequency:
 
 @dataclass(frozen=True, eq=False)
 class LowPassed:
-    """A low-passed seismogram and what the filter took.
+    """Low-passed seismogram, with the removed energy and the change of the peak.
 
-    ``removed_energy`` (3,) is a fraction of the energy, ``ppv_change`` (3,) a fraction of the
-    PPV (negative when lower), ``corner`` and ``corner_3db`` the -6 dB and -3 dB points [Hz].
+    Parameters
+    ----------
+    seismogram : Seismogram
+    removed_energy : (3,) float64
+        Fraction of the energy of each component.
+    ppv_change : (3,) float64
+        Relative change of PPV, negative when lower.
+    corner, corner_3db : float, Hz
+        -6 dB and -3 dB points of the filter.
     """
 
     seismogram: Seismogram
@@ -56,14 +67,14 @@ class LowPassed:
     corner_3db: float
 
 
-def amplitude_spectrum(seismogram: Seismogram, n_padded=None) -> Spectrum:
-    """Return ``dt |FFT|`` of each component, the mean not removed.
+def amplitude_spectrum(seismogram: Seismogram, n_padded: int | None = None) -> Spectrum:
+    """Return the amplitude spectrum ``dt |FFT|`` of each component; the mean is not removed.
 
     Parameters
     ----------
     seismogram : Seismogram
     n_padded : int, optional
-        Length with zeros appended; the record's own length by default.
+        Length including appended zeros; that of the record by default.
 
     Returns
     -------
@@ -75,11 +86,11 @@ def amplitude_spectrum(seismogram: Seismogram, n_padded=None) -> Spectrum:
         raise InputError(
             f"amplitude_spectrum.n_padded: must be at least {len(seismogram.velocity)}, got {n}"
         )
-    amplitude = seismogram.dt * np.abs(fft.rfft(seismogram.velocity, n, axis=0))
+    amplitude = seismogram.dt * np.abs(np.asarray(fft.rfft(seismogram.velocity, n, axis=0)))
     return Spectrum(fft.rfftfreq(n, seismogram.dt), amplitude, "amplitude spectrum")
 
 
-def smoothed_spectrum(seismogram: Seismogram, bandwidth=BANDWIDTH) -> Spectrum:
+def smoothed_spectrum(seismogram: Seismogram, bandwidth: float = BANDWIDTH) -> Spectrum:
     """Smooth the amplitude spectrum with Konno-Ohmachi windows.
 
     Parameters
@@ -96,14 +107,14 @@ def smoothed_spectrum(seismogram: Seismogram, bandwidth=BANDWIDTH) -> Spectrum:
     Notes
     -----
     The mean is removed and the record padded with zeros to 16 times its length before the
-    transform: with fewer frequencies the narrow windows at a few cycles per record make stairs.
-    Windows that hold many frequencies take every second, third ... eighth. Each window sums to
-    one, so a flat spectrum stays flat. Konno and Ohmachi (1998).
+    transform: otherwise the narrow windows at a few cycles per record contain too few frequencies.
+    Wide windows use every second, third ... eighth frequency. Each window sums to one, so a flat
+    spectrum stays flat. Konno and Ohmachi (1998).
     """
     if not bandwidth > 0.0:
         raise InputError(f"smoothed_spectrum.bandwidth: must be positive, got {bandwidth:g}")
     centred = _without_mean(seismogram)
-    n_padded = fft.next_fast_len(PADDING * len(centred.velocity), real=True)
+    n_padded = fast_length(PADDING * len(centred.velocity))
     raw = amplitude_spectrum(centred, n_padded)
     centres, windows = _smoothing(n_padded, centred.dt, centred.duration, bandwidth)
     amplitude = windows @ raw.amplitude
@@ -114,6 +125,8 @@ def smoothed_spectrum(seismogram: Seismogram, bandwidth=BANDWIDTH) -> Spectrum:
 @lru_cache(maxsize=8)
 def _smoothing(n_padded, dt, duration, bandwidth):
     """Return centres (500,) in Hz and the windows around them, sparse (500, n_frequencies)."""
+    from obspy.signal.konnoohmachismoothing import konno_ohmachi_smoothing_window  # slow to load
+
     frequency = fft.rfftfreq(n_padded, dt)
     centres = np.geomspace(1.0 / duration, frequency[-1], N_SMOOTHED)
     reach = 10.0 ** (3.0 * math.pi / bandwidth)
@@ -122,16 +135,16 @@ def _smoothing(n_padded, dt, duration, bandwidth):
     strides = np.clip((last - first) // N_LINES, 1, PADDING // 2)
     near = [np.arange(*ends) for ends in zip(first, last, strides, strict=True)]
     weight = [
-        konno_ohmachi_smoothing_window(frequency[some], centre, bandwidth, normalize=True)
-        for some, centre in zip(near, centres, strict=True)
+        konno_ohmachi_smoothing_window(frequency[window], centre, bandwidth, normalize=True)
+        for window, centre in zip(near, centres, strict=True)
     ]
     ends = np.cumsum([0, *map(len, near)])
     shape = (N_SMOOTHED, len(frequency))
     return centres, csr_array((np.concatenate(weight), np.concatenate(near), ends), shape)
 
 
-def multitaper_spectrum(seismogram: Seismogram, time_bandwidth=4.0) -> Spectrum:
-    """Average the spectra of the record under orthogonal (Slepian) tapers.
+def multitaper_spectrum(seismogram: Seismogram, time_bandwidth: float = 4.0) -> Spectrum:
+    """Return the multitaper spectrum: mean over orthogonal (Slepian) tapers.
 
     Parameters
     ----------
@@ -142,8 +155,8 @@ def multitaper_spectrum(seismogram: Seismogram, time_bandwidth=4.0) -> Spectrum:
     Returns
     -------
     Spectrum
-        At the FFT's frequencies, at the level of ``amplitude_spectrum`` for motion that fills
-        the record; the mean is removed first. Thomson (1982), equal weights.
+        At the frequencies of the transform, scaled as ``amplitude_spectrum`` for motion that fills
+        the record; the mean is removed. Thomson (1982), equal weights.
     """
     centred = _without_mean(seismogram)
     n = len(centred.velocity)
@@ -153,9 +166,9 @@ def multitaper_spectrum(seismogram: Seismogram, time_bandwidth=4.0) -> Spectrum:
             f"multitaper_spectrum.time_bandwidth: must lie between 1 and {n / 2:g}, "
             f"got {time_bandwidth:g}"
         )
-    tapers = signal.windows.dpss(n, time_bandwidth, n_tapers)
+    tapers = np.asarray(dpss(n, time_bandwidth, n_tapers))
     tapered = tapers[:, :, None] * centred.velocity
-    power = np.mean(np.abs(fft.rfft(tapered, axis=1)) ** 2, axis=0)
+    power = np.mean(np.abs(np.asarray(fft.rfft(tapered, axis=1))) ** 2, axis=0)
     return Spectrum(
         fft.rfftfreq(n, centred.dt),
         centred.dt * np.sqrt(n * power),
@@ -163,8 +176,10 @@ def multitaper_spectrum(seismogram: Seismogram, time_bandwidth=4.0) -> Spectrum:
     )
 
 
-def dominant_frequency(seismogram: Seismogram, method="smoothed", band=None) -> Frequency:
-    """Find the peak of the spectrum of each component.
+def dominant_frequency(
+    seismogram: Seismogram, method: str = "smoothed", band: tuple[float, float] | None = None
+) -> Frequency:
+    """Return the dominant frequency of each component: the peak of its spectrum.
 
     Parameters
     ----------
@@ -173,7 +188,7 @@ def dominant_frequency(seismogram: Seismogram, method="smoothed", band=None) -> 
         "smoothed" (Konno-Ohmachi, b = 40, of the record padded with zeros to 16 times its
         length), "multitaper" or "raw".
     band : tuple of 2 float, Hz, optional
-        Where to look; from one cycle per record to Nyquist by default.
+        Range of the search; from one cycle per record to Nyquist by default.
 
     Returns
     -------
@@ -205,17 +220,19 @@ def dominant_frequency(seismogram: Seismogram, method="smoothed", band=None) -> 
 
 
 def zero_crossing_frequency(seismogram: Seismogram) -> Frequency:
-    """Return ``1 / (2 T)`` with T between the zero crossings on both sides of the peak.
+    """Return the zero-crossing frequency ``1 / (2 T)``, T between the crossings beside the peak.
 
-    The raw samples are taken, crossings interpolated; what blast seismographs print. NaN where
-    the motion does not cross zero on both sides.
+    From the raw samples with interpolated crossings, as blast seismographs print it. NaN where the
+    motion does not cross zero on both sides.
     """
     hz = [_crossing(column, seismogram.dt) for column in seismogram.velocity.T]
     return Frequency(np.array(hz), "zero crossing at the peak")
 
 
-def significant_duration(seismogram: Seismogram, low=0.05, high=0.95):
-    """Return the time from ``low`` to ``high`` of the energy of each component, (3,) s.
+def significant_duration(
+    seismogram: Seismogram, low: float = 0.05, high: float = 0.95
+) -> np.ndarray:
+    """Return the significant duration of each component, (3,) s: from ``low`` to ``high`` energy.
 
     NaN for a missing or silent component; the mean is not removed. Trifunac and Brady (1975).
     """
@@ -231,8 +248,8 @@ def significant_duration(seismogram: Seismogram, low=0.05, high=0.95):
     return duration
 
 
-def lowpass(seismogram: Seismogram, corner=LOW_PASS) -> LowPassed:
-    """Low-pass without phase shift and say how much energy and PPV went.
+def lowpass(seismogram: Seismogram, corner: float = LOW_PASS) -> LowPassed:
+    """Low-pass without phase shift and measure the removed energy and the change of PPV.
 
     Parameters
     ----------
@@ -254,13 +271,13 @@ def lowpass(seismogram: Seismogram, corner=LOW_PASS) -> LowPassed:
 
 
 def _without_mean(seismogram):
-    """Take the mean off each component."""
+    """Subtract the mean of each component."""
     velocity = seismogram.velocity - np.mean(seismogram.velocity, axis=0)
     return Seismogram(velocity, seismogram.dt, seismogram.start)
 
 
 def _peak(frequency, amplitude, inside):
-    """Frequency of the largest amplitude, refined where a neighbour exists on both sides."""
+    """Return the frequency of the largest amplitude, refined by a parabola through three points."""
     if not np.max(amplitude[inside]) > 0.0:
         return math.nan
     top = inside[np.argmax(amplitude[inside])]
@@ -274,7 +291,7 @@ def _peak(frequency, amplitude, inside):
 
 
 def _crossing(column, dt):
-    """Zero-crossing frequency of one component."""
+    """Return the zero-crossing frequency of one component."""
     top = int(np.argmax(np.abs(column)))
     side = column * np.sign(column[top])
     before, after = np.flatnonzero(side[:top] <= 0.0), np.flatnonzero(side[top:] <= 0.0)
@@ -292,42 +309,48 @@ TF_CYCLES = 3.0
 TF_TOP = 0.4
 
 
-def wavelet_transform(motion, dt, band=None):
-    """Return the Morlet transform of motion (n_samples,), (40, n_samples) complex.
+def wavelet_transform(
+    motion: np.ndarray, dt: float, band: tuple[float, float] | None = None
+) -> np.ndarray:
+    """Return the Morlet wavelet transform of motion (n_samples,), (40, n_samples) complex.
 
     Over the band, or from three cycles per record to 0.8 of Nyquist; obspy's transform, w0 = 6.
     """
+    from obspy.signal import tf_misfit  # slow to load
+
     low, high = band or (TF_CYCLES / (dt * len(motion)), TF_TOP / dt)
     return tf_misfit.cwt(motion, dt, WAVELET, low, high, N_WAVELETS)
 
 
-def envelope_and_phase(wanted, found):
-    """Return single-valued envelope and phase misfit of transforms, the first as reference.
+def envelope_and_phase(reference: np.ndarray, other: np.ndarray) -> tuple[float, float]:
+    """Return the single-valued envelope and phase misfit of two wavelet transforms.
 
-    Kristekova et al. (2009), table 1; theory.md (7.5). The phase is that of a product, not of
-    obspy's quotient, which is undefined where the transform vanishes.
+    The first is the reference. Kristekova et al. (2009), table 1; theory.md (7.5). The phase
+    difference is that of the product with the conjugate: obspy's quotient is undefined where the
+    transform vanishes.
     """
-    level = np.sum(np.abs(wanted) ** 2)
-    envelope = np.sum((np.abs(found) - np.abs(wanted)) ** 2)
-    phase = np.sum((np.abs(wanted) * np.angle(found * wanted.conj()) / np.pi) ** 2)
+    level = np.sum(np.abs(reference) ** 2)
+    envelope = np.sum((np.abs(other) - np.abs(reference)) ** 2)
+    phase = np.sum((np.abs(reference) * np.angle(other * reference.conj()) / np.pi) ** 2)
     return math.sqrt(envelope / level), math.sqrt(phase / level)
 
 
-def lag(data, model, dt):
-    """Return when the correlation of two motions (n_samples, n_components) is largest.
+def lag(data: np.ndarray, model: np.ndarray, dt: float) -> tuple[float, float]:
+    """Return the lag of the largest cross-correlation of two motions (n_samples, n_components).
 
     Returns
     -------
     lag : float, s
-        Common to all components, by a parabola; positive where the model is late.
+        Common to all components, refined by a parabola; positive where the model is late.
     correlation : float
-        There. Both are NaN where one of the motions is silent.
+        At that lag. Both are NaN where one of the motions is zero.
     """
     level = math.sqrt(np.sum(data**2) * np.sum(model**2))
     if not level > 0.0:
         return math.nan, math.nan
     pairs = zip(data.T, model.T, strict=True)
-    correlation = sum(signal.correlate(m, d, mode="full", method="fft") for d, m in pairs) / level
+    correlations = [signal.correlate(m, d, mode="full", method="fft") for d, m in pairs]
+    correlation = np.asarray(sum(correlations)) / level
     top = int(np.argmax(correlation))
     move = 0.0
     if 0 < top < len(correlation) - 1:

@@ -1,1 +1,1 @@
-"""A model as arrays, integrated in time, with its derivatives."""
+"""Solver: assembly of models, explicit time integration, sensitivities."""

@@ -1,6 +1,8 @@
-"""Assembly of a model into the arrays that the kernels take, named as their arguments."""
+"""Assembly of a model into kernel arrays, named as the arguments of the kernels."""
 
+from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -17,33 +19,37 @@ from ..core import (
 )
 from ..mesh import tetrahedra
 from ..mesh.mesh import locate
+from ..mesh.nodes import Nodes
 from ..mesh.ordering import MOST
 from ..mesh.tetrahedra import shape_gradients, volumes
-from ..model.joint import carried_over
+from ..model.model import Model
+from ..model.source import TimeFunction
 from .edge_springs import edge_arrays
-from .initial_stress import insitu_stress, static_loads
-from .loads import Loads, dynamic_conditions, model_loads, static_conditions, surface_impedance
-from .time_step import critical_step
+from .loads import Loads, dynamic_conditions, model_loads, surface_impedance
+from .time_step import CriticalStep, critical_step
 
+Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
 DOMAIN_ZONES = 1024
 QUADRATIC_ZONES = 128
 
 
-def domain_arrays(nodes, patch, contact_node):
-    """Cut the zones into domains and give each domain slots for its nodes.
+def domain_arrays(
+    nodes: Nodes, patch: np.ndarray, contact_node: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Partition the zones into domains and assign slots to their nodes.
 
     Parameters
     ----------
     nodes : Nodes
         Of a mesh whose zones are ordered group by group.
     patch : (n_zones,) int64
-        Patch of each zone, -1 where there is none.
+        Patch of each zone, -1 for none.
     contact_node : (n_contacts, 2) int32
 
     Returns
     -------
     dict
-        Kernel arrays of domains, slots, zones and of the parts of the force of each node.
+        Kernel arrays of domains, slots, zones and of the contributions to nodal forces.
     """
     n_nodes, n_zones = len(nodes.points), len(nodes.zone_nodes)
     group, corners = nodes.mesh.zone_group, nodes.zone_nodes.shape[1]
@@ -70,7 +76,7 @@ def domain_arrays(nodes, patch, contact_node):
 
 
 def _starts(group, patch, size):
-    """Cut where the group changes, and into like sizes, between patches where that is near."""
+    """Return the first zone of each domain: at changes of group, else near equal sizes."""
     ends = np.append(np.flatnonzero(np.diff(group)) + 1, len(group))
     cuts = []
     for low, high in pairwise(np.append(0, ends)):
@@ -83,16 +89,16 @@ def _starts(group, patch, size):
 
 
 def _numbers(patch, starts):
-    """Count the patches within each domain, -1 where there is none; a cut one becomes two."""
+    """Return the number of each patch within its domain, -1 for none."""
     numbers = np.full(len(patch), -1, dtype=np.int32)
     for low, high in pairwise(starts):
-        there = low + np.flatnonzero(patch[low:high] >= 0)
-        numbers[there] = np.unique(patch[there], return_inverse=True)[1]
+        members = low + np.flatnonzero(patch[low:high] >= 0)
+        numbers[members] = np.unique(patch[members], return_inverse=True)[1]
     return numbers
 
 
-def patch_arrays(nodes, arrays):
-    """Return the patches of all domains with their nodes; theory.md (2.41).
+def patch_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Return the patches of averaged dilation with their nodes; theory.md (2.41).
 
     Parameters
     ----------
@@ -103,8 +109,8 @@ def patch_arrays(nodes, arrays):
     Returns
     -------
     dict
-        Kernel arrays: of each patch its bulk modulus times volume in J, and of each of its nodes
-        the slot and the dilation over motion in 1/m.
+        Kernel arrays: bulk modulus times volume in J of each patch; slot and derivative of the
+        dilation in 1/m of each of its nodes.
     """
     starts = arrays["domain_zone_start"]
     zones = np.flatnonzero(arrays["zone_patch"] >= 0)
@@ -140,123 +146,16 @@ def patch_arrays(nodes, arrays):
     }
 
 
-PLASTIC, HARDENING = slice(6, 12), slice(12, 14)  # columns of row_state of a zone that can yield
-
-
-def can_yield(constants):
-    """Tell for every zone whether its law is one that yields, (n_zones,) bool."""
-    yields = constants["set_law"] == ZONE_LAWS["mohr-coulomb"].number
-    return np.repeat(yields[constants["domain_set"]], np.diff(constants["domain_zone_start"]))
-
-
-def stressed_rows(constants, stress):
-    """Return ``row_initial`` with the stress (n_zones, 6) of the zones that can yield in it."""
-    yields = can_yield(constants)
-    initial = constants["row_initial"].copy()
-    initial[constants["zone_row"][yields]] = stress[yields]
-    return initial
-
-
-def settled_rows(constants, static, settled):
-    """Return ``row_initial`` and ``row_state`` that go on from the end of the static stage.
-
-    Zones that can yield start from their settled stress, strained no more but as hardened or
-    softened as they are.
-    """
-    yields = can_yield(constants)
-    rows = constants["zone_row"][yields]
-    initial, memory = constants["row_initial"].copy(), np.zeros_like(settled["row_state"])
-    initial[rows] = static["row_initial"][rows] + excess_stress(static, settled)[yields]
-    memory[rows, HARDENING] = settled["row_state"][rows, HARDENING]
-    return initial, memory
-
-
-def yield_states(constants, state):
-    """Return what the zones that can yield have come to.
-
-    Parameters
-    ----------
-    constants : dict
-        Of a `Prepared`.
-    state : dict
-        Of a `Run` or `Prepared`.
-
-    Returns
-    -------
-    zone : (n,) int64
-    stress : (n, 6) float64, Pa
-        Whole stress by the zone's own law, before the means of patches; theory.md (2.32).
-    plastic : (n, 2) float64
-        Largest shear and tensile plastic strain since the ground was untouched.
-    """
-    zone = np.flatnonzero(can_yield(constants))
-    row = constants["zone_row"][zone]
-    memory = state["row_state"][row]
-    stress = constants["row_initial"][row] + excess_stress(constants, state)[zone]
-    return zone, stress, memory[:, HARDENING]
-
-
-def excess_stress(constants, state):
-    """Return the stress over the initial one that zones had when forces were last found.
-
-    Parameters
-    ----------
-    constants, state : dict
-        Of a march.
-
-    Returns
-    -------
-    (n_zones, 6) float64, Pa
-        By Hooke's law, mean strains of patches and plastic strains; theory.md (2.32).
-    """
-    then = state["displacement"] - constants["dt"] * state["velocity"]
-    domain = np.repeat(
-        np.arange(len(constants["domain_set"])), np.diff(constants["domain_zone_start"])
-    )
-    slot = constants["zone_slot"].T[:, :4] + constants["domain_slot_start"][domain][:, None]
-    moved = then[constants["slot_node"][slot]]
-    slope = np.einsum(
-        "zki,zkj->zij", moved[:, 1:] - moved[:, :1], shape_gradients(constants["slot_place"], slot)
-    )
-    strain = (slope + slope.transpose(0, 2, 1))[:, (0, 1, 2, 1, 2, 0), (0, 1, 2, 2, 0, 1)]
-    strain[:, :3] *= 0.5
-    patch, shared = constants["zone_patch"], constants["zone_patch"] >= 0
-    mean = _dilations(constants, then)[(patch + constants["domain_patch_start"][domain])[shared]]
-    strain[shared, :3] += ((mean - strain[shared, :3].sum(axis=1)) / 3.0)[:, None]
-    yields = can_yield(constants)
-    strain[yields] -= state["row_state"][constants["zone_row"][yields], PLASTIC]
-    stress = constants["zone_shear"][:, None] * strain * ([2.0] * 3 + [1.0] * 3)
-    stress[:, :3] += (constants["zone_lambda"] * strain[:, :3].sum(axis=1))[:, None]
-    return stress
-
-
-def _dilations(constants, motion):
-    """Return how patches swell with the motion (n_nodes, 3) of the nodes, (n_patches,)."""
-    starts = constants["domain_patch_start"]
-    patch = np.repeat(np.arange(starts[-1]), np.diff(constants["patch_start"])[: starts[-1]])
-    domain = np.searchsorted(starts, patch, side="right") - 1
-    slot = constants["patch_slot"] + constants["domain_slot_start"][domain]
-    parts = (constants["patch_gradient"] * motion[constants["slot_node"][slot]]).sum(axis=1)
-    return np.bincount(patch, parts, minlength=starts[-1])
-
-
-GAP = 5  # column of contact_state of every law that opens, m
-LOCAL_DAMPING = 0.8
-# Local damping raises the force that slows a node by 1.8, which shortens an elastic step by
-# 1/sqrt(1.8), but a step ruled by stiffness damping by 1/1.8: that damping is left out.
-STATIC_STEP_FACTOR = 0.7
-
-
-def time_step(model):
-    """Return the time step of a model in s, and the `CriticalStep` behind it."""
+def time_step(model: Model) -> Step:
+    """Return the time step of a model in s, and the `CriticalStep` that limits it."""
     limit = critical_step(model)
-    return model.step_factor * limit.dt * _damped_share(model), limit
+    return model.step_factor * limit.dt * _local_damping_factor(model), limit
 
 
-def geometry_arrays(model, step=None):
-    """Return what all stages share, and the `CriticalStep` behind its time step.
+def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, Any], CriticalStep]:
+    """Return the arrays common to all stages, and the `CriticalStep` of the time step.
 
-    ``step`` is what `time_step` gave, or the same with a shorter time step.
+    ``step`` is the result of `time_step`, or the same with a shorter time step.
     """
     mesh, nodes = model.mesh, model.nodes
     dt, limit = step or time_step(model)
@@ -276,53 +175,57 @@ def geometry_arrays(model, step=None):
         "node_alpha": drag / node_mass,
         **contacts,
     }
-    return {**arrays, **edge_arrays(nodes, arrays), **patch_arrays(nodes, arrays)}, limit
+    return {**arrays, **stiffness_arrays(nodes, arrays)}, limit
 
 
-def _damped_share(model):
-    """Return what local damping, which raises the force that slows a node, leaves of a step."""
+def stiffness_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Return the arrays of edge springs and patches, which depend on moduli and laws."""
+    return {**edge_arrays(nodes, arrays), **patch_arrays(nodes, arrays)}
+
+
+def _local_damping_factor(model):
+    """Return the factor of local damping on the time step."""
     raised = 1.0 + model.local_damping
     return 1.0 / (raised if model.group_damping("beta").any() else np.sqrt(raised))
 
 
-def zone_laws(model):
-    """Return the laws and the damping of the sets of zones, one a group, and rows of memory."""
+def zone_laws(model: Model) -> dict[str, np.ndarray]:
+    """Return laws and damping of the sets of zones (one per group), and rows of internal state."""
     materials = [model.materials[group] for group in model.mesh.groups]
-    given = [model.law(group) for group in model.mesh.groups]
-    laws = [ZONE_LAWS[law.name] for law in given]
+    laws = [ZONE_LAWS[material.law.name] for material in materials]
     rows = [
-        property_row(law, one.properties(material), N_ZONE_PROPERTIES)
-        for law, one, material in zip(laws, given, materials, strict=True)
+        property_row(law, material.law.properties(material), N_ZONE_PROPERTIES)
+        for law, material in zip(laws, materials, strict=True)
     ]
-    remembers = np.array([bool(law.state) for law in laws])[model.mesh.zone_group]
-    row = np.where(remembers, np.cumsum(remembers) - 1, -1).astype(np.int32)
+    has_state = np.array([bool(law.state) for law in laws])[model.mesh.zone_group]
+    row = np.where(has_state, np.cumsum(has_state) - 1, -1).astype(np.int32)
     return {
         "zone_row": row,
         "set_law": np.array([law.number for law in laws], dtype=np.int32),
         "set_property": np.array(rows),
         "set_beta": model.group_damping("beta"),
         **_branches([model.branches(group) for group in model.mesh.groups]),
-        "row_initial": np.zeros((max(1, int(remembers.sum())), 6)),
+        "row_initial": np.zeros((max(1, int(has_state.sum())), 6)),
     }
 
 
 def _branches(by_set):
-    """Return the distinct rates of what relaxes, and the stiffness of each set at each of them."""
-    rates = sorted({one.rate for branches in by_set for one in branches})
+    """Return the distinct relaxation rates, and the stiffness of each set at each rate."""
+    rates = sorted({branch.rate for branches in by_set for branch in branches})
     table = np.zeros((len(by_set), max(1, len(rates)), 2))
     for number, branches in enumerate(by_set):
-        for one in branches:
-            table[number, rates.index(one.rate)] += one.shear, one.compression
+        for branch in branches:
+            table[number, rates.index(branch.rate)] += branch.shear, branch.compression
     return {"set_branch": table, "memory_rate": np.array(rates or [0.0])}
 
 
 def _contacts(model):
-    """Contacts with the laws and properties of their joints."""
+    """Return the arrays of contacts and of the laws of their joints."""
     contacts = model.nodes.contacts
-    by_name = {joint.surface: joint for joint in model.joints}
-    joints = [by_name[name] for name in contacts.names] if contacts is not None else []
-    if not joints:
+    if contacts is None or not contacts.names:
         return _no_contact()
+    by_name = {joint.surface: joint for joint in model.joints}
+    joints = [by_name[name] for name in contacts.names]
     laws = [JOINT_LAWS[joint.law] for joint in joints]
     table = [
         property_row(law, joint.properties, N_JOINT_PROPERTIES)
@@ -356,7 +259,7 @@ def _fill_mass(model):
 
 
 def _no_contact():
-    """One contact of no area, of a node with itself: the core takes no empty tables."""
+    """Return one contact of zero area, of a node with itself: the core takes no empty tables."""
     return {
         "joint_law": np.zeros(1, dtype=np.int32),
         "joint_property": np.ones((1, N_JOINT_PROPERTIES)),
@@ -368,7 +271,12 @@ def _no_contact():
     }
 
 
-def dynamic_arrays(model, geometry, n_steps, sides=()):
+def dynamic_arrays(
+    model: Model,
+    geometry: dict[str, Any],
+    n_steps: int,
+    sides: Sequence[tuple[np.ndarray, np.ndarray, TimeFunction]] = (),
+) -> dict[str, Any]:
     """Return loads, dashpots, prescribed motion and receivers of the dynamic stage.
 
     ``sides`` holds (nodes, forces, TimeFunction) of free-field sides.
@@ -393,39 +301,15 @@ def dynamic_arrays(model, geometry, n_steps, sides=()):
     }
 
 
-def static_arrays(model, geometry):
-    """Return weight, in-situ stress and rollers of the static stage, and the scale of forces."""
-    node_load, contact_initial, scale = static_loads(model, geometry)
-    joint_law = geometry["joint_law"]
-    flows = joint_law == JOINT_LAWS["maxwell"].number  # it would never come to rest
-    moduli = (model.zone_values("first_lame"), model.zone_values("shear"))
-    arrays = {
-        "dt": geometry["dt"] * min(1.0, STATIC_STEP_FACTOR / model.step_factor),
-        "set_beta": np.zeros_like(geometry["set_beta"]),
-        "set_branch": np.zeros_like(geometry["set_branch"]),
-        "memory_rate": np.zeros_like(geometry["memory_rate"]),
-        **dict(zip(("zone_lambda", "zone_shear"), moduli, strict=True)),
-        "row_initial": stressed_rows(geometry, insitu_stress(model)),
-        "joint_law": np.where(flows, JOINT_LAWS["elastic"].number, joint_law).astype("i4"),
-        "node_alpha": np.zeros_like(geometry["node_alpha"]),
-        "local_damping": LOCAL_DAMPING,
-        "node_load": node_load,
-        "contact_initial": contact_initial,
-        **static_conditions(model, geometry),
-        "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),
-        "receiver_weight": np.zeros((0, model.nodes.zone_nodes.shape[1])),
-    }
-    both = {**geometry, **arrays}
-    return {**arrays, **edge_arrays(model.nodes, both), **patch_arrays(model.nodes, both)}, scale
-
-
-def still_loads(n_steps):
-    """Return the arrays of no load at all over ``n_steps``."""
+def zero_loads(n_steps: int) -> dict[str, np.ndarray]:
+    """Return the load arrays of zero load over ``n_steps``."""
     return Loads().arrays(np.zeros(n_steps))
 
 
-def initial_state(constants, contact_state=None):
-    """Return the state at rest: no displacement, tractions and stresses at their initial values."""
+def initial_state(
+    constants: dict[str, Any], contact_state: np.ndarray | None = None
+) -> dict[str, np.ndarray]:
+    """Return the state at rest, with tractions and stresses at their initial values."""
     n_nodes, n_contacts = len(constants["node_mass"]), len(constants["contact_area"])
     n_rows = len(constants["row_initial"])
     if contact_state is None:
@@ -442,41 +326,3 @@ def initial_state(constants, contact_state=None):
         "contact_dissipated": np.zeros(n_contacts),
         "sums": np.zeros(N_SUMS),
     }
-
-
-def after_static(constants, static, settled):
-    """Start the dynamic stage from the tractions and joint states at the end of the static one.
-
-    An open contact keeps its gap: its initial traction is the tension that a spring of its
-    ``kn`` would have, balanced by a constant load, so it closes where it did before. A zone that
-    can yield starts from its settled stress, strained no more but as hardened or softened as it is.
-
-    Parameters
-    ----------
-    constants : dict
-        Of the dynamic stage.
-    static, settled : dict
-        Constants and final state of the static stage.
-
-    Returns
-    -------
-    constants, state : dict
-    """
-    normal, area = static["contact_normal"], static["contact_area"]
-    minus, plus = static["contact_node"].T
-    kn = static["joint_property"][static["contact_joint"], 0]
-    law = constants["joint_law"][static["contact_joint"]]
-    opens = np.array(["gap" in one.state for one in JOINT_LAWS.values()])
-    virtual = (opens[law] * kn * settled["contact_state"][:, GAP])[:, None] * normal
-    initial = settled["contact_traction"] + virtual
-    load = np.zeros_like(settled["displacement"])
-    np.add.at(load, minus, area[:, None] * virtual)
-    np.add.at(load, plus, -area[:, None] * virtual)
-    stress, memory = settled_rows(constants, static, settled)
-    begun = {"contact_initial": initial, "node_load": load, "row_initial": stress}
-    constants = {**constants, **begun}
-    contact_state = carried_over(law, settled["contact_state"])
-    state = initial_state(constants, contact_state)
-    state["contact_traction"] = settled["contact_traction"].copy()
-    state["row_state"] = memory
-    return constants, state

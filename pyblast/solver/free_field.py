@@ -1,6 +1,6 @@
 """Free-field boundaries: viscous sides coupled to columns of the ground beside the model."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from ..errors import InputError
 from ..mesh.grid import Layer, structured_box
 from ..mesh.mesh import surface_areas, surface_zones
-from ..model.boundary import Fixed, FreeField, StressInput, VelocityInput, Viscous
+from ..model.boundary import Boundary, Fixed, FreeField, StressInput, VelocityInput, Viscous
 from ..model.material import Damping, relative_modulus
 from ..model.model import Model, Receiver
 from ..model.source import TimeFunction
@@ -16,13 +16,17 @@ from ..signals.seismogram import Seismogram
 from .assembly import geometry_arrays
 from .loads import surface_impedance
 
-HELD = (("north", "vertical"), ("east", "vertical"), ("east", "north"))  # while one axis moves
-SPARE_STEPS = 4  # beyond the end of the run, so that its last step still finds motion
+FIXED = (
+    ("north", "vertical"),
+    ("east", "vertical"),
+    ("east", "north"),
+)  # fixed components while one axis moves
+SPARE_STEPS = 4  # beyond the end of the run
 
 
 @dataclass(frozen=True)
 class GroundColumn:
-    """What stands at one place beside the model.
+    """Ground column beside the model.
 
     Parameters
     ----------
@@ -38,35 +42,41 @@ class GroundColumn:
 
 @dataclass(frozen=True, eq=False)
 class Shaking:
-    """How a column moves: by axis (0 east, 1 north, 2 vertical) that moves at all.
+    """Motion of a column, by axis (0 east, 1 north, 2 vertical) that moves.
 
     Parameters
     ----------
     velocity : dict of int to list of TimeFunction, m/s
         At each level.
     stress : dict of int to list of TimeFunction, Pa
-        In each cell what acts on a vertical side: shear stress of the axis and the vertical for
-        0 and 1, normal stress across the column for 2.
+        In each cell, on a vertical side: shear stress for axes 0 and 1, normal stress for axis 2.
     """
 
     velocity: dict[int, list[TimeFunction]]
     stress: dict[int, list[TimeFunction]]
 
 
-def shake(model: Model, column: GroundColumn, inputs, dt: float, duration: float, march: Callable):
-    """March a column under the input of a model, one run for each axis that moves.
+def shake(
+    model: Model,
+    column: GroundColumn,
+    inputs: Sequence[StressInput | VelocityInput],
+    dt: float,
+    duration: float,
+    run: Callable,
+) -> Shaking:
+    """Run a column under the input of a model, once for each axis that moves.
 
     Parameters
     ----------
     model : Model
-        Beside which it stands.
+        The model beside the column.
     column : GroundColumn
     inputs : sequence of StressInput or VelocityInput
         Through the level base of the model.
     dt : float, s
-        Step that the column shall take too where it can.
+        Time step of the model, used by the column if stable.
     duration : float, s
-    march : callable
+    run : callable
         Model and duration to motion (n_steps, n_receivers, 3) and the kernel's constants.
 
     Returns
@@ -77,12 +87,12 @@ def shake(model: Model, column: GroundColumn, inputs, dt: float, duration: float
     own = geometry_arrays(alone)[0]["dt"]
     alone = replace(alone, step_factor=alone.step_factor * min(1.0, dt / own))
     velocity, stress = {}, {}
-    for axis, held in enumerate(HELD):
+    for axis, held in enumerate(FIXED):
         if not any(np.abs(one.seismogram.velocity[:, axis]).max() > 0.0 for one in inputs):
             continue
         sides = [Fixed(side, held) for side in ("west", "east", "south", "north")]
         moved = [_one_axis(b, axis) for b in alone.boundaries]
-        motion, constants = march(
+        motion, constants = run(
             replace(alone, boundaries=[*sides, *moved]), duration + SPARE_STEPS * dt
         )
         velocity[axis], stress[axis] = _histories(motion[:, :, axis], alone.mesh.points, constants)
@@ -95,7 +105,7 @@ def shake(model: Model, column: GroundColumn, inputs, dt: float, duration: float
 
 
 def _column_model(model, column, inputs):
-    """Return the model of a column without guides; every cell is a group with its own material."""
+    """Return the model of a column without side constraints; every cell is a group."""
     names = [str(number) for number in range(len(column.cells))]
     levels = np.array(column.levels)
     thickness = np.diff(levels)[::-1]
@@ -112,21 +122,22 @@ def _column_model(model, column, inputs):
         damping[name] = model.damping[group] if by_group else model.damping or Damping(0.0, 1.0)
         if group in known:
             media[name] = known[group]
-    ends = [replace(one, surface="bottom") for one in inputs]
-    ends = [
-        replace(one, doubled=model.doubles(given)) if isinstance(one, StressInput) else one
-        for one, given in zip(ends, inputs, strict=True)
-    ]
+    ends: list[Boundary] = []
+    for boundary in inputs:
+        end = replace(boundary, surface="bottom")
+        if isinstance(end, StressInput) and isinstance(boundary, StressInput):
+            end = replace(end, doubled=model.doubles(boundary))
+        ends.append(end)
     if any(isinstance(b, Viscous) for b in base):
         ends.append(Viscous("bottom", media))
     mesh = structured_box(across, across, levels, layers=layers)
-    alone = Model(mesh, materials, boundaries=ends, damping=damping)
+    alone = Model(mesh, materials, boundaries=tuple(ends), damping=damping)
     places = [Receiver(str(n), tuple(p)) for n, p in enumerate(alone.mesh.points)]
     return replace(alone, receivers=places)
 
 
 def _one_axis(boundary, axis):
-    """Return a boundary whose input moves along one axis only."""
+    """Return a boundary with the input of one axis only."""
     if not isinstance(boundary, (StressInput, VelocityInput)):
         return boundary
     given = boundary.seismogram
@@ -136,9 +147,9 @@ def _one_axis(boundary, axis):
 
 
 def _histories(motion, points, constants):
-    """Turn velocities (n_steps, n_nodes) at half steps into those and stresses at whole steps.
+    """Return velocities and stresses at full steps from velocities (n_steps, n_nodes).
 
-    The stress in a cell is what moves the mass above it, whatever its law: theory.md (4.12).
+    The stress in a cell balances the inertia above it, for any law: theory.md (4.12).
     """
     dt, area = constants["dt"], np.ptp(points[:, 0]) * np.ptp(points[:, 1])
     level = np.unique(points[:, 2], return_inverse=True)[1]
@@ -154,9 +165,9 @@ def _histories(motion, points, constants):
 
 
 def _across(model, group, history):
-    """Return the normal stress across a column whose sides are held, from that along it.
+    """Return the lateral normal stress of a laterally confined column from its axial stress.
 
-    Where ground fades the ratio depends on frequency: theory.md (4.13).
+    In attenuating ground the ratio depends on frequency: theory.md (4.13).
     """
     branches = model.branches(group)
     lame, shear = model.law(group).moduli(model.materials[group])
@@ -170,10 +181,12 @@ def _across(model, group, history):
     return replace(history, values=np.fft.irfft(spectrum, n_padded)[: len(history.values)])
 
 
-LEVEL = 1e-6  # share of the model's size that counts as nothing
+LEVEL = 1e-6  # geometric tolerance, relative to the size of the model
 
 
-def side_loads(model, dt: float, duration: float, march: Callable):
+def side_loads(
+    model: Model, dt: float, duration: float, run: Callable
+) -> list[tuple[np.ndarray, np.ndarray, TimeFunction]]:
     """Return the loads of the free-field sides of a model.
 
     Parameters
@@ -181,8 +194,8 @@ def side_loads(model, dt: float, duration: float, march: Callable):
     model : Model
     dt, duration : float, s
         Step and length of the run.
-    march : callable
-        See `side_columns.shake`.
+    run : callable
+        See `shake`.
 
     Returns
     -------
@@ -191,7 +204,7 @@ def side_loads(model, dt: float, duration: float, march: Callable):
     Raises
     ------
     InputError
-        If no input comes from below, or a side is such that columns can't stand beside it.
+        If there is no input from below, or a side can't have columns.
 
     Notes
     -----
@@ -202,21 +215,21 @@ def side_loads(model, dt: float, duration: float, march: Callable):
         return []
     inputs = _inputs_from_below(model)
     _refuse_ground(model, sides)
-    shaken, found = {}, []
+    motions, side_forces = {}, []
     for surface in sides:
         side = _Side(model, surface)
         for column in side.columns:
-            if column not in shaken:
-                shaken[column] = shake(model, column, inputs, dt, duration, march)
-        found += side.loads(surface_impedance(model, surface), shaken)
-    return found
+            if column not in motions:
+                motions[column] = shake(model, column, inputs, dt, duration, run)
+        side_forces += side.loads(surface_impedance(model, surface), motions)
+    return side_forces
 
 
 class _Side:
-    """A vertical side, and the columns that stand along it."""
+    """Vertical side with its columns."""
 
     def __init__(self, model, surface):
-        """Cut the side into columns about as far apart as its nodes."""
+        """Place columns along the side, about as far apart as its nodes."""
         self.model, self.surface, mesh = model, surface, model.mesh
         self.corner, self.area, normals = surface_areas(mesh, surface)
         self.normal = self._upright(normals)
@@ -238,7 +251,7 @@ class _Side:
         self.columns = [self._column(place) for place in inside]
 
     def _upright(self, normals):
-        """Return the one horizontal normal of the side."""
+        """Return the horizontal normal of the side; raise InputError if it is not vertical."""
         if np.ptp(normals, axis=0).max() > LEVEL or abs(normals[0, 2]) > LEVEL:
             raise InputError(
                 f"boundaries.free_field: {self.surface!r} must be a vertical plane, so that "
@@ -247,7 +260,7 @@ class _Side:
         return normals.mean(axis=0)
 
     def _column(self, place):
-        """Read the ground along a vertical line on the side: group, factor, height of cells."""
+        """Return the column of a vertical line on the side: groups, factors and levels of cells."""
         low, high = _crossed(self.corners, place)
         met = np.flatnonzero(high > low)
         met = met[np.argsort(low[met], kind="stable")]
@@ -273,26 +286,26 @@ class _Side:
             levels += [round(float(top), 6) for top in tops[1:]]
         return GroundColumn(tuple(levels), tuple(cells))
 
-    def loads(self, impedance, shaken):
+    def loads(self, impedance, motions):
         """Return Z v_f + A sigma_f n as nodal forces by history; `impedance` by node."""
         points = self.model.mesh.points
         nodes = np.fromiter(impedance, dtype=int)
         matrices = np.stack(list(impedance.values()))
         forces = {}
         for number, column in enumerate(self.columns):
-            share, height = self._seen(number, nodes, points[nodes, 2])
-            for axis, histories in shaken[column].velocity.items():
+            share, height = self._interpolated(number, nodes, points[nodes, 2])
+            for axis, histories in motions[column].velocity.items():
                 weight = _between(np.array(column.levels), height) * share[:, None]
                 for level, history in enumerate(histories):
                     _collect(forces, history, nodes, weight[:, level, None] * matrices[:, :, axis])
             middle = np.repeat(self.corners.mean(axis=1), 3, axis=0)
-            share, height = self._seen(number, None, middle[:, 1], middle[:, 0])
+            share, height = self._interpolated(number, None, middle[:, 1], middle[:, 0])
             cell = np.searchsorted(column.levels, height, side="right") - 1
             cell = np.clip(cell, 0, len(column.cells) - 1)
-            for axis, histories in shaken[column].stress.items():
-                pull = np.outer(share * self.area, self._across(axis))
+            for axis, histories in motions[column].stress.items():
+                traction = np.outer(share * self.area, self._across(axis))
                 for k, history in enumerate(histories):
-                    _collect(forces, history, self.corner, (cell == k)[:, None] * pull)
+                    _collect(forces, history, self.corner, (cell == k)[:, None] * traction)
         return [(*_summed(parts), history) for history, parts in forces.values()]
 
     def _across(self, axis):
@@ -300,8 +313,8 @@ class _Side:
         east, north, _ = self.normal
         return np.array([[0.0, 0.0, east], [0.0, 0.0, north], [east, north, 0.0]][axis])
 
-    def _seen(self, number, nodes, height, along=None):
-        """Return the share of a column in what places see, and their height along that column."""
+    def _interpolated(self, number, nodes, height, along=None):
+        """Return the interpolation weight of a column at places, and their height in it."""
         along = self.along[nodes] if along is None else along
         weights = _between(self.places, along)
         tops = np.array([column.levels[-1] for column in self.columns])
@@ -333,14 +346,14 @@ def _between(knots, values):
 
 
 def _collect(forces, history, nodes, vectors):
-    """Add what is not zero of forces (n, 3) at nodes to those that follow a history."""
-    some = vectors.any(axis=1)
-    if some.any():
-        forces.setdefault(id(history), (history, []))[1].append((nodes[some], vectors[some]))
+    """Add nonzero forces (n, 3) at nodes to those of a history."""
+    nonzero = vectors.any(axis=1)
+    if nonzero.any():
+        forces.setdefault(id(history), (history, []))[1].append((nodes[nonzero], vectors[nonzero]))
 
 
 def _summed(parts):
-    """Return nodes, each once, and the sum of their forces."""
+    """Return unique nodes and the sum of their forces."""
     nodes, place = np.unique(np.concatenate([n for n, _ in parts]), return_inverse=True)
     forces = np.zeros((len(nodes), 3))
     np.add.at(forces, place, np.concatenate([v for _, v in parts]))
@@ -348,7 +361,7 @@ def _summed(parts):
 
 
 def _inputs_from_below(model):
-    """Return the inputs, which must all enter through one level surface under the model."""
+    """Return the inputs; raise InputError unless all enter at the base of the model."""
     inputs = [b for b in model.boundaries if isinstance(b, (StressInput, VelocityInput))]
     if not inputs:
         raise InputError(
@@ -367,7 +380,7 @@ def _inputs_from_below(model):
 
 
 def _refuse_ground(model, sides):
-    """Refuse ground beside the sides that a column can't follow."""
+    """Raise InputError for ground beside the sides that columns can't represent."""
     mesh = model.mesh
     if model.quadratic:
         raise InputError(

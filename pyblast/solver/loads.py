@@ -1,45 +1,53 @@
 """Loads and boundary conditions as arrays: nodal forces, dashpots, prescribed directions."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..mesh.mesh import locate, surface_areas, surface_zones
 from ..mesh.tetrahedra import edge_lengths
-from ..model.anisotropy import impedance
+from ..model.anisotropy import impedance, stiffness_of
 from ..model.boundary import Fixed, Roller, StressInput, VelocityInput, Viscous
+from ..model.model import Model
 from ..model.plane_wave import PlaneWave, add_plane_wave
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 from ..signals.seismogram import GEOGRAPHIC
 
-FEWEST_ZONES = 8  # that a source is spread over
-AROUND = 2.0  # radii within which ways around the end of a joint count
-PRESSURE_CUTS = 3  # of each edge of a face that a pressure passes
-# How much of a pressure that passes a node comes when, in standard deviations: Gauss-Hermite.
+FEWEST_ZONES = 8  # of a distributed source
+AROUND = 2.0  # radii within which zones count as connected around the end of a joint
+PRESSURE_CUTS = 3  # subdivisions of each edge of a face for a travelling pressure
+# Arrival of a travelling pressure at a node: Gauss-Hermite weights and standard deviations.
 PASSING = ((1.0 / 6.0, -np.sqrt(3.0)), (2.0 / 3.0, 0.0), (1.0 / 6.0, np.sqrt(3.0)))
 
 
 class Loads:
-    """A growing list of nodal loads and of the histories that they follow."""
+    """Collector of nodal loads and of their histories."""
 
-    def __init__(self):
-        """Start empty."""
+    def __init__(self) -> None:
+        """Start without loads."""
         self._nodes, self._vectors, self._numbers, self._histories = [], [], [], []
         self._delays = []
 
-    def add_history(self, function, offset=0.0):
-        """Add a function of time, read at step times plus an offset in s; return its number."""
+    def add_history(self, function: TimeFunction, offset: float = 0.0) -> int:
+        """Add a function of time, at step times plus an offset in s; return its number."""
         self._histories.append((function, offset))
         return len(self._histories) - 1
 
-    def add(self, nodes, vectors, number, delays=0.0):
+    def add(
+        self, nodes: ArrayLike, vectors: ArrayLike, number: int, delays: ArrayLike = 0.0
+    ) -> None:
         """Add forces ``vectors`` (n, 3) per unit of a history at ``nodes`` (n,), delays in s."""
-        self._nodes.append(np.asarray(nodes))
+        nodes = np.asarray(nodes)
+        self._nodes.append(nodes)
         self._vectors.append(np.asarray(vectors, dtype=float))
         self._numbers.append(np.full(len(nodes), number))
         self._delays.append(np.broadcast_to(np.asarray(delays, dtype=float), len(nodes)))
 
-    def arrays(self, times):
-        """Return the kernel's arrays, histories read at ``times`` (n_total,)."""
+    def arrays(self, times: np.ndarray) -> dict[str, np.ndarray]:
+        """Return the kernel arrays, with histories evaluated at ``times`` (n_total,)."""
         none = np.zeros(0)
         amplitude = [function(times + offset) for function, offset in self._histories]
         dt = times[1] - times[0]
@@ -53,7 +61,7 @@ class Loads:
         }
 
 
-def model_loads(model, impedance):
+def model_loads(model: Model, impedance: Callable[[str], dict[int, np.ndarray]]) -> Loads:
     """Collect the loads of stress inputs and sources.
 
     Parameters
@@ -82,7 +90,7 @@ def model_loads(model, impedance):
     return loads
 
 
-def components(boundary):
+def components(boundary: StressInput | VelocityInput) -> list[TimeFunction]:
     """Return the three components of an input's seismogram as functions of time.
 
     Raises
@@ -103,13 +111,13 @@ def components(boundary):
     return [TimeFunction(record.velocity[:, k], record.dt, record.start) for k in range(3)]
 
 
-def add_velocity_input(loads, boundary: VelocityInput, dt):
+def add_velocity_input(loads: Loads, boundary: VelocityInput, dt: float) -> list[int]:
     """Add the histories of a prescribed velocity; it is that of the end of each step."""
     return [loads.add_history(function, 0.5 * dt) for function in components(boundary)]
 
 
 def _add_force(loads, model, source):
-    """Add a point force, shared by the nodes of its zone; theory.md (5.3)."""
+    """Add a point force, distributed to the nodes of its zone; theory.md (5.3)."""
     nodes = model.nodes
     zone, weight = locate(model.mesh, source.position)
     vectors = nodes.shapes(weight)[0][:, None] * np.asarray(source.direction, dtype=float)
@@ -130,9 +138,9 @@ def _add_tensor(loads, model, source):
 
 
 def _add_column(loads, model, column):
-    """Add the points of a column, each as late as detonation reaches it; theory.md (5.9)."""
+    """Add the point sources of a column, with detonation delays; theory.md (5.9)."""
     mesh, ends = model.mesh, np.array([column.primed, column.end], dtype=float)
-    zones, _ = locate(mesh, np.linspace(*ends, 20))
+    zones, _ = locate(mesh, np.linspace(ends[0], ends[1], 20))
     material = model.materials[mesh.groups[mesh.zone_group[zones[10]]]]
     edge = edge_lengths(mesh.points, mesh.zones[zones]).mean()
     count = column.sources or int(np.ceil(np.linalg.norm(ends[1] - ends[0]) / edge))
@@ -145,7 +153,7 @@ def _add_column(loads, model, column):
 def _add_moment(loads, nodes, position, tensor, spread, number, delay=0.0):
     """Add forces ``f_a = M grad N_a`` at a place, or over the zones around it."""
     position = np.asarray(position, dtype=float)
-    if nodes.quadratic and not spread:  # such zones carry what a point sends out
+    if nodes.quadratic and not spread:  # quadratic zones resolve a point source
         zones, weight = locate(nodes.mesh, position)
         gradient, shares = nodes.slopes(zones, weight), np.ones(1)
     else:
@@ -156,7 +164,7 @@ def _add_moment(loads, nodes, position, tensor, spread, number, delay=0.0):
 
 
 def _add_pressure(loads, model, source):
-    """Add a pressure to the nodes of a surface as it passes; theory.md (5.10), (5.11), (5.13)."""
+    """Add a travelling pressure on a surface; theory.md (5.10), (5.11), (5.13)."""
     if model.quadratic:
         nodes, area, normal = model.nodes.surface_areas(source.surface)
         share, delay = source.at(model.nodes.points[nodes])
@@ -186,7 +194,7 @@ def _add_pressure(loads, model, source):
 
 
 def _inner_points(cuts):
-    """Return the middles (n, 3) of the triangles that a triangle is cut into, by its corners."""
+    """Return the barycentric centroids (n, 3) of the parts of a subdivided triangle."""
     step = 1.0 / (3 * cuts)
     upright = [(3 * i + 1, 3 * j + 1) for i in range(cuts) for j in range(cuts - i)]
     turned = [(3 * i + 2, 3 * j + 2) for i in range(cuts - 1) for j in range(cuts - 1 - i)]
@@ -205,9 +213,9 @@ ADDERS = {
 
 
 def _zones_of_source(mesh, position, spread):
-    """Return zones and their shares of a source: sum one, first moment at its place.
+    """Return zones and weights of a distributed source: sum one, first moment at its position.
 
-    What it sends goes by the stiffness of the ground that it is in, so none is given to another.
+    Only zones of its own ground are used, since the radiated motion depends on the stiffness.
     """
     zone, _ = locate(mesh, position)
     if spread is None:
@@ -229,9 +237,9 @@ def _zones_of_source(mesh, position, spread):
 
 
 def _own_ground(mesh, zone, distance, spread):
-    """Return the zones around one, of its group and on its side of joints.
+    """Return the zones around a zone, of its group and on its side of joints.
 
-    Blocks too small to spread a source over give way: then joints do not count.
+    Joints are ignored if the block is too small to distribute a source.
     """
     alike = np.flatnonzero(mesh.zone_group == mesh.zone_group[zone])
     nearest = np.sort(distance[alike])[:FEWEST_ZONES]
@@ -241,15 +249,18 @@ def _own_ground(mesh, zone, distance, spread):
     return block if len(block) >= FEWEST_ZONES else near
 
 
-def surface_impedance(model, surface):
-    """Sum area (rho cp n n + rho cs (I - n n)) over the faces around each node of a surface.
+def surface_impedance(model: Model, surface: str) -> dict[int, np.ndarray]:
+    """Return the impedance of the nodes of a surface: area (rho cp n n + rho cs (I - n n)).
 
-    Zones of anisotropic ground, or with an anisotropic medium behind them, have that of (2.23).
+    Anisotropic ground, or an anisotropic medium behind it, has the impedance of (2.23).
 
     Returns
     -------
     dict of int to (3, 3) float64, N s/m
-        Source: Lysmer & Kuhlemeyer (1969); theory.md (4.1), (2.23).
+
+    Notes
+    -----
+    Lysmer & Kuhlemeyer (1969); theory.md (4.1), (2.23).
     """
     nodes, area, normal = model.nodes.surface_areas(surface)
     behind = surface_zones(model.mesh, surface)
@@ -268,7 +279,7 @@ def surface_impedance(model, surface):
         if medium.law.name == "anisotropic":
             here = model.mesh.zone_group[zone] == number
             factor = area[here] * faster[here]
-            wave = impedance(density[here], medium.law.stiffness, normal[here])
+            wave = impedance(density[here], stiffness_of(medium), normal[here])
             each[here] = factor[:, None, None] * wave
     unique, place = np.unique(nodes, return_inverse=True)
     summed = np.zeros((len(unique), 3, 3))
@@ -276,7 +287,9 @@ def surface_impedance(model, surface):
     return {int(node): matrix for node, matrix in zip(unique, summed, strict=True)}
 
 
-def dynamic_conditions(model, geometry, loads):
+def dynamic_conditions(
+    model: Model, geometry: dict[str, Any], loads: Loads
+) -> dict[str, np.ndarray]:
     """Return dashpots and prescribed motion of the dynamic stage as kernel arrays."""
     fixed = {}
     for boundary in model.boundaries:
@@ -287,16 +300,16 @@ def dynamic_conditions(model, geometry, loads):
             _fix_axes(model, boundary, fixed)
         elif isinstance(boundary, Roller) and boundary.dynamic:
             _fix_normal(model, boundary, fixed)
-    quiet = {}
+    viscous = {}
     for boundary in model.boundaries:
         if isinstance(boundary, Viscous):
             for node, matrix in surface_impedance(model, boundary.surface).items():
-                quiet[node] = quiet.get(node, 0.0) + matrix
-    return {**_dashpot_arrays(quiet, fixed, geometry), **_fixed_arrays(fixed)}
+                viscous[node] = viscous.get(node, 0.0) + matrix
+    return {**_dashpot_arrays(viscous, fixed, geometry), **_fixed_arrays(fixed)}
 
 
-def static_conditions(model, geometry):
-    """Return rollers and fixed surfaces of the static stage; viscous surfaces stand on rollers."""
+def static_conditions(model: Model, geometry: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Return the supports of the static stage; viscous surfaces are on rollers."""
     fixed = {}
     for boundary in model.boundaries:
         if isinstance(boundary, Fixed):
@@ -307,14 +320,14 @@ def static_conditions(model, geometry):
 
 
 def _move_all(model, boundary, fixed, histories):
-    """Prescribe all three axes at the nodes of a surface; where two meet they move alike."""
+    """Prescribe all three components at the nodes of a surface."""
     for node in np.unique(model.nodes.surfaces[boundary.surface]):
         if int(node) not in fixed:
             fixed[int(node)] = list(zip(np.eye(3), histories, strict=True))
 
 
 def _fix_axes(model, boundary, fixed):
-    """Hold the named components at the nodes of a surface."""
+    """Fix components at the nodes of a surface."""
     axes = [np.eye(3)[GEOGRAPHIC.index(name)] for name in boundary.components]
     for node in np.unique(model.nodes.surfaces[boundary.surface]):
         for axis in axes:
@@ -322,7 +335,7 @@ def _fix_axes(model, boundary, fixed):
 
 
 def _fix_normal(model, boundary, fixed):
-    """Hold the normal of a surface at its nodes."""
+    """Fix the normal component at the nodes of a surface."""
     nodes, area, normal = model.nodes.surface_areas(boundary.surface)
     unique, place = np.unique(nodes, return_inverse=True)
     mean = np.zeros((len(unique), 3))
@@ -332,7 +345,7 @@ def _fix_normal(model, boundary, fixed):
 
 
 def _hold(fixed, node, direction):
-    """Hold a node along a direction, orthogonal to what is prescribed there already."""
+    """Fix a node along a direction, made orthogonal to its prescribed directions."""
     known = fixed.setdefault(node, [])
     for other, _ in known:
         direction = direction - (direction @ other) * other
@@ -340,15 +353,15 @@ def _hold(fixed, node, direction):
         known.append((direction / np.linalg.norm(direction), -1))
 
 
-def _dashpot_arrays(quiet, fixed, geometry):
-    """Dashpots act only along directions that are free to move."""
-    nodes = np.array(sorted(quiet), dtype=np.int32)
+def _dashpot_arrays(viscous, fixed, geometry):
+    """Return the arrays of dashpots, which act along free directions only."""
+    nodes = np.array(sorted(viscous), dtype=np.int32)
     stack = np.zeros((len(nodes), 3, 3))
     for row, node in enumerate(nodes):
         free = np.eye(3)
         for direction, _ in fixed.get(int(node), ()):
             free = free - np.outer(direction, direction)
-        stack[row] = free @ quiet[int(node)] @ free
+        stack[row] = free @ viscous[int(node)] @ free
     half = 0.5 * geometry["dt"]
     inertia = geometry["node_mass"][nodes] * (1.0 + half * geometry["node_alpha"][nodes])
     return {
@@ -359,7 +372,7 @@ def _dashpot_arrays(quiet, fixed, geometry):
 
 
 def _fixed_arrays(fixed):
-    """Flatten the prescribed directions of all nodes; one of no length where there is none."""
+    """Return the prescribed directions of all nodes; one of zero length if there is none."""
     rows = [(n, d, h) for n in sorted(fixed) for d, h in fixed[n]] or [(0, np.zeros(3), -1)]
     return {
         "fixed_node": np.array([n for n, _, _ in rows], dtype=np.int32),

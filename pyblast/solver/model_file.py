@@ -1,8 +1,9 @@
-"""Named arrays in HDF5 files: model files, checkpoints, results; written whole or not at all."""
+"""HDF5 files of named arrays: model files, checkpoints, results; written atomically."""
 
 import hashlib
 import os
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -14,8 +15,13 @@ MAX_BYTES = 16 * 2**30
 _FILTERS = {"gzip", "shuffle", "fletcher32", None}
 
 
-def write_arrays(path, groups, attributes, told=None):
-    """Write groups of named arrays beside the target, flush, then rename.
+def write_arrays(
+    path: str | Path,
+    groups: dict[str, dict[str, Any]],
+    attributes: dict[str, Any],
+    told: dict[str, dict[str, Any]] | None = None,
+) -> None:
+    """Write groups of named arrays atomically: to a temporary file, then rename.
 
     Parameters
     ----------
@@ -26,7 +32,7 @@ def write_arrays(path, groups, attributes, told=None):
     told : dict of str to dict, optional
         Attributes of arrays, by "group/name".
     """
-    path, told = Path(path), told or {}
+    path, array_attributes = Path(path), told or {}
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with h5py.File(beside, "w", libver=("earliest", "v110")) as file:
@@ -35,8 +41,8 @@ def write_arrays(path, groups, attributes, told=None):
                 file.attrs[name] = value
             for group, arrays in groups.items():
                 for name, value in arrays.items():
-                    made = file.create_dataset(f"{group}/{name}", data=value)
-                    made.attrs.update(told.get(f"{group}/{name}", {}))
+                    dataset = file.create_dataset(f"{group}/{name}", data=value)
+                    dataset.attrs.update(array_attributes.get(f"{group}/{name}", {}))
             file.flush()
         with beside.open("rb") as file:
             os.fsync(file.fileno())
@@ -48,7 +54,7 @@ def write_arrays(path, groups, attributes, told=None):
         beside.unlink(missing_ok=True)
 
 
-def read_arrays(path):
+def read_arrays(path: str | Path) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:
     """Read all groups of arrays and the attributes of a file.
 
     Returns
@@ -64,7 +70,7 @@ def read_arrays(path):
     path = Path(path)
     try:
         with h5py.File(path, "r") as file:
-            groups = {name: _read_group(path, file, name) for name in file}
+            groups = {str(name): _read_group(path, file, name) for name in file}
             schema = groups.get("march", {}).get("schema", "none")
             if not np.array_equal(schema, SCHEMA):
                 raise ReadError(f"{path}: schema must be {SCHEMA}, got {schema}")
@@ -79,7 +85,7 @@ def read_arrays(path):
 
 
 def _read_group(path, file, name):
-    """Read the arrays of one group; refuse links that lead outside and sizes beyond the cap."""
+    """Read the arrays of one group; raise ReadError for links and too large arrays."""
     _refuse_link(path, file, name)
     group = file[name]
     if not isinstance(group, h5py.Group):
@@ -91,36 +97,49 @@ def _read_group(path, file, name):
         if not isinstance(data, h5py.Dataset) or data.external is not None or data.is_virtual:
             raise ReadError(f"{path}: '{name}/{key}' must be an array held in the file itself")
         if data.nbytes > MAX_BYTES or data.compression not in _FILTERS:
-            raise ReadError(f"{path}: '{name}/{key}' is too large or packed oddly")
+            raise ReadError(f"{path}: '{name}/{key}' is too large or has an unknown compression")
         arrays[key] = data[()]
     return arrays
 
 
 def _refuse_link(path, group, key):
-    """Refuse soft and external links."""
+    """Raise ReadError for soft and external links."""
     if not isinstance(group.get(key, getlink=True), h5py.HardLink):
         raise ReadError(f"{path}: '{key}' is a link to another place; copy the array into the file")
 
 
-def write_model(path, constants, state, march, input_hash):
+def write_model(
+    path: str | Path,
+    constants: dict[str, Any],
+    state: dict[str, Any],
+    march: dict[str, int],
+    input_hash: str,
+) -> None:
     """Write a model file for the program ``pyblast-run``.
 
     Parameters
     ----------
     path : path
     constants, state : dict of str to numpy array
-        As ``kernels.numbered`` gives them.
+        As from ``core.numbered``.
     march : dict of str to int
         ``n_steps`` and ``ledger_every``.
     input_hash : str
     """
-    march = {name: np.int32(value) for name, value in march.items()}
-    groups = {"arrays": constants, "state": state, "march": march}
+    steps = {name: np.int32(value) for name, value in march.items()}
+    groups = {"arrays": constants, "state": state, "march": steps}
     write_arrays(path, groups, {"kind": "model", "input_sha256": input_hash})
 
 
-def write_checkpoint(path, input_hash, step, state, records, snapshots):
-    """Write everything that a run needs to go on; snapshots by step."""
+def write_checkpoint(
+    path: str | Path,
+    input_hash: str,
+    step: int,
+    state: dict[str, Any],
+    records: dict[str, np.ndarray],
+    snapshots: dict[int, np.ndarray],
+) -> None:
+    """Write a checkpoint: the state and records of a run, snapshots by step."""
     groups = {
         "state": state,
         "records": records,
@@ -136,12 +155,14 @@ def _digest(groups):
     for group in ("state", "records", "snapshots"):
         for name, array in sorted(groups.get(group, {}).items()):
             digest.update(name.encode())
-            digest.update(np.ascontiguousarray(array))
+            digest.update(np.ascontiguousarray(array).data)
     return digest.hexdigest()
 
 
-def read_checkpoint(path, input_hash, state, records):
-    """Read a checkpoint of the model with this hash; the arrays given show the shapes wanted.
+def read_checkpoint(
+    path: str | Path, input_hash: str, state: dict[str, Any], records: dict[str, np.ndarray]
+) -> tuple[int, dict[str, np.ndarray], dict[str, np.ndarray], dict[int, np.ndarray]]:
+    """Read a checkpoint of the model with this hash; the given arrays define the shapes.
 
     Returns
     -------
@@ -163,15 +184,15 @@ def read_checkpoint(path, input_hash, state, records):
         raise InputError(f"{path}: checkpoint of another model or duration; start afresh")
     if attributes.get("content_sha256") != _digest(groups):
         raise ReadError(f"{path}: damaged, its checksum differs; start afresh")
-    found = []
-    for group, wanted in (("state", state), ("records", records)):
+    tables = []
+    for group, expected in (("state", state), ("records", records)):
         arrays = groups.get(group, {})
-        for name, array in wanted.items():
+        for name, array in expected.items():
             value = arrays.get(name)
             if value is None or value.shape != array.shape or value.dtype != array.dtype:
                 raise ReadError(
                     f"{path}: '{group}/{name}' is missing or has a wrong shape; start afresh"
                 )
-        found.append({name: np.ascontiguousarray(arrays[name]) for name in wanted})
+        tables.append({name: np.ascontiguousarray(arrays[name]) for name in expected})
     snapshots = {int(at): velocity for at, velocity in groups.get("snapshots", {}).items()}
-    return int(attributes["step"]), *found, snapshots
+    return int(attributes["step"]), tables[0], tables[1], snapshots

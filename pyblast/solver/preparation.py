@@ -1,4 +1,4 @@
-"""Preparation of a run: arrays in equilibrium with the in-situ stress, with their provenance."""
+"""Preparation of a run: kernel arrays in static equilibrium, with their provenance."""
 
 import hashlib
 import logging
@@ -6,10 +6,12 @@ import math
 import os
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import metadata
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,13 +20,15 @@ from ..errors import InputError, SolverError
 from ..mesh.quality import refuse_beyond_memory
 from ..model.model import Model
 from . import assembly
+from .assembly import Step
 from .edge_springs import marching_bytes
 from .free_field import side_loads
+from .initial_stress import after_static, static_arrays
 from .model_file import write_model
 from .time_step import CriticalStep
 
 
-def fingerprint(*tables):
+def fingerprint(*tables: dict[str, Any]) -> str:
     """Return the SHA-256 of named arrays and numbers, in the order of their names."""
     digest = hashlib.sha256()
     for table in tables:
@@ -35,7 +39,7 @@ def fingerprint(*tables):
     return digest.hexdigest()
 
 
-def versions(input_hash):
+def versions(input_hash: str) -> dict[str, str]:
     """Return the provenance of a result, all text."""
     libraries = ("numpy", "scipy", "obspy", "h5py", "meshio", "gmsh")
     return {
@@ -49,33 +53,33 @@ def versions(input_hash):
 
 
 LEDGER_EVERY = 20
-CHUNK_SECONDS = 0.05
-STATIC_ROUND = 100
+CHUNK_SECONDS = 0.05  # wall time between returns to Python
+STATIC_ROUND = 100  # steps between convergence checks
 STATIC_TOLERANCE = 1e-5
-YIELDING_TOLERANCE = 1e-6  # what yields creeps to rest, and keeps the stress that it came to
+YIELDING_TOLERANCE = 1e-6  # plastic zones converge slowly and keep their final stress
 STATIC_STEPS = 40_000
 log = logging.getLogger(__name__)
 
 
 class Chunks:
-    """How many steps take about `CHUNK_SECONDS`, or a round of the ledger where that is more."""
+    """Chunk length: steps of about `CHUNK_SECONDS`, at least one round of the energy balance."""
 
-    def __init__(self, steps):
+    def __init__(self, steps: int) -> None:
         self.steps = steps
 
     @contextmanager
-    def timed(self, steps):
-        """Time one chunk of some steps and choose the length of the next."""
+    def timed(self, steps: int) -> Iterator[None]:
+        """Measure the time of one chunk and adapt the length of the next."""
         began = time.perf_counter()
         yield
         took = max(time.perf_counter() - began, 1e-4)
-        wanted = max(LEDGER_EVERY, int(steps * CHUNK_SECONDS / took))
-        self.steps = min(4 * self.steps, wanted)
+        target = max(LEDGER_EVERY, int(steps * CHUNK_SECONDS / took))
+        self.steps = min(4 * self.steps, target)
 
-    def end(self, step):
-        """Return where a chunk from a step ends: with a round of the ledger if it has one.
+    def end(self, step: int) -> int:
+        """Return the last step of a chunk: the end of a round of the energy balance.
 
-        Zones that can yield are judged when a chunk begins and when energies are told.
+        The yield check of plastic zones is made at the start of a chunk and of each round.
         """
         last = step + self.steps
         return last - last % LEDGER_EVERY if self.steps >= LEDGER_EVERY else last
@@ -83,44 +87,46 @@ class Chunks:
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """A model turned into arrays, ready to march.
+    """Prepared run: the kernel arrays of a model and its initial state.
 
     Parameters
     ----------
     constants : dict
-        Kernel arguments in Python's order, indices from 0.
+        Kernel arguments in Python's index order, indices from 0.
     state : dict
-        Arrays that change, named as in ``kernels.STATE``.
+        Arrays that change, named as in ``core.STATE``.
     n_steps : int
     limit : CriticalStep
     static : dict
-        ``steps`` and ``unbalanced`` of the static stage; empty where there was none.
+        ``steps`` and ``unbalanced`` of the static stage; empty without one.
     fingerprint : str
         SHA-256 of all constants, of the state and of ``single``.
     single : bool
-        Whether the march is in numbers of four bytes.
+        Whether the run is in single precision.
     """
 
-    constants: dict
-    state: dict
+    constants: dict[str, Any]
+    state: dict[str, np.ndarray]
     n_steps: int
     limit: CriticalStep
-    static: dict
+    static: dict[str, Any]
     fingerprint: str
     single: bool = False
 
-    def as_marched(self, arrays):
-        """Return constants or a state of this model in the numbers of its march."""
+    def as_marched(self, arrays: dict[str, Any]) -> dict[str, Any]:
+        """Return constants or a state in the precision of the run."""
         return core.in_single(arrays) if self.single else arrays
 
-    def begun(self):
-        """Return the constants as the kernels take them, and a state of its own to march from."""
+    def begun(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Return the constants as views for the kernels, and a copy of the initial state."""
         state = {name: value.copy() for name, value in self.as_marched(self.state).items()}
         return core.to_fortran(self.as_marched(self.constants)), state
 
 
-def prepare(model: Model, duration: float, progress: Callable | None = None, step=None) -> Prepared:
-    """Assemble the arrays of a model and bring it to rest under its in-situ stress.
+def prepare(
+    model: Model, duration: float, progress: Callable | None = None, step: Step | None = None
+) -> Prepared:
+    """Assemble the arrays of a model and compute its static equilibrium.
 
     Parameters
     ----------
@@ -129,14 +135,14 @@ def prepare(model: Model, duration: float, progress: Callable | None = None, ste
     progress : callable, optional
         Called with (stage, done, total) between chunks.
     step : tuple of float and CriticalStep, optional
-        What `assembly.time_step` gives for the model, its time step in s as it is or shortened.
+        Result of `assembly.time_step` for the model, or the same with a shorter step.
 
     Raises
     ------
     InputError
         If the duration is not positive, or the model does not fit into memory.
     SolverError
-        If the static stage does not come to rest.
+        If the static stage does not converge.
     """
     if not (math.isfinite(duration) and duration > 0.0):
         raise InputError(f"duration: must be positive, got {duration:g} s")
@@ -150,7 +156,7 @@ def prepare(model: Model, duration: float, progress: Callable | None = None, ste
     static, settled = {}, None
     if model.insitu is not None and (model.mesh.contacts is not None or model.yielding().any()):
         static, settled = _equilibrate(model, geometry, progress)
-    sides = side_loads(model, geometry["dt"], n_steps * geometry["dt"], _marched)
+    sides = side_loads(model, geometry["dt"], n_steps * geometry["dt"], _run_column)
     if sides:
         histories = f"{recorded} and {len(sides)} histories of free-field sides"
         needed = marching_bytes(model, n_samples, n_steps * len(sides))
@@ -158,25 +164,25 @@ def prepare(model: Model, duration: float, progress: Callable | None = None, ste
     constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps, sides)}
     state = assembly.initial_state(constants)
     if settled is not None:
-        constants, state = assembly.after_static(constants, *settled)
-    marked = fingerprint(constants, state, {"single": model.single})
-    return Prepared(constants, state, n_steps, limit, static, marked, model.single)
+        constants, state = after_static(constants, *settled)
+    content = fingerprint(constants, state, {"single": model.single})
+    return Prepared(constants, state, n_steps, limit, static, content, model.single)
 
 
-def _marched(model, duration):
-    """March a column; return the motion of its receivers and the constants of the kernels."""
+def _run_column(model, duration):
+    """Run a free-field column; return the motion of its receivers and the kernel constants."""
     prepared = prepare(model, duration)
     views, state = core.to_fortran(prepared.constants), prepared.state
     motion, _, failed = core.advance(views, state, 0, prepared.n_steps, LEDGER_EVERY)
     if failed is not None:
-        raise SolverError("free-field column: the motion grew without limit; check the input")
+        raise SolverError("free-field column: the run is unstable; check the input")
     return motion, prepared.constants
 
 
 def _equilibrate(model, geometry, progress):
-    """Relax to equilibrium; return a report, and the arrays and the state at rest."""
-    arrays, scale = assembly.static_arrays(model, geometry)
-    constants = {**geometry, **arrays, **assembly.still_loads(STATIC_STEPS)}
+    """Relax to static equilibrium; return a report, and the arrays and final state."""
+    arrays, scale = static_arrays(model, geometry)
+    constants = {**geometry, **arrays, **assembly.zero_loads(STATIC_STEPS)}
     state = assembly.initial_state(constants)
     views = core.to_fortran(constants)
     step, unbalanced, chunks = 0, 1.0, Chunks(1)
@@ -187,13 +193,13 @@ def _equilibrate(model, geometry, progress):
                 f"static stage: unbalanced force still {unbalanced:.1e} of the acting forces after "
                 f"{step} steps; a block may be free to fall, check supports and strengths"
             )
-        # Only whole rounds may end the stage: else its last step would depend on the clock.
+        # The stage ends after whole rounds only, so that the result does not depend on timing.
         n_steps = min(chunks.steps, STATIC_ROUND - step % STATIC_ROUND)
         with chunks.timed(n_steps):
             _, energy, failed = core.advance(views, state, step, n_steps, LEDGER_EVERY)
         step += n_steps
         if failed is not None:
-            raise SolverError(f"static stage: the motion grew without limit at step {step}")
+            raise SolverError(f"static stage: unstable at step {step}")
         if len(energy):
             unbalanced = float(energy[-1][core.ENERGIES.index("unbalanced")] / scale)
         if progress is not None:
@@ -203,16 +209,16 @@ def _equilibrate(model, geometry, progress):
     return {"steps": step, "unbalanced": unbalanced}, (constants, state)
 
 
-def export(prepared: Prepared, path):
-    """Write a prepared model for the program ``pyblast-run``, which marches it to the same bits.
+def export(prepared: Prepared, path: str | Path) -> None:
+    """Write a prepared model for the program ``pyblast-run``, which gives bit-identical results.
 
     Raises
     ------
     InputError
-        If the model is to march in numbers of four bytes, which that program has not.
+        If the model is in single precision, which that program does not support.
     """
     if prepared.single:
-        raise InputError("model.single: pyblast-run has numbers of eight bytes only; leave it out")
-    march = {"n_steps": prepared.n_steps, "ledger_every": LEDGER_EVERY}
+        raise InputError("model.single: pyblast-run runs in double precision only; leave it out")
+    steps = {"n_steps": prepared.n_steps, "ledger_every": LEDGER_EVERY}
     constants = core.numbered(prepared.constants)
-    write_model(path, constants, prepared.state, march, prepared.fingerprint)
+    write_model(path, constants, prepared.state, steps, prepared.fingerprint)

@@ -1,8 +1,10 @@
-"""Runs: time stepping in chunks with checkpoints, of one model or of several over one mesh."""
+"""Runs: time integration in chunks with checkpoints, of one model or of a batch."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +13,7 @@ from ..errors import InputError, SolverError
 from ..model.model import Model
 from ..signals.seismogram import Seismogram
 from . import assembly
+from .assembly import Step
 from .edge_springs import EDGE_ARRAYS, without_edges
 from .model_file import read_checkpoint, write_checkpoint
 from .preparation import LEDGER_EVERY, Chunks, Prepared, prepare, versions
@@ -20,16 +23,16 @@ CHECKPOINT_SECONDS = 30.0
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a run gives.
+    """Run: seismograms, energy balance and final state.
 
     Parameters
     ----------
     seismograms : dict of str to Seismogram
         By receiver.
     energy : dict of str to (n_lines,) float64, J
-        The ledger, with ``time`` in s.
+        Terms of the energy balance, with ``time`` in s.
     balance_error : float
-        Largest difference between energy put in and found, over the largest energy put in.
+        Largest error of the energy balance over the largest input energy.
     dt : float, s
     state : dict of str to numpy array
         Displacement, velocity, tractions and joint states at the end.
@@ -56,26 +59,26 @@ def simulate(
     duration: float,
     *,
     progress: Callable | None = None,
-    checkpoint=None,
-    resume=None,
-    snapshot_times=(),
+    checkpoint: str | Path | None = None,
+    resume: str | Path | None = None,
+    snapshot_times: Sequence[float] = (),
     prepared: Prepared | None = None,
 ) -> Run:
-    """March a model through time.
+    """Simulate a model: assemble, find static equilibrium, integrate in time.
 
     Parameters
     ----------
     model : Model
     duration : float, s
     progress : callable, optional
-        Called with (stage, done, total) between chunks of about 0.05 s; a run can be stopped there.
+        Called with (stage, done, total) every 0.05 s or so; may raise to stop the run.
     checkpoint : path, optional
-        Written every 30 s and when the run is interrupted.
+        File written every 30 s and on interruption.
     resume : path, optional
-        A checkpoint of the same model; the run goes on with the same bits.
+        Checkpoint of the same model; the result is bit-identical to an uninterrupted run.
     snapshot_times : sequence of float, s
     prepared : Prepared, optional
-        The result of `prepare` for the same model and duration.
+        Result of `prepare` for the same model and duration.
 
     Returns
     -------
@@ -86,28 +89,51 @@ def simulate(
     InputError
         If the checkpoint belongs to another model.
     SolverError
-        If the motion is not finite or its energy grows without cause.
+        If the motion is not finite or the run is unstable.
+
+    Notes
+    -----
+    Central differences with velocities at half steps; theory.md (2.5) to (2.8).
+
+    Examples
+    --------
+    >>> from pyblast.mesh.builder import structured_box
+    >>> from pyblast.model.boundary import Viscous
+    >>> from pyblast.model.material import Material
+    >>> from pyblast.model.model import Receiver
+    >>> from pyblast.model.source import PointForce, TimeFunction
+    >>> pulse = TimeFunction(1e6 * np.hanning(11), 1e-3)
+    >>> model = Model(
+    ...     structured_box((4, 4, 4), (40.0, 40.0, 40.0)),
+    ...     {"rock": Material.from_speeds(2700.0, 5000.0, 3000.0)},
+    ...     boundaries=[Viscous("bottom")],
+    ...     sources=[PointForce((10.0, 20.0, 40.0), (0.0, 0.0, -1.0), pulse)],
+    ...     receivers=[Receiver("R1", (30.0, 20.0, 40.0))],
+    ... )
+    >>> run = simulate(model, 0.02)
+    >>> run.seismograms["R1"].label, run.balance_error < 1e-9
+    ('R1', True)
     """
     began = time.perf_counter()
     prepared = prepared or prepare(model, duration, progress)
-    march = _March(model, prepared)
+    integration = _Integration(model, prepared)
     if resume is not None:
-        march.restore(resume)
+        integration.restore(resume)
     for time_ in snapshot_times:
         if not 0.0 <= time_ <= duration:
             raise InputError(f"snapshot_times: must lie in 0 to {duration:g} s, got {time_:g} s")
-    stops = sorted({min(prepared.n_steps, round(t / march.dt)) for t in snapshot_times})
+    stops = sorted({min(prepared.n_steps, round(t / integration.dt)) for t in snapshot_times})
     try:
-        march.go(progress, checkpoint, stops)
+        integration.run(progress, checkpoint, stops)
     except KeyboardInterrupt:
         if checkpoint is not None:
-            march.save(checkpoint)
+            integration.save(checkpoint)
         raise
-    return march.result(time.perf_counter() - began)
+    return integration.result(time.perf_counter() - began)
 
 
-class _March:
-    """A run under way: where it is and what it has recorded."""
+class _Integration:
+    """Time integration in progress: current step, state and records."""
 
     def __init__(self, model, prepared):
         self.model, self.prepared = model, prepared
@@ -118,28 +144,28 @@ class _March:
         self.energy = np.zeros((-(-prepared.n_steps // LEDGER_EVERY), len(core.ENERGIES)))
         self.snapshots = {}
 
-    def go(self, progress, checkpoint, stops):
-        """March to the end in chunks of about `CHUNK_SECONDS`."""
+    def run(self, progress, checkpoint, stops):
+        """Integrate to the end in chunks of about `CHUNK_SECONDS`."""
         total, chunks, saved = self.prepared.n_steps, Chunks(1), time.perf_counter()
-        self._keep(stops)
+        self._take_snapshot(stops)
         while self.step < total:
             last = min([total, chunks.end(self.step), *(s for s in stops if s > self.step)])
             with chunks.timed(last - self.step):
                 self._advance(last - self.step)
-            self._keep(stops)
+            self._take_snapshot(stops)
             if progress is not None:
                 progress("dynamic", self.step, total)
             if checkpoint is not None and time.perf_counter() - saved > CHECKPOINT_SECONDS:
                 self.save(checkpoint)
                 saved = time.perf_counter()
 
-    def _keep(self, stops):
-        """Keep a snapshot where one is wanted."""
+    def _take_snapshot(self, stops):
+        """Store a snapshot at the requested steps."""
         if self.step in stops:
             self.snapshots[self.step] = self.state["velocity"].astype(np.float32)
 
     def _advance(self, n_steps):
-        """March one chunk and keep what it recorded."""
+        """Integrate one chunk and store its records."""
         motion, energy, failed = core.advance(
             self.views, self.state, self.step, n_steps, LEDGER_EVERY
         )
@@ -158,29 +184,38 @@ class _March:
         )
 
     def restore(self, path):
-        """Go on from a checkpoint of the same model."""
+        """Restore a checkpoint of the same model."""
         records = {"motion": self.motion, "energy": self.energy}
-        found = read_checkpoint(path, self.prepared.fingerprint, self.state, records)
-        self.step, self.state, records, self.snapshots = found
+        self.step, self.state, records, self.snapshots = read_checkpoint(
+            path, self.prepared.fingerprint, self.state, records
+        )
         self.motion, self.energy = records["motion"], records["energy"]
 
     def result(self, wall_seconds):
-        """Collect what the run gives."""
+        """Return the result of the run."""
         return collect(
             self.model, self.prepared, self.motion, self.energy, self.state, wall_seconds,
             {step * self.dt: velocity for step, velocity in self.snapshots.items()},
         )  # fmt: skip
 
 
-def collect(model, prepared, motion, energy, state, wall_seconds, snapshots):
-    """Return the `Run` of a model that was marched to its end."""
+def collect(
+    model: Model,
+    prepared: Prepared,
+    motion: np.ndarray,
+    energy: np.ndarray,
+    state: dict[str, Any],
+    wall_seconds: float,
+    snapshots: dict[float, np.ndarray],
+) -> Run:
+    """Return the `Run` of a completed integration."""
     dt, seismograms = prepared.constants["dt"], {}
     for number, receiver in enumerate(model.receivers):
         record = Seismogram(motion[:, number], dt, 0.5 * dt, receiver.name)
         if receiver.azimuth is not None:
             record = record.rotated(receiver.azimuth)
         seismograms[receiver.name] = record
-    ledger = dict(zip(core.ENERGIES, energy.T, strict=True))
+    ledger: dict[str, np.ndarray] = dict(zip(core.ENERGIES, energy.T, strict=True))
     ledger["time"] = dt * LEDGER_EVERY * np.arange(len(energy))
     return Run(
         seismograms, ledger, balance_error(ledger), dt, state, prepared, snapshots,
@@ -188,8 +223,8 @@ def collect(model, prepared, motion, energy, state, wall_seconds, snapshots):
     )  # fmt: skip
 
 
-def failure(model, prepared, step, node):
-    """Say when and where a march failed, and the likely cause."""
+def failure(model: Model, prepared: Prepared, step: int, node: int) -> str:
+    """Return a message with time, place and likely cause of a failed run."""
     mesh, limit, dt = model.mesh, prepared.limit, prepared.constants["dt"]
     x, y, z = model.nodes.points[node]
     zone = np.flatnonzero((model.nodes.zone_nodes == node).any(axis=1))[0]
@@ -204,8 +239,8 @@ def failure(model, prepared, step, node):
     )
 
 
-def balance_error(energy):
-    """Return the largest gap of a ledger over the largest energy put in; theory.md (2.8)."""
+def balance_error(energy: dict[str, np.ndarray]) -> float:
+    """Return the largest error of the energy balance over the largest input; theory.md (2.8)."""
     gained = sum(energy[n] for n in ("kinetic", "strain", "joint_stored"))
     gained += sum(energy[n] for n in ("joint_dissipated", "zone_dissipated"))
     gap = gained + energy["damping"] + energy["dashpots"] - energy["input"] - energy["insitu"]
@@ -217,63 +252,67 @@ def balance_error(energy):
 LOADS = ("load_node", "load_vector", "load_history", "load_delay", "load_lane")
 
 
-def run_many(models, duration: float, *, step=None, progress: Callable | None = None) -> list[Run]:
-    """March many models; those that share mesh, ground and boundaries go side by side.
+def run_many(
+    models: Sequence[Model],
+    duration: float,
+    *,
+    step: Step | None = None,
+    progress: Callable | None = None,
+) -> list[Run]:
+    """Run many models; those with common mesh, ground and boundaries run in batches.
 
     Stiffness, strength and laws of joints, damping, strength of ground, sources, input and in-situ
-    stress may differ within a batch. A batch takes the shortest time step of its models.
+    stress may differ within a batch. A batch has the shortest time step of its models.
 
     Parameters
     ----------
     models : sequence of Model
-        Those that shall share a batch come from one by ``dataclasses.replace`` or ``with_joint``.
+        Models of a batch must share their mesh: use ``dataclasses.replace`` or ``with_joint``.
     duration : float, s
     step : tuple of float and CriticalStep, optional
-        What `assembly.time_step` gives for the model that needs the shortest time step: all models
-        then march in it, with its masses, whichever batch they are in.
+        Result of `assembly.time_step` of the model with the shortest step: all models then use this
+        step and its masses, in every batch.
     progress : callable, optional
         Called with ("models", done, total) after each batch.
 
     Returns
     -------
     list of Run
-        In the order of the models; ``wall_seconds`` of a batch is shared out evenly.
+        In the order of the models; ``wall_seconds`` is that of the batch over its size.
 
     Raises
     ------
     InputError
-        If models over one mesh differ in more than what may differ.
+        If models of one mesh differ in other properties.
     SolverError
-        If the motion of one of them is not finite.
+        If one of the runs is unstable.
     """
     models, runs = list(models), {}
     for group in _over_one_mesh(models):
         for first in range(0, len(group), core.LANES):
             members = group[first : first + core.LANES]
-            some = [models[k] for k in members]
-            if len(some) > 1:
-                found = _side_by_side(some, duration, step)
+            batch = [models[k] for k in members]
+            if len(batch) > 1:
+                results = _run_batch(batch, duration, step)
             else:
-                found = [simulate(*some, duration, prepared=prepare(*some, duration, step=step))]
-            runs.update(zip(members, found, strict=True))
+                prepared = prepare(batch[0], duration, step=step)
+                results = [simulate(batch[0], duration, prepared=prepared)]
+            runs.update(zip(members, results, strict=True))
             if progress is not None:
                 progress("models", len(runs), len(models))
     return [runs[k] for k in range(len(models))]
 
 
 def _over_one_mesh(models):
-    """Return the numbers of the models that stand on the same mesh, mesh by mesh.
-
-    Those in numbers of four bytes march alone.
-    """
+    """Return the numbers of the models of each mesh; models in single precision run alone."""
     groups = {}
     for number, model in enumerate(models):
         groups.setdefault((id(model.mesh), model.single and number), []).append(number)
     return groups.values()
 
 
-def _side_by_side(models, duration, step):
-    """March up to `kernels.LANES` models together."""
+def _run_batch(models, duration, step):
+    """Run up to `core.LANES` models as one batch."""
     began = time.perf_counter()
     steps = [step or assembly.time_step(model) for model in models]
     shortest = min(dt for dt, _ in steps)
@@ -282,20 +321,22 @@ def _side_by_side(models, duration, step):
         for model, (_, limit) in zip(models, steps, strict=True)
     ]
     constants, state = stacked([one.constants for one in prepared], [p.state for p in prepared])
-    motion, energy = _march(models, prepared, constants, state)
+    motion, energy = _integrate_batch(models, prepared, constants, state)
     wall = (time.perf_counter() - began) / len(models)
     runs = []
     for lane, (model, one) in enumerate(zip(models, prepared, strict=True)):
         last = {name: np.take(state[name], lane, core.LANE_AXIS[name]) for name in one.state}
-        own = (np.ascontiguousarray(part[..., lane]) for part in (motion, energy))
-        runs.append(collect(model, one, *own, last, wall, {}))
+        records = [np.ascontiguousarray(part[..., lane]) for part in (motion, energy)]
+        runs.append(collect(model, one, records[0], records[1], last, wall, {}))
     return runs
 
 
-def stacked(constants, states):
-    """Put the arrays of models side by side, lane by lane; lanes left over repeat the first."""
+def stacked(
+    constants: list[dict[str, Any]], states: list[dict[str, np.ndarray]]
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Stack the arrays of models as the lanes of a batch; unused lanes repeat the first model."""
     rates = sorted({rate for one in constants for rate in one["memory_rate"]})
-    constants = _alike_in_edges([_at_rates(one, rates) for one in constants])
+    constants = _common_edges([_at_rates(one, rates) for one in constants])
     fill = core.LANES - len(constants)
     loads, histories = _merged_loads(constants, fill)
     shifted = [
@@ -315,8 +356,8 @@ def stacked(constants, states):
     return together, {name: _lanes(name, [one[name] for one in states], fill) for name in states[0]}
 
 
-def _alike_in_edges(constants):
-    """Return the constants of models, by zones alone where their edges are not the same."""
+def _common_edges(constants):
+    """Return the constants of models, without edge springs if these differ."""
     same = all(
         np.array_equal(constants[0][name], one[name]) for one in constants for name in EDGE_ARRAYS
     )
@@ -324,7 +365,7 @@ def _alike_in_edges(constants):
 
 
 def _at_rates(constants, rates):
-    """Return the constants of a model with its branches at the rates of the whole batch."""
+    """Return the constants of a model with the relaxation rates of the whole batch."""
     own = constants["set_branch"]
     table = np.zeros((len(own), len(rates), 2))
     table[:, np.searchsorted(rates, constants["memory_rate"])] = own
@@ -332,10 +373,9 @@ def _at_rates(constants, rates):
 
 
 def _merged_loads(constants, fill):
-    """Return the loads of all models with their lanes, and where each one's histories begin.
+    """Return the loads of all models with their lanes, and the first history of each model.
 
-    Lanes that are left over have the loads of the first too: at rest under loads that balance
-    them, they would move without.
+    Unused lanes have the loads of the first model too, which may balance its initial stress.
     """
     counts = [one["history"].shape[1] for one in constants]
     begins = np.concatenate([[0], np.cumsum(counts)])[:-1].astype(np.int32)
@@ -354,18 +394,18 @@ def _merged_loads(constants, fill):
 
 
 def _lanes(name, values, fill):
-    """Stack arrays along the axis of the lanes; the first fills those that are left over."""
-    every = values + [values[0]] * fill
-    return np.ascontiguousarray(np.stack(every, axis=core.LANE_AXIS[name]))
+    """Stack arrays along the axis of the lanes; the first fills unused lanes."""
+    lanes = values + [values[0]] * fill
+    return np.ascontiguousarray(np.stack(lanes, axis=core.LANE_AXIS[name]))
 
 
 def _common(name, values):
-    """Return what all models share.
+    """Return an array common to all models.
 
     Raises
     ------
     InputError
-        If they do not.
+        If it differs.
     """
     if not all(np.array_equal(values[0], other) for other in values[1:]):
         raise InputError(
@@ -375,8 +415,8 @@ def _common(name, values):
     return values[0]
 
 
-def _march(models, prepared, constants, state):
-    """March all lanes to the end in chunks; return motion and energy with their lanes last."""
+def _integrate_batch(models, prepared, constants, state):
+    """Integrate a batch to the end in chunks; return motion and energy, lanes last."""
     total, step, chunks = prepared[0].n_steps, 0, Chunks(1)
     views, motions, energies = core.side_by_side(constants), [], []
     while step < total:
@@ -388,7 +428,7 @@ def _march(models, prepared, constants, state):
         energies.append(energy)
         if failed is not None:
             node, lane = failed
-            lane = lane if lane < len(models) else 0  # lanes left over repeat the first
+            lane = lane if lane < len(models) else 0  # unused lanes repeat the first
             text = failure(models[lane], prepared[lane], step, node)
             raise SolverError(f"model {lane + 1} of the batch: {text}")
     return np.concatenate(motions), np.moveaxis(np.concatenate(energies), 1, -1)

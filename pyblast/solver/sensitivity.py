@@ -1,46 +1,160 @@
 """Sensitivity of linear models: gradients by the adjoint, tangents by Born's approximation."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import InputError
 from ..mesh.mesh import volumes
-from ..model.boundary import StressInput
+from ..model.boundary import FreeField, StressInput
 from ..model.model import Model
+from ..model.plane_wave import PlaneWave
+from ..model.source import Column
 from ..signals.seismogram import Seismogram
-from .perturbation import (
+from .linear_runs import (
     NORMAL,
     SHEAR,
-    STEP,
-    Answer,
-    Change,
+    RecordedRun,
+    StressResponse,
+    Track,
     at_rest,
     by_number,
-    difference,
     face_nodes,
     faces,
     flat,
     jump_matrix,
+    point_loads,
     refuse_nonlinear,
     refuse_slip,
+    seismograms,
     strain_matrix,
-    with_speeds,
+    stress_drive,
+    stretches,
 )
+from .loads import surface_impedance
 from .preparation import prepare
-from .tracks import Track, Watch, point_loads, seismograms, stress_drive, stretches
+
+STEP = 1e-3  # relative, of wave speeds; impedances are linear in them
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """Change of stiffness of contacts, zones and boundary impedances.
+
+    Parameters
+    ----------
+    kn, ks : (n_contacts,) float64, Pa/m
+    p_modulus, s_modulus : (n_zones,) float64, Pa
+        Relaxed moduli of P and S waves.
+    impedance : list of (n_face_nodes, 3, 3) float64, N s/m
+        At the nodes of each of `faces`.
+    """
+
+    kn: np.ndarray
+    ks: np.ndarray
+    p_modulus: np.ndarray
+    s_modulus: np.ndarray
+    impedance: list[np.ndarray]
+
+
+def difference(model: Model, changed: Model) -> Change:
+    """Return the `Change` from one model to another with the same mesh, masses and loads.
+
+    The differences of moduli and stiffness are finite, not linearised.
+
+    Raises
+    ------
+    InputError
+        If other properties than the stiffness of joints and the moduli of materials differ, or a
+        source depends on the changed moduli.
+    """
+    _refuse_others(model, changed)
+    stiffness = [_stiffness(each) for each in (model, changed)]
+    moduli = [each.zone_moduli() for each in (model, changed)]
+    lame, shear = (moduli[1][k] - moduli[0][k] for k in range(2))
+    if lame.any() or shear.any():
+        _refuse_dependent_sources(model)
+    walls = [[_impedance(one, face) for face in faces(one)] for one in (model, changed)]
+    impedance = [after - before for before, after in zip(*walls, strict=True)]
+    kn, ks = (stiffness[1] - stiffness[0]).T
+    return Change(kn, ks, lame + 2.0 * shear, shear, impedance)
+
+
+def _stiffness(model):
+    """Return kn and ks of every contact, (n_contacts, 2) Pa/m."""
+    if model.mesh.contacts is None:
+        return np.zeros((0, 2))
+    table = [[joint.properties[name] for name in ("kn", "ks")] for joint in by_number(model)]
+    return np.array(table)[model.mesh.contacts.joint]
+
+
+def _impedance(model, boundary):
+    """Return the impedance (n_nodes, 3, 3) at the nodes of a face, ascending."""
+    known = surface_impedance(model, boundary.surface)
+    return np.array([known[int(node)] for node in face_nodes(model, boundary)])
+
+
+def _refuse_others(model, changed):
+    """Raise InputError if a changed model differs in more than stiffness."""
+    unlike = [
+        name
+        for name in ("mesh", "boundaries", "damping", "sources", "rim", "ground")
+        if getattr(model, name) is not getattr(changed, name)
+        and getattr(model, name) != getattr(changed, name)
+    ]
+    unlike += [
+        f"materials.{g}"
+        for g in model.mesh.groups
+        if (model.materials[g].density, model.materials[g].law)
+        != (changed.materials[g].density, changed.materials[g].law)
+    ]
+    unlike += [
+        f"joints.{one.surface}"
+        for one, other in zip(by_number(model), by_number(changed), strict=True)
+        if _beside_stiffness(one) != _beside_stiffness(other)
+    ]
+    if unlike:
+        raise InputError(
+            f"{unlike[0]}: a gradient knows changes of kn, ks and of moduli only; "
+            "leave the rest of the changed model as it is"
+        )
+
+
+def _refuse_dependent_sources(model):
+    """Raise InputError if sources depend on the changed moduli."""
+    for load in (*model.sources, *model.boundaries):
+        if isinstance(load, (Column, PlaneWave, FreeField)):
+            raise InputError(
+                f"sources: a {type(load).__name__} follows the moduli of the ground, which "
+                "gradients do not know; change joints only, or use other sources"
+            )
+
+
+def _beside_stiffness(joint):
+    """Return the properties of a joint other than its stiffness."""
+    rest = {n: value for n, value in joint.properties.items() if n not in ("kn", "ks")}
+    return joint.law, rest, joint.fill_mass
+
+
+def with_speeds(model: Model, group: str, cp: float = 1.0, cs: float = 1.0) -> Model:
+    """Return the model with factors on the wave speeds of a group."""
+    old = model.materials[group]
+    p, shear = old.density * (cp * old.cp) ** 2, old.shear * cs**2
+    new = replace(old, bulk=p - 4.0 / 3.0 * shear, shear=shear)
+    return replace(model, materials={**model.materials, group: new})
 
 
 def tangents(
-    model: Model, changed: list[Model], duration: float
+    model: Model, changed: Sequence[Model], duration: float
 ) -> tuple[dict[str, Seismogram], list[dict[str, Seismogram]]]:
-    """Return the seismograms of a linear model and how they change, at first order.
+    """Return the seismograms of a linear model and their first-order changes (Born).
 
     Parameters
     ----------
     model : Model
     changed : list of Model
-        Differing from the model in the stiffness of joints and the moduli of materials only.
+        Models with other stiffness of joints and moduli of materials.
     duration : float, s
 
     Returns
@@ -56,68 +170,72 @@ def tangents(
 
     Notes
     -----
-    The run and one more for each change march side by side: what a change of stiffness does to
-    the motion of the run drives the other. theory.md (8.2).
+    The perturbed motion of each change is a second run, loaded by the change of stiffness times the
+    motion of the first: theory.md (8.2).
     """
     refuse_nonlinear(model)
     prepared = prepare(model, duration)
-    pushes = [_Push(model, prepared.constants, difference(model, one)) for one in changed]
+    forces = [_BornForce(model, prepared.constants, difference(model, one)) for one in changed]
     none = [np.zeros(0, dtype=int)]
-    nodes = np.unique(np.concatenate(none + [push.nodes for push in pushes]))
+    nodes = np.unique(np.concatenate(none + [force.nodes for force in forces]))
     state = {name: value.copy() for name, value in prepared.state.items()}
-    watch = Watch(prepared.constants, state, nodes)
-    followers = [Watch(*at_rest(prepared.constants), none[0]) for _ in pushes]
-    motion = [[] for _ in range(1 + len(pushes))]
+    reference = RecordedRun(prepared.constants, state, nodes)
+    perturbed = [RecordedRun(*at_rest(prepared.constants), none[0]) for _ in forces]
+    motion = [[] for _ in range(1 + len(forces))]
     for first, count in stretches(prepared.n_steps, 9 * len(nodes) + 12 * len(model.mesh.zones)):
-        stretch = watch.go(first, count)
+        stretch = reference.advance(first, count)
         motion[0].append(stretch.receivers)
-        for push, follower, found in zip(pushes, followers, motion[1:], strict=True):
-            force = push.force(stretch, nodes)
-            found.append(follower.pushed(first, point_loads(push.nodes, force)).receivers)
+        for force, run, records in zip(forces, perturbed, motion[1:], strict=True):
+            loads = point_loads(force.nodes, force.force(stretch, nodes))
+            records.append(run.advance_with_loads(first, loads).receivers)
     refuse_slip(model, prepared, state)
     dt = prepared.constants["dt"]
     first, *rest = [seismograms(model, np.concatenate(each), dt) for each in motion]
     return first, rest
 
 
-class _Push:
-    """What a change of stiffness makes of the motion of a run: nodal forces."""
+class _BornForce:
+    """Nodal forces of a change of stiffness, for the motion of a run."""
 
     def __init__(self, model: Model, constants, change: Change):
-        """Choose the nodes that the change concerns and make its matrices."""
+        """Select the nodes of the change and compute its matrices."""
         self._model, self._change, self._dt = model, change, constants["dt"]
         mesh, contacts = model.mesh, model.mesh.contacts
         pieces = [np.zeros(0, dtype=int)]
         self._joints = change.kn.any() or change.ks.any()
-        if self._joints:
+        if contacts is not None and self._joints:
             pieces += [contacts.minus, contacts.plus]
         differs = (change.p_modulus != 0.0) | (change.s_modulus != 0.0)
         pieces.append(mesh.zones[differs].ravel())
         walls = zip(faces(model), change.impedance, strict=True)
         self._faces = [(one, face_nodes(model, one), each) for one, each in walls if each.any()]
-        self.nodes = np.unique(np.concatenate(pieces + [rim for _, rim, _ in self._faces]))
-        self._jump = jump_matrix(contacts, self.nodes) if self._joints else None
+        self.nodes = np.unique(
+            np.concatenate(pieces + [edge_nodes for _, edge_nodes, _ in self._faces])
+        )
+        self._jump = None
+        if contacts is not None and self._joints:
+            self._jump = jump_matrix(contacts, self.nodes)
         self._groups = []
         for number in np.unique(mesh.zone_group[differs]):
             zones = np.flatnonzero(differs & (mesh.zone_group == number))
             matrix = strain_matrix(mesh, zones, self.nodes)
             volume = volumes(mesh)[zones]
-            self._groups.append((zones, volume, matrix, Answer(constants, zones)))
+            self._groups.append((zones, volume, matrix, StressResponse(constants, zones)))
 
     def force(self, stretch, nodes):
-        """Return the force (n, n_nodes, 3) in N that a stretch of the run puts on the nodes."""
+        """Return the forces (n, n_nodes, 3) in N for a stretch of the run."""
         here = np.searchsorted(nodes, self.nodes)
         moved = stretch.displacement[:, here]
         total = np.zeros_like(flat(moved))
-        if self._joints:
+        if self._jump is not None:
             total -= self._jump.T @ self._traction(self._jump @ flat(moved))
         for zones, volume, matrix, answer in self._groups:
             p, s = (matrix @ flat(motion) for motion in answer(moved))
             total -= matrix.T @ self._stress(zones, volume, p, s)
         force = total.T.reshape(moved.shape)
         times = self._dt * (stretch.first + np.arange(len(moved)))
-        for face, rim, impedance in self._faces:
-            place = np.searchsorted(self.nodes, rim)
+        for face, edge_nodes, impedance in self._faces:
+            place = np.searchsorted(self.nodes, edge_nodes)
             drive = -0.5 * (stretch.before + stretch.after)[:, here[place]]
             if isinstance(face, StressInput):
                 drive = stress_drive(self._model, face, times)
@@ -128,6 +246,7 @@ class _Push:
     def _traction(self, jump):
         """Return area times the traction of the change for jumps (3 n_contacts, n)."""
         contacts, change = self._model.mesh.contacts, self._change
+        assert contacts is not None
         jump = jump.reshape(len(contacts.area), 3, -1)
         normal = contacts.normal[..., None]
         opening = np.sum(jump * normal, axis=1, keepdims=True) * normal
@@ -147,15 +266,15 @@ class _Push:
 
 @dataclass(frozen=True, eq=False)
 class Gradient:
-    """Derivatives of a misfit, in its unit over that of the parameter.
+    """Gradient: derivatives of a misfit by stiffness, moduli and impedances.
 
     Parameters
     ----------
     model : Model
     kn, ks : (n_contacts,) float64, per Pa/m
-        Of each contact of the mesh: over its area a map that shows where stiffness is missing.
+        By contact; divided by the area of the contact, a map of the sensitivity.
     p_modulus, s_modulus : (n_zones,) float64, per Pa
-        Of rho cp^2 and rho cs^2 of each zone's stiffest answer; NaN where only joints were tracked.
+        By the P and S moduli of each zone; NaN if only joints were tracked.
     impedance : list of (n_face_nodes, 3, 3) float64, per N s/m
     """
 
@@ -164,7 +283,7 @@ class Gradient:
     ks: np.ndarray
     p_modulus: np.ndarray
     s_modulus: np.ndarray
-    impedance: list
+    impedance: list[np.ndarray]
 
     def along(self, changed: Model) -> float:
         """Return the first-order change of the misfit from the model to a changed one.
@@ -188,28 +307,30 @@ class Gradient:
     def joint(self, surface: str) -> dict[str, float]:
         """Return the derivatives with respect to kn and ks of a joint, per Pa/m."""
         names = [joint.surface for joint in by_number(self.model)]
-        if surface not in names:
+        contacts = self.model.mesh.contacts
+        if contacts is None or surface not in names:
             raise InputError(f"gradient: no joint '{surface}'; there are {', '.join(names)}")
-        here = self.model.mesh.contacts.joint == names.index(surface)
+        here = contacts.joint == names.index(surface)
         return {"kn": float(self.kn[here].sum()), "ks": float(self.ks[here].sum())}
 
     def ground(self, group: str) -> dict[str, float]:
         """Return the derivatives with respect to cp and cs of a group, per m/s.
 
-        Quiet faces and stress input follow the speeds behind them; the rim stays as it is.
+        The impedances of viscous boundaries and stress input change with the speeds, the absorbing
+        layer does not.
         """
         if group not in self.model.mesh.groups:
             known = ", ".join(self.model.mesh.groups)
             raise InputError(f"gradient: no group '{group}'; there are {known}")
-        found = {}
+        derivatives = {}
         for name in ("cp", "cs"):
             more, less = (
                 self.along(with_speeds(self.model, group, **{name: 1.0 + sign * STEP}))
                 for sign in (1.0, -1.0)
             )
             speed = getattr(self.model.materials[group], name)
-            found[name] = (more - less) / (2.0 * STEP * speed)
-        return found
+            derivatives[name] = (more - less) / (2.0 * STEP * speed)
+        return derivatives
 
 
 def gradient(run: Track, derivative: dict[str, np.ndarray]) -> Gradient:
@@ -219,8 +340,8 @@ def gradient(run: Track, derivative: dict[str, np.ndarray]) -> Gradient:
     ----------
     run : Track
     derivative : dict of str to (n_steps, 3) float64
-        By receiver: of the misfit with respect to each sample of the run's seismogram, in the
-        components of that seismogram. Receivers left out do not count.
+        By receiver: derivative of the misfit by each sample of the seismogram, in its components.
+        Other receivers have no weight.
 
     Raises
     ------
@@ -234,16 +355,16 @@ def gradient(run: Track, derivative: dict[str, np.ndarray]) -> Gradient:
     weight = prepared.constants["receiver_weight"]
     spread = weight[:, :, None] * force[:, :, None, :]
     constants |= point_loads(nodes.ravel(), spread.reshape(len(force), -1, 3))
-    watch = Watch(constants, state, run.nodes)
+    adjoint = RecordedRun(constants, state, run.nodes)
     products = _Products(run)
     values = 6 * len(model.mesh.zones if run.ground else run.nodes)
     for first, count in stretches(prepared.n_steps, values):
-        products.add(first, watch.go(first, count).after)
+        products.add(first, adjoint.advance(first, count).after)
     return products.gradient()
 
 
 def _adjoint_force(run, derivative):
-    """Return the derivative of all receivers in reversed time, east, north, up: theory.md (8.3)."""
+    """Return the adjoint sources in reversed time, east, north, up: theory.md (8.3)."""
     names = [receiver.name for receiver in run.model.receivers]
     force = np.zeros((run.prepared.n_steps, len(names), 3))
     for name, samples in derivative.items():
@@ -263,10 +384,10 @@ def _adjoint_force(run, derivative):
 
 
 class _Products:
-    """Sums over time of adjoint motion times motion; theory.md (8.4) to (8.6)."""
+    """Time integrals of adjoint motion times motion; theory.md (8.4) to (8.6)."""
 
     def __init__(self, run):
-        """Make the matrices of jumps and strains."""
+        """Compute the matrices of jumps and strains."""
         self._run, model = run, run.model
         mesh, constants = model.mesh, run.prepared.constants
         self._every = int(run.steps[1] - run.steps[0]) if len(run.steps) > 1 else 1
@@ -277,14 +398,14 @@ class _Products:
                 zones = np.flatnonzero(mesh.zone_group == number)
                 near = np.unique(mesh.zones[zones])
                 matrix = strain_matrix(mesh, zones, near)
-                self._groups.append((zones, near, matrix, Answer(constants, zones)))
+                self._groups.append((zones, near, matrix, StressResponse(constants, zones)))
         contacts = mesh.contacts
         self._jump = jump_matrix(contacts, run.nodes) if contacts is not None else None
         n = 0 if contacts is None else len(contacts.area)
         self._kn, self._ks = np.zeros(n), np.zeros(n)
         self._faces = faces(model) if run.ground else []
-        self._rims = [face_nodes(model, one) for one in self._faces]
-        self._walls = [np.zeros((len(rim), 3, 3)) for rim in self._rims]
+        self._edge_nodes = [face_nodes(model, one) for one in self._faces]
+        self._walls = [np.zeros((len(edge_nodes), 3, 3)) for edge_nodes in self._edge_nodes]
 
     def add(self, first, adjoint):
         """Add the products of adjoint motion (n, n_nodes, 3) that begins at one of its steps."""
@@ -292,23 +413,23 @@ class _Products:
         step = last - first - np.arange(len(adjoint))  # of the run, at each sample of the adjoint
         at = np.flatnonzero(step % self._every == 0)
         sample = step[at] // self._every
-        there = run.displacement[sample].astype(float)
+        displacement = run.displacement[sample].astype(float)
         if self._jump is not None:
-            self._add_jumps(flat(adjoint[at]), flat(there))
+            self._add_jumps(flat(adjoint[at]), flat(displacement))
         for zones, near, matrix, answer in self._groups:
             p, s = (flat(motion[at]) for motion in answer(adjoint[:, near]))
-            self._add_strains(zones, matrix @ p, matrix @ s, matrix @ flat(there[:, near]))
+            self._add_strains(zones, matrix @ p, matrix @ s, matrix @ flat(displacement[:, near]))
         for number, face in enumerate(self._faces):
             drive = -run.velocity[number][sample].astype(float)
             if isinstance(face, StressInput):
                 drive = stress_drive(run.model, face, step[at] * run.prepared.constants["dt"])
             self._walls[number] += np.einsum(
-                "tni,tnj->nij", adjoint[at][:, self._rims[number]],
-                np.broadcast_to(drive, (len(at), len(self._rims[number]), 3)),
+                "tni,tnj->nij", adjoint[at][:, self._edge_nodes[number]],
+                np.broadcast_to(drive, (len(at), len(self._edge_nodes[number]), 3)),
             )  # fmt: skip
 
     def _add_jumps(self, adjoint, motion):
-        """Add products of jumps, apart along the normal and in the plane."""
+        """Add products of jumps, normal and tangential."""
         contacts = self._run.model.mesh.contacts
         shape = (len(contacts.area), 3, -1)
         a, b = ((self._jump @ each).reshape(shape) for each in (adjoint, motion))
@@ -318,7 +439,7 @@ class _Products:
         self._ks -= contacts.area * (np.einsum("cit,cit->c", a, b) - along)
 
     def _add_strains(self, zones, p, s, motion):
-        """Add products of dilations, and of what shears."""
+        """Add products of volumetric and deviatoric strains."""
         volume = volumes(self._run.model.mesh)[zones]
         p, s, motion = (each.reshape(len(zones), 6, -1) for each in (p, s, motion))
         dilation = motion[:, :3].sum(axis=1)
@@ -329,5 +450,11 @@ class _Products:
 
     def gradient(self):
         """Return the sums as a `Gradient`."""
-        parts = [self._every * part for part in (self._kn, self._ks, self._p, self._s)]
-        return Gradient(self._run.model, *parts, [self._every * wall for wall in self._walls])
+        return Gradient(
+            model=self._run.model,
+            kn=self._every * self._kn,
+            ks=self._every * self._ks,
+            p_modulus=self._every * self._p,
+            s_modulus=self._every * self._s,
+            impedance=[self._every * wall for wall in self._walls],
+        )

@@ -1,4 +1,4 @@
-"""The longest stable time step, and added mass for tetrahedra that would shorten it."""
+"""Critical time step, and selective mass scaling of small tetrahedra."""
 
 from dataclasses import dataclass, replace
 
@@ -7,13 +7,21 @@ import numpy as np
 from ..mesh import tetrahedra
 from ..mesh.nodes import kept
 from ..mesh.tetrahedra import VOLUME_SHARE, shape_gradients, stiffness_table
+from ..model.anisotropy import Anisotropic
+from ..model.model import Model
 
 _CHUNK = 1000
-_ALIKE = 9  # decimals of shape and moduli by which zones count as similar
+_ALIKE = 9  # decimals of shape and moduli to which zones are compared
 
 
-def quadratic_frequencies(points, zones, first_lame, shear, density):
-    """Return the square of each zone's largest angular frequency, (n_zones,) 1/s2.
+def quadratic_frequencies(
+    points: np.ndarray,
+    zones: np.ndarray,
+    first_lame: np.ndarray,
+    shear: np.ndarray,
+    density: np.ndarray,
+) -> np.ndarray:
+    """Return the square of the largest angular frequency of quadratic zones, (n_zones,) 1/s2.
 
     Parameters
     ----------
@@ -24,16 +32,16 @@ def quadratic_frequencies(points, zones, first_lame, shear, density):
 
     Notes
     -----
-    The largest eigenvalue of the 45 by 45 problem with the zone's own lumped mass; no frequency of
-    the model is higher (Irons & Treharne 1971): theory.md (2.38). It depends on the products of
-    the gradients alone, so zones that are turned or scaled copies of another share it.
+    Largest eigenvalue of the 45 by 45 problem with lumped mass, an upper bound for the model (Irons
+    & Treharne 1971): theory.md (2.38). It depends only on the products of the gradients, so rotated
+    and scaled copies of a zone share it.
     """
     return _per_density(points, zones, first_lame, shear) / density
 
 
 @kept
 def _per_density(points, zones, first_lame, shear):
-    """Return the squares for a density of one, (n_zones,)."""
+    """Return the squared frequencies for unit density, (n_zones,)."""
     gradient = shape_gradients(points, zones)
     products = np.einsum("zia,zja->zij", gradient, gradient).reshape(-1, 9)
     scale = products[:, ::4].sum(axis=1)
@@ -42,15 +50,17 @@ def _per_density(points, zones, first_lame, shear):
     _, first, kind = np.unique(alike, axis=0, return_index=True, return_inverse=True)
     squared = np.empty(len(first))
     for start in range(0, len(first), _CHUNK):
-        some = first[start : start + _CHUNK]
-        moduli = first_lame[some] / stiffest[some], shear[some] / stiffest[some]
-        matrix = zone_stiffness(points, zones[some], *moduli)
-        squared[start : start + _CHUNK] = np.linalg.eigvalsh(matrix)[:, -1] / scale[some]
+        part = first[start : start + _CHUNK]
+        moduli = first_lame[part] / stiffest[part], shear[part] / stiffest[part]
+        matrix = zone_stiffness(points, zones[part], *moduli)
+        squared[start : start + _CHUNK] = np.linalg.eigvalsh(matrix)[:, -1] / scale[part]
     return squared[kind.ravel()] * scale * stiffest
 
 
-def zone_stiffness(points, zones, first_lame, shear):
-    """Return the stiffness (n_zones, 45, 45) over the volume of each zone and lumped shares.
+def zone_stiffness(
+    points: np.ndarray, zones: np.ndarray, first_lame: np.ndarray, shear: np.ndarray
+) -> np.ndarray:
+    """Return the stiffness (n_zones, 45, 45) over zone volume and lumped volume fractions.
 
     Rows and columns run over nodes, then x y z; each is divided by the root of its volume share.
     """
@@ -67,33 +77,33 @@ def zone_stiffness(points, zones, first_lame, shear):
     return matrix.transpose(0, 3, 1, 4, 2).reshape(-1, 45, 45)
 
 
-# Slivers shorten the step more than tenfold; ground that is fine on purpose shall keep its mass.
-WORTH = 1.5
-PLACE = 256  # zones that follow one another along the curve of `renumbered`
-IN_ONE_PLACE = 20.0
-THIN = 0.25  # smallest altitude over longest edge of what counts as a sliver
-FEW = 64  # zones of a place whose zones that are no slivers may take FINE shares only
+# Slivers reduce the step more than tenfold; deliberately fine zones shall keep their mass.
+LEAST_GAIN = 1.5  # of the time step, for mass to be added
+PLACE = 256  # consecutive zones along the curve of `renumbered`
+IN_ONE_PLACE = 20.0  # allowed multiples of ``added_mass`` in such a place
+THIN = 0.25  # smallest altitude over longest edge below which a zone is a sliver
+FEW = 64  # consecutive zones whose non-slivers are limited to FINE multiples
 FINE = 4.0
-TOGETHER = 2**13  # zones whose shapes are looked at at once
+CHUNK = 2**13  # zones whose shapes are computed at once
 
 
 @dataclass(frozen=True)
 class CriticalStep:
-    """A safe bound of the longest stable step.
+    """Critical time step: a lower bound of the longest stable step, with its cause.
 
     Parameters
     ----------
     dt : float, s
     undamped : float, s
-        The same without stiffness damping.
+        Without stiffness damping.
     limited_by : str
-        The part that sets it.
+        The zone or contact that limits it.
     added_mass : (n_zones,) float64, kg
-        What selective mass scaling put on.
+        Mass added by selective mass scaling.
     added_share : dict of str to float
-        The same over the mass, by material.
+        Added mass over mass, by group.
     unscaled : float, s
-        The step without added mass.
+        Without added mass.
     """
 
     dt: float
@@ -104,7 +114,13 @@ class CriticalStep:
     unscaled: float
 
 
-def zone_frequencies(points, zones, first_lame, shear, density):
+def zone_frequencies(
+    points: np.ndarray,
+    zones: np.ndarray,
+    first_lame: np.ndarray,
+    shear: np.ndarray,
+    density: np.ndarray,
+) -> np.ndarray:
     """Return the square of each zone's largest angular frequency, (n_zones,) 1/s2.
 
     Notes
@@ -114,8 +130,8 @@ def zone_frequencies(points, zones, first_lame, shear, density):
     isotropic tetrahedron with a quarter of its mass at each node; theory.md (2.12).
     """
     gradient = shape_gradients(points, zones)
-    every = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
-    s = np.maximum(np.linalg.eigvalsh(np.einsum("zai,zaj->zij", every, every)), 0.0)
+    gradients = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
+    s = np.maximum(np.linalg.eigvalsh(np.einsum("zai,zaj->zij", gradients, gradients)), 0.0)
     root = np.sqrt(s)
     matrix = first_lame[:, None, None] * root[:, :, None] * root[:, None, :]
     matrix[:, range(3), range(3)] += 2.0 * shear[:, None] * s
@@ -123,17 +139,19 @@ def zone_frequencies(points, zones, first_lame, shear, density):
     return 4.0 * largest / density
 
 
-def anisotropic_frequencies(points, zones, stiffness, density):
-    """Return what `zone_frequencies` does for stiffnesses (n_zones, 6, 6) in Pa; also exact.
+def anisotropic_frequencies(
+    points: np.ndarray, zones: np.ndarray, stiffness: np.ndarray, density: np.ndarray
+) -> np.ndarray:
+    """Return `zone_frequencies` of anisotropic zones with stiffness (n_zones, 6, 6) in Pa.
 
     Notes
     -----
-    With the strain B u of the corner motions u it is ``4/rho`` times the largest eigenvalue of
-    B B^T C: theory.md (2.24).
+    With the strain B u of the corner displacements u: ``4/rho`` times the largest eigenvalue of
+    B B^T C, exact; theory.md (2.24).
     """
     gradient = shape_gradients(points, zones)
-    every = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
-    x, y, z = np.moveaxis(every, 2, 0)
+    gradients = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
+    x, y, z = np.moveaxis(gradients, 2, 0)
     o = np.zeros_like(x)
     parts = [[x, o, o], [o, y, o], [o, o, z], [o, z, y], [z, o, x], [y, x, o]]
     strain = np.stack([np.concatenate(row, axis=1) for row in parts], axis=1)
@@ -142,7 +160,7 @@ def anisotropic_frequencies(points, zones, stiffness, density):
     return 4.0 / density * np.linalg.eigvalsh(lengths @ np.swapaxes(lengths, 1, 2))[:, -1]
 
 
-def model_frequencies(model):
+def model_frequencies(model: Model) -> np.ndarray:
     """Return the square of the largest angular frequency of each zone of a model, (n_zones,)."""
     mesh, density, (lame, shear) = model.mesh, model.zone_values("density"), model.stiffest_moduli()
     if model.quadratic:
@@ -150,7 +168,7 @@ def model_frequencies(model):
     squared = zone_frequencies(mesh.points, mesh.zones, lame, shear, density)
     for number, group in enumerate(mesh.groups):
         law = model.law(group)
-        if law.name == "anisotropic":
+        if isinstance(law, Anisotropic):
             here = mesh.zone_group == number
             scale = shear[here] / model.materials[group].shear
             stiffness = scale[:, None, None] * law.stiffness
@@ -159,8 +177,8 @@ def model_frequencies(model):
     return squared
 
 
-def critical_step(model):
-    """Bound the longest stable step of a model from zones, contacts and damping together.
+def critical_step(model: Model) -> CriticalStep:
+    """Return the critical time step of a model with zones, contacts and damping.
 
     Parameters
     ----------
@@ -172,12 +190,12 @@ def critical_step(model):
 
     Notes
     -----
-    For a step T every node lends its contacts the share ``phi = T^2 d / (2 m)`` of its mass, d
-    being the stiffness of its springs: no contact then limits the step (Anderson & Morley 1985).
-    Its zones keep the rest (Irons & Treharne 1971) and take added mass where they need it. The
-    step is the longest whose added mass stays within its share of each group, and within 20 shares
-    of any place, 4 where zones are small but no slivers: theory.md (2.13). Where that wins less
-    than a half no mass is added.
+    For a step T every node reserves the fraction ``phi = T^2 d / (2 m)`` of its mass for its
+    contacts of stiffness d, so that no contact limits the step (Anderson & Morley 1985). The zones
+    have the remaining mass (Irons & Treharne 1971) and added mass as required. The step is the
+    longest whose added mass is within its limit in each group, within 20 times that limit in any
+    neighbourhood, 4 times for small zones that are not slivers: theory.md (2.13). No mass is added
+    if the step would grow by less than one half.
     """
     mesh = model.mesh
     density = model.zone_values("density")
@@ -190,12 +208,12 @@ def critical_step(model):
         (2.0 * part / node_mass)[nodes.zone_nodes].max(axis=1) for part in contact_bounds(model)
     )
 
-    needs = _Needs(zone, beta, stiffness, viscosity)
+    needs = _MassNeed(zone, beta, stiffness, viscosity)
     search = _Search(needs, mass, _parts(mesh, mass))
     dt = unscaled = search.longest(0.0)
     share = model.added_mass
-    worth = share > 0.0 and search.within(search.added(WORTH * unscaled), share)
-    if worth and (scaled := search.longest(share)) >= WORTH * unscaled:
+    allowed = share > 0.0 and search.within(search.added(LEAST_GAIN * unscaled), share)
+    if allowed and (scaled := search.longest(share)) >= LEAST_GAIN * unscaled:
         dt = scaled
     else:
         share = 0.0
@@ -204,7 +222,7 @@ def critical_step(model):
         undamped = replace(search, needs=replace(needs, beta=0.0 * beta)).longest(share)
     need = needs(dt)
     added = mass * np.maximum(0.0, need - 1.0) if share else np.zeros_like(mass)
-    limited_by = _limit(model, int(need.argmax()), share > 0.0, needs.lent(dt))
+    limited_by = _limit(model, int(need.argmax()), share > 0.0, needs.reserved(dt))
     part, own, _ = search.parts[0]
     by_group = _shares(part, added, own).tolist()
     shares = dict(zip(mesh.groups, by_group, strict=True))
@@ -212,73 +230,74 @@ def critical_step(model):
 
 
 @dataclass(frozen=True, eq=False)
-class _Needs:
-    """What zones need for a step: the mass that it asks for over what they have, (n_zones,)."""
+class _MassNeed:
+    """Required over available mass of zones for a time step, (n_zones,)."""
 
     zone: np.ndarray
     beta: np.ndarray
     stiffness: np.ndarray
     viscosity: np.ndarray
 
-    def lent(self, dt):
-        """Share of its mass that each zone lends to contacts."""
+    def reserved(self, dt):
+        """Return the fraction of the mass of each zone that is reserved for contacts."""
         return self.stiffness * dt**2 / 4.0 + self.viscosity * dt / 2.0
 
     def __call__(self, dt):
-        """Mass over its own that each zone needs; it grows with the step."""
-        free = np.maximum(1.0 - self.lent(dt), 1e-12)
+        """Return the required over the available mass; it increases with the step."""
+        free = np.maximum(1.0 - self.reserved(dt), 1e-12)
         return self.zone * (dt**2 / 4.0 + dt * self.beta / 2.0) / free
 
-    def of(self, some):
-        """Return the same of some zones."""
-        return _Needs(*(part[some] for part in vars(self).values()))
+    def of(self, zones):
+        """Return the need of a subset of zones."""
+        return _MassNeed(*(part[zones] for part in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """Bisection for the step whose added mass stays within a share of each part of a model.
+    """Bisection for the longest step with limited added mass in each part of a model.
 
-    ``parts`` holds the part of each zone, the mass of every part in kg, and how many shares it
-    may take.
+    ``parts`` holds the part of each zone, the mass of every part in kg, and the allowed multiple of
+    ``added_mass``.
     """
 
-    needs: _Needs
+    needs: _MassNeed
     mass: np.ndarray
-    parts: tuple
+    parts: tuple[tuple[np.ndarray, np.ndarray, float], ...]
 
     def longest(self, share):
         """Return the longest step in s."""
-        low, high, left = 0.0, 2.0 / np.sqrt(self.needs.zone.min()), self
+        low, high, search = 0.0, 2.0 / np.sqrt(self.needs.zone.min()), self
         for _ in range(60):
             middle = 0.5 * (low + high)
-            added = left.added(middle)
-            if left.within(added, share):
+            added = search.added(middle)
+            if search.within(added, share):
                 low = middle
-            else:  # what needs nothing now will need nothing for a shorter step
-                high, left = middle, left.of(np.flatnonzero(added))
+            else:  # zones without added mass need none for a shorter step
+                high, search = middle, search.of(np.flatnonzero(added))
         return low
 
     def added(self, dt):
-        """Return the mass that each zone takes for a step, (n_zones,) kg."""
+        """Return the added mass of each zone for a step, (n_zones,) kg."""
         return self.mass * np.maximum(0.0, self.needs(dt) - 1.0)
 
     def within(self, added, share):
-        """Tell whether added mass stays within a share of each part."""
+        """Return whether the added mass is within the limit of each part."""
         if not share:
             return not added.any()
-        found = (_shares(part, added, own).max() <= most * share for part, own, most in self.parts)
-        return all(found)
+        return all(
+            _shares(part, added, own).max() <= most * share for part, own, most in self.parts
+        )
 
-    def of(self, some):
-        """Return the same for some zones."""
-        parts = tuple((part[some], own, most) for part, own, most in self.parts)
-        return _Search(self.needs.of(some), self.mass[some], parts)
+    def of(self, zones):
+        """Return the search for a subset of zones."""
+        parts = tuple((part[zones], own, most) for part, own, most in self.parts)
+        return _Search(self.needs.of(zones), self.mass[zones], parts)
 
 
 def _parts(mesh, mass):
-    """Return the parts whose mass is limited: the groups, and places of zones that follow.
+    """Return the parts with limited mass: groups, and sequences of consecutive zones.
 
-    Slivers are in no place of the last kind, so that there only other zones count.
+    Slivers are excluded from the shorter sequences.
     """
     (place, count), (few, n_few) = (_places(len(mass), size) for size in (PLACE, FEW))
     sliver = _thinness(mesh) < THIN
@@ -290,31 +309,31 @@ def _parts(mesh, mass):
 
 
 def _places(n_zones, size):
-    """Return the place (n_zones,) of each zone, and how many of a size there are."""
+    """Return the sequence (n_zones,) of each zone, and the number of sequences of a size."""
     count = max(1, n_zones // size)
     return np.minimum(np.arange(n_zones) // size, count - 1), count
 
 
 def _thinness(mesh):
     """Return the smallest altitude of each zone over its longest edge, (n_zones,)."""
-    found = np.empty(len(mesh.zones))
-    for start in range(0, len(found), TOGETHER):
-        zones = mesh.zones[start : start + TOGETHER]
+    thinness = np.empty(len(mesh.zones))
+    for start in range(0, len(thinness), CHUNK):
+        zones = mesh.zones[start : start + CHUNK]
         gradient = shape_gradients(mesh.points, zones)
-        every = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
-        altitude = 1.0 / np.linalg.norm(every, axis=2).max(axis=1)
+        gradients = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
+        altitude = 1.0 / np.linalg.norm(gradients, axis=2).max(axis=1)
         longest = tetrahedra.edge_lengths(mesh.points, zones).max(axis=1)
-        found[start : start + TOGETHER] = altitude / longest
-    return found
+        thinness[start : start + CHUNK] = altitude / longest
+    return thinness
 
 
 def _shares(part, added, own):
-    """Return added over own mass of each part; ``part`` has one for each zone."""
+    """Return the added over the original mass of each part; ``part`` (n_zones,)."""
     return np.bincount(part, added, len(own)) / np.maximum(own, np.finfo(float).tiny)
 
 
-def contact_bounds(model):
-    """Sum the largest stiffness (N/m) and the viscosity (N s/m) of the contacts of each node."""
+def contact_bounds(model: Model) -> np.ndarray:
+    """Return largest stiffness (N/m) and viscosity (N s/m) summed over the contacts of nodes."""
     total = np.zeros((2, len(model.nodes.points)))
     contacts = model.nodes.contacts
     if contacts is None:
@@ -329,14 +348,14 @@ def contact_bounds(model):
 
 
 def _limit(model, worst, scaled, share):
-    """Describe the zone that sets the step, or the joint whose contacts have most of its mass."""
+    """Describe the zone that limits the step, or the joint that reserves most of its mass."""
     mesh = model.mesh
     x, y, z = mesh.points[mesh.zones[worst]].mean(axis=0)
-    what = f"a zone of '{mesh.groups[mesh.zone_group[worst]]}'"
-    if share[worst] > 0.5:
-        contacts = model.nodes.contacts
+    part = f"a zone of '{mesh.groups[mesh.zone_group[worst]]}'"
+    contacts = model.nodes.contacts
+    if contacts is not None and share[worst] > 0.5:
         pairs = np.stack([contacts.minus, contacts.plus])
         contact = int(np.isin(pairs, model.nodes.zone_nodes[worst]).any(axis=0).argmax())
-        what = f"a contact of joint '{contacts.names[contacts.joint[contact]]}'"
+        part = f"a contact of joint '{contacts.names[contacts.joint[contact]]}'"
     note = " and others as short, after adding mass" if scaled else ""
-    return f"{what} at ({x:.1f}, {y:.1f}, {z:.1f}) m{note}"
+    return f"{part} at ({x:.1f}, {y:.1f}, {z:.1f}) m{note}"

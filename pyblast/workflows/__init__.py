@@ -1,1 +1,127 @@
-"""One module a command: files in, folder out."""
+"""One module a command: files in, a numbered folder out.
+
+Here is the rule for folders that all commands share: results lie in folders 001, 002, … of one
+folder; a finished result is never changed. The same command goes on with an unfinished result of
+the same input, unless it is told to start afresh.
+"""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from ..errors import InputError, PyblastError, ReadError
+
+LARGEST_FOLDER = 9999
+Progress = Callable[[str, int, int], None]
+Say = Callable[[str], None]
+
+
+class Interrupted(KeyboardInterrupt):
+    """A computation was stopped; the message says what is kept."""
+
+
+def silent(*_: object) -> None:
+    """Show nothing: the progress or notice of a call that asked for none."""
+
+
+def new_folder(out: str | Path) -> Path:
+    """Make the next numbered folder; two processes at once get two folders.
+
+    Raises
+    ------
+    ReadError
+        If the place can't be written.
+    InputError
+        If there are too many results already.
+    """
+    for number in range(1, LARGEST_FOLDER):
+        folder = Path(out) / f"{number:03d}"
+        try:
+            folder.mkdir(parents=True)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise ReadError(f"{folder}: can't be made ({error.strerror or error})") from None
+        return folder
+    raise InputError(f"{out}: holds {LARGEST_FOLDER} results already; give another folder")
+
+
+def numbered_folders(out: str | Path) -> list[Path]:
+    """Return the numbered folders of a folder, the latest first."""
+    folders = [path for path in Path(out).glob("[0-9][0-9][0-9]*") if path.name.isdigit()]
+    return sorted(folders, key=lambda path: int(path.name), reverse=True)
+
+
+@contextmanager
+def result_folder(
+    out: str | Path,
+    unfinished: Callable[[Path], bool],
+    *,
+    fresh: bool = False,
+    say: Say | None = None,
+) -> Iterator[tuple[Path, bool]]:
+    """Open the folder of one result: an unfinished one of the same input, else a new one.
+
+    Parameters
+    ----------
+    out : path
+        Folder of the numbered folders.
+    unfinished : callable
+        Whether a numbered folder holds an unfinished result of the same input.
+    fresh : bool
+        Always make a new folder.
+    say : callable, optional
+        Gets the sentence that a result goes on.
+
+    Yields
+    ------
+    folder : Path
+        Locked against other processes; one that is still empty after an error is removed.
+    goes_on : bool
+
+    Raises
+    ------
+    InputError, ReadError
+        As `new_folder`.
+    """
+    folder, lock = None, None
+    for candidate in [] if fresh else numbered_folders(out):
+        if unfinished(candidate):
+            lock = _lock(candidate)
+            if lock is not None:
+                folder = candidate
+                (say or silent)(f"goes on with the unfinished result in {folder}; "
+                                "--fresh would start anew")  # fmt: skip
+                break
+    goes_on = folder is not None
+    if folder is None:
+        folder = new_folder(out)
+        lock = _lock(folder)
+    try:
+        yield folder, goes_on
+    except PyblastError:
+        with suppress(OSError):
+            folder.rmdir()  # refuses unless it is empty
+        raise
+    finally:
+        if lock is not None and lock >= 0:
+            os.close(lock)
+
+
+def _lock(folder: Path) -> int | None:
+    """Lock a folder for this process; None where another process holds it, -1 without locks."""
+    try:
+        import fcntl
+    except ImportError:
+        return -1
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        return None
+    except OSError:  # a file system without locks
+        os.close(handle)
+        return -1
+    return handle

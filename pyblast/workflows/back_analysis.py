@@ -1,6 +1,7 @@
-"""The job from recorded motion to the values of unknowns: search, confirm, write, report."""
+"""Back-analysis and survey design of a project: search, confirmation, files, report."""
 
-from collections.abc import Callable, Sequence
+import json
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -19,52 +20,62 @@ from ..back_analysis.search import (
 )
 from ..back_analysis.survey_design import Plan, foreseen_plan
 from ..back_analysis.trials import TrialLog, Trials, identity
-from ..errors import Finding, InputError, PyblastError
+from ..errors import Finding, PyblastError
 from ..inference.misfits import MISFITS
 from ..project.checks import check
+from ..project.config import BackAnalysisConfig
 from ..project.project import Project, load_project
 from ..project.result import comparison_table, motion_table, write_summary
 from ..report.back_analysis import summarise_posterior, write_search_report
-from ..report.survey_design import beside_laboratory, slip_lines, summarise_plan, write_plan_report
+from ..report.survey_design import (
+    beside_laboratory,
+    slip_lines,
+    summarise_plan,
+    write_survey_report,
+)
 from ..runs.cache import input_hash
 from ..signals.comparison import in_common
 from ..solver.preparation import versions
-from .run import Interrupted, new_folder
+from . import Interrupted, Progress, Say, new_folder, result_folder, silent
 
 TRIALS = "trials.jsonl"
 RESULT = "back_analysis.json"
-PLAN = "plan.json"
+SURVEY = "survey.json"
 
 
 def back_analyse(
     project: Project | str | Path,
-    output=None,
+    out: str | Path | None = None,
     *,
-    resume: bool = False,
+    fresh: bool = False,
     full: bool = False,
     executor: Executor | None = None,
-    progress: Callable | None = None,
+    progress: Progress | None = None,
+    say: Say | None = None,
     before: Sequence[Finding] | None = None,
 ) -> tuple[BackAnalysis, Path]:
-    """Find the unknowns that table ``[back_analysis]`` of a project names.
+    """Back-analyse the parameters that table ``[back_analysis]`` of a project names.
 
     Parameters
     ----------
     project : Project or path of a project file
-    output : path, optional
+    out : path, optional
         Folder that takes numbered folders, one per search; ``back_analysis`` beside the project
-        file by default. Earlier results stay.
-    resume : bool
-        Go on with the last search that was interrupted: its trace is the same.
+        file by default. Earlier results stay. A search of the same input goes on where it was
+        interrupted, or where more runs or a posterior are asked for; its trace is the same.
+    fresh : bool
+        Start a new search beside an unfinished one.
     full : bool
         Take the table ``[full]`` of the project file.
     executor : concurrent.futures.Executor, optional
-        Such as `workers`, or what ``dask.distributed.Client.get_executor`` returns. The answer
+        Such as `workers`, or what ``dask.distributed.Client.get_executor`` returns. The result
         does not depend on it.
     progress : callable, optional
         Called with (stage, done, total).
+    say : callable, optional
+        Called with a sentence when an unfinished search goes on.
     before : sequence of Finding, optional
-        What `doubts_before` says of the project, where that was asked already.
+        The result of `findings_before` for the project, where that is known already.
 
     Returns
     -------
@@ -75,61 +86,88 @@ def back_analyse(
     Raises
     ------
     InputError, ReadError
-        If the project or a file of it is wrong, or there is nothing to resume.
+        If the project or a file of it is wrong.
     SolverError
         If no point could be run, or a worker was lost.
     """
     if not isinstance(project, Project):
         project = load_project(project, full)
-    tell = progress or (lambda *_: None)
+    tell = progress or silent
     tell("mesh", 0, 1)
     target, table = make_target(project), project.config.back_analysis
     refuse_unready(table, f"{project.path.name}: back_analysis")
-    before = doubts_before(project) if before is None else before
-    output = project.folder / "back_analysis" if output is None else Path(output)
-    folder = _interrupted(output) if resume else new_folder(output)
-    kept = TrialLog(folder / TRIALS, identity(target, table.method, table.seed), resume)
-    trials = Trials(target, kept, table.runs, executor=executor, progress=progress)
+    assert table is not None  # refused above
+    before = findings_before(project) if before is None else before
+    out = project.folder / "back_analysis" if out is None else Path(out)
+    searched = identity(target, table.method, table.seed)
+
+    def unfinished(folder: Path) -> bool:
+        return _goes_on(folder, searched["hash"], table)
+
+    with result_folder(out, unfinished, fresh=fresh, say=say) as (folder, goes_on):
+        trial_log = TrialLog(folder / TRIALS, searched, goes_on)
+        trials = Trials(target, trial_log, table.runs, executor=executor, progress=progress)
+        try:
+            result = _searched(trials, table, progress)
+        except KeyboardInterrupt:
+            raise Interrupted(
+                f"{len(trial_log.rows)} evaluations are kept in {trial_log.path}; the same command "
+                "goes on from there"
+            ) from None
+        except PyblastError:
+            if not trial_log.rows and not goes_on:
+                trial_log.path.unlink()
+            raise
+        tell("writing", 0, 1)
+        summary = summarise_search(result, [*before, *fit_doubts(result)], trial_log.rows)
+        write_summary(folder / RESULT, {**summary, "runs_allowed": table.runs})
+        write_search_report(folder / "report.html", summary, result.confirmed)
+    return result, folder
+
+
+def _searched(trials: Trials, table: BackAnalysisConfig, progress: Progress | None) -> BackAnalysis:
+    """Search, confirm the best point by a full run, and sample the posterior if it is wanted."""
+    trace = search(trials, table.method, table.runs, table.seed)
+    result = confirm(trials.target, table.method, table.seed, trace, progress)
+    if table.posterior:
+        result = replace(result, posterior=uncertain(trials, trace.points[trace.best], table.seed))
+    return result
+
+
+def _goes_on(folder: Path, searched: str, table: BackAnalysisConfig) -> bool:
+    """Tell whether a folder holds trials of the same search that lack what is asked for now."""
     try:
-        trace = search(trials, table.method, table.runs, table.seed)
-        found = confirm(trials.target, table.method, table.seed, trace, progress)
-        if table.posterior:
-            drawn = uncertain(trials, trace.points[trace.best], table.seed)
-            found = replace(found, posterior=drawn)
-    except KeyboardInterrupt:
-        raise Interrupted(
-            f"{len(kept.rows)} evaluations are kept in {kept.path}, go on with --resume"
-        ) from None
-    except PyblastError:
-        if not kept.rows and not resume:
-            kept.path.unlink()
-            folder.rmdir()
-        raise
-    tell("writing", 0, 1)
-    summary = summarise_search(found, [*before, *fit_doubts(found)], kept.rows)
-    write_summary(folder / RESULT, summary)
-    write_search_report(folder / "report.html", summary, found.confirmed)
-    return found, folder
+        with (folder / TRIALS).open(encoding="utf-8") as file:
+            same = json.loads(file.readline())["hash"] == searched
+        if not same or not (folder / RESULT).exists():
+            return same
+        known = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        return table.runs > known["runs_allowed"] or (table.posterior and not known["posterior"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
-def doubts_before(project: Project) -> list[Finding]:
-    """Return what is doubtful before a search: defects of the model that fail, then the table's."""
-    own = doubts(project)  # first: it refuses what is missing before the census is taken
-    failed = [one for one in check(project, measure=False).findings if one.failed]
+def findings_before(project: Project) -> list[Finding]:
+    """Return the findings before a search: failed checks of the model, then those of the table."""
+    own = doubts(project)  # first: it refuses what is missing before the model is measured
+    failed = [finding for finding in check(project, measure=False).findings if finding.failed]
     return [*failed, *own]
 
 
-def plan_back_analysis(
-    project: Project | str | Path, output=None, *, full: bool = False,
-    progress: Callable | None = None,
-) -> tuple[Plan, Path]:  # fmt: skip
-    """Say before any record what receivers and blasts can tell of the unknowns of a project.
+def design_survey(
+    project: Project | str | Path,
+    out: str | Path | None = None,
+    *,
+    full: bool = False,
+    progress: Progress | None = None,
+) -> tuple[Plan, Path]:
+    """Design a survey: which receivers and blasts constrain the parameters, before any record.
 
     Parameters
     ----------
     project : Project or path of a project file
-    output : path, optional
-        Folder that takes numbered folders, one per plan; ``plan`` beside the project file by
+    out : path, optional
+        Folder that takes numbered folders, one per survey; ``survey`` beside the project file by
         default.
     full : bool
         Take the table ``[full]`` of the project file.
@@ -140,7 +178,7 @@ def plan_back_analysis(
     -------
     Plan
     Path
-        Folder with ``plan.json`` and ``report.html``.
+        Folder with ``survey.json`` and ``report.html``.
 
     Raises
     ------
@@ -151,33 +189,27 @@ def plan_back_analysis(
     """
     if not isinstance(project, Project):
         project = load_project(project, full)
-    plan = foreseen_plan(project, progress)
-    folder = new_folder(project.folder / "plan" if output is None else Path(output))
+    plan, table = foreseen_plan(project, progress), project.config.back_analysis
+    folder = new_folder(project.folder / "survey" if out is None else Path(out))
     parts = [[one.name, one.low, one.high, one.log] for one in plan.parameters]
     files = {"project": project.input_files, "parameters": parts}
     summary = {
         "title": project.title,
         "assumed": list(project.config.assumed),
-        "blasts": [project.path.name, *project.config.back_analysis.blasts],
+        "blasts": [project.path.name, *(table.blasts if table is not None else ())],
         "plan": summarise_plan(plan),
         "files_sha256": project.input_files,
         "provenance": versions(input_hash("plan", files)),
     }
-    write_summary(folder / PLAN, summary)
-    write_plan_report(folder / "report.html", summary)
+    write_summary(folder / SURVEY, summary)
+    write_survey_report(folder / "report.html", summary)
     return plan, folder
 
 
-def _interrupted(output):
-    """Return the last folder with trials."""
-    found = sorted(output.glob(f"[0-9]*/{TRIALS}"))
-    if not found:
-        raise InputError(f"{output}: nothing to resume; no folder there holds {TRIALS}")
-    return found[-1].parent
-
-
-def summarise_search(found: BackAnalysis, findings, rows) -> dict:
-    """Return everything that the page of a back-analysis shows, as plain numbers and words."""
+def summarise_search(
+    found: BackAnalysis, findings: Sequence[Finding], rows: Sequence[dict]
+) -> dict:
+    """Return what the report of a back-analysis shows, as plain numbers and words."""
     target, project, trace = found.target, found.target.projects[0], found.trace
     plan = summarise_plan(found.plan)
     beside = {one["path"]: beside_laboratory(one) for one in plan["parameters"]}
@@ -219,9 +251,9 @@ def summarise_search(found: BackAnalysis, findings, rows) -> dict:
     }
 
 
-def slip_told(found: BackAnalysis) -> list[str]:
-    """Say of every blast and joint surface what slipped, and what it would take."""
-    tables = {name: _blast_table(one) for name, one in found.confirmed.items()}
+def slip_summary(result: BackAnalysis) -> list[str]:
+    """Return sentences on the slip of each joint surface in each blast."""
+    tables = {name: _blast_table(one) for name, one in result.confirmed.items()}
     return [line for name, table in tables.items() for line in slip_lines(name, table)]
 
 

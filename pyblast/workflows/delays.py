@@ -1,16 +1,19 @@
-"""The job from a project to the delays that shake houses least: motions of holes, search, files."""
+"""Delay optimisation of a project: motions of the holes, search, files."""
 
 import hashlib
-from collections.abc import Callable
+import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from ..blasts.blast import Blast
 from ..blasts.superposition import travel_shifts
 from ..errors import InputError
 from ..planning.delays import DelayPlan, plan_delays, rows_pattern
 from ..planning.peak_distribution import FiringScatter
+from ..project.config import DelaysConfig
 from ..project.inputs import make_firing, read_hole
 from ..project.project import Project, load_project
 from ..project.result import write_summary
@@ -21,34 +24,43 @@ from ..runs.cache import input_hash
 from ..runs.greens_bank import greens_functions
 from ..signals.limits import load_limits
 from ..solver.preparation import versions
-from .run import new_folder
+from . import Progress, Say, new_folder, silent
 
 RESULT, REPORT = "delays.json", "report.html"
 RUNS = "runs"  # folder of stored responses, shared by all plans
 SHARES = (0.5, 0.9, 0.95)
 
 
-def find_delays(
-    project: Project | str | Path, output=None, *, full: bool = False,
-    progress: Callable | None = None,
-) -> tuple[dict, Path]:  # fmt: skip
-    """Find the delays that table ``[delays]`` of a project asks for.
+def optimise_delays(
+    project: Project | str | Path,
+    out: str | Path | None = None,
+    *,
+    fresh: bool = False,
+    full: bool = False,
+    progress: Progress | None = None,
+    say: Say | None = None,
+) -> tuple[dict, Path]:
+    """Find the delays of least vibration that table ``[delays]`` of a project asks for.
 
     Parameters
     ----------
     project : Project or path of a project file
-    output : path, optional
-        Folder that takes numbered folders, one per plan, and stored responses; ``delays`` beside
-        the project file by default.
+    out : path, optional
+        Folder that takes numbered folders, one per plan, and the responses of the holes in
+        ``runs``, from which the same call goes on; ``delays`` beside the project file by default.
+    fresh : bool
+        Run the responses of the holes anew.
     full : bool
         Take the table ``[full]`` of the project file.
     progress : callable, optional
         Called with (stage, done, total).
+    say : callable, optional
+        Called with a sentence when kept responses are there.
 
     Returns
     -------
     dict
-        What ``delays.json`` holds, of `summarise_delays`.
+        Content of ``delays.json``, see `summarise_delays`.
     Path
         Its folder, with ``report.html``.
 
@@ -61,39 +73,56 @@ def find_delays(
     """
     if not isinstance(project, Project):
         project = load_project(project, full)
-    tell, table = progress or (lambda *_: None), project.config.delays
-    where = f"{project.path.name}: delays"
-    if table is None:
-        raise InputError(f"{where}: missing; say between which delays, and at which houses")
-    if project.blast is None:
-        raise InputError(f"{where}: needs [blast] with the holes that are to be fired")
+    tell, where = progress or silent, f"{project.path.name}: delays"
+    table, blast = _settings(project)
     limits = house_limits(project)
-    output = project.folder / "delays" if output is None else Path(output)
+    out = project.folder / "delays" if out is None else Path(out)
+    _kept_runs(out / RUNS, fresh, say or silent)
     pattern = _pattern(project)
     scatter = FiringScatter(
         1e-3 * table.scatter_ms, 1e-2 * table.scatter_percent, 1e-2 * table.charge_percent,
         1e-2 * table.blast_percent, table.doubt,
     )  # fmt: skip
     ends = 1e-3 * np.array([table.between_holes_ms, table.between_rows_ms]).T
-    planned = project.blast.times
+    planned = blast.times
     tell("holes", 0, 2)
     fired = [pattern @ ends[1], pattern @ ends[0], planned]
-    spectra, scales, kept = _spectra(project, np.array([scatter.reach(t) for t in fired]), output)
+    spectra, scales, kept = _spectra(project, np.array([scatter.reach(t) for t in fired]), out)
     tell("delays", 1, 2)
     with named_error(where):
         if table.band_hz is not None:
             spectra = spectra.banded(*table.band_hz)
         found = plan_delays(
-            spectra, pattern[kept], *ends, scatter, planned=planned[kept], limits=limits,
+            spectra, pattern[kept], ends[0], ends[1], scatter, planned=planned[kept], limits=limits,
             step=1e-3 * table.step_ms, share=1e-2 * table.share_percent, scales=scales,
             allowed=_allowed(project, kept), n_blasts=table.draws, seed=table.seed,
         )  # fmt: skip
     tell("writing", 2, 2)
-    folder = new_folder(output)
+    folder = new_folder(out)
     summary = summarise_delays(project, found, pattern @ found.best.delays)
     write_summary(folder / RESULT, summary)
     write_delay_report(folder / REPORT, summary)
     return summary, folder
+
+
+def _settings(project: Project) -> tuple[DelaysConfig, Blast]:
+    """Return the table of delays of a project, and its blast."""
+    table, where = project.config.delays, f"{project.path.name}: delays"
+    if table is None:
+        raise InputError(f"{where}: missing; say between which delays, and at which houses")
+    if project.blast is None:
+        raise InputError(f"{where}: needs [blast] with the holes that are to be fired")
+    return table, project.blast
+
+
+def _kept_runs(folder: Path, fresh: bool, say: Say) -> None:
+    """Say that responses are kept, or remove them for a fresh start."""
+    if not any(folder.glob("*.h5")):
+        return
+    if fresh:
+        shutil.rmtree(folder)
+    else:
+        say(f"goes on with the responses kept in {folder}; --fresh would run them anew")
 
 
 def house_limits(project: Project) -> np.ndarray:
@@ -104,11 +133,11 @@ def house_limits(project: Project) -> np.ndarray:
     InputError
         If a curve says nothing within the band, or is of the vector sum.
     """
-    table, curves, found = project.config.delays, load_limits(), []
+    table, curves, limits = _settings(project)[0], load_limits(), []
     for house in table.houses:
         where = f"{project.path.name}: delays.houses.{house.name}.limit_curve"
         if house.limit_curve is None:
-            found.append(1e-3 * house.limit_mm_per_s)
+            limits.append(1e-3 * (house.limit_mm_per_s or math.nan))
             continue
         curve = curves[house.limit_curve]
         if curve.quantity == "vector sum":
@@ -125,8 +154,8 @@ def house_limits(project: Project) -> np.ndarray:
                 f"{where}: says nothing below {corners[0]:g} Hz, and delays.band_hz begins at "
                 f"{low:g} Hz; raise it or give limit_mm_per_s"
             )
-        found.append(limit)
-    return np.array(found)
+        limits.append(limit)
+    return np.array(limits)
 
 
 def _pattern(project):
@@ -141,12 +170,14 @@ def _pattern(project):
     return rows_pattern(n_holes // each, each)
 
 
-def _spectra(project, reach, output) -> tuple[BlastSpectra, np.ndarray, np.ndarray]:
-    """Return what holes do at the houses, their scales, and which holes count."""
-    table, ends = project.config.delays, (float(reach.min()), float(reach.max()))
+def _spectra(
+    project: Project, reach: np.ndarray, out: Path
+) -> tuple[BlastSpectra, np.ndarray, np.ndarray]:
+    """Return the responses of the holes at the houses, their scales, and which holes count."""
+    (table, blast), ends = _settings(project), (float(reach.min()), float(reach.max()))
     if table.houses[0].recorded is not None:
-        beside = make_firing(project.config.blast, project.blast).scales  # the hole recorded
-        return _recorded(project, *ends), beside, np.arange(len(project.blast.times))
+        beside = make_firing(project.config.blast, blast).scales  # over the recorded hole
+        return _recorded(project, *ends), beside, np.arange(len(blast.times))
     names = [house.name for house in table.houses]
     known = {one.name: one for one in project.receivers}
     for name in names:
@@ -161,26 +192,26 @@ def _spectra(project, reach, output) -> tuple[BlastSpectra, np.ndarray, np.ndarr
             "single hole at each, or model the holes with [holes_inside]"
         )
     model = replace(project.model, receivers=tuple(known[name] for name in names))
-    bank = greens_functions(model, project.duration, folder=output / RUNS)
+    bank = greens_functions(model, project.duration, folder=out / RUNS)
     spectra = blast_spectra(bank, model.sources, earliest=ends[0], latest=ends[1])
-    return spectra, np.ones(len(model.sources)), np.flatnonzero(project.blast.charge)
+    return spectra, np.ones(len(model.sources)), np.flatnonzero(blast.charge)
 
 
-def _recorded(project, earliest, latest):
+def _recorded(project: Project, earliest: float, latest: float) -> BlastSpectra:
     """Return the spectra of single holes recorded at the houses."""
-    table, motions, shifts = project.config.delays, {}, None
+    (table, blast), motions, shifts = _settings(project), {}, None
     for house in table.houses:
         with named_error(f"{project.path.name}: delays.houses.{house.name}.recorded"):
             motions[house.name] = read_hole(house.recorded, project.folder)
     if table.wave_speed_m_per_s is not None:
-        reference = project.blast.centres[0]
+        reference = blast.centres[0]
         shifts = [
-            travel_shifts(project.blast, house.position_m, table.wave_speed_m_per_s, reference)
+            travel_shifts(blast, house.position_m, table.wave_speed_m_per_s, reference)
             for house in table.houses
         ]
     with named_error(f"{project.path.name}: delays.houses"):
         return signature_spectra(
-            motions, len(project.blast.times), earliest=earliest, latest=latest,
+            motions, len(blast.times), earliest=earliest, latest=latest,
             travel_shifts=shifts,
         )  # fmt: skip
 
@@ -199,9 +230,9 @@ def _allowed(project, kept):
     return allowed
 
 
-def summarise_delays(project: Project, found: DelayPlan, times) -> dict:
+def summarise_delays(project: Project, found: DelayPlan, times: np.ndarray) -> dict:
     """Return a plan of delays as plain numbers; ``times`` (n_holes,) s of all its holes."""
-    table, gained = project.config.delays, found.gain
+    (table, blast), gained = _settings(project), found.gain
     curves, bands = load_limits(), {"before": found.before, "after": found.after}
     names = [house.recorded.file for house in table.houses if house.recorded is not None]
     files = project.input_files | {
@@ -213,8 +244,7 @@ def summarise_delays(project: Project, found: DelayPlan, times) -> dict:
         "delays_s": {"between_holes": found.best.delays[0], "between_rows": found.best.delays[1]},
         "firing": [
             {"hole": name, "planned_s": planned, "best_s": best}
-            for name, planned, best in zip(project.blast.hole_ids, project.blast.times, times,
-                                           strict=True)
+            for name, planned, best in zip(blast.hole_ids, blast.times, times, strict=True)
         ],
         "band_hz": table.band_hz,
         "share": gained.share,

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import shutil
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -33,10 +34,12 @@ from ..report.diagnosis import write_diagnosis_report
 from ..runs.cache import WHOLE, code_hash
 from ..signals.seismogram import Seismogram
 from ..solver.preparation import versions
+from . import Interrupted, Progress, Say, numbered_folders, result_folder, silent
 
 RESULT = "diagnosis.json"
 REPORT = "report.html"
 RUNS = "runs"
+STARTED = "unfinished.json"
 BUDGET = 400
 EDGE, FINE_EDGE = 0.6, 0.38  # edges of quadratic zones, in wavelengths of S at the top of the band
 PADDING, FINE_PADDING = 0.2, 0.4  # in wavelengths of S at the bottom of the band
@@ -156,7 +159,9 @@ def read_case(path) -> Site:
     return read_site(path) if path.is_dir() else site_of_project(load_project(path))
 
 
-def diagnose_folder(folder, output, *, budget=BUDGET, seed=1, executor=None, progress=None) -> dict:
+def diagnose_folder(
+    folder, output, *, budget=BUDGET, seed=1, executor=None, progress=None, runs=None
+) -> dict:
     """Diagnose a case folder or a project and write ``diagnosis.json`` and ``report.html``.
 
     Parameters
@@ -168,6 +173,8 @@ def diagnose_folder(folder, output, *, budget=BUDGET, seed=1, executor=None, pro
         after an interruption, and a finished diagnosis of the same files is only read.
     budget, seed, executor, progress
         As of `diagnose`.
+    runs : path, optional
+        Another folder for the runs.
 
     Returns
     -------
@@ -185,7 +192,7 @@ def diagnose_folder(folder, output, *, budget=BUDGET, seed=1, executor=None, pro
     except OSError as error:
         raise InputError(f"--out {output}: can't be made ({error.strerror})") from None
     made = diagnose(
-        site, output / RUNS, budget=budget, seed=seed, executor=executor, progress=progress
+        site, runs or output / RUNS, budget=budget, seed=seed, executor=executor, progress=progress
     )
     summary = {"case": site.name, **made.summary, "provenance": provenance}
     write_diagnosis_report(output / REPORT, made, summary)
@@ -228,7 +235,7 @@ def _finished(output, provenance, budget, seed):
     return known if same and (known.get("budget"), known.get("seed")) == (budget, seed) else None
 
 
-def predict_file(folder, output, summary, holes, path, baseline=False):
+def predict_file(folder, output, summary, holes, path, baseline=False, runs=None):
     """Write what a diagnosed site sends to its receivers in a further blast, as miniSEED.
 
     Parameters
@@ -244,14 +251,15 @@ def predict_file(folder, output, summary, holes, path, baseline=False):
         a project, which tells no instants, the first hole fires as 1970 begins.
     baseline : bool
         Without the effects: the site as it was calibrated alone.
+    runs : path, optional
+        Another folder for the runs.
     """
     case, model = case_of(read_case(folder)), summary["model"]
     blast = _further(folder, case, holes)
     values = model["baseline_values"] if baseline else model["values"]
     effects = () if baseline else effects_of(model)
-    motion = predict(
-        case, cut_of(case.site, fine=True), blast, values, effects, Path(output) / RUNS
-    )
+    folder_of_runs = runs or Path(output) / RUNS
+    motion = predict(case, cut_of(case.site, fine=True), blast, values, effects, folder_of_runs)
     write_bytes(path, _as_recorded(case, motion))
 
 
@@ -328,3 +336,126 @@ def _as_fired(case: Case):
     """Return the names of the blasts, the last one last, as listed where no instants are told."""
     zeros = case.site.time_zeros
     return sorted(case.site.records, key=lambda blast: UTCDateTime(zeros.get(blast, 0)))
+
+
+def diagnose_case(
+    case: str | Path,
+    out: str | Path | None = None,
+    *,
+    fresh: bool = False,
+    budget: int = BUDGET,
+    seed: int = 1,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+    say: Say | None = None,
+) -> tuple[dict, Path]:
+    """Diagnose which physics a model lacks, where, and whether the records support it.
+
+    Parameters
+    ----------
+    case : path
+        Folder with ``site.toml``, hole tables and records; or a project file.
+    out : path, optional
+        Folder that takes numbered folders, one per diagnosis, and the runs in ``runs``, from which
+        the same call goes on; ``diagnosis`` beside the project file or in the case folder by
+        default. A finished diagnosis of the same input is only read.
+    fresh : bool
+        Start anew, and run all models again.
+    budget : int
+        Runs of one blast after which no further effect is tried.
+    seed : int
+        Of the permuted residuals.
+    executor : concurrent.futures.Executor, optional
+        Such as `workers`; the result does not depend on it.
+    progress : callable, optional
+        Called with (stage, done, total).
+    say : callable, optional
+        Called with a sentence when a diagnosis is read or goes on.
+
+    Returns
+    -------
+    dict
+        Content of ``diagnosis.json``.
+    Path
+        Folder with ``diagnosis.json`` and ``report.html``.
+
+    Raises
+    ------
+    InputError, ReadError
+        If the case or a file of it is wrong.
+    SolverError
+        If a run fails.
+    """
+    case, say = Path(case), say or silent
+    folder = case if case.is_dir() else case.parent
+    out = folder / "diagnosis" if out is None else Path(out)
+    provenance = versions(_hash_of(case)) | {"code_sha256": code_hash(WHOLE)}
+    if fresh:
+        shutil.rmtree(out / RUNS, ignore_errors=True)
+    for one in [] if fresh else numbered_folders(out):
+        known = _finished(one, provenance, budget, seed)
+        if known is not None:
+            say(f"this diagnosis is finished: {one}; --fresh would make it anew")
+            return known, one
+    started = {"input_sha256": provenance["input_sha256"], "budget": budget, "seed": seed}
+    with result_folder(out, lambda one: _started(one) == started, fresh=fresh, say=say) as place:
+        write_summary(place[0] / STARTED, started)
+        try:
+            summary = diagnose_folder(
+                case, place[0], budget=budget, seed=seed, executor=executor, progress=progress,
+                runs=out / RUNS,
+            )  # fmt: skip
+        except (InputError, ReadError):
+            (place[0] / STARTED).unlink()
+            raise
+        except KeyboardInterrupt:
+            raise Interrupted(
+                f"the runs made are kept in {out / RUNS}; the same command goes on from there"
+            ) from None
+        (place[0] / STARTED).unlink()
+    return summary, place[0]
+
+
+def _started(folder):
+    """Return what an unfinished diagnosis in a folder was started with, or None."""
+    try:
+        return json.loads((folder / STARTED).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+
+
+def predict_case(
+    case: str | Path,
+    folder: str | Path,
+    holes: str | Path,
+    path: str | Path,
+    *,
+    baseline: bool = False,
+) -> None:
+    """Predict the motion of a further blast with a diagnosed model, as a miniSEED file.
+
+    Parameters
+    ----------
+    case : path
+        As of `diagnose_case`.
+    folder : path
+        Of the diagnosis: one with ``diagnosis.json``.
+    holes : path
+        Table of the holes of the further blast.
+    path : path
+        Of the file to write, with the channels, sampling and start of the last recorded blast.
+    baseline : bool
+        Predict with the calibrated model alone, without the effects that were found.
+
+    Raises
+    ------
+    InputError, ReadError
+        If the holes lie outside of the model, or a file can't be read or written.
+    """
+    folder = Path(folder)
+    try:
+        summary = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ReadError(f"{folder / RESULT}: can't be read ({error}); diagnose first") from None
+    check_further(case, holes, [Path(path)], folder)
+    predict_file(case, folder, summary, holes, path, baseline, folder.parent / RUNS)

@@ -1,12 +1,13 @@
-"""The main job from a project to its output folder: check, run, compare, write."""
+"""Simulation of a project: check, run, compare with records, write result and report."""
 
 import logging
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..errors import InputError, PyblastError, ReadError
+from ..errors import InputError, ReadError
+from ..model.model import Model
 from ..project.census import Census, take_census
 from ..project.checks import Check, check
 from ..project.checks_loads import record_findings
@@ -27,20 +28,82 @@ from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..solver import preparation
 from ..solver import run as solver
+from ..solver.model_file import read_arrays
+from ..solver.run import Run
+from . import Interrupted, Progress, Say, result_folder, silent
 
 CHECKPOINT = "checkpoint.h5"
 RESULT = "result.h5"
-LARGEST_FOLDER = 9999
 log = logging.getLogger(__name__)
 
 
-class Interrupted(KeyboardInterrupt):
-    """A run was stopped; the message says where its checkpoint lies."""
+def simulate(
+    model: Model | Project,
+    duration: float | None = None,
+    *,
+    progress: Progress | None = None,
+    checkpoint: str | Path | None = None,
+    resume: str | Path | None = None,
+    snapshot_times: Sequence[float] = (),
+) -> Run:
+    """Simulate the motion of a model, or of the model of a project; write no files.
+
+    Parameters
+    ----------
+    model : Model or Project
+    duration : float, s, optional
+        Of a model it must be given; a project has its own.
+    progress : callable, optional
+        Called with (stage, done, total) between chunks of time steps of about 0.05 s.
+    checkpoint : path, optional
+        Written every 30 s and when the run is interrupted.
+    resume : path, optional
+        A checkpoint of the same model; the run goes on with the same bits.
+    snapshot_times : sequence of float, s
+        When node velocities are kept.
+
+    Returns
+    -------
+    Run
+        ``seismograms`` by receiver. Time 0 is the start of the simulation; of a project it is the
+        first firing.
+
+    Raises
+    ------
+    InputError
+        If the duration is missing, or the checkpoint belongs to another model.
+    SolverError
+        If the motion is not finite or its energy grows without cause.
+
+    See Also
+    --------
+    run : the whole chain of a project file, with checks, comparison, files and report.
+    """
+    options = {"progress": progress, "checkpoint": checkpoint, "resume": resume}
+    if isinstance(model, Model):
+        if duration is None:
+            raise InputError("simulate: duration is missing; give the seconds to simulate")
+        return solver.simulate(model, duration, snapshot_times=snapshot_times, **options)
+    if not isinstance(model, Project):
+        raise InputError(
+            f"simulate: needs a Model or a Project, got {type(model).__name__}; load_project reads "
+            "a project file, and run takes its path"
+        )
+    lead = model.lead
+    done = solver.simulate(
+        model.model, model.duration if duration is None else duration,
+        snapshot_times=[time + lead for time in snapshot_times], **options,
+    )  # fmt: skip
+    return replace(
+        done,
+        seismograms={name: one.shifted(-lead) for name, one in done.seismograms.items()},
+        snapshots={time - lead: velocity for time, velocity in done.snapshots.items()},
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What a run of a project gives.
+    """Result of a run of a project.
 
     Parameters
     ----------
@@ -64,29 +127,32 @@ class Outcome:
 
 def run(
     project: Project | str | Path,
-    output=None,
+    out: str | Path | None = None,
     *,
-    resume: bool = False,
+    fresh: bool = False,
     full: bool = False,
     report: bool = True,
-    progress: Callable | None = None,
+    progress: Progress | None = None,
+    say: Say | None = None,
 ) -> Outcome:
-    """Run a project and write its result, pictures and report.
+    """Run the whole chain of a project file: input, check, simulation, comparison, files, report.
 
     Parameters
     ----------
     project : Project or path of a project file
-    output : path, optional
+    out : path, optional
         Folder that takes numbered folders, one per run; ``results`` beside the project file by
-        default. Earlier results stay.
-    resume : bool
-        Go on from the checkpoint of the last run that was interrupted.
+        default. Earlier results stay. An interrupted run of the same input goes on.
+    fresh : bool
+        Start anew beside an interrupted run.
     full : bool
         Take the table ``[full]`` of the project file.
     report : bool
-        Whether to draw the report; `pyblast.report.write_report` can do it later.
+        Whether to draw the report; `write_report` can do it later.
     progress : callable, optional
         Called with (stage, done, total).
+    say : callable, optional
+        Called with a sentence when an interrupted run goes on.
 
     Returns
     -------
@@ -95,14 +161,18 @@ def run(
     Raises
     ------
     InputError, ReadError
-        If the project or a file of it is wrong, or there is nothing to resume.
+        If the project or a file of it is wrong.
     SolverError
-        If the motion is not finite or the static stage does not come to rest.
+        If the motion is not finite or the initial stress does not come to rest.
+
+    See Also
+    --------
+    simulate : the motion alone, without files.
     """
-    tell = progress or (lambda *_: None)
+    tell = progress or silent
     if not isinstance(project, Project):
         project = load_project(project, full)
-    output = project.folder / "results" if output is None else Path(output)
+    out = project.folder / "results" if out is None else Path(out)
     tell("input", 0, 1)
     log.info("%d motions enter, %d records", len(project.motions), len(project.recorded))
     tell("mesh", 0, 1)
@@ -110,34 +180,49 @@ def run(
     tell("check", 0, 1)
     checked = check(project, measure=False)
     prepared = preparation.prepare(model, project.duration, progress)
-    folder = interrupted_folder(output) if resume else new_folder(output)
-    checkpoint = folder / CHECKPOINT
-    try:
-        run_ = solver.simulate(
-            model,
-            project.duration,
-            progress=progress,
-            checkpoint=checkpoint,
-            resume=checkpoint if resume else None,
-            snapshot_times=[t + project.lead for t in project.config.run.snapshots_s],
-            prepared=prepared,
-        )
-    except KeyboardInterrupt:
-        raise Interrupted(f"checkpoint written to {checkpoint}, go on with --resume") from None
-    except PyblastError:
-        if not any(folder.iterdir()):
-            folder.rmdir()
-        raise
-    tell("writing", 0, 1)
-    outcome = _conclude(project, checked, run_, folder)
-    write_outcome(outcome, model)
-    if report:
-        write_report(outcome.folder / "report.html", outcome.result)
-    checkpoint.unlink(missing_ok=True)
+
+    def unfinished(folder: Path) -> bool:
+        return _is_checkpoint_of(folder, prepared.fingerprint)
+
+    with result_folder(out, unfinished, fresh=fresh, say=say) as (folder, goes_on):
+        checkpoint = folder / CHECKPOINT
+        try:
+            run_ = solver.simulate(
+                model,
+                project.duration,
+                progress=progress,
+                checkpoint=checkpoint,
+                resume=checkpoint if goes_on else None,
+                snapshot_times=[t + project.lead for t in project.config.run.snapshots_s],
+                prepared=prepared,
+            )
+        except KeyboardInterrupt:
+            raise Interrupted(
+                f"checkpoint written to {checkpoint}; the same command goes on from there"
+            ) from None
+        tell("writing", 0, 1)
+        outcome = _conclude(project, checked, run_, folder)
+        write_outcome(outcome, model)
+        if report:
+            write_report(outcome.folder / "report.html", outcome.result)
+        checkpoint.unlink(missing_ok=True)
     return outcome
 
 
-def _conclude(project, checked, run_, folder):
+def _is_checkpoint_of(folder: Path, fingerprint: str) -> bool:
+    """Tell whether a folder holds the checkpoint of a model and no result."""
+    path = folder / CHECKPOINT
+    if (folder / RESULT).exists() or not path.exists():
+        return False
+    try:
+        attributes = read_arrays(path)[1]
+    except ReadError as error:
+        log.warning("checkpoint left aside: %s", error)
+        return False
+    return attributes.get("input_sha256") == fingerprint
+
+
+def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outcome:
     """Compare with records and gather everything in a `Result`."""
     simulated = {n: s.shifted(-project.lead) for n, s in run_.seismograms.items()}
     comparisons = compare_all(project, simulated)
@@ -171,7 +256,7 @@ def _conclude(project, checked, run_, folder):
     return Outcome(folder, simulated, comparisons, checked, run_, result)
 
 
-def compare_all(project, simulated):
+def compare_all(project: Project, simulated: dict[str, Seismogram]) -> dict[str, Comparison]:
     """Compare recorded with simulated motion at every receiver that has a record."""
     band = project.config.run.compare_band_hz
     return {
@@ -180,7 +265,7 @@ def compare_all(project, simulated):
     }
 
 
-def write_outcome(outcome, model):
+def write_outcome(outcome: Outcome, model: Model) -> None:
     """Write result file, summary and files for ParaView."""
     folder, run_ = outcome.folder, outcome.run
     write_result(folder / RESULT, outcome.result)
@@ -195,52 +280,26 @@ def write_outcome(outcome, model):
     write_motion(folder, mesh.points, mesh.zones, snapshots)
 
 
-def new_folder(output):
-    """Make the next numbered folder; two runs at once get two folders.
-
-    Raises
-    ------
-    ReadError
-        If the place can't be written.
-    """
-    for number in range(1, LARGEST_FOLDER):
-        folder = Path(output) / f"{number:03d}"
-        try:
-            folder.mkdir(parents=True)
-        except FileExistsError:
-            continue
-        except OSError as error:
-            raise ReadError(f"{folder}: can't be made ({error.strerror or error})") from None
-        return folder
-    raise InputError(f"{output}: holds {LARGEST_FOLDER} results already; give another folder")
-
-
-def interrupted_folder(output):
-    """Return the last folder with a checkpoint and no result."""
-    found = [
-        path.parent
-        for path in sorted(Path(output).glob(f"[0-9]*/{CHECKPOINT}"))
-        if not (path.parent / RESULT).exists()
-    ]
-    if not found:
-        raise InputError(f"{output}: nothing to resume; no folder there holds a {CHECKPOINT}")
-    return found[-1]
-
-
-def write_mesh_files(project, output) -> Census:
+def write_mesh_files(project: Project, out: str | Path) -> Census:
     """Write ``zones.vtu`` and ``joints.vtu`` of a project into a folder and return its census."""
-    output = Path(output)
+    out = Path(out)
     try:
-        output.mkdir(parents=True, exist_ok=True)
+        out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ReadError(f"{output}: can't be made ({error.strerror or error})") from None
+        raise ReadError(f"{out}: can't be made ({error.strerror or error})") from None
     mesh = project.model.mesh
-    write_zones(output / "zones.vtu", mesh.points, mesh.zones, zone_fields(project.model))
-    write_joints(output / "joints.vtu", mesh)
+    write_zones(out / "zones.vtu", mesh.points, mesh.zones, zone_fields(project.model))
+    write_joints(out / "joints.vtu", mesh)
     return take_census(project)
 
 
-def compare_files(recorded, simulated, receiver="", band=None, bearing_deg=None) -> Comparison:
+def compare_files(
+    recorded: str | Path,
+    simulated: str | Path,
+    receiver: str = "",
+    band: tuple[float, float] | None = None,
+    bearing_deg: float | None = None,
+) -> Comparison:
     """Compare a record with a receiver of a result file, or with another record.
 
     Parameters
@@ -258,12 +317,12 @@ def compare_files(recorded, simulated, receiver="", band=None, bearing_deg=None)
     if Path(simulated).suffix != ".h5":
         return compare(record, read_recording(simulated, bearing=bearing)[0].seismogram, band)
     result = read_result(simulated)
-    found = result.seismograms("simulated")
-    if not receiver and len(found) == 1:
-        receiver = next(iter(found))
-    if receiver not in found:
-        raise InputError(f"receiver: must be one of {', '.join(found)}, got {receiver!r}")
+    motions = result.seismograms("simulated")
+    if not receiver and len(motions) == 1:
+        receiver = next(iter(motions))
+    if receiver not in motions:
+        raise InputError(f"receiver: must be one of {', '.join(motions)}, got {receiver!r}")
     azimuth = result.summary["receivers"][receiver]["azimuth"]
     if azimuth is not None and tuple(record.components) == GEOGRAPHIC:
         record = record.rotated(azimuth)
-    return compare(record, found[receiver], band)
+    return compare(record, motions[receiver], band)

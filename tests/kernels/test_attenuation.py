@@ -24,7 +24,7 @@ class Node:
         """Return the force of springs and branches, in shear, at the next place."""
         before, self.at = self.at, np.array([[place, 0.0, 0.0]])
         velocity = (self.at - before) / self.dt
-        core._core.pyblast_motion.remember(
+        core._core.pyblast_border.update_memory(
             dt=self.dt, memory_rate=self.rate, displacement=self.at[..., None].T,
             velocity=velocity[..., None].T, memory=self.memory[..., None].T,
         )  # fmt: skip

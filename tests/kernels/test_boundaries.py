@@ -5,7 +5,7 @@ import pytest
 
 from pyblast import core
 
-BORDER = core._core.pyblast_boundaries
+BORDER = core._core.pyblast_border
 MASS, DT = 3.0, 0.01
 IMPEDANCE_P, IMPEDANCE_S = 40.0, 15.0
 

@@ -13,7 +13,7 @@ from pyblast.model.ground_fields import Gradient
 from pyblast.model.joint import Joint
 from pyblast.model.material import ConstantQ, Damping, Material, MohrCoulomb
 from pyblast.model.model import InSitu, Model, Receiver
-from pyblast.solver.edge_springs import ALONE, EDGE_ARRAYS, SIDE_BY_SIDE, without_edges
+from pyblast.solver.edge_springs import ALWAYS_USED, BATCH_ONLY, EDGE_ARRAYS, without_edges
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import run_many, simulate, stacked
 from verification.columns import ROCK
@@ -73,7 +73,7 @@ def test_edges_do_what_zones_do(name):
     found, energy, constants = shaken(model)
     wanted, ledger, _ = shaken(model, edges=False)
 
-    assert (constants["set_form"] == ALONE).all()
+    assert (constants["set_form"] == ALWAYS_USED).all()
     assert len(constants["domain_set"]) > 2
     largest = np.abs(wanted["velocity"]).max()
     assert np.abs(found["velocity"] - wanted["velocity"]).max() < 1e-12 * largest
@@ -136,7 +136,7 @@ def test_ground_of_uneven_stiffness_takes_edges_in_batches_only():
     prepared = prepare(model, 0.01)
     constants, state = stacked([prepared.constants] * 2, [prepared.state] * 2)
 
-    assert (prepared.constants["set_form"] == SIDE_BY_SIDE).all()
+    assert (prepared.constants["set_form"] == BATCH_ONLY).all()
     rng = np.random.default_rng(1)
     motion = rng.normal(size=prepared.state["velocity"].shape)
     single = {name: value.copy() for name, value in prepared.state.items()}
@@ -153,7 +153,7 @@ def test_ground_that_is_not_linear_in_one_field_stays_with_its_zones():
     model = crooked(materials={"rock": rock, "soil": SOFT})
     form = dict(zip(model.mesh.groups, prepare(model, 1e-9).constants["set_form"], strict=True))
 
-    assert form == {"rock": 0, "soil": ALONE}
+    assert form == {"rock": 0, "soil": ALWAYS_USED}
 
 
 def test_models_whose_edges_differ_march_side_by_side_by_zones():

@@ -47,14 +47,14 @@ def test_no_argument_of_the_core_is_single_precision():
 
 
 def test_state_is_changed_in_place():
-    listed = dict(arguments(CORE.pyblast_solver.advance))
+    listed = dict(arguments(CORE.pyblast_border.advance))
 
     for name in (*core.STATE, "motion", "energy"):
         assert listed[name].startswith("in/output")
 
 
 def test_every_kernel_argument_of_a_model_has_the_name_of_the_fortran_argument():
-    listed = [name for name, kind in arguments(CORE.pyblast_solver.advance) if "input" in kind]
+    listed = [name for name, kind in arguments(CORE.pyblast_border.advance) if "input" in kind]
     own = {"first_step", "ledger_every", "motion", "energy", *core.STATE}
     sizes = {name for name in listed if name.startswith("n_")}
 

@@ -1,4 +1,4 @@
-"""Laws of nature that every joint law keeps: rung L12 in the small."""
+"""Laws of nature that every joint law keeps: case L12 in the small."""
 
 import copy
 

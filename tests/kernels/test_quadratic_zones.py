@@ -28,18 +28,18 @@ def zone_arguments(quadratic, lame=LAME, shear=SHEAR):
 def forces(quadratic, motion, swelling=None, **moduli):
     """Return nodal forces (n_nodes, 3) of motions (n_nodes, 3)."""
     force = np.zeros_like(motion)
-    core._core.pyblast_quadratic_zones.quadratic_forces(
+    core._core.pyblast_tet15.tet15_forces(
         **zone_arguments(quadratic, **moduli),
-        shearing=motion.T,
-        swelling=(motion if swelling is None else swelling).T,
-        alike=swelling is None,
+        deviatoric=motion.T,
+        volumetric=(motion if swelling is None else swelling).T,
+        same_field=swelling is None,
         force=force.T,
     )
     return force
 
 
 def energy(quadratic, motion, share=(1.0, 1.0), **moduli):
-    return core._core.pyblast_quadratic_zones.quadratic_energy(
+    return core._core.pyblast_tet15.tet15_energy(
         **zone_arguments(quadratic, **moduli), field=motion.T, share=share
     )
 
@@ -139,8 +139,8 @@ def test_any_part_of_the_zones_can_be_asked_for():
     force = np.zeros_like(motion)
     for first, last in ((1, cut), (cut + 1, n)):
         arguments = {**zone_arguments(quadratic), "first": first, "last": last}
-        core._core.pyblast_quadratic_zones.quadratic_forces(
-            **arguments, shearing=motion.T, swelling=motion.T, alike=True, force=force.T
+        core._core.pyblast_tet15.tet15_forces(
+            **arguments, deviatoric=motion.T, volumetric=motion.T, same_field=True, force=force.T
         )
 
     whole = forces(quadratic, motion)

@@ -11,7 +11,7 @@ from pyblast.model.boundary import StressInput, Viscous
 from pyblast.model.material import Damping, MohrCoulomb
 from pyblast.model.model import Model
 from pyblast.signals.seismogram import Seismogram
-from pyblast.solver.assembly import excess_stress
+from pyblast.solver.initial_stress import excess_stress
 from pyblast.solver.preparation import prepare
 from verification.columns import ROCK
 
@@ -27,7 +27,7 @@ def judged(law, rng):
     row = core.property_row(table, law.properties(material), core.N_ZONE_PROPERTIES)
     initial = rng.normal(scale=5e5, size=(ZONES, 6)) - 2e6 * rng.random((ZONES, 1)) * (SQUARES == 1)
     strain = rng.normal(scale=3e-5, size=(ZONES, 6))
-    room = core._core.pyblast_plastic_zones.yield_rooms(
+    room = core._core.pyblast_mohr_coulomb.yield_margins(
         row, np.full(ZONES, LAME), np.full(ZONES, SHEAR), initial, strain
     )
     return initial, strain, room, row

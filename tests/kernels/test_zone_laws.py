@@ -1,4 +1,4 @@
-"""Laws of nature that every law of zones obeys: rung L12 in the small."""
+"""Laws of nature that every law of zones obeys: case L12 in the small."""
 
 import copy
 

@@ -64,11 +64,10 @@ def forces(model, displacement, velocity):
     arrays, _ = assembly.geometry_arrays(model)
     views = core.to_fortran({name: arrays[name] for name in NEEDED})
     slots = np.zeros((len(arrays["slot_node"]), 3, 1))
-    n_rows, n_domains = len(arrays["row_initial"]), len(arrays["domain_set"])
-    energy, lost, insitu = np.zeros((3, n_domains, 1))
+    n_rows = len(arrays["row_initial"])
 
     def taken(motion):
-        core._core.pyblast_zones.zone_forces(
+        energy = core._core.pyblast_border.zone_forces(
             **views,
             **core.to_fortran(
                 {
@@ -79,19 +78,13 @@ def forces(model, displacement, velocity):
                     "row_lost": np.zeros(n_rows),
                 }
             ),
-            tell=True,
             dt=0.0,
-            watch=np.zeros_like(slots).T,
-            room=np.full((1, n_domains), -1.0),
             slot_force=slots.T,
-            domain_strain=energy.T,
-            domain_lost=lost.T,
-            domain_insitu=insitu.T,
         )
-        return -(slots[..., 0] * velocity[arrays["slot_node"]]).sum()
+        return energy, -(slots[..., 0] * velocity[arrays["slot_node"]]).sum()
 
-    damping = taken(0.0 * displacement)
-    taken(displacement)
+    _, damping = taken(0.0 * displacement)
+    energy, _ = taken(displacement)
     force = np.zeros_like(displacement)
     np.add.at(force, arrays["slot_node"], slots[..., 0])
     return force, energy.sum(), damping

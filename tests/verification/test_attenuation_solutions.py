@@ -1,4 +1,4 @@
-"""The closed forms of fading that rungs are judged by, against checks of their own."""
+"""The closed forms of fading that cases are judged by, against checks of their own."""
 
 import numpy as np
 import pytest

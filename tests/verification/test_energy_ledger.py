@@ -1,4 +1,4 @@
-"""The energy ledger: every joule put in is found again, beside rung 26."""
+"""The energy ledger: every joule put in is found again, beside case 26."""
 
 import numpy as np
 import pytest

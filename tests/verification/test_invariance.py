@@ -1,4 +1,4 @@
-"""How charges and slip change the sum of holes, beside rungs 27, 31 and 33."""
+"""How charges and slip change the sum of holes, beside cases 27, 31 and 33."""
 
 import numpy as np
 import pytest

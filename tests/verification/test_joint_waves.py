@@ -1,4 +1,4 @@
-"""Waves across one linear joint at normal incidence, beside rung 5."""
+"""Waves across one linear joint at normal incidence, beside case 5."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Plane waves into and out of a column, beside rungs 1, 3 and 4."""
+"""Plane waves into and out of a column, beside cases 1, 3 and 4."""
 
 import numpy as np
 import pytest

@@ -19,11 +19,11 @@ from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.report.vtk import write_zones, yield_fields
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver import assembly
-from pyblast.solver.assembly import yield_states
+from pyblast.solver.initial_stress import yield_states
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
+from verification.cases.anisotropy import DIRECTIONS, mesh_speeds
 from verification.columns import ROCK, ricker, started
-from verification.rungs.anisotropy import DIRECTIONS, mesh_speeds
 from verification.solutions.plasticity import triaxial_strength
 
 SIDES = ("west", "east", "south", "north", "bottom")

@@ -1,12 +1,12 @@
-"""Heat of a block that slides down an inclined joint, beside rung 28."""
+"""Heat of a block that slides down an inclined joint, beside case 28."""
 
 import math
 
 import numpy as np
 import pytest
 
+from verification.cases.blocks import GRAVITY, KN, KS, THICKNESS, plate, pushed
 from verification.columns import ROCK
-from verification.rungs.blocks import GRAVITY, KN, KS, THICKNESS, plate, pushed
 
 
 def test_friction_of_a_sliding_block_is_in_the_ledger():

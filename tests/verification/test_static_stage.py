@@ -13,7 +13,7 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import Material
 from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.source import PointForce, TimeFunction
-from pyblast.solver.assembly import after_static
+from pyblast.solver.initial_stress import after_static
 from pyblast.solver.run import prepare, simulate
 from verification.columns import ROCK, ricker
 from verification.contact import properties

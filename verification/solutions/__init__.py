@@ -1,1 +1,1 @@
-"""Closed forms and independent solutions that the rungs are measured against."""
+"""Closed forms and independent solutions that the cases are measured against."""

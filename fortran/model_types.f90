@@ -1,0 +1,217 @@
+module pyblast_model_types
+    !! The arrays of a model and of its state, grouped by what they describe.
+    !!
+    !! A pointer component refers to memory that the caller owns: the border to Python associates
+    !! the arrays of Python, the program pyblast-run those that it read. Indices count from 1.
+    use pyblast_kinds, only : dp
+    use pyblast_batch, only : n_batch
+    implicit none
+    private
+    public :: allocate_domain_work
+
+    type, public :: mesh_arrays
+        !! Zones, and the domains that hold them: neighbouring zones of one set with slots for the
+        !! forces on their nodes.
+        integer, contiguous, pointer :: domain_zone_start(:)     !! (n_domains + 1)
+        integer, contiguous, pointer :: domain_slot_start(:)     !! (n_domains + 1)
+        integer, contiguous, pointer :: domain_set(:)            !! law and damping (n_domains)
+        integer, contiguous, pointer :: slot_node(:)             !! (n_slots)
+        real(dp), contiguous, pointer :: slot_place(:, :)        !! from a point of the domain
+                                                                 !! (3, n_slots) [m]
+        integer, contiguous, pointer :: zone_slot(:, :)          !! within the domain
+                                                                 !! (n_zones, 4 or 15)
+        real(dp), contiguous, pointer :: zone_lambda(:)          !! first Lame modulus [Pa]
+        real(dp), contiguous, pointer :: zone_shear(:)           !! shear modulus [Pa]
+        integer, contiguous, pointer :: zone_row(:)              !! its memory; 0 has none
+        integer, contiguous, pointer :: zone_patch(:)            !! shares its mean strain; or 0
+    end type mesh_arrays
+
+    type, public :: edge_arrays
+        !! Springs along edges that stand for linear zones; theory.md (2.39), (2.40).
+        integer, contiguous, pointer :: edge_start(:)            !! (n_slots + 1)
+        integer, contiguous, pointer :: edge_slot(:)             !! other end (n_edges)
+        real(dp), contiguous, pointer :: edge_spring(:, :)       !! (6, n_edges) [N/m]
+        integer, contiguous, pointer :: skew_start(:)            !! (n_domains + 1)
+        integer, contiguous, pointer :: skew_slot(:, :)          !! both ends (2, n_skews)
+        real(dp), contiguous, pointer :: skew_spring(:, :)       !! (3, n_skews) [N/m]
+    end type edge_arrays
+
+    type, public :: patch_arrays
+        !! Zones that share their mean strain; theory.md (2.41).
+        integer, contiguous, pointer :: domain_patch_start(:)    !! (n_domains + 1)
+        integer, contiguous, pointer :: patch_start(:)           !! (n_patches + 1)
+        integer, contiguous, pointer :: patch_slot(:)            !! within the domain (n_ends)
+        real(dp), contiguous, pointer :: patch_gradient(:, :)    !! dilatation over motion
+                                                                 !! (3, n_ends) [1/m]
+        real(dp), contiguous, pointer :: patch_bulk(:)           !! bulk modulus times volume [J]
+    end type patch_arrays
+
+    type, public :: ground_arrays
+        !! Laws and damping of the sets of zones, initial stress of zones with memory.
+        integer, contiguous, pointer :: set_form(:)              !! 1 zones, 2 edges in batches,
+                                                                 !! 3 edges (n_sets)
+        integer, contiguous, pointer :: set_law(:)               !! (n_sets)
+        real(dp), contiguous, pointer :: set_property(:, :, :)
+            !! (n_zone_properties, n_batch, n_sets)
+        real(dp), contiguous, pointer :: set_beta(:, :)          !! stiffness damping
+                                                                 !! (n_batch, n_sets) [s]
+        real(dp), contiguous, pointer :: set_branch(:, :, :, :)
+            !! springs that relax, over those that stay: of shear, of compression
+            !! (n_batch, 2, n_memories, n_sets)
+        real(dp), contiguous, pointer :: row_initial(:, :, :)
+            !! stress at no strain (6, n_batch, n_rows) [Pa]
+        real(dp), contiguous, pointer :: memory_rate(:)          !! 0 is none (n_memories) [1/s]
+    end type ground_arrays
+
+    type, public :: node_arrays
+        !! Nodes, and the parts that their force is summed from: slots, then sides of contacts.
+        integer, contiguous, pointer :: node_start(:)            !! (n_nodes + 1)
+        integer, contiguous, pointer :: node_part(:)             !! (n_parts)
+        real(dp), contiguous, pointer :: node_mass(:, :)         !! (n_batch, n_nodes) [kg]
+        real(dp), contiguous, pointer :: node_alpha(:, :)        !! mass damping
+                                                                 !! (n_batch, n_nodes) [1/s]
+        real(dp), contiguous, pointer :: node_load(:, :, :)      !! constant load
+                                                                 !! (n_batch, 3, n_nodes) [N]
+    end type node_arrays
+
+    type, public :: contact_arrays
+        !! Pairs of nodes across joints, and the laws of the joints.
+        integer, contiguous, pointer :: contact_node(:, :)       !! minus, plus (2, n_contacts)
+        real(dp), contiguous, pointer :: contact_normal(:, :)    !! unit, from minus to plus
+                                                                 !! (3, n_contacts)
+        real(dp), contiguous, pointer :: contact_area(:)         !! (n_contacts) [m2]
+        integer, contiguous, pointer :: contact_joint(:)         !! (n_contacts)
+        real(dp), contiguous, pointer :: contact_initial(:, :, :)
+            !! traction at no jump (3, n_batch, n_contacts) [Pa]
+        integer, contiguous, pointer :: joint_law(:, :)          !! (n_batch, n_joints)
+        real(dp), contiguous, pointer :: joint_property(:, :, :)
+            !! (n_joint_properties, n_batch, n_joints)
+    end type contact_arrays
+
+    type, public :: load_arrays
+        !! Nodal loads: a vector times the delayed amplitude of a history.
+        integer, contiguous, pointer :: load_node(:)             !! (n_loads)
+        real(dp), contiguous, pointer :: load_vector(:, :)       !! force per unit of the history
+                                                                 !! (3, n_loads)
+        integer, contiguous, pointer :: load_history(:)          !! (n_loads)
+        real(dp), contiguous, pointer :: load_delay(:)           !! steps behind its history
+        integer, contiguous, pointer :: load_lane(:)             !! model of the batch; 0 is all
+        real(dp), contiguous, pointer :: history(:, :)           !! amplitude at each step
+                                                                 !! (n_histories, n_total)
+    end type load_arrays
+
+    type, public :: boundary_arrays
+        !! Viscous boundaries and nodes of prescribed motion.
+        integer, contiguous, pointer :: dashpot_node(:)          !! (n_dashpots)
+        real(dp), contiguous, pointer :: dashpot_impedance(:, :, :)
+            !! Z, the sum of area*rho*c (3, 3, n_dashpots) [N s/m]
+        real(dp), contiguous, pointer :: dashpot_inverse(:, :, :, :)
+            !! inverse of m (1 + alpha dt/2) I + Z dt/2 (3, 3, n_batch, n_dashpots) [1/kg]
+        integer, contiguous, pointer :: fixed_node(:)            !! (n_fixed)
+        real(dp), contiguous, pointer :: fixed_direction(:, :)   !! unit (3, n_fixed)
+        integer, contiguous, pointer :: fixed_history(:, :)      !! 0 is at rest
+                                                                 !! (n_batch, n_fixed)
+    end type boundary_arrays
+
+    type, public :: receiver_arrays
+        !! Points inside zones whose motion is recorded.
+        integer, contiguous, pointer :: receiver_node(:, :)      !! (n_corners, n_receivers)
+        real(dp), contiguous, pointer :: receiver_weight(:, :)   !! shape functions, sum of 1
+                                                                 !! (n_corners, n_receivers)
+    end type receiver_arrays
+
+    type, public :: model_arrays
+        !! All that is fixed during a run.
+        real(dp) :: dt                                           !! time step [s]
+        real(dp) :: local_damping                                !! share of the force; 0 in dynamics
+        type(mesh_arrays) :: mesh
+        type(edge_arrays) :: edges
+        type(patch_arrays) :: patches
+        type(ground_arrays) :: ground
+        type(node_arrays) :: nodes
+        type(contact_arrays) :: contacts
+        type(load_arrays) :: loads
+        type(boundary_arrays) :: boundaries
+        type(receiver_arrays) :: receivers
+    end type model_arrays
+
+    type, public :: nodal_state
+        !! Motion of the nodes.
+        real(dp), contiguous, pointer :: displacement(:, :, :)   !! (n_batch, 3, n_nodes) [m]
+        real(dp), contiguous, pointer :: velocity(:, :, :)       !! half a step earlier [m/s]
+        real(dp), contiguous, pointer :: memory(:, :, :, :)      !! displacement that lags behind
+                                                                 !! (n_batch, 3, n_memories, n_nodes)
+    end type nodal_state
+
+    type, public :: zone_state
+        !! Memory of zones.
+        real(dp), contiguous, pointer :: row_state(:, :, :)      !! (n_zone_state, n_batch, n_rows)
+        real(dp), contiguous, pointer :: row_lost(:, :)          !! dissipated so far
+                                                                 !! (n_batch, n_rows) [J/m3]
+    end type zone_state
+
+    type, public :: joint_state
+        !! Tractions and memory of contacts.
+        real(dp), contiguous, pointer :: contact_traction(:, :, :)
+            !! (3, n_batch, n_contacts) [Pa]
+        real(dp), contiguous, pointer :: contact_state(:, :, :)
+            !! (n_joint_state, n_batch, n_contacts)
+        real(dp), contiguous, pointer :: contact_stored(:, :)    !! (n_batch, n_contacts) [J/m2]
+        real(dp), contiguous, pointer :: contact_dissipated(:, :)  !! (n_batch, n_contacts) [J/m2]
+    end type joint_state
+
+    type, public :: model_state
+        !! All that a step changes.
+        type(nodal_state) :: nodes
+        type(zone_state) :: zones
+        type(joint_state) :: joints
+        real(dp), contiguous, pointer :: sums(:, :)              !! running sums of the energy
+                                                                 !! balance (n_sums, n_batch)
+    end type model_state
+
+    type, public :: domain_range
+        !! One domain: its number, its set, and the zones and slots that it holds.
+        integer :: number, set, first_zone, last_zone, first_slot, last_slot, n_slots
+    end type domain_range
+
+    type, public :: domain_work
+        !! What domains keep between the steps of one call.
+        real(dp), allocatable :: displacement_at_check(:, :, :)
+            !! motion when zones were last checked for yielding (n_batch, 3, n_slots) [m]
+        real(dp), allocatable :: yield_margin(:, :)
+            !! how far nodes may move from it before zones are checked anew; -1 at first
+            !! (n_batch, n_domains) [m]
+        real(dp), allocatable :: strain_energy(:, :)             !! (n_batch, n_domains) [J]
+        real(dp), allocatable :: plastic_work(:, :)              !! (n_batch, n_domains) [J]
+        real(dp), allocatable :: insitu_work(:, :)               !! work of the initial stress [J]
+    end type domain_work
+
+    type, public :: nodal_work
+        !! Forces of a step, and the sums of energy over blocks of nodes.
+        real(dp), allocatable :: force(:, :, :)                  !! (n_batch, 3, n_nodes) [N]
+        real(dp), allocatable :: zone_force(:, :, :)             !! of zones alone, if damped [N]
+        real(dp), allocatable :: part_force(:, :, :)             !! (n_batch, 3, n_parts) [N]
+        real(dp), allocatable :: block_energy(:, :, :)           !! (n_batch, 5, n_blocks) [J]
+        real(dp), allocatable :: block_power(:, :)               !! (n_batch, n_blocks) [W]
+        real(dp), allocatable :: load_amplitude(:)               !! (n_loads)
+    end type nodal_work
+
+contains
+
+    pure subroutine allocate_domain_work(mesh, work)
+        !! Allocate the work of domains before the first check of any zone.
+        type(mesh_arrays), intent(in) :: mesh
+        type(domain_work), intent(out) :: work
+        integer :: n_domains
+
+        n_domains = size(mesh%domain_set)
+        allocate (work%displacement_at_check(n_batch, 3, size(mesh%slot_node)))
+        allocate (work%yield_margin(n_batch, n_domains), work%strain_energy(n_batch, n_domains))
+        allocate (work%plastic_work(n_batch, n_domains), work%insitu_work(n_batch, n_domains))
+        work%yield_margin = -1.0_dp
+        work%strain_energy = 0.0_dp
+        work%plastic_work = 0.0_dp
+        work%insitu_work = 0.0_dp
+    end subroutine allocate_domain_work
+
+end module pyblast_model_types

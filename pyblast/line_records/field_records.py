@@ -1,0 +1,378 @@
+"""Field records of a folder: every file of channels, with the geometry of headers or of a table."""
+
+import csv
+import math
+import warnings
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InputError, PyblastError, ReadError
+from ..recordings.gather import Gather, read_gather
+from ..recordings.raw import (
+    at_level,
+    decode_lines,
+    is_dead,
+    plateau_level,
+    read_bytes,
+    read_columns,
+    split_line,
+    uniform_step,
+)
+from ..recordings.recording import read_recording
+from ..recordings.seismic import read_traces, sniff_seismic
+from ..units import FACTORS, split_key
+
+METRES_PER_DEGREE = 111_195.0
+NOT_RECORDS = {".md", ".txt", ".pdf", ".toml", ".json", ".html", ".sgt", ".py", ".h5", ""}
+COLUMNS = ("kind", "name", "x_m", "y_m", "z_m", "file", "line", "sensor")
+NEEDED = ("kind", "name", "x_m", "y_m")
+
+
+@dataclass(frozen=True, eq=False)
+class FieldRecord:
+    """Channels that one file, or several one-channel files of one event, recorded together.
+
+    Parameters
+    ----------
+    file : str
+        Path within the folder.
+    format : str
+    gather : Gather
+        Samples, times, positions, and marks of dead channels and clipped samples.
+    channels : tuple of str
+        Their names: the number from 1, or what the file says.
+    line, sensor : tuple of str
+        Of each channel, from the geometry table; empty where it does not say.
+    checks : tuple of (name, printed value, recomputed value, within), SI
+        Values that the instrument printed beside the samples.
+    notes : tuple of str
+        Warnings of the reader.
+    """
+
+    file: str
+    format: str
+    gather: Gather
+    channels: tuple[str, ...]
+    line: tuple[str, ...]
+    sensor: tuple[str, ...]
+    checks: tuple[tuple[str, float, float, bool], ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def stem(self) -> str:
+        """Name of the file without folder and ending, by which a geometry table calls it."""
+        return Path(self.file).stem
+
+
+def read_folder(
+    folder: str | Path, geometry: str | Path | None = None
+) -> tuple[list[FieldRecord], list[tuple[str, str]]]:
+    """Read all records of a folder.
+
+    Parameters
+    ----------
+    folder : path
+        Its files in SEG-2, SEG-Y, miniSEED, SAC, GSE2, formats of blast seismographs, or CSV
+        (``time_s`` and one column a channel, with its unit); subfolders are not read.
+    geometry : path, optional
+        Table of places, see `read_geometry`. Without it places are those of the headers.
+
+    Returns
+    -------
+    records : list of FieldRecord
+    skipped : list of (file, reason)
+
+    Raises
+    ------
+    ReadError, InputError
+        If the folder is absent or holds no record, or the table of places is wrong.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise ReadError(f"{folder}: is no folder; give the folder that holds the records")
+    places = [] if geometry is None else read_geometry(geometry)
+    skip = set() if geometry is None else {Path(geometry).resolve()}
+    records, single, skipped = [], [], []
+    for path in sorted(folder.iterdir(), key=_natural):
+        if not path.is_file() or path.name.startswith(".") or path.resolve() in skip:
+            continue
+        try:
+            read = _read_file(path)
+        except PyblastError as error:
+            reason = str(error).removeprefix(f"{path}").lstrip(":, ")
+            skipped.append((path.name, "is no record" if path.suffix in NOT_RECORDS else reason))
+            continue
+        (single if len(read.channels) == 1 and read.format in ("SAC", "MSEED", "GSE2") else
+         records).append(read)  # fmt: skip
+    records += _joined(single)
+    if not records:
+        told = "; ".join(f"{name}: {reason}" for name, reason in skipped[:3]) or "it is empty"
+        raise InputError(f"{folder}: holds no record that can be read ({told})")
+    return [_placed(_in_metres(record), places) for record in records], skipped
+
+
+def _natural(path: Path) -> tuple:
+    """Sort by the numbers in a name: 2.dat before 10.dat."""
+    stem = path.stem
+    return (0, int(stem), path.name) if stem.isdigit() else (1, 0, path.name)
+
+
+def _read_file(path: Path) -> FieldRecord:
+    """Read a file by its content."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        content = read_bytes(path)
+        format = sniff_seismic(content)
+        if format in ("SEG2", "SEGY"):
+            gather, checks = read_gather(path), ()
+            names = [str(n + 1) for n in range(len(gather.data))]
+        elif format is not None:
+            gather, names = _from_traces(path, read_traces(path, content, format))
+            checks = ()
+        elif _is_channel_table(path, content):
+            format = "CSV"
+            gather, names = _from_table(path, decode_lines(path, content))
+            checks = ()
+        else:
+            gather, names, checks, format = _from_recording(path)
+    notes = tuple(str(one.message).removeprefix(f"{path}").lstrip(":, ") for one in caught)
+    blank = ("",) * len(names)
+    return FieldRecord(path.name, format, gather, tuple(names), blank, blank, checks, notes)
+
+
+def _from_traces(path: Path, traces: Sequence) -> tuple[Gather, list[str]]:
+    """Return the traces of a file over their common time, one channel each."""
+    first = traces[0].stats
+    if any(abs(trace.stats.delta - first.delta) > 1e-9 * first.delta for trace in traces):
+        raise ReadError(f"{path}: channels differ in sampling rate")
+    begin = max(trace.stats.starttime for trace in traces)
+    skip = [round((begin - trace.stats.starttime) / first.delta) for trace in traces]
+    length = min(trace.stats.npts - n for trace, n in zip(traces, skip, strict=True))
+    if length < 2:
+        raise ReadError(f"{path}: channels have no time in common")
+    data = [t.data[n : n + length].astype(float) for t, n in zip(traces, skip, strict=True)]
+    places = np.array([_degrees(trace, "stla", "stlo") for trace in traces])
+    source = np.array(_degrees(traces[0], "evla", "evlo"))
+    gather = _gather(
+        path, np.array(data), float(first.delta), 0.0, "units of the file", str(begin), places,
+        source,
+    )  # fmt: skip
+    names = [trace.stats.station or trace.id for trace in traces]
+    doubled = len(set(names)) < len(names)
+    return gather, [trace.id for trace in traces] if doubled else names
+
+
+def _degrees(trace, north: str, east: str) -> tuple[float, float, float]:
+    """Return longitude, latitude and 0 of a SAC header; NaN where there are none."""
+    header = getattr(trace.stats, "sac", {})
+    values = header.get(east, -12345.0), header.get(north, -12345.0)
+    east_west, north_south = values
+    return (math.nan, math.nan, math.nan) if -12345.0 in values else (east_west, north_south, 0.0)
+
+
+def _in_metres(record: FieldRecord) -> FieldRecord:
+    """Return a record whose places, if in degrees, are metres east and north of its first."""
+    if record.format not in ("SAC", "MSEED", "GSE2"):
+        return record
+    degrees = record.gather.receiver_positions
+    origin = degrees[0]
+    scale = METRES_PER_DEGREE * np.array([np.cos(np.radians(origin[1])), 1.0, 0.0])
+    gather = replace(
+        record.gather,
+        receiver_positions=(degrees - origin) * scale,
+        source_position=(record.gather.source_position - origin) * scale,
+    )
+    return replace(record, gather=gather)
+
+
+def _is_channel_table(path: Path, content: bytes) -> bool:
+    """Tell whether a CSV file has channels that are no components of motion."""
+    if b"\0" in content[:2000]:
+        return False
+    head = content[:4000].decode("latin-1").splitlines()
+    first = next((line for line in head if not line.startswith("#")), "")
+    names = [split_key(title.strip()) for title in first.split(",")]
+    known = ("east", "north", "vertical", "longitudinal", "transverse")
+    return (
+        path.suffix == ".csv"
+        and names[0] == ("time", "s")
+        and len(names) > 1
+        and not any(stem.lower() in known for stem, _ in names)
+    )
+
+
+def _from_table(path: Path, lines: list[str]) -> tuple[Gather, list[str]]:
+    """Read ``time_s`` and one column a channel, such as ``OL01_V``."""
+    first = next(n for n, line in enumerate(lines) if not line.startswith("#"))
+    titles = split_line(path, first + 1, lines[first])
+    rows = [(n + 1, split_line(path, n + 1, lines[n])) for n in range(first + 1, len(lines))]
+    columns = read_columns(path, rows, {title: k for k, title in enumerate(titles)}, len(titles))
+    times = columns.pop(titles[0])
+    dt = uniform_step(path, times, [line for line, _ in rows])
+    keys = [(title.rpartition("_")[0], title.rpartition("_")[2].lower()) for title in columns]
+    units = {unit for stem, unit in keys if stem and unit in FACTORS}
+    known = len(units) == 1 and all(stem and unit in units for stem, unit in keys)
+    names = [stem for stem, _ in keys] if known else list(columns)
+    factor = FACTORS[next(iter(units))] if known else 1.0
+    data = factor * np.array(list(columns.values()))
+    unknown = np.full((len(data), 3), np.nan)
+    unit = "V" if known and next(iter(units)) in ("v", "mv") else "units of the file"
+    return _gather(path, data, dt, float(times[0]), unit, "", unknown, unknown[0]), names
+
+
+def _from_recording(path: Path) -> tuple[Gather, list[str], tuple, str]:
+    """Read the export of a blast seismograph: the components that are there."""
+    recording = read_recording(path)[0]
+    motion = recording.seismogram
+    present = np.flatnonzero(motion.present)
+    unknown = np.full((len(present), 3), np.nan)
+    gather = Gather(
+        data=motion.velocity.T[present], dt=motion.dt, start=motion.start,
+        source_position=unknown[0], receiver_positions=unknown, unit="m/s",
+        dead=np.array([motion.components[n] in recording.dead for n in present]),
+        clipped=recording.clipped.T[present], full_scale=recording.full_scale, label=path.stem,
+        time=recording.time,
+    )  # fmt: skip
+    names = [motion.components[n] for n in present]
+    return gather, names, recording.checks, recording.instrument or "text"
+
+
+def _gather(path, data, dt, start, unit, time, places, source) -> Gather:
+    """Return a gather whose dead channels and clipped samples are marked."""
+    levels = [level for level in map(plateau_level, data) if level is not None]
+    clipped = np.zeros(data.shape, bool)
+    for level in levels:
+        clipped |= at_level(np.abs(data), level)
+    return Gather(
+        data=data, dt=dt, start=start, source_position=source, receiver_positions=places,
+        unit=unit, dead=np.array([is_dead(row) for row in data]), clipped=clipped,
+        full_scale=max(levels, default=None), label=path.stem, time=time,
+    )  # fmt: skip
+
+
+def _joined(single: list[FieldRecord]) -> list[FieldRecord]:
+    """Join one-channel files that began within a second of each other into one record."""
+    from obspy import UTCDateTime
+
+    groups: list[list[FieldRecord]] = []
+    for one in single:
+        begin = UTCDateTime(one.gather.time)
+        for group in groups:
+            other = group[0].gather
+            if (
+                abs(UTCDateTime(other.time) - begin) < 1.0
+                and other.dt == one.gather.dt
+                and one.channels[0] not in [each.channels[0] for each in group]
+            ):
+                group.append(one)
+                break
+        else:
+            groups.append([one])
+    return [_merged(group) for group in groups]
+
+
+def _merged(group: list[FieldRecord]) -> FieldRecord:
+    """Return one record of one-channel files, over their common samples."""
+    first = group[0]
+    if len(group) == 1:
+        return first
+    length = min(one.gather.data.shape[1] for one in group)
+    parts = [one.gather for one in group]
+    gather = replace(
+        first.gather,
+        data=np.concatenate([part.data[:, :length] for part in parts]),
+        receiver_positions=np.concatenate([part.receiver_positions for part in parts]),
+        dead=np.concatenate([part.dead for part in parts]),
+        clipped=np.concatenate([part.clipped[:, :length] for part in parts]),
+    )
+    blank = ("",) * len(group)
+    names = tuple(one.channels[0] for one in group)
+    notes = tuple(dict.fromkeys(note for one in group for note in one.notes))
+    return FieldRecord(first.file, first.format, gather, names, blank, blank, notes=notes)
+
+
+def read_geometry(path: str | Path) -> list[dict[str, str]]:
+    """Read a table of places.
+
+    Parameters
+    ----------
+    path : path
+        CSV with a line of heads. ``kind``: receiver or source; ``name``: of a receiver its channel
+        (number from 1, or name), of a source its file without ending, or * for all files;
+        ``x_m``, ``y_m`` and, if not 0, ``z_m``. Optional: ``file`` of a receiver that stands there
+        in one file only, ``line`` to analyse receivers by lines, ``sensor`` to compare sensors
+        that stand at one place.
+
+    Returns
+    -------
+    list of dict
+        One a row, checked.
+
+    Raises
+    ------
+    ReadError, InputError
+        Naming the line and the column.
+    """
+    path = Path(path)
+    lines = decode_lines(path, read_bytes(path))
+    reader = csv.DictReader(lines, skipinitialspace=True)
+    heads = [head.strip() for head in reader.fieldnames or ()]
+    reader.fieldnames = heads
+    unknown = [head for head in heads if head not in COLUMNS]
+    missing = [name for name in NEEDED if name not in heads]
+    if unknown or missing:
+        raise InputError(
+            f"{path}, line 1: needs the columns {', '.join(NEEDED)} and takes "
+            f"{', '.join(COLUMNS[4:])}; got {', '.join(heads)[:200]}"
+        )
+    rows = []
+    for number, row in enumerate(reader, 2):
+        row = {key: (value or "").strip() for key, value in row.items() if key is not None}
+        if row["kind"] not in ("receiver", "source"):
+            raise InputError(
+                f"{path}, line {number}, kind: must be receiver or source, got {row['kind']!r}"
+            )
+        for key in ("x_m", "y_m", "z_m"):
+            text = row.get(key) or ("0" if key == "z_m" else "")
+            try:
+                finite = math.isfinite(float(text))
+            except ValueError:
+                finite = False
+            if not finite:
+                raise ReadError(f"{path}, line {number}, {key}: expected a number, got {text!r}")
+            row[key] = text
+        rows.append(row)
+    return rows
+
+
+def _placed(record: FieldRecord, table: list[dict[str, str]]) -> FieldRecord:
+    """Return a record with the places, lines and sensors of a geometry table."""
+    if not table:
+        return record
+    places = record.gather.receiver_positions.copy()
+    line, sensor = list(record.line), list(record.sensor)
+    source = record.gather.source_position
+    for row in table:
+        position = [float(row[key]) for key in ("x_m", "y_m", "z_m")]
+        if row["kind"] == "source":
+            if row["name"] in ("*", record.stem, record.file):
+                source = np.array(position)
+            continue
+        if row.get("file") and row["file"] not in (record.stem, record.file):
+            continue
+        for n in _named(record, row["name"]):
+            places[n], line[n], sensor[n] = position, row.get("line", ""), row.get("sensor", "")
+    gather = replace(record.gather, receiver_positions=places, source_position=source)
+    return replace(record, gather=gather, line=tuple(line), sensor=tuple(sensor))
+
+
+def _named(record: FieldRecord, name: str) -> Iterable[int]:
+    """Return the channels of a record with a name, or with a number from 1."""
+    by_name = [n for n, one in enumerate(record.channels) if one == name]
+    if by_name or not name.isdigit():
+        return by_name
+    number = int(name) - 1
+    return [number] if 0 <= number < len(record.channels) else []

@@ -1,0 +1,263 @@
+"""Report of field records: quality, odd channels, air wave, dispersion and layers, sensors."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..line_records.layering import Picks, rayleigh_speeds
+from ..line_records.shots import Shot
+from ..project.result import write_text
+from .figures import FAULT, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
+from .html import page
+
+FOUND = {
+    "NAMED": "found",
+    "CLASS": "found, one of several causes",
+    "UNKNOWN": "something is there, and no cause is confirmed",
+    "NULL": "nothing found",
+}
+LABELS = {
+    "polarity": "wrong polarity",
+    "clock_error": "wrong clock",
+    "wrong_coordinates": "wrong place",
+    "air_blast": "air wave",
+    "soft_surface_layer": "soft surface layer",
+    "instrument_response": "sensor response that is not flat",
+}
+VALUES = {  # name and unit of a parameter
+    "factor": ("factor", ""),
+    "shift": ("late by", "ms"),
+    "move": ("stands farther along the line by", "m"),
+    "speed": ("speed", "m/s"),
+    "delay": ("delay of the source time", "ms"),
+    "thickness": ("thickness", "m"),
+    "vs_layer": ("Vs of the layer", "m/s"),
+    "vs_below": ("Vs below", "m/s"),
+    "vs_mean": ("mean Vs down to half of the longest wavelength", "m/s"),
+    "span": ("largest over smallest response in the band", ""),
+    "loudest": ("frequency of the largest response", "Hz"),
+}
+HELD_OUT = {
+    "odd channels": "energy that the neighbours explain in shots not used, as it is and corrected",
+    "air wave": "energy explained at receivers not used, without and with the air wave",
+    "layering": "misfit of phase speeds of shots not used, in standard deviations, by one speed "
+    "and by the layer",
+    "sensor response": "log ratio left at the place not used, by one gain and by the curve",
+}
+EARLY = 0.6  # share of a record that the picture of a shot shows at most
+OFFSET_SPEED = 90.0  # m/s, of the slowest wave that the picture of a shot shows whole
+
+
+@dataclass(frozen=True, eq=False)
+class LineView:
+    """Content of the figures of one line of receivers.
+
+    Parameters
+    ----------
+    name : str
+    shot : Shot
+        The shot to draw.
+    file : str
+        Where it comes from.
+    picks : dict of str to Picks
+        Phase speeds of the shots that were fitted and of those that were held out.
+    outcomes : list of dict
+        The analyses of the line.
+    """
+
+    name: str
+    shot: Shot
+    file: str
+    picks: dict[str, Picks]
+    outcomes: list[dict]
+
+
+def summary_lines(summary: dict) -> list[str]:
+    """Return the outcome of an analysis of records, one sentence a line.
+
+    Parameters
+    ----------
+    summary : dict
+        Content of ``records.json``.
+    """
+    files = summary["files"]
+    dead = sum(len(one["dead"]) for one in files)
+    clipped = [one for one in files if one["clipped"]]
+    wrong = [one["file"] for one in files if one["printed_values_wrong"]]
+    lines = [
+        f"{len(files)} records, {sum(one['channels'] for one in files)} channels: {dead} dead, "
+        f"{sum(len(one['clipped']) for one in files)} clipped in {len(clipped)} files"
+    ]
+    if any(one["printed_values_checked"] for one in files):
+        lines.append(
+            f"values that the instrument printed differ from the samples in {', '.join(wrong)}"
+            if wrong
+            else "the samples give the values that the instruments printed"
+        )
+    lines += [outcome_text(one) for one in summary["analyses"]]
+    lines += [
+        f"{one['analysis']}{_of(one)}: not analysed: {one['reason']}"
+        for one in summary["not_analysed"]
+    ]
+    if summary["skipped"]:
+        lines.append(f"{len(summary['skipped'])} files are no records or can't be read")
+    return lines
+
+
+def outcome_text(one: dict) -> str:
+    """Return the sentence of one analysis, with its values and 90 % intervals."""
+    labels = " or ".join(LABELS.get(str(label), str(label)) for label in one["label"].split(" | "))
+    head = f"{one['analysis']}{_of(one)}: {FOUND[one['outcome']]}"
+    target = f" at {', '.join(map(str, one['target']))}" if one["target"] else ""
+    values = "".join(f"; {text}" for text in values_of(one))
+    if one["outcome"] == "NULL":
+        return f"{head} ({one['reason']}; p = {one['p_value']:.2g})"
+    nearest = "nearest is " if one["outcome"] == "UNKNOWN" else ""
+    return f"{head}: {nearest}{labels}{target}{values} ({one['reason']}; p = {one['p_value']:.2g})"
+
+
+def values_of(one: dict) -> list[str]:
+    """Return the parameters of an analysis with units and 90 % intervals."""
+    texts = []
+    for name, (value, low, high) in one["parameters"].items():
+        words, unit = VALUES.get(name, (name, ""))
+        scale = 1e3 if unit == "ms" else 1.0
+        symbol = f" {unit}" if unit else ""
+        spread = "" if low == high else f" ({scale * low:.3g} to {scale * high:.3g})"
+        texts.append(f"{words} {scale * value:.3g}{symbol}{spread}")
+    return texts
+
+
+def _of(one: dict) -> str:
+    """Return which line an analysis belongs to."""
+    return f" of line {one['line']}" if one["line"] else ""
+
+
+def write_records_report(path: str | Path, summary: dict, views: Sequence[LineView]) -> None:
+    """Write the page of an analysis of field records.
+
+    Parameters
+    ----------
+    path : path
+    summary : dict
+        Content of ``records.json``.
+    views : sequence of LineView
+    """
+    figures = []
+    for view in views:
+        name = f"Line {view.name}" if view.name else "Line"
+        figures.append((f"{name}: shot {view.file}", _shot_caption(view), shot_figure(view)))
+        if any(len(picks.speed) for picks in view.picks.values()):
+            caption = "Phase speeds of surface waves with standard deviations, by the shots fitted "
+            caption += "and the shots held out"
+            caption += "; the line is the fitted layer." if _layer(view) else "."
+            figures.append((f"{name}: dispersion", caption, dispersion_figure(view)))
+    rows = [
+        {**one, "found": FOUND[one["outcome"]], "values": values_of(one),
+         "labels": " or ".join(LABELS.get(str(x), str(x)) for x in one["label"].split(" | ")),
+         "held_out_is": HELD_OUT[one["analysis"]]}
+        for one in summary["analyses"]
+    ]  # fmt: skip
+    heads = ("title", "caption", "image")
+    text = page("records.html").render(
+        s=summary,
+        lines=summary_lines(summary),
+        rows=rows,
+        figures=[dict(zip(heads, one, strict=True)) for one in figures],
+    )
+    write_text(path, text)
+
+
+def _shot_caption(view: LineView) -> str:
+    """Return what the picture of a shot shows."""
+    text = "Each usable channel over its largest value, by its place along the line."
+    if _odd(view):
+        text += " Red: odd channels."
+    if _speed(view):
+        text += f" Dashed: the air wave, {_speed(view):.0f} m/s."
+    return text
+
+
+def _odd(view: LineView) -> set[int]:
+    """Return the channels, from 0, that are odd."""
+    return {
+        number - 1
+        for one in view.outcomes
+        if one["analysis"] == "odd channels" and one.get("outcome", "NULL") != "NULL"
+        for number in one["target"]
+    }
+
+
+def _speed(view: LineView) -> float | None:
+    """Return the speed of the air wave in m/s where one was found."""
+    for one in view.outcomes:
+        if one["analysis"] == "air wave" and one.get("outcome") == "NAMED":
+            return one["parameters"]["speed"][0]
+    return None
+
+
+def _layer(view: LineView) -> dict | None:
+    """Return the parameters of the layer that was fitted."""
+    for one in view.outcomes:
+        if one["analysis"] == "layering" and one.get("parameters"):
+            return one["parameters"]
+    return None
+
+
+def shot_figure(view: LineView) -> str:
+    """Draw the channels of a shot against time, by their place along the line.
+
+    Returns
+    -------
+    str
+        PNG as a data URI.
+    """
+    shot = view.shot
+    figure = _figure(9.6, 5.2)
+    axes = figure.subplots()
+    last = min(shot.times[-1], max(shot.offsets.max() / OFFSET_SPEED, EARLY * shot.times[-1] / 2))
+    shown = (shot.times <= last) & (shot.times >= min(0.0, -0.1 * last))
+    gap = float(np.median(np.diff(shot.places)))
+    for place, row, channel in zip(shot.places, shot.motion, shot.channels, strict=True):
+        row = row - row.mean()
+        size = np.abs(row[shown]).max() or 1.0
+        odd = int(channel) in _odd(view)
+        axes.plot(shot.times[shown], place + 0.9 * gap * row[shown] / size,
+                  color=FAULT if odd else INK, lw=0.9 if odd else 0.45)  # fmt: skip
+    if _speed(view):
+        axes.plot(shot.offsets / _speed(view), shot.places, "--", color=SIMULATED, lw=1.2)
+    axes.set_xlim(shot.times[shown][0], last)
+    axes.set_xlabel("time  s")
+    axes.set_ylabel("place along the line  m")
+    _tidy(axes)
+    return _uri(figure)
+
+
+def dispersion_figure(view: LineView) -> str:
+    """Draw phase speeds against frequency, and those of the fitted layer.
+
+    Returns
+    -------
+    str
+        PNG as a data URI.
+    """
+    figure = _figure(9.6, 3.4)
+    axes = figure.subplots()
+    for (name, picks), colour in zip(view.picks.items(), (RECORDED, "#9aa5b1"), strict=True):
+        axes.errorbar(picks.frequency, picks.speed, picks.sigma, fmt="o", ms=4, lw=1.0,
+                      color=colour, label=f"shots {name}")  # fmt: skip
+    layer = _layer(view)
+    if layer is not None:
+        ends = [p.frequency for p in view.picks.values() if len(p.frequency)]
+        frequency = np.geomspace(min(f.min() for f in ends), max(f.max() for f in ends), 40)
+        thickness, *speeds = (layer[name][0] for name in ("thickness", "vs_layer", "vs_below"))
+        axes.plot(frequency, rayleigh_speeds(frequency, [thickness], speeds), color=SIMULATED,
+                  lw=1.4, label="layer over half-space")  # fmt: skip
+    axes.set_xlabel("frequency  Hz")
+    axes.set_ylabel("phase speed  m/s")
+    axes.set_ylim(0.0, None)
+    axes.legend(fontsize=7, frameon=False, ncol=3)
+    _tidy(axes)
+    return _uri(figure)

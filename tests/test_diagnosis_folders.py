@@ -1,0 +1,47 @@
+"""Folders of a diagnosis: numbered, gone on with, read when finished, made anew when asked."""
+
+import json
+
+import pytest
+
+from pyblast import diagnose
+from pyblast.solver.preparation import versions
+
+MODULE = "pyblast.workflows.diagnose"
+
+
+@pytest.fixture
+def calls(monkeypatch):
+    """Replace the diagnosis itself; the list takes the folder and the runs of each call."""
+    made = []
+
+    def instead(_case, folder, *, budget, seed, runs, **_):
+        made.append((folder.name, runs.name))
+        if len(made) == 1:
+            raise KeyboardInterrupt
+        provenance = versions("input") | {"code_sha256": "code"}
+        summary = {"budget": budget, "seed": seed, "provenance": provenance}
+        (folder / "diagnosis.json").write_text(json.dumps(summary))
+        return summary
+
+    monkeypatch.setattr(f"{MODULE}.diagnose_folder", instead)
+    monkeypatch.setattr(f"{MODULE}._hash_of", lambda _: "input")
+    monkeypatch.setattr(f"{MODULE}.code_hash", lambda _: "code")
+    return made
+
+
+def test_the_same_call_goes_on_then_reads_and_a_fresh_one_makes_anew(tmp_path, calls):
+    said = []
+    with pytest.raises(KeyboardInterrupt, match="the same command goes on"):
+        diagnose(tmp_path)
+
+    for fresh in (False, False, True):
+        diagnose(tmp_path, fresh=fresh, say=said.append)
+    diagnose(tmp_path, seed=2, say=said.append)
+
+    assert calls == [("001", "runs"), ("001", "runs"), ("002", "runs"), ("003", "runs")]
+    assert [text.split(":")[0].split(" in ")[0] for text in said] == [
+        "goes on with the unfinished result",
+        "this diagnosis is finished",
+    ]
+    assert not list((tmp_path / "diagnosis").glob("*/unfinished.json"))
