@@ -10,7 +10,7 @@ from pyblast.project.result import write_text
 BEGIN, END = "<!-- library -->", "<!-- end of library -->"
 AXES = {"receivers": "receivers", "blasts": "blasts", "both": "receivers, blasts"}
 PRICES = {"site": "runs", "holes": "none", "motion": "none"}
-HEAD = "| label, form | claim | of each | runs | held out | knobs: centre, range | told by |"
+HEAD = "| label, form | claim | of each | runs | held out | parameters: prior, bounds | told by |"
 
 
 def table() -> str:
@@ -22,17 +22,18 @@ def table() -> str:
 def _row(one):
     """Return the row of one hypothesis."""
     label = f"`{one.label}`" + (f", {one.form}" if one.form else "")
-    knobs = "; ".join(_knob(knob) for knob in one.knobs)
-    cells = (label, one.claim, one.target, PRICES[one.on], AXES[one.axis], knobs, one.settled_by)
+    parameters = "; ".join(_parameter(each) for each in one.parameters)
+    axis = AXES[one.axis]
+    cells = label, one.claim, one.target, PRICES[one.on], axis, parameters, one.settled_by
     return f"| {' | '.join(cells)} |"
 
 
-def _knob(knob):
-    """Return a knob with what is thought of it before and how far it may go."""
-    unit = f" {knob.unit}" if knob.unit else ""
-    doubt = f"×/÷ {2.718281828**knob.sigma:.2g}" if knob.log else f"± {knob.sigma:g}"
-    each = " of each hole" if knob.per_hole else ""
-    return f"{knob.name}{each} {knob.centre:g} {doubt}{unit}, {knob.low:g} to {knob.high:g}"
+def _parameter(one):
+    """Return a parameter with its prior and its bounds."""
+    unit = f" {one.unit}" if one.unit else ""
+    doubt = f"×/÷ {2.718281828**one.sigma:.2g}" if one.log else f"± {one.sigma:g}"
+    each = " of each hole" if one.per_hole else ""
+    return f"{one.name}{each} {one.mean:g} {doubt}{unit}, {one.low:g} to {one.high:g}"
 
 
 def written(text: str) -> str:

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from small_project import written
 
-from pyblast.back_analysis.parameters import Parameter
 from pyblast.back_analysis.trials import Target, held_step, simulate
+from pyblast.inference.parameter import Parameter
 from pyblast.project.project import load_project
 from pyblast.project.result import write_csv
 
@@ -40,9 +40,9 @@ def section(**keys):
     table = {"misfit": "'waveform'", "runs": 15} | keys
     lines = ["[back_analysis]", *(f"{key} = {value}" for key, value in table.items())]
     for one in PARAMETERS:
-        lines += ["[[back_analysis.parameters]]", f'path = "{one.path}"', "log = true"]
+        lines += ["[[back_analysis.parameters]]", f'path = "{one.name}"', "log = true"]
         lines += [f"low = {one.low}", f"high = {one.high}"]
-        lines += ["laboratory = [0.5, 0.8]"] * one.path.endswith("ks_gpa_per_m")
+        lines += ["laboratory = [0.5, 0.8]"] * one.name.endswith("ks_gpa_per_m")
     return "\n".join(lines) + "\n"
 
 

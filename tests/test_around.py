@@ -18,8 +18,8 @@ TRUE = ("joint_slip/frictional", 8e4, 0.88)  # form, strength, residual
 
 
 def fitted(effect, worth):
-    knobs = effect.hypothesis.knobs
-    place = [knob.coordinate(value) for knob, (value,) in zip(knobs, effect.values, strict=True)]
+    knobs = effect.hypothesis.parameters
+    place = [knob.standardised(value) for knob, (value,) in zip(knobs, effect.values, strict=True)]
     return Fit(
         (effect,), np.zeros(0), 0.01 * np.eye(len(place)), None, np.array(place), None,
         np.ones((1, 1)), 0.0, worth,

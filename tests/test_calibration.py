@@ -13,7 +13,8 @@ from pyblast.diagnosis.calibration import calibrate, unknowns_of, with_values
 from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.forward import Forward
-from pyblast.diagnosis.hypotheses import LIBRARY, Knob, hypothesis
+from pyblast.diagnosis.hypotheses import LIBRARY, hypothesis
+from pyblast.inference.parameter import Parameter
 
 TRUE = np.array([0.02, -0.02, 0.2, -0.15])
 
@@ -82,14 +83,14 @@ def test_a_slow_clock_is_found_at_its_receiver_with_its_shift():
     best = max(scores, key=lambda name: scores[name][0])
     assert best == "R2"
     assert scores[best][0] > 5.0
-    assert scores[best][1].effects[0].knobs["shift"] == pytest.approx(8e-3, abs=1e-3)
+    assert scores[best][1].effects[0].parameters["shift"] == pytest.approx(8e-3, abs=1e-3)
 
 
 def test_a_component_the_wrong_way_round_is_found():
     worth, found = gain(scene(flipped), "sensor_orientation_or_polarity/north", "R1", -1.0)
 
     assert worth > 10.0
-    assert found.effects[0].knobs["factor"] == pytest.approx(-1.0, abs=0.3)
+    assert found.effects[0].parameters["factor"] == pytest.approx(-1.0, abs=0.3)
 
 
 def test_stored_holes_send_together_what_a_run_of_the_blast_sends():
@@ -106,10 +107,10 @@ def test_stored_holes_send_together_what_a_run_of_the_blast_sends():
 
 def test_words_that_no_hypothesis_knows_are_refused():
     with pytest.raises(InputError, match="need one of source"):
-        hypothesis("x", family="magic", on="site", target="site", axis="both", knobs=[])
+        hypothesis("x", family="magic", on="site", target="site", axis="both", parameters=[])
     old = LIBRARY["clock_error"]
     words = {"family": old.family, "on": old.on, "target": old.target, "axis": old.axis}
-    again = hypothesis("clock_error", knobs=[Knob("shift", 0.0, 1.0)], **words)
+    again = hypothesis("clock_error", parameters=[Parameter("shift", mean=0.0, sigma=1.0)], **words)
     with pytest.raises(InputError, match="in the library already"):
         again(old.apply)
 
@@ -117,4 +118,4 @@ def test_words_that_no_hypothesis_knows_are_refused():
 def test_unknowns_of_parts_that_are_not_there_are_refused():
     unknowns = unknowns_of(small_site())
     with pytest.raises(InputError, match="no layer or joint named"):
-        with_values(small_site(), [replace(unknowns[0], part="clay")], [0.1])
+        with_values(small_site(), [replace(unknowns[0], name="clay.cp")], [0.1])

@@ -16,7 +16,7 @@ def fitter(thickest, thinnest=0.0):
     """Return a fitter of a soft layer that has room between two thicknesses in m."""
 
     def sent(states, _):
-        rooms = [effects[0].knobs["thickness"] for _, effects in states]
+        rooms = [effects[0].parameters["thickness"] for _, effects in states]
         return [
             np.full((1, 1, 3, 4), SLOPE * np.log(thick)) if thinnest <= thick <= thickest else None
             for thick in rooms
@@ -41,7 +41,7 @@ def column(one):
 @pytest.mark.parametrize(("thinnest", "thickest"), [(0.0, 20.0), (0.0, 7.2), (6.9, 20.0)])
 def test_a_derivative_is_told_by_the_step_that_can_be(thinnest, thickest):
     one = fitter(thickest, thinnest)
-    sigma = one.effects[0].hypothesis.knobs[0].sigma
+    sigma = one.effects[0].hypothesis.parameters[0].sigma
 
     assert sigma * DIFFERENCE > np.log(7.2 / 7.0)
     np.testing.assert_allclose(column(one), SLOPE * sigma)

@@ -115,7 +115,7 @@ def test_no_joint_is_missing_outside_of_the_box(target, offset):
 def test_bare_sites_are_cut_into_the_zones_of_the_effect(name):
     one = LIBRARY[name]
     target = one.targets(scene().case)[-1]
-    knobs = {knob.name: knob.starts[0] for knob in one.knobs}
+    knobs = {knob.name: knob.starts[0] for knob in one.parameters}
     there, bare = (
         site_mesh(make(small_site(), target, **knobs), CUT) for make in (one.apply, one.bare)
     )

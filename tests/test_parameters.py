@@ -3,8 +3,9 @@
 import pytest
 from small_project import written
 
-from pyblast.back_analysis.parameters import Parameter, check_parameters, with_values
+from pyblast.back_analysis.parameters import check_parameters, with_values
 from pyblast.errors import InputError
+from pyblast.inference.parameter import Parameter
 from pyblast.project.project import load_project
 
 KN = "joints.F1.kn_gpa_per_m"

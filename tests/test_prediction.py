@@ -21,7 +21,7 @@ def test_an_air_blast_moves_the_ground_that_it_was_fitted_on(monkeypatch, effect
     case = recorded(small_site())
     still = np.zeros((1, *case.motion.shape[1:]))
     fitted, none = SimpleNamespace(case=case), np.zeros_like(case.motion)
-    moved = LIBRARY["air_blast"].apply(fitted, none, "", **AIR.knobs)
+    moved = LIBRARY["air_blast"].apply(fitted, none, "", **AIR.parameters)
     monkeypatch.setattr(Forward, "motion", lambda *_: still)
 
     values = [0.1, -0.1, 0.2, 0.0]

@@ -10,11 +10,11 @@ import pytest
 from inversion_project import PARAMETERS, target, twin_file
 
 from pyblast.back_analysis import trials
-from pyblast.back_analysis.parameters import Parameter
 from pyblast.back_analysis.trials import TrialLog, Trials, identity
 from pyblast.errors import InputError, ReadError, SolverError
 from pyblast.inference.gauss_newton import levenberg_search
 from pyblast.inference.global_search import paper
+from pyblast.inference.parameter import Parameter
 from pyblast.project.project import load_project
 from pyblast.runs.parallel import workers
 

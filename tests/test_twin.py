@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pyblast.back_analysis.parameters import Parameter, check_parameters
+from pyblast.back_analysis.parameters import check_parameters
+from pyblast.inference.parameter import Parameter
 
 SCRIPT = Path(__file__).parents[1] / "examples" / "gol_e_gohar" / "twin.py"
 

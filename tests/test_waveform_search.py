@@ -30,7 +30,7 @@ def test_waveforms_find_stiffness_and_damping_by_the_default_method(found):
 
     assert one.method == "levenberg"
     for parameter, truth in zip(PARAMETERS[:2], TRUTH, strict=False):
-        assert one.best[parameter.path] == pytest.approx(truth, rel=0.05)
+        assert one.best[parameter.name] == pytest.approx(truth, rel=0.05)
 
 
 def test_the_interval_of_what_was_found_holds_the_truth(found):

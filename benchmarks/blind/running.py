@@ -86,7 +86,7 @@ def _fired(site, name, effects):
     times, charge = blast.times, blast.charge
     for effect in effects:
         if effect.hypothesis.on == "holes" and blast_and_hole(effect.target)[0] == name:
-            delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.knobs)
+            delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.parameters)
             times = times + delays
             charge = charge * scales ** (1.0 / site.exponent)
     lead = max(0.0, -float(times.min()))

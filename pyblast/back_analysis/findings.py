@@ -179,9 +179,9 @@ def _at_bounds(found):
     """D31: values that end where their range does."""
     ends = {one: found.at_bound(one) for one in found.target.parameters}
     told = [
-        f"{one.path} at the {end} one, {getattr(one, end):g}"
+        f"{one.name} at the {end} one, {getattr(one, end):g}"
         for one, end in ends.items()
-        if end and one.path not in found.insensitive
+        if end and one.name not in found.insensitive
     ]
     if told:
         yield Finding(

@@ -1,16 +1,15 @@
 """Parameters of a back-analysis: keys of a project file with ranges, over one or more blasts."""
 
-from ..errors import InputError
-from ..signals.seismogram import Seismogram
-from ..project.project import Project, load_project
 from collections.abc import Sequence
-from dataclasses import dataclass
-from ..project.section import named_error
-from ..project.config_file import check_path
-from ..project.project import Project
-from ..project.project import CHEAP, vary
-import math
+
 import numpy as np
+
+from ..errors import InputError
+from ..inference.parameter import Parameter
+from ..project.config_file import check_path
+from ..project.project import CHEAP, Project, load_project, vary
+from ..project.section import named_error
+from ..signals.seismogram import Seismogram
 
 
 def foreseen_blasts(project: Project) -> tuple[Project, ...]:
@@ -91,56 +90,9 @@ def chosen_records(blast: Project, project: Project) -> dict[str, Seismogram]:
     return {name: record for name, record in blast.recorded.items() if name in names}
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """An unknown and its range.
-
-    Parameters
-    ----------
-    path : str
-        Dotted path of a number in the project file: ``joints.fault.kn_gpa_per_m``,
-        ``damping.ratio``, ``mesh.layers.soil.thickness_m``, ``signature.scale``.
-    low, high : float
-        In the unit that the key names.
-    log : bool
-        Whether to search on a logarithmic scale.
-    laboratory : (low, high), optional
-        What samples gave, to set the result beside; no part of the search.
-
-    Raises
-    ------
-    InputError
-        If the range is none.
-    """
-
-    path: str
-    low: float
-    high: float
-    log: bool = False
-    laboratory: tuple[float, float] | None = None
-
-    def __post_init__(self):
-        for name in ("low", "high"):
-            if not math.isfinite(getattr(self, name)):
-                raise InputError(f"{self.path}: {name} must be finite, got {getattr(self, name)}")
-        if not self.low < self.high:
-            raise InputError(
-                f"{self.path}: low must be below high, got {self.low:g} and {self.high:g}"
-            )
-        if self.log and not self.low > 0.0:
-            raise InputError(
-                f"{self.path}: a logarithmic range must be positive, got {self.low:g}; leave out "
-                "log or raise low"
-            )
-        if self.laboratory is not None:
-            object.__setattr__(self, "laboratory", tuple(self.laboratory))
-            if not self.laboratory[0] <= self.laboratory[1]:
-                raise InputError(f"{self.path}: laboratory must rise, got {self.laboratory}")
-
-    @property
-    def is_cheap(self) -> bool:
-        """Whether a change leaves the mesh and the ground as they are, so that runs go together."""
-        return self.path.split(".")[0] in CHEAP
+def is_cheap(parameter: Parameter) -> bool:
+    """Tell whether a change leaves mesh and ground as they are, so that runs form a batch."""
+    return parameter.name.split(".")[0] in CHEAP
 
 
 def parameters_of(project: Project) -> tuple[Parameter, ...]:
@@ -155,7 +107,10 @@ def parameters_of(project: Project) -> tuple[Parameter, ...]:
     if table is None:
         raise InputError(f"{where}: missing; add the table with its parameters")
     with named_error(where):
-        return tuple(Parameter(**part.model_dump()) for part in table.parameters)
+        return tuple(
+            Parameter(one.path, one.low, one.high, one.log, laboratory=one.laboratory)
+            for one in table.parameters
+        )
 
 
 def check_parameters(project: Project, parameters: Sequence[Parameter]):
@@ -168,21 +123,21 @@ def check_parameters(project: Project, parameters: Sequence[Parameter]):
     """
     if not parameters:
         raise InputError("back_analysis.parameters: missing; name at least one key to find")
-    paths = [parameter.path for parameter in parameters]
+    paths = [parameter.name for parameter in parameters]
     for number, parameter in enumerate(parameters, start=1):
         with named_error(f"{project.path.name}: back_analysis.parameters[{number}].path"):
-            check_path(project.config, parameter.path)
-        if paths.count(parameter.path) > 1:
+            check_path(project.config, parameter.name)
+        if paths.count(parameter.name) > 1:
             raise InputError(
                 f"{project.path.name}: back_analysis.parameters[{number}].path: "
-                f"{parameter.path!r} is given twice; keep one"
+                f"{parameter.name!r} is given twice; keep one"
             )
         for end in ("low", "high"):
             with named_error(f"{project.path.name}: back_analysis.parameters[{number}].{end}"):
-                vary(project, {parameter.path: getattr(parameter, end)})
+                vary(project, {parameter.name: getattr(parameter, end)})
 
 
 def with_values(project: Project, parameters: Sequence[Parameter], values) -> Project:
     """Return a project with the values (n,) of its parameters."""
     pairs = zip(parameters, np.asarray(values, dtype=np.float64).tolist(), strict=True)
-    return vary(project, {parameter.path: value for parameter, value in pairs})
+    return vary(project, {parameter.name: value for parameter, value in pairs})

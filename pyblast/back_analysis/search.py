@@ -26,7 +26,8 @@ from ..inference.misfits import MISFITS, SIGNED
 from .parameters import blasts_of, candidates_of, chosen_records, foreseen_blasts
 from .trials import Target, band_of, held_step, misfit_of
 from .slip import insensitive, weakest
-from .parameters import Parameter, check_parameters, parameters_of, with_values
+from ..inference.parameter import Parameter
+from .parameters import check_parameters, parameters_of, with_values
 from .survey_design import Plan, Slip, make_plan, problem_of
 from ..inference.posterior import Posterior
 from ..inference.problem import Trace
@@ -243,7 +244,7 @@ class BackAnalysis:
     def best(self) -> dict[str, float]:
         """Values of the parameters at the best point, by path, in the units of their keys."""
         row = self.trace.points[self.trace.best].tolist()
-        return {p.path: value for p, value in zip(self.target.parameters, row, strict=True)}
+        return {p.name: value for p, value in zip(self.target.parameters, row, strict=True)}
 
     @property
     def project(self) -> Project:
@@ -333,7 +334,7 @@ def confirm(target: Target, method, seed, trace: Trace, progress=None) -> BackAn
     misfit, _ = misfit_of(target, [one.simulated for one in confirmed.values()])
     strengths = [one.strength for one in confirmed.values()]
     told = {
-        parameter.path: text
+        parameter.name: text
         for parameter in target.parameters
         if (text := insensitive(parameter, target.projects, strengths))
     }

@@ -205,7 +205,7 @@ def _by_surface(joints, run, least):
 
 def is_strength(parameter) -> bool:
     """Tell whether a parameter is a strength of a joint."""
-    table, *_, key = parameter.path.split(".")
+    table, *_, key = parameter.name.split(".")
     return table == "joints" and split_key(key)[0].removesuffix("_residual") in STRENGTH
 
 
@@ -231,7 +231,7 @@ def insensitive(parameter, projects, strengths) -> str:
     """
     if not is_strength(parameter):
         return ""
-    entry = parameter.path.split(".")[1]
+    entry = parameter.name.split(".")[1]
     found = [
         strength[surface]
         for project, strength in zip(projects, strengths, strict=True)

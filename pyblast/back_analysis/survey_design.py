@@ -14,7 +14,8 @@ from .slip import insensitive, is_strength, weakest
 from ..inference.gauss_newton import DIFFERENCE
 from .mesh_error import Place, listening, places_of
 from .mesh_error import mesh_errors_of
-from .parameters import Parameter, check_parameters, parameters_of, with_values
+from ..inference.parameter import Parameter
+from .parameters import check_parameters, parameters_of, with_values
 from ..inference.problem import Problem
 from .slip import Slip, watched_run
 from .waveforms import Window, gathered, has_quiet, recorded_noise, white_noise, window_of
@@ -60,7 +61,7 @@ def extras_of(sensitivities, parameters, places, blasts, candidates):
         felt = now.felt | then.felt
         shares = np.where(felt, then.shares, 0.0)
         worst = int(np.argmax(shares))
-        path = parameters[worst].path if felt.any() else ""
+        path = parameters[worst].name if felt.any() else ""
         gain = now.log_determinant - then.log_determinant
         return Extra(kind, name, position, gain, float(shares[worst]), path)
 
@@ -146,7 +147,7 @@ class Plan:
 
     def verdict(self, number) -> str:
         """Say of a parameter whether it is fixed, partly or hardly told, or not at all."""
-        if self.parameters[number].path in self.why:
+        if self.parameters[number].name in self.why:
             return "not identifiable"
         share = self.knowledge.shares[number]
         return "fixed" if share < FIXED else "partly" if share < HARDLY else "hardly"
@@ -154,7 +155,7 @@ class Plan:
     @property
     def trade_offs(self) -> list[tuple[str, str, float]]:
         """Pairs of parameters whose errors go together, by path, with their correlation."""
-        path = [one.path for one in self.parameters]
+        path = [one.name for one in self.parameters]
         return [(path[i], path[j], rho) for i, j, rho in self.knowledge.trade_offs()]
 
 
@@ -338,5 +339,5 @@ def _why(parameters, blasts, found, slip, kind):
     for one, felt in zip(parameters, found.felt, strict=True):
         text = insensitive(one, blasts, strengths) if slip else ""
         if text or not felt:
-            why[one.path] = text or UNFELT[kind]
+            why[one.name] = text or UNFELT[kind]
     return why

@@ -10,7 +10,8 @@ from ..solver.run import run_many
 from ..core import LANES
 from ..units import split_key
 from ..inference.misfits import misfit_to
-from .parameters import Parameter, with_values
+from ..inference.parameter import Parameter
+from .parameters import is_cheap, with_values
 from .waveforms import Waveforms
 import math
 import time
@@ -78,8 +79,8 @@ def held_step(project: Project, parameters):
     differ in more than stiffness, strength and damping, or where the shortest step would be half
     of the longest or less: lagged damping.
     """
-    stems = {split_key(parameter.path.split(".")[-1])[0] for parameter in parameters}
-    if not (stems <= HELD and all(parameter.is_cheap for parameter in parameters)):
+    stems = {split_key(parameter.name.split(".")[-1])[0] for parameter in parameters}
+    if not (stems <= HELD and all(is_cheap(parameter) for parameter in parameters)):
         return None
     project.model  # noqa: B018  variants stand on the mesh of a model that is there
     ends = np.array([[one.low, one.high] for one in parameters])
@@ -388,7 +389,7 @@ def identity(target: Target, method: str, seed: int) -> dict:
         config = project.config.model_dump(exclude={"back_analysis", "delays"})
         files = {k: v for k, v in project.input_files.items() if k != project.path.name}
         blasts.append([json.dumps(config, sort_keys=True), files])
-    parts = [[one.path, one.low, one.high, one.log] for one in target.parameters]
+    parts = [[one.name, one.low, one.high, one.log] for one in target.parameters]
     about = {"method": method, "seed": seed, "misfit": target.misfit, "parameters": parts}
     if target.waveforms is not None:
         about["noise"] = target.waveforms.noise.variance.tolist()

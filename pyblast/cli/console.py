@@ -218,10 +218,10 @@ def show_search(found, folder, lines, findings):
     """Print what a back-analysis found, how it fits, what it can't tell, and what is doubtful."""
     table = _table("unknown", "from", "to", "found")
     for one in found.target.parameters:
-        value = f"{found.best[one.path]:.4g}"
+        value = f"{found.best[one.name]:.4g}"
         table.add_row(
-            one.path, f"{one.low:g}", f"{one.high:g}",
-            "-" if one.path in found.insensitive else value,
+            one.name, f"{one.low:g}", f"{one.high:g}",
+            "-" if one.name in found.insensitive else value,
         )  # fmt: skip
     _out.print(table)
     show_told(summarise_plan(found.plan))

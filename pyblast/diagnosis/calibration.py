@@ -6,6 +6,7 @@ import numpy as np
 from scipy import fft, linalg, ndimage
 
 from ..errors import InputError
+from ..inference.parameter import Parameter
 from ..model.material import Material
 from ..project.site import Site
 from .case import Case
@@ -57,35 +58,16 @@ SPEED_SIGMA = 0.03
 STIFFNESS_SIGMA = 0.3
 
 
-@dataclass(frozen=True)
-class Unknown:
-    """One value of a site, as the logarithm of a factor on what is believed.
-
-    Parameters
-    ----------
-    part : str
-        Name of a layer or a joint.
-    name : str
-        "cp" or "cs" of a layer, "kn" or "ks" of a joint.
-    sigma : float
-        Standard deviation before the records are seen.
-    """
-
-    part: str
-    name: str
-    sigma: float
-
-    @property
-    def label(self):
-        """The word for it in tables."""
-        return f"{self.part}.{self.name}"
-
-
-def unknowns_of(site: Site) -> tuple[Unknown, ...]:
-    """List what may be calibrated at a site."""
-    speeds = [Unknown(n, c, SPEED_SIGMA) for n, _, _ in site.layers for c in ("cp", "cs")]
+def unknowns_of(site: Site) -> tuple[Parameter, ...]:
+    """List what may be calibrated at a site, as factors: ``rock.cp``, ``J1.kn``."""
+    speeds = [_factor(n, c, SPEED_SIGMA) for n, _, _ in site.layers for c in ("cp", "cs")]
     names = [j.joint.surface for j in site.joints]
-    return (*speeds, *(Unknown(n, k, STIFFNESS_SIGMA) for n in names for k in ("kn", "ks")))
+    return (*speeds, *(_factor(n, k, STIFFNESS_SIGMA) for n in names for k in ("kn", "ks")))
+
+
+def _factor(part, name, sigma):
+    """Return the factor on a value of a layer or joint, log-normal around one."""
+    return Parameter(f"{part}.{name}", log=True, mean=1.0, sigma=sigma)
 
 
 def with_values(site: Site, unknowns, values) -> Site:
@@ -97,7 +79,7 @@ def with_values(site: Site, unknowns, values) -> Site:
         If a layer or joint is not there.
     """
     factors = {
-        (one.part, one.name): float(np.exp(value))
+        tuple(one.name.rsplit(".", 1)): float(np.exp(value))
         for one, value in zip(unknowns, values, strict=True)
     }
     parts = {name for name, _, _ in site.layers} | {j.joint.surface for j in site.joints}
@@ -143,7 +125,7 @@ class Baseline:
     Parameters
     ----------
     case : Case
-    unknowns : tuple of n Unknown
+    unknowns : tuple of n Parameter
     values : (n,) float64
         Logarithms of factors on what was believed.
     covariance : (n, n) float64
@@ -161,7 +143,7 @@ class Baseline:
     """
 
     case: Case
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[Parameter, ...]
     values: np.ndarray
     covariance: np.ndarray
     site: Site
@@ -246,7 +228,7 @@ class _Search:
     """The calibration under way."""
 
     forward: Forward
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[Parameter, ...]
     sigma: np.ndarray
     slopes: np.ndarray
     likelihood: Likelihood

@@ -174,7 +174,7 @@ def intervals(fit: Fit) -> list[dict]:
     tables = []
     for effect in fit.effects:
         table = {}
-        for knob, values in zip(effect.hypothesis.knobs, effect.values, strict=True):
+        for knob, values in zip(effect.hypothesis.parameters, effect.values, strict=True):
             each = [
                 {"value": value, "low": float(next(lows)), "high": float(next(highs)),
                  "unit": knob.unit}
@@ -192,7 +192,7 @@ def _ends(fit):
     lower, upper = (place[len(fit.values) :] for place in (fit.place - half, fit.place + half))
     knobs = [
         knob for effect in fit.effects
-        for knob, values in zip(effect.hypothesis.knobs, effect.values, strict=True)
+        for knob, values in zip(effect.hypothesis.parameters, effect.values, strict=True)
         for _ in values
     ]  # fmt: skip
     return [

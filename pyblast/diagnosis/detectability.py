@@ -39,8 +39,8 @@ def visible(scene: Scene, fit: Fit, least: float = GROWS) -> list[dict]:
     for one in LIBRARY.values():
         if one.label in fit.labels or one.untestable(scene.case):
             continue
-        for place, knob in enumerate(one.knobs):
-            if knob.nothing is None:
+        for place, knob in enumerate(one.parameters):
+            if knob.null is None:
                 continue
             targets = one.targets(scene.case)
             amounts = {t: _amount(scene, fit, one, t, place, least) for t in targets}
@@ -48,7 +48,7 @@ def visible(scene: Scene, fit: Fit, least: float = GROWS) -> list[dict]:
             if seen:
                 found.append({
                     "label": one.label, "form": one.form, "target": one.target, "knob": knob.name,
-                    "unit": knob.unit, "per_hole": knob.per_hole, "nothing": knob.nothing,
+                    "unit": knob.unit, "per_hole": knob.per_hole, "nothing": knob.null,
                     "amount": max(seen),
                     "unseen": [t for t, amount in amounts.items() if not np.isfinite(amount)],
                 })  # fmt: skip
@@ -60,18 +60,18 @@ def _amount(scene, fit, one, target, place, least):
 
     Holes without a charge send nothing, whatever their knobs, and don't count.
     """
-    knob, case, likelihood = one.knobs[place], scene.case, scene.baseline.likelihood
+    knob, case, likelihood = one.parameters[place], scene.case, scene.baseline.likelihood
     charges = case.site.blasts[target].charge if knob.per_hole else np.ones(1)
     live = np.flatnonzero(charges > 0.0)
-    unit = knob.sigma * (knob.nothing or knob.centre or 1.0) if knob.log else knob.sigma
+    unit = knob.sigma * (knob.null or knob.mean or 1.0) if knob.log else knob.sigma
     step = DIFFERENCE * unit
     cost = np.log(len(one.targets(case)) * len(live)) + least
-    farthest = max(abs(e - knob.nothing) for e in (knob.low, knob.high) if np.isfinite(e))
+    farthest = max(abs(e - knob.null) for e in (knob.low, knob.high) if np.isfinite(e))
     left = likelihood.left(fit.motion)
 
     def change(hole, amount):
-        values = [(other.centre,) for other in one.knobs]
-        changed = np.full(len(charges), knob.nothing)
+        values = [(other.mean,) for other in one.parameters]
+        changed = np.full(len(charges), knob.null)
         changed[hole] += amount
         values[place] = tuple(changed.tolist())
         effect = Effect(one.name, target, tuple(values))

@@ -14,7 +14,7 @@ from .hypotheses import FAMILIES, LIBRARY, blast_and_hole
 
 @dataclass(frozen=True)
 class Effect:
-    """A hypothesis at a place, with values of its knobs.
+    """A hypothesis at a place, with values of its parameters.
 
     Parameters
     ----------
@@ -23,7 +23,7 @@ class Effect:
     target : str
         One of those of its hypothesis; empty for the whole site.
     values : tuple of tuple of float
-        Of each knob, in its unit: one value, or one for each hole.
+        Of each parameter, in its unit: one value, or one for each hole.
     """
 
     name: str
@@ -46,9 +46,9 @@ class Effect:
         return self.hypothesis.label
 
     @property
-    def knobs(self):
+    def parameters(self):
         """Values by name."""
-        pairs = zip(self.hypothesis.knobs, self.values, strict=True)
+        pairs = zip(self.hypothesis.parameters, self.values, strict=True)
         return {k.name: np.array(some) if k.per_hole else some[0] for k, some in pairs}
 
 
@@ -94,7 +94,7 @@ class Scene:
         site = with_values(self.case.site, self.baseline.unknowns, values)
         for effect in _acting(effects, "site"):
             if site is not None:
-                site = effect.hypothesis.apply(site, effect.target, **effect.knobs)
+                site = effect.hypothesis.apply(site, effect.target, **effect.parameters)
         return site
 
     def sent(self, states, blasts=None) -> list[np.ndarray | None]:
@@ -140,7 +140,7 @@ class Scene:
         site = self.case.site
         for effect in effects:
             if effect.hypothesis.bare is not None:
-                site = effect.hypothesis.bare(site, effect.target, **effect.knobs)
+                site = effect.hypothesis.bare(site, effect.target, **effect.parameters)
         return site
 
     def _gathered(self, key, blasts):
@@ -163,7 +163,7 @@ class Scene:
         """Return what other times and scales of the holes of one blast change."""
         name, _ = blast_and_hole(effect.target)
         blast, at = self.case.site.blasts[name], self.case.blasts.index(name)
-        delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.knobs)
+        delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.parameters)
         other = (delays != 0.0) | (scales != 1.0)
         delays, scales, times = delays[other], scales[other], blast.times[other]
         holes, n = self.holes[name][other], self.case.n_samples
@@ -181,7 +181,7 @@ class Scene:
 def with_motion_effects(scene, motion, effects) -> np.ndarray:
     """Return motion with the effects that act on it, at the receivers of a scene or a place."""
     for effect in _acting(effects, "motion"):
-        motion = effect.hypothesis.apply(scene, motion, effect.target, **effect.knobs)
+        motion = effect.hypothesis.apply(scene, motion, effect.target, **effect.parameters)
     return motion
 
 

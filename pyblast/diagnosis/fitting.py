@@ -37,11 +37,11 @@ class Fitter:
         self.knobs = [
             (number, place, index, knob)
             for number, effect in enumerate(self.effects)
-            for place, knob in enumerate(effect.hypothesis.knobs)
+            for place, knob in enumerate(effect.hypothesis.parameters)
             for index in range(len(effect.values[place]))
         ]
         low, high = (
-            [knob.coordinate(edge) if np.isfinite(edge) else edge for knob, edge in pairs]
+            [knob.standardised(edge) if np.isfinite(edge) else edge for knob, edge in pairs]
             for pairs in (
                 [(knob, knob.low) for *_, knob in self.knobs],
                 [(knob, knob.high) for *_, knob in self.knobs],
@@ -56,7 +56,7 @@ class Fitter:
 
     def start(self):
         """Return the coordinates of home and of the effects as they were given."""
-        at = [knob.coordinate(self.effects[e].values[p][i]) for e, p, i, knob in self.knobs]
+        at = [knob.standardised(self.effects[e].values[p][i]) for e, p, i, knob in self.knobs]
         return np.concatenate([self.home / self.sigma, at])
 
     def state(self, place):

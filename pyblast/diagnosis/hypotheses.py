@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..inference.parameter import Parameter
 from .case import Case
 
 APART = 3.0  # largest charge over the smallest that shows what depends on amplitude
@@ -131,55 +132,6 @@ AXES = ("receivers", "blasts", "both")
 
 
 @dataclass(frozen=True)
-class Knob:
-    """One number of a hypothesis, Gaussian before the records are seen.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument.
-    centre, sigma : float
-        In the unit, or of the natural logarithm if ``log``; ``centre`` is always in the unit.
-    unit : str
-        SI; empty for a ratio.
-    log : bool
-        Whether it is positive and known by factors.
-    starts : tuple of float
-        Values in the unit that the search begins at.
-    low, high : float
-        In the unit; the search stays within.
-    per_hole : bool
-        One value for each hole of the blast.
-    nothing : float, optional
-        Value in the unit at which the effect vanishes: from there it is told how small an effect
-        records would have shown. Not for effects on the site, which need runs.
-    """
-
-    name: str
-    centre: float
-    sigma: float
-    unit: str = ""
-    log: bool = False
-    starts: tuple[float, ...] = ()
-    low: float = -np.inf
-    high: float = np.inf
-    per_hole: bool = False
-    nothing: float | None = None
-
-    def coordinate(self, value):
-        """Return a value as the search sees it: in sigmas from the centre."""
-        if self.log:
-            return np.log(value / self.centre) / self.sigma
-        return (value - self.centre) / self.sigma
-
-    def value(self, coordinate):
-        """Return the value in the unit of a coordinate."""
-        if self.log:
-            return self.centre * np.exp(self.sigma * coordinate)
-        return self.centre + self.sigma * coordinate
-
-
-@dataclass(frozen=True)
 class Hypothesis:
     """Physics that may have been left out.
 
@@ -201,11 +153,11 @@ class Hypothesis:
         ``(case) -> tuple of str``: all of them; the search tries each.
     axis : str
         What is held out to test it, of `AXES`.
-    knobs : tuple of Knob
+    parameters : tuple of Parameter
     apply : callable
     bare : callable or None
-        ``(site, target, **knobs) -> Site``: cut into zones as with the effect, but without it. Of
-        effects on the site that change its geometry, so that no mesh is taken for physics.
+        ``(site, target, **parameters) -> Site``: cut into zones as with the effect, but without
+        it. Of effects on the site that change its geometry, so that no mesh is taken for physics.
     linear : bool
         Whether a larger blast is changed by the same share. Others are screened on two blasts.
     settled_by : str
@@ -215,8 +167,8 @@ class Hypothesis:
     single : bool
         Whether it is claimed of one target at a time, the best, however many would pay.
     begins : callable or None
-        ``(scene) -> tuple of values``, one of each knob: where the search begins, too, read from
-        what the records miss.
+        ``(scene) -> tuple of values``, one of each parameter: where the search begins, too, read
+        from what the records miss.
     """
 
     label: str
@@ -227,7 +179,7 @@ class Hypothesis:
     target: str
     targets: Callable
     axis: str
-    knobs: tuple[Knob, ...]
+    parameters: tuple[Parameter, ...]
     apply: Callable
     bare: Callable | None = None
     linear: bool = True
@@ -252,7 +204,7 @@ LIBRARY: dict[str, Hypothesis] = {}
 
 
 def hypothesis(
-    label, *, family, on, target, axis, knobs, form="", targets=None, bare=None, linear=True,
+    label, *, family, on, target, axis, parameters, form="", targets=None, bare=None, linear=True,
     settled_by="", needs=(), single=False, begins=None,
 ):  # fmt: skip
     """Enter the decorated function into the library.
@@ -275,8 +227,8 @@ def hypothesis(
     def enter(function):
         claim = (function.__doc__ or "").strip().split("\n\n")[0]
         one = Hypothesis(
-            label, form, " ".join(claim.split()), family, on, target, targets, axis, tuple(knobs),
-            function, bare, linear, settled_by, needs, single, begins,
+            label, form, " ".join(claim.split()), family, on, target, targets, axis,
+            tuple(parameters), function, bare, linear, settled_by, needs, single, begins,
         )  # fmt: skip
         if one.name in LIBRARY:
             raise InputError(f"hypothesis {one.name}: is in the library already")

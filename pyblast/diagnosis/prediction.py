@@ -29,7 +29,7 @@ def site_of(site: Site, values, effects) -> Site:
     site = with_values(site, unknowns_of(site), values)
     for effect in effects:
         if effect.hypothesis.on == "site":
-            site = effect.hypothesis.apply(site, effect.target, **effect.knobs)
+            site = effect.hypothesis.apply(site, effect.target, **effect.parameters)
     return site
 
 

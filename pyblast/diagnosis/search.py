@@ -46,10 +46,10 @@ def started(hypothesis, target, scene):
             target,
             tuple(
                 (value,) * (count if knob.per_hole else 1)
-                for knob, value in zip(hypothesis.knobs, values, strict=True)
+                for knob, value in zip(hypothesis.parameters, values, strict=True)
             ),
         )
-        for values in (*product(*[knob.starts for knob in hypothesis.knobs]), *read)
+        for values in (*product(*[knob.starts for knob in hypothesis.parameters]), *read)
     ]
 
 
@@ -339,13 +339,13 @@ def _around(found):
         if not forms or not found.runs_left():
             continue
         near = [
-            [knob.value(knob.coordinate(value) + step) for step in AROUND]
-            for knob, (value,) in zip(first.hypothesis.knobs, first.values, strict=True)
+            [knob.value(knob.standardised(value) + step) for step in AROUND]
+            for knob, (value,) in zip(first.hypothesis.parameters, first.values, strict=True)
         ]
         places = [
             tuple((value,) for value in values)
             for values in product(*near)
-            if all(k.low <= v <= k.high for k, v in zip(forms[0].knobs, values, strict=True))
+            if all(k.low <= v <= k.high for k, v in zip(forms[0].parameters, values, strict=True))
         ]  # fmt: skip
         ways = [Effect(form.name, first.target, place) for form in forms for place in places]
         found.tell(f"around {first.label}", 0, 1)

@@ -63,7 +63,7 @@ def summarise(scene, found, shuffled, verdict) -> dict:
         },
         "next_measurement": _next(verdict, found, remainder),
         "calibration": [
-            {"value": one.label, "factor": float(np.exp(v)), "pull": float(pull)}
+            {"value": one.name, "factor": float(np.exp(v)), "pull": float(pull)}
             for one, v, pull in zip(
                 baseline.unknowns, verdict.fit.values, verdict.fit.values / baseline.sigma,
                 strict=True,
@@ -323,7 +323,7 @@ def claims(fit) -> list[tuple[str, str]]:
 
 def _place(effect):
     """Return the target of an effect; a plane where it was moved to."""
-    offset = effect.knobs.get("offset")
+    offset = effect.parameters.get("offset")
     if offset is None:
         return effect.target
     axis, _, at = effect.target.partition("=")
@@ -395,7 +395,7 @@ def hole_rows(fit) -> list[dict]:
         unit, factor = _unit(knob.unit, largest)
         rows.append(
             {"label": effect.label, "where": where(effect.hypothesis.target, [effect.target]),
-             "knob": knob.name.replace("_", " "), "unit": unit, "believed": knob.centre / factor,
+             "knob": knob.name.replace("_", " "), "unit": unit, "believed": knob.mean / factor,
              "values": [{k: one[k] / factor for k in ("value", "low", "high")} for one in values]}
         )  # fmt: skip
     return rows
@@ -404,7 +404,7 @@ def hole_rows(fit) -> list[dict]:
 def _values(fit):
     """Yield (effect, knob, values with intervals) of all effects of a fit."""
     for effect, table in zip(fit.effects, intervals(fit), strict=True):
-        for knob in effect.hypothesis.knobs:
+        for knob in effect.hypothesis.parameters:
             yield effect, knob, table[knob.name]
 
 

@@ -38,7 +38,7 @@ def summarise_posterior(found, parameters):
         "accepted": found.chains.accepted,
         "independent_draws": found.chains.independent,
         "parameters": [
-            {"path": one.path, "low": one.low, "high": one.high, "log": one.log,
+            {"path": one.name, "low": one.low, "high": one.high, "log": one.log,
              "median": None if found.doubt else float(np.median(column)), "interval_90": interval}
             for one, column, interval in zip(parameters, found.samples.T, intervals, strict=True)
         ],

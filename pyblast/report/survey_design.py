@@ -222,7 +222,7 @@ def summarise_plan(plan) -> dict:
                 "share": shares[k],
                 "share_other": others[k],
                 "verdict": plan.verdict(k),
-                "why": plan.why.get(one.path, ""),
+                "why": plan.why.get(one.name, ""),
                 "within": plan.within[k],
             }
             for k, one in enumerate(plan.parameters)

@@ -152,7 +152,7 @@ def plan_back_analysis(
         project = load_project(project, full)
     plan = foreseen_plan(project, progress)
     folder = new_folder(project.folder / "plan" if output is None else Path(output))
-    parts = [[one.path, one.low, one.high, one.log] for one in plan.parameters]
+    parts = [[one.name, one.low, one.high, one.log] for one in plan.parameters]
     files = {"project": project.input_files, "parameters": parts}
     summary = {
         "title": project.title,
@@ -197,10 +197,10 @@ def summarise_search(found: BackAnalysis, findings, rows) -> dict:
         "parameters": [
             {
                 **asdict(one),
-                "best": found.best[one.path],
+                "best": found.best[one.name],
                 "bound": found.at_bound(one),
-                "insensitive": found.insensitive.get(one.path, ""),
-                "beside": beside[one.path],
+                "insensitive": found.insensitive.get(one.name, ""),
+                "beside": beside[one.name],
             }
             for one in target.parameters
         ],

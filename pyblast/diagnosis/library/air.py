@@ -5,8 +5,9 @@ from itertools import pairwise
 import numpy as np
 from scipy import fft
 
+from ...inference.parameter import Parameter
 from ...project.site import Site
-from ..hypotheses import Knob, hypothesis
+from ..hypotheses import hypothesis
 
 QUALITY = 30.0  # of the ground: air waves ring without it where S waves are slower than they
 
@@ -111,17 +112,41 @@ AHEAD = 3.0  # widths of the pulse before its middle that it begins
 
 
 @hypothesis(
-    "air_blast", family="receiver", on="motion", target="site", axis="both",
-    knobs=[
-        Knob("pressure", 800.0, 2.0, "Pa", log=True, starts=(800.0,), low=0.1, high=1e6,
-             nothing=0.0),
-        Knob("period", 0.1, 0.6, "s", log=True, starts=(0.05, 0.1), low=0.02, high=0.5),
-        Knob("speed", 340.0, 6.0, "m/s", starts=(340.0,), low=310.0, high=370.0),
-        Knob("decay", 1.1, 0.2, starts=(1.1,), low=0.4, high=2.0),
-        Knob("radial", 1.0, 0.5, starts=(1.0,), low=-2.0, high=4.0),
+    "air_blast",
+    family="receiver",
+    on="motion",
+    target="site",
+    axis="both",
+    parameters=[
+        Parameter(
+            "pressure",
+            mean=800.0,
+            sigma=2.0,
+            unit="Pa",
+            log=True,
+            starts=(800.0,),
+            low=0.1,
+            high=1e6,
+            null=0.0,
+        ),
+        Parameter(
+            "period",
+            mean=0.1,
+            sigma=0.6,
+            unit="s",
+            log=True,
+            starts=(0.05, 0.1),
+            low=0.02,
+            high=0.5,
+        ),
+        Parameter(
+            "speed", mean=340.0, sigma=6.0, unit="m/s", starts=(340.0,), low=310.0, high=370.0
+        ),
+        Parameter("decay", mean=1.1, sigma=0.2, starts=(1.1,), low=0.4, high=2.0),
+        Parameter("radial", mean=1.0, sigma=0.5, starts=(1.0,), low=-2.0, high=4.0),
     ],
     settled_by="a microphone beside a receiver, or a receiver some metres deep",
-)  # fmt: skip
+)
 def air_blast(scene, motion, target, pressure, period, speed, decay, radial):
     """A pressure wave through the air runs over the ground and moves it as it passes."""
     del target

@@ -6,18 +6,25 @@ from itertools import pairwise
 
 import numpy as np
 
+from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ...model.material import Material
 from ...project.site import Fabric, SiteJoint
-from ..hypotheses import Knob, ground_without_loss, hypothesis, three_directions, unknown_quality
+from ..hypotheses import ground_without_loss, hypothesis, three_directions, unknown_quality
 
 
 @hypothesis(
-    "attenuation_Q", family="path", on="site", target="site", axis="both",
-    knobs=[Knob("q", 20.0, 0.8, log=True, starts=(8.0, 25.0), low=4.0, high=300.0)],
+    "attenuation_Q",
+    family="path",
+    on="site",
+    target="site",
+    axis="both",
+    parameters=[
+        Parameter("q", mean=20.0, sigma=0.8, log=True, starts=(8.0, 25.0), low=4.0, high=300.0)
+    ],
     settled_by="receivers at distances of three to one, without a joint between them",
     needs=(unknown_quality,),
-)  # fmt: skip
+)
 def attenuation_q(site, target, q):
     """The ground takes energy from all waves alike, as constant Q of S waves does."""
     del target
@@ -33,15 +40,28 @@ def _as_stiff(site, target, azimuth, normal, shear):
 
 
 @hypothesis(
-    "anisotropy", family="path", on="site", target="site", axis="both", bare=_as_stiff,
-    knobs=[
-        Knob("azimuth", 0.0, 2.0, "rad", starts=(0.0, 0.79, 1.57, 2.36), low=-7.0, high=7.0),
-        Knob("normal", 0.2, 0.15, starts=(0.25,), low=0.0, high=0.8),
-        Knob("shear", 0.2, 0.15, starts=(0.15,), low=0.0, high=0.8),
+    "anisotropy",
+    family="path",
+    on="site",
+    target="site",
+    axis="both",
+    bare=_as_stiff,
+    parameters=[
+        Parameter(
+            "azimuth",
+            mean=0.0,
+            sigma=2.0,
+            unit="rad",
+            starts=(0.0, 0.79, 1.57, 2.36),
+            low=-7.0,
+            high=7.0,
+        ),
+        Parameter("normal", mean=0.2, sigma=0.15, starts=(0.25,), low=0.0, high=0.8),
+        Parameter("shear", mean=0.2, sigma=0.15, starts=(0.15,), low=0.0, high=0.8),
     ],
     settled_by="receivers in five or more directions from the blast",
     needs=(ground_without_loss, three_directions),
-)  # fmt: skip
+)
 def anisotropy(site, target, azimuth, normal, shear):
     """Upright fissures slow waves across them, at an azimuth from north, more than along them."""
     del target
@@ -94,15 +114,24 @@ def _cut_there(site, target, offset, kn, ks):
 
 
 @hypothesis(
-    "missing_joint", family="path", on="site", target="plane", targets=planes, axis="both",
+    "missing_joint",
+    family="path",
+    on="site",
+    target="plane",
+    targets=planes,
+    axis="both",
     bare=_cut_there,
-    knobs=[
-        Knob("offset", 0.0, 5.0, "m", starts=(0.0,), low=-25.0, high=25.0),
-        Knob("kn", 1e9, 1.5, "Pa/m", log=True, starts=(1e9,), low=2e7, high=5e10),
-        Knob("ks", 4e8, 1.5, "Pa/m", log=True, starts=(4e8,), low=1e7, high=2e10),
+    parameters=[
+        Parameter("offset", mean=0.0, sigma=5.0, unit="m", starts=(0.0,), low=-25.0, high=25.0),
+        Parameter(
+            "kn", mean=1e9, sigma=1.5, unit="Pa/m", log=True, starts=(1e9,), low=2e7, high=5e10
+        ),
+        Parameter(
+            "ks", mean=4e8, sigma=1.5, unit="Pa/m", log=True, starts=(4e8,), low=1e7, high=2e10
+        ),
     ],
     settled_by="receivers close to the plane on both sides, or a blast on its other side",
-)  # fmt: skip
+)
 def missing_joint(site, target, offset, kn, ks):
     """A vertical joint that the site does not list crosses it at this plane."""
     plane = _plane(site, target, offset)
@@ -158,15 +187,30 @@ def _ringing(scene):
 
 
 @hypothesis(
-    "soft_surface_layer", family="receiver", on="site", target="site", axis="both", bare=_as_fast,
+    "soft_surface_layer",
+    family="receiver",
+    on="site",
+    target="site",
+    axis="both",
+    bare=_as_fast,
     begins=_ringing,
-    knobs=[
-        Knob("thickness", USUAL, 0.5, "m", log=True,
-             starts=(USUAL / APART, USUAL * APART), low=THIN, high=THICK),
-        Knob("slower", 0.4, 0.4, log=True, starts=(0.4,), low=SLOWEST, high=FASTEST),
+    parameters=[
+        Parameter(
+            "thickness",
+            mean=USUAL,
+            sigma=0.5,
+            unit="m",
+            log=True,
+            starts=(USUAL / APART, USUAL * APART),
+            low=THIN,
+            high=THICK,
+        ),
+        Parameter(
+            "slower", mean=0.4, sigma=0.4, log=True, starts=(0.4,), low=SLOWEST, high=FASTEST
+        ),
     ],
     settled_by="a receiver on bare rock beside one on the ground, or a hammer test",
-)  # fmt: skip
+)
 def soft_surface_layer(site, target, thickness, slower):
     """A slower layer that the site does not list lies on top."""
     del target
@@ -174,14 +218,18 @@ def soft_surface_layer(site, target, thickness, slower):
 
 
 @hypothesis(
-    "wrong_coordinates", form="receiver", family="receiver", on="motion", target="receiver",
+    "wrong_coordinates",
+    form="receiver",
+    family="receiver",
+    on="motion",
+    target="receiver",
     axis="blasts",
-    knobs=[
-        Knob("east", 0.0, 8.0, "m", starts=(0.0,), low=-30.0, high=30.0),
-        Knob("north", 0.0, 8.0, "m", starts=(0.0,), low=-30.0, high=30.0),
+    parameters=[
+        Parameter("east", mean=0.0, sigma=8.0, unit="m", starts=(0.0,), low=-30.0, high=30.0),
+        Parameter("north", mean=0.0, sigma=8.0, unit="m", starts=(0.0,), low=-30.0, high=30.0),
     ],
     settled_by="a survey of the receiver",
-)  # fmt: skip
+)
 def moved_receiver(scene, motion, target, east, north):
     """This receiver was elsewhere."""
     at = scene.case.receivers.index(target)

@@ -3,19 +3,33 @@
 import numpy as np
 from scipy import fft
 
-from ..hypotheses import Knob, hypothesis
+from ...inference.parameter import Parameter
+from ..hypotheses import hypothesis
 
 SWAP = "two sensors that change places, or a calibration pulse"
 TAP = "a tap from a known side, or shots from three directions"
 
 
 @hypothesis(
-    "clock_error", family="instrument", on="motion", target="receiver", axis="blasts",
-    knobs=[
-        Knob("shift", 0.0, 10e-3, "s", starts=(0.0, 8e-3, -8e-3), low=-0.2, high=0.2, nothing=0.0)
+    "clock_error",
+    family="instrument",
+    on="motion",
+    target="receiver",
+    axis="blasts",
+    parameters=[
+        Parameter(
+            "shift",
+            mean=0.0,
+            sigma=10e-3,
+            unit="s",
+            starts=(0.0, 8e-3, -8e-3),
+            low=-0.2,
+            high=0.2,
+            null=0.0,
+        )
     ],
     settled_by="noise recorded together with a receiver of known clock",
-)  # fmt: skip
+)
 def clock_error(scene, motion, target, shift):
     """The clock of this receiver was wrong: all it recorded came late or early by the same time."""
 
@@ -26,15 +40,28 @@ def clock_error(scene, motion, target, shift):
 
 
 @hypothesis(
-    "instrument_response", form="geophone", family="instrument", on="motion", target="receiver",
+    "instrument_response",
+    form="geophone",
+    family="instrument",
+    on="motion",
+    target="receiver",
     axis="blasts",
-    knobs=[
-        Knob("corner", 4.5, 0.5, "Hz", log=True, starts=(2.0, 4.5, 8.0), low=0.5, high=20.0),
-        Knob("damping", 0.6, 0.3, log=True, starts=(0.6,), low=0.1, high=2.0),
-        Knob("gain", 1.0, 0.2, log=True, starts=(1.0,), low=0.2, high=5.0),
+    parameters=[
+        Parameter(
+            "corner",
+            mean=4.5,
+            sigma=0.5,
+            unit="Hz",
+            log=True,
+            starts=(2.0, 4.5, 8.0),
+            low=0.5,
+            high=20.0,
+        ),
+        Parameter("damping", mean=0.6, sigma=0.3, log=True, starts=(0.6,), low=0.1, high=2.0),
+        Parameter("gain", mean=1.0, sigma=0.2, log=True, starts=(1.0,), low=0.2, high=5.0),
     ],
     settled_by=SWAP,
-)  # fmt: skip
+)
 def geophone(scene, motion, target, corner, damping, gain):
     """The record of this receiver still has the response of a geophone in it."""
 
@@ -46,13 +73,19 @@ def geophone(scene, motion, target, corner, damping, gain):
 
 
 @hypothesis(
-    "instrument_response", form="gain", family="instrument", on="motion", target="receiver",
+    "instrument_response",
+    form="gain",
+    family="instrument",
+    on="motion",
+    target="receiver",
     axis="blasts",
-    knobs=[
-        Knob("gain", 1.0, 0.7, log=True, starts=(0.5, 2.0), low=0.02, high=50.0, nothing=1.0)
+    parameters=[
+        Parameter(
+            "gain", mean=1.0, sigma=0.7, log=True, starts=(0.5, 2.0), low=0.02, high=50.0, null=1.0
+        )
     ],
     settled_by=SWAP,
-)  # fmt: skip
+)
 def gain_error(scene, motion, target, gain):
     """The gain of this receiver is wrong by the same factor on all components."""
     at = scene.case.receivers.index(target)
@@ -60,14 +93,26 @@ def gain_error(scene, motion, target, gain):
 
 
 @hypothesis(
-    "sensor_orientation_or_polarity", form="turned", family="instrument", on="motion",
-    target="receiver", axis="blasts",
-    knobs=[
-        Knob("turn", 0.0, 1.0, "rad", starts=(0.3, -0.3, 1.57, -1.57, 3.1), low=-3.3, high=3.3,
-             nothing=0.0),
+    "sensor_orientation_or_polarity",
+    form="turned",
+    family="instrument",
+    on="motion",
+    target="receiver",
+    axis="blasts",
+    parameters=[
+        Parameter(
+            "turn",
+            mean=0.0,
+            sigma=1.0,
+            unit="rad",
+            starts=(0.3, -0.3, 1.57, -1.57, 3.1),
+            low=-3.3,
+            high=3.3,
+            null=0.0,
+        ),
     ],
     settled_by=TAP,
-)  # fmt: skip
+)
 def turned_sensor(scene, motion, target, turn):
     """The horizontals of this receiver are turned, clockwise if positive, from their axes."""
     at = scene.case.receivers.index(target)
@@ -89,7 +134,8 @@ for _components, _form in ((0, "east"), (1, "north"), (2, "up"), (slice(None), "
     hypothesis(
         "sensor_orientation_or_polarity", form=_form, family="instrument", on="motion",
         target="receiver", axis="blasts",
-        knobs=[Knob("factor", -1.0, 0.3, starts=(-1.0,), low=-3.0, high=0.0)], settled_by=TAP,
+        parameters=[Parameter("factor", mean=-1.0, sigma=0.3, starts=(-1.0,), low=-3.0, high=0.0)],
+        settled_by=TAP,
     )(_flipped)  # fmt: skip
 
 

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...inference.parameter import Parameter
 from ...model.joint import Joint
-from ..hypotheses import Knob, hypothesis
+from ..hypotheses import hypothesis
 
 STIFFEST = 20.0  # largest tangent of a closing joint over that at rest: what is left is a weld
 NEVER = 1e12  # Pa, a tension that nothing reaches
@@ -37,10 +38,15 @@ def _filled(site, target, law, relaxation):
 
 
 @hypothesis(
-    "joint_nonlinear_closure", family="path", on="site", target="joint", axis="both", linear=False,
-    knobs=[Knob("closed", 0.5, 0.15, starts=(0.4, 0.65), low=0.05, high=0.9)],
+    "joint_nonlinear_closure",
+    family="path",
+    on="site",
+    target="joint",
+    axis="both",
+    linear=False,
+    parameters=[Parameter("closed", mean=0.5, sigma=0.15, starts=(0.4, 0.65), low=0.05, high=0.9)],
     settled_by="charges of three to one or more on one path across the joint",
-)  # fmt: skip
+)
 def joint_nonlinear_closure(site, target, closed):
     """This joint stiffens as it closes: large blasts cross it more easily, in compression."""
 
@@ -77,9 +83,18 @@ _SLIP = {
 
 @hypothesis(
     "joint_slip",
-    knobs=[
-        Knob("strength", 1e5, 1.0, "Pa", log=True, starts=(3e4, 2e5), low=1e3, high=1e7),
-        Knob("residual", 0.5, 0.2, starts=(0.5,), low=0.05, high=1.0),
+    parameters=[
+        Parameter(
+            "strength",
+            mean=1e5,
+            sigma=1.0,
+            unit="Pa",
+            log=True,
+            starts=(3e4, 2e5),
+            low=1e3,
+            high=1e7,
+        ),
+        Parameter("residual", mean=0.5, sigma=0.2, starts=(0.5,), low=0.05, high=1.0),
     ],
     **_SLIP,
 )
@@ -93,13 +108,16 @@ def joint_slip(site, target, strength, residual):
 
 
 @hypothesis(
-    "joint_slip", form="frictional",
-    knobs=[
-        Knob("strength", 1e5, 1.0, "Pa", log=True, starts=(2e5,), low=1e3, high=1e7),
-        Knob("residual", 0.5, 0.2, starts=(0.5,), low=0.05, high=1.0),
+    "joint_slip",
+    form="frictional",
+    parameters=[
+        Parameter(
+            "strength", mean=1e5, sigma=1.0, unit="Pa", log=True, starts=(2e5,), low=1e3, high=1e7
+        ),
+        Parameter("residual", mean=0.5, sigma=0.2, starts=(0.5,), low=0.05, high=1.0),
     ],
     **_SLIP,
-)  # fmt: skip
+)
 def joint_frictional_slip(site, target, strength, residual):
     """This joint slips, by friction alone: it bears a share of what presses on it at the time."""
     pressure = _pressure(site, target)
@@ -107,20 +125,51 @@ def joint_frictional_slip(site, target, strength, residual):
 
 
 @hypothesis(
-    "joint_viscous_fill", family="path", on="site", target="joint", axis="both",
-    knobs=[Knob("relaxation", 3e-3, 1.0, "s", log=True, starts=(2e-3,), low=1e-4, high=0.1)],
+    "joint_viscous_fill",
+    family="path",
+    on="site",
+    target="joint",
+    axis="both",
+    parameters=[
+        Parameter(
+            "relaxation",
+            mean=3e-3,
+            sigma=1.0,
+            unit="s",
+            log=True,
+            starts=(2e-3,),
+            low=1e-4,
+            high=0.1,
+        )
+    ],
     settled_by="receivers close to the joint on both sides, over a wider band",
-)  # fmt: skip
+)
 def joint_viscous_fill(site, target, relaxation):
     """The fill of this joint is viscous: it passes more of high frequencies than a spring does."""
     return _filled(site, target, "kelvin", relaxation)
 
 
 @hypothesis(
-    "joint_viscous_fill", form="creeping", family="path", on="site", target="joint", axis="both",
-    knobs=[Knob("relaxation", 2e-2, 1.2, "s", log=True, starts=(1e-2,), low=1e-3, high=1.0)],
+    "joint_viscous_fill",
+    form="creeping",
+    family="path",
+    on="site",
+    target="joint",
+    axis="both",
+    parameters=[
+        Parameter(
+            "relaxation",
+            mean=2e-2,
+            sigma=1.2,
+            unit="s",
+            log=True,
+            starts=(1e-2,),
+            low=1e-3,
+            high=1.0,
+        )
+    ],
     settled_by="receivers close to the joint on both sides, over a wider band",
-)  # fmt: skip
+)
 def joint_creeping_fill(site, target, relaxation):
     """The fill of this joint creeps: it passes less than a spring does, of low frequencies too."""
     return _filled(site, target, "maxwell", relaxation)

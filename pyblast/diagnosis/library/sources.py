@@ -4,19 +4,33 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...inference.parameter import Parameter
 from ...model.ground_fields import DamagedZone
-from ..hypotheses import Knob, blast_and_hole, blasts_of_many_holes, holes, hypothesis
+from ..hypotheses import blast_and_hole, blasts_of_many_holes, holes, hypothesis
 
 
 @hypothesis(
-    "delay_scatter", family="source", on="holes", target="blast", axis="receivers",
+    "delay_scatter",
+    family="source",
+    on="holes",
+    target="blast",
+    axis="receivers",
     targets=blasts_of_many_holes,
-    knobs=[
-        Knob("delays", 0.0, 3e-3, "s", starts=(0.0,), low=-0.02, high=0.02, per_hole=True,
-             nothing=0.0),
+    parameters=[
+        Parameter(
+            "delays",
+            mean=0.0,
+            sigma=3e-3,
+            unit="s",
+            starts=(0.0,),
+            low=-0.02,
+            high=0.02,
+            per_hole=True,
+            null=0.0,
+        ),
     ],
     settled_by="the log of the detonators, or a sensor beside the holes",
-)  # fmt: skip
+)
 def delay_scatter(blast, target, delays):
     """The holes of this blast did not fire at their planned times."""
     del blast, target
@@ -24,13 +38,27 @@ def delay_scatter(blast, target, delays):
 
 
 @hypothesis(
-    "delay_scatter", form="pace", family="source", on="holes", target="blast", axis="receivers",
+    "delay_scatter",
+    form="pace",
+    family="source",
+    on="holes",
+    target="blast",
+    axis="receivers",
     targets=blasts_of_many_holes,
-    knobs=[
-        Knob("pace", 1.0, 0.1, log=True, starts=(1.0, 0.85, 1.15), low=0.5, high=2.0, nothing=1.0)
+    parameters=[
+        Parameter(
+            "pace",
+            mean=1.0,
+            sigma=0.1,
+            log=True,
+            starts=(1.0, 0.85, 1.15),
+            low=0.5,
+            high=2.0,
+            null=1.0,
+        )
     ],
     settled_by="the log of the detonators, or a sensor beside the holes",
-)  # fmt: skip
+)
 def wrong_pace(blast, target, pace):
     """All delays of this blast were longer or shorter than planned, by one factor."""
     del target
@@ -39,13 +67,20 @@ def wrong_pace(blast, target, pace):
 
 
 @hypothesis(
-    "misfire_or_charge_error", form="holes", family="source", on="holes", target="blast",
-    axis="receivers", targets=blasts_of_many_holes,
-    knobs=[
-        Knob("scales", 1.0, 0.3, starts=(1.0,), low=0.0, high=3.0, per_hole=True, nothing=1.0)
+    "misfire_or_charge_error",
+    form="holes",
+    family="source",
+    on="holes",
+    target="blast",
+    axis="receivers",
+    targets=blasts_of_many_holes,
+    parameters=[
+        Parameter(
+            "scales", mean=1.0, sigma=0.3, starts=(1.0,), low=0.0, high=3.0, per_hole=True, null=1.0
+        )
     ],
     settled_by="the loading sheets, and a look at the muck pile for what is left",
-)  # fmt: skip
+)
 def misfire_or_charge_error(blast, target, scales):
     """Holes of this blast sent less or more than their charge should, or nothing."""
     del blast, target
@@ -53,11 +88,17 @@ def misfire_or_charge_error(blast, target, scales):
 
 
 @hypothesis(
-    "misfire_or_charge_error", form="misfire", family="source", on="holes", target="hole",
-    axis="receivers", targets=holes, single=True,
-    knobs=[Knob("sent", 0.0, 0.2, starts=(0.0,), low=0.0, high=1.0)],
+    "misfire_or_charge_error",
+    form="misfire",
+    family="source",
+    on="holes",
+    target="hole",
+    axis="receivers",
+    targets=holes,
+    single=True,
+    parameters=[Parameter("sent", mean=0.0, sigma=0.2, starts=(0.0,), low=0.0, high=1.0)],
     settled_by="a look at the muck pile for the charge of this hole",
-)  # fmt: skip
+)
 def misfire(blast, target, sent):
     """This hole misfired: it sent nothing, or little, of what its charge should."""
     _, hole = blast_and_hole(target)
@@ -66,11 +107,19 @@ def misfire(blast, target, sent):
 
 
 @hypothesis(
-    "misfire_or_charge_error", form="blast", family="source", on="holes", target="blast",
+    "misfire_or_charge_error",
+    form="blast",
+    family="source",
+    on="holes",
+    target="blast",
     axis="receivers",
-    knobs=[Knob("scale", 1.0, 0.4, log=True, starts=(1.0,), low=0.1, high=10.0, nothing=1.0)],
+    parameters=[
+        Parameter(
+            "scale", mean=1.0, sigma=0.4, log=True, starts=(1.0,), low=0.1, high=10.0, null=1.0
+        )
+    ],
     settled_by="the loading sheets, or single holes of other charges",
-)  # fmt: skip
+)
 def charge_error(blast, target, scale):
     """All holes of this blast sent less or more than their charge should, by one factor."""
     del target
@@ -79,12 +128,26 @@ def charge_error(blast, target, scale):
 
 
 @hypothesis(
-    "clock_error", form="blast", family="source", on="holes", target="blast", axis="receivers",
-    knobs=[
-        Knob("shift", 0.0, 10e-3, "s", starts=(0.0, 8e-3, -8e-3), low=-0.2, high=0.2, nothing=0.0)
+    "clock_error",
+    form="blast",
+    family="source",
+    on="holes",
+    target="blast",
+    axis="receivers",
+    parameters=[
+        Parameter(
+            "shift",
+            mean=0.0,
+            sigma=10e-3,
+            unit="s",
+            starts=(0.0, 8e-3, -8e-3),
+            low=-0.2,
+            high=0.2,
+            null=0.0,
+        )
     ],
     settled_by="a sensor beside the first hole, on the clock of the receivers",
-)  # fmt: skip
+)
 def trigger_error(blast, target, shift):
     """The zero of time of this blast was wrong: all receivers heard it late or early alike."""
     del target
@@ -93,14 +156,18 @@ def trigger_error(blast, target, shift):
 
 
 @hypothesis(
-    "wrong_coordinates", form="blast", family="source", on="site", target="blast",
+    "wrong_coordinates",
+    form="blast",
+    family="source",
+    on="site",
+    target="blast",
     axis="receivers",
-    knobs=[
-        Knob("east", 0.0, 8.0, "m", starts=(-6.0, 6.0), low=-30.0, high=30.0),
-        Knob("north", 0.0, 8.0, "m", starts=(-6.0, 6.0), low=-30.0, high=30.0),
+    parameters=[
+        Parameter("east", mean=0.0, sigma=8.0, unit="m", starts=(-6.0, 6.0), low=-30.0, high=30.0),
+        Parameter("north", mean=0.0, sigma=8.0, unit="m", starts=(-6.0, 6.0), low=-30.0, high=30.0),
     ],
     settled_by="a survey of the holes",
-)  # fmt: skip
+)
 def moved_blast(site, target, east, north):
     """This blast was elsewhere: all its holes by the same way."""
     blast, way = site.blasts[target], np.array([east, north, 0.0])
@@ -114,14 +181,20 @@ def _bench_and_blasts(case):
 
 
 @hypothesis(
-    "damaged_zone", family="source", on="site", target="blast", axis="receivers",
+    "damaged_zone",
+    family="source",
+    on="site",
+    target="blast",
+    axis="receivers",
     targets=_bench_and_blasts,
-    knobs=[
-        Knob("reduction", 0.3, 0.15, starts=(0.3,), low=0.0, high=0.7),
-        Knob("length", 6.0, 0.6, "m", log=True, starts=(8.0,), low=2.0, high=30.0),
+    parameters=[
+        Parameter("reduction", mean=0.3, sigma=0.15, starts=(0.3,), low=0.0, high=0.7),
+        Parameter(
+            "length", mean=6.0, sigma=0.6, unit="m", log=True, starts=(8.0,), low=2.0, high=30.0
+        ),
     ],
     settled_by="a seismic survey of the bench before and after a blast, receivers on all sides",
-)  # fmt: skip
+)
 def damaged_zone(site, target, reduction, length):
     """Blasting has left slower rock around the holes of this blast, or of all blasts."""
     chosen = [site.blasts[target]] if target else site.blasts.values()
