@@ -282,7 +282,7 @@ def stored(folder):
 
 def test_a_further_receiver_beside_a_known_one_is_foretold_the_same():
     case = recorded(small_site())
-    asked = case.site.blasts["B1"], case.site.receivers[1].position
+    asked = case.project.blasts["B1"], case.project.receivers[1].position
 
     told = foretold(case, asked, np.zeros(4), (), None)
 

@@ -7,8 +7,10 @@ from scipy import fft, linalg, ndimage
 
 from ..errors import InputError
 from ..inference.parameter import Parameter
+from ..model.anisotropy import Anisotropic
 from ..model.material import Material
-from ..project.site import Site
+from ..project.flat_box import ground_materials
+from ..project.project import Project
 from .case import Case
 from .forward import Forward
 from .likelihood import Likelihood, likelihood_of
@@ -58,85 +60,125 @@ SPEED_SIGMA = 0.03
 STIFFNESS_SIGMA = 0.3
 
 
-def unknowns_of(site: Site) -> tuple[Parameter, ...]:
-    """List what may be calibrated at a site, as factors: ``rock.cp``, ``J1.kn``."""
-    speeds = [_factor(n, c, SPEED_SIGMA) for n, _, _ in site.layers for c in ("cp", "cs")]
-    names = [j.joint.surface for j in site.joints]
-    return (*speeds, *(_factor(n, k, STIFFNESS_SIGMA) for n in names for k in ("kn", "ks")))
+def unknowns_of(project: Project) -> tuple[Parameter, ...]:
+    """List what may be calibrated in the ground of a project, as factors: ``rock.cp``, ``J1.kn``.
+
+    Speeds of each material, of an anisotropic one all alike; stiffnesses of each fault, and of the
+    joint sets that share an entry together.
+    """
+    speeds = [
+        _factor(name, speed, SPEED_SIGMA)
+        for name in ground_materials(project)
+        for speed in (("cs",) if _is_anisotropic(project.materials[name]) else ("cp", "cs"))
+    ]
+    known = {joint.surface: joint.properties for joint in project.joints}
+    stiffnesses = [
+        _factor(part, key, STIFFNESS_SIGMA)
+        for part, surfaces in _joint_parts(project).items()
+        for key in ("kn", "ks")
+        if key in known[surfaces[0]]
+    ]
+    return (*speeds, *stiffnesses)
+
+
+def _is_anisotropic(material):
+    """Tell whether a material has a stiffness of directions."""
+    return isinstance(material.law, Anisotropic)
+
+
+def _joint_parts(project):
+    """Return the joint surfaces that are calibrated together, by the name of the part."""
+    sets = {one.name: one.joint or one.name for one in project.config.mesh.joint_sets}
+    single = {joint.surface for joint in project.joints} - sets.keys()
+    parts = {}
+    for joint in project.joints:
+        part = sets.get(joint.surface, joint.surface)
+        own = joint.surface in sets and part in single
+        parts.setdefault(joint.surface if own else part, []).append(joint.surface)
+    return parts
 
 
 def _factor(part, name, sigma):
-    """Return the factor on a value of a layer or joint, log-normal around one."""
+    """Return the factor on a value of a material or joint, log-normal around one."""
     return Parameter(f"{part}.{name}", log=True, mean=1.0, sigma=sigma)
 
 
-def with_values(site: Site, unknowns, values) -> Site:
-    """Return a site with factors exp(values) on some of its values.
+def with_values(project: Project, unknowns, values) -> Project:
+    """Return a project with factors exp(values) on some values of its ground.
 
     Raises
     ------
     InputError
-        If a layer or joint is not there.
+        If a material or joint is not there.
     """
     factors = {
         tuple(one.name.rsplit(".", 1)): float(np.exp(value))
         for one, value in zip(unknowns, values, strict=True)
     }
-    parts = {name for name, _, _ in site.layers} | {j.joint.surface for j in site.joints}
+    joints = _joint_parts(project)
     for part, _ in factors:
-        if part not in parts:
-            raise InputError(f"unknowns: no layer or joint named {part!r}")
-    layers = tuple(
-        (name, thickness, _faster(material, factors, name))
-        for name, thickness, material in site.layers
+        if part not in project.materials and part not in joints:
+            raise InputError(f"unknowns: no material or joint named {part!r}")
+    part_of = {surface: part for part, surfaces in joints.items() for surface in surfaces}
+    return project.changed(
+        materials={name: _faster(one, factors, name) for name, one in project.materials.items()},
+        joints=[_stiffer(joint, factors, part_of[joint.surface]) for joint in project.joints],
     )
-    joints = tuple(replace(j, joint=_stiffer(j.joint, factors)) for j in site.joints)
-    return replace(site, layers=layers, joints=joints)
 
 
-def _faster(material, factors, layer):
+def _faster(material, factors, name):
     """Return a material with other speeds and its other values."""
-    cp, cs = (factors.get((layer, name), 1.0) for name in ("cp", "cs"))
+    cp, cs = (factors.get((name, speed), 1.0) for speed in ("cp", "cs"))
     if cp == cs == 1.0:
         return material
+    if _is_anisotropic(material):
+        return scaled(material, cs)
     moduli = Material.from_speeds(material.density, material.cp * cp, material.cs * cs)
     return replace(material, bulk=moduli.bulk, shear=moduli.shear)
 
 
-def _stiffer(joint, factors):
+def scaled(material: Material, factor: float) -> Material:
+    """Return a material all of whose wave speeds have a factor, of any law."""
+    law = material.law
+    if isinstance(law, Anisotropic):
+        law = Anisotropic(factor**2 * law.stiffness)
+    bulk, shear = factor**2 * material.bulk, factor**2 * material.shear
+    return replace(material, bulk=bulk, shear=shear, law=law)
+
+
+def _stiffer(joint, factors, part):
     """Return a joint with other stiffness."""
     changed = {
-        key: value * factors.get((joint.surface, key), 1.0)
-        for key, value in joint.properties.items()
+        key: value * factors.get((part, key), 1.0) for key, value in joint.properties.items()
     }
     return replace(joint, properties=changed)
 
 
 STEP = 0.5  # of each prior's standard deviation, for derivatives
 ROUNDS = 4
-APART = 100.0  # times larger or smaller than what is believed: no physics that is missing does that
+APART = 100.0  # times larger or smaller than the reference: no missing physics does that
 SETTLED = 0.2  # of the posterior standard deviations: smaller moves end the calibration
 
 
 @dataclass(frozen=True, eq=False)
 class Baseline:
-    """A site that fits the records as well as its uncertain values allow.
+    """A project that fits the records as well as its uncertain values allow.
 
     Parameters
     ----------
     case : Case
     unknowns : tuple of n Parameter
     values : (n,) float64
-        Logarithms of factors on what was believed.
+        Logarithms of factors on the values of the reference.
     covariance : (n, n) float64
-    site : Site
+    project : Project
         With these values.
     motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        What it sends, ``correction`` included.
+        What it simulates, ``correction`` included.
     slopes : (n, n_blasts, n_receivers, 3, n_samples) float64, m/s
         By each value.
     believed : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        What the site sends as it is believed to be, by a finer mesh if there was one.
+        Simulated in the reference project, by a finer mesh if there was one.
     correction : (n_blasts, n_receivers, 3, n_samples) float64, m/s
         Of the finer mesh over the one of the runs.
     likelihood : Likelihood
@@ -146,7 +188,7 @@ class Baseline:
     unknowns: tuple[Parameter, ...]
     values: np.ndarray
     covariance: np.ndarray
-    site: Site
+    project: Project
     motion: np.ndarray
     slopes: np.ndarray
     believed: np.ndarray
@@ -172,7 +214,7 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     forward : Forward
         Whose runs are many.
     fine : Forward, optional
-        With a better mesh; it runs the site as it is believed to be.
+        With a better mesh; it runs the reference project.
 
     Returns
     -------
@@ -181,20 +223,21 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     Raises
     ------
     InputError
-        If the records are a hundred times larger or smaller than what the believed site sends.
+        If the records are a hundred times larger or smaller than what is simulated in the
+        reference project.
 
     Notes
     -----
     Gauss-Newton steps on the misfit of the likelihood with the priors of the unknowns. Derivatives
     are differences at the start; each further run improves them by Broyden's rule. What the finer
-    mesh adds is taken at the believed site.
+    mesh adds is taken at the reference.
     """
-    unknowns = unknowns_of(forward.case.site)
+    unknowns = unknowns_of(forward.case.project)
     sigma = np.array([one.sigma for one in unknowns])
     places = [np.zeros(len(sigma)), *np.diag(STEP * sigma)]
-    found = forward.motions([with_values(forward.case.site, unknowns, one) for one in places])
+    found = forward.motions([with_values(forward.case.project, unknowns, one) for one in places])
     slopes = (found[1:] - found[0]) / (STEP * sigma)[:, None, None, None, None]
-    believed = found[0] if fine is None else fine.motion(forward.case.site)
+    believed = found[0] if fine is None else fine.motion(forward.case.project)
     correction = believed - found[0]
     likelihood = likelihood_of(forward.case, correction)
     _refuse_another_unit(likelihood, believed)
@@ -203,13 +246,13 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     _, covariance = search.step(values, motion)
     return Baseline(
         forward.case, unknowns, values, covariance,
-        with_values(forward.case.site, unknowns, values), motion, search.slopes, believed,
+        with_values(forward.case.project, unknowns, values), motion, search.slopes, believed,
         correction, search.likelihood,
     )  # fmt: skip
 
 
 def _refuse_another_unit(likelihood, believed):
-    """Refuse records of a case that can't be motion in m/s of the site as it is believed to be."""
+    """Refuse records of a case that can't be motion in m/s of the reference project."""
     case, loud = likelihood.case, likelihood.noisy < 0.5
     recorded, sent = (
         np.linalg.norm(case.band.project(one), axis=(2, 3)) for one in (case.motion, believed)
@@ -218,7 +261,7 @@ def _refuse_another_unit(likelihood, believed):
     times = np.median(recorded[told] / sent[told]) if np.any(told) else 1.0
     if not 1.0 / APART < times < APART:
         raise InputError(
-            f"records: are {times:.2g} times as large as what the site sends, in the median; give "
+            f"records: are {times:.2g} times as large as what is simulated, in the median; give "
             "them in m/s (mm/s are 1000 times as large), or mend the source and the charges"
         )
 
@@ -233,9 +276,9 @@ class _Search:
     slopes: np.ndarray
     likelihood: Likelihood
 
-    def site(self, values):
-        """Return the site with some values."""
-        return with_values(self.forward.case.site, self.unknowns, values)
+    def project(self, values):
+        """Return the project with some values."""
+        return with_values(self.forward.case.project, self.unknowns, values)
 
     def settled(self, values, motion, correction):
         """Move by steps of Gauss-Newton until they are small; return values and motion."""
@@ -243,7 +286,7 @@ class _Search:
             move, covariance = self.step(values, motion)
             if np.max(np.abs(move) / np.sqrt(np.diag(covariance))) < SETTLED:
                 break
-            after = self.forward.motion(self.site(values + move)) + correction
+            after = self.forward.motion(self.project(values + move)) + correction
             missed = after - motion - np.tensordot(move, self.slopes, 1)
             weight = move / self.sigma**2
             self.slopes = self.slopes + np.multiply.outer(weight / (weight @ move), missed)

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from ..blasts.hole_tables import read_blast
 from ..errors import InputError, ReadError
@@ -15,6 +15,7 @@ from ..model.source import TimeFunction
 from ..recordings.recording import read_stations
 from .config_file import check_config, sentence_of
 from .flat_box import OUTER, check_flat, constant_q, flat_box, moment_begins, place_in_box
+from .inputs import Inside
 from .project import Project, make_project
 from .section import Name, Section, Span, named_error
 
@@ -135,7 +136,7 @@ class _Case(Section):
     receivers: list[_Receiver]
     box: _Box
     attenuation: _Attenuation
-    joints: list[_Joint] = []
+    joints: list[_Joint] = Field([])
     source: _Source
     blasts: list[_Blast]
     recording: _Recording
@@ -300,7 +301,7 @@ def _project(folder, case, blast):
               insitu_pressure=one.insitu_normal_stress)
         for one in case.joints
     )  # fmt: skip
-    inside = replace(project.inside, moment_rate=_moment_rate(folder / case.source.file))
+    inside = Inside(project.firing, _moment_rate(folder / case.source.file), (), (), (), None)
     given |= {"inside": inside, "receivers": place_in_box(config.receivers, flat_box(project))}
     return replace(project, name=blast.id, materials=materials, joints=joints, given=given)
 

@@ -281,7 +281,9 @@ def flat_mesh(ground: FlatBox, cut: Cut) -> Mesh:
                 "leave it out"
             )
         surfaces[one.name] = faces[inside]
-    points = mesh.points + [0.0, 0.0, ground.top] if ground.top else mesh.points
+    points = mesh.points
+    if ground.top:
+        points = points + np.array([0.0, 0.0, ground.top])
     return replace(mesh, points=points, surfaces=surfaces).split([one.name for one in jointed])
 
 
@@ -463,3 +465,23 @@ def refuse_outside_box(box, name, place):
     low, high = np.array(box).T
     if not (np.all(np.array(place) >= low - NEAR) and np.all(np.array(place) <= high + NEAR)):
         raise InputError(f"{name}: lies outside of the box of the ground; move it into it")
+
+
+def extent_of(project: Project) -> np.ndarray:
+    """Return the box (3, 2) in m that holds the ground of a project inside its padding or rim."""
+    if not not_flat(project):
+        return flat_box(project).box
+    mesh, rim = project.config.mesh, make_rim(project.config)
+    if rim is not None:
+        return np.array(rim.box, dtype=float)
+    if mesh.size_m is not None:
+        low = np.array(mesh.origin_m)
+        return np.column_stack([low, low + mesh.size_m])
+    points = project.mesh.points
+    return np.column_stack([points.min(axis=0), points.max(axis=0)])
+
+
+def ground_materials(project: Project) -> list[str]:
+    """Return the names of the materials in the ground, of layers from the top down."""
+    layers = [layer.material for layer in project.config.mesh.layers]
+    return list(dict.fromkeys(layers or project.mesh.groups))

@@ -50,7 +50,7 @@ from .places import check_rim, hole_places, make_rim, place_receivers, place_sou
 from .section import named_error
 
 
-class _part(cached_property):  # noqa: N801  a decorator
+class _part(cached_property):
     """A part of a project that is made when it is first wanted, unless it was given."""
 
     def __get__(self, instance, owner=None) -> Any:
@@ -125,7 +125,7 @@ class Project:
 
     @_part
     def firing(self) -> Firing:
-        """Firing times and scales of the holes; scales of holes inside refer to 1 kg."""
+        """Return firing times and scales of the holes; scales of holes inside refer to 1 kg."""
         reference = None if self.config.holes_inside is None else 1.0
         return make_firing(self.config.blast, self.blast, reference)
 
@@ -152,13 +152,13 @@ class Project:
 
     @_part
     def inside(self) -> Inside:
-        """What shakes the model beside a motion on a face: histories of all sources."""
+        """Return the histories of all sources beside a motion on a face."""
         with named_error(self.path.name):
             return read_inside(self.config, self.firing, self.materials, self.folder)
 
     @_part
     def motions(self) -> tuple[Seismogram, ...]:
-        """What enters, for its frequencies: through a face, from each kind of source."""
+        """Return what enters, for its frequencies: through a face, from each kind of source."""
         face = () if self.input is None else (self.input.motion,)
         return (*face, *self.inside.motions)
 
@@ -210,7 +210,7 @@ class Project:
 
     @_part
     def records(self) -> dict[str, Recording]:
-        """Records by receiver, in the components of the simulated seismograms."""
+        """Return the records by receiver, in the components of the simulated seismograms."""
         found = {}
         for part in self.config.receivers:
             if part.recorded is not None:
