@@ -97,7 +97,7 @@ def test_stored_holes_send_together_what_a_run_of_the_blast_sends():
     blasts = small_site().blasts
     at = replace(blasts["B1"], times=blasts["B1"].times + 0.01)
     forward, baseline = scene().forward, scene().baseline
-    run = forward.motion(replace(baseline.project, blasts={**blasts, "B1": at}))
+    run = forward.motion(baseline.project.changed(blasts={**blasts, "B1": at}))
 
     effect = Effect("delay_scatter", "B1", ((0.01,) * 3,))
     moved = scene().received(forward.motion(baseline.project), (effect,))

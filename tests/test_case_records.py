@@ -53,8 +53,9 @@ def test_records_between_the_instants_of_the_blast_are_read_at_them(share):
 @pytest.mark.parametrize("offset", [0.0, 1e-3])
 def test_a_channel_that_is_still_before_the_blast_is_dead_only_if_it_stays_so(offset):
     site = site_with(0.0)
-    live, up = (record_without(records_of(site)["S1"]["R0"], some, offset) for some in (BEFORE, None))
-    records = {name: {**records_of(site)[name], "R1": live, "R2": up} for name in site.blasts}
+    some = records_of(site)
+    live, up = (record_without(some["S1"]["R0"], count, offset) for count in (BEFORE, None))
+    records = {name: {**some[name], "R1": live, "R2": up} for name in site.blasts}
     plain, case = case_of(site), case_of(site.changed(records=records))
 
     assert case.dead == ("R2 up",)

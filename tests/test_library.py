@@ -13,6 +13,7 @@ from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.ground import Fabric
 from pyblast.model.anisotropy import christoffel, stiffness_of
+from pyblast.project.config_ground import LayerConfig
 from pyblast.project.flat_box import flat_box, flat_mesh
 
 
@@ -110,7 +111,8 @@ def layers_of_rock(**thicknesses):
     project = small_site()
     layers = [LayerConfig(material=name, thickness_m=one) for name, one in thicknesses.items()]
     mesh = project.config.mesh.model_copy(update={"layers": layers})
-    return project.changed(mesh=mesh, materials=dict.fromkeys(thicknesses, project.materials["rock"]))
+    rock = project.materials["rock"]
+    return project.changed(mesh=mesh, materials=dict.fromkeys(thicknesses, rock))
 
 
 @pytest.mark.parametrize(("target", "offset"), [("x=105.0", 15.0), ("y=15.0", -15.0)])
@@ -128,9 +130,7 @@ def test_bare_sites_are_cut_into_the_zones_of_the_effect(name):
     one = LIBRARY[name]
     target = one.targets(scene().case)[-1]
     knobs = {knob.name: knob.starts[0] for knob in one.parameters}
-    there, bare = (
-        mesh_of(make(small_site(), target, **knobs)) for make in (one.apply, one.bare)
-    )
+    there, bare = (mesh_of(make(small_site(), target, **knobs)) for make in (one.apply, one.bare))
 
     near = 1.5 if name == "soft_surface_layer" else 0.0  # m: cut as a layer nearly as thick
     cut, wanted = (np.unique(mesh.points, axis=0) for mesh in (bare, there))

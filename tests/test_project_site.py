@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from obspy import UTCDateTime
+from pyblast.project.site import SiteJoint
+from pyblast.project.site_file import write_site
+from pyblast.project.site_from_project import diagnosed_blasts, site_of_project
 from small_site import BAND, BEFORE, CUT, DT, SAMPLES, recorded, small_site
 
 from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import Forward
 from pyblast.errors import InputError
 from pyblast.project.project import load_project
-from pyblast.project.site import SiteJoint
-from pyblast.project.site_file import write_site
-from pyblast.project.site_from_project import diagnosed_blasts, site_of_project
 from pyblast.recordings.recording import read_stations
 from pyblast.workflows.diagnose import check_further, diagnose_folder, predict_file, read_case
 

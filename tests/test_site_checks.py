@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pyblast.project.site import check_site, read_site
+from pyblast.project.site_file import write_site
+from pyblast.project.site_model import site_mesh
 from small_site import CUT, recorded, small_site
 
 from pyblast.diagnosis.case import case_of
 from pyblast.errors import InputError, PyblastError
-from pyblast.project.site import check_site, read_site
-from pyblast.project.site_file import write_site
-from pyblast.project.site_model import site_mesh
 from pyblast.recordings.seismic import mseed_bytes
 from pyblast.workflows.diagnose import check_further, diagnose_folder
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pyblast.project.site import read_site
+from pyblast.project.site_file import write_site
 from small_site import recorded, small_site
 
 from pyblast import InputError
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.prediction import site_of
-from pyblast.project.site import read_site
-from pyblast.project.site_file import write_site
 
 
 def test_a_site_comes_back_as_it_was(tmp_path):
