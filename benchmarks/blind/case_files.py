@@ -16,7 +16,7 @@ CODES = ("HHE", "HHN", "HHZ")
 NETWORK = "PB"
 
 
-def write_case(folder: Path, name, site, records):
+def write_case(folder: Path, name, site, records, zeros=None, before=BEFORE * DT):
     """Write the known site with the records of its logged blasts at its known receivers.
 
     Parameters
@@ -26,13 +26,16 @@ def write_case(folder: Path, name, site, records):
     name : str
     site : Site
     records : dict of str to (n_receivers, 3, n_samples) float64, m/s
-        From ``BEFORE`` samples before the first hole on.
+        From ``before`` s before the first hole on.
+    zeros : dict of str to str, optional
+        Instants at which the tables of holes have time 0; an hour apart if not given.
+    before : float, s
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     known = [n for n, r in enumerate(site.receivers) if r.name != HIDDEN]
     receivers = [site.receivers[n] for n in known]
-    zeros = {
+    zeros = zeros or {
         blast: START.format(10 + k)
         for k, blast in enumerate(blast for blast in site.blasts if blast != FURTHER)
     }
@@ -49,7 +52,7 @@ def write_case(folder: Path, name, site, records):
             lines.append(f"{n},{_numbers(place)},{charge:.9g},{time:.9g}")
         write_text(folder / f"{blast}_holes.csv", "\n".join(lines) + "\n")
         channels = [[f"{NETWORK}.{r.name}..{code}" for code in CODES] for r in receivers]
-        start = UTCDateTime(zero) - BEFORE * DT
+        start = UTCDateTime(zero) - before
         motion = mseed_bytes(records[blast][known], channels, DT, str(start))
         write_bytes(folder / f"{blast}.mseed", motion)
     write_text(folder / "site.toml", _table(name, site, receivers, zeros))

@@ -349,7 +349,7 @@ def _tables(case, blast, records):
             {"name": one.id, "position_m": [one.x, one.y, one.z]}
             | ({} if one.id not in records else {"recorded": {
                 "file": blast.records, "record": 1 + names.index(one.id),
-                "start_s": float(records[one.id].seismogram.start),
+                "unit": "m_per_s", "start_s": float(records[one.id].seismogram.start),
             }})
             for one in case.receivers
         ],
