@@ -30,7 +30,7 @@ MISFIT = "misfit of the further blast, calibrated → diagnosed"
 
 
 def judged(cases, name, keep, executor):
-    """Diagnose one case, foretell its further blast, and open its truth."""
+    """Diagnose one case, predict its further blast, and open its truth."""
     folder, out = cases / name, keep / name
     answer = diagnose_folder(folder, out, executor=executor, progress=_told)
     truth_folder = cases / "truth" / name

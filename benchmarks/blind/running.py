@@ -1,4 +1,4 @@
-"""One answer: the diagnosis of a case as anybody gets it, and what it foretells."""
+"""One answer: the diagnosis of a case as anybody gets it, and what it predicts."""
 
 import time
 import traceback
@@ -55,7 +55,7 @@ def _answered(store, name):
 
 
 def foretold(case, asked, values, effects, folder) -> dict:
-    """Foretell the further blast at the known receivers, all blasts at the further receiver.
+    """Predict the further blast at the known receivers, all blasts at the further receiver.
 
     Returns
     -------
