@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from pyblast.blasts.blast import Blast, Firing
-from pyblast.diagnosis.calibration import Baseline, unknowns_of
+from pyblast.diagnosis.calibration import Baseline, likelihood_of, unknowns_of
 from pyblast.diagnosis.case import Case, case_of
 from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import Forward
-from pyblast.diagnosis.likelihood import likelihood_of
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
 from pyblast.project.config_file import check_config

@@ -44,7 +44,7 @@ def looked(monkeypatch, effect, refit):
     found = Search(scene, 100, lambda *_: None, none, [fitted(effect, 20.0)])
     found.guesses = [SimpleNamespace(effect=effect, blasts=(0, 2))]
     monkeypatch.setattr(Search, "worth", lambda _, one: one.log_evidence)
-    monkeypatch.setattr(module, "settle", lambda _, effects, *__: (far(effects[0]), None))
+    monkeypatch.setattr(module, "fit_partly", lambda _, effects, *__: (far(effects[0]), None))
 
     def fit(_, effects, home, blasts, held):
         asked.append((effects[0], blasts))
@@ -100,7 +100,7 @@ def test_an_interval_reaches_over_fits_of_one_form_that_records_can_not_tell_apa
     monkeypatch.setitem(globals(), "TRUE", (form, *TRUE[1:]))
     found, _ = looked(monkeypatch, SLIP, refit)
     (best,) = found.leaders()
-    (own,) = intervals(replace(best, twins=()))
+    (own,) = intervals(replace(best, alternatives=()))
     (first,) = intervals(fitted(SLIP, 20.0))
 
     (said,) = intervals(best)

@@ -14,7 +14,7 @@ OPEN = np.full((2, 3), 9.0)  # sizes of residuals with much left
 
 def made(worth, *labels):
     """Return a fit of effects, of some evidence, that leaves much."""
-    return SimpleNamespace(labels=labels, effects=(), log_evidence=worth, size=OPEN)
+    return SimpleNamespace(labels=labels, effects=(), log_evidence=worth, chi_square=OPEN)
 
 
 def searched(monkeypatch, first, further):

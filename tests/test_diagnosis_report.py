@@ -166,7 +166,9 @@ def test_a_joint_that_was_moved_is_told_where_it_is():
 
 def test_what_is_left_beside_an_effect_is_said_with_its_place():
     found, summary = made("NAMED")
-    left = replace(found.verdict.fit, size=np.full_like(found.verdict.fit.size, REMAINS))
+    left = replace(
+        found.verdict.fit, chi_square=np.full_like(found.verdict.fit.chi_square, REMAINS)
+    )
     found = replace(found, verdict=replace(found.verdict, fit=left, share=0.5))
     point = {"x": 71.2, "y": 40.0, "coherence": 0.9, "resolution_m": 24.0}
     partial = summary | {
@@ -221,7 +223,7 @@ def test_values_are_told_in_the_units_that_people_use(value, low, high, unit, sh
 
 def test_what_is_foretold_without_leaving_out_is_the_fit_itself():
     here, found = scene(), made("NAMED")[0].verdict.fit
-    nothing = np.zeros(found.size.shape, dtype=bool)
+    nothing = np.zeros(found.chi_square.shape, dtype=bool)
     band = here.case.band
 
     motion = foretold(here, found, nothing)
@@ -234,10 +236,10 @@ def test_what_is_left_out_is_foretold_as_well_as_its_fold_says():
     here, verdict = scene(), made("NAMED")[0].verdict
     likelihood, case = here.baseline.likelihood, here.case
     fold = next(one for one in verdict.held_out.folds if one.name == "B1")
-    out = np.zeros(verdict.fit.size.shape, dtype=bool)
+    out = np.zeros(verdict.fit.chi_square.shape, dtype=bool)
     out[case.blasts.index("B1")] = True
 
-    left = likelihood.left(foretold(here, verdict.fit, out))[out]
-    heard = likelihood.white(np.where(case.valid, case.motion, 0.0))[out]
+    left = likelihood.residual(foretold(here, verdict.fit, out))[out]
+    heard = likelihood.whiten(np.where(case.valid, case.motion, 0.0))[out]
 
     assert 1.0 - np.sum(left**2) / np.sum(heard**2) == pytest.approx(fold.after, abs=1e-6)

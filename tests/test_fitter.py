@@ -22,7 +22,7 @@ def fitter(thickest, thinnest=0.0):
             for thick in rooms
         ]
 
-    likelihood = SimpleNamespace(left=lambda motion: -motion.reshape(1, 1, -1))
+    likelihood = SimpleNamespace(residual=lambda motion: -motion.reshape(1, 1, -1))
     baseline = SimpleNamespace(likelihood=likelihood, sigma=np.zeros(0), slopes=np.zeros((0,)))
     scene = SimpleNamespace(
         case=SimpleNamespace(blasts=("S1",)), baseline=baseline, sent=sent,
@@ -35,7 +35,7 @@ def column(one):
     """Return the derivative by the thickness at 7 m."""
     place = one.start()
     motion = one.motions([place])[0]
-    return one.columns(place, motion, np.array([True, False]))[0]
+    return one.jacobian(place, motion, np.array([True, False]))[0]
 
 
 @pytest.mark.parametrize(("thinnest", "thickest"), [(0.0, 20.0), (0.0, 7.2), (6.9, 20.0)])

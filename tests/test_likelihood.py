@@ -1,16 +1,18 @@
 """What misfits are worth, and what chance finds."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from small_site import recorded, small_site
 
 from pyblast.diagnosis import library  # noqa: F401  fills the library
+from pyblast.diagnosis.calibration import likelihood_of
 from pyblast.diagnosis.cross_validation import Fold, HeldOut
 from pyblast.diagnosis.effects import Effect
-from pyblast.diagnosis.likelihood import DOUBT, THEORY, likelihood_of
 from pyblast.diagnosis.null_distribution import Chance, _elsewhere, _Fits
+from pyblast.inference.likelihood import DOUBT, ENERGY_SHARE
 
 
 def made():
@@ -21,9 +23,9 @@ def made():
 def test_the_slope_of_the_misfit_is_the_weight_of_squares():
     likelihood = made()
     rng = np.random.default_rng(3)
-    white = rng.normal(size=likelihood.roots.shape[:-1])
+    white = rng.normal(size=likelihood.covariance.roots.shape[:-1])
     move = 1e-6 * rng.normal(size=white.shape)
-    weights = likelihood.weights(likelihood.size(white))[..., None]
+    weights = likelihood.weights(likelihood.chi_square(white))[..., None]
     slope = likelihood.misfit(white + move) - likelihood.misfit(white - move)
     foreseen = 4.0 * np.sum(weights * white * move)
     np.testing.assert_allclose(slope, foreseen, rtol=1e-5)
@@ -31,46 +33,46 @@ def test_the_slope_of_the_misfit_is_the_weight_of_squares():
 
 def test_errors_of_the_theory_alone_have_size_one():
     likelihood = made()
-    case, rng = likelihood.case, np.random.default_rng(1)
+    case, rng = likelihood.records, np.random.default_rng(1)
     held = case.band.project(case.motion)
     energy = np.sum(held**2, axis=(2, 3), keepdims=True)
-    scale = np.sqrt(THEORY * energy / np.prod(held.shape[2:]))
+    scale = np.sqrt(ENERGY_SHARE * energy / np.prod(held.shape[2:]))
     draws = [case.band.restore(rng.normal(size=held.shape) * scale) for _ in range(40)]
-    size = np.mean([likelihood.size(likelihood.white(one)) for one in draws], axis=0)
+    size = np.mean([likelihood.chi_square(likelihood.whiten(one)) for one in draws], axis=0)
     assert np.all((size > 0.5) & (size < 1.1))  # the noise of the records has its part beside
 
 
 def test_errors_of_the_theory_twice_as_large_have_size_one_once_they_are_doubled():
     likelihood = made()
-    case, size = likelihood.case, np.zeros(likelihood.kept.shape)
+    case, size = likelihood.records, np.zeros(likelihood.n_data.shape)
     for b, r in np.ndindex(size.shape):
-        noise, root = case.noise.covariance(case.band, b, r), likelihood.roots[b, r]
+        noise, root = case.noise.covariance(case.band, b, r), likelihood.covariance.roots[b, r]
         errors = np.linalg.pinv(root @ root) - noise
-        size[b, r] = np.trace(root @ (noise + 4.0 * errors) @ root) / likelihood.kept[b, r]
+        size[b, r] = np.trace(root @ (noise + 4.0 * errors) @ root) / likelihood.n_data[b, r]
     assert np.all(size > 1.5)
-    np.testing.assert_allclose(likelihood.doubled(size), 1.0, rtol=1e-6)
+    np.testing.assert_allclose(likelihood.at_double_error(size), 1.0, rtol=1e-6)
 
 
 def test_a_broken_record_counts_by_its_logarithm():
     likelihood = made()
-    size = np.ones(likelihood.kept.shape)
+    size = np.ones(likelihood.n_data.shape)
     size[0, 0] = 1e4
     worse = size.copy()
     worse[0, 0] *= 10.0
     grows = likelihood.misfit_of(worse) - likelihood.misfit_of(size)
-    expected = (likelihood.freedom[0, 0] + DOUBT) * np.log(10.0)
+    expected = (likelihood.n_effective[0, 0] + DOUBT) * np.log(10.0)
     np.testing.assert_allclose(grows, expected, rtol=0.01)
 
 
 def test_a_record_holds_no_more_numbers_than_its_samples_and_no_less_than_one():
     likelihood = made()
-    assert np.all(likelihood.freedom > 1.0)
-    assert np.all(likelihood.freedom < likelihood.kept)
+    assert np.all(likelihood.n_effective > 1.0)
+    assert np.all(likelihood.n_effective < likelihood.n_data)
 
 
 def test_what_is_shuffled_does_not_hold_an_effect_at_one_receiver():
     likelihood, rng = made(), np.random.default_rng(5)
-    left = rng.normal(size=likelihood.roots.shape[:-1])
+    left = rng.normal(size=likelihood.covariance.roots.shape[:-1])
     own = rng.normal(size=(1, *left.shape))
     effect = np.zeros((1, *left.shape))
     effect[0, :, 1] = 8.0 * rng.normal(size=left[:, 1].shape)
@@ -90,7 +92,7 @@ def test_what_is_shuffled_does_not_hold_an_effect_at_one_receiver():
 
 def test_chance_finds_an_effect_at_all_places_together_as_the_search_does():
     likelihood, rng = made(), np.random.default_rng(6)
-    left = rng.normal(size=likelihood.roots.shape[:-1])
+    left = rng.normal(size=likelihood.covariance.roots.shape[:-1])
     order = _elsewhere(rng, left.shape[1])
     places = []
     for r, s in enumerate(order):  # what is shuffled to each receiver is what its effect can do
@@ -111,11 +113,11 @@ def test_chance_finds_an_effect_at_all_places_together_as_the_search_does():
 
 def test_what_is_shuffled_to_a_receiver_with_a_dead_channel_has_no_part_there():
     whole, rng = made(), np.random.default_rng(7)
-    roots, kept = whole.roots.copy(), whole.kept.copy()
+    roots, kept = whole.covariance.roots.copy(), whole.n_data.copy()
     m = roots.shape[-1]
     roots[:, 0, : m // 3] = roots[:, 0, :, : m // 3] = 0.0
     kept[:, 0] -= m // 3
-    likelihood = replace(whole, roots=roots, kept=kept)
+    likelihood = replace(whole, covariance=SimpleNamespace(roots=roots, n_data_each=kept))
     left = rng.normal(size=roots.shape[:-1])
     left[:, 1, : m // 3] = 1e3  # where receiver 0 has nothing
     none = np.zeros((0, *left.shape))
@@ -160,10 +162,10 @@ def test_a_label_needs_what_harmless_errors_give_it_and_no_other_does():
 
 def test_errors_of_all_records_that_are_larger_than_supposed_are_told_from_none():
     likelihood = made()
-    as_supposed, larger = (np.full(likelihood.kept.shape, size) for size in (1.0, 20.0))
-    assert likelihood.doubted(as_supposed) < 0.0
-    assert likelihood.doubted(larger) > 20.0
+    as_supposed, larger = (np.full(likelihood.n_data.shape, size) for size in (1.0, 20.0))
+    assert likelihood.log_gain_of_larger_errors(as_supposed) < 0.0
+    assert likelihood.log_gain_of_larger_errors(larger) > 20.0
     for some in np.s_[0], np.s_[:, 1]:  # one blast, one receiver
         alone = as_supposed.copy()
         alone[some] = 40.0
-        assert likelihood.doubted(alone) > 5.0
+        assert likelihood.log_gain_of_larger_errors(alone) > 5.0

@@ -55,13 +55,13 @@ def test_an_effect_beside_another_is_tested_on_its_own_folds():
 
 def test_records_without_which_nothing_is_told_of_an_effect_are_no_fold():
     here, _, _, loud, both = fits()
-    columns = both.columns.copy()
+    columns = both.jacobian.copy()
     columns[len(both.values), 0] = 0.0  # as if the clock could not be heard in S1
 
     motion = both.motion.copy()
     motion[0] = loud.motion[0]
 
-    found = held_out(here, loud, replace(both, columns=columns, motion=motion))
+    found = held_out(here, loud, replace(both, jacobian=columns, motion=motion))
 
     assert not found.folds
 
@@ -145,7 +145,7 @@ def test_an_effect_on_top_of_another_is_fitted_by_fewer_runs_as_well():
         damped = fit(here, (Effect("attenuation_Q", "", ((12.0,),)),))
         before = here.forward.runs
         held = damped if known else None
-        found.append(fit(here, (*damped.effects, clock), damped.values, held=held))
+        found.append(fit(here, (*damped.effects, clock), damped.values, base=held))
         runs.append(here.forward.runs - before)
     anew, held = found
 
@@ -217,9 +217,10 @@ def test_nothing_is_named_where_the_budget_ended_before_the_others_were_tried():
 def test_a_receiver_without_records_is_no_fold_that_must_gain():
     here, _, slow, _, both = fits()
     likelihood = here.baseline.likelihood
-    kept = likelihood.kept.copy()
+    kept = likelihood.n_data.copy()
     kept[:, 3] = 0
-    baseline = replace(here.baseline, likelihood=replace(likelihood, kept=kept))
+    covariance = replace(likelihood.covariance, n_data_each=kept)
+    baseline = replace(here.baseline, likelihood=replace(likelihood, covariance=covariance))
 
     proof = held_out(replace(here, baseline=baseline), slow, both)
 
@@ -279,7 +280,9 @@ def test_what_an_effect_on_the_ground_finds_by_chance_is_of_all_blasts_that_its_
 
 def test_a_blast_that_is_fired_again_makes_no_interval_narrower():
     _, _, slow, *_ = fits()
-    again = replace(slow, size=np.repeat(slow.size, 3, axis=0), covariance=slow.covariance / 3.0)
+    again = replace(
+        slow, chi_square=np.repeat(slow.chi_square, 3, axis=0), covariance=slow.covariance / 3.0
+    )
 
     (once,), (thrice,) = intervals(slow), intervals(again)
 
@@ -302,7 +305,9 @@ def test_a_blast_that_a_receiver_missed_has_what_it_left_in_another():
 def test_noise_is_no_error_that_comes_back_in_each_blast():
     here = with_holes(scene_of(recorded(small_site(), change=late_everywhere)))
     none = fit(here, ())
-    likelihood = replace(here.baseline.likelihood, noisy=none.size)
+    covariance = replace(here.baseline.likelihood.covariance)
+    vars(covariance)["noise_share"] = none.chi_square
+    likelihood = replace(here.baseline.likelihood, covariance=covariance)
     noise = replace(here, baseline=replace(here.baseline, likelihood=likelihood))
 
     beyond = [chance(one, none, [], [], seed=1) for one in (here, noise)]
@@ -321,4 +326,4 @@ def test_a_set_of_effects_counts_once_whichever_was_found_first(turn):
         found.keep(one)
 
     assert [one.effects for one in found.fits] == [both.effects]
-    assert found.fits[0].twins == ()
+    assert found.fits[0].alternatives == ()

@@ -43,7 +43,7 @@ def test_a_clock_error_is_seen_above_the_amount_and_not_below(share, seen):
     none, slow = fit(here, ()), fit(here, (Effect("clock_error", "R2", ((0.0,),)),))
     found = Search(here, 400, none=none, tell=None)
 
-    assert (material(none.size) and found.worth(slow) >= GROWS) == seen
+    assert (material(none.chi_square) and found.worth(slow) >= GROWS) == seen
 
 
 def test_amounts_are_small_and_of_knobs_that_need_no_runs():

@@ -8,7 +8,7 @@ from scipy import signal
 
 from pyblast.diagnosis.calibration import calibrate
 from pyblast.diagnosis.effects import Scene
-from pyblast.diagnosis.fitting import fit, settle
+from pyblast.diagnosis.fitting import fit, fit_partly
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY, blast_and_hole
 from pyblast.diagnosis.search import started
@@ -63,9 +63,9 @@ def length(case, baseline, motion) -> float:
         [(motion[f"clean {b}"] - motion[f"without {b}"])[at] for b in case.blasts]
     )  # fmt: skip
     likelihood = baseline.likelihood
-    white = likelihood.white(change[..., : case.n_samples])
-    columns = likelihood.white(baseline.slopes * baseline.sigma[:, None, None, None, None])
-    weights = likelihood.freedom / np.maximum(likelihood.kept, 1)
+    white = likelihood.whiten(change[..., : case.n_samples])
+    columns = likelihood.whiten(baseline.slopes * baseline.sigma[:, None, None, None, None])
+    weights = likelihood.n_effective / np.maximum(likelihood.n_data, 1)
     pull = np.einsum("ibrm,brm,br->i", columns, white, weights, optimize=True)
     bend = np.einsum("ibrm,jbrm,br->ij", columns, columns, weights, optimize=True)
     square = np.einsum("brm,brm,br->", white, white, weights)
@@ -83,7 +83,7 @@ def _best_start(scene, hidden):
             for one in started(hypothesis, target, scene):
                 on_site = hypothesis.on == "site"
                 home = np.zeros(len(scene.baseline.values)) if on_site else scene.baseline.values
-                squares, _, effects = settle(scene, (one,), home, knobs=0 if on_site else 1)
+                squares, _, effects = fit_partly(scene, (one,), home, n_last=0 if on_site else 1)
                 trials.append((squares, effects[-1]))
     return min(trials, key=lambda one: one[0], default=(None, None))[1]
 

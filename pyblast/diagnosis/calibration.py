@@ -6,6 +6,8 @@ import numpy as np
 from scipy import fft, linalg, ndimage
 
 from ..errors import InputError
+from ..inference.gauss_newton import LeastSquares, gauss_newton
+from ..inference.likelihood import EnergyShares, Likelihood, StudentT
 from ..inference.parameter import Parameter
 from ..model.anisotropy import Anisotropic
 from ..model.material import Material
@@ -13,7 +15,6 @@ from ..project.flat_box import ground_materials
 from ..project.project import Project
 from .case import Case
 from .forward import Forward
-from .likelihood import Likelihood, likelihood_of
 
 SMOOTH = 0.1  # of the width of the band, over which the transfer of energy is averaged
 
@@ -156,7 +157,7 @@ def _stiffer(joint, factors, part):
 
 STEP = 0.5  # of each prior's standard deviation, for derivatives
 ROUNDS = 4
-APART = 100.0  # times larger or smaller than the reference: no missing physics does that
+APART = 100.0  # times larger or smaller than predicted: no missing physics does that
 SETTLED = 0.2  # of the posterior standard deviations: smaller moves end the calibration
 
 
@@ -177,8 +178,8 @@ class Baseline:
         What it simulates, ``correction`` included.
     slopes : (n, n_blasts, n_receivers, 3, n_samples) float64, m/s
         By each value.
-    believed : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        Simulated in the reference project, by a finer mesh if there was one.
+    reference : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        Simulated with the values of the reference, on the finer mesh if there was one.
     correction : (n_blasts, n_receivers, 3, n_samples) float64, m/s
         Of the finer mesh over the one of the runs.
     likelihood : Likelihood
@@ -191,7 +192,7 @@ class Baseline:
     project: Project
     motion: np.ndarray
     slopes: np.ndarray
-    believed: np.ndarray
+    reference: np.ndarray
     correction: np.ndarray
     likelihood: Likelihood
 
@@ -214,7 +215,7 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     forward : Forward
         Whose runs are many.
     fine : Forward, optional
-        With a better mesh; it runs the reference project.
+        With a better mesh; it runs the values of the reference.
 
     Returns
     -------
@@ -223,39 +224,75 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     Raises
     ------
     InputError
-        If the records are a hundred times larger or smaller than what is simulated in the
-        reference project.
+        If the records are a hundred times larger or smaller than the simulated reference.
 
     Notes
     -----
     Gauss-Newton steps on the misfit of the likelihood with the priors of the unknowns. Derivatives
     are differences at the start; each further run improves them by Broyden's rule. What the finer
-    mesh adds is taken at the reference.
+    mesh adds is taken at the values of the reference.
     """
-    unknowns = unknowns_of(forward.case.project)
+    case, unknowns = forward.case, unknowns_of(forward.case.project)
     sigma = np.array([one.sigma for one in unknowns])
-    places = [np.zeros(len(sigma)), *np.diag(STEP * sigma)]
-    found = forward.motions([with_values(forward.case.project, unknowns, one) for one in places])
-    slopes = (found[1:] - found[0]) / (STEP * sigma)[:, None, None, None, None]
-    believed = found[0] if fine is None else fine.motion(forward.case.project)
-    correction = believed - found[0]
-    likelihood = likelihood_of(forward.case, correction)
-    _refuse_another_unit(likelihood, believed)
-    search = _Search(forward, unknowns, sigma, slopes, likelihood)
-    values, motion = search.settled(np.zeros(len(sigma)), believed, correction)
-    _, covariance = search.step(values, motion)
+
+    def project(x):
+        return with_values(case.project, unknowns, sigma * x)
+
+    start, *moved = forward.motions([project(x) for x in [0.0 * sigma, *STEP * np.eye(len(sigma))]])
+    slopes = (np.array(moved).reshape(-1, *start.shape) - start) / STEP
+    reference = start if fine is None else fine.motion(case.project)
+    correction = reference - start
+    likelihood = likelihood_of(case, correction)
+    _refuse_another_unit(likelihood, reference)
+    problem = LeastSquares(
+        lambda x: forward.motion(project(x)) + correction,
+        residual=likelihood.residual,
+        whiten=lambda change: -likelihood.whiten(change),
+        misfit=likelihood.misfit,
+        weights=lambda residual: likelihood.weights(likelihood.chi_square(residual)),
+        precision=1.0,
+    )
+    end = gauss_newton(
+        problem, 0.0 * sigma, reference, converged=_is_small, rounds=ROUNDS, jacobian=slopes,
+        broyden=True,
+    )  # fmt: skip
+    _, hessian = problem.normal_equations(end.x, end.simulated, end.jacobian)
+    each = sigma[:, None, None, None, None]
     return Baseline(
-        forward.case, unknowns, values, covariance,
-        with_values(forward.case.project, unknowns, values), motion, search.slopes, believed,
-        correction, search.likelihood,
+        case, unknowns, sigma * end.x, sigma[:, None] * linalg.inv(hessian) * sigma, project(end.x),
+        end.simulated, end.jacobian / each, reference, correction, likelihood,
     )  # fmt: skip
 
 
-def _refuse_another_unit(likelihood, believed):
+def likelihood_of(case: Case, correction=None) -> Likelihood:
+    """Return the likelihood of the records of a case.
+
+    Parameters
+    ----------
+    case : Case
+    correction : (n_blasts, n_receivers, 3, n_samples) float64, m/s, optional
+        What a finer mesh changes.
+
+    Notes
+    -----
+    Student's, with model error as shares of energy: it must not follow the shape of a simulation
+    that may lack physics, nor tie receivers together, so that residuals can be permuted between
+    them; theory.md (14.1).
+    """
+    changes = () if correction is None else (correction,)
+    return Likelihood(case, EnergyShares().covariance(case, mesh_changes=changes), StudentT())
+
+
+def _is_small(step, _, now):
+    """Tell whether a step is small beside the posterior standard deviations."""
+    return bool(np.max(np.abs(step) / np.sqrt(np.diag(linalg.inv(now.hessian)))) < SETTLED)
+
+
+def _refuse_another_unit(likelihood, reference):
     """Refuse records of a case that can't be motion in m/s of the reference project."""
-    case, loud = likelihood.case, likelihood.noisy < 0.5
+    case, loud = likelihood.records, likelihood.noise_share < 0.5
     recorded, sent = (
-        np.linalg.norm(case.band.project(one), axis=(2, 3)) for one in (case.motion, believed)
+        np.linalg.norm(case.band.project(one), axis=(2, 3)) for one in (case.motion, reference)
     )
     told = loud & (recorded > 0.0) & (sent > 0.0)
     times = np.median(recorded[told] / sent[told]) if np.any(told) else 1.0
@@ -264,48 +301,3 @@ def _refuse_another_unit(likelihood, believed):
             f"records: are {times:.2g} times as large as what is simulated, in the median; give "
             "them in m/s (mm/s are 1000 times as large), or mend the source and the charges"
         )
-
-
-@dataclass
-class _Search:
-    """The calibration under way."""
-
-    forward: Forward
-    unknowns: tuple[Parameter, ...]
-    sigma: np.ndarray
-    slopes: np.ndarray
-    likelihood: Likelihood
-
-    def project(self, values):
-        """Return the project with some values."""
-        return with_values(self.forward.case.project, self.unknowns, values)
-
-    def settled(self, values, motion, correction):
-        """Move by steps of Gauss-Newton until they are small; return values and motion."""
-        for _ in range(ROUNDS):
-            move, covariance = self.step(values, motion)
-            if np.max(np.abs(move) / np.sqrt(np.diag(covariance))) < SETTLED:
-                break
-            after = self.forward.motion(self.project(values + move)) + correction
-            missed = after - motion - np.tensordot(move, self.slopes, 1)
-            weight = move / self.sigma**2
-            self.slopes = self.slopes + np.multiply.outer(weight / (weight @ move), missed)
-            if self.squares(values + move, after) > self.squares(values, motion):
-                break
-            values, motion = values + move, after
-        return values, motion
-
-    def squares(self, values, motion):
-        """Return the misfit with what the priors take."""
-        left = self.likelihood.misfit(self.likelihood.left(motion))
-        return float(left + np.sum((values / self.sigma) ** 2))
-
-    def step(self, values, motion):
-        """Return the best change of values (n,) and the covariance of what is known then."""
-        left = self.likelihood.left(motion)
-        weights = self.likelihood.weights(self.likelihood.size(left))
-        columns = self.likelihood.white(self.slopes)
-        curvature = np.einsum("ibrm,jbrm,br->ij", columns, columns, weights)
-        curvature += np.diag(self.sigma**-2.0)
-        pull = np.einsum("ibrm,brm,br->i", columns, left, weights) - values / self.sigma**2
-        return linalg.solve(curvature, pull, assume_a="pos"), linalg.inv(curvature)

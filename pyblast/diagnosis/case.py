@@ -5,65 +5,32 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import InputError
-from ..inference.noise import Band, Noise, band_functions, noise_of
+from ..inference.noise import band_functions, noise_of
+from ..inference.records import COMPONENTS, Records, gather
 from ..model.model import Receiver
 from ..project.flat_box import band_of, check_flat, flat_box, not_flat, place_in_box
 from ..project.project import Project
 from ..project.section import named_error
 from ..signals.seismogram import GEOGRAPHIC, PASS_BAND
 
-COMPONENTS = ("east", "north", "up")
 SHORTEST = 0.5  # of the longest record: none may end before
-ALIGNED = 0.01  # of a sample, by which records may be off the instants that are compared
 
 
-@dataclass(frozen=True, eq=False)
-class Case:
-    """Records of some blasts of a project, from the first hole of each blast on.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Case(Records):
+    """The records of some blasts of a project, from the first hole of each blast on.
+
+    Blasts are ordered from the smallest charge to the largest; the noise of a channel that never
+    moves is that of the loudest one.
 
     Parameters
     ----------
     project : Project
         The reference ground with its blasts; all receivers are given, in geographic axes where
         both horizontals were recorded.
-    blasts : tuple of n_blasts str
-        From the smallest charge to the largest.
-    receivers : tuple of n_receivers str
-    dt : float, s
-    motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        East, north, up; zero where nothing was recorded.
-    valid : the same shape, bool
-        Samples that are there and not clipped.
-    band : Band
-    noise : Noise
-        From the windows before the blasts; of channels that are still there, that of the loudest.
-    dead : tuple of str
-        Channels that never move, such as ``R3 north``; nothing of them is valid.
     """
 
     project: Project
-    blasts: tuple[str, ...]
-    receivers: tuple[str, ...]
-    dt: float
-    motion: np.ndarray
-    valid: np.ndarray
-    band: Band
-    noise: Noise
-    dead: tuple[str, ...] = ()
-
-    @property
-    def n_samples(self):
-        """Samples from the first hole on."""
-        return self.motion.shape[-1]
-
-    @property
-    def duration(self):
-        """How long a simulation has to last, s."""
-        return self.n_samples * self.dt
-
-    def in_band(self, motion):
-        """Return what of some motion is compared, as motion of the same shape."""
-        return self.band.restore(self.band.project(motion))
 
 
 def case_of(project: Project, blasts=None) -> Case:
@@ -107,7 +74,7 @@ def case_of(project: Project, blasts=None) -> Case:
     first, last = window
     before = first, int(np.floor((last - first) / dt + 1e-6))
     (motion, valid), (quiet, heard) = (
-        _arrays(records, receivers, start, dt, n) for start, n in (after, before)
+        gather(records, receivers, start, dt, n) for start, n in (after, before)
     )
     _check_windows(window, names, receivers, records, heard)
     still = valid.any(axis=3) & (np.ptp(motion, axis=3) == 0.0)
@@ -119,7 +86,7 @@ def case_of(project: Project, blasts=None) -> Case:
     dead = _dead(still, valid, names, receivers)
     whole = None if valid.all() else valid
     band = band_functions(motion.shape[-1], dt, limits, whole)
-    return Case(project, names, receivers, dt, motion, valid, band, noise, dead)
+    return Case(names, receivers, dt, motion, valid, band, noise, dead, project=project)
 
 
 def _gathered(project):
@@ -260,29 +227,3 @@ def _loudest(quiet):
     """Return the window (n_blasts, 1, n) of the channel that moves most."""
     energy = np.sum(np.var(quiet, axis=3), axis=0)
     return quiet[:, [energy.argmax() // 3], energy.argmax() % 3]
-
-
-def _arrays(records, receivers, start, dt, n):
-    """Return motion (n_blasts, n_receivers, 3, n) of records, and where it is valid."""
-    shape = (len(records), len(receivers), 3, n)
-    motion, valid = np.zeros(shape), np.zeros(shape, dtype=bool)
-    for b, some in enumerate(records):
-        for r, name in enumerate(receivers):
-            if name not in some:
-                continue
-            record = some[name].seismogram
-            first = round((start - record.start) / dt)
-            there = slice(max(first, 0), max(first + n, 0))
-            velocity = _beside(record, record.start + first * dt - start)[there].T
-            good = np.isfinite(velocity) & ~some[name].clipped[there].T
-            at = slice(max(-first, 0), max(-first, 0) + velocity.shape[1])
-            motion[b, r, :, at] = np.where(np.isfinite(velocity), velocity, 0.0)
-            valid[b, r, :, at] = good
-    return motion, valid
-
-
-def _beside(record, late):
-    """Return the velocity (n, 3) of a record whose samples lie ``late`` s behind wanted ones."""
-    if abs(late) <= ALIGNED * record.dt:
-        return record.velocity
-    return record.sampled(record.start - late, record.dt, len(record.velocity)).velocity

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .effects import Scene
-from .fitting import Fit, curvature_of
+from .fitting import Fit, hessian_of
 from .hypotheses import blast_and_hole
 
 FALLS = 0.5  # nats that a fold may lose without counting against; of which less, it says nothing
@@ -94,7 +94,7 @@ def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
     added = [effect for effect in after.effects if effect.label not in before.labels]
     axes = {e.hypothesis.axis for e in added}
     targets = {blast_and_hole(e.target)[0] for e in added}
-    shape, case = after.size.shape, scene.case
+    shape, case = after.chi_square.shape, scene.case
     places = []
     if axes - {"blasts"}:
         places += [(name, (slice(None), r)) for r, name in enumerate(case.receivers)]
@@ -122,9 +122,9 @@ def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
 def _said(scene, before, after):
     """Return how much else effects say of each record, nats (n_blasts, n_receivers)."""
     likelihood = scene.baseline.likelihood
-    other = likelihood.white(np.where(scene.case.valid, after.motion - before.motion, 0.0))
-    nats = 0.5 * likelihood.weights(before.size) * np.sum(other**2, axis=-1)
-    return np.where(likelihood.kept > 0, nats, 0.0)
+    other = likelihood.whiten(np.where(scene.case.valid, after.motion - before.motion, 0.0))
+    nats = 0.5 * likelihood.weights(before.chi_square) * np.sum(other**2, axis=-1)
+    return np.where(likelihood.n_data > 0, nats, 0.0)
 
 
 def step_without(scene: Scene, fit: Fit, out) -> tuple[np.ndarray, np.ndarray]:
@@ -144,11 +144,11 @@ def step_without(scene: Scene, fit: Fit, out) -> tuple[np.ndarray, np.ndarray]:
         In the coordinates of the fit.
     curvature : (n, n) float64
     """
-    likelihood, columns = scene.baseline.likelihood, fit.columns
-    weights = np.where(out, 0.0, likelihood.weights(fit.size))
-    left = likelihood.left(fit.motion)
-    pull = np.einsum("ibrm,brm,br->i", columns, left, weights, optimize=True) - fit.place
-    curvature = curvature_of(columns, weights)
+    likelihood, columns = scene.baseline.likelihood, fit.jacobian
+    weights = np.where(out, 0.0, likelihood.weights(fit.chi_square))
+    left = likelihood.residual(fit.motion)
+    pull = np.einsum("ibrm,brm,br->i", columns, left, weights, optimize=True) - fit.x
+    curvature = hessian_of(columns, weights)
     return np.linalg.solve(curvature, pull), curvature
 
 
@@ -168,9 +168,9 @@ class _Foretold(NamedTuple):
 def _foretold(scene, fit, move, out):
     """Return how well records are met when some had no part in it."""
     likelihood, case = scene.baseline.likelihood, scene.case
-    left = likelihood.left(fit.motion) - np.tensordot(move, fit.columns, 1)
-    each = likelihood.each(likelihood.size(left))
-    recorded = likelihood.white(np.where(case.valid, case.motion, 0.0))
+    left = likelihood.residual(fit.motion) - np.tensordot(move, fit.jacobian, 1)
+    each = likelihood.misfit_each(likelihood.chi_square(left))
+    recorded = likelihood.whiten(np.where(case.valid, case.motion, 0.0))
     share = 1.0 - float(np.sum(left[out] ** 2) / np.sum(recorded[out] ** 2))
     return _Foretold(float(np.sum(each[out])), share, float(np.sum(each[~out])))
 
@@ -196,9 +196,9 @@ def foretold(scene: Scene, fit: Fit, out) -> np.ndarray:
         the folds: theory.md (14.5).
     """
     likelihood = scene.baseline.likelihood
-    band = likelihood.case.band
+    band = likelihood.records.band
     move, _ = step_without(scene, fit, out)
-    change = np.tensordot(move, fit.columns, 1)
-    coloured = np.linalg.pinv(likelihood.roots, rcond=ROUNDING, hermitian=True)
+    change = np.tensordot(move, fit.jacobian, 1)
+    coloured = np.linalg.pinv(likelihood.covariance.roots, rcond=ROUNDING, hermitian=True)
     change = np.einsum("brij,brj->bri", coloured, change).reshape(*out.shape, 3, -1)
     return band.restore(band.project(fit.motion) + change)

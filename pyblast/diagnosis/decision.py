@@ -49,7 +49,7 @@ def on_finer_mesh(
     if is_anisotropic(project.materials) or all(e.hypothesis.on != "site" for e in fit.effects):
         return fit, None
     (sent,) = scene.sent([(fit.values, fit.effects)])
-    each = likelihood.size(likelihood.white(sent - scene.baseline.believed)).sum(axis=1)
+    each = likelihood.chi_square(likelihood.whiten(sent - scene.baseline.reference)).sum(axis=1)
     most, *others = (int(b) for b in np.argsort(-each, kind="stable"))
     shift = np.zeros_like(sent)
     for done, blasts in enumerate(([most], others)):
@@ -57,7 +57,7 @@ def on_finer_mesh(
         heard = fine.heard([(project, scene.case.blasts[b]) for b in blasts])
         for b, motion in zip(blasts, heard, strict=True):
             shift[b] = motion - sent[b]
-        change = worst(likelihood.size(likelihood.white(shift)))
+        change = worst(likelihood.chi_square(likelihood.whiten(shift)))
         if change < COARSE:
             return fit, change
     return corrected(scene, fit, shift), change
@@ -129,7 +129,7 @@ def judge(found: Search, threshold: Chance, fine: Forward | None = None) -> Verd
     class. Leads are those on the one mesh that all were fitted on.
     """
     probability, none = _probabilities(found), found.none
-    if not material(none.size):
+    if not material(none.chi_square):
         return Verdict("NULL", none, (), probability, 0.0, None)
     if not found.fits:
         return Verdict("UNKNOWN", none, (), probability, 0.0, None)
@@ -145,10 +145,10 @@ def judge(found: Search, threshold: Chance, fine: Forward | None = None) -> Verd
     if fine is not None:
         chosen, mesh = on_finer_mesh(found.scene, fine, chosen, found.tell)
     proof = held_out(found.scene, none, chosen)
-    share = found.scene.baseline.likelihood.share(none.size, chosen.size)
+    share = found.scene.baseline.likelihood.explained_share(none.chi_square, chosen.chi_square)
     if not proof.bears or share < PARTIAL_SHARE:
         return Verdict("UNKNOWN", none, (), probability, share, proof, chosen, mesh)
-    more = more_remains(chosen.size, share)
+    more = more_remains(chosen.chi_square, share)
     alone = untestable and len(rivals) == 1
     if found.worth(chosen) < least:
         rivals = tuple(dict.fromkeys((*chosen.labels, *rivals, RESOLUTION)))
@@ -170,7 +170,7 @@ def intervals(fit: Fit) -> list[dict]:
     Errors of a site come back in each of its blasts: all blasts tell as much as one; (14.9).
     Where twins of a fit lie elsewhere, an interval holds theirs, too.
     """
-    ends = np.array([_ends(one) for one in (fit, *fit.twins)])
+    ends = np.array([_ends(one) for one in (fit, *fit.alternatives)])
     lows, highs = iter(ends[:, 0].min(axis=0)), iter(ends[:, 1].max(axis=0))
     tables = []
     for effect in fit.effects:
@@ -188,9 +188,9 @@ def intervals(fit: Fit) -> list[dict]:
 
 def _ends(fit):
     """Return the lower and upper ends (2, n_knobs) of 90 % intervals around one fit."""
-    blasts = np.count_nonzero(fit.size.any(axis=1))
+    blasts = np.count_nonzero(fit.chi_square.any(axis=1))
     half = HALF * np.sqrt(blasts * np.diag(fit.covariance))
-    lower, upper = (place[len(fit.values) :] for place in (fit.place - half, fit.place + half))
+    lower, upper = (place[len(fit.values) :] for place in (fit.x - half, fit.x + half))
     knobs = [
         knob for effect in fit.effects
         for knob, values in zip(effect.hypothesis.parameters, effect.values, strict=True)
@@ -259,9 +259,9 @@ def _probabilities(found):
     each of its blasts, so that all blasts are worth one: theory.md (14.8).
     """
     scene = found.scene
-    doubted = scene.baseline.likelihood.doubted
-    sets = [(("none",), 0.0), (("unknown",), doubted(found.none.size))]
-    sets += [(one.labels, found.worth(one) + doubted(one.size)) for one in found.fits]
+    doubted = scene.baseline.likelihood.log_gain_of_larger_errors
+    sets = [(("none",), 0.0), (("unknown",), doubted(found.none.chi_square))]
+    sets += [(one.labels, found.worth(one) + doubted(one.chi_square)) for one in found.fits]
     worth = np.array([worth for _, worth in sets]) / len(scene.case.blasts)
     chance = np.exp(worth - logsumexp(worth))
     shares = {}

@@ -3,7 +3,7 @@
 import numpy as np
 
 from .effects import Effect, Scene
-from .fitting import DIFFERENCE, GROWS, Fit, curvature_of
+from .fitting import DIFFERENCE, GROWS, Fit, hessian_of
 from .hypotheses import LIBRARY
 from .search import material
 
@@ -34,7 +34,7 @@ def visible(scene: Scene, fit: Fit, least: float = GROWS) -> list[dict]:
     Theory.md (14.7). An amount at which the change is no longer like its derivative is left out.
     """
     found = []
-    if material(fit.size):
+    if material(fit.chi_square):
         return found
     for one in LIBRARY.values():
         if one.label in fit.labels or one.untestable(scene.case):
@@ -67,7 +67,7 @@ def _amount(scene, fit, one, target, place, least):
     step = DIFFERENCE * unit
     cost = np.log(len(one.targets(case)) * len(live)) + least
     farthest = max(abs(e - knob.null) for e in (knob.low, knob.high) if np.isfinite(e))
-    left = likelihood.left(fit.motion)
+    left = likelihood.residual(fit.motion)
 
     def change(hole, amount):
         values = [(other.mean,) for other in one.parameters]
@@ -75,7 +75,7 @@ def _amount(scene, fit, one, target, place, least):
         changed[hole] += amount
         values[place] = tuple(changed.tolist())
         effect = Effect(one.name, target, tuple(values))
-        return left - likelihood.left(scene.received(fit.motion, (effect,)))
+        return left - likelihood.residual(scene.received(fit.motion, (effect,)))
 
     amounts = []
     for hole in live:
@@ -90,16 +90,16 @@ def _amount(scene, fit, one, target, place, least):
 
 def _smallest(likelihood, fit, change, unit, cost, farthest):
     """Return the smallest amount of a whitened change that shows; infinite beyond the farthest."""
-    weights = likelihood.weights(fit.size)
-    pull = np.einsum("ibrm,brm,br->i", fit.columns, change, weights, optimize=True)
-    taken = np.linalg.solve(curvature_of(fit.columns, weights), pull)
-    change = change - np.tensordot(taken, fit.columns, 1)
-    size = likelihood.size(change)
-    cost += 0.5 * np.log1p(unit**2 * np.sum(weights * likelihood.kept * size))
-    before = likelihood.misfit_of(fit.size)
+    weights = likelihood.weights(fit.chi_square)
+    pull = np.einsum("ibrm,brm,br->i", fit.jacobian, change, weights, optimize=True)
+    taken = np.linalg.solve(hessian_of(fit.jacobian, weights), pull)
+    change = change - np.tensordot(taken, fit.jacobian, 1)
+    size = likelihood.chi_square(change)
+    cost += 0.5 * np.log1p(unit**2 * np.sum(weights * likelihood.n_data * size))
+    before = likelihood.misfit_of(fit.chi_square)
 
     def seen(amount):
-        after = fit.size + amount**2 * size
+        after = fit.chi_square + amount**2 * size
         return material(after) and 0.5 * (likelihood.misfit_of(after) - before) >= cost
 
     if not seen(farthest):

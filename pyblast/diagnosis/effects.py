@@ -78,7 +78,7 @@ class Scene:
         nothing = tuple(np.zeros(len(baseline.values)).tolist()), ()
         for b in range(len(self.case.blasts)):
             self._corrections[here, b] = baseline.correction[b]
-            self._sent[nothing, b] = baseline.believed[b]
+            self._sent[nothing, b] = baseline.reference[b]
             self._sent[(tuple(baseline.values.tolist()), ()), b] = baseline.motion[b]
 
     @property
@@ -132,11 +132,11 @@ class Scene:
         pairs = [(projects[key], b) for key, b in asked] + [(p, b) for (_, b), p in plain.items()]
         done = self.forward.heard([(project, self.case.blasts[b]) for project, b in pairs])
         for cut, motion in zip(plain, done[len(asked) :], strict=True):
-            self._corrections[cut] = self.baseline.believed[cut[1]] - motion
+            self._corrections[cut] = self.baseline.reference[cut[1]] - motion
         for (key, b), motion in zip(asked, done[: len(asked)], strict=True):
             correction = self._corrections[geometry(bare[key]), b]
             if quality_of(projects[key]) != quality_of(self.case.project):
-                before = self.baseline.believed[b] - correction
+                before = self.baseline.reference[b] - correction
                 band = self.case.band.low, self.case.band.high
                 correction = carried(correction, before, motion, self.case.dt, band)
             self._sent[key, b] = motion + correction

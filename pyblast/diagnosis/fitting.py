@@ -5,175 +5,175 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import linalg
 
+from ..inference.gauss_newton import LeastSquares, gauss_newton, normal_equations
 from .effects import Effect, Scene
 
-DIFFERENCE = 0.1  # of a knob's sigma, for derivatives
+DIFFERENCE = 0.1  # of a prior standard deviation, for derivatives
 ROUNDS = 4
-WORTH = 2.0  # drop of the misfit, one nat, that is not worth another round
-FARTHEST = 1.5  # sigmas that a knob may go in one round
+LEAST_DECREASE = 2.0  # of the misfit, Δ ln evidence of one, that is worth another round
+LONGEST = 1.5  # prior standard deviations that a parameter of an effect may go in one round
+BACKTRACKS = 2
+GROWS = 6.0  # Δ ln evidence that an effect must bring, or another place of the same effect
+OLD = 8.0  # decrease that an old Jacobian predicts and does not bring, above which it is too old
 
 
 class Fitter:
-    """Coordinates of a set of effects: sigmas of the unknowns, then those of the knobs.
+    """Standardised parameters of a set of effects: those of the calibration, then of the effects.
 
     Parameters
     ----------
     scene : Scene
     effects : sequence of Effect
         At their starting values.
-    home : (n_unknowns,) float64
-        Values of the unknowns at which runs are made; from there the slopes of the baseline lead.
+    reference : (n_calibrated,) float64
+        Values of the calibrated parameters at which runs are made; from there the slopes of the
+        baseline lead.
     blasts : sequence of int, optional
-        Indices of those that are looked at; all by default.
+        Indices of those that are fitted; all by default.
     shift : (n_blasts, n_receivers, 3, n_samples) float64, m/s, optional
-        What a finer mesh adds to all that is sent.
+        What a finer mesh adds to every simulation.
     """
 
-    def __init__(self, scene: Scene, effects, home, blasts=None, shift=0.0):
-        self.scene, self.effects, self.home = scene, tuple(effects), np.asarray(home)
-        self.shift = shift
+    def __init__(self, scene: Scene, effects, reference, blasts=None, shift=0.0):
+        self.scene, self.effects = scene, tuple(effects)
+        self.reference, self.shift = np.asarray(reference), shift
         self.blasts = tuple(range(len(scene.case.blasts)) if blasts is None else blasts)
         self.likelihood, self.sigma = scene.baseline.likelihood, scene.baseline.sigma
-        self.knobs = [
-            (number, place, index, knob)
+        self.parameters = [
+            (number, place, index, parameter)
             for number, effect in enumerate(self.effects)
-            for place, knob in enumerate(effect.hypothesis.parameters)
+            for place, parameter in enumerate(effect.hypothesis.parameters)
             for index in range(len(effect.values[place]))
         ]
         low, high = (
-            [knob.standardised(edge) if np.isfinite(edge) else edge for knob, edge in pairs]
+            [one.standardised(edge) if np.isfinite(edge) else edge for one, edge in pairs]
             for pairs in (
-                [(knob, knob.low) for *_, knob in self.knobs],
-                [(knob, knob.high) for *_, knob in self.knobs],
+                [(one, one.low) for *_, one in self.parameters],
+                [(one, one.high) for *_, one in self.parameters],
             )
         )
         free = np.full(len(self.sigma), np.inf)
         self.bounds = np.concatenate([-free, low]), np.concatenate([free, high])
+        self.longest = np.concatenate([free, np.full(len(low), LONGEST)])
 
-    def knobs_of(self, numbers):
-        """Tell which coordinates (n,) are knobs of effects of these numbers, from 0."""
-        return np.array([False] * len(self.sigma) + [e in numbers for e, *_ in self.knobs])
+    def belongs_to(self, numbers):
+        """Tell which parameters (n,) are those of effects of these numbers, from 0."""
+        own = [number in numbers for number, *_ in self.parameters]
+        return np.array([False] * len(self.sigma) + own)
 
     def start(self):
-        """Return the coordinates of home and of the effects as they were given."""
-        at = [knob.standardised(self.effects[e].values[p][i]) for e, p, i, knob in self.knobs]
-        return np.concatenate([self.home / self.sigma, at])
+        """Return the parameters of the reference and of the effects as they were given."""
+        at = [one.standardised(self.effects[e].values[p][i]) for e, p, i, one in self.parameters]
+        return np.concatenate([self.reference / self.sigma, at])
 
-    def state(self, place):
-        """Return the values of the unknowns and the effects at coordinates."""
+    def state(self, x):
+        """Return the values of the calibrated parameters and the effects."""
         n = len(self.sigma)
         changed = [[list(some) for some in effect.values] for effect in self.effects]
-        for (e, p, i, knob), coordinate in zip(self.knobs, place[n:], strict=True):
-            changed[e][p][i] = float(knob.value(coordinate))
+        for (e, p, i, parameter), standardised in zip(self.parameters, x[n:], strict=True):
+            changed[e][p][i] = float(parameter.value(standardised))
         effects = tuple(
             Effect(effect.name, effect.target, tuple(map(tuple, values)))
             for effect, values in zip(self.effects, changed, strict=True)
         )
-        return self.sigma * place[:n], effects
+        return self.sigma * x[:n], effects
 
-    def motions(self, places):
-        """Return the motion at coordinates; runs are made only for effects on the site.
+    def motions(self, points):
+        """Return the motion at parameters; runs are made only for effects on the site.
 
-        Unknowns of the site move it along the slopes of the baseline. Blasts that are not looked
-        at stay as they are recorded.
+        Calibrated parameters move it along the slopes of the baseline. Blasts that are not fitted
+        stay as they are recorded. None where an effect can't be.
         """
-        states = [self.state(place) for place in places]
-        sent = self.scene.sent([(self.home, effects) for _, effects in states], self.blasts)
-        found = []
-        for (values, effects), one in zip(states, sent, strict=True):
-            if one is None:
-                found.append(None)
+        states = [self.state(x) for x in points]
+        runs = self.scene.sent([(self.reference, effects) for _, effects in states], self.blasts)
+        motions = []
+        for (values, effects), run in zip(states, runs, strict=True):
+            if run is None:
+                motions.append(None)
                 continue
             slopes = self.scene.baseline.slopes
-            one = one + self.shift + np.tensordot(values - self.home, slopes, 1)
-            found.append(self.scene.received(one, effects))
-        return found
+            run = run + self.shift + np.tensordot(values - self.reference, slopes, 1)
+            motions.append(self.scene.received(run, effects))
+        return motions
 
-    def left(self, motion):
-        """Return the whitened residual (n_blasts, n_receivers, m)."""
-        return self.likelihood.left(motion)
+    def misfit(self, residual):
+        """Return -2 ln L of a whitened residual of the blasts that are fitted."""
+        return float(self.likelihood.misfit(residual, self.blasts))
 
-    def squares(self, place, motion):
-        """Return the misfit with the squares of the coordinates."""
-        return float(self.likelihood.misfit(self.left(motion), self.blasts) + place @ place)
+    def objective(self, x, motion):
+        """Return the misfit with that of the priors."""
+        return float(self.misfit(self.likelihood.residual(motion)) + x @ x)
 
-    def columns(self, place, motion, free):
-        """Return the derivatives of the whitened motion, (n_coordinates, n_blasts, ..., m).
+    def jacobian(self, x, motion, free):
+        """Return the derivatives of the whitened motion, (n, n_blasts, n_receivers, m).
 
         Parameters
         ----------
-        place : (n_coordinates,) float64
+        x : (n,) float64
         motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        free : (n_coordinates,) bool
-            Which may move; the others have no derivatives. Where a step can't be, the one the
-            other way tells the derivative; where neither can, there is none.
+        free : (n,) bool
+            Which may change; the others have no derivatives. Where a difference can't be taken
+            one way, it is taken the other; where neither can, there is no derivative.
         """
-        steps = DIFFERENCE * np.eye(len(place))
-        steps[place + DIFFERENCE > self.bounds[1]] *= -1.0
-        base, asked = self.left(motion), np.flatnonzero(free)
-        columns = np.zeros((len(place), *base.shape))
-        for _ in ("there", "back"):
-            moved = self.motions(place + steps[asked])
-            for at, one in zip(asked, moved, strict=True):
-                if one is not None:
-                    columns[at] = (base - self.left(one)) / steps[at, at]
+        steps = DIFFERENCE * np.eye(len(x))
+        steps[x + DIFFERENCE > self.bounds[1]] *= -1.0
+        base, asked = self.likelihood.residual(motion), np.flatnonzero(free)
+        jacobian = np.zeros((len(x), *base.shape))
+        for _ in ("one way", "the other"):
+            moved = self.motions(x + steps[asked])
+            for at, changed in zip(asked, moved, strict=True):
+                if changed is not None:
+                    jacobian[at] = (base - self.likelihood.residual(changed)) / steps[at, at]
             steps *= -1.0
-            back = place + steps.sum(axis=1)
-            held = (back < self.bounds[0]) | (back > self.bounds[1])
-            refused = [at for at, one in zip(asked, moved, strict=True) if one is None]
-            asked = [at for at in refused if not held[at]]
-        columns[:, [b for b in range(len(base)) if b not in self.blasts]] = 0.0
-        return columns
+            back = x + steps.sum(axis=1)
+            outside = (back < self.bounds[0]) | (back > self.bounds[1])
+            refused = [at for at, changed in zip(asked, moved, strict=True) if changed is None]
+            asked = [at for at in refused if not outside[at]]
+        jacobian[:, [b for b in range(len(base)) if b not in self.blasts]] = 0.0
+        return jacobian
 
-    def step(self, place, columns, motion, free):
-        """Return the best move within reach, what it promises, and the curvature."""
-        left = self.left(motion)
-        weights = self.likelihood.weights(self.likelihood.size(left))
-        curvature = curvature_of(columns, weights)
-        pull = np.einsum("ibrm,brm,br->i", columns, left, weights, optimize=True) - place
-        move = np.zeros(len(place))
-        move[free] = linalg.solve(curvature[np.ix_(free, free)], pull[free], assume_a="pos")
-        n = len(self.sigma)
-        longest = np.max(np.abs(move[n:]), initial=0.0)
-        move *= min(1.0, FARTHEST / max(longest, 1e-12))
-        move = np.clip(place + move, *self.bounds) - place
-        return move, float(2.0 * pull @ move - move @ curvature @ move), curvature
+    def problem(self, free, known=False) -> LeastSquares:
+        """Return the least squares of the free parameters; ``known`` where a Jacobian is kept."""
+        likelihood = self.likelihood
+        return LeastSquares(
+            lambda x: self.motions([x])[0],
+            None if known else lambda x, motion: -self.jacobian(x, motion, free),
+            residual=likelihood.residual,
+            misfit=self.misfit,
+            weights=lambda residual: likelihood.weights(likelihood.chi_square(residual)),
+            precision=1.0,
+            low=self.bounds[0],
+            high=self.bounds[1],
+            free=free,
+        )
 
-    def descended(self, place, motion, free=None, known=None):
-        """Go down by damped Gauss-Newton steps; return place, motion, columns and curvature.
+    def minimise(self, x, motion, free=None, known=None):
+        """Minimise by Gauss-Newton steps; return parameters, motion, Jacobian and Hessian.
 
-        ``known`` columns are used in place of new ones, in every step.
+        A ``known`` Jacobian is used in place of new ones, in every step.
         """
-        free = np.ones(len(place), dtype=bool) if free is None else free
-        squares = self.squares(place, motion)
-        for _ in range(ROUNDS):
-            columns = self.columns(place, motion, free) if known is None else known
-            move, promised, curvature = self.step(place, columns, motion, free)
-            if promised < WORTH:
-                break
-            for _ in range(3):
-                trial = self.motions([place + move])[0]
-                found = np.inf if trial is None else self.squares(place + move, trial)
-                if found < squares:
-                    break
-                move = 0.4 * move
-            else:
-                break
-            gained, squares = squares - found, found
-            place, motion = place + move, trial
-            if gained < WORTH:
-                break
-        return place, motion, columns, curvature
+        free = np.ones(len(x), dtype=bool) if free is None else free
+        end = gauss_newton(
+            self.problem(free, known is not None), x, motion,
+            converged=lambda _, decrease, __: decrease < LEAST_DECREASE, rounds=ROUNDS,
+            jacobian=None if known is None else -known, backtracks=BACKTRACKS, longest=self.longest,
+            least_gain=LEAST_DECREASE,
+        )  # fmt: skip
+        return end.x, end.simulated, -end.jacobian, end.hessian
+
+    def predicted_decrease(self, x, motion, jacobian, free):
+        """Return the decrease of the objective that a kept Jacobian predicts from here."""
+        problem = self.problem(free, known=True)
+        end = gauss_newton(
+            problem, x, motion, converged=lambda *_: True, rounds=1, jacobian=-jacobian,
+            longest=self.longest,
+        )  # fmt: skip
+        return end.decrease
 
 
-def curvature_of(columns, weights):
-    """Return the curvature of the misfit with that of the priors, (n, n)."""
-    found = np.einsum("ibrm,jbrm,br->ij", columns, columns, weights, optimize=True)
-    return found + np.eye(len(columns))
-
-
-GROWS = 6.0  # nats that an effect must bring, or another place of the same effect
-OPEN = 8.0  # drop of the misfit that old columns promise and do not bring, above which they are old
+def hessian_of(jacobian, weights):
+    """Return half the Gauss-Newton Hessian of the misfit with that of the priors, (n, n)."""
+    return normal_equations(jacobian, np.zeros(jacobian.shape[1:]), weights)[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,35 +183,33 @@ class Fit:
     Parameters
     ----------
     effects : tuple of Effect
-    values : (n_unknowns,) float64
-        Logarithms of factors on what was believed of the site.
+    values : (n_calibrated,) float64
     covariance : (n, n) float64
-        Of these values in their sigmas, then of all knobs in theirs.
-    columns : (n, n_blasts, n_receivers, m) float64
+        Of the standardised parameters.
+    jacobian : (n, n_blasts, n_receivers, m) float64
         Derivatives of the whitened motion by them.
-    place : (n,) float64
-        Where they are, in sigmas from the centres of their priors.
+    x : (n,) float64
+        Standardised parameters: those of the calibration, then of the effects.
     motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-    size : (n_blasts, n_receivers) float64
-        Mean square of each whitened residual: 1 where noise and errors of theory explain it.
+    chi_square : (n_blasts, n_receivers) float64
+        Reduced, of each record.
     misfit : float
-        -2 ln L.
     log_evidence : float
         Up to a constant of the records: Laplace's approximation, theory.md (14.3).
-    twins : tuple of Fit
-        Others of the same effects, elsewhere, that the records can't tell from this one.
+    alternatives : tuple of Fit
+        Other modes: the same effects with values that the records can't tell from these.
     """
 
     effects: tuple[Effect, ...]
     values: np.ndarray
     covariance: np.ndarray
-    columns: np.ndarray
-    place: np.ndarray
+    jacobian: np.ndarray
+    x: np.ndarray
     motion: np.ndarray
-    size: np.ndarray
+    chi_square: np.ndarray
     misfit: float
     log_evidence: float
-    twins: tuple["Fit", ...] = ()
+    alternatives: tuple["Fit", ...] = ()
 
     @property
     def where(self):
@@ -219,9 +217,9 @@ class Fit:
         return frozenset(effect.where for effect in self.effects)
 
     @property
-    def knobs(self):
-        """Derivatives by the knobs of the effects, the last of the columns."""
-        return self.columns[len(self.values) :]
+    def effect_jacobian(self):
+        """Derivatives by the parameters of the effects, the last of the Jacobian."""
+        return self.jacobian[len(self.values) :]
 
     @property
     def labels(self):
@@ -229,112 +227,112 @@ class Fit:
         return tuple(dict.fromkeys(effect.label for effect in self.effects))
 
 
-def settle(scene: Scene, effects, home, blasts=None, knobs=0):
-    """Let the unknowns of the site adapt to effects, or the knobs of the last ``knobs`` effects.
+def fit_partly(scene: Scene, effects, reference, blasts=None, n_last=0):
+    """Fit the calibrated parameters beside effects, or those of the last ``n_last`` effects alone.
 
     Returns
     -------
-    squares : float
-        Misfit of the blasts with what the priors take; infinite where an effect can't be.
+    objective : float
+        Misfit of the blasts with that of the priors; infinite where an effect can't be.
     motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s, or None
     effects : tuple of Effect
     """
-    fitter = Fitter(scene, effects, home, blasts)
-    place = fitter.start()
-    motion = fitter.motions([place])[0]
+    fitter = Fitter(scene, effects, reference, blasts)
+    x = fitter.start()
+    motion = fitter.motions([x])[0]
     if motion is None:
         return np.inf, None, effects
     n = len(effects)
-    free = fitter.knobs_of(range(n - knobs, n)) if knobs else ~fitter.knobs_of(range(n))
-    place, motion, *_ = fitter.descended(place, motion, free)
-    return fitter.squares(place, motion), motion, fitter.state(place)[1]
+    free = fitter.belongs_to(range(n - n_last, n)) if n_last else ~fitter.belongs_to(range(n))
+    x, motion, *_ = fitter.minimise(x, motion, free)
+    return fitter.objective(x, motion), motion, fitter.state(x)[1]
 
 
-def fit(scene: Scene, effects, home=None, first=None, held: Fit | None = None) -> Fit | None:
-    """Fit effects and unknowns together; theory.md (14.1) to (14.3).
+def fit(scene: Scene, effects, reference=None, first=None, base: Fit | None = None) -> Fit | None:
+    """Fit effects and calibrated parameters together; theory.md (14.1) to (14.3).
 
     Parameters
     ----------
     scene : Scene
     effects : sequence of Effect
         At the values to start from.
-    home : (n_unknowns,) float64, optional
-        Values of the unknowns to start from; those of the baseline by default.
+    reference : (n_calibrated,) float64, optional
+        Values of the calibrated parameters to start from; those of the baseline by default.
     first : sequence of int, optional
         Indices of blasts that are fitted alone before all are, which saves runs.
-    held : Fit, optional
-        Of the first of these effects. Those on the site wait for the others to settle, and move
-        along its columns then, which saves runs, too. If the blasts that are fitted alone gain so
-        little over it that all together would not pay, none else is fitted.
+    base : Fit, optional
+        Of the first of these effects. Those on the site wait until the others are fitted, and
+        move along its Jacobian then, which saves runs, too. If the blasts that are fitted alone
+        gain so little over it that all together would not pay, none else is fitted.
 
     Returns
     -------
     Fit or None
         None where an effect can't be at this site, or would not pay.
     """
-    home = scene.baseline.values if home is None else home
+    reference = scene.baseline.values if reference is None else reference
     every = range(len(scene.case.blasts))
     early = () if first is None else tuple(first)
-    fitted = () if held is None else held.effects
+    fitted = () if base is None else base.effects
     waiting = [e for e, effect in enumerate(fitted) if effect.hypothesis.on == "site"]
-    place = columns = None
+    x = jacobian = None
     for blasts in (early, every) if 0 < len(early) < len(every) else (every,):
-        fitter = Fitter(scene, effects, home, blasts)
-        place = fitter.start() if place is None else place
-        motion = fitter.motions([place])[0]
+        fitter = Fitter(scene, effects, reference, blasts)
+        x = fitter.start() if x is None else x
+        motion = fitter.motions([x])[0]
         if motion is None:
             return None
-        waits = fitter.knobs_of(waiting)
-        if columns is not None:  # they lack the blasts that were not fitted first
-            others = Fitter(scene, effects, home, [b for b in every if b not in early])
-            columns = columns + others.columns(place, motion, ~waits)
-        known = columns
-        place, motion, columns, curvature = fitter.descended(place, motion, ~waits, known)
-        if known is not None and fitter.step(place, columns, motion, ~waits)[1] > OPEN:
-            place, motion, columns, curvature = fitter.descended(place, motion, ~waits)
-        if held is not None and not _promising(fitter, held, place, motion):
+        free = ~fitter.belongs_to(waiting)
+        if jacobian is not None:  # it lacks the blasts that were not fitted first
+            others = Fitter(scene, effects, reference, [b for b in every if b not in early])
+            jacobian = jacobian + others.jacobian(x, motion, free)
+        known = jacobian
+        x, motion, jacobian, hessian = fitter.minimise(x, motion, free, known)
+        if known is not None and fitter.predicted_decrease(x, motion, jacobian, free) > OLD:
+            x, motion, jacobian, hessian = fitter.minimise(x, motion, free)
+        if base is not None and not _promising(fitter, base, x, motion):
             return None
     if not effects or any(effect.hypothesis.on == "site" for effect in effects):
-        if held is not None:
-            columns[waits] = held.columns[waits[: len(held.columns)]]
-        fitter.home = fitter.state(place)[0]
-        motion = fitter.motions([place])[0]
-        place, motion, columns, curvature = fitter.descended(place, motion, known=columns)
-    return _fit_at(fitter, place, motion, columns, curvature)
+        if base is not None:
+            jacobian[~free] = base.jacobian[~free[: len(base.jacobian)]]
+        fitter.reference = fitter.state(x)[0]
+        motion = fitter.motions([x])[0]
+        x, motion, jacobian, hessian = fitter.minimise(x, motion, known=jacobian)
+    return _fit_at(fitter, x, motion, jacobian, hessian)
 
 
-def _promising(fitter, held, place, motion):
+def _promising(fitter, base, x, motion):
     """Tell whether an effect would pay if all blasts gained as those that were fitted first."""
-    share = len(fitter.blasts) / len(held.size)
+    share = len(fitter.blasts) / len(base.chi_square)
     if share == 1.0:
         return True
-    known = fitter.likelihood.misfit_of(held.size, fitter.blasts) + held.place @ held.place
-    return known - fitter.squares(place, motion) > 2.0 * GROWS * share
+    known = fitter.likelihood.misfit_of(base.chi_square, fitter.blasts) + base.x @ base.x
+    return known - fitter.objective(x, motion) > 2.0 * GROWS * share
 
 
 def corrected(scene: Scene, fit: Fit, shift) -> Fit:
-    """Return a fit moved along its columns, after a finer mesh has run its site.
+    """Return a fit moved along its Jacobian, after a finer mesh has run its site.
 
     Parameters
     ----------
     scene : Scene
     fit : Fit
     shift : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        What that mesh adds to what the site of the fit sends.
+        What that mesh adds to the simulation of the fit.
     """
     fitter = Fitter(scene, fit.effects, fit.values, shift=shift)
-    motion = fitter.motions([fit.place])[0]
-    moved = _fit_at(fitter, *fitter.descended(fit.place, motion, known=fit.columns))
-    return replace(moved, twins=fit.twins)
+    motion = fitter.motions([fit.x])[0]
+    moved = _fit_at(fitter, *fitter.minimise(fit.x, motion, known=fit.jacobian))
+    return replace(moved, alternatives=fit.alternatives)
 
 
-def _fit_at(fitter, place, motion, columns, curvature):
-    """Return what a descent ended at."""
-    values, effects = fitter.state(place)
-    left = fitter.left(motion)
-    misfit = float(fitter.likelihood.misfit(left))
-    log_evidence = -0.5 * (misfit + place @ place + np.linalg.slogdet(curvature)[1])
-    size, covariance = fitter.likelihood.size(left), linalg.inv(curvature)
+def _fit_at(fitter, x, motion, jacobian, hessian):
+    """Return the fit at which a minimisation ended."""
+    values, effects = fitter.state(x)
+    residual = fitter.likelihood.residual(motion)
+    misfit = float(fitter.likelihood.misfit(residual))
+    log_evidence = -0.5 * (misfit + x @ x + np.linalg.slogdet(hessian)[1])
+    chi_square, covariance = fitter.likelihood.chi_square(residual), linalg.inv(hessian)
     return Fit(
-        effects, values, covariance, columns, place, motion, size, misfit, float(log_evidence)
+        effects, values, covariance, jacobian, x, motion, chi_square, misfit, float(log_evidence)
     )

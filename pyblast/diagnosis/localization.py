@@ -3,9 +3,9 @@
 import numpy as np
 from scipy import signal
 
+from ..inference.records import COMPONENTS
 from ..project.flat_box import extent_of
 from .calibration import Baseline
-from .case import COMPONENTS
 from .forward import surface_speed
 from .search import MATERIAL, means, worst
 

@@ -77,7 +77,7 @@ def chance(scene: Scene, none: Fit, guesses: list[Guess], fits: list[Fit], seed:
     """
     rng = np.random.default_rng(seed)
     likelihood = scene.baseline.likelihood
-    left = lent(likelihood.left(none.motion), likelihood.kept)
+    left = lent(likelihood.residual(none.motion), likelihood.n_data)
     n_receivers = left.shape[1]
     if n_receivers == 1:
         return Chance(np.full((2, SURROGATES), np.inf), {})
@@ -115,11 +115,11 @@ def _harmless(scene, none):
     likelihood, motion = scene.baseline.likelihood, none.motion
     turned = np.zeros_like(motion)
     turned[:, :, 0], turned[:, :, 1] = motion[:, :, 1], -motion[:, :, 0]
-    white = likelihood.white(np.stack([np.gradient(motion, axis=-1), motion, turned]))
-    there = likelihood.kept > 0
-    again = np.maximum(none.size - likelihood.noisy, 0.0)
+    white = likelihood.whiten(np.stack([np.gradient(motion, axis=-1), motion, turned]))
+    there = likelihood.n_data > 0
+    again = np.maximum(none.chi_square - likelihood.noise_share, 0.0)
     best = np.min(again, axis=0, where=there, initial=np.inf)
-    sizes = np.sum([likelihood.size(one) * there for one in white], axis=1)
+    sizes = np.sum([likelihood.chi_square(one) * there for one in white], axis=1)
     sizes = sizes / np.maximum(there.sum(axis=0), 1)
     level = np.median(best[there.any(axis=0)])
     scale = np.sqrt(np.divide(level, sizes, out=np.zeros_like(sizes), where=sizes > 0.0))
@@ -146,13 +146,13 @@ def _changes(scene, none, guesses, fits):
     fitted = {one.where: one for one in fits if len(one.effects) == 1}
     for guess in guesses:
         one = fitted.get(frozenset([guess.effect.where]))
-        changes = likelihood.white(guess.change)[None] if one is None else one.knobs
+        changes = likelihood.whiten(guess.change)[None] if one is None else one.effect_jacobian
         yield guess.effect.label, [changes], len(guess.effect.hypothesis.targets(case))
     guessed = {frozenset([guess.effect.where]) for guess in guesses}
     for where, one in fitted.items():  # forms that no screening had
         hypothesis = one.effects[0].hypothesis
         if hypothesis.on == "site" and where not in guessed:
-            yield hypothesis.label, [one.knobs], len(hypothesis.targets(case))
+            yield hypothesis.label, [one.effect_jacobian], len(hypothesis.targets(case))
     for hypothesis in LIBRARY.values():
         if hypothesis.on == "site":
             continue
@@ -182,7 +182,7 @@ class _Fits:
 
     def __init__(self, likelihood, own, changes):
         self.columns = np.concatenate([own, *changes])
-        self.likelihood, self.kept = likelihood, np.maximum(likelihood.kept, 1)
+        self.likelihood, self.kept = likelihood, np.maximum(likelihood.n_data, 1)
         self.products = np.einsum("ibrm,jbrm->brij", self.columns, self.columns, optimize=True)
         ends = np.cumsum([len(own), *map(len, changes)])
         self.own = np.arange(len(own))
@@ -201,7 +201,7 @@ class _Fits:
         size : (n_surrogates, n_blasts, n_receivers) float64
         pulls : (n_surrogates, n_blasts, n_receivers, n_columns) float64
         """
-        there = np.diagonal(self.likelihood.roots, axis1=2, axis2=3) > 0.0
+        there = np.diagonal(self.likelihood.covariance.roots, axis1=2, axis2=3) > 0.0
         energy = np.einsum("brm,bsm->brs", there, left**2, optimize=True)
         pulls = np.einsum("ibrm,bsm->brsi", self.columns, left, optimize=True)
         here = np.arange(left.shape[1])

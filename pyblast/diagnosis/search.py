@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from .effects import Effect, Scene
-from .fitting import GROWS, Fit, Fitter, fit, settle
+from .fitting import GROWS, Fit, Fitter, fit, fit_partly
 from .hypotheses import LIBRARY
 
 SCALED = 0.5  # standard deviation of the scale of a change that was run at one value of its knobs
@@ -93,7 +93,7 @@ def _seen_in(found, hypothesis, target):
     case, likelihood = found.scene.case, found.scene.baseline.likelihood
     if target in case.blasts:
         return (case.blasts.index(target),)
-    each = [likelihood.excess(found.none.size, (b,)) for b in range(len(case.blasts))]
+    each = [likelihood.excess(found.none.chi_square, (b,)) for b in range(len(case.blasts))]
     most = int(np.argmax(each))
     return (most,) if hypothesis.linear else tuple(sorted({0, most or len(case.blasts) - 1}))
 
@@ -105,27 +105,28 @@ def _guess(found, effect, home, blasts):
     if sent is None:
         return None
     change = np.zeros_like(sent)
-    change[list(blasts)] = (sent - scene.baseline.believed)[list(blasts)]
+    change[list(blasts)] = (sent - scene.baseline.reference)[list(blasts)]
     size = _adapted(scene, change, blasts)
-    return Guess(effect, likelihood.share(found.none.size, size, blasts), change, blasts)
+    share = likelihood.explained_share(found.none.chi_square, size, blasts)
+    return Guess(effect, share, change, blasts)
 
 
 def _adapted(scene, change, blasts):
     """Return sizes of residuals when the site's values and the scale of a change fit best."""
     baseline, likelihood = scene.baseline, scene.baseline.likelihood
     slopes = baseline.slopes * baseline.sigma[:, None, None, None, None]
-    columns = likelihood.white(np.concatenate([slopes, change[None]]))
+    columns = likelihood.whiten(np.concatenate([slopes, change[None]]))
     columns[:, [b for b in range(columns.shape[1]) if b not in blasts]] = 0.0
     centre = np.append(np.zeros(len(slopes)), 1.0)
     precision = np.append(np.ones(len(slopes)), SCALED**-2.0)
-    start, place = likelihood.left(baseline.believed), centre
+    start, place = likelihood.residual(baseline.reference), centre
     for _ in range(ADAPTING):
-        size = likelihood.size(start - np.tensordot(place, columns, 1))
+        size = likelihood.chi_square(start - np.tensordot(place, columns, 1))
         weights = likelihood.weights(size)
         curvature = np.einsum("ibrm,jbrm,br->ij", columns, columns, weights, optimize=True)
         pull = np.einsum("ibrm,brm,br->i", columns, start, weights, optimize=True)
         place = np.linalg.solve(curvature + np.diag(precision), pull + precision * centre)
-    return likelihood.size(start - np.tensordot(place, columns, 1))
+    return likelihood.chi_square(start - np.tensordot(place, columns, 1))
 
 
 def rescreened(found, base) -> list[Guess]:
@@ -135,9 +136,9 @@ def rescreened(found, base) -> list[Guess]:
         if guess.effect.label in base.labels:
             continue
         shares = [
-            likelihood.share(
-                base.size,
-                likelihood.size(likelihood.left(base.motion + part * guess.change)),
+            likelihood.explained_share(
+                base.chi_square,
+                likelihood.chi_square(likelihood.residual(base.motion + part * guess.change)),
                 guess.blasts,
             )
             for part in (0.5, 1.0)
@@ -215,7 +216,7 @@ class Search:
         alone = len(one.effects) == 1  # others may have the same effects in another order
         twins = tuple(fit for fit in near if alone and fit is not best)
         self.fits = [fit for fit in self.fits if fit.where != one.where]
-        self.fits.append(replace(best, twins=twins))
+        self.fits.append(replace(best, alternatives=twins))
 
     def runs_left(self):
         """Tell whether the budget allows more runs."""
@@ -242,7 +243,7 @@ def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
     found = Search(scene, limit, tell)
     found.none = found.chosen = fit(scene, ())
     testable = any(not one.untestable(scene.case) for one in LIBRARY.values())
-    if not (testable and material(found.none.size)):
+    if not (testable and material(found.none.chi_square)):
         return found
     _quick(found, found.none)
     found.guesses = screened(found)
@@ -255,7 +256,7 @@ def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
         if not leaders:
             break
         found.chosen = leaders[0]
-        if not material(found.chosen.size) or n_labels == MOST:
+        if not material(found.chosen.chi_square) or n_labels == MOST:
             break
         for base in leaders:
             _quick(found, base)
@@ -289,7 +290,7 @@ def _quick(found, base):
         best = {}
         for target in hypothesis.targets(scene.case):
             trials = [
-                settle(scene, (*before, one), base.values, knobs=1)
+                fit_partly(scene, (*before, one), base.values, n_last=1)
                 for one in started(hypothesis, target, scene)
             ]
             gained, _, effects = min(trials, key=lambda one: one[0])
@@ -301,7 +302,7 @@ def _quick(found, base):
         if most is None or most[0] <= 0.0 or (before and not paying):
             continue
         added = paying or [most[1]]
-        one = fit(scene, (*before, *added), base.values, held=base if before else None)
+        one = fit(scene, (*before, *added), base.values, base=base if before else None)
         if one is not None:
             found.keep(one)
 
@@ -351,7 +352,7 @@ def _around(found):
         found.tell(f"around {first.label}", 0, 1)
         blasts = next(g.blasts for g in found.guesses if g.effect.where == first.where)
         scene.sent([(home, (way,)) for way in ways], blasts)
-        best = min(ways, key=lambda way: settle(scene, (way,), home, blasts)[0])
+        best = min(ways, key=lambda way: fit_partly(scene, (way,), home, blasts)[0])
         one = fit(scene, (best,), home, blasts, found.none)
         if one is not None:
             found.keep(one)
@@ -365,5 +366,5 @@ def _explained(found):
     best, likelihood = next(iter(found.leaders()), None), found.scene.baseline.likelihood
     if best is None or found.worth(best) <= GROWS:
         return 0.0, UNEXPLAINED
-    share = likelihood.share(found.none.size, best.size)
+    share = likelihood.explained_share(found.none.chi_square, best.chi_square)
     return share, SURELY if share < MOSTLY else 0

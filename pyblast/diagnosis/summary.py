@@ -4,6 +4,7 @@ from math import radians
 
 import numpy as np
 
+from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
 from ..project.flat_box import quality_of
 from ..units import FACTORS
 from .calibration import SPEED_SIGMA, STIFFNESS_SIGMA
@@ -11,7 +12,6 @@ from .decision import RESOLUTION, SETTLED_BY, intervals, more_remains
 from .detectability import visible
 from .fitting import GROWS
 from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
-from .likelihood import THEORY, UNSETTLED
 from .localization import located
 from .search import MATERIAL, worst
 
@@ -35,7 +35,7 @@ def summarise(scene, found, shuffled, verdict) -> dict:
     dict
     """
     baseline, none = scene.baseline, found.none
-    remainder = located(baseline, verdict.fit.motion, verdict.fit.size)
+    remainder = located(baseline, verdict.fit.motion, verdict.fit.chi_square)
     return {
         "outcome": verdict.outcome,
         "effects": _effects(verdict),
@@ -44,7 +44,7 @@ def summarise(scene, found, shuffled, verdict) -> dict:
         "smallest_visible": visible(
             scene, verdict.fit, max(GROWS, 0.0 if shuffled is None else shuffled.needed(()))
         ),
-        "located": located(baseline, none.motion, none.size),
+        "located": located(baseline, none.motion, none.chi_square),
         "remainder": remainder,
         "evidence": _evidence(scene, found, shuffled, verdict),
         "held_out": _held_out(verdict.held_out),
@@ -86,7 +86,7 @@ def _evidence(scene, found, shuffled, verdict):
     ranked = found.ranked()
     best = verdict.judged or next(iter(ranked), None)
     effects = () if best is None else best.effects
-    twice = scene.baseline.likelihood.doubled(found.none.size)
+    twice = scene.baseline.likelihood.at_double_error(found.none.chi_square)
     return {
         "unit": "nats over the calibrated site",
         "best": None if best is None else round(found.worth(best), 1),
@@ -157,8 +157,8 @@ def _not_testable(scene, found):
     likelihood, reach = scene.baseline.likelihood, {}
     told = NOT_ASKED | untestable_labels(scene.case)
     for guess in found.guesses:
-        size = likelihood.size(likelihood.white(guess.change))
-        length = float(np.sqrt(np.sum(likelihood.freedom * size)))
+        size = likelihood.chi_square(likelihood.whiten(guess.change))
+        length = float(np.sqrt(np.sum(likelihood.n_effective * size)))
         reach[guess.effect.label] = max(reach.get(guess.effect.label, 0.0), length)
     for label in dict.fromkeys(one.label for one in LIBRARY.values()):
         forms = [one for one in LIBRARY.values() if one.label == label]
@@ -280,7 +280,7 @@ def lead(made, summary) -> str:
     unsure = [label for label in made.verdict.fit.labels if label in untestable]
     if outcome in ("CLASS", "PARTIAL") and unsure:
         proof += f" But these records can't test {listed(unsure)}: {untestable[unsure[0]]}."
-    elif outcome == "PARTIAL" and more_remains(made.verdict.fit.size, made.verdict.share):
+    elif outcome == "PARTIAL" and more_remains(made.verdict.fit.chi_square, made.verdict.share):
         proof += f" But something else is missing{_near(summary['remainder'])}."
     elif outcome == "PARTIAL" and not summary["finished"]:
         proof += " But the budget of runs ended before all other effects were tried."
@@ -458,8 +458,9 @@ def assumptions(scene, summary) -> list[str]:
         f"Wave speeds of layers may be off by {100 * SPEED_SIGMA:g} %, stiffness of joints by "
         f"{100 * STIFFNESS_SIGMA:g} % (one standard deviation); they are fitted anew with every "
         "effect.",
-        f"Places, clocks and small heterogeneity cost {100 * THEORY:g} % of the energy of each "
-        f"record, the mesh {100 * UNSETTLED:g} % of what a finer one changes, or a few times that: "
+        f"Places, clocks and small heterogeneity cost {100 * ENERGY_SHARE:g} % of the energy of "
+        f"each record, the mesh {100 * MESH_SHARE:g} % of what a finer one changes, or a few times "
+        "that: "
         "these are the small errors of the theory. Noise is that of the windows before the blasts.",
         f"Nothing is called missing while the mean square misfit of every receiver and of every "
         f"blast stays below {MATERIAL:g} times that.",

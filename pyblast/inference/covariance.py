@@ -44,8 +44,9 @@ class Whitener:
     levels : dict of str to float
         Standard deviation of each group, and of ``scatter``.
     noise_log_determinant : float
-    n_data : int
-        Numbers that carry data; fewer than the coefficients where samples are invalid.
+    n_data_each : (n_blasts, n_receivers) int
+        Coefficients of each record that carry data; fewer than there are where samples are
+        invalid.
     """
 
     band: Band
@@ -56,7 +57,7 @@ class Whitener:
     groups: tuple[str, ...]
     levels: dict[str, float]
     noise_log_determinant: float
-    n_data: int
+    n_data_each: np.ndarray
 
     def __post_init__(self):
         """Check that each group has a level."""
@@ -71,9 +72,31 @@ class Whitener:
                 raise InputError(f"whitener.levels.{name}: must be finite, not negative: {level:g}")
 
     @property
+    def n_data(self) -> int:
+        """Numbers that carry data."""
+        return int(np.sum(self.n_data_each))
+
+    @property
     def deviation(self):
         """Standard deviation of noise and scattering in turned numbers, (n_data,)."""
         return np.sqrt(1.0 + self.levels.get(SCATTER, 0.0) ** 2 * self.spread.ravel())
+
+    @cached_property
+    def roots(self) -> np.ndarray:
+        """Inverse roots of the covariance of noise and scattering of each record.
+
+        (n_blasts, n_receivers, 3 n_functions, 3 n_functions) float64, s/m; symmetric. Zero where
+        functions are lost.
+        """
+        deviation = self.deviation.reshape(self.spread.shape)
+        return self.backs @ (self.turns / deviation[..., None])
+
+    @cached_property
+    def noise_share(self) -> np.ndarray:
+        """Mean square of whitened noise alone in each record, (n_blasts, n_receivers)."""
+        variance = self.deviation.reshape(self.spread.shape) ** -2.0
+        lost = self.spread.shape[-1] - self.n_data_each
+        return (np.sum(variance, axis=-1) - lost) / np.maximum(self.n_data_each, 1)
 
     @cached_property
     def _directions(self):
@@ -119,6 +142,10 @@ class Whitener:
         ``(I + U U^T)^(-1/2)`` on what noise and scattering have been divided out of, each root
         the symmetric one, so that nothing is moved in time more than it must; theory.md (7.17).
         """
+        if not len(self.columns):
+            held = self.band.project(residual)
+            white = _each(self.roots, held.reshape(*held.shape[:-2], -1))
+            return white.reshape(held.shape)
         plain = self.turned(residual) / self.deviation
         direction, strength, _ = self._directions
         # (1 + s)^(-1/2) - 1 over s, without loss of digits at small s
@@ -179,7 +206,8 @@ def whitener(
     n_receivers, size = len(noise.variance), 3 * band.n_functions
     turns = np.empty((n_blasts, n_receivers, size, size))
     backs, spread = np.empty_like(turns), np.zeros(turns.shape[:3])
-    whole, log_determinant, n_data = {}, 0.0, 0
+    whole, log_determinant = {}, 0.0
+    n_data = np.zeros((n_blasts, n_receivers), dtype=int)
     for b, r in np.ndindex(n_blasts, n_receivers):
         gapped = any((b, r, c) in band.gapped for c in range(3))
         if gapped or r not in whole:
@@ -189,7 +217,7 @@ def whitener(
         else:
             root, logarithm, rank = whole[r]
         log_determinant += logarithm
-        n_data += rank
+        n_data[b, r] = rank
         turns[b, r], backs[b, r] = root, np.eye(size)
         if scattering is not None:
             block = linalg.block_diag(*scattering[b, r])
@@ -372,33 +400,3 @@ def error_columns(motion, band: Band, mesh_errors=()) -> Nuisances:
         alone = alone.reshape(-1, *errors.shape[1:])
         parts += mesh_columns(alone[np.any(alone, axis=(1, 2, 3, 4))], band)
     return parts
-
-
-def whitener_beside(
-    recorded, simulated, noise: Noise, band: Band, mesh_errors=(), fitted=()
-) -> Whitener:
-    """Return the covariance of residuals beside a simulation that nearly fits.
-
-    Parameters
-    ----------
-    recorded, simulated : (n_blasts, n_receivers, 3, n_samples) float, m/s
-    noise : Noise
-    band : Band
-    mesh_errors : sequence of the same shape, m/s
-        As of `usual_whitener`.
-    fitted : (n, n_blasts, n_receivers, 3, n_samples) float, m/s
-        As of `infer_levels`: the simulation was fitted by so many unknowns.
-
-    Returns
-    -------
-    Whitener
-        With inferred levels.
-
-    Notes
-    -----
-    theory.md (7.13) to (7.19). Shapes must be those of the simulation: those of the record hold
-    its noise, which then explains itself for the price of a level, and what damps the simulation
-    is taken for likely.
-    """
-    made = usual_whitener(simulated, noise, band, mesh_errors)
-    return infer_levels(made, np.asarray(recorded) - simulated, fitted=fitted).whitener

@@ -1,42 +1,268 @@
-"""Gauss-Newton with Levenberg's damping on residuals: few runs where misfits have one valley."""
+"""Damped Gauss-Newton minimisation with bounds, a prior and Broyden updates."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
+from scipy import linalg
 from scipy.optimize import lsq_linear
 
 from ..errors import InputError
 from .global_search import spread
 from .problem import Evaluations, Problem, Spent, Trace
 
-DIFFERENCE = 0.01  # of each range, for derivatives
-DAMPING = 1e-3  # of the largest curvature, at first
-WORTH = 1e-6  # foreseen drop, in shares of the sum of squares, below which a valley is done
-SMALLEST = 1e-5  # step in shares of the ranges
+SHORTER = 0.4  # of a step that did not descend
+LESS, MORE = 0.2, 10.0  # factors on the damping after a good step, and after one that failed
+GOOD = 0.5  # share of the predicted decrease above which the damping falls
 
 
-@dataclass
-class _Valley:
-    """Where the search is: place, residuals there, their derivatives, and Levenberg's damping.
+def _squares(residual):
+    """Return the sum of squares: the misfit of independent residuals of unit variance."""
+    return float(np.sum(residual**2))
 
-    ``fresh`` says that the derivatives were worked out here, not carried along.
+
+@dataclass(frozen=True, eq=False)
+class LeastSquares:
+    """A misfit of residuals with a Gaussian prior within bounds.
+
+    The objective is ``misfit(r) + sum precision (x - mean)^2`` with ``r = residual(simulate(x))``.
+
+    Parameters
+    ----------
+    simulate : callable
+        ``(n,) -> array``, or None where the parameters have no simulation.
+    jacobian : callable, optional
+        ``(n,), array -> (n, ...)``: derivatives of the residual, or of the simulation if
+        ``whiten`` is given. None where the first Jacobian is all there is.
+    residual : callable, optional
+        Residual of a simulation; the simulation itself by default.
+    whiten : callable, optional
+        Linear map from changes of the simulation to changes of the residual.
+    misfit : callable, optional
+        Of a residual; the sum of squares by default.
+    weights : callable, optional
+        ``(..., m) -> (...)`` of a residual: weights of its squares with which these have the
+        gradient of the misfit; one by default.
+    mean, precision : (n,) float64, optional
+        Of the prior; none by default.
+    low, high : (n,) float64, optional
+        Bounds.
+    free : (n,) bool, optional
+        Which parameters may change; all by default.
     """
 
-    place: np.ndarray
-    residuals: np.ndarray
-    derivatives: np.ndarray
-    damping: float
-    fresh: bool = True
+    simulate: Callable
+    jacobian: Callable | None = None
+    residual: Callable = lambda simulated: simulated
+    whiten: Callable = lambda change: change
+    misfit: Callable = _squares
+    weights: Callable = lambda residual: np.ones(residual.shape[:-1])
+    mean: np.ndarray | float = 0.0
+    precision: np.ndarray | float = 0.0
+    low: np.ndarray | float = -np.inf
+    high: np.ndarray | float = np.inf
+    free: np.ndarray | None = None
 
-    @property
-    def squares(self):
-        """Sum of squares of the residuals."""
-        return float(self.residuals @ self.residuals)
+    def objective(self, x, simulated) -> float:
+        """Return misfit and prior, infinite where there is no finite simulation."""
+        if simulated is None or not np.all(np.isfinite(simulated)):
+            return np.inf
+        prior = np.sum(self.precision * (x - self.mean) ** 2)
+        return float(self.misfit(self.residual(simulated)) + prior)
+
+    def normal_equations(self, x, simulated, jacobian) -> tuple[np.ndarray, np.ndarray]:
+        """Return half the gradient (n,) and half the Gauss-Newton Hessian (n, n)."""
+        residual, rows = self.residual(simulated), self.whiten(jacobian)
+        return normal_equations(
+            rows, residual, self.weights(residual), self.precision,
+            self.precision * (x - self.mean),
+        )  # fmt: skip
+
+
+def normal_equations(rows, residual, weights, precision=1.0, slope=0.0):
+    """Return half the gradient and half the Gauss-Newton Hessian of weighted least squares.
+
+    Parameters
+    ----------
+    rows : (n, ..., m) float64
+        Jacobian of the residual.
+    residual : (..., m) float64
+    weights : (...) float64
+    precision, slope : (n,) float64 or float
+        Of the prior: its inverse variances, and half of its gradient.
+
+    Returns
+    -------
+    gradient : (n,) float64
+    hessian : (n, n) float64
+    """
+    scaled = (rows * weights[..., None]).reshape(len(rows), -1)
+    gradient = scaled @ residual.ravel() + slope
+    hessian = scaled @ rows.reshape(len(rows), -1).T
+    hessian = 0.5 * (hessian + hessian.T)
+    hessian[np.diag_indices(len(rows))] += precision
+    return gradient, hessian
+
+
+@dataclass(eq=False)
+class Minimum:
+    """The state of a minimisation.
+
+    Parameters
+    ----------
+    x : (n,) float64
+    simulated : array
+    objective : float
+    jacobian : (n, ...) float64
+        The last one; ``fresh`` where it belongs to ``x`` and was not updated.
+    hessian : (n, n) float64
+        Half the Gauss-Newton Hessian of the last step, the prior included.
+    decrease : float
+        Of the objective, as the last step predicted.
+    """
+
+    x: np.ndarray
+    simulated: np.ndarray
+    objective: float
+    jacobian: np.ndarray | None = None
+    hessian: np.ndarray | None = None
+    decrease: float = np.inf
+    fresh: bool = False
+
+
+def gauss_newton(
+    problem: LeastSquares,
+    x,
+    simulated,
+    *,
+    converged: Callable,
+    rounds: int | None = None,
+    jacobian=None,
+    broyden: bool = False,
+    damping: float = 0.0,
+    backtracks: int = 0,
+    longest=np.inf,
+    least_gain: float = 0.0,
+    accepted: Callable = lambda: None,
+) -> Minimum:
+    """Minimise by damped Gauss-Newton steps.
+
+    Parameters
+    ----------
+    problem : LeastSquares
+    x : (n,) float64
+        Where to start.
+    simulated : array
+        The simulation there.
+    converged : callable
+        ``(step, decrease, now)``: whether a step (n,) with this predicted decrease of the
+        objective is not worth a simulation; ``now`` is a `Minimum`.
+    rounds : int, optional
+        Steps at most.
+    jacobian : (n, ...) float64, optional
+        At the start; asked for if not given.
+    broyden : bool
+        Whether each simulation updates the Jacobian by Broyden's rule. It is asked for again only
+        when the updated one is of no more use.
+    damping : float
+        Levenberg's, in shares of the largest diagonal element of the Hessian; adapted by the gain
+        of each step. Zero for none.
+    backtracks : int
+        How often a step that does not descend is shortened, where there is no damping.
+    longest : (n,) float64 or float
+        A step is scaled so that no parameter moves further.
+    least_gain : float
+        A step that gains less is the last one.
+    accepted : callable
+        Called after each step that is taken.
+
+    Returns
+    -------
+    Minimum
+        With the Jacobian and the Hessian of the last step.
+
+    Notes
+    -----
+    Levenberg (1944), Broyden (1965); theory.md (12.1), (12.2).
+    """
+    now = Minimum(np.asarray(x), simulated, problem.objective(x, simulated), jacobian)
+    now.fresh = jacobian is not None
+    for _ in count() if rounds is None else range(rounds):
+        if now.jacobian is None or not (now.fresh or broyden or problem.jacobian is None):
+            _refresh(problem, now)
+        step, now.decrease = _step(problem, now, damping, longest)
+        if converged(step, now.decrease, now):
+            if now.fresh or problem.jacobian is None:
+                break
+            _refresh(problem, now)
+            continue
+        before, gain = now.objective, -np.inf
+        for shortening in SHORTER ** np.arange(1 + backtracks):
+            trial = problem.simulate(now.x + shortening * step)
+            gain = before - problem.objective(now.x + shortening * step, trial)
+            if broyden and np.isfinite(gain):
+                missed = trial - now.simulated - np.tensordot(step, now.jacobian, 1)
+                now.jacobian = now.jacobian + np.multiply.outer(step / (step @ step), missed)
+            if gain > 0.0:
+                break
+        if gain > 0.0:
+            now.x, now.simulated = now.x + shortening * step, trial
+            now.objective, now.fresh = before - gain, False
+            damping *= LESS if gain > GOOD * now.decrease else 1.0
+            accepted()
+            if gain < least_gain:
+                break
+        elif not damping:
+            break
+        elif now.fresh or problem.jacobian is None:
+            damping *= MORE
+        else:
+            _refresh(problem, now)
+    return now
+
+
+def _refresh(problem, now):
+    """Evaluate the Jacobian at the present parameters."""
+    now.jacobian = problem.jacobian(now.x, now.simulated)
+    now.fresh = True
+
+
+def _step(problem, now, damping, longest):
+    """Return the best step within the bounds, and the decrease of the objective it predicts."""
+    gradient, now.hessian = problem.normal_equations(now.x, now.simulated, now.jacobian)
+    free = np.ones(len(now.x), dtype=bool) if problem.free is None else problem.free
+    hessian = now.hessian[np.ix_(free, free)]
+    damped = hessian + damping * np.max(np.diag(hessian), initial=0.0) * np.eye(len(hessian))
+    low, high = ((np.broadcast_to(b, now.x.shape) - now.x)[free] for b in
+                 (problem.low, problem.high))  # fmt: skip
+    step = np.zeros(len(now.x))
+    step[free] = _bounded_minimum(damped, gradient[free], low, high)
+    step *= min(1.0, np.min(longest / np.maximum(np.abs(step), 1e-12)))
+    return step, float(-2.0 * gradient @ step - step @ now.hessian @ step)
+
+
+def _bounded_minimum(hessian, gradient, low, high):
+    """Return the step within bounds that minimises ``step H step + 2 g step``."""
+    value, vector = linalg.eigh(hessian)
+    value = np.maximum(value, np.finfo(float).eps * np.max(value, initial=1e-300))
+    wanted = -(vector.T @ gradient) / np.sqrt(value)
+    step = vector @ (wanted / np.sqrt(value))
+    if np.any(step < low) or np.any(step > high):
+        rows = np.sqrt(value)[:, None] * vector.T
+        step = lsq_linear(rows, wanted, (low - 1e-12, high + 1e-12), method="bvls").x
+    return np.clip(step, low, high)
+
+
+DIFFERENCE = 0.01  # of each range, for derivatives
+DAMPING = 1e-3  # of the largest curvature, at first
+LEAST_DECREASE = 1e-6  # predicted, in shares of the sum of squares: below, a minimum is reached
+LEAST_STEP = 1e-5  # in shares of the ranges
 
 
 def levenberg_search(problem: Problem, budget: int, seed: int, start=None) -> Trace:
-    """Search by damped Gauss-Newton steps; start again elsewhere when a valley is done.
+    """Search by damped Gauss-Newton steps; start again elsewhere when a minimum is reached.
 
     Parameters
     ----------
@@ -64,79 +290,38 @@ def levenberg_search(problem: Problem, budget: int, seed: int, start=None) -> Tr
     """
     if problem.vectors is None:
         raise InputError("method 'levenberg': needs a misfit that has residuals; take surrogate")
-    kept, n = Evaluations(problem, budget), problem.n_parameters
-    kept.steps = set()
+    asked, n = Evaluations(problem, budget), problem.n_parameters
+    asked.steps = set()
     first = np.full(n, 0.5) if start is None else np.asarray(start, dtype=np.float64)
-    starts = [first, *spread(n, budget, seed)]
+
+    def simulate(x):
+        return asked.vectors(x[None])[1][0]
+
+    def accepted():
+        asked.steps.add(len(asked.misfits) - 1)
+
+    squares = LeastSquares(simulate, lambda x, r: _derivatives(asked, x, r), low=0.0, high=1.0)
     with suppress(Spent):
-        for start in starts:
-            _descend(kept, start)
-    return kept.trace()
+        for x in [first, *spread(n, budget, seed)]:
+            residual = simulate(x)
+            accepted()
+            if np.all(np.isfinite(residual)):
+                gauss_newton(
+                    squares, x, residual, converged=_is_minimum, broyden=True, damping=DAMPING,
+                    accepted=accepted,
+                )  # fmt: skip
+    return asked.trace()
 
 
-def _descend(kept, start):
-    """Go down from a start until no step is worth a run."""
-    residuals = kept.vectors(start[None])[1][0]
-    kept.steps.add(len(kept.misfits) - 1)
-    if not np.all(np.isfinite(residuals)):
-        return
-    derivatives = _derivatives(kept, start, residuals)
-    valley = _Valley(start, residuals, derivatives, DAMPING)
-    while True:
-        step, worth = _step(valley)
-        if worth < WORTH * valley.squares or np.max(np.abs(step)) < SMALLEST:
-            if valley.fresh:
-                return
-            _refresh(kept, valley)
-            continue
-        found = kept.vectors((valley.place + step)[None])[1][0]
-        _judge(kept, valley, step, found, worth)
+def _is_minimum(step, decrease, now):
+    """Tell whether a step is not worth a run."""
+    return decrease < LEAST_DECREASE * now.objective or np.max(np.abs(step)) < LEAST_STEP
 
 
-def _step(valley):
-    """Return the best step within the unit cube and the drop of squares that it promises."""
-    j = valley.derivatives
-    curvature = np.sum(j**2, axis=0)
-    weight = np.sqrt(valley.damping * np.max(curvature))
-    rows = np.vstack([j, weight * np.eye(len(valley.place))])
-    wanted = np.concatenate([-valley.residuals, np.zeros(len(valley.place))])
-    low, high = -valley.place, 1.0 - valley.place
-    free = lsq_linear(rows, wanted, (low - 1e-12, high + 1e-12), method="bvls").x
-    step = np.clip(free, low, high)
-    left = valley.residuals + j @ step
-    return step, valley.squares - float(left @ left)
-
-
-def _judge(kept, valley, step, found, worth):
-    """Take a step that went down, learn from every step, and set the damping by its gain."""
-    squares = float(found @ found)
-    gain = (valley.squares - squares) / worth
-    if np.all(np.isfinite(found)):
-        missed = found - valley.residuals - valley.derivatives @ step
-        valley.derivatives = valley.derivatives + np.outer(missed, step) / (step @ step)
-    if gain > 0.0:
-        kept.steps.add(len(kept.misfits) - 1)
-        valley.place, valley.residuals = valley.place + step, found
-        valley.fresh = False
-        if gain > 0.5:
-            valley.damping /= 5.0
-    elif valley.fresh:
-        valley.damping *= 10.0
-    else:
-        _refresh(kept, valley)
-
-
-def _refresh(kept, valley):
-    """Work out the derivatives anew where the search is."""
-    valley.derivatives = _derivatives(kept, valley.place, valley.residuals)
-    valley.fresh = True
-
-
-def _derivatives(kept, place, residuals):
-    """Return the derivatives (k, n) of residuals at a place: tangents, or differences inwards."""
-    if kept.problem.tangents is not None:
-        return kept.tangents(place)
-    sides = np.where(place > 0.5, -DIFFERENCE, DIFFERENCE)
-    found = kept.vectors(place + np.diag(sides))[1]
-    moved = (found - residuals).T / sides
+def _derivatives(asked, x, residual):
+    """Return the derivatives (n, k) of residuals: tangents, or differences inwards."""
+    if asked.problem.tangents is not None:
+        return asked.tangents(x).T
+    sides = np.where(x > 0.5, -DIFFERENCE, DIFFERENCE)
+    moved = (asked.vectors(x + np.diag(sides))[1] - residual) / sides[:, None]
     return np.where(np.isfinite(moved), moved, 0.0)

@@ -142,7 +142,7 @@ def _fits(made):
 def _map_figures(made, summary):
     """Draw where records are missed: in plan and section, and in time and frequency."""
     case, fits = made.scene.case, _fits(made)
-    sizes = {title: means(fit.size, 0) for title, fit in fits.items()}
+    sizes = {title: means(fit.chi_square, 0) for title, fit in fits.items()}
     outcome = summary["outcome"]
     place = {"UNKNOWN": "located", "PARTIAL": "remainder"}.get(outcome)
     points = [] if place is None else summary[place]["points"]
@@ -161,7 +161,8 @@ def _map_figures(made, summary):
 def _time_frequency(made, summary):
     """Draw the worst record over time and frequency."""
     case, fits = made.scene.case, _fits(made)
-    b, r = np.unravel_index(np.argmax(made.search.none.size), made.search.none.size.shape)
+    chi_square = made.search.none.chi_square
+    b, r = np.unravel_index(np.argmax(chi_square), chi_square.shape)
     band = case.band
     recorded = case.in_band(case.motion)
     missed = {title: recorded - case.in_band(fit.motion) for title, fit in fits.items()}
@@ -218,7 +219,7 @@ def _proof_figures(made):
     """Draw records that were left out of the fits; without effects, the worst of all records."""
     case, none = made.scene.case, made.search.none
     if not _has_effect(made):
-        r = int(np.argmax(means(none.size, 0)))
+        r = int(np.argmax(means(none.chi_square, 0)))
         yield (
             f"Receiver {case.receivers[r]}",
             "The receiver that is explained worst: recorded and calibrated, in the band that is "
@@ -239,7 +240,7 @@ def _proof_figures(made):
 
 def _left_out(made, folds):
     """Yield the folds to show: (name, records to draw, mask of what is left out)."""
-    case, size = made.scene.case, made.search.none.size
+    case, size = made.scene.case, made.search.none.chi_square
     blasts = [b for b, name in enumerate(case.blasts) if name in folds]
     receivers = [r for r, name in enumerate(case.receivers) if name in folds]
     if blasts:
