@@ -9,7 +9,7 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import Material
 from pyblast.model.model import Model, Receiver, Rim
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.project.site_model import Cut
+from pyblast.project.flat_box import Cut
 from pyblast.solver.assembly import time_step
 from pyblast.solver.preparation import prepare
 

@@ -9,11 +9,11 @@ from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.calibration import unknowns_of, with_values
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.inference.records import band_functions
-from pyblast.project.site_model import Cut, site_mesh, site_model
+from pyblast.project.flat_box import Cut, flat_box, flat_mesh, flat_model
 from pyblast.runs.cache import cached_run
 from pyblast.workflows.diagnose import EDGE, FINE_EDGE, GROWTH, PADDING, cut_of
 
-from .blind.sites import AFTER, DT, draw_site
+from .blind.sites import AFTER, BAND, DT, draw_site, project_of
 
 TITLE = "Mesh of a diagnosis"
 EDGES = 0.45, 0.5, 0.55, 0.6, 0.65, 0.75  # wavelengths of S at the top of the band
@@ -29,7 +29,7 @@ def measure(effort):
     rows = {str(edge): [] for edge in EDGES}
     for number in range(SITES[effort]):
         rng = np.random.default_rng([DRAWN, number])
-        sites = changed(draw_site(rng), rng)
+        sites = changed(project_of(draw_site(rng)), rng)
         finer = cut_of(sites[0], fine=True)
         fine, cost = heard(sites, finer)
         sharp = replace(finer, edge=SHARPER * finer.edge, padding=WIDER * finer.padding)
@@ -45,7 +45,7 @@ def changed(site, rng):
     unknowns = unknowns_of(site)
     signs = rng.choice([-1.0, 1.0], len(unknowns)) * [one.sigma for one in unknowns]
     closure = LIBRARY["joint_nonlinear_closure"]
-    closing = closure.apply(site, site.joints[0].joint.surface, closed=CLOSED)
+    closing = closure.apply(site, site.joints[0].surface, closed=CLOSED)
     return site, with_values(site, unknowns, signs), closing
 
 
@@ -57,13 +57,13 @@ def cut(site, edge):
 
 def heard(sites, cut: Cut):
     """Return motion (n_sites, n_receivers, 3, n_samples) in the band, and seconds a run."""
-    mesh, found = site_mesh(sites[0], cut), []
+    mesh, found = flat_mesh(flat_box(sites[0]), cut), []
     began = time.process_time()
     for site in sites:
-        run = cached_run(site_model(site, BLAST, cut, mesh), DT * AFTER)
+        run = cached_run(flat_model(site, BLAST, cut, mesh), DT * AFTER)
         found.append([run.seismograms[r.name].sampled(0.0, DT, AFTER).velocity.T
                       for r in site.receivers])  # fmt: skip
-    band = band_functions(AFTER, DT, sites[0].band)
+    band = band_functions(AFTER, DT, BAND)
     return np.array(found) @ band.basis, (time.process_time() - began) / len(sites)
 
 

@@ -92,7 +92,11 @@ def bare(lanes, single):
     """Compile the edges for some lanes, with springs in single precision or in double."""
     with TemporaryDirectory() as folder:
         paths = []
-        for name in ("fortran/batch.f90.in", "fortran/edge_springs.f90", "benchmarks/edge_loops.f90"):
+        for name in (
+            "fortran/batch.f90.in",
+            "fortran/edge_springs.f90",
+            "benchmarks/edge_loops.f90",
+        ):
             text = (ROOT / name).read_text().replace("@n_batch@", str(lanes))
             if single:
                 text = text.replace(

@@ -6,12 +6,12 @@ import numpy as np
 
 from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.project.site_model import site_mesh, site_model
+from pyblast.project.flat_box import constant_q, flat_model
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 from pyblast.workflows.diagnose import cut_of
 
-from .blind.sites import AFTER, DT, draw_site
+from .blind.sites import AFTER, BAND, DT, draw_site, project_of
 from .marching import LEDGER_EVERY, Steps
 from .timing import interleaved, median, on, ratio
 
@@ -25,7 +25,7 @@ ROUNDS = 40  # of a march, that fit into the records
 
 def measure(effort):
     """Return ns of a zone and step, their ratios, and the largest differences over the peak."""
-    drawn = [draw_site(np.random.default_rng([DRAWN, n])) for n in range(SITES[effort])]
+    drawn = [project_of(draw_site(np.random.default_rng([DRAWN, n]))) for n in range(SITES[effort])]
     found = {}
     for law, changed in laws().items():
         models = [in_eight(changed(site)) for site in drawn]
@@ -40,16 +40,21 @@ def laws():
     return {
         "linear joints": lambda site: site,
         "a joint that closes": lambda site: closure.apply(
-            site, site.joints[0].joint.surface, closed=CLOSED
+            site, site.joints[0].surface, closed=CLOSED
         ),
-        "constant Q": lambda site: replace(site, quality=QUALITY),
+        "constant Q": lambda site: site.changed(
+            materials={
+                name: replace(one, law=constant_q(*QUALITY, BAND))
+                for name, one in site.materials.items()
+            }
+        ),
     }
 
 
 def in_eight(site):
     """Return the model of the largest blast as a diagnosis runs it, but in eight bytes."""
     cut = cut_of(site)
-    return replace(site_model(site, BLAST, cut, site_mesh(site, cut)), single=False)
+    return replace(flat_model(site, BLAST, cut), single=False)
 
 
 def difference(model):

@@ -1,25 +1,23 @@
-"""A site whose joint closes, which its description does not say: something to diagnose.
+"""A project whose joint closes, which its file does not say: something to diagnose.
 
     python examples/05_hidden_closure.py hidden
-    pyblast diagnose hidden --out found
+    pyblast diagnose hidden/S1.toml --out found
 
-Writes a case folder: the site as it is believed to be, the holes of a single shot and of two
-blasts, and what six receivers would have recorded if joint J1 stiffened as it closes. Speeds and
-stiffness differ from what is believed, too, and there is noise: only the records tell.
+Writes project files of a single shot and of two blasts, with what six receivers would have
+recorded if joint J1 stiffened as it closes. Speeds and stiffness differ from those of the files,
+too, and there is noise: only the records tell.
 """
 
 import sys
-from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from pyblast import Blast, Joint, Material, Receiver, Seismogram, TimeFunction, simulate
 from pyblast.diagnosis.effects import Effect
-from pyblast.diagnosis.prediction import site_of
-from pyblast.project.site import Site, SiteJoint
-from pyblast.project.site_file import write_site
-from pyblast.project.site_model import Cut, site_model
-from pyblast.recordings.recording import Recording
+from pyblast.diagnosis.prediction import diagnosed
+from pyblast.project.flat_box import Cut, flat_box, flat_model, place_in_box
+from pyblast.project.project import Project, load_project, with_further
+from pyblast.solver.run import simulate
 
 PLACES = ((20, 70, 0), (80, 20, 0), (100, 60, 0), (110, 30, -20), (95, 85, 0), (35, 10, 0))
 CUT = Cut(20.0, 180.0, 1.1, quadratic=True)
@@ -29,69 +27,109 @@ ERRORS = (0.02, -0.015, 0.15, -0.1)  # logarithms of factors on cp, cs, kn, ks
 NOISE = 0.004  # of the peak of the single shot
 
 
-def believed():
-    """Return the site without records."""
+BLASTS = {"S1": (1, 10.0), "B1": (3, 40.0), "B2": (5, 120.0)}  # holes and kg in each
+GROUND = """title = "hidden closure"
+[mesh]
+size_m = [120, 90, 60]
+origin_m = [0, 0, -60]
+edge_m = 8
+padding_m = 80
+padding_edge_m = 20
+layers = [{ material = "rock" }]
+[[mesh.faults]]
+name = "J1"
+dip_deg = 90
+dip_direction_deg = 90
+through_m = [60, 45, 0]
+[materials.rock]
+density_kg_per_m3 = 2600
+cp_m_per_s = 2800
+cs_m_per_s = 1600
+[joints.J1]
+law = "elastic"
+kn_gpa_per_m = 0.8
+ks_gpa_per_m = 0.4
+insitu_pressure_kpa = 30
+[boundaries]
+viscous = ["west", "east", "south", "north", "bottom"]
+free = ["top"]
+[holes_inside]
+moment_rate_file = "source.csv"
+[run]
+duration_s = 0.496
+compare_band_hz = [4, 25]
+"""
+BLAST = """[blast]
+file = "{0}_holes.csv"
+charge_exponent = 0.9
+"""
+RECEIVER = """[[receivers]]
+name = "{1}"
+position_m = {2}
+recorded = {{ file = "{0}_{1}.csv" }}
+"""
+
+
+def write_projects(folder: Path) -> Path:
+    """Write the project files and what they name but the records; return the first of them."""
+    folder.mkdir(parents=True, exist_ok=True)
     times = np.arange(0.0, 0.1, 0.002)
-    joint = Joint("J1", "elastic", {"kn": 8e8, "ks": 4e8}, insitu_pressure=3e4)
-    return Site(
-        name="hidden closure",
-        box=np.array([[0.0, 120.0], [0.0, 90.0], [-60.0, 0.0]]),
-        layers=(("rock", None, Material.from_speeds(2600.0, 2800.0, 1600.0)),),
-        joints=(SiteJoint(joint, "x", 60.0),),
-        quality=None,
-        receivers=tuple(Receiver(f"R{n}", place) for n, place in enumerate(PLACES, 1)),
-        moment_rate=TimeFunction(np.sin(np.pi * times / 0.1) ** 2 * 6e10, 0.002, 0.0),
-        exponent=0.9,
-        blasts={"S1": holes(1, 10.0), "B1": holes(3, 40.0), "B2": holes(5, 120.0)},
-        records={},
-        time_zeros={name: f"2026-05-01T1{n}:00:00Z" for n, name in enumerate(("S1", "B1", "B2"))},
-        band=(4.0, 25.0),
-        noise_window=(-BEFORE * DT, 0.0),
-    )
+    pulse = np.column_stack([times, np.sin(np.pi * times / 0.1) ** 2 * 6e10])
+    write_table(folder / "source.csv", "time_s,moment_rate_per_kg_Nm_per_s", pulse)
+    for name, (count, charge) in BLASTS.items():
+        n = np.arange(count)
+        row = [n + 1, 25.0 + 4.0 * n, 30.0 + 6.0 * n, np.full(count, -10.0),
+               np.full(count, charge), 0.025 * n]  # fmt: skip
+        write_table(folder / f"{name}_holes.csv", "id,x,y,z,charge_kg,delay_s", np.transpose(row))
+        text = GROUND + BLAST.format(name)
+        text += "".join(RECEIVER.format(name, f"R{k}", list(p)) for k, p in enumerate(PLACES, 1))
+        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+    first, *further = (folder / f"{name}.toml" for name in BLASTS)
+    names = ", ".join(f'"{path.name}"' for path in further)
+    with first.open("a", encoding="utf-8") as file:
+        file.write(f"[diagnosis]\nblasts = [{names}]\n")
+    return first
 
 
-def holes(count, charge):
-    """Return a row of holes, 25 ms apart."""
-    n = np.arange(count)
-    collar = np.column_stack([25.0 + 4.0 * n, 30.0 + 6.0 * n, np.full(count, -9.0)])
-    toe = collar - [0.0, 0.0, 2.0]
-    every = np.full(count, charge), 0.025 * n, np.full(count, 0.1)
-    return Blast("", collar, toe, *every)
-
-
-def recorded(site, seed):
-    """Return a site with the records of its blasts, made by runs, with noise."""
-    rng = np.random.default_rng(seed)
-    motions = {}
-    for name in site.blasts:
-        done = simulate(site_model(site, name, CUT), SAMPLES * DT)
+def write_records(folder: Path, project: Project, seed: int):
+    """Write what the receivers of a project record of its blasts, by runs, with noise."""
+    rng, motions = np.random.default_rng(seed), {}
+    for name in project.blasts:
+        done = simulate(flat_model(project, name, CUT), SAMPLES * DT)
         motions[name] = {
-            r: s.sampled(0.0, DT, SAMPLES).velocity for r, s in done.seismograms.items()
+            receiver: one.sampled(0.0, DT, SAMPLES).velocity
+            for receiver, one in done.seismograms.items()
         }
     level = NOISE * max(np.abs(v).max() for v in motions["S1"].values())
-    records = {}
-    for name, some in motions.items():
-        records[name] = {}
-        for receiver, velocity in some.items():
+    times = DT * np.arange(-BEFORE, SAMPLES)
+    for name, by_receiver in motions.items():
+        for receiver, velocity in by_receiver.items():
             noise = level * np.cumsum(rng.normal(size=(BEFORE + SAMPLES, 3)), axis=0)
             noise -= np.linspace(noise[0], noise[-1], len(noise))
             noise[BEFORE:] += velocity
-            clipped = np.zeros(noise.shape, dtype=bool)
-            made = Seismogram(noise, DT, -BEFORE * DT, receiver)
-            records[name][receiver] = Recording(made, "", "", None, clipped)
-    return records
+            head = "time_s,east_m_per_s,north_m_per_s,vertical_m_per_s"
+            path = folder / f"{name}_{receiver}.csv"
+            write_table(path, head, np.column_stack([times, noise]))
+
+
+def write_table(path, head, rows):
+    """Write rows of numbers under a head."""
+    lines = [",".join(f"{value:.9g}" for value in row) for row in rows]
+    path.write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
 
 
 def main(folder):
-    """Write the case folder."""
-    site = believed()
+    """Write projects and records."""
+    first = write_projects(Path(folder))
+    reference = with_further(load_project(first))
+    reference = reference.changed(receivers=place_in_box(reference.config.receivers,
+                                                         flat_box(reference)))  # fmt: skip
     effect = Effect("joint_nonlinear_closure", "J1", ((CLOSED,),))
-    true = site_of(site, np.array(ERRORS), [effect])
-    write_site(folder, replace(site, records=recorded(true, seed=1)))
-    print(f"written: {folder}; now: pyblast diagnose {folder} --out found")
+    write_records(Path(folder), diagnosed(reference, np.array(ERRORS), [effect]), seed=1)
+    print(f"written: {folder}; now: pyblast diagnose {first} --out found")
 
 
 if __name__ == "__main__":
     if len(sys.argv) != 2:
-        sys.exit("which folder shall be written? python examples/05_hidden_closure.py hidden")
+        sys.exit("name the folder to write to: python examples/05_hidden_closure.py hidden")
     main(sys.argv[1])

@@ -18,7 +18,7 @@ def scene():
     """Return the small site, believed and true alike, and what its holes send."""
     forward = Forward(recorded(small_site()), CUT)
     motion = forward.motion(small_site())
-    baseline = SimpleNamespace(site=small_site(), motion=motion)
+    baseline = SimpleNamespace(project=small_site(), motion=motion)
     there = object.__new__(Scene)  # without the memory of a calibration
     there.forward, there.baseline = forward, baseline
     there.holes = forward.hole_motion(small_site())

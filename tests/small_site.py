@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from pyblast.blasts.blast import Blast
+from pyblast.blasts.blast import Blast, Firing
 from pyblast.diagnosis.calibration import Baseline, likelihood_of, unknowns_of
 from pyblast.diagnosis.case import Case, case_of
 from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import Forward
-from pyblast.model.joint import Joint
-from pyblast.model.material import Material
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
-from pyblast.project.site import Site, SiteJoint
-from pyblast.project.site_model import Cut
+from pyblast.project.config_file import check_config
+from pyblast.project.flat_box import Cut
+from pyblast.project.inputs import Inside
+from pyblast.project.project import Project, make_project
 from pyblast.recordings.recording import Recording
 from pyblast.signals.seismogram import Seismogram
 
@@ -23,35 +23,46 @@ DT, SAMPLES, BEFORE = 0.004, 100, 50
 BAND = (4.0, 25.0)
 
 
-def small_site():
-    """Return a site of 120 x 90 x 60 m: a joint, two blasts, four receivers, no records."""
-    rock = Material.from_speeds(2600.0, 2800.0, 1600.0)
-    joint = Joint("J1", "elastic", {"kn": 8e8, "ks": 4e8}, insitu_pressure=1e5)
+def small_site() -> Project:
+    """Return a project of 120 x 90 x 60 m: a joint, two blasts, four receivers, no records."""
     times = np.arange(0.0, 0.1, 0.002)
     pulse = TimeFunction(np.sin(np.pi * times / 0.1) ** 2 * 6e10, 0.002, 0.0)
-    return Site(
-        name="small",
-        box=np.array([[0.0, 120.0], [0.0, 90.0], [-60.0, 0.0]]),
-        layers=(("rock", None, rock),),
-        joints=(SiteJoint(joint, "x", 60.0),),
-        quality=None,
-        receivers=tuple(
-            Receiver(f"R{n}", place)
-            for n, place in enumerate(
-                [(20.0, 70.0, 0.0), (80.0, 20.0, 0.0), (100.0, 60.0, 0.0), (110.0, 30.0, -20.0)]
-            )
-        ),
-        moment_rate=pulse,
-        exponent=0.9,
-        blasts={
-            "S1": holes([[30.0, 30.0]], [10.0], [0.0]),
-            "B1": holes([[30.0, 30.0], [34.0, 36.0], [38.0, 42.0]], [60.0] * 3, [0.0, 0.03, 0.06]),
-        },
-        records={},
-        time_zeros={},
-        band=BAND,
-        noise_window=(-BEFORE * DT, 0.0),
+    places = [(20.0, 70.0, 0.0), (80.0, 20.0, 0.0), (100.0, 60.0, 0.0), (110.0, 30.0, -20.0)]
+    blasts = {
+        "S1": holes([[30.0, 30.0]], [10.0], [0.0]),
+        "B1": holes([[30.0, 30.0], [34.0, 36.0], [38.0, 42.0]], [60.0] * 3, [0.0, 0.03, 0.06]),
+    }
+    config, first = check_config(TABLES), Firing(np.zeros(1), 1.0)
+    given = {
+        "receivers": tuple(Receiver(f"R{n}", place) for n, place in enumerate(places)),
+        "inside": Inside(first, pulse, (), (), (), None),
+        "records": {},
+    }
+    one, other = (
+        replace(make_project(config, "small.toml", {**given, "blast": blast}), name=name)
+        for name, blast in blasts.items()
     )
+    return replace(one, further=(other,))
+
+
+TABLES = {
+    "title": "small",
+    "mesh": {
+        "size_m": [120.0, 90.0, 60.0], "origin_m": [0.0, 0.0, -60.0], "edge_m": 30.0,
+        "layers": [{"material": "rock"}],
+        "faults": [{"name": "J1", "dip_deg": 90.0, "dip_direction_deg": 90.0,
+                    "through_m": [60.0, 45.0, 0.0]}],
+    },
+    "materials": {"rock": {"density_kg_per_m3": 2600.0, "cp_m_per_s": 2800.0,
+                           "cs_m_per_s": 1600.0}},
+    "joints": {"J1": {"law": "elastic", "kn_gpa_per_m": 0.8, "ks_gpa_per_m": 0.4,
+                      "insitu_pressure_kpa": 100.0}},
+    "boundaries": {"viscous": ["west", "east", "south", "north", "bottom"]},
+    "blast": {"file": "holes.csv", "charge_exponent": 0.9},
+    "holes_inside": {"moment_rate_file": "source.csv"},
+    "run": {"duration_s": 0.4, "compare_band_hz": list(BAND)},
+    "diagnosis": {"noise_window_s": [-BEFORE * DT, 0.0]},
+}  # fmt: skip
 
 
 def holes(places, charge, times):
@@ -62,14 +73,14 @@ def holes(places, charge, times):
     return Blast("", collar, toe, np.array(charge), np.array(times), np.full(n, 0.1))
 
 
-def recorded(site: Site, truth: Site | None = None, noise=0.003, seed=1, change=None) -> Case:
-    """Return a site with records of the truth: coloured noise, a share of the peak, over them."""
+def recorded(site: Project, truth: Project | None = None, noise=0.003, seed=1, change=None) -> Case:
+    """Return a project with records of the truth: coloured noise, a share of the peak, added."""
     blank = {
         blast: {r.name: _recording(np.zeros((BEFORE + SAMPLES, 3))) for r in site.receivers}
         for blast in site.blasts
     }
     rng = np.random.default_rng(seed)
-    first = replace(site, records=blank)
+    first = site.changed(records=blank)
     for some in blank.values():  # a noise window must move
         for one in some.values():
             one.seismogram.velocity.setflags(write=True)
@@ -85,20 +96,20 @@ def recorded(site: Site, truth: Site | None = None, noise=0.003, seed=1, change=
             quiet = noise * np.abs(motion[0]).max() * _coloured(rng, BEFORE + SAMPLES)
             quiet[BEFORE:] += velocity.T
             records[blast][name] = _recording(quiet)
-    return case_of(replace(site, records=records))
+    return case_of(site.changed(records=records))
 
 
 def scene_of(case: Case) -> Scene:
     """Return a case of the small site as if it were calibrated: one run of each blast."""
     forward = Forward(case, CUT)
-    motion = forward.motion(case.site)
+    motion = forward.motion(case.project)
     times = DT * np.arange(case.n_samples)
     stretched = times * np.gradient(motion, DT, axis=-1)
-    unknowns = unknowns_of(case.site)
+    unknowns = unknowns_of(case.project)
     slopes = np.stack([stretched, 0.7 * stretched, 0.05 * motion, -0.03 * motion])
     baseline = Baseline(
-        case, unknowns, np.zeros(4), np.diag([one.sigma**2 for one in unknowns]), case.site, motion,
-        slopes, motion, np.zeros_like(motion), likelihood_of(case),
+        case, unknowns, np.zeros(4), np.diag([one.sigma**2 for one in unknowns]), case.project,
+        motion, slopes, motion, np.zeros_like(motion), likelihood_of(case),
     )  # fmt: skip
     holes = np.stack([motion[0], np.roll(motion[0], 3, axis=-1), 0.5 * motion[0]])
     return Scene(forward, baseline, {"S1": motion[:1], "B1": holes})

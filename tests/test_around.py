@@ -37,7 +37,7 @@ def looked(monkeypatch, effect, refit):
     """Return the search after it looked around one fit of worth 20, and where it fitted anew."""
     asked = []
     scene = SimpleNamespace(
-        case=SimpleNamespace(site=SimpleNamespace(joints=[])), sent=lambda *_: None,
+        case=SimpleNamespace(project=SimpleNamespace(joints=[])), sent=lambda *_: None,
         forward=SimpleNamespace(runs=0),
     )  # fmt: skip
     none = SimpleNamespace(log_evidence=0.0, values=np.zeros(2))

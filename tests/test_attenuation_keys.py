@@ -6,10 +6,10 @@ from small_project import written
 
 from pyblast.errors import InputError
 from pyblast.model.material import ConstantQ
+from pyblast.project.case_folder import read_case_folder
 from pyblast.project.checks import check
+from pyblast.project.flat_box import Cut, flat_model, quality_of
 from pyblast.project.project import load_project
-from pyblast.project.site import read_site
-from pyblast.project.site_model import Cut, site_model
 
 SOIL = "shear_mpa = 57.7"
 FADING = "shear_mpa = 57.7\nqp = 20\nqs = 10\nquality_band_hz = [1, 40]"
@@ -92,10 +92,10 @@ def test_ground_that_fades_can_be_damped_as_well(tmp_path):
 
 
 def test_a_site_with_known_quality_fades_by_it_and_by_nothing_else(cases):
-    site = read_site(cases / "case-10")
+    site = read_case_folder(cases / "case-10")
 
-    model = site_model(site, "S1", Cut(40.0))
+    model = flat_model(site, "S1", Cut(40.0))
 
     laws = {material.law for material in model.materials.values()}
-    assert {(law.qp, law.qs) for law in laws} == {site.quality} == {(83.0, 54.0)}
+    assert {(law.qp, law.qs) for law in laws} == {quality_of(site)} == {(83.0, 54.0)}
     assert model.damping is None

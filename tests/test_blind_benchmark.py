@@ -27,7 +27,7 @@ from benchmarks.blind.sealing import freeze, opened, publish, published, seal
 from benchmarks.blind.sites import AFTER, BEFORE, FURTHER, HIDDEN, draw_site
 from benchmarks.blind.worlds import World
 from pyblast.errors import InputError
-from pyblast.project.site import read_site
+from pyblast.project.case_folder import read_case_folder
 
 
 def truth(block="single", label="missing_joint", target="x=60.0", **parameters):
@@ -246,10 +246,10 @@ def test_case_folders_hold_neither_the_further_blast_nor_the_hidden_receiver(tmp
     site = draw_site(rng)
     shape = len(site.receivers), 3, BEFORE + AFTER
     write_case(tmp_path, "case-000", site, {blast: rng.normal(size=shape) for blast in site.blasts})
-    read = read_site(tmp_path)
+    read = read_case_folder(tmp_path)
     assert FURTHER not in read.blasts
     assert HIDDEN not in [r.name for r in read.receivers]
-    assert read.joints[0].joint.properties == pytest.approx(site.joints[0].joint.properties)
+    assert read.joints[0].properties == pytest.approx(site.joints[0].joint.properties)
 
 
 @pytest.mark.parametrize("label", sorted({*FAMILY, *OUTSIDE}))
@@ -282,7 +282,7 @@ def stored(folder):
 
 def test_a_further_receiver_beside_a_known_one_is_foretold_the_same():
     case = recorded(small_site())
-    asked = case.site.blasts["B1"], case.site.receivers[1].position
+    asked = case.project.blasts["B1"], case.project.receivers[1].position
 
     told = foretold(case, asked, np.zeros(4), (), None)
 

@@ -31,7 +31,7 @@ def scene(change=None):
     case = recorded(small_site(), site(), change=change)
     forward = Forward(case, CUT)
     baseline = calibrate(forward)
-    return Scene(forward, baseline, forward.hole_motion(baseline.site))
+    return Scene(forward, baseline, forward.hole_motion(baseline.project))
 
 
 def late(motion):
@@ -66,7 +66,7 @@ def test_calibration_finds_speeds_and_stiffness_within_its_own_errors():
 def test_records_in_another_unit_are_refused_before_anything_is_called_missing(unit):
     case = recorded(small_site(), site(), change=lambda motion: unit * motion)
 
-    with pytest.raises(InputError, match=r"records: are .* times as large as what the site sends"):
+    with pytest.raises(InputError, match=r"records: are .* times as large as what is simulated"):
         calibrate(Forward(case, CUT))
 
 
@@ -97,10 +97,10 @@ def test_stored_holes_send_together_what_a_run_of_the_blast_sends():
     blasts = small_site().blasts
     at = replace(blasts["B1"], times=blasts["B1"].times + 0.01)
     forward, baseline = scene().forward, scene().baseline
-    run = forward.motion(replace(baseline.site, blasts={**blasts, "B1": at}))
+    run = forward.motion(baseline.project.changed(blasts={**blasts, "B1": at}))
 
     effect = Effect("delay_scatter", "B1", ((0.01,) * 3,))
-    moved = scene().received(forward.motion(baseline.site), (effect,))
+    moved = scene().received(forward.motion(baseline.project), (effect,))
 
     assert np.abs(moved - run).max() < 0.01 * np.abs(run).max()  # moved in the band of the records
 
@@ -117,5 +117,5 @@ def test_words_that_no_hypothesis_knows_are_refused():
 
 def test_unknowns_of_parts_that_are_not_there_are_refused():
     unknowns = unknowns_of(small_site())
-    with pytest.raises(InputError, match="no layer or joint named"):
+    with pytest.raises(InputError, match="no material or joint named"):
         with_values(small_site(), [replace(unknowns[0], name="clay.cp")], [0.1])

@@ -25,7 +25,12 @@ def site_with(shift):
     )  # fmt: skip
     site = small_site()
     names = [r.name for r in site.receivers]
-    return replace(site, records={b: dict.fromkeys(names, record) for b in site.blasts})
+    return site.changed(records={b: dict.fromkeys(names, record) for b in site.blasts})
+
+
+def records_of(project):
+    """Return the records by blast and receiver."""
+    return {one.name: one.records for one in (project, *project.further)}
 
 
 def record_without(record, count, offset):
@@ -48,9 +53,10 @@ def test_records_between_the_instants_of_the_blast_are_read_at_them(share):
 @pytest.mark.parametrize("offset", [0.0, 1e-3])
 def test_a_channel_that_is_still_before_the_blast_is_dead_only_if_it_stays_so(offset):
     site = site_with(0.0)
-    live, up = (record_without(site.records["S1"]["R0"], some, offset) for some in (BEFORE, None))
-    records = {name: {**site.records[name], "R1": live, "R2": up} for name in site.blasts}
-    plain, case = case_of(site), case_of(replace(site, records=records))
+    some = records_of(site)
+    live, up = (record_without(some["S1"]["R0"], count, offset) for count in (BEFORE, None))
+    records = {name: {**some[name], "R1": live, "R2": up} for name in site.blasts}
+    plain, case = case_of(site), case_of(site.changed(records=records))
 
     assert case.dead == ("R2 up",)
     assert case.valid[:, 1].all()
@@ -60,8 +66,9 @@ def test_a_channel_that_is_still_before_the_blast_is_dead_only_if_it_stays_so(of
 
 def test_a_channel_that_stands_still_in_one_blast_has_no_part_in_that_blast():
     site = site_with(0.0)
-    lost = record_without(site.records["B1"]["R1"], None, 1e-3)
-    lame = replace(site, records=site.records | {"B1": site.records["B1"] | {"R1": lost}})
+    some = records_of(site)
+    lost = record_without(records_of(site)["B1"]["R1"], None, 1e-3)
+    lame = site.changed(records=some | {"B1": some["B1"] | {"R1": lost}})
     plain, case = case_of(site), case_of(lame)
 
     assert case.dead == ("R1 up in B1",)

@@ -11,8 +11,8 @@ def test_a_run_counts_as_kept_once_and_only_if_it_was_there_before(tmp_path):
 
     for forward in (made, after):
         for _ in range(2):
-            forward.heard([(case.site, "S1")])
-    whole = after.made([after.model(case.site, "S1")])[0].wall_seconds
+            forward.heard([(case.project, "S1")])
+    whole = after.made([after.model(case.project, "S1")])[0].wall_seconds
 
     assert (made.runs, made.kept, made.kept_s) == (2, 0, 0.0)
     assert (after.runs, after.kept, after.kept_s) == (3, 1, whole)

@@ -11,9 +11,10 @@ from small_site import CUT, DT, SAMPLES, small_site
 
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.diagnosis.library.ground import Fabric
 from pyblast.model.anisotropy import christoffel, stiffness_of
-from pyblast.project.site import Fabric
-from pyblast.project.site_model import site_mesh
+from pyblast.project.config_ground import LayerConfig
+from pyblast.project.flat_box import flat_box, flat_mesh
 
 
 def test_every_effect_lists_where_it_may_be():
@@ -61,8 +62,10 @@ def test_planes_keep_away_from_joints_and_holes_and_cover_the_rest():
 
 def test_a_gap_of_half_a_spacing_has_a_plane_in_its_middle():
     case = scene().case
-    listed = replace(case.site.joints[0], position=52.0)
-    near = replace(case, site=replace(case.site, joints=(listed,)))
+    mesh = case.project.config.mesh
+    listed = mesh.faults[0].model_copy(update={"through_m": [52.0, 45.0, 0.0]})
+    moved = case.project.changed(mesh=mesh.model_copy(update={"faults": [listed]}))
+    near = replace(case, project=moved)
 
     assert "x=45.0" in LIBRARY["missing_joint"].targets(near)  # last hole at 38 m, spacing 21 m
 
@@ -91,14 +94,25 @@ def test_no_joint_is_missing_where_one_is_listed():
 
 
 def test_a_soft_layer_leaves_the_ground_below_as_it_is_whatever_its_name():
-    rock = small_site().layers[0][2]
-    layered = replace(small_site(), layers=(("clay", 20.0, rock), ("soft", None, rock)))
+    rock = small_site().materials["rock"]
+    layered = layers_of_rock(clay=20.0, soft=None)
     knobs = {"thickness": 5.0, "slower": 0.4}
-    (own, top, slow), *below = applied("soft_surface_layer", "", layered, **knobs).layers
+    project = applied("soft_surface_layer", "", layered, **knobs)
+    (own, top), *below = flat_box(project).layers
 
     assert own not in ("clay", "soft")
-    assert (top, slow.cs) == pytest.approx((5.0, 0.4 * rock.cs))
-    assert below == [("clay", 15.0, rock), ("soft", None, rock)]
+    assert (top, project.materials[own].cs) == pytest.approx((5.0, 0.4 * rock.cs))
+    assert below == [("clay", 15.0), ("soft", None)]
+    assert project.materials["clay"] == project.materials["soft"] == rock
+
+
+def layers_of_rock(**thicknesses):
+    """Return the small site with layers of its rock by name."""
+    project = small_site()
+    layers = [LayerConfig(material=name, thickness_m=one) for name, one in thicknesses.items()]
+    mesh = project.config.mesh.model_copy(update={"layers": layers})
+    rock = project.materials["rock"]
+    return project.changed(mesh=mesh, materials=dict.fromkeys(thicknesses, rock))
 
 
 @pytest.mark.parametrize(("target", "offset"), [("x=105.0", 15.0), ("y=15.0", -15.0)])
@@ -107,7 +121,7 @@ def test_no_joint_is_missing_outside_of_the_box(target, offset):
     inside = applied("missing_joint", target, offset=0.99 * offset, **stiff)
     outside = applied("missing_joint", target, offset=offset, **stiff)
 
-    assert f"missing {target}" in site_mesh(inside, CUT).surfaces
+    assert f"missing {target}" in flat_mesh(flat_box(inside), CUT).surfaces
     assert outside is None
 
 
@@ -116,17 +130,20 @@ def test_bare_sites_are_cut_into_the_zones_of_the_effect(name):
     one = LIBRARY[name]
     target = one.targets(scene().case)[-1]
     knobs = {knob.name: knob.starts[0] for knob in one.parameters}
-    there, bare = (
-        site_mesh(make(small_site(), target, **knobs), CUT) for make in (one.apply, one.bare)
-    )
+    there, bare = (mesh_of(make(small_site(), target, **knobs)) for make in (one.apply, one.bare))
 
     near = 1.5 if name == "soft_surface_layer" else 0.0  # m: cut as a layer nearly as thick
     cut, wanted = (np.unique(mesh.points, axis=0) for mesh in (bare, there))
     np.testing.assert_allclose(cut, wanted, rtol=0.0, atol=near)
 
 
+def mesh_of(project):
+    """Return the mesh of a flat box."""
+    return flat_mesh(flat_box(project), CUT.of(project.materials))
+
+
 def test_a_closing_joint_is_as_stiff_at_rest_as_it_is_listed():
-    (joint,) = (j.joint for j in applied("joint_nonlinear_closure", "J1", closed=0.6).joints)
+    (joint,) = applied("joint_nonlinear_closure", "J1", closed=0.6).joints
     kn, closure = joint.properties["kn"], joint.properties["closure"]
 
     assert kn * (1.0 + joint.insitu_pressure / (kn * closure)) ** 2 == pytest.approx(8e8)
@@ -136,7 +153,7 @@ def test_a_closing_joint_is_as_stiff_at_rest_as_it_is_listed():
 @pytest.mark.parametrize("strength", [2e5, 3e4])  # friction of 30 degrees bears 5.8e4 alone
 def test_a_slipping_joint_bears_its_strength_at_rest(name, strength):
     slips = applied(name, "J1", strength=strength, residual=0.5)
-    (joint,) = (j.joint for j in slips.joints)
+    (joint,) = slips.joints
     values, pressure = joint.properties, joint.insitu_pressure
 
     assert values["cohesion"] + values["friction"] * pressure == pytest.approx(strength)
@@ -147,9 +164,9 @@ def test_a_slipping_joint_bears_its_strength_at_rest(name, strength):
 def test_what_slips_by_friction_alone_has_no_cohesion_and_needs_a_pressure():
     slips = applied("joint_slip/frictional", "J1", strength=2e5, residual=0.5)
     (listed,) = small_site().joints
-    free = replace(small_site(), joints=(replace(listed, joint=unpressed(listed.joint)),))
+    free = small_site().changed(joints=(unpressed(listed),))
 
-    assert slips.joints[0].joint.properties["cohesion"] == 0.0
+    assert slips.joints[0].properties["cohesion"] == 0.0
     assert applied("joint_slip/frictional", "J1", free, strength=2e5, residual=0.5) is None
 
 
@@ -161,11 +178,11 @@ def unpressed(joint):
 def test_a_slipping_joint_may_have_any_strength_of_its_range():
     for strength in np.geomspace(1e3, 1e7, 300):  # rounding must not leave a cohesion below zero
         slips = applied("joint_slip", "J1", strength=float(strength), residual=0.5)
-        assert slips.joints[0].joint.properties["cohesion"] >= 0.0
+        assert slips.joints[0].properties["cohesion"] >= 0.0
 
 
 def test_a_viscous_fill_relaxes_both_ways_in_one_time():
-    (joint,) = (j.joint for j in applied("joint_viscous_fill", "J1", relaxation=2e-3).joints)
+    (joint,) = applied("joint_viscous_fill", "J1", relaxation=2e-3).joints
     values = joint.properties
 
     assert values["eta_n"] / values["kn"] == values["eta_s"] / values["ks"] == pytest.approx(2e-3)
@@ -182,7 +199,7 @@ def test_low_q_takes_more_of_high_frequencies():
 
 
 def test_fissures_slow_waves_across_them_and_none_change_nothing():
-    rock = small_site().layers[0][2]
+    rock = small_site().materials["rock"]
     across, along = np.eye(3)[:2]
     weak = Fabric(0.0, 0.3, 0.2).of(rock)
     none = stiffness_of(Fabric(0.7, 0.0, 0.0).of(rock))
@@ -229,7 +246,7 @@ def test_undamaged_rock_is_as_it_was():
 
 @pytest.mark.parametrize(("thickness", "slower"), [(6.0, 0.15), (4.0, 0.15), (8.0, 0.2)])
 def test_the_search_of_slow_soil_begins_at_a_layer_that_rings_as_the_records_do(thickness, slower):
-    here, rock = scene(), small_site().layers[0][2]
+    here, rock = scene(), small_site().materials["rock"]
     ringing = sent(applied("soft_surface_layer", "", thickness=thickness, slower=slower))
     both = np.concatenate([ringing, here.baseline.motion[1:]])
     heard = SimpleNamespace(case=replace(here.case, motion=both), baseline=here.baseline)

@@ -23,7 +23,7 @@ def sent_from(place, blast=1, size=1.0):
     motion = case.motion.copy()
     times = case.dt * np.arange(case.n_samples)
     peak = size * np.abs(case.motion[blast]).max()
-    for r, receiver in enumerate(case.site.receivers):
+    for r, receiver in enumerate(case.project.receivers):
         way = np.linalg.norm(np.array(receiver.position) - place)
         late = times - SENT - way / 1600.0
         pulse = np.exp(-((late / 0.03) ** 2)) * np.sin(2.0 * np.pi * 15.0 * late)

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from small_site import BEFORE, CUT, DT, SAMPLES, recorded, small_site
+from small_site import BAND, BEFORE, CUT, DT, SAMPLES, recorded, small_site
 from test_verdicts import CHANCE, LOUD, fits
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
@@ -14,6 +14,7 @@ from pyblast.diagnosis.decision import judge
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.hypotheses import LIBRARY, untestable_labels
 from pyblast.diagnosis.search import Search
+from pyblast.project.flat_box import constant_q
 from pyblast.recordings.recording import Recording
 from pyblast.signals.seismogram import Seismogram
 from pyblast.workflows.diagnose import diagnose
@@ -35,13 +36,21 @@ def heard(site):
         }
         for blast in site.blasts
     }  # fmt: skip
-    return case_of(replace(site, records=records))
+    return case_of(site.changed(records=records))
 
 
 def with_blasts(*names):
     """Return the small site with some of its blasts."""
     site = small_site()
-    return replace(site, blasts={name: site.blasts[name] for name in names})
+    return site.changed(blasts={name: site.blasts[name] for name in names})
+
+
+def fading(project):
+    """Return a project whose ground has quality factors."""
+    law = constant_q(60.0, 40.0, BAND)
+    return project.changed(
+        materials={name: replace(one, law=law) for name, one in project.materials.items()}
+    )
 
 
 def test_charges_of_six_to_one_and_receivers_around_test_every_effect():
@@ -49,7 +58,7 @@ def test_charges_of_six_to_one_and_receivers_around_test_every_effect():
 
 
 def test_known_quality_factors_are_not_asked_for():
-    told = untestable_labels(heard(replace(small_site(), quality=(60.0, 40.0))))
+    told = untestable_labels(heard(fading(small_site())))
 
     assert set(told) == {"attenuation_Q", "anisotropy"}
     assert "Qp 60 and Qs 40" in told["attenuation_Q"]
@@ -73,7 +82,7 @@ def test_one_blast_tests_no_effect_of_a_receiver_alone():
 def test_charges_of_two_to_one_test_nothing_that_grows_with_charge():
     site = small_site()
     twice = replace(site.blasts["S1"], charge=np.array([30.0]))
-    told = untestable_labels(heard(replace(site, blasts={**site.blasts, "S1": twice})))
+    told = untestable_labels(heard(site.changed(blasts={**site.blasts, "S1": twice})))
 
     assert set(told) == AMPLITUDE
     assert "2 to one" in told["joint_slip"]
@@ -82,20 +91,20 @@ def test_charges_of_two_to_one_test_nothing_that_grows_with_charge():
 def test_receivers_in_one_line_with_the_holes_do_not_test_anisotropy():
     site = with_blasts("S1")
     line = [replace(r, position=(40.0 + 20.0 * n, 30.0, 0.0)) for n, r in enumerate(site.receivers)]
-    told = untestable_labels(heard(replace(site, receivers=tuple(line))))
+    told = untestable_labels(heard(site.changed(receivers=tuple(line))))
 
     assert told["anisotropy"].startswith("paths lie in 1 of 6 directions")
 
 
 def test_a_site_without_joints_says_so():
-    told = untestable_labels(heard(replace(small_site(), joints=())))
+    told = untestable_labels(heard(small_site().changed(joints=())))
 
     assert told["joint_viscous_fill"] == "this site has no joint that it could belong to"
 
 
 def test_one_receiver_tests_nothing():
     site = small_site()
-    told = untestable_labels(heard(replace(site, receivers=site.receivers[:1])))
+    told = untestable_labels(heard(site.changed(receivers=site.receivers[:1])))
 
     assert set(told) == {one.label for one in LIBRARY.values()}
 
@@ -104,9 +113,9 @@ def test_one_receiver_tests_nothing():
 def one_record():
     """Diagnose one record of one blast whose clock was ten samples slow."""
     site = with_blasts("S1")
-    site = replace(site, receivers=site.receivers[2:3])
+    site = site.changed(receivers=site.receivers[2:3])
     case = recorded(site, change=lambda motion: np.roll(3.0 * motion, 10, axis=-1))
-    return diagnose(case.site, cuts=(CUT, None)).summary
+    return diagnose(case.project, cuts=(CUT, None)).summary
 
 
 def test_one_receiver_and_one_blast_name_nothing():

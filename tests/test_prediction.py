@@ -25,6 +25,6 @@ def test_an_air_blast_moves_the_ground_that_it_was_fitted_on(monkeypatch, effect
     monkeypatch.setattr(Forward, "motion", lambda *_: still)
 
     values = [0.1, -0.1, 0.2, 0.0]
-    foretold = predict(case, CUT, case.site.blasts["B1"], values, effects)
+    foretold = predict(case, CUT, case.project.blasts["B1"], values, effects)
 
     np.testing.assert_array_equal(foretold, moved[case.blasts.index("B1")])

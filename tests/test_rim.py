@@ -4,15 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_site import CUT, DT, SAMPLES, small_site
+from small_site import BAND, CUT, DT, SAMPLES, small_site
 
 from pyblast.errors import InputError
 from pyblast.model.boundary import DRAG, Rim
-from pyblast.project.site_model import site_mesh, site_model
+from pyblast.project.flat_box import flat_model
 from pyblast.solver.run import simulate
 
 BOX = ((0.0, 120.0), (0.0, 90.0), (-60.0, 0.0))
-LOWEST = small_site().band[0]
+LOWEST = BAND[0]
 
 
 def test_drag_grows_to_the_lesser_of_both_limits():
@@ -31,7 +31,7 @@ def test_a_narrow_rim_sends_less_back_where_its_drag_is_held():
     site = small_site()
     wide = heard(site, replace(CUT, padding=600.0))  # 1.5 of the longest S wave
     held = heard(site, CUT)  # 0.15 of it
-    crossed = heard(site, CUT, Rim(tuple(map(tuple, site.box)), CUT.padding))
+    crossed = heard(site, CUT, Rim(BOX, CUT.padding))
 
     back = [np.sum((one - wide) ** 2) / np.sum(wide**2) for one in (held, crossed)]
     assert back[0] < 0.5 * back[1]
@@ -39,7 +39,7 @@ def test_a_narrow_rim_sends_less_back_where_its_drag_is_held():
 
 def heard(site, cut, rim=None):
     """Return what the receivers of a site hear of its first blast."""
-    model = site_model(site, "S1", cut, site_mesh(site, cut))
+    model = flat_model(site, "S1", cut)
     model = model if rim is None else replace(model, rim=rim)
     seismograms = simulate(model, DT * SAMPLES).seismograms
     return np.stack([one.sampled(0.0, DT, SAMPLES).velocity for one in seismograms.values()])

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from case_folder import write_folder
 from small_site import CUT, recorded, small_site
 
 from pyblast.diagnosis.case import case_of
 from pyblast.errors import InputError, PyblastError
-from pyblast.project.site import check_site, read_site
-from pyblast.project.site_file import write_site
-from pyblast.project.site_model import site_mesh
+from pyblast.project.case_folder import read_case_folder
+from pyblast.project.flat_box import flat_box, flat_mesh
 from pyblast.recordings.seismic import mseed_bytes
 from pyblast.workflows.diagnose import check_further, diagnose_folder
 
@@ -31,14 +31,16 @@ RIMS = "whole_box = false\nextent = [{}, {}]\ndepth = [{}, {}]"
 
 @cache
 def hidden():
-    """Return the small site with records and instants."""
-    site = recorded(small_site()).site
-    return replace(site, time_zeros={"S1": "2024-05-01T12:00:00", "B1": "2024-05-01T13:00:00"})
+    """Return the small site with records."""
+    return recorded(small_site()).project
+
+
+ZEROS = {"S1": "2024-05-01T12:00:00", "B1": "2024-05-01T13:00:00"}
 
 
 def changed(folder, *pairs, name="site.toml"):
     """Write the case folder, change a text file of it, and return the folder."""
-    write_site(folder, hidden())
+    write_folder(folder, hidden(), ZEROS)
     text = (folder / name).read_text()
     for old, new in pairs:
         assert old in text
@@ -75,26 +77,34 @@ def inner(folder, name):
         ("[[joints]]", f"{JOINT}[[joints]]", "joints: 'J1' is there twice; each needs a name"),
         ('id = "J1"', 'id = "top"', "joints.top: is a side of the box; take another name"),
         ('id = "B1"', 'id = "S1"', "blasts: 'S1' is there twice"),
-        ("charge_exponent = 0.9", 'charge_exponent = "x"', "an entry is of the wrong kind"),
+        ("charge_exponent = 0.9", 'charge_exponent = "x"', "charge_exponent: must be a number"),
         ("2024-05-01T13:00:00", "2024-05-01T15:00:00", "record of R0 ends -7.2e\\+03 s after"),
     ],
 )
 def test_what_can_not_be_is_said_with_its_place(tmp_path, old, new, told):
     with pytest.raises(PyblastError, match=told):
-        case_of(read_site(changed(tmp_path, (old, new))))
+        case_of(read_case_folder(changed(tmp_path, (old, new))))
 
 
-def test_a_source_that_begins_before_its_hole_fires_is_refused():
+def test_a_source_that_begins_before_its_hole_fires_is_refused(tmp_path):
     site = hidden()
-    early, quiet = (replace(site.moment_rate, start=start) for start in (-0.05, -0.002))
-
-    check_site(replace(site, moment_rate=quiet))  # its first sample is zero
+    rate = site.inside.moment_rate
+    for start in (-0.002, -0.05):  # its first sample is zero
+        inside = replace(site.inside, moment_rate=replace(rate, start=start))
+        write_folder(tmp_path, replace(site, given={**site.given, "inside": inside}), ZEROS)
+        if start == -0.002:
+            read_case_folder(tmp_path)
     with pytest.raises(InputError, match=r"source: its moment rate begins at -0\.048 s"):
-        check_site(replace(site, moment_rate=early))
+        read_case_folder(tmp_path)
+
+
+def test_a_key_that_no_case_folder_has_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r"joints\[1\].stiffness: unknown key"):
+        read_case_folder(changed(tmp_path, ("whole_box", "stiffness = 1\nwhole_box")))
 
 
 def test_the_written_folder_itself_is_read(tmp_path):
-    assert case_of(read_site(changed(tmp_path))).receivers == ("R0", "R1", "R2", "R3")
+    assert case_of(read_case_folder(changed(tmp_path))).receivers == ("R0", "R1", "R2", "R3")
 
 
 def test_the_case_folder_of_the_page_on_files_is_read(tmp_path):
@@ -109,26 +119,28 @@ def test_the_case_folder_of_the_page_on_files_is_read(tmp_path):
     (tmp_path / "S1.mseed").write_bytes(
         mseed_bytes(motion, channels, 0.004, "2024-05-01T09:59:59.6Z")
     )
-    case = case_of(read_site(tmp_path))
+    case = case_of(read_case_folder(tmp_path))
 
     assert case.receivers == ("R01",)
-    assert case.site.joints[0].joint.insitu_pressure == 2e5
-    assert [thickness for _, thickness, _ in case.site.layers] == [8, None]
+    assert case.project.joints[0].insitu_pressure == 2e5
+    assert [thickness for _, thickness in flat_box(case.project).layers] == [8, None]
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_a_joint_of_any_size_has_faces_within_its_rims(seed):
     rng = np.random.default_rng(seed)
     extent, depth = ((low, low + size) for low, size in rng.uniform(1.0, 8.0, (2, 2)))
-    (listed,) = small_site().joints
-    rock = small_site().layers[0][2]
-    site = replace(
-        small_site(),
-        joints=(replace(listed, extent=extent, depth=depth),),
-        layers=(("soil", rng.uniform(1.0, 20.0), rock), ("rock", None, rock)),
-        marks=(("y", rng.uniform(1.0, 20.0)),),
+    ground = flat_box(small_site())
+    (listed,) = ground.planes
+    mark = replace(listed, name="mark", axis="y", position=rng.uniform(1.0, 20.0), jointed=False)
+    mesh = flat_mesh(
+        replace(
+            ground,
+            planes=(replace(listed, extent=extent, depth=depth), mark),
+            layers=(("soil", rng.uniform(1.0, 20.0)), ("rock", None)),
+        ),
+        CUT,
     )
-    mesh = site_mesh(site, CUT)
     _, along, up = mesh.points[mesh.surfaces["J1"]].mean(axis=1).T
 
     assert len(along)
@@ -142,7 +154,7 @@ def test_a_joint_of_any_size_has_faces_within_its_rims(seed):
         ("30,30,-10,nan,0", "hole 1: its charge is missing"),
         ("30,30,-10,0,0", "no hole has a charge"),
         ("300,30,-10,5,0", "hole 1: lies outside of the box"),
-        ("30,30,-10,5,9", "hole 1: fires at 9 s, but what is foretold ends"),
+        ("30,30,-10,5,9", "hole 1: fires at 9 s, but what is predicted ends"),
     ],
 )
 def test_holes_that_foretell_nothing_are_refused(tmp_path, cells, told):
@@ -202,10 +214,11 @@ def test_a_change_of_a_file_in_another_folder_is_another_case(tmp_path, monkeypa
 
 def test_one_record_that_ends_early_does_not_cut_the_others():
     site = hidden()
-    one = site.records["B1"]["R1"]
+    known = {one.name: one.records for one in (site, *site.further)}
+    one = known["B1"]["R1"]
     seismogram = replace(one.seismogram, velocity=one.seismogram.velocity[:70])
     short = replace(one, seismogram=seismogram, clipped=np.zeros((70, 3), dtype=bool))
-    records = {**site.records, "B1": {**site.records["B1"], "R1": short}}
+    records = {**known, "B1": {**known["B1"], "R1": short}}
 
     with pytest.raises(InputError, match=r"B1: the record of R1 ends 0\.0\d+ s after"):
-        case_of(replace(site, records=records))
+        case_of(site.changed(records=records))

@@ -1,47 +1,52 @@
-"""Case folders that are written are read again."""
-
-from dataclasses import replace
+"""Case folders that are written are read again, as projects."""
 
 import numpy as np
 import pytest
+from case_folder import write_folder
 from small_site import recorded, small_site
 
-from pyblast import InputError
-from pyblast.diagnosis.effects import Effect
-from pyblast.diagnosis.prediction import site_of
-from pyblast.project.site import read_site
-from pyblast.project.site_file import write_site
+from pyblast.project.case_folder import read_case_folder
+from pyblast.project.flat_box import flat_box, not_flat
+from pyblast.project.project import make_project
 
 
 def test_a_site_comes_back_as_it_was(tmp_path):
-    site = recorded(small_site()).site
-    site = replace(site, time_zeros={name: "2024-05-01T10:00:00Z" for name in site.blasts})
-    write_site(tmp_path, site)
-    again = read_site(tmp_path)
-    np.testing.assert_allclose(again.box, site.box)
-    assert [j.position for j in again.joints] == [j.position for j in site.joints]
-    assert again.joints[0].joint.properties == site.joints[0].joint.properties
-    np.testing.assert_allclose(again.blasts["B1"].times, site.blasts["B1"].times)
-    np.testing.assert_allclose(again.blasts["B1"].centres, site.blasts["B1"].centres)
-    np.testing.assert_allclose(again.moment_rate.values, site.moment_rate.values, rtol=1e-6)
-    for name in site.records["B1"]:
-        there, here = (s.records["B1"][name].seismogram for s in (again, site))
+    project = recorded(small_site()).project
+    write_folder(tmp_path, project)
+    again = read_case_folder(tmp_path)
+    assert not not_flat(again)
+    np.testing.assert_allclose(flat_box(again).box, flat_box(project).box)
+    assert flat_box(again).planes == flat_box(project).planes
+    assert again.joints[0].properties == project.joints[0].properties
+    np.testing.assert_allclose(again.blasts["B1"].times, project.blasts["B1"].times)
+    np.testing.assert_allclose(again.blasts["B1"].centres, project.blasts["B1"].centres)
+    pulse = project.inside.moment_rate.values
+    np.testing.assert_allclose(again.inside.moment_rate.values, pulse, rtol=1e-6)
+    for name in project.of("B1").records:
+        there, here = (p.of("B1").records[name].seismogram for p in (again, project))
         assert there.start == pytest.approx(here.start)
         np.testing.assert_allclose(there.velocity, here.velocity, rtol=1e-6, atol=1e-12)
 
 
-def test_what_a_case_folder_cannot_say_is_refused(tmp_path):
-    site = small_site()
-    effect = Effect("joint_slip", "J1", ((2e5,), (0.5,)))
-    slipping = site_of(site, np.zeros(4), [effect])
-    with pytest.raises(InputError, match="only elastic joints"):
-        write_site(tmp_path, slipping)
+def test_the_tables_of_a_case_folder_make_the_same_project_without_what_was_given(tmp_path):
+    write_folder(tmp_path, recorded(small_site()).project)
+    project = read_case_folder(tmp_path).of("B1")
+    again = make_project(project.config, project.path)
+
+    np.testing.assert_allclose(again.blast.times, project.blast.times)
+    values = again.inside.moment_rate.values
+    np.testing.assert_allclose(values, project.inside.moment_rate.values)
+    assert again.joints[0].properties == pytest.approx(project.joints[0].properties)
+    for name, record in project.records.items():
+        np.testing.assert_array_equal(
+            again.records[name].seismogram.velocity, record.seismogram.velocity
+        )
+        assert again.records[name].seismogram.start == record.seismogram.start
 
 
 def test_a_site_without_joints_comes_back_without_joints(tmp_path):
-    site = replace(recorded(small_site()).site, joints=())
-    zeros = dict.fromkeys(site.blasts, "2024-05-01T10:00:00Z")
+    project = recorded(small_site()).project
+    mesh = project.config.mesh.model_copy(update={"faults": []})
+    write_folder(tmp_path, project.changed(mesh=mesh, joints=()))
 
-    write_site(tmp_path, replace(site, time_zeros=zeros))
-
-    assert read_site(tmp_path).joints == ()
+    assert read_case_folder(tmp_path).joints == ()

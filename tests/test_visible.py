@@ -59,7 +59,7 @@ def test_amounts_are_small_and_of_knobs_that_need_no_runs():
 def test_a_logged_dud_does_not_hide_the_delays_of_other_holes():
     site, charge = small_site(), np.array([60.0, 0.0, 60.0])
     dud = replace(site.blasts["B1"], charge=charge)
-    here = scene_of(recorded(replace(site, blasts={**site.blasts, "B1": dud}), noise=3e-4))
+    here = scene_of(recorded(site.changed(blasts={**site.blasts, "B1": dud}), noise=3e-4))
     here.holes["B1"] *= 3.0 * (charge > 0.0)[:, None, None, None]  # loud enough to be seen
     (delays,) = (v for v in visible(here, fit(here, ()), -20.0) if v["knob"] == "delays")
 

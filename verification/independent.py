@@ -19,9 +19,9 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
+from pyblast.project.case_folder import read_case_folder
+from pyblast.project.flat_box import Cut, band_of, flat_box, flat_mesh, flat_model
 from pyblast.project.result import write_text
-from pyblast.project.site import read_site
-from pyblast.project.site_model import Cut, site_mesh, site_model
 from pyblast.signals.comparison import compare
 from pyblast.solver.run import simulate
 
@@ -56,7 +56,7 @@ DURATION = 1.2
 
 def site_of(cases, case, model):
     """Return a site as one of `MODELS` has it."""
-    site = read_site(cases / case)
+    site = read_case_folder(cases / case)
     truth = truth_of(cases, site)
     if model == "true":
         site = true_site(cases, site)
@@ -66,14 +66,14 @@ def site_of(cases, case, model):
 def measured(site, blast, edge, air=()):
     """Run one blast on one mesh, with air blasts; return a row of results and the seismograms."""
     cut = Cut(edge)
-    mesh = with_open_ground(site_mesh(site, cut), site.box)
-    model = site_model(site, blast, cut, mesh)
+    mesh = with_open_ground(flat_mesh(flat_box(site), cut), flat_box(site).box)
+    model = flat_model(site, blast, cut, mesh)
     done = simulate(replace(model, sources=(*model.sources, *air)), DURATION)
     misfits = {
         name: compare(
-            recording.seismogram, done.seismograms[name], site.band, time_frequency=False
+            recording.seismogram, done.seismograms[name], band_of(site.config), time_frequency=False
         ).total_waveform_misfit
-        for name, recording in site.records[blast].items()
+        for name, recording in site.of(blast).records.items()
     }
     row = {
         "median": float(np.median(list(misfits.values()))),
@@ -89,7 +89,7 @@ def measured(site, blast, edge, air=()):
 def planned(cases):
     """List what the study consists of."""
     for case, blasts in BLASTS.items():
-        effects = effects_of(truth_of(cases, read_site(cases / case)))
+        effects = effects_of(truth_of(cases, read_case_folder(cases / case)))
         for blast in blasts:
             for model in MODELS:
                 if model == "effect" and not effects:

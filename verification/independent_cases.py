@@ -9,9 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from pyblast.diagnosis import library  # noqa: F401  fills the library
+from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.model.joint import Joint
 from pyblast.model.material import Material
 from pyblast.model.source import AirBlast, TimeFunction
+from pyblast.project.flat_box import band_of, constant_q
 from pyblast.recordings.recording import read_stations
 
 OPEN = "open ground"
@@ -21,21 +24,20 @@ STIFFEST = 400.0  # largest tangent of a closing joint over its initial stiffnes
 
 def truth_of(cases, site):
     """Return the truth file of a site as a table."""
-    return tomllib.loads((cases / "truth" / site.name / "truth.toml").read_text())
+    return tomllib.loads((cases / "truth" / site.title / "truth.toml").read_text())
 
 
 def true_site(cases, site):
     """Return a site with its true nuisances, and its records without noise."""
-    folder, nuisance = cases / "truth" / site.name, truth_of(cases, site)["nuisance"]
-    layers = tuple(
-        (name, thickness, Material.from_speeds(m.density * rho, m.cp * vp, m.cs * vs))
-        for (name, thickness, m), (rho, vp, vs) in zip(
-            site.layers, nuisance["material_factors_rho_vp_vs"], strict=True
+    folder, nuisance = cases / "truth" / site.title, truth_of(cases, site)["nuisance"]
+    materials = {
+        name: replace(Material.from_speeds(m.density * rho, m.cp * vp, m.cs * vs), law=m.law)
+        for (name, m), (rho, vp, vs) in zip(
+            site.materials.items(), nuisance["material_factors_rho_vp_vs"], strict=True
         )
-    )
+    }
     joints = tuple(
-        replace(j, joint=replace(j.joint, properties={
-            "kn": j.joint.properties["kn"] * kn, "ks": j.joint.properties["ks"] * ks}))
+        replace(j, properties={"kn": j.properties["kn"] * kn, "ks": j.properties["ks"] * ks})
         for j, (kn, ks) in zip(site.joints, nuisance["joint_factors_kn_ks"], strict=True)
     )  # fmt: skip
     receivers = tuple(
@@ -46,10 +48,10 @@ def true_site(cases, site):
     for name, blast in site.blasts.items():
         times = blast.times + np.array(nuisance["hole_time_s"][name])
         blasts[name] = replace(blast, times=np.maximum(times, 0.0))
-        zero = site.time_zeros[name]
+        zero = site.of(name).time_zero
         records[name] = read_stations(folder / f"clean_{name}.mseed", time_zero=zero)
-    return replace(
-        site, layers=layers, joints=joints, receivers=receivers, blasts=blasts, records=records
+    return site.changed(
+        materials=materials, joints=joints, receivers=receivers, blasts=blasts, records=records
     )
 
 
@@ -68,17 +70,18 @@ def effects_of(truth):
 def _attenuation(site, parameters, truth):
     """Give all ground constant Q."""
     del truth
-    return replace(site, quality=(parameters["Qp"], parameters["Qs"]))
+    law = constant_q(parameters["Qp"], parameters["Qs"], band_of(site.config))
+    return site.changed(
+        materials={name: replace(one, law=law) for name, one in site.materials.items()}
+    )
 
 
 def _soft_layer(site, parameters, truth):
     """Put a slower layer of the same density on top."""
     del truth
-    name, thickness, rock = site.layers[0]
-    factor, depth = parameters["factor"], parameters["thickness"]
-    soft = Material.from_speeds(rock.density, factor * rock.cp, factor * rock.cs)
-    rest = (name, None if thickness is None else thickness - depth, rock)
-    return replace(site, layers=(("soft", depth, soft), rest, *site.layers[1:]))
+    return LIBRARY["soft_surface_layer"].apply(
+        site, "", thickness=parameters["thickness"], slower=parameters["factor"]
+    )
 
 
 def _closure(site, parameters, truth):
@@ -170,10 +173,7 @@ def with_open_ground(mesh, box):
 def _on_affected(site, truth, change):
     """Change the joints that the truth file calls affected."""
     affected = truth["affected"]["joints"]
-    joints = tuple(
-        replace(j, joint=change(j.joint)) if j.joint.surface in affected else j for j in site.joints
-    )
-    return replace(site, joints=joints)
+    return site.changed(joints=[change(j) if j.surface in affected else j for j in site.joints])
 
 
 EFFECTS = {

@@ -11,10 +11,9 @@ import numpy as np
 from pyblast.model.ground_fields import DamagedZone, Gradient
 from pyblast.model.joint import Joint
 from pyblast.model.material import Damping, Material
-from pyblast.project.site import SiteJoint
 
 from .nuisances import LEAD
-from .sites import FURTHER, HIDDEN, SIZE
+from .sites import FURTHER, HIDDEN, SIZE, SiteJoint
 
 EFFECTS = {}
 SLIPLESS = 1e9  # Pa, a tension that nothing reaches

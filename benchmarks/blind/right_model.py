@@ -31,11 +31,11 @@ def right(store: Path, name: str, truth: dict) -> dict:
     """
     case = case_in(store, name)
     runs = store / "runs" / name
-    forward = Forward(case, cut_of(case.site), runs)
-    baseline = calibrate(forward, Forward(case, cut_of(case.site, fine=True), runs))
+    forward = Forward(case, cut_of(case.project), runs)
+    baseline = calibrate(forward, Forward(case, cut_of(case.project, fine=True), runs))
     motion = motion_of(store, name, truth)
     found = {"length": length(case, baseline, motion), "foretold": None}
-    scene = Scene(forward, baseline, forward.hole_motion(baseline.site))
+    scene = Scene(forward, baseline, forward.hole_motion(baseline.project))
     effects = [_best_start(scene, one) for one in truth["effects"]]
     if all(one is not None for one in effects):
         on_site = any(one.hypothesis.on == "site" for one in effects)
@@ -57,7 +57,7 @@ def motion_of(store: Path, name: str, truth: dict) -> dict:
 
 def length(case, baseline, motion) -> float:
     """Return d' of all effects of a case together."""
-    names = [r.name for r in case.site.receivers]
+    names = [r.name for r in case.project.receivers]
     at = [names.index(name) for name in case.receivers]
     change = np.stack(
         [(motion[f"clean {b}"] - motion[f"without {b}"])[at] for b in case.blasts]

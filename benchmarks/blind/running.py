@@ -1,4 +1,4 @@
-"""One answer: the diagnosis of a case as anybody gets it, and what it foretells."""
+"""One answer: the diagnosis of a case as anybody gets it, and what it predicts."""
 
 import time
 import traceback
@@ -11,10 +11,10 @@ from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.effects import with_motion_effects
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import blast_and_hole
-from pyblast.diagnosis.prediction import Place, effects_of, predict, site_of
+from pyblast.diagnosis.prediction import Place, diagnosed, effects_of, predict
 from pyblast.model.model import Receiver
+from pyblast.project.case_folder import read_case_folder
 from pyblast.project.result import plain
-from pyblast.project.site import read_site
 from pyblast.runs.cache import WHOLE, code_hash
 from pyblast.workflows.diagnose import cut_of, diagnose
 
@@ -45,8 +45,8 @@ def answer(name: str, store: Path, seals: dict) -> str:
 
 def _answered(store, name):
     """Return the diagnosis of a case with its predictions."""
-    site, runs = read_site(store / "cases" / name), store / "runs" / name
-    made = diagnose(site, runs, budget=BUDGET, seed=DIAGNOSIS_SEED)
+    project, runs = read_case_folder(store / "cases" / name), store / "runs" / name
+    made = diagnose(project, runs, budget=BUDGET, seed=DIAGNOSIS_SEED)
     summary = plain(made.summary)
     model, case, asked = summary["model"], made.scene.case, read_asked(store / "asked" / name)
     after = foretold(case, asked, model["values"], effects_of(model), runs)
@@ -55,7 +55,7 @@ def _answered(store, name):
 
 
 def foretold(case, asked, values, effects, folder) -> dict:
-    """Foretell the further blast at the known receivers, all blasts at the further receiver.
+    """Predict the further blast at the known receivers, all blasts at the further receiver.
 
     Returns
     -------
@@ -64,34 +64,35 @@ def foretold(case, asked, values, effects, folder) -> dict:
         lists of few digits, and the names of ``blasts`` and ``receivers``.
     """
     blast, place = asked
-    cut = cut_of(case.site)
+    cut = cut_of(case.project)
     further = predict(case, cut, blast, values, effects, folder)
-    there = replace(case.site, receivers=(Receiver(HIDDEN, place),))
-    site = site_of(there, values, effects)
-    forward = Forward(replace(case, site=there, receivers=(HIDDEN,)), cut, folder)
-    changed = [_fired(site, name, effects) for name in case.blasts]
+    there = case.project.changed(receivers=(Receiver(HIDDEN, place),))
+    project = diagnosed(there, values, effects)
+    forward = Forward(replace(case, project=there, receivers=(HIDDEN,)), cut, folder)
+    changed = [_fired(project, name, effects) for name in case.blasts]
     heard = forward.heard([(one, b) for (one, _), b in zip(changed, case.blasts, strict=True)])
     hidden = np.stack([delayed(v, -lead) for v, (_, lead) in zip(heard, changed, strict=True)])
     everywhere = [effect for effect in effects if effect.target not in case.receivers]
-    hidden = with_motion_effects(Place(forward, site), hidden, everywhere)
+    hidden = with_motion_effects(Place(forward, project), hidden, everywhere)
     return {
         "blasts": list(case.blasts), "receivers": list(case.receivers),
         "blast": _short(further), "receiver": _short(hidden[:, 0]),
     }  # fmt: skip
 
 
-def _fired(site, name, effects):
-    """Return the site with what was found of the holes of a blast, all late by a lead in s."""
-    blast = site.blasts[name]
+def _fired(project, name, effects):
+    """Return the project with what was found of the holes of a blast, all late by a lead in s."""
+    blast = project.blasts[name]
     times, charge = blast.times, blast.charge
+    exponent = project.config.blast.charge_exponent
     for effect in effects:
         if effect.hypothesis.on == "holes" and blast_and_hole(effect.target)[0] == name:
             delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.parameters)
             times = times + delays
-            charge = charge * scales ** (1.0 / site.exponent)
+            charge = charge * scales ** (1.0 / exponent)
     lead = max(0.0, -float(times.min()))
     changed = replace(blast, times=times + lead, charge=charge)
-    return replace(site, blasts={**site.blasts, name: changed}), lead
+    return project.changed(blasts={**project.blasts, name: changed}), lead
 
 
 def _short(motion):
@@ -101,4 +102,4 @@ def _short(motion):
 
 def case_in(store: Path, name: str):
     """Return the case of a folder."""
-    return case_of(read_site(store / "cases" / name))
+    return case_of(read_case_folder(store / "cases" / name))

@@ -1,13 +1,20 @@
-"""Small sites as they are believed to be, drawn at random."""
+"""Small sites as their engineer knows them, drawn at random: what is true is another matter."""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pyblast.blasts.blast import Blast
+from pyblast.blasts.blast import Blast, Firing
+from pyblast.mesh.mesh import Mesh
+from pyblast.model.boundary import Viscous
 from pyblast.model.joint import Joint
-from pyblast.model.material import Material
-from pyblast.model.model import Receiver
-from pyblast.model.source import TimeFunction
-from pyblast.project.site import Site, SiteJoint
+from pyblast.model.material import Damping, Material
+from pyblast.model.model import Model, Receiver, Rim
+from pyblast.model.source import Hole, TimeFunction
+from pyblast.project.config_file import check_config
+from pyblast.project.flat_box import OUTER, Cut, FlatBox, Plane, flat_mesh
+from pyblast.project.inputs import Inside
+from pyblast.project.project import Project, make_project
 
 SIZE = 120.0, 90.0, 60.0
 BAND = 5.0, 25.0
@@ -17,6 +24,116 @@ APART = 14.0  # m between joints
 # Depth in m of charges below the weathered rock, or below the first of the ground: what a charge
 # sends from an interface depends on the zones there more than on anything that is hidden.
 BELOW, FIRST = (4.0, 7.0), 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class SiteJoint:
+    """A vertical joint on the whole plane ``axis`` ("x" or "y") = ``position`` in m."""
+
+    joint: Joint
+    axis: str
+    position: float
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A site that is drawn, as known or as it is: ground, blasts, receivers.
+
+    Parameters
+    ----------
+    box : (3, 2) float64, m
+    layers : tuple of (name, thickness m or None, Material)
+        From the top down.
+    joints : tuple of SiteJoint
+    receivers : tuple of Receiver
+    moment_rate : TimeFunction
+        Of 1 kg, N m/s.
+    exponent : float
+        Of the charge.
+    blasts : dict of str to Blast
+    band : tuple of 2 float, Hz
+    noise_window : tuple of 2 float, s
+    ground : tuple
+        Fields of factors on the speeds.
+    """
+
+    box: np.ndarray
+    layers: tuple
+    joints: tuple[SiteJoint, ...]
+    receivers: tuple[Receiver, ...]
+    moment_rate: TimeFunction
+    exponent: float
+    blasts: dict[str, Blast]
+    band: tuple[float, float] = BAND
+    noise_window: tuple[float, float] = (-BEFORE * DT, 0.0)
+    ground: tuple = ()
+
+    def mesh(self, cut: Cut) -> Mesh:
+        """Mesh the ground, with its joints split."""
+        planes = tuple(Plane(j.joint.surface, j.axis, j.position) for j in self.joints)
+        layers = tuple((name, thickness) for name, thickness, _ in self.layers)
+        return flat_mesh(FlatBox(self.box, layers, planes), cut)
+
+    def model(self, blast: str, cut: Cut, mesh: Mesh, damping: Damping | None = None) -> Model:
+        """Model one blast, but for misfires, on a mesh of `mesh`."""
+        holes = self.blasts[blast]
+        sources = [
+            Hole(place, charge, time, self.moment_rate, self.exponent, cut.spread)
+            for place, charge, time in zip(holes.centres, holes.charge, holes.times, strict=True)
+            if charge > 0.0
+        ]
+        return Model(
+            mesh,
+            {name: material for name, _, material in self.layers},
+            joints=[j.joint for j in self.joints],
+            boundaries=[Viscous(side) for side in OUTER],
+            damping=damping,
+            rim=Rim(tuple(map(tuple, self.box)), cut.padding, self.band[0]),
+            sources=sources,
+            receivers=self.receivers,
+            ground=self.ground,
+            quadratic=cut.quadratic,
+            single=cut.single,
+        )
+
+
+def project_of(site: Site) -> Project:
+    """Return a site as the project of its first blast, with the further ones; without records."""
+    low, size = site.box[:, 0], np.ptp(site.box, axis=1)
+    tables = {
+        "title": "drawn", "run": {"duration_s": AFTER * DT, "compare_band_hz": list(site.band)},
+        "mesh": {
+            "size_m": size.tolist(), "origin_m": low.tolist(), "edge_m": 10.0,
+            "layers": [{"material": name} | ({} if t is None else {"thickness_m": t})
+                       for name, t, _ in site.layers],
+            "faults": [
+                {"name": j.joint.surface, "dip_deg": 90.0,
+                 "dip_direction_deg": 90.0 if j.axis == "x" else 0.0,
+                 "through_m": [j.position, j.position, 0.0]}
+                for j in site.joints
+            ],
+        },
+        "materials": {name: {"density_kg_per_m3": m.density, "cp_m_per_s": m.cp,
+                             "cs_m_per_s": m.cs} for name, _, m in site.layers},
+        "joints": {j.joint.surface: {"law": "elastic", "kn_gpa_per_m": 1.0, "ks_gpa_per_m": 1.0}
+                   for j in site.joints},
+        "boundaries": {"viscous": list(OUTER)},
+        "blast": {"file": "holes.csv", "charge_exponent": site.exponent},
+        "holes_inside": {"moment_rate_file": "source.csv"},
+        "diagnosis": {"noise_window_s": list(site.noise_window)},
+    }  # fmt: skip
+    inside = Inside(Firing(np.zeros(1), 1.0), site.moment_rate, (), (), (), None)
+    given = {"inside": inside, "receivers": site.receivers, "records": {}}
+    config = check_config(tables)
+    ground = {
+        "materials": {name: material for name, _, material in site.layers},
+        "joints": tuple(j.joint for j in site.joints), "fields": site.ground,
+    }  # fmt: skip
+    first, *further = (
+        replace(make_project(config, "drawn.toml", {**given, "blast": blast}), name=name, **ground)
+        for name, blast in site.blasts.items()
+    )
+    return replace(first, further=tuple(further))
 
 
 def draw_site(rng, poor=False) -> Site:
@@ -43,10 +160,9 @@ def draw_site(rng, poor=False) -> Site:
         del blasts["B1"]
     receivers = _receivers(rng, 1 if poor else int(rng.integers(5, 8)), joints)
     return Site(
-        name="", box=np.array([[0.0, SIZE[0]], [0.0, SIZE[1]], [-SIZE[2], 0.0]]),
-        layers=layers, joints=joints, quality=None, receivers=receivers,
+        box=np.array([[0.0, SIZE[0]], [0.0, SIZE[1]], [-SIZE[2], 0.0]]),
+        layers=layers, joints=joints, receivers=receivers,
         moment_rate=_pulse(rng), exponent=round(float(rng.uniform(0.75, 0.95)), 3), blasts=blasts,
-        records={}, time_zeros={}, band=BAND, noise_window=(-BEFORE * DT, 0.0),
     )  # fmt: skip
 
 

@@ -7,13 +7,12 @@ import numpy as np
 from scipy import fft
 
 from pyblast.model.material import Damping
-from pyblast.project.site import Site
-from pyblast.project.site_model import Cut, site_mesh, site_model
+from pyblast.project.flat_box import Cut
 from pyblast.solver.run import run_many
 
 from .noise import real_noise
 from .nuisances import LEAD
-from .sites import AFTER, BAND, BEFORE, DT
+from .sites import AFTER, BAND, BEFORE, DT, Site
 
 # Another mesh than the diagnosis takes: constant strain, more zones to a wave, wider rim.
 EDGES = 9.0  # to the shortest S wave of the band in the layer that is most of the ground
@@ -63,11 +62,8 @@ def ground_motion(world: World) -> dict[str, np.ndarray]:
     site = world.site
     cs = site.layers[-1][2].cs
     cut = Cut(cs / BAND[1] / EDGES, PADDING * cs / BAND[0], GROWTH)
-    mesh = site_mesh(site, cut)
-    models = [
-        replace(site_model(site, blast, cut, mesh), damping=world.damping)
-        for blast in site.blasts
-    ]  # fmt: skip
+    mesh = site.mesh(cut)
+    models = [site.model(blast, cut, mesh, world.damping) for blast in site.blasts]
     runs = run_many(models, LEAD + AFTER * DT)
     found = {}
     for blast, run in zip(site.blasts, runs, strict=True):

@@ -88,9 +88,7 @@ def listening(project: Project, places) -> Project:
         for place in places
     ]
     config = project.config.model_copy(update={"receivers": receivers})
-    found = make_project(config, project.path)
-    vars(found)["mesh"] = project.mesh
-    return found
+    return make_project(config, project.path, {"mesh": project.mesh})
 
 
 COARSER = 1.5  # edges of the other mesh over those of the working one

@@ -9,8 +9,10 @@ from ..errors import InputError
 from ..inference.gauss_newton import LeastSquares, gauss_newton
 from ..inference.likelihood import EnergyShares, Likelihood, StudentT
 from ..inference.parameter import Parameter
+from ..model.anisotropy import Anisotropic
 from ..model.material import Material
-from ..project.site import Site
+from ..project.flat_box import ground_materials
+from ..project.project import Project
 from .case import Case
 from .forward import Forward
 from .thresholds import SPEED_SIGMA, STIFFNESS_SIGMA, WRONG_UNIT
@@ -56,56 +58,96 @@ def _smooth(spectrum, width):
     return ndimage.gaussian_filter1d(spectrum, width, axis=-1)
 
 
-def unknowns_of(site: Site) -> tuple[Parameter, ...]:
-    """List what may be calibrated at a site, as factors: ``rock.cp``, ``J1.kn``."""
-    speeds = [_factor(n, c, SPEED_SIGMA) for n, _, _ in site.layers for c in ("cp", "cs")]
-    names = [j.joint.surface for j in site.joints]
-    return (*speeds, *(_factor(n, k, STIFFNESS_SIGMA) for n in names for k in ("kn", "ks")))
+def unknowns_of(project: Project) -> tuple[Parameter, ...]:
+    """List what may be calibrated in the ground of a project, as factors: ``rock.cp``, ``J1.kn``.
+
+    Speeds of each material, of an anisotropic one all alike; stiffnesses of each fault, and of the
+    joint sets that share an entry together.
+    """
+    speeds = [
+        _factor(name, speed, SPEED_SIGMA)
+        for name in ground_materials(project)
+        for speed in (("cs",) if _is_anisotropic(project.materials[name]) else ("cp", "cs"))
+    ]
+    known = {joint.surface: joint.properties for joint in project.joints}
+    stiffnesses = [
+        _factor(part, key, STIFFNESS_SIGMA)
+        for part, surfaces in _joint_parts(project).items()
+        for key in ("kn", "ks")
+        if key in known[surfaces[0]]
+    ]
+    return (*speeds, *stiffnesses)
+
+
+def _is_anisotropic(material):
+    """Tell whether a material has a stiffness of directions."""
+    return isinstance(material.law, Anisotropic)
+
+
+def _joint_parts(project):
+    """Return the joint surfaces that are calibrated together, by the name of the part."""
+    sets = {one.name: one.joint or one.name for one in project.config.mesh.joint_sets}
+    single = {joint.surface for joint in project.joints} - sets.keys()
+    parts = {}
+    for joint in project.joints:
+        part = sets.get(joint.surface, joint.surface)
+        own = joint.surface in sets and part in single
+        parts.setdefault(joint.surface if own else part, []).append(joint.surface)
+    return parts
 
 
 def _factor(part, name, sigma):
-    """Return the factor on a value of a layer or joint, log-normal around one."""
+    """Return the factor on a value of a material or joint, log-normal around one."""
     return Parameter(f"{part}.{name}", log=True, mean=1.0, sigma=sigma)
 
 
-def with_values(site: Site, unknowns, values) -> Site:
-    """Return a site with factors exp(values) on some of its values.
+def with_values(project: Project, unknowns, values) -> Project:
+    """Return a project with factors exp(values) on some values of its ground.
 
     Raises
     ------
     InputError
-        If a layer or joint is not there.
+        If a material or joint is not there.
     """
     factors = {
         tuple(one.name.rsplit(".", 1)): float(np.exp(value))
         for one, value in zip(unknowns, values, strict=True)
     }
-    parts = {name for name, _, _ in site.layers} | {j.joint.surface for j in site.joints}
+    joints = _joint_parts(project)
     for part, _ in factors:
-        if part not in parts:
-            raise InputError(f"unknowns: no layer or joint named {part!r}")
-    layers = tuple(
-        (name, thickness, _faster(material, factors, name))
-        for name, thickness, material in site.layers
+        if part not in project.materials and part not in joints:
+            raise InputError(f"unknowns: no material or joint named {part!r}")
+    part_of = {surface: part for part, surfaces in joints.items() for surface in surfaces}
+    return project.changed(
+        materials={name: _faster(one, factors, name) for name, one in project.materials.items()},
+        joints=[_stiffer(joint, factors, part_of[joint.surface]) for joint in project.joints],
     )
-    joints = tuple(replace(j, joint=_stiffer(j.joint, factors)) for j in site.joints)
-    return replace(site, layers=layers, joints=joints)
 
 
-def _faster(material, factors, layer):
+def _faster(material, factors, name):
     """Return a material with other speeds and its other values."""
-    cp, cs = (factors.get((layer, name), 1.0) for name in ("cp", "cs"))
+    cp, cs = (factors.get((name, speed), 1.0) for speed in ("cp", "cs"))
     if cp == cs == 1.0:
         return material
+    if _is_anisotropic(material):
+        return scaled(material, cs)
     moduli = Material.from_speeds(material.density, material.cp * cp, material.cs * cs)
     return replace(material, bulk=moduli.bulk, shear=moduli.shear)
 
 
-def _stiffer(joint, factors):
+def scaled(material: Material, factor: float) -> Material:
+    """Return a material all of whose wave speeds have a factor, of any law."""
+    law = material.law
+    if isinstance(law, Anisotropic):
+        law = Anisotropic(factor**2 * law.stiffness)
+    bulk, shear = factor**2 * material.bulk, factor**2 * material.shear
+    return replace(material, bulk=bulk, shear=shear, law=law)
+
+
+def _stiffer(joint, factors, part):
     """Return a joint with other stiffness."""
     changed = {
-        key: value * factors.get((joint.surface, key), 1.0)
-        for key, value in joint.properties.items()
+        key: value * factors.get((part, key), 1.0) for key, value in joint.properties.items()
     }
     return replace(joint, properties=changed)
 
@@ -117,23 +159,23 @@ SETTLED = 0.2  # of the posterior standard deviations: smaller moves end the cal
 
 @dataclass(frozen=True, eq=False)
 class Baseline:
-    """A site that fits the records as well as its uncertain values allow.
+    """A project that fits the records as well as its uncertain values allow.
 
     Parameters
     ----------
     case : Case
     unknowns : tuple of n Parameter
     values : (n,) float64
-        Logarithms of factors on the values of reference.
+        Logarithms of factors on the values of the reference.
     covariance : (n, n) float64
-    site : Site
+    project : Project
         With these values.
     motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        What it sends, ``correction`` included.
+        What it simulates, ``correction`` included.
     slopes : (n, n_blasts, n_receivers, 3, n_samples) float64, m/s
         By each value.
     reference : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        Simulated with the values of reference, on the finer mesh if there was one.
+        Simulated with the values of the reference, on the finer mesh if there was one.
     correction : (n_blasts, n_receivers, 3, n_samples) float64, m/s
         Of the finer mesh over the one of the runs.
     likelihood : Likelihood
@@ -143,7 +185,7 @@ class Baseline:
     unknowns: tuple[Parameter, ...]
     values: np.ndarray
     covariance: np.ndarray
-    site: Site
+    project: Project
     motion: np.ndarray
     slopes: np.ndarray
     reference: np.ndarray
@@ -169,7 +211,7 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     forward : Forward
         Whose runs are many.
     fine : Forward, optional
-        With a better mesh; it runs the values of reference.
+        With a better mesh; it runs the values of the reference.
 
     Returns
     -------
@@ -178,28 +220,28 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     Raises
     ------
     InputError
-        If the records are a hundred times larger or smaller than the simulation of reference.
+        If the records are a hundred times larger or smaller than the simulated reference.
 
     Notes
     -----
     Gauss-Newton steps on the misfit of the likelihood with the priors of the unknowns. Derivatives
     are differences at the start; each further run improves them by Broyden's rule. What the finer
-    mesh adds is taken at the values of reference.
+    mesh adds is taken at the values of the reference.
     """
-    case, unknowns = forward.case, unknowns_of(forward.case.site)
+    case, unknowns = forward.case, unknowns_of(forward.case.project)
     sigma = np.array([one.sigma for one in unknowns])
 
-    def site(x):
-        return with_values(case.site, unknowns, sigma * x)
+    def project(x):
+        return with_values(case.project, unknowns, sigma * x)
 
-    start, *moved = forward.motions([site(x) for x in [0.0 * sigma, *STEP * np.eye(len(sigma))]])
+    start, *moved = forward.motions([project(x) for x in [0.0 * sigma, *STEP * np.eye(len(sigma))]])
     slopes = (np.array(moved).reshape(-1, *start.shape) - start) / STEP
-    reference = start if fine is None else fine.motion(case.site)
+    reference = start if fine is None else fine.motion(case.project)
     correction = reference - start
     likelihood = likelihood_of(case, correction)
     _refuse_another_unit(likelihood, reference)
     problem = LeastSquares(
-        lambda x: forward.motion(site(x)) + correction,
+        lambda x: forward.motion(project(x)) + correction,
         residual=likelihood.residual,
         whiten=lambda change: -likelihood.whiten(change),
         misfit=likelihood.misfit,
@@ -213,7 +255,7 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     _, hessian = problem.normal_equations(end.x, end.simulated, end.jacobian)
     each = sigma[:, None, None, None, None]
     return Baseline(
-        case, unknowns, sigma * end.x, sigma[:, None] * linalg.inv(hessian) * sigma, site(end.x),
+        case, unknowns, sigma * end.x, sigma[:, None] * linalg.inv(hessian) * sigma, project(end.x),
         end.simulated, end.jacobian / each, reference, correction, likelihood,
     )  # fmt: skip
 
@@ -243,7 +285,7 @@ def _is_small(step, _, now):
 
 
 def _refuse_another_unit(likelihood, reference):
-    """Refuse records of a case that can't be motion in m/s of the site of reference."""
+    """Refuse records of a case that can't be motion in m/s of the reference project."""
     case, loud = likelihood.records, likelihood.noise_share < 0.5
     recorded, sent = (
         np.linalg.norm(case.band.project(one), axis=(2, 3)) for one in (case.motion, reference)
@@ -252,6 +294,6 @@ def _refuse_another_unit(likelihood, reference):
     times = np.median(recorded[told] / sent[told]) if np.any(told) else 1.0
     if not 1.0 / WRONG_UNIT < times < WRONG_UNIT:
         raise InputError(
-            f"records: are {times:.2g} times as large as what the site sends, in the median; give "
+            f"records: are {times:.2g} times as large as what is simulated, in the median; give "
             "them in m/s (mm/s are 1000 times as large), or mend the source and the charges"
         )

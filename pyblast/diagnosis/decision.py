@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
+from ..project.flat_box import is_anisotropic
 from .cross_validation import HeldOut, held_out
 from .effects import Scene
 from .fitting import Fit, corrected, fit
@@ -44,8 +45,8 @@ def on_finer_mesh(
         the theory and noise. None where nothing else is sent than from the calibrated site, and
         for anisotropic ground, which has zones of its own.
     """
-    site, likelihood = scene.site(fit.values, fit.effects), scene.baseline.likelihood
-    if site.fabric is not None or all(e.hypothesis.on != "site" for e in fit.effects):
+    project, likelihood = scene.project(fit.values, fit.effects), scene.baseline.likelihood
+    if is_anisotropic(project.materials) or all(e.hypothesis.on != "site" for e in fit.effects):
         return fit, None
     (sent,) = scene.sent([(fit.values, fit.effects)])
     each = likelihood.chi_square(likelihood.whiten(sent - scene.baseline.reference)).sum(axis=1)
@@ -53,7 +54,7 @@ def on_finer_mesh(
     shift = np.zeros_like(sent)
     for done, blasts in enumerate(([most], others)):
         tell("a finer mesh", done, len(shift))
-        heard = fine.heard([(site, scene.case.blasts[b]) for b in blasts])
+        heard = fine.heard([(project, scene.case.blasts[b]) for b in blasts])
         for b, motion in zip(blasts, heard, strict=True):
             shift[b] = motion - sent[b]
         change = worst(likelihood.chi_square(likelihood.whiten(shift)))

@@ -1,4 +1,4 @@
-"""Sites with effects: what they send to the receivers, by runs, by stored holes, by operators."""
+"""Effects: what they change of the motion, by runs, by stored holes, by operators."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -6,7 +6,8 @@ from functools import cached_property
 import numpy as np
 from scipy import fft
 
-from ..project.site import Site
+from ..project.flat_box import quality_of
+from ..project.project import Project
 from .calibration import Baseline, carried, with_values
 from .forward import Forward, Surroundings, geometry, surroundings
 from .hypotheses import FAMILIES, LIBRARY, blast_and_hole
@@ -61,7 +62,8 @@ class Scene:
     forward : Forward
     baseline : Baseline
     holes : dict of str to (n_holes, n_receivers, 3, n_samples) float64, m/s
-        By blast, what each hole sends with its believed charge, fired at zero.
+        By blast, the motion of each hole with its planned charge, fired at zero; a blast is
+        missing where its holes do not superpose.
     """
 
     forward: Forward
@@ -72,7 +74,7 @@ class Scene:
 
     def __post_init__(self):
         """Remember what the calibration has run already."""
-        baseline, here = self.baseline, geometry(self.case.site)
+        baseline, here = self.baseline, geometry(self.case.project)
         nothing = tuple(np.zeros(len(baseline.values)).tolist()), ()
         for b in range(len(self.case.blasts)):
             self._corrections[here, b] = baseline.correction[b]
@@ -86,19 +88,22 @@ class Scene:
 
     @cached_property
     def surroundings(self) -> Surroundings:
-        """What the calibrated site sends around its receivers: a run of each blast, once."""
-        return surroundings(self.forward, self.baseline.site)
+        """Motion around the receivers in the calibrated ground: a run of each blast, once."""
+        return surroundings(self.forward, self.baseline.project)
 
-    def site(self, values, effects) -> Site | None:
-        """Return the site with factors and with all effects that change it."""
-        site = with_values(self.case.site, self.baseline.unknowns, values)
+    def project(self, values, effects) -> Project | None:
+        """Return the project with factors and with all effects that change it; None if it can't be.
+
+        Such are effects that exclude one another, and holes that would leave the model.
+        """
+        project = with_values(self.case.project, self.baseline.unknowns, values)
         for effect in _acting(effects, "site"):
-            if site is not None:
-                site = effect.hypothesis.apply(site, effect.target, **effect.parameters)
-        return site
+            if project is not None:
+                project = effect.hypothesis.apply(project, effect.target, **effect.parameters)
+        return project if project is None or self.forward.holds(project) else None
 
     def sent(self, states, blasts=None) -> list[np.ndarray | None]:
-        """Return what sites send, (n_blasts, n_receivers, 3, n_samples) m/s each, by runs.
+        """Return simulated motion, (n_blasts, n_receivers, 3, n_samples) m/s each, by runs.
 
         Parameters
         ----------
@@ -113,38 +118,39 @@ class Scene:
         """
         blasts = tuple(range(len(self.case.blasts)) if blasts is None else blasts)
         keys = [(tuple(map(float, values)), _acting(effects, "site")) for values, effects in states]
-        sites = {key: self.site(*key) for key in dict.fromkeys(keys)}
-        there = [key for key, site in sites.items() if site is not None]
-        self._run([(key, b) for key in there for b in blasts], sites)
-        return [self._gathered(key, blasts) if key in there else None for key in keys]
+        projects = {key: self.project(*key) for key in dict.fromkeys(keys)}
+        possible = [key for key, project in projects.items() if project is not None]
+        self._run([(key, b) for key in possible for b in blasts], projects)
+        return [self._gathered(key, blasts) if key in possible else None for key in keys]
 
-    def _run(self, asked, sites):
-        """Make the runs that are missing, those of bare sites too, side by side."""
+    def _run(self, asked, projects):
+        """Make the runs that are missing, those of mesh controls too, side by side."""
         asked = [one for one in asked if one not in self._sent]
         bare = {key: self._bare(key[1]) for key, _ in asked}
         plain = {(geometry(bare[key]), b): bare[key] for key, b in asked}
-        plain = {cut: site for cut, site in plain.items() if cut not in self._corrections}
-        pairs = [(sites[key], b) for key, b in asked] + [(s, b) for (_, b), s in plain.items()]
-        done = self.forward.heard([(site, self.case.blasts[b]) for site, b in pairs])
+        plain = {cut: one for cut, one in plain.items() if cut not in self._corrections}
+        pairs = [(projects[key], b) for key, b in asked] + [(p, b) for (_, b), p in plain.items()]
+        done = self.forward.heard([(project, self.case.blasts[b]) for project, b in pairs])
         for cut, motion in zip(plain, done[len(asked) :], strict=True):
             self._corrections[cut] = self.baseline.reference[cut[1]] - motion
         for (key, b), motion in zip(asked, done[: len(asked)], strict=True):
             correction = self._corrections[geometry(bare[key]), b]
-            if sites[key].quality != self.case.site.quality:
+            if quality_of(projects[key]) != quality_of(self.case.project):
                 before = self.baseline.reference[b] - correction
-                correction = carried(correction, before, motion, self.case.dt, self.case.site.band)
+                band = self.case.band.low, self.case.band.high
+                correction = carried(correction, before, motion, self.case.dt, band)
             self._sent[key, b] = motion + correction
 
     def _bare(self, effects):
-        """Return the believed site cut into zones as effects ask for."""
-        site = self.case.site
+        """Return the reference project meshed as effects ask for: the mesh control."""
+        project = self.case.project
         for effect in effects:
             if effect.hypothesis.bare is not None:
-                site = effect.hypothesis.bare(site, effect.target, **effect.parameters)
-        return site
+                project = effect.hypothesis.bare(project, effect.target, **effect.parameters)
+        return project
 
     def _gathered(self, key, blasts):
-        """Return the motion of one site; records where a blast was not asked for."""
+        """Return the motion of one state; records where a blast was not asked for."""
         return np.stack(
             [
                 self._sent[key, b] if b in blasts else self.case.motion[b]
@@ -162,11 +168,14 @@ class Scene:
     def _by_holes(self, effect):
         """Return what other times and scales of the holes of one blast change."""
         name, _ = blast_and_hole(effect.target)
-        blast, at = self.case.site.blasts[name], self.case.blasts.index(name)
+        blast, at = self.case.project.blasts[name], self.case.blasts.index(name)
         delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.parameters)
+        times, holes, n = blast.times, self.holes.get(name), self.case.n_samples
+        if holes is None:  # all holes alike
+            holes, times = self.baseline.motion[[at]], np.zeros(1)
+            delays, scales = delays[:1], scales[:1]
         other = (delays != 0.0) | (scales != 1.0)
-        delays, scales, times = delays[other], scales[other], blast.times[other]
-        holes, n = self.holes[name][other], self.case.n_samples
+        delays, scales, times, holes = delays[other], scales[other], times[other], holes[other]
         latest = int(np.max([times, times + delays], initial=0.0) / self.case.dt) + 1
         size = fft.next_fast_len(n + max(n, latest), real=True)  # what is late must not come round
         turns = -2j * np.pi * fft.rfftfreq(size, self.case.dt)

@@ -7,11 +7,28 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from ..project.site import Site
-from ..project.site_model import Cut, site_mesh, site_model
+from ..blasts.blast import Firing
+from ..errors import InputError
+from ..mesh.mesh import locate
+from ..model.model import Model
+from ..project.flat_box import (
+    Cut,
+    flat_box,
+    flat_mesh,
+    flat_model,
+    ground_materials,
+    is_anisotropic,
+    not_flat,
+)
+from ..project.inputs import make_input
+from ..project.places import on_ground, refuse_outside
+from ..project.project import Project
+from ..runs.greens import LINEAR_ZONES
 from ..runs.greens_bank import greens_functions
 from ..runs.parallel import run_all
 from .case import Case
+
+LINEAR_JOINTS = "elastic", "kelvin", "maxwell"
 
 
 @dataclass(eq=False)
@@ -21,7 +38,8 @@ class Forward:
     Parameters
     ----------
     case : Case
-    cut : Cut
+    cut : Cut or None
+        Discretization of a flat box; None takes the mesh of the project.
     folder : path, optional
         Where runs are kept and found.
     executor : Executor, optional
@@ -33,33 +51,39 @@ class Forward:
     """
 
     case: Case
-    cut: Cut
+    cut: Cut | None
     folder: str | None = None
     executor: Executor | None = None
     runs: int = 0
     kept: int = 0
     kept_s: float = 0.0
     _meshes: dict = field(default_factory=dict, repr=False)
+    _models: dict = field(default_factory=dict, repr=False)
     _known: set = field(default_factory=set, repr=False)
 
-    def motion(self, site: Site) -> np.ndarray:
-        """Return the motion (n_blasts, n_receivers, 3, n_samples) in m/s of one site."""
-        return self.motions([site])[0]
+    def motion(self, project: Project) -> np.ndarray:
+        """Return the motion (n_blasts, n_receivers, 3, n_samples) in m/s of one project."""
+        return self.motions([project])[0]
 
-    def motions(self, sites: Sequence[Site]) -> np.ndarray:
-        """Return the motion (n_sites, n_blasts, n_receivers, 3, n_samples) in m/s of many sites."""
-        heard = self.heard([(site, blast) for site in sites for blast in self.case.blasts])
-        motion = np.stack(heard)
-        return motion.reshape(len(sites), -1, *motion.shape[1:])
+    def motions(self, projects: Sequence[Project]) -> np.ndarray:
+        """Return the motion (n_projects, n_blasts, n_receivers, 3, n_samples) in m/s of many."""
+        motion = np.stack(
+            self.heard([(project, blast) for project in projects for blast in self.case.blasts])
+        )
+        return motion.reshape(len(projects), -1, *motion.shape[1:])
 
-    def heard(self, pairs: Sequence[tuple[Site, str]]) -> list[np.ndarray]:
-        """Return the motion (n_receivers, 3, n_samples) in m/s of pairs of site and blast."""
-        models = [self.model(site, blast) for site, blast in pairs]
-        return [self._sampled(run.seismograms) for run in self.made(models)]
+    def heard(self, pairs: Sequence[tuple[Project, str]]) -> list[np.ndarray]:
+        """Return the motion (n_receivers, 3, n_samples) in m/s of pairs of project and blast."""
+        runs = self.made([self.model(project, blast) for project, blast in pairs])
+        return [
+            self._sampled(run.seismograms, self.lead(blast))
+            for run, (_, blast) in zip(runs, pairs, strict=True)
+        ]
 
     def made(self, models):
         """Run models, or read them where they are kept, and count them."""
-        done = run_all(models, self.case.duration, folder=self.folder, executor=self.executor)
+        duration = self.case.duration + max(map(self.lead, self.case.blasts))
+        done = run_all(models, duration, folder=self.folder, executor=self.executor)
         self.runs += len(done)
         for one in done:
             key = one.provenance["input_sha256"], *one.seismograms
@@ -68,53 +92,169 @@ class Forward:
             self._known.add(key)
         return done
 
-    def hole_motion(self, site: Site) -> dict[str, np.ndarray]:
-        """Return by blast what each hole sends with its believed charge, fired at zero.
+    def lead(self, blast: str) -> float:
+        """Return the time in s from the start of a run to the first firing of a blast."""
+        return 0.0 if self.cut is not None else self.case.project.of(blast).lead
 
-        By a run for each hole, or three for each receiver if these are fewer.
+    def hole_motion(self, project: Project) -> dict[str, np.ndarray]:
+        """Return by blast the motion of each hole with its planned charge, fired at zero.
+
+        By a run for each hole, or three for each receiver if these are fewer; one for each blast
+        whose motion enters through a face. Empty where holes do not superpose, see
+        `not_superposed`.
 
         Returns
         -------
         dict of str to (n_holes, n_receivers, 3, n_samples) float64, m/s
         """
-        models = [self.model(site, blast) for blast in self.case.blasts]
+        if not_superposed(self.case):
+            return {}
+        if project.config.signature is not None:
+            return {name: self._through_face(project, name) for name in self.case.blasts}
+        models = [self.model(project, blast) for blast in self.case.blasts]
+        leads = [self.lead(blast) for blast in self.case.blasts]
         sources = [source for model in models for source in model.sources]
         bank = greens_functions(
             replace(models[0], sources=sources),
-            self.case.duration,
+            self.case.duration + max(leads),
             folder=self.folder,
             executor=self.executor,
         )
         self.runs += bank.runs
-        found = {}
-        for blast, model in zip(self.case.blasts, models, strict=True):
-            early = [replace(source, time=0.0) for source in model.sources]
-            sent = np.stack([self._sampled(bank.blast([one])) for one in early])
-            charge = site.blasts[blast].charge
-            found[blast] = np.zeros((len(charge), *sent.shape[1:]))
-            found[blast][charge > 0.0] = sent
-        return found
+        motion = {}
+        for blast, model, lead in zip(self.case.blasts, models, leads, strict=True):
+            early = [replace(source, time=lead) for source in model.sources]
+            fired = np.stack([self._sampled(bank.blast([one]), lead) for one in early])
+            charge = project.blasts[blast].charge
+            motion[blast] = np.zeros((len(charge), *fired.shape[1:]))
+            motion[blast][charge > 0.0] = fired
+        return motion
 
-    def model(self, site: Site, blast: str):
-        """Return the model of one blast; sites of one geometry share a mesh."""
-        key = geometry(site)
+    def _through_face(self, project, blast):
+        """Return the motion of each hole of a blast that enters through a face, by one run."""
+        one = self.case.project.of(blast)
+        single = make_input(one.signature, Firing(np.zeros(1), 1.0), one.config.input.low_pass_hz)
+        alone = replace(one, given={**one.given, "input": single})
+        base, entered = self._base(blast), replace(
+            alone, given={**alone.given, "mesh": self._base(blast).mesh}
+        ).model  # fmt: skip
+        model = replace(
+            base, sources=entered.sources, boundaries=entered.boundaries,
+            **self._ground(project, base),
+        )  # fmt: skip
+        run = self.made([model])[0]
+        motion = self._sampled(run.seismograms, alone.lead)
+        return np.multiply.outer(one.firing.scales, motion)
+
+    def model(self, project: Project, blast: str) -> Model:
+        """Return the model of one blast; flat boxes of one geometry share a mesh."""
+        if self.cut is None:
+            return self._own(project, blast)
+        key = geometry(project)
         if key not in self._meshes:
-            self._meshes[key] = site_mesh(site, self.cut)
-        return site_model(site, blast, self.cut, self._meshes[key])
+            self._meshes[key] = flat_mesh(flat_box(project), self.cut.of(project.materials))
+        return flat_model(project, blast, self.cut, self._meshes[key])
 
-    def _sampled(self, seismograms):
+    def holds(self, project: Project) -> bool:
+        """Tell whether all holes lie in the mesh, where it is that of the project."""
+        if self.cut is not None or project.config.holes_inside is None:
+            return True
+        mesh = self._base(self.case.blasts[0]).mesh
+        try:
+            for blast in self.case.blasts:
+                places = dict(enumerate(project.blasts[blast].centres))
+                refuse_outside(mesh, {str(k): place for k, place in places.items()})
+        except InputError:
+            return False
+        return True
+
+    def _own(self, project, blast):
+        """Return the model of one blast on the mesh of the reference project."""
+        base, one = self._base(blast), project.of(blast)
+        parts = self._ground(project, base) | {"receivers": project.receivers}
+        if one.given.get("blast") is not self.case.project.of(blast).given.get("blast"):
+            placed = replace(one, given={**one.given, "mesh": base.mesh})
+            parts["sources"] = placed.sources
+        return replace(base, **parts)
+
+    def _ground(self, project, base):
+        """Return what changes of the ground of a project give its models."""
+        return {
+            "materials": {**base.materials, **project.materials}, "joints": project.joints,
+            "ground": (*base.ground, *project.fields),
+        }  # fmt: skip
+
+    def _base(self, blast):
+        """Return the model of one blast in the reference project; all share a mesh."""
+        if blast not in self._models:
+            made = self.case.project.of(blast).model
+            first = next(iter(self._models.values()), None)
+            if first is None:
+                made = replace(made, single=is_single(made))
+            elif self.case.project.config.ground.damaged_zone is None:
+                made = replace(
+                    first, sources=made.sources, boundaries=made.boundaries, ground=made.ground
+                )
+            self._models[blast] = made
+        return self._models[blast]
+
+    def _sampled(self, seismograms, lead=0.0):
         """Return seismograms (n_receivers, 3, n_samples) at the instants of the records."""
         dt, n = self.case.dt, self.case.n_samples
         return np.stack(
-            [seismograms[name].sampled(0.0, dt, n).velocity.T for name in self.case.receivers]
+            [seismograms[name].sampled(lead, dt, n).velocity.T for name in self.case.receivers]
         )
 
 
-def geometry(site):
-    """Return what the mesh of a site depends on."""
-    layers = tuple((name, thickness) for name, thickness, _ in site.layers)
-    joints = tuple((j.joint.surface, j.axis, j.position, j.extent, j.depth) for j in site.joints)
-    return site.box.tobytes(), layers, joints, site.marks, site.fabric is not None
+def is_single(model: Model) -> bool:
+    """Tell whether a model is run in single precision: quadratic zones without a static stage."""
+    return model.quadratic and model.insitu is None
+
+
+def geometry(project):
+    """Return what the mesh of a flat box depends on; nothing of it changes elsewhere."""
+    mesh = project.config.mesh
+    layers = tuple((layer.material, layer.thickness_m) for layer in mesh.layers)
+    planes = tuple(fault.model_dump_json() for fault in mesh.faults)
+    joints = tuple(joint.surface for joint in project.joints)
+    return layers, planes, joints, is_anisotropic(project.materials)
+
+
+def not_superposed(case: Case) -> str:
+    """Return why the motion of a blast is not the sum over its holes; empty where it is."""
+    project = case.project
+    for one in (project, *project.further):
+        config = one.config
+        if config.blast is None:
+            return "there is no [blast] with holes"
+        if config.blast.scatter_ms:
+            return "blast.scatter_ms draws firing times: leave it out"
+        if config.signature is None and config.holes_inside is None:
+            return "what enters is not by hole: give [holes_inside] or [signature]"
+        if config.point_forces or config.moment_tensors or config.pressures or config.air_blast:
+            return "other sources act beside the holes: leave them out"
+        if config.signature is not None and config.blast.wave_speed_m_per_s is not None:
+            return "blast.wave_speed_m_per_s shifts what enters by hole: leave it out"
+        if config.run.local_damping:
+            return "under run.local_damping holes do not superpose: leave it out"
+    for joint in project.joints:
+        if joint.law not in LINEAR_JOINTS:
+            return (
+                f"holes do not superpose across the law {joint.law!r} of joint {joint.surface}: "
+                "give the joints the law 'elastic'"
+            )
+    for name in ground_materials(project):
+        if project.materials[name].law.name not in LINEAR_ZONES:
+            return f"holes do not superpose in material {name!r}, which yields: make it elastic"
+    return ""
+
+
+def surface_speed(project: Project) -> float:
+    """Return the speed of S waves in m/s in the uppermost ground."""
+    if project.config.mesh.layers:
+        return project.materials[project.config.mesh.layers[0].material].cs
+    zone, _ = locate(project.mesh, [project.receivers[0].position])
+    return project.materials[project.mesh.groups[int(project.mesh.zone_group[zone][0])]].cs
 
 
 STEPS = 3  # on either side of a receiver
@@ -146,26 +286,51 @@ class Surroundings:
         return np.tensordot(there - here, self.motion[:, receiver], ([0, 1], [1, 2]))
 
 
-def surroundings(forward: Forward, site: Site) -> Surroundings:
-    """Run every blast of a case with listening points around all receivers."""
+def surroundings(forward: Forward, project: Project) -> Surroundings:
+    """Run every blast of a case with probe receivers around all receivers."""
     case = forward.case
-    slowest = min(material.cs for _, _, material in site.layers)
-    ways = np.arange(-STEPS, STEPS + 1) * slowest / (STEPS_PER_WAVE * case.band.high)
-    grid = [(x, y) for x in ways for y in ways]
-    there = {r.name: r for r in site.receivers}
+    ways, n = steps_around(case, project), 2 * STEPS + 1
+    there = {r.name: r for r in project.receivers}
     points = tuple(
-        replace(there[name], name=f"{name} {k}", position=np.add(there[name].position, (x, y, 0.0)))
+        replace(there[name], name=f"{name} {k}", position=place)
         for name in case.receivers
-        for k, (x, y) in enumerate(grid)
+        for k, place in enumerate(places_around(case, there[name], ways, fallback=True))
     )
-    models = [replace(forward.model(site, blast), receivers=points) for blast in case.blasts]
+    models = [replace(forward.model(project, blast), receivers=points) for blast in case.blasts]
     done = forward.made(models)
     motion = np.stack(
         [
-            [run.seismograms[one.name].sampled(0.0, case.dt, case.n_samples).velocity.T
-             for one in points]
-            for run in done
+            [run.seismograms[one.name].sampled(
+                forward.lead(blast), case.dt, case.n_samples).velocity.T for one in points]
+            for run, blast in zip(done, case.blasts, strict=True)
         ]
     )  # fmt: skip
-    n = len(ways)
     return Surroundings(ways, motion.reshape(len(models), -1, n, n, *motion.shape[2:]))
+
+
+def steps_around(case: Case, project: Project) -> np.ndarray:
+    """Return the distances (n,) in m of probe receivers from a receiver, east and north."""
+    slowest = min(project.materials[name].cs for name in ground_materials(project))
+    return np.arange(-STEPS, STEPS + 1) * slowest / (STEPS_PER_WAVE * case.band.high)
+
+
+def places_around(case: Case, receiver, ways, fallback=False) -> list | None:
+    """Return the places (3,) in m of probe receivers, as deep as the receiver itself.
+
+    None where one lies outside of the mesh of the project; the receiver's own place instead of all
+    of them with ``fallback``.
+    """
+    at = np.asarray(receiver.position, dtype=float)
+    grid = [(x, y) for x in ways for y in ways]
+    flat = [np.add(receiver.position, (x, y, 0.0)) for x, y in grid]
+    if not not_flat(case.project):
+        return flat
+    mesh = case.project.mesh
+    try:
+        if "top" in mesh.surfaces:
+            below = on_ground(mesh, at[:2])[2] - at[2]
+            flat = [np.subtract(on_ground(mesh, at[:2] + step), (0.0, 0.0, below)) for step in grid]
+        locate(mesh, flat)
+    except InputError:
+        return [at] * len(grid) if fallback else None
+    return flat

@@ -1,4 +1,4 @@
-"""Hypotheses: physics that a model may lack, their targets and needs, one function each."""
+"""Hypotheses: physics that a model may lack, with targets and needs, one function each."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,29 +7,34 @@ import numpy as np
 
 from ..errors import InputError
 from ..inference.parameter import Parameter
+from ..project.flat_box import not_flat, quality_of
 from .case import Case
+from .forward import not_superposed, places_around, steps_around
 from .thresholds import CHARGE_RATIO, DIRECTIONS, SECTORS
 
 
 def two_receivers(case: Case) -> str:
-    """Ask for a second receiver: one alone can't foretell, and chance has nothing to shuffle."""
+    """Ask for a second receiver, which cross-validation and the null distribution need."""
     if np.count_nonzero(np.any(case.valid, axis=(0, 2, 3))) > 1:
         return ""
-    return "there is one receiver: no other that it would have to foretell"
+    return "there is one receiver: no other that it would have to predict"
 
 
 def two_blasts(case: Case) -> str:
-    """Ask for a second blast, which an effect of a receiver must foretell."""
+    """Ask for a second blast, which an effect of a receiver must predict."""
     if np.count_nonzero(np.any(case.valid, axis=(1, 2, 3))) > 1:
         return ""
-    return "there is one blast: no other that it would have to foretell"
+    return "there is one blast: no other that it would have to predict"
 
 
 def charges_apart(case: Case) -> str:
     """Ask for blasts of small and of large charge, by what fires within 8 ms."""
     if len(case.blasts) < 2:
         return f"there is one blast: what grows with charge needs two, {CHARGE_RATIO:g} to one"
-    most = [case.site.blasts[name].charge_per_window() for name in case.blasts]
+    every = [case.project.blasts[name] for name in case.blasts]
+    if any(np.isnan(one.charge).any() for one in every):
+        return "a charge is missing: what grows with charge needs all of them in kg"
+    most = [one.charge_per_window() for one in every]
     ratio = max(most) / min(most)
     if ratio >= CHARGE_RATIO:
         return ""
@@ -41,9 +46,9 @@ def charges_apart(case: Case) -> str:
 
 def three_directions(case: Case) -> str:
     """Ask for paths in three directions, a sixth of half a turn each."""
-    heard = [r.position[:2] for r in case.site.receivers if r.name in case.receivers]
-    fired = [case.site.blasts[name].centres[:, :2].mean(axis=0) for name in case.blasts]
-    ways = (np.array(heard)[:, None] - np.array(fired)).reshape(-1, 2)
+    places = [r.position[:2] for r in case.project.receivers if r.name in case.receivers]
+    fired = [case.project.blasts[name].centres[:, :2].mean(axis=0) for name in case.blasts]
+    ways = (np.array(places)[:, None] - np.array(fired)).reshape(-1, 2)
     turns = np.arctan2(ways[:, 1], ways[:, 0]) % np.pi
     there = len(set((turns * SECTORS / np.pi).astype(int) % SECTORS))
     if there >= DIRECTIONS:
@@ -52,18 +57,77 @@ def three_directions(case: Case) -> str:
 
 
 def unknown_quality(case: Case) -> str:
-    """Ask for ground of which nobody has said how it fades waves."""
-    if case.site.quality is None:
+    """Ask for ground whose quality factors are not given."""
+    known = quality_of(case.project)
+    if known is None:
         return ""
-    p, s = case.site.quality
-    return f"the site gives it, Qp {p:.3g} and Qs {s:.3g}, and every run has it"
+    return f"the site gives it, Qp {known[0]:.3g} and Qs {known[1]:.3g}, and every run has it"
 
 
 def ground_without_loss(case: Case) -> str:
-    """Ask for ground that does not fade waves: with a grain as well, it is not simulated."""
-    if case.site.quality is None:
+    """Ask for ground without quality factors: anisotropy with attenuation is not simulated."""
+    if quality_of(case.project) is None:
         return ""
-    return "the site gives quality factors, and ground with them and a grain is not simulated"
+    return "the site gives quality factors, and anisotropic ground with them is not simulated"
+
+
+def flat_layers(case: Case) -> str:
+    """Ask for a flat box with holes inside, whose mesh follows what such effects change."""
+    why = not_flat(case.project)
+    if not why:
+        return ""
+    return (
+        f"{why}: it is simulated in flat layers with upright elastic joints along x or y and holes "
+        "inside; try it in a project of that kind"
+    )
+
+
+def holes_inside(case: Case) -> str:
+    """Ask for holes as sources inside the model."""
+    if all(one.config.holes_inside for one in (case.project, *case.project.further)):
+        return ""
+    return "no hole is a source inside the model: give [holes_inside] in place of what enters"
+
+
+def superposed(case: Case) -> str:
+    """Ask for holes whose motions add up, so that one of them can be changed."""
+    return not_superposed(case)
+
+
+def elastic_joints(case: Case) -> str:
+    """Ask for a joint whose law is elastic, where joints are there at all."""
+    laws = {joint.surface: joint.law for joint in case.project.joints}
+    if not laws or "elastic" in laws.values():
+        return ""
+    name, law = next(iter(laws.items()))
+    return (
+        f"no joint has the law 'elastic' ({name} has {law!r}): give the one in doubt kn and ks "
+        "alone"
+    )
+
+
+def air_over_layers(case: Case) -> str:
+    """Ask for holes with charges, flat layers below the receivers, and no air blast in the model.
+
+    What air pressure does to the ground is computed for flat layers.
+    """
+    for one in (case.project, *case.project.further):
+        config = one.config
+        if config.air_blast is not None:
+            return "the project has [air_blast], and every run has it"
+        if config.blast is None or np.isnan(one.blast.charge).any():
+            return "there is no [blast] with a charge for each hole"
+        if not config.mesh.layers or config.mesh.surface_file is not None:
+            return "the ground is not flat: give flat [[mesh.layers]]"
+    return ""
+
+
+def room_around_receivers(case: Case) -> str:
+    """Ask for ground around a receiver, where it may have stood instead."""
+    if receivers_with_room(case):
+        return ""
+    ways = steps_around(case, case.project)
+    return f"no receiver has {ways[-1]:.3g} m of ground on all sides: give a wider model"
 
 
 # What must be there to hold out, by the axis of an effect.
@@ -84,8 +148,8 @@ def whole_site(case: Case) -> tuple[str, ...]:
 
 
 def joints(case: Case) -> tuple[str, ...]:
-    """Return the names of the listed joints."""
-    return tuple(j.joint.surface for j in case.site.joints)
+    """Return the names of the elastic joints."""
+    return tuple(joint.surface for joint in case.project.joints if joint.law == "elastic")
 
 
 def blasts(case: Case) -> tuple[str, ...]:
@@ -95,7 +159,7 @@ def blasts(case: Case) -> tuple[str, ...]:
 
 def blasts_of_many_holes(case: Case) -> tuple[str, ...]:
     """Return the names of the blasts in which holes can differ."""
-    return tuple(name for name in case.blasts if len(case.site.blasts[name].charge) > 1)
+    return tuple(name for name in case.blasts if len(case.project.blasts[name].charge) > 1)
 
 
 def holes(case: Case) -> tuple[str, ...]:
@@ -104,7 +168,7 @@ def holes(case: Case) -> tuple[str, ...]:
         dict.fromkeys(
             f"{hole}{OF_BLAST}{name}"
             for name in blasts_of_many_holes(case)
-            for hole in case.site.blasts[name].hole_ids
+            for hole in case.project.blasts[name].hole_ids
         )
     )
 
@@ -120,6 +184,18 @@ def receivers(case: Case) -> tuple[str, ...]:
     return case.receivers
 
 
+def receivers_with_room(case: Case) -> tuple[str, ...]:
+    """Return the names of the receivers with ground on all sides."""
+    ways, there = steps_around(case, case.project), {r.name: r for r in case.project.receivers}
+    return tuple(n for n in case.receivers if places_around(case, there[n], ways) is not None)
+
+
+def receivers_with_axes(case: Case) -> tuple[str, ...]:
+    """Return the names of the receivers whose records are east and north."""
+    turned = {r.name for r in case.project.receivers if r.azimuth is not None}
+    return tuple(name for name in case.receivers if name not in turned)
+
+
 TARGETS = {"site": whole_site, "joint": joints, "blast": blasts, "receiver": receivers}
 
 
@@ -130,7 +206,7 @@ AXES = ("receivers", "blasts", "both")
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Physics that may have been left out.
+    """Hypothesis: physics that the model may lack.
 
     Parameters
     ----------
@@ -153,7 +229,7 @@ class Hypothesis:
     parameters : tuple of Parameter
     apply : callable
     bare : callable or None
-        ``(site, target, **parameters) -> Site``: cut into zones as with the effect, but without
+        ``(project, target, **parameters) -> Project``: meshed as with the effect, but without
         it. Of effects on the site that change its geometry, so that no mesh is taken for physics.
     linear : bool
         Whether a larger blast is changed by the same share. Others are screened on two blasts.
@@ -161,6 +237,9 @@ class Hypothesis:
         What to measure where it can't be told from others.
     needs : tuple of callable
         ``(case) -> str``: why records can't test it, empty where they can.
+    simulated : tuple of callable
+        ``(case) -> str``: why it can't be simulated in a project, empty where it can. It has no
+        targets then.
     single : bool
         Whether it is claimed of one target at a time, the best, however many would pay.
     begins : callable or None
@@ -182,6 +261,7 @@ class Hypothesis:
     linear: bool = True
     settled_by: str = ""
     needs: tuple[Callable, ...] = ()
+    simulated: tuple[Callable, ...] = ()
     single: bool = False
     begins: Callable | None = None
 
@@ -192,6 +272,9 @@ class Hypothesis:
 
     def untestable(self, case) -> str:
         """Return why the records of a case can't test it, whatever they show; empty if they can."""
+        why = next(filter(None, (need(case) for need in self.simulated)), "")
+        if why:
+            return why
         if not self.targets(case):
             return f"this site has no {self.target} that it could belong to"
         return next(filter(None, (need(case) for need in self.needs)), "")
@@ -202,12 +285,13 @@ LIBRARY: dict[str, Hypothesis] = {}
 
 def hypothesis(
     label, *, family, on, target, axis, parameters, form="", targets=None, bare=None, linear=True,
-    settled_by="", needs=(), single=False, begins=None,
+    settled_by="", needs=(), simulated=(), single=False, begins=None,
 ):  # fmt: skip
     """Enter the decorated function into the library.
 
     ``targets`` lists what ``target`` names; it may be left out for words of `TARGETS`. What its
-    axis asks for, and charges apart where it is not linear, come before its own ``needs``.
+    axis asks for, and charges apart where it is not linear, come before its own ``needs``. An
+    effect that can't be ``simulated`` in a project has no targets there.
 
     Raises
     ------
@@ -218,14 +302,14 @@ def hypothesis(
     for word, allowed in ((family, FAMILIES), (on, PLACES), (target, listed), (axis, AXES)):
         if word not in allowed:
             raise InputError(f"hypothesis {label}: need one of {', '.join(allowed)}, got {word!r}")
-    targets = targets or TARGETS[target]
+    possible = _where_simulated(targets or TARGETS[target], simulated)
     needs = (*TO_HOLD_OUT[axis], *(() if linear else (charges_apart,)), *needs)
 
     def enter(function):
         claim = (function.__doc__ or "").strip().split("\n\n")[0]
         one = Hypothesis(
-            label, form, " ".join(claim.split()), family, on, target, targets, axis,
-            tuple(parameters), function, bare, linear, settled_by, needs, single, begins,
+            label, form, " ".join(claim.split()), family, on, target, possible, axis,
+            tuple(parameters), function, bare, linear, settled_by, needs, simulated, single, begins,
         )  # fmt: skip
         if one.name in LIBRARY:
             raise InputError(f"hypothesis {one.name}: is in the library already")
@@ -237,6 +321,17 @@ def hypothesis(
     return enter
 
 
+def _where_simulated(targets, simulated):
+    """Return a function that lists targets only where an effect can be simulated."""
+    if not simulated:
+        return targets
+
+    def possible(case):
+        return () if any(need(case) for need in simulated) else targets(case)
+
+    return possible
+
+
 def untestable_labels(case) -> dict[str, str]:
     """Return the labels of which no form can be tested by the records of a case, with the reason.
 
@@ -245,9 +340,9 @@ def untestable_labels(case) -> dict[str, str]:
     case : Case
         It says so by what is there, before any search.
     """
-    told = {}
+    reasons_of = {}
     for label in dict.fromkeys(one.label for one in LIBRARY.values()):
         reasons = [one.untestable(case) for one in LIBRARY.values() if one.label == label]
         if all(reasons):
-            told[label] = reasons[0]
-    return told
+            reasons_of[label] = reasons[0]
+    return reasons_of

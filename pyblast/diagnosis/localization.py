@@ -4,7 +4,9 @@ import numpy as np
 from scipy import signal
 
 from ..inference.records import COMPONENTS
+from ..project.flat_box import extent_of
 from .calibration import Baseline
+from .forward import surface_speed
 from .search import means, worst
 from .thresholds import MATERIAL
 
@@ -53,7 +55,7 @@ def located(baseline: Baseline, motion, size) -> dict:
         "components": dict(zip(COMPONENTS, np.round(shares, 3).tolist(), strict=True)),
         "time_s": _window(times, energy.sum(axis=0)),
         "frequency_hz": _window(frequency, spectrum),
-        "points": sending_points(baseline, band.restore(held), size),
+        "points": scattering_points(baseline, band.restore(held), size),
     }  # fmt: skip
 
 
@@ -64,8 +66,8 @@ def _window(axis, energy):
     return [round(float(axis[min(end, len(axis) - 1)]), 4) for end in ends]
 
 
-def sending_points(baseline: Baseline, residual, size) -> list[dict]:
-    """Find where in plan something would send a residual from: a stack over places and times.
+def scattering_points(baseline: Baseline, residual, size) -> list[dict]:
+    """Find the place in plan that a residual comes from: a stack over places and times.
 
     Parameters
     ----------
@@ -86,25 +88,25 @@ def sending_points(baseline: Baseline, residual, size) -> list[dict]:
     -----
     Of the blast that is explained worst. Envelopes, less what small errors leave, are stacked as
     they would come from a point on top at one time, whichever fits best: with the S speed of the
-    uppermost layer, and smaller with distance. When it was sent is left open, so that neither
-    what sent it nor the way to it need be known: a scatterer, a hole or a shot of somebody else.
+    uppermost ground, and smaller with distance. The time of origin is left open, so that neither
+    source nor path need be known: a scatterer, a hole or a shot of somebody else.
     """
-    case, site = baseline.case, baseline.site
+    case, project = baseline.case, baseline.project
     b = int(np.argmax(means(size, 1)))
     excess = np.sqrt(np.maximum(1.0 - 1.0 / np.maximum(size[b], 1.0), 0.0))
     envelope = np.sqrt(np.sum(np.abs(signal.hilbert(residual[b])) ** 2, axis=1)) * excess[:, None]
     if not envelope.any():
         return []
-    speed = site.layers[0][2].cs
-    places = {r.name: np.array(r.position) for r in site.receivers}
+    speed = surface_speed(project)
+    places = {r.name: np.array(r.position) for r in project.receivers}
     at = np.array([places[name] for name in case.receivers])
-    (x0, x1), (y0, y1) = site.box[:2]
+    (x0, x1), (y0, y1) = extent_of(project)[:2]
     spacing = max(x1 - x0, y1 - y0) / GRID
     x, y = np.arange(x0, x1 + spacing, spacing), np.arange(y0, y1 + spacing, spacing)
     points = np.stack([*np.meshgrid(x, y, indexing="ij"), np.zeros((len(x), len(y)))], axis=-1)
     way = np.linalg.norm(points[:, :, None] - at, axis=-1)
     lag = np.rint(way / speed / case.dt).astype(int)
-    wave = speed / np.sqrt(np.prod(site.band))
+    wave = speed / np.sqrt(case.band.low * case.band.high)
     share = 1.0 / (way + 0.5 * wave)
     share /= np.linalg.norm(share, axis=-1, keepdims=True)
     orders = [np.roll(np.arange(len(at)), k) for k in range(len(at))]

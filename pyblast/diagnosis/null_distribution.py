@@ -301,7 +301,7 @@ def _amount(scene, fit, one, target, place, least):
     Holes without a charge send nothing, whatever their knobs, and don't count.
     """
     knob, case, likelihood = one.parameters[place], scene.case, scene.baseline.likelihood
-    charges = case.site.blasts[target].charge if knob.per_hole else np.ones(1)
+    charges = case.project.blasts[target].charge if knob.per_hole else np.ones(1)
     live = np.flatnonzero(charges > 0.0)
     unit = knob.sigma * (knob.null or knob.mean or 1.0) if knob.log else knob.sigma
     step = DIFFERENCE * unit

@@ -1,4 +1,4 @@
-"""A further blast at a site that was diagnosed."""
+"""Prediction of a further blast in ground that was diagnosed."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ..blasts.blast import Blast
-from ..project.site import Site
+from ..project.project import Project
 from . import library  # noqa: F401  fills the library
 from .calibration import unknowns_of, with_values
 from .case import Case
@@ -16,31 +16,31 @@ from .forward import Forward, surroundings
 NEW = "further blast"
 
 
-def site_of(site: Site, values, effects) -> Site:
-    """Return a site with factors on its values and with the effects that change it.
+def diagnosed(project: Project, values, effects) -> Project:
+    """Return a project with factors on its values and with the effects that change it.
 
     Parameters
     ----------
-    site : Site
-        As it is believed to be.
+    project : Project
+        The reference.
     values : (n_unknowns,) float
     effects : sequence of Effect
     """
-    site = with_values(site, unknowns_of(site), values)
+    project = with_values(project, unknowns_of(project), values)
     for effect in effects:
         if effect.hypothesis.on == "site":
-            site = effect.hypothesis.apply(site, effect.target, **effect.parameters)
-    return site
+            project = effect.hypothesis.apply(project, effect.target, **effect.parameters)
+    return project
 
 
 def predict(case: Case, cut, blast: Blast, values, effects=(), folder=None) -> np.ndarray:
-    """Foretell what the receivers of a case record of a further blast.
+    """Predict what the receivers of a case record of a further blast.
 
     Parameters
     ----------
     case : Case
-    cut : Cut
-        Of the ground; one run is made.
+    cut : Cut or None
+        Discretization of a flat box, None for the mesh of the project; one run is made.
     blast : Blast
     values : (n_unknowns,) float
         Of a diagnosis.
@@ -54,10 +54,18 @@ def predict(case: Case, cut, blast: Blast, values, effects=(), folder=None) -> n
     (n_receivers, 3, n_samples) float64, m/s
         From the first hole on.
     """
-    answered = site_of(case.site, values, effects)
-    believed, site = (replace(one, blasts={NEW: blast}) for one in (case.site, answered))
-    forward = Forward(replace(case, site=believed, blasts=(NEW,)), cut, folder)
-    return with_motion_effects(Place(forward, site), forward.motion(site), effects)[0]
+    answer = diagnosed(case.project, values, effects)
+    reference, project = (firing(one, NEW, blast) for one in (case.project, answer))
+    forward = Forward(replace(case, project=reference, blasts=(NEW,)), cut, folder)
+    return with_motion_effects(Place(forward, project), forward.motion(project), effects)[0]
+
+
+def firing(project: Project, name: str, blast: Blast) -> Project:
+    """Return a project with one blast alone, in place of its own."""
+    parts = {k: v for k, v in project.given.items() if k not in ("records", "inside")}
+    alone = replace(project, name=name, further=(), given={**parts, "blast": blast})
+    inside = replace(project.inside, firing=alone.firing)
+    return replace(alone, given={**alone.given, "inside": inside})
 
 
 @dataclass(eq=False)
@@ -67,12 +75,12 @@ class Place:
     Parameters
     ----------
     forward : Forward
-    site : Site
+    project : Project
         With the further blast, as it was diagnosed.
     """
 
     forward: Forward
-    site: Site
+    project: Project
 
     @property
     def case(self):
@@ -81,8 +89,8 @@ class Place:
 
     @cached_property
     def surroundings(self):
-        """What is sent around the receivers."""
-        return surroundings(self.forward, self.site)
+        """Motion around the receivers."""
+        return surroundings(self.forward, self.project)
 
 
 def effects_of(table) -> tuple[Effect, ...]:

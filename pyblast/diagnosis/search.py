@@ -38,7 +38,7 @@ class Guess:
 
 def started(hypothesis, target, scene):
     """Return an effect at each of its starting values."""
-    blasts = scene.case.site.blasts
+    blasts = scene.case.project.blasts
     count = len(blasts[target].times) if target in blasts else 1
     read = () if hypothesis.begins is None else (hypothesis.begins(scene),)
     return [

@@ -5,6 +5,7 @@ from math import radians
 import numpy as np
 
 from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
+from ..project.flat_box import quality_of
 from ..units import FACTORS
 from .decision import RESOLUTION, SETTLED_BY, intervals, more_remains
 from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
@@ -54,7 +55,7 @@ def summarise(scene, found, shuffled, verdict) -> dict:
         "hygiene": {
             "dead": list(scene.case.dead),
             "unrecorded": [
-                one.name for one in scene.case.site.receivers
+                one.name for one in scene.case.project.receivers
                 if one.name not in scene.case.receivers
             ],
             "left_out_share": round(float(np.mean(~scene.case.valid)), 4),
@@ -443,7 +444,7 @@ def calibration_rows(summary) -> list[dict]:
 def assumptions(scene, summary) -> list[str]:
     """Say what a diagnosis took for granted."""
     case, cut = scene.case, scene.forward.cut
-    quality, labels = case.site.quality, sorted({one.label for one in LIBRARY.values()})
+    quality, labels = quality_of(case.project), sorted({one.label for one in LIBRARY.values()})
     lost = 1.0 - float(np.mean(case.valid))
     finer = "; a finer mesh of the believed site corrects them" if np.any(
         scene.baseline.correction
@@ -460,7 +461,9 @@ def assumptions(scene, summary) -> list[str]:
         "these are the small errors of the theory. Noise is that of the windows before the blasts.",
         f"Nothing is called missing while the mean square misfit of every receiver and of every "
         f"blast stays below {MATERIAL:g} times that.",
-        f"Runs have zones with edges of {cut.edge:.3g} m, within which motion may bend{finer}.",
+        "Runs have the mesh of the project, and no finer one corrects them."
+        if cut is None
+        else f"Zones have edges of {cut.edge:.3g} m, within which motion may bend{finer}.",
         "Attenuation of the believed site: "
         + ("none." if quality is None else f"Qp {quality[0]:g}, Qs {quality[1]:g}."),
         f"The library holds {len(labels)} effects: {', '.join(labels)}. What is not among them can "

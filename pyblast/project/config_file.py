@@ -145,7 +145,7 @@ def check_config(table, name="project.toml", full=False) -> Config:
     try:
         config = Config.model_validate(table)
     except (ValidationError, RecursionError) as error:
-        raise InputError(f"{name}: {_sentence(error)}") from None
+        raise InputError(f"{name}: {sentence_of(error)}") from None
     for key in config.assumed:
         if value_at(config, key) is None:
             raise InputError(f"{name}: assumed: {key!r} must name a key of this file")
@@ -183,15 +183,15 @@ def _merged(table, variant):
     return merged
 
 
-def _sentence(error):
-    """Tell the first mistake that pydantic found."""
+def sentence_of(error, root=Config) -> str:
+    """Return the first mistake that pydantic found in a table of a class, in one sentence."""
     if isinstance(error, RecursionError):
         return "nested too deeply to be a project file"
     found = error.errors(include_url=False)
     first = min(found, key=lambda item: item["type"] != "extra_forbidden")
     more = f" ({len(found) - 1} more)" if len(found) > 1 else ""
     where = f"{_path(first['loc'])}: " if first["loc"] else ""
-    return f"{where}{_rule(first)}{more}"
+    return f"{where}{_rule(first, root)}{more}"
 
 
 def _path(location):
@@ -202,14 +202,14 @@ def _path(location):
     return text
 
 
-def _rule(mistake):
+def _rule(mistake, root):
     """Say which rule is broken, the value, and what to do."""
     kind, context, value = mistake["type"], mistake.get("ctx", {}), mistake["input"]
     got = f"got {_shown(value)}"
     if kind == "missing":
         return "missing; add it"
     if kind == "extra_forbidden":
-        return f"unknown key; {_nearest(mistake['loc'])}"
+        return f"unknown key; {_nearest(mistake['loc'], root)}"
     if kind in ("greater_than", "greater_than_equal"):
         bound = context.get("gt", context.get("ge"))
         words = {("greater_than", 0): "be positive", ("greater_than_equal", 0): "not be negative"}
@@ -256,16 +256,16 @@ def _shown(value):
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 
-def _nearest(location):
+def _nearest(location, root):
     """Propose the known key that is spelled most like the unknown one."""
-    known = sorted(_fields_at(location[:-1]))
+    known = sorted(_fields_at(location[:-1], root))
     near = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.5)
     return f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
 
 
-def _fields_at(location):
+def _fields_at(location, root):
     """Return the keys that are known at a place of the file."""
-    found = Config
+    found = root
     for part in location:
         fields = getattr(found, "model_fields", None)
         if fields is not None and part in fields:

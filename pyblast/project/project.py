@@ -1,9 +1,13 @@
 """A project: everything that its file names, as objects in SI units, and variants of it."""
 
 import hashlib
-from dataclasses import dataclass, replace
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from ..blasts.blast import Blast, Firing
 from ..errors import InputError
@@ -46,6 +50,16 @@ from .places import check_rim, hole_places, make_rim, place_receivers, place_sou
 from .section import named_error
 
 
+class _part(cached_property):
+    """A part of a project that is made when it is first wanted, unless it was given."""
+
+    def __get__(self, instance, owner=None) -> Any:
+        """Return the part: given, made before, or made now."""
+        if instance is not None and self.attrname in instance.given:
+            return instance.given[self.attrname]
+        return super().__get__(instance, owner)
+
+
 @dataclass(frozen=True, eq=False)
 class Project:
     """A checked project file and the objects it stands for.
@@ -57,12 +71,24 @@ class Project:
     materials : dict of str to Material
     joints : tuple of Joint
         One for each joint surface of the mesh.
+    name : str
+        Of its blast among others in the same ground; the stem of the file.
+    further : tuple of Project
+        Further blasts in the same ground, of `with_further`.
+    fields : tuple of Gradient, DamagedZone or Heterogeneity
+        Factors on the wave speeds beside those of the table [ground].
+    given : dict of str to object
+        Parts, such as ``mesh`` or ``records``, that are not made from the file.
     """
 
     path: Path
     config: Config
     materials: dict[str, Material]
     joints: tuple[Joint, ...]
+    name: str = ""
+    further: tuple["Project", ...] = ()
+    fields: tuple = ()
+    given: dict[str, Any] = field(default_factory=dict)
 
     @property
     def folder(self) -> Path:
@@ -79,12 +105,17 @@ class Project:
         return any(key == name or key.startswith(f"{name}.") for name in self.config.assumed)
 
     @property
+    def time_zero(self) -> str | None:
+        """Instant at which the firing times have 0, None where it is not known."""
+        return self.given.get("time_zero")
+
+    @property
     def faults(self) -> list[str]:
         """Joint surfaces that are single planes: the faults, or all joints of a mesh file."""
         config = self.config.mesh
         return [*config.file_joints, *(fault.name for fault in config.faults)]
 
-    @cached_property
+    @_part
     def blast(self) -> Blast | None:
         """Holes of the production blast."""
         if self.config.blast is None:
@@ -92,13 +123,13 @@ class Project:
         with named_error(f"{self.path.name}: blast"):
             return make_blast(self.config.blast, self.folder)
 
-    @cached_property
+    @_part
     def firing(self) -> Firing:
-        """Firing times and scales of the holes; scales of holes inside refer to 1 kg."""
+        """Return firing times and scales of the holes; scales of holes inside refer to 1 kg."""
         reference = None if self.config.holes_inside is None else 1.0
         return make_firing(self.config.blast, self.blast, reference)
 
-    @cached_property
+    @_part
     def signature(self) -> Seismogram | None:
         """Seismogram of a single hole."""
         if self.config.signature is None:
@@ -106,7 +137,7 @@ class Project:
         with named_error(f"{self.path.name}: signature"):
             return make_signature(self.config.signature, self.materials, self.folder)
 
-    @cached_property
+    @_part
     def input(self) -> InputMotion | None:
         """Motion that enters through a face, with its stages."""
         config = self.config
@@ -119,15 +150,15 @@ class Project:
                 shifts = shifts_of(config.blast, self.blast, cavity.receiver_m, cavity.hole_m)
             return make_input(signature, firing, config.input.low_pass_hz, shifts)
 
-    @cached_property
+    @_part
     def inside(self) -> Inside:
-        """What shakes the model beside a motion on a face: histories of all sources."""
+        """Return the histories of all sources beside a motion on a face."""
         with named_error(self.path.name):
             return read_inside(self.config, self.firing, self.materials, self.folder)
 
-    @cached_property
+    @_part
     def motions(self) -> tuple[Seismogram, ...]:
-        """What enters, for its frequencies: through a face, from each kind of source."""
+        """Return what enters, for its frequencies: through a face, from each kind of source."""
         face = () if self.input is None else (self.input.motion,)
         return (*face, *self.inside.motions)
 
@@ -142,7 +173,7 @@ class Project:
         """Time to march [s]: the duration asked for after the first firing, and the lead."""
         return self.lead + self.config.run.duration_s
 
-    @cached_property
+    @_part
     def mesh(self) -> Mesh:
         """Mesh, split along its joints."""
         with named_error(self.path.name):
@@ -151,21 +182,21 @@ class Project:
             )
             return with_damaged_material(self.config.ground, self.blast, mesh)
 
-    @cached_property
+    @_part
     def receivers(self) -> tuple[Receiver, ...]:
         """Receivers; those without height stand on the surface."""
         mesh = self.mesh
         with named_error(self.path.name):
             return place_receivers(self.config.receivers, mesh)
 
-    @cached_property
+    @_part
     def sources(self) -> tuple:
         """All sources in the mesh; their time 0 is `lead` before the first firing."""
         parts = self.inside, self.config, self.blast, self.mesh, self.lead
         with named_error(self.path.name):
             return place_sources(*parts)
 
-    @cached_property
+    @_part
     def rim(self) -> Rim | None:
         """Ground that damps what leaves; no receiver and no hole stands in it."""
         rim = make_rim(self.config)
@@ -177,9 +208,9 @@ class Project:
                 check_rim(rim, self.mesh, places)
         return rim
 
-    @cached_property
+    @_part
     def records(self) -> dict[str, Recording]:
-        """Records by receiver, in the components of the simulated seismograms."""
+        """Return the records by receiver, in the components of the simulated seismograms."""
         found = {}
         for part in self.config.receivers:
             if part.recorded is not None:
@@ -192,7 +223,7 @@ class Project:
         """Recorded seismograms by receiver."""
         return {name: record.seismogram for name, record in self.records.items()}
 
-    @cached_property
+    @_part
     def model(self) -> Model:
         """Model with all that enters; its time 0 is `lead` before the first firing."""
         config, mesh = self.config, self.mesh
@@ -215,7 +246,7 @@ class Project:
                 joints=self.joints,
                 boundaries=[*make_boundaries(config.boundaries, face), *entries],
                 damping=make_damping(config),
-                ground=make_fields(config.ground, self.blast, mesh),
+                ground=(*make_fields(config.ground, self.blast, mesh), *self.fields),
                 insitu=make_insitu(config.insitu),
                 added_mass=config.run.added_mass,
                 step_factor=config.run.step_factor,
@@ -229,6 +260,64 @@ class Project:
             media = jointed_media(config.mesh, self.materials, self.joints, pressures)
             known = make_boundaries(config.boundaries, face, media)
             return replace(model, boundaries=[*known, *entries])
+
+    @property
+    def blasts(self) -> dict[str, Blast]:
+        """Holes of this blast and of further ones by name; one hole stands for other sources."""
+        return {one.name: one.blast or _single_source(one) for one in (self, *self.further)}
+
+    def of(self, name: str) -> "Project":
+        """Return the project of one of the blasts alone, in the ground of this project."""
+        one = next(one for one in (self, *self.further) if one.name == name)
+        config = one.config.model_copy(update={"mesh": self.config.mesh})
+        ground = {"materials": self.materials, "joints": self.joints, "fields": self.fields}
+        return replace(one, config=config, further=(), **ground)
+
+    def changed(
+        self,
+        *,
+        materials: dict[str, Material] | None = None,
+        joints: Iterable[Joint] | None = None,
+        fields: Iterable | None = None,
+        mesh=None,
+        blasts: dict[str, Blast] | None = None,
+        receivers: Iterable[Receiver] | None = None,
+        records: dict[str, dict[str, Recording]] | None = None,
+    ) -> "Project":
+        """Return the project with other parts; what the sources do stays as it is.
+
+        Parameters
+        ----------
+        materials, joints, fields
+            Of the ground, in place of those that it has.
+        mesh : MeshConfig, optional
+        blasts : dict of str to Blast, optional
+            All that there are then.
+        receivers : sequence of Receiver, optional
+            Of all blasts.
+        records : dict of str to dict of str to Recording, optional
+            By blast and receiver.
+        """
+        ground = {"materials": materials, "joints": joints, "fields": fields}
+        ground = {key: value for key, value in ground.items() if value is not None}
+        ground |= {key: tuple(value) for key, value in ground.items() if key != "materials"}
+        if mesh is not None:
+            ground["config"] = self.config.model_copy(update={"mesh": mesh})
+        every = [self, *self.further]
+        if blasts is not None:
+            every = [replace(one, given={**one.given, "blast": blasts[one.name]})
+                     for one in every if one.name in blasts]  # fmt: skip
+        if receivers is not None:
+            every = [replace(one, given={**one.given, "receivers": tuple(receivers)})
+                     for one in every]  # fmt: skip
+        if records is not None:
+            every = [replace(one, given={**one.given, "records": records.get(one.name, {})})
+                     for one in every]  # fmt: skip
+        if materials is not None:
+            every = [replace(one, given={**one.given, "inside": one.inside}) for one in every]
+        first, *further = every
+        shared = {"materials": self.materials, "joints": self.joints, "fields": self.fields}
+        return replace(first, further=tuple(further), **{**shared, **ground})
 
     @cached_property
     def input_files(self) -> dict[str, str]:
@@ -247,6 +336,51 @@ class Project:
         names += [name for r in records if r is not None for name in (r.file, r.mapping)]
         contents = {name: (self.folder / name).read_bytes() for name in names if name is not None}
         return {name: hashlib.sha256(data).hexdigest() for name, data in contents.items()}
+
+
+def _single_source(project):
+    """Return one hole at time 0 in the place of the sources of a project without a blast."""
+    config = project.config
+    parts = [*config.point_forces, *config.moment_tensors]
+    places = [[*part.position_m, 0.0][:3] for part in parts] or [[0.0, 0.0, 0.0]]
+    place = np.mean(places, axis=0, keepdims=True)
+    return Blast("source", place, place, np.full(1, np.nan), np.zeros(1))
+
+
+SHARED = (
+    "mesh", "materials", "joints", "boundaries", "rim", "ground", "damping", "insitu",
+    "holes_inside", "blast.charge_exponent",
+)  # fmt: skip
+
+
+def with_further(project: Project) -> Project:
+    """Return a project with those that its table [diagnosis] names: blasts in the same ground.
+
+    Raises
+    ------
+    InputError
+        If a name is there twice, or the ground or the source of a hole is not the same.
+    """
+    table, folder = project.config.diagnosis, project.folder
+    every = (project, *(load_project(folder / name) for name in (table.blasts if table else ())))
+    names = [one.name for one in every]
+    for one, name in zip(every, names, strict=True):
+        if names.count(name) > 1:
+            raise InputError(f"{project.path.name}: diagnosis.blasts: {name!r} is named twice")
+        for key in SHARED:
+            if _entry(one.config, key) != _entry(project.config, key):
+                raise InputError(
+                    f"{one.path.name}: {key}: differs from {project.path.name}; blasts that are "
+                    "diagnosed together share their ground and the moment rate of 1 kg"
+                )
+    return replace(project, further=every[1:])
+
+
+def _entry(config, key):
+    """Return what a path of keys such as ``blast.charge_exponent`` leads to, or None."""
+    for name in key.split("."):
+        config = None if config is None else getattr(config, name)
+    return config
 
 
 def load_project(path, full=False) -> Project:
@@ -273,8 +407,16 @@ def load_project(path, full=False) -> Project:
     return make_project(read_config(path, full), path)
 
 
-def make_project(config, path) -> Project:
-    """Make a `Project` from a checked `Config`; other files are looked for beside ``path``."""
+def make_project(config, path, given=None) -> Project:
+    """Make a `Project` from a checked `Config`; other files are looked for beside ``path``.
+
+    Parameters
+    ----------
+    config : Config
+    path : path
+    given : dict of str to object, optional
+        Parts that are not made from the file.
+    """
     path = Path(path)
     materials = {}
     for name, part in config.materials.items():
@@ -289,10 +431,11 @@ def make_project(config, path) -> Project:
         for name in config.joints:
             if name not in joint_of_surface(config.mesh).values():
                 raise InputError(f"joints.{name}: no joint set or fault of the mesh takes it")
-    return Project(path, config, materials, tuple(joints))
+    return Project(path, config, materials, tuple(joints), path.stem, given=dict(given or {}))
 
 
 CHEAP = {"joints", "damping"}
+PARTS = {name for name, one in vars(Project).items() if isinstance(one, _part)}
 
 
 def vary(project: Project, changes: dict[str, float]) -> Project:
@@ -315,24 +458,23 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
     InputError
         If a path names no number, or a value breaks a rule of the project file.
     """
-    name = project.path.name
-    config = check_config(changed_tables(project.config, changes), name)
-    varied, known = make_project(config, project.path), vars(project)
+    config = check_config(changed_tables(project.config, changes), project.path.name)
+    known = {**project.given, **{k: v for k, v in vars(project).items() if k in PARTS}}
     tables = {
         table
         for table in Config.model_fields
         if getattr(config, table) != getattr(project.config, table)
     }
-    kept = [name for name, needs in _needs(config).items() if not tables & needs]
-    vars(varied).update({name: known[name] for name in kept if name in known})
-    if tables <= CHEAP and "model" in known and not config.boundaries.jointed_faces:
-        vars(varied).update(
-            {name: known[name] for name in ("blast", "firing", "signature", "input", "inside",
-             "sources", "rim") if name in known}
-        )  # fmt: skip
-        model = replace(project.model, joints=varied.joints, damping=make_damping(config))
-        vars(varied)["model"] = model
-    return varied
+    kept = {name for name, needs in _needs(config).items() if not tables & needs}
+    cheap = tables <= CHEAP and "model" in known and not config.boundaries.jointed_faces
+    if cheap:
+        kept |= {"blast", "firing", "signature", "input", "inside", "sources", "rim"}
+    given = {name: known[name] for name in kept if name in known}
+    varied = make_project(config, project.path, given)
+    if not cheap:
+        return varied
+    model = replace(known["model"], joints=varied.joints, damping=make_damping(config))
+    return replace(varied, given={**given, "model": model})
 
 
 def _needs(config):

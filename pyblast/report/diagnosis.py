@@ -153,7 +153,7 @@ def _map_figures(made, summary):
         "Each receiver by its misfit, the mean square over all blasts: 1 is what noise and small "
         f"errors of the theory leave; from {MATERIAL:g} on (red rings) something is missing."
         f"{deep}",
-        maps_figure(case.site, case.receivers, sizes, MATERIAL, found=found, points=points),
+        maps_figure(case.project, case.receivers, sizes, MATERIAL, found=found, points=points),
     )
     yield _time_frequency(made, summary)
 

@@ -6,6 +6,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
 
+from ..project.flat_box import FlatBox, extent_of, flat_box, not_flat
 from ..signals.spectra import wavelet_transform
 from .figures import FAULT, GROUND, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
 
@@ -179,12 +180,12 @@ AXES, NAMES = "xyz", ("east", "north", "height")
 MARGIN = 0.04  # of the box, around it
 
 
-def maps_figure(site, receivers, sizes, material, *, found=(), points=()):
-    """Draw a site from above and from the side, its receivers coloured by their misfit.
+def maps_figure(project, receivers, sizes, material, *, found=(), points=()):
+    """Draw a project from above and from the side, its receivers coloured by their misfit.
 
     Parameters
     ----------
-    site : Site
+    project : Project
     receivers : sequence of n str
         That have records.
     sizes : dict of str to (n,) float64
@@ -202,26 +203,27 @@ def maps_figure(site, receivers, sizes, material, *, found=(), points=()):
     str
         A data URI.
     """
-    across = _across(site)
-    box = _box(site, receivers)
+    ground = _ground(project)
+    across = _across(ground)
+    box = _box(project, ground, receivers)
     figure, axes = _panels(box, across, len(sizes))
     top = max(10.0, *(float(np.max(size)) for size in sizes.values()))
     norm = LogNorm(1.0, top)
-    places = np.array([_positions(site)[name] for name in receivers])
+    places = np.array([_positions(project)[name] for name in receivers])
     for column, (title, size) in enumerate(sizes.items()):
         plan, section = axes[:, column]
         plan.set_title(title, fontsize=9, loc="left")
         for axis, (h, v) in ((plan, (0, 1)), (section, (across, 2))):
             drawn = _receivers(axis, places[:, (h, v)], size, norm, material)
-            _joints(axis, site, box, (h, v), found)
-            _holes(axis, site, (h, v), found)
+            _joints(axis, ground, box, (h, v), found)
+            _holes(axis, project, (h, v), found)
             axis.set(xlim=box[h], ylim=box[v], aspect="equal")
             axis.set_xlabel(f"{NAMES[h]}  m", fontsize=8)
             axis.set_ylabel(f"{NAMES[v]}  m" if column == 0 else "", fontsize=8)
             _tidy(axis)
             axis.grid(False)
         _named(plan, receivers, places, found)
-        _layers(section, site, box)
+        _layers(section, ground, box)
         _points(plan, section, points, across)
     bar = figure.colorbar(drawn, ax=axes, shrink=0.6)
     bar.set_label("misfit over that of small errors (1: explained)", fontsize=8)
@@ -229,33 +231,44 @@ def maps_figure(site, receivers, sizes, material, *, found=(), points=()):
     bar.minorticks_off()
     bar.ax.yaxis.set_major_formatter("{x:g}")
     bar.ax.tick_params(labelsize=7)
-    _legend(figure, site, found, points, material)
+    _legend(figure, ground, found, points, material)
     return _uri(figure)
 
 
-def _across(site):
+def _ground(project):
+    """Return box, layers and upright planes that can be drawn: no planes but of a flat box."""
+    if not not_flat(project):
+        return flat_box(project)
+    mesh = project.config.mesh
+    layers = () if mesh.surface_file is not None else mesh.layers
+    thicknesses = [*(layer.thickness_m for layer in layers[:-1]), None]
+    names = [layer.material for layer in layers]
+    return FlatBox(extent_of(project), tuple(zip(names, thicknesses, strict=False)))
+
+
+def _across(ground):
     """Return the horizontal axis of the section: across most joints, else along the box."""
-    count = [sum(j.axis == axis for j in site.joints) for axis in "xy"]
+    count = [sum(one.axis == axis for one in ground.planes) for axis in "xy"]
     if count[0] != count[1]:
         return int(np.argmax(count))
-    return int(np.argmax(np.ptp(site.box[:2], axis=1)))
+    return int(np.argmax(np.ptp(ground.box[:2], axis=1)))
 
 
-def _box(site, receivers):
+def _box(project, ground, receivers):
     """Return what is drawn, (3, 2) m: the box with all receivers and holes, and a margin."""
-    inside = [_positions(site)[name] for name in receivers]
-    for blast in site.blasts.values():
+    inside = [_positions(project)[name] for name in receivers]
+    for blast in project.blasts.values():
         inside += [*blast.collar, *blast.toe]
     inside = np.array(inside)
-    low = np.minimum(site.box[:, 0], inside.min(axis=0))
-    high = np.maximum(site.box[:, 1], inside.max(axis=0))
+    low = np.minimum(ground.box[:, 0], inside.min(axis=0))
+    high = np.maximum(ground.box[:, 1], inside.max(axis=0))
     margin = MARGIN * (high - low)
     return np.column_stack([low - margin, high + margin])
 
 
-def _positions(site):
+def _positions(project):
     """Return the places of receivers by name."""
-    return {one.name: one.position for one in site.receivers}
+    return {one.name: one.position for one in project.receivers}
 
 
 def _panels(box, across, columns):
@@ -290,13 +303,13 @@ def _named(axis, receivers, places, found):
         )  # fmt: skip
 
 
-def _joints(axis, site, box, view, found):
+def _joints(axis, ground, box, view, found):
     """Draw joints: lines where they are seen from their edge, dashed faces where they are not."""
-    for joint in site.joints:
-        normal, name = AXES.index(joint.axis), joint.joint.surface
-        ranges = {1 - normal: joint.extent, 2: tuple(-np.array(joint.depth[::-1]))}
+    for joint in ground.planes:
+        normal, name = AXES.index(joint.axis), joint.name
+        ranges = {1 - normal: joint.extent, 2: tuple(ground.top - np.array(joint.depth[::-1]))}
         ends = {k: np.clip(ends, *box[k]) for k, ends in ranges.items()}
-        ends[2] = np.minimum(ends[2], site.box[2, 1])
+        ends[2] = np.minimum(ends[2], ground.top)
         strong = name in found
         style = {"color": FAULT if strong else INK, "lw": 2.4 if strong else 1.0, "zorder": 3}
         if normal not in view:
@@ -315,19 +328,19 @@ def _joints(axis, site, box, view, found):
         )  # fmt: skip
 
 
-def _holes(axis, site, view, found):
+def _holes(axis, project, view, found):
     """Draw the charges of all blasts."""
-    for name, blast in site.blasts.items():
+    for name, blast in project.blasts.items():
         colour = FAULT if name in found else INK
         for collar, toe in zip(blast.collar, blast.toe, strict=True):
             axis.plot(*np.array([collar, toe]).T[list(view)], color=colour, lw=1.2, zorder=4)
         axis.plot(*blast.collar.T[list(view)], "+", color=colour, ms=5, zorder=4)
 
 
-def _layers(axis, site, box):
+def _layers(axis, ground, box):
     """Shade the layers of a section and write their names."""
-    top = site.box[2, 1]
-    for number, (name, thickness, _) in enumerate(site.layers):
+    top = ground.top
+    for number, (name, thickness) in enumerate(ground.layers):
         bottom = box[2, 0] if thickness is None else top - thickness
         colour = GROUND[number % len(GROUND)]
         axis.axhspan(bottom, top, color=colour, alpha=0.35, lw=0, zorder=0)
@@ -349,7 +362,7 @@ def _points(plan, section, points, across):
         )
 
 
-def _legend(figure, site, found, points, material):
+def _legend(figure, ground, found, points, material):
     """Say what the signs mean, above the pictures."""
     ring = {"marker": "o", "ls": "", "mfc": "white"}
     marks = {
@@ -357,7 +370,7 @@ def _legend(figure, site, found, points, material):
         f"receiver, misfit over {material:g}": {**ring, "mec": FAULT, "mew": 2.0},
         "hole": {"marker": "+", "ls": "", "color": INK},
     }
-    if site.joints:
+    if ground.planes:
         marks["joint"] = {"color": INK, "lw": 1.0}
     if found:
         marks["what was found (receivers: bold)"] = {"color": FAULT, "lw": 2.4}

@@ -24,11 +24,10 @@ from ..diagnosis.prediction import effects_of, predict
 from ..diagnosis.search import Search, search
 from ..diagnosis.summary import summarise
 from ..errors import InputError, ReadError
-from ..project.project import load_project
+from ..project.case_folder import case_files, read_case_folder
+from ..project.flat_box import Cut, band_of, check_holes, extent_of, flat_box, not_flat
+from ..project.project import Project, load_project, with_further
 from ..project.result import plain, write_bytes, write_summary
-from ..project.site import Site, case_files, check_holes, read_site
-from ..project.site_from_project import diagnosed_blasts, ground_height, lowered, site_of_project
-from ..project.site_model import Cut
 from ..recordings.seismic import channel_names, mseed_bytes
 from ..report.diagnosis import write_diagnosis_report
 from ..runs.cache import WHOLE, code_hash
@@ -69,7 +68,7 @@ class Diagnosis:
 
 
 def diagnose(
-    site: Site,
+    project: Project,
     folder=None,
     *,
     budget: int = BUDGET,
@@ -78,12 +77,12 @@ def diagnose(
     cuts: tuple[Cut, Cut | None] | None = None,
     progress: Callable | None = None,
 ) -> Diagnosis:
-    """Say which physics a site lacks, if its records can tell.
+    """Diagnose which physics a project lacks, as far as its records can tell.
 
     Parameters
     ----------
-    site : Site
-        With records of at least one blast.
+    project : Project
+        With records of at least one blast, and the further blasts of `with_further`.
     folder : path, optional
         Where runs are kept and found: after an interruption the same call goes on.
     budget : int
@@ -93,7 +92,8 @@ def diagnose(
     executor : Executor, optional
         As for `run_all`.
     cuts : tuple of Cut and Cut or None, optional
-        Of the many runs, and of the few that correct them; by wavelengths if not given.
+        Discretization of a flat box for the many runs, and for the few that correct them; by
+        wavelengths if not given. Any other project is run on its own mesh, without correction.
     progress : callable, optional
         Called with (stage, done, total).
 
@@ -109,14 +109,14 @@ def diagnose(
         If a run fails.
     """
     tell, began = progress or (lambda *_: None), time.perf_counter()
-    case = case_of(site)
-    rough, fine = cuts or (cut_of(site), cut_of(site, fine=True))
+    case = case_of(project)
+    rough, fine = cuts or (cut_of(case.project), cut_of(case.project, fine=True))
     forward = Forward(case, rough, folder, executor)
     finer = None if fine is None else Forward(case, fine, folder, executor)
     tell("calibration", 0, 1)
     baseline = calibrate(forward, finer)
     tell("holes", 0, 1)
-    scene = Scene(forward, baseline, forward.hole_motion(baseline.site))
+    scene = Scene(forward, baseline, forward.hole_motion(baseline.project))
     found = search(scene, budget, tell)
     shuffled = chance(scene, found.none, found.guesses, found.fits, seed) if found.fits else None
     verdict = judge(found, shuffled, finer)
@@ -134,18 +134,17 @@ def diagnose(
     return Diagnosis(scene, found, shuffled, verdict, plain(summary))
 
 
-def cut_of(site: Site, fine: bool = False) -> Cut:
-    """Return how a site is cut into quadratic zones for its band.
+def cut_of(project: Project, fine: bool = False) -> Cut | None:
+    """Return the discretization of a flat box into quadratic zones for its band, else None.
 
     The slowest layer that is no thinner than half its shortest wavelength counts: thinner ones
     have cells of their own height.
     """
-    low, high = site.band
-    speeds = [
-        material.cs
-        for _, thickness, material in site.layers
-        if thickness is None or thickness > 0.5 * material.cs / high
-    ]
+    if not_flat(project):
+        return None
+    low, high = band_of(project.config)
+    layers = [(project.materials[name].cs, t) for name, t in flat_box(project).layers]
+    speeds = [cs for cs, thickness in layers if thickness is None or thickness > 0.5 * cs / high]
     edge, padding, growth = (
         (FINE_EDGE, FINE_PADDING, FINE_GROWTH) if fine else (EDGE, PADDING, GROWTH)
     )
@@ -153,10 +152,10 @@ def cut_of(site: Site, fine: bool = False) -> Cut:
     return Cut(edge * slowest / high, padding * slowest / low, growth, quadratic=True, single=True)
 
 
-def read_case(path) -> Site:
-    """Read the site of a case folder, or of a project file."""
+def read_case(path) -> Project:
+    """Read a case folder, or a project file with its further blasts."""
     path = Path(path)
-    return read_site(path) if path.is_dir() else site_of_project(load_project(path))
+    return read_case_folder(path) if path.is_dir() else with_further(load_project(path))
 
 
 def diagnose_folder(
@@ -167,7 +166,7 @@ def diagnose_folder(
     Parameters
     ----------
     folder : path
-        With ``site.toml``, hole tables and records; or a project file, see `site_of_project`.
+        With ``site.toml``, hole tables and records; or a project file.
     output : path
         Folder for the result; runs are kept in its folder ``runs``, so that the same call goes on
         after an interruption, and a finished diagnosis of the same files is only read.
@@ -186,15 +185,20 @@ def diagnose_folder(
     known = _finished(output, provenance, budget, seed)
     if known is not None:
         return known
-    site = read_case(folder)
+    project = read_case(folder)
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"--out {output}: can't be made ({error.strerror})") from None
     made = diagnose(
-        site, runs or output / RUNS, budget=budget, seed=seed, executor=executor, progress=progress
+        project,
+        runs or output / RUNS,
+        budget=budget,
+        seed=seed,
+        executor=executor,
+        progress=progress,
     )
-    summary = {"case": site.name, **made.summary, "provenance": provenance}
+    summary = {"case": project.title, **made.summary, "provenance": provenance}
     write_diagnosis_report(output / REPORT, made, summary)
     write_summary(output / RESULT, summary)
     return plain(summary)
@@ -205,7 +209,7 @@ def _hash_of(folder):
     digest = hashlib.sha256()
     try:
         if not Path(folder).is_dir():
-            for one in diagnosed_blasts(load_project(folder)):
+            for one in _blasts(folder):
                 digest.update(json.dumps(one.input_files, sort_keys=True).encode())
             return digest.hexdigest()
         for path in case_files(folder):
@@ -236,7 +240,7 @@ def _finished(output, provenance, budget, seed):
 
 
 def predict_file(folder, output, summary, holes, path, baseline=False, runs=None):
-    """Write what a diagnosed site sends to its receivers in a further blast, as miniSEED.
+    """Write the predicted motion of a further blast at the receivers, as miniSEED.
 
     Parameters
     ----------
@@ -247,24 +251,24 @@ def predict_file(folder, output, summary, holes, path, baseline=False, runs=None
     holes : path
         Table of the holes of the further blast.
     path : path
-        Of the file; it has the channels, the sampling and the start of the last recorded blast. Of
-        a project, which tells no instants, the first hole fires as 1970 begins.
+        Of the file; it has the channels, the sampling and the start of the last recorded blast. A
+        project file gives no instants: the first hole then fires as 1970 begins.
     baseline : bool
-        Without the effects: the site as it was calibrated alone.
+        Without the effects: calibrated alone.
     runs : path, optional
         Another folder for the runs.
     """
     case, model = case_of(read_case(folder)), summary["model"]
-    blast = _further(folder, case, holes)
+    blast = _further(case, holes)
     values = model["baseline_values"] if baseline else model["values"]
     effects = () if baseline else effects_of(model)
     folder_of_runs = runs or Path(output) / RUNS
-    motion = predict(case, cut_of(case.site, fine=True), blast, values, effects, folder_of_runs)
+    motion = predict(case, cut_of(case.project, fine=True), blast, values, effects, folder_of_runs)
     write_bytes(path, _as_recorded(case, motion))
 
 
 def check_further(folder, holes, outputs=(), out=None):
-    """Check, before a diagnosis into ``out``, that it could foretell a further blast into files.
+    """Check, before a diagnosis into ``out``, that it could predict a further blast into files.
 
     Raises
     ------
@@ -273,7 +277,7 @@ def check_further(folder, holes, outputs=(), out=None):
         records end, a file can't hold the names of the receivers, or it can't be written.
     """
     case = case_of(read_case(folder))
-    _further(folder, case, holes)
+    _further(case, holes)
     _channels(case)
     made = None if out is None else Path(out).resolve()
     taken = {path.resolve() for path in (Path(holes), *_inputs(Path(folder)))}
@@ -291,40 +295,46 @@ def _inputs(folder):
     """Return the files of a case, or all that a project and its further blasts name."""
     if folder.is_dir():
         return case_files(folder)
-    every = diagnosed_blasts(load_project(folder))
-    return [one.folder / name for one in every for name in one.input_files]
+    return [one.folder / name for one in _blasts(folder) for name in one.input_files]
 
 
-def _further(folder, case, holes):
-    """Read the table of the holes of a further blast, with the ground at height 0."""
+def _blasts(path):
+    """Return the projects of a project file and of its further blasts."""
+    project = with_further(load_project(path))
+    return project, *project.further
+
+
+def _further(case, holes):
+    """Read the table of the holes of a further blast, in the coordinates of the project."""
     blast = read_blast(holes)
-    if not Path(folder).is_dir():
-        blast = lowered(blast, ground_height(load_project(folder)))
-    check_holes(case.site.box, holes, blast)
+    if case.project.config.holes_inside is not None:
+        check_holes(extent_of(case.project), holes, blast)
+    elif case.project.config.blast is None:
+        raise InputError(f"{holes}: the project has no [blast] in whose place it could fire")
     late = int(np.argmax(blast.times))
     if blast.times[late] >= case.duration:
         raise InputError(
             f"{holes}: hole {blast.hole_ids[late]}: fires at {blast.times[late]:g} s, but what is "
-            f"foretold ends as the records do, at {case.duration:.3g} s; split the blast"
+            f"predicted ends as the records do, at {case.duration:.3g} s; split the blast"
         )
     return blast
 
 
 def _as_recorded(case: Case, motion):
     """Return motion as a file with the sampling and the start of the records of the last blast."""
-    records, last = case.site.records, _as_fired(case)[-1]
-    first = next(iter(records[last].values())).seismogram
+    last = _as_fired(case)[-1]
+    first = next(iter(last.records.values())).seismogram
     sampling = first.start, case.dt, len(first.velocity)
     whole = np.stack(
         [Seismogram(one.T, case.dt, 0.0).sampled(*sampling).velocity.T for one in motion]
     )
-    start = UTCDateTime(case.site.time_zeros.get(last, 0)) + first.start
+    start = UTCDateTime(last.time_zero or 0) + first.start
     return mseed_bytes(whole, _channels(case), case.dt, str(start))
 
 
 def _channels(case: Case):
     """Return the names of the channels of each receiver, as they were recorded last."""
-    every = [case.site.records[blast] for blast in reversed(_as_fired(case))]
+    every = [one.records for one in reversed(_as_fired(case))]
     records = {name: next(some[name] for some in every if name in some) for name in case.receivers}
     return [
         channel_names(name, record.header.get("channels", {}), case.dt)
@@ -333,9 +343,9 @@ def _channels(case: Case):
 
 
 def _as_fired(case: Case):
-    """Return the names of the blasts, the last one last, as listed where no instants are told."""
-    zeros = case.site.time_zeros
-    return sorted(case.site.records, key=lambda blast: UTCDateTime(zeros.get(blast, 0)))
+    """Return the blasts, the last one last, as listed where no instants are given."""
+    every = case.project, *case.project.further
+    return sorted(every, key=lambda one: UTCDateTime(one.time_zero or 0))
 
 
 def diagnose_case(

@@ -6,19 +6,20 @@ import numpy as np
 from scipy import fft
 
 from ...inference.parameter import Parameter
-from ...project.site import Site
-from ..hypotheses import hypothesis
+from ...model.material import Material
+from ...project.project import Project
+from ..hypotheses import air_over_layers, hypothesis
 
 QUALITY = 30.0  # of the ground: air waves ring without it where S waves are slower than they
 
 
-def ground_response(site: Site, speed, depths, frequency):
+def ground_response(layers, speed, depths, frequency):
     """Return the velocity of layered ground under a running pressure, over the pressure.
 
     Parameters
     ----------
-    site : Site
-        Its layers; the wave goes along them everywhere alike.
+    layers : sequence of (thickness m or None, Material)
+        Flat, from the top down; the last has no end.
     speed : float, m/s
         Of the pressure, which is p exp(i w (t - x/speed)) Pa.
     depths : (n_depths,) float, m
@@ -38,21 +39,21 @@ def ground_response(site: Site, speed, depths, frequency):
     """
     rate = 2.0 * np.pi * np.asarray(frequency, dtype=float)
     wave = rate / speed
-    layers = [_Layer(rate, wave, row[1], row[2]) for row in site.layers]
-    size = 4 * len(layers) - 2
+    fields = [_Layer(rate, wave, thickness, rock) for thickness, rock in layers]
+    size = 4 * len(fields) - 2
     table, loads = np.zeros((len(rate), size, size), complex), np.zeros((len(rate), size), complex)
-    scale = (2.0 * site.layers[0][2].shear * wave)[:, None, None]
+    scale = (2.0 * layers[0][1].shear * wave)[:, None, None]
     units = np.concatenate([np.ones_like(scale)] * 2 + [scale] * 2, axis=1)
-    table[:, :2, : layers[0].columns] = (layers[0].fields(0.0) / units)[:, 2:]
+    table[:, :2, : fields[0].columns] = (fields[0].fields(0.0) / units)[:, 2:]
     loads[:, 1] = -1.0 / scale[:, 0, 0]
     row, column = 2, 0
-    for upper, lower in pairwise(layers):
+    for upper, lower in pairwise(fields):
         after = column + upper.columns
         table[:, row : row + 4, column:after] = upper.fields(upper.thickness) / units
         table[:, row : row + 4, after : after + lower.columns] = -lower.fields(0.0) / units
         row, column = row + 4, after
     amplitude = np.linalg.solve(table, loads[..., None])[..., 0]
-    moved = np.stack([_moved(layers, amplitude, depth) for depth in depths])
+    moved = np.stack([_moved(fields, amplitude, depth) for depth in depths])
     return 1j * rate * moved * np.array([1.0, -1.0])[:, None]
 
 
@@ -106,7 +107,15 @@ class _Layer:
         return rows / k * np.exp(-self.s * from_there)
 
 
-AFAR = 100.0  # m: where the pressure of 1 kg is told
+def flat_layers_of(project: Project) -> list[tuple[float | None, Material]]:
+    """Return thickness in m and material of the layers of a project; the last has no end."""
+    layers = project.config.mesh.layers
+    thicknesses = [*(layer.thickness_m for layer in layers[:-1]), None]
+    names = [layer.material for layer in layers]
+    return [(t, project.materials[name]) for t, name in zip(thicknesses, names, strict=True)]
+
+
+AFAR = 100.0  # m: where the pressure of 1 kg is given
 GROWTH = 0.45  # of the pressure with the charge: (r/W^(1/3))^-1.35, between usual 1.2 and 1.45
 AHEAD = 3.0  # widths of the pulse before its middle that it begins
 
@@ -146,6 +155,7 @@ AHEAD = 3.0  # widths of the pulse before its middle that it begins
         Parameter("radial", mean=1.0, sigma=0.5, starts=(1.0,), low=-2.0, high=4.0),
     ],
     settled_by="a microphone beside a receiver, or a receiver some metres deep",
+    simulated=(air_over_layers,),
 )
 def air_blast(scene, motion, target, pressure, period, speed, decay, radial):
     """A pressure wave through the air runs over the ground and moves it as it passes."""
@@ -154,15 +164,18 @@ def air_blast(scene, motion, target, pressure, period, speed, decay, radial):
     size = fft.next_fast_len(2 * n, real=True)
     frequency = fft.rfftfreq(size, case.dt)
     pulse = pressure * pulse_spectrum(frequency, period)
-    there = {r.name: np.array(r.position) for r in case.site.receivers}
-    depths = [case.site.box[2, 1] - there[name][2] for name in case.receivers]
+    there = {r.name: np.array(r.position) for r in case.project.receivers}
+    axes = {r.name: r.azimuth for r in case.project.receivers}
+    mesh = case.project.config.mesh
+    top = mesh.origin_m[2] + mesh.size_m[2]
+    depths = [top - there[name][2] for name in case.receivers]
     moved = np.zeros((len(depths), 2, len(frequency)), complex)
-    moved[..., 1:] = ground_response(case.site, speed, depths, frequency[1:])
+    moved[..., 1:] = ground_response(flat_layers_of(case.project), speed, depths, frequency[1:])
     moved *= pulse / case.dt
     moved[:, 0] *= radial
     change = np.empty_like(motion)
     for b, name in enumerate(case.blasts):
-        blast = case.site.blasts[name]
+        blast = case.project.blasts[name]
         for r, receiver in enumerate(case.receivers):
             way = there[receiver][:2] - blast.collar[:, :2]
             far = np.linalg.norm(way, axis=1)
@@ -171,9 +184,17 @@ def air_blast(scene, motion, target, pressure, period, speed, decay, radial):
             share = np.where(lag < case.duration, share, 0.0)
             along = share[:, None] * np.exp(-2j * np.pi * np.multiply.outer(lag, frequency))
             east, north = (way / np.maximum(far, 1e-9)[:, None]).T @ along
+            if axes[receiver] is not None:
+                east, north = along_axes(east, north, axes[receiver])
             spectrum = [east * moved[r, 0], north * moved[r, 0], along.sum(axis=0) * moved[r, 1]]
             change[b, r] = fft.irfft(spectrum, size)[..., :n]
     return motion + change
+
+
+def along_axes(east, north, azimuth):
+    """Return longitudinal and transverse components, of an azimuth in rad."""
+    sine, cosine = np.sin(azimuth), np.cos(azimuth)
+    return sine * east + cosine * north, cosine * east - sine * north
 
 
 def pulse_spectrum(frequency, period):

@@ -1,16 +1,77 @@
 """Ground that differs from the model: soft layers, damaged zones, unlisted joints."""
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
+from ...errors import InputError
 from ...inference.parameter import Parameter
+from ...model.anisotropy import anisotropic, jointed, stiffness_of
 from ...model.joint import Joint
 from ...model.material import Material
-from ...project.site import Fabric, SiteJoint
-from ..hypotheses import ground_without_loss, hypothesis, three_directions, unknown_quality
+from ...project.config_ground import FaultConfig, LayerConfig
+from ...project.flat_box import (
+    band_of,
+    constant_q,
+    flat_box,
+    is_anisotropic,
+    quality_of,
+)
+from ..calibration import scaled
+from ..hypotheses import (
+    flat_layers,
+    ground_without_loss,
+    hypothesis,
+    receivers_with_room,
+    room_around_receivers,
+    three_directions,
+    unknown_quality,
+)
+
+NONE = 1e-9  # a weakness that changes nothing
+
+
+@dataclass(frozen=True)
+class Fabric:
+    """Fabric: parallel fissures that make ground weaker across them; theory.md (2.21).
+
+    Parameters
+    ----------
+    azimuth : float, rad
+        Of their normal, from east to north.
+    normal, shear : float
+        Weaknesses in 0 to 1: the share of the compliance across them, or of that of sliding along
+        them, that the fissures bring.
+
+    Raises
+    ------
+    InputError
+        If a weakness is none.
+    """
+
+    azimuth: float
+    normal: float
+    shear: float
+
+    def __post_init__(self):
+        """Refuse weaknesses that leave no stiffness."""
+        for name in ("normal", "shear"):
+            if not 0.0 <= getattr(self, name) < 1.0:
+                value = getattr(self, name)
+                raise InputError(f"fabric.{name}: must lie in 0 to 1, got {value:g}")
+
+    def of(self, material: Material) -> Material:
+        """Return elastic ground with these fissures, its mean shear modulus as it was."""
+        across = np.array([np.cos(self.azimuth), np.sin(self.azimuth), 0.0])
+        modulus = material.first_lame + 2.0 * material.shear
+        normal, shear = max(self.normal, NONE), max(self.shear, NONE)
+        kn, ks = modulus * (1.0 / normal - 1.0), material.shear * (1.0 / shear - 1.0)
+        weak = jointed(material, across, 1.0, kn, ks)
+        stiffness = stiffness_of(weak) * (material.shear / weak.shear)
+        strength = {name: getattr(material, name) for name in ("cohesion", "friction", "tension")}
+        return anisotropic(material.density, stiffness, **strength)
 
 
 @hypothesis(
@@ -24,19 +85,30 @@ from ..hypotheses import ground_without_loss, hypothesis, three_directions, unkn
     ],
     settled_by="receivers at distances of three to one, without a joint between them",
     needs=(unknown_quality,),
+    simulated=(flat_layers,),
 )
-def attenuation_q(site, target, q):
+def attenuation_q(project, target, q):
     """The ground takes energy from all waves alike, as constant Q of S waves does."""
     del target
-    if site.quality is not None or site.fabric is not None:
+    if quality_of(project) is not None or is_anisotropic(project.materials):
         return None
-    return replace(site, quality=(1.3 * q, q))
+    law = constant_q(1.3 * q, q, band_of(project.config))
+    return project.changed(
+        materials={name: replace(one, law=law) for name, one in project.materials.items()}
+    )
 
 
-def _as_stiff(site, target, azimuth, normal, shear):
-    """Return the site in the zones of one with a fabric, as stiff in all directions."""
+def _with_fabric(project, fabric):
+    """Return the project with a fabric in all its ground."""
+    return project.changed(
+        materials={name: fabric.of(one) for name, one in project.materials.items()}
+    )
+
+
+def _as_stiff(project, target, azimuth, normal, shear):
+    """Return the project meshed as with a fabric, as stiff in all directions."""
     del target, normal, shear
-    return replace(site, fabric=Fabric(0.5 * np.pi - azimuth, 0.0, 0.0))
+    return _with_fabric(project, Fabric(0.5 * np.pi - azimuth, 0.0, 0.0))
 
 
 @hypothesis(
@@ -61,13 +133,14 @@ def _as_stiff(site, target, azimuth, normal, shear):
     ],
     settled_by="receivers in five or more directions from the blast",
     needs=(ground_without_loss, three_directions),
+    simulated=(flat_layers,),
 )
-def anisotropy(site, target, azimuth, normal, shear):
+def anisotropy(project, target, azimuth, normal, shear):
     """Upright fissures slow waves across them, at an azimuth from north, more than along them."""
     del target
-    if site.quality is not None or site.fabric is not None:
+    if quality_of(project) is not None or is_anisotropic(project.materials):
         return None
-    return replace(site, fabric=Fabric(0.5 * np.pi - azimuth, normal, shear))
+    return _with_fabric(project, Fabric(0.5 * np.pi - azimuth, normal, shear))
 
 
 EDGES = 3.0  # of the cells by which planes are apart, to a shortest S wave in the fastest layer
@@ -80,37 +153,52 @@ def planes(case):
     They keep half a spacing from listed joints and holes, and are spread evenly in between; a gap
     of half a spacing or more has one in its middle.
     """
-    site, found = case.site, []
-    apart = max(material.cs for _, _, material in site.layers) / (EDGES * site.band[1])
+    project, listed = case.project, []
+    ground = flat_box(project)
+    fastest = max(project.materials[name].cs for name, _ in ground.layers)
+    apart = fastest / (EDGES * case.band.high)
     for axis, along in (("x", 0), ("y", 1)):
-        holes = np.concatenate([b.centres[:, along] for b in site.blasts.values()])
-        heard = [r.position[along] for r in site.receivers if r.name in case.receivers]
-        taken = [j.position for j in site.joints if j.axis == axis]
-        low, high = min(*heard, *holes), max(*heard, *holes)
+        holes = np.concatenate([b.centres[:, along] for b in project.blasts.values()])
+        places = [r.position[along] for r in project.receivers if r.name in case.receivers]
+        taken = [one.position for one in ground.planes if one.axis == axis]
+        low, high = min(*places, *holes), max(*places, *holes)
         stops = [low, *sorted(p for p in (*holes, *taken) if low < p < high), high]
         for before, after in pairwise(stops):
             if after - before > 0.5 * apart:
                 room = max(after - before - apart, 0.0)
                 count = max(int(np.ceil(room / apart)), 1)
                 steps = 0.5 * (before + after - room) + room * (np.arange(count) + 0.5) / count
-                found += [f"{axis}={place:.1f}" for place in steps]
-    return tuple(found)
+                listed += [f"{axis}={place:.1f}" for place in steps]
+    return tuple(listed)
 
 
-def _plane(site, target, offset):
+def _plane(project, target, offset):
     """Return axis and place of a plane; None outside of the box or too near a listed joint."""
     axis, place = target[0], float(target[2:]) + offset
-    low, high = site.box["xy".index(axis)]
-    listed = [j.position for j in site.joints if j.axis == axis]
+    ground = flat_box(project)
+    low, high = ground.box["xy".index(axis)]
+    listed = [one.position for one in ground.planes if one.jointed and one.axis == axis]
     near = any(abs(place - other) < NEAREST for other in listed)
     return (axis, place) if low < place < high and not near else None
 
 
-def _cut_there(site, target, offset, kn, ks):
-    """Return the site with zones that end on the plane before it was moved."""
+def _with_plane(project, name, axis, place, *joints):
+    """Return the project with one more upright plane, and perhaps with a joint there."""
+    mesh = project.config.mesh
+    middle = [low + 0.5 * size for low, size in zip(mesh.origin_m, mesh.size_m, strict=True)]
+    middle["xy".index(axis)] = place
+    fault = FaultConfig(
+        name=name, dip_deg=90.0, dip_direction_deg=90.0 if axis == "x" else 0.0, through_m=middle
+    )
+    mesh = mesh.model_copy(update={"faults": [*mesh.faults, fault]})
+    return project.changed(mesh=mesh, joints=(*project.joints, *joints))
+
+
+def _cut_there(project, target, offset, kn, ks):
+    """Return the project with zones that end on the plane before it was moved."""
     del offset, kn, ks
-    plane = _plane(site, target, 0.0)
-    return site if plane is None else replace(site, marks=(*site.marks, plane))
+    plane = _plane(project, target, 0.0)
+    return project if plane is None else _with_plane(project, f"cut {target}", *plane)
 
 
 @hypothesis(
@@ -131,14 +219,15 @@ def _cut_there(site, target, offset, kn, ks):
         ),
     ],
     settled_by="receivers close to the plane on both sides, or a blast on its other side",
+    simulated=(flat_layers,),
 )
-def missing_joint(site, target, offset, kn, ks):
+def missing_joint(project, target, offset, kn, ks):
     """A vertical joint that the site does not list crosses it at this plane."""
-    plane = _plane(site, target, offset)
+    plane = _plane(project, target, offset)
     if plane is None:
         return None
     joint = Joint(f"missing {target}", "elastic", {"kn": kn, "ks": ks})
-    return replace(site, joints=(*site.joints, SiteJoint(joint, *plane)))
+    return _with_plane(project, joint.surface, *plane, joint)
 
 
 USUAL = 5.0  # m
@@ -149,24 +238,36 @@ FINER = 8  # frequencies of a spectrum in place of one
 ALIKE = 2.0  # ratio of thicknesses whose zones differ by less than small errors of the theory
 
 
-def _layered(site, thickness, slower):
-    """Return the site with a slower layer on top; None where there is no room for it."""
-    name, first, rock = site.layers[0]
-    if thickness > 0.9 * (first or np.ptp(site.box[2])):
+def _layered(project, thickness, slower):
+    """Return the project with a slower layer on top; None where there is no room for it."""
+    ground = flat_box(project)
+    name, first = ground.layers[0]
+    if thickness > 0.9 * (first or np.ptp(ground.box[2])):
         return None
-    own, listed = "soft", [there for there, *_ in site.layers]
-    while own in listed:
+    own, rock = "soft", project.materials[name]
+    while own in project.materials:
         own = f"unlisted {own}"
-    soft = Material.from_speeds(rock.density, slower * rock.cp, slower * rock.cs)
-    rest = (name, None if first is None else first - thickness, rock)
-    return replace(site, layers=((own, thickness, soft), rest, *site.layers[1:]))
+    if is_anisotropic({name: rock}):
+        soft = scaled(rock, slower)
+    else:
+        soft = Material.from_speeds(rock.density, slower * rock.cp, slower * rock.cs)
+        soft = replace(soft, law=rock.law)
+    mesh, rest = project.config.mesh, None if first is None else first - thickness
+    layers = [
+        LayerConfig(material=own, thickness_m=float(thickness)),
+        mesh.layers[0].model_copy(update={"thickness_m": rest}),
+        *mesh.layers[1:],
+    ]
+    return project.changed(
+        mesh=mesh.model_copy(update={"layers": layers}), materials={**project.materials, own: soft}
+    )
 
 
-def _as_fast(site, target, thickness, slower):
-    """Return the site with a layer that is no slower, of one of few thicknesses."""
+def _as_fast(project, target, thickness, slower):
+    """Return the project with a layer that is no slower, of one of few thicknesses."""
     del target, slower
     near = USUAL * ALIKE ** round(math.log(thickness / USUAL, ALIKE))
-    return _layered(site, near, 1.0) or _layered(site, thickness, 1.0)
+    return _layered(project, near, 1.0) or _layered(project, thickness, 1.0)
 
 
 def _ringing(scene):
@@ -175,10 +276,11 @@ def _ringing(scene):
     A soft layer rings at a quarter of a wave, f = c_s / (4 H) (Kramer 1996, section 7.2.1.1), and
     slow soil on rock for so long that one of another frequency explains nothing.
     """
-    case, rock = scene.case, scene.baseline.site.layers[0][2]
-    heard, simulated = (case.in_band(one) for one in (case.motion, scene.baseline.motion))
-    size = np.linalg.norm(heard, axis=(2, 3), keepdims=True)
-    shares = (heard - simulated)[:, :, :2] / np.maximum(size, np.finfo(float).tiny)
+    case, project = scene.case, scene.baseline.project
+    rock = project.materials[flat_box(project).layers[0][0]]
+    recorded, simulated = (case.in_band(one) for one in (case.motion, scene.baseline.motion))
+    size = np.linalg.norm(recorded, axis=(2, 3), keepdims=True)
+    shares = (recorded - simulated)[:, :, :2] / np.maximum(size, np.finfo(float).tiny)
     length = FINER * case.n_samples
     spectrum = np.sum(np.abs(np.fft.rfft(shares, length)) ** 2, axis=(0, 1, 2))
     per_metre = 4.0 * np.fft.rfftfreq(length, case.dt)[max(1, np.argmax(spectrum))] / rock.cs
@@ -210,11 +312,12 @@ def _ringing(scene):
         ),
     ],
     settled_by="a receiver on bare rock beside one on the ground, or a hammer test",
+    simulated=(flat_layers,),
 )
-def soft_surface_layer(site, target, thickness, slower):
+def soft_surface_layer(project, target, thickness, slower):
     """A slower layer that the site does not list lies on top."""
     del target
-    return _layered(site, thickness, slower)
+    return _layered(project, thickness, slower)
 
 
 @hypothesis(
@@ -223,12 +326,14 @@ def soft_surface_layer(site, target, thickness, slower):
     family="receiver",
     on="motion",
     target="receiver",
+    targets=receivers_with_room,
     axis="blasts",
     parameters=[
         Parameter("east", mean=0.0, sigma=8.0, unit="m", starts=(0.0,), low=-30.0, high=30.0),
         Parameter("north", mean=0.0, sigma=8.0, unit="m", starts=(0.0,), low=-30.0, high=30.0),
     ],
     settled_by="a survey of the receiver",
+    simulated=(room_around_receivers,),
 )
 def moved_receiver(scene, motion, target, east, north):
     """This receiver was elsewhere."""

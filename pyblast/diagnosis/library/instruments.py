@@ -4,7 +4,7 @@ import numpy as np
 from scipy import fft
 
 from ...inference.parameter import Parameter
-from ..hypotheses import hypothesis
+from ..hypotheses import hypothesis, receivers_with_axes
 
 SWAP = "two sensors that change places, or a calibration pulse"
 TAP = "a tap from a known side, or shots from three directions"
@@ -98,6 +98,7 @@ def gain_error(scene, motion, target, gain):
     family="instrument",
     on="motion",
     target="receiver",
+    targets=receivers_with_axes,
     axis="blasts",
     parameters=[
         Parameter(
@@ -134,6 +135,7 @@ for _components, _form in ((0, "east"), (1, "north"), (2, "up"), (slice(None), "
     hypothesis(
         "sensor_orientation_or_polarity", form=_form, family="instrument", on="motion",
         target="receiver", axis="blasts",
+        targets=receivers_with_axes if _form in ("east", "north") else None,
         parameters=[Parameter("factor", mean=-1.0, sigma=0.3, starts=(-1.0,), low=-3.0, high=0.0)],
         settled_by=TAP,
     )(_flipped)  # fmt: skip

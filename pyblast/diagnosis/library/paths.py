@@ -1,40 +1,41 @@
 """What may be wrong between blast and receiver: the laws of its joints."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
-from ..hypotheses import hypothesis
+from ..hypotheses import elastic_joints, hypothesis
 
 STIFFEST = 20.0  # largest tangent of a closing joint over that at rest: what is left is a weld
 NEVER = 1e12  # Pa, a tension that nothing reaches
 
 
-def _on_joint(site, target, change):
-    """Return the site with one joint changed; None where its law is not elastic any more."""
-    joints = tuple(
-        replace(j, joint=change(j.joint)) if j.joint.surface == target else j for j in site.joints
-    )
-    chosen = next(j for j in site.joints if j.joint.surface == target)
-    return replace(site, joints=joints) if chosen.joint.law == "elastic" else None
+def _on_joint(project, target, change):
+    """Return the project with one joint changed; None where its law is not elastic any more."""
+    chosen = _joint(project, target)
+    joints = (change(one) if one is chosen else one for one in project.joints)
+    return project.changed(joints=joints) if chosen.law == "elastic" else None
 
 
-def _pressure(site, target):
+def _joint(project, target):
+    """Return a joint by its surface."""
+    return next(one for one in project.joints if one.surface == target)
+
+
+def _pressure(project, target):
     """Return what presses on a joint at rest, Pa."""
-    return next(j.joint.insitu_pressure for j in site.joints if j.joint.surface == target)
+    return _joint(project, target).insitu_pressure
 
 
-def _filled(site, target, law, relaxation):
-    """Return the site with a viscous law of one joint, its dashpots in step with its springs."""
+def _filled(project, target, law, relaxation):
+    """Return the project with a viscous law of one joint, its dashpots in step with its springs."""
 
     def filled(joint):
         kn, ks = joint.properties["kn"], joint.properties["ks"]
         properties = {"kn": kn, "ks": ks, "eta_n": relaxation * kn, "eta_s": relaxation * ks}
         return Joint(joint.surface, law, properties, joint.insitu_pressure)
 
-    return _on_joint(site, target, filled)
+    return _on_joint(project, target, filled)
 
 
 @hypothesis(
@@ -44,10 +45,11 @@ def _filled(site, target, law, relaxation):
     target="joint",
     axis="both",
     linear=False,
+    simulated=(elastic_joints,),
     parameters=[Parameter("closed", mean=0.5, sigma=0.15, starts=(0.4, 0.65), low=0.05, high=0.9)],
     settled_by="charges of three to one or more on one path across the joint",
 )
-def joint_nonlinear_closure(site, target, closed):
+def joint_nonlinear_closure(project, target, closed):
     """This joint stiffens as it closes: large blasts cross it more easily, in compression."""
 
     def closing(joint):
@@ -58,11 +60,11 @@ def joint_nonlinear_closure(site, target, closed):
                       "kn_max": STIFFEST * rest}  # fmt: skip
         return Joint(joint.surface, "closure", properties, joint.insitu_pressure)
 
-    return _on_joint(site, target, closing) if _pressure(site, target) > 0.0 else None
+    return _on_joint(project, target, closing) if _pressure(project, target) > 0.0 else None
 
 
-def _slipping(site, target, cohesion, friction, residual):
-    """Return the site with a joint of some strength that keeps a share of it once it slips."""
+def _slipping(project, target, cohesion, friction, residual):
+    """Return the project with a joint of some strength that keeps a share of it once it slips."""
 
     def slipping(joint):
         properties = {
@@ -72,11 +74,12 @@ def _slipping(site, target, cohesion, friction, residual):
         }  # fmt: skip
         return Joint(joint.surface, "coulomb", properties, joint.insitu_pressure)
 
-    return _on_joint(site, target, slipping)
+    return _on_joint(project, target, slipping)
 
 
 _SLIP = {
     "family": "path", "on": "site", "target": "joint", "axis": "both", "linear": False,
+    "simulated": (elastic_joints,),
     "settled_by": "charges of three to one or more across the joint, and on a path that avoids it",
 }  # fmt: skip
 
@@ -98,13 +101,13 @@ _SLIP = {
     ],
     **_SLIP,
 )
-def joint_slip(site, target, strength, residual):
+def joint_slip(project, target, strength, residual):
     """This joint slips: it bears no more shear than its strength; large blasts lose S waves."""
-    pressure, friction = _pressure(site, target), np.tan(np.radians(30.0))
+    pressure, friction = _pressure(project, target), np.tan(np.radians(30.0))
     cohesion = strength - pressure * friction
     if cohesion < 0.0:  # none, and less friction
         cohesion, friction = 0.0, strength / pressure
-    return _slipping(site, target, cohesion, friction, residual)
+    return _slipping(project, target, cohesion, friction, residual)
 
 
 @hypothesis(
@@ -118,10 +121,12 @@ def joint_slip(site, target, strength, residual):
     ],
     **_SLIP,
 )
-def joint_frictional_slip(site, target, strength, residual):
+def joint_frictional_slip(project, target, strength, residual):
     """This joint slips, by friction alone: it bears a share of what presses on it at the time."""
-    pressure = _pressure(site, target)
-    return _slipping(site, target, 0.0, strength / pressure, residual) if pressure > 0.0 else None
+    pressure = _pressure(project, target)
+    return (
+        _slipping(project, target, 0.0, strength / pressure, residual) if pressure > 0.0 else None
+    )
 
 
 @hypothesis(
@@ -143,10 +148,11 @@ def joint_frictional_slip(site, target, strength, residual):
         )
     ],
     settled_by="receivers close to the joint on both sides, over a wider band",
+    simulated=(elastic_joints,),
 )
-def joint_viscous_fill(site, target, relaxation):
+def joint_viscous_fill(project, target, relaxation):
     """The fill of this joint is viscous: it passes more of high frequencies than a spring does."""
-    return _filled(site, target, "kelvin", relaxation)
+    return _filled(project, target, "kelvin", relaxation)
 
 
 @hypothesis(
@@ -169,7 +175,8 @@ def joint_viscous_fill(site, target, relaxation):
         )
     ],
     settled_by="receivers close to the joint on both sides, over a wider band",
+    simulated=(elastic_joints,),
 )
-def joint_creeping_fill(site, target, relaxation):
+def joint_creeping_fill(project, target, relaxation):
     """The fill of this joint creeps: it passes less than a spring does, of low frequencies too."""
-    return _filled(site, target, "maxwell", relaxation)
+    return _filled(project, target, "maxwell", relaxation)

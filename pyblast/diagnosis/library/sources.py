@@ -6,7 +6,14 @@ import numpy as np
 
 from ...inference.parameter import Parameter
 from ...model.ground_fields import DamagedZone
-from ..hypotheses import blast_and_hole, blasts_of_many_holes, holes, hypothesis
+from ..hypotheses import (
+    blast_and_hole,
+    blasts_of_many_holes,
+    holes,
+    holes_inside,
+    hypothesis,
+    superposed,
+)
 
 
 @hypothesis(
@@ -30,6 +37,7 @@ from ..hypotheses import blast_and_hole, blasts_of_many_holes, holes, hypothesis
         ),
     ],
     settled_by="the log of the detonators, or a sensor beside the holes",
+    simulated=(superposed,),
 )
 def delay_scatter(blast, target, delays):
     """The holes of this blast did not fire at their planned times."""
@@ -58,6 +66,7 @@ def delay_scatter(blast, target, delays):
         )
     ],
     settled_by="the log of the detonators, or a sensor beside the holes",
+    simulated=(superposed,),
 )
 def wrong_pace(blast, target, pace):
     """All delays of this blast were longer or shorter than planned, by one factor."""
@@ -80,9 +89,10 @@ def wrong_pace(blast, target, pace):
         )
     ],
     settled_by="the loading sheets, and a look at the muck pile for what is left",
+    simulated=(superposed,),
 )
 def misfire_or_charge_error(blast, target, scales):
-    """Holes of this blast sent less or more than their charge should, or nothing."""
+    """Holes of this blast radiated less or more than their charge should, or nothing."""
     del blast, target
     return np.zeros(len(scales)), scales
 
@@ -98,6 +108,7 @@ def misfire_or_charge_error(blast, target, scales):
     single=True,
     parameters=[Parameter("sent", mean=0.0, sigma=0.2, starts=(0.0,), low=0.0, high=1.0)],
     settled_by="a look at the muck pile for the charge of this hole",
+    simulated=(superposed,),
 )
 def misfire(blast, target, sent):
     """This hole misfired: it sent nothing, or little, of what its charge should."""
@@ -119,9 +130,10 @@ def misfire(blast, target, sent):
         )
     ],
     settled_by="the loading sheets, or single holes of other charges",
+    simulated=(superposed,),
 )
 def charge_error(blast, target, scale):
-    """All holes of this blast sent less or more than their charge should, by one factor."""
+    """All holes of this blast radiated less or more than their charge should, by one factor."""
     del target
     n = len(blast.charge)
     return np.zeros(n), np.full(n, scale)
@@ -149,7 +161,7 @@ def charge_error(blast, target, scale):
     settled_by="a sensor beside the first hole, on the clock of the receivers",
 )
 def trigger_error(blast, target, shift):
-    """The zero of time of this blast was wrong: all receivers heard it late or early alike."""
+    """The zero of time of this blast was wrong: all receivers recorded it late or early alike."""
     del target
     n = len(blast.charge)
     return np.full(n, shift), np.ones(n)
@@ -167,12 +179,13 @@ def trigger_error(blast, target, shift):
         Parameter("north", mean=0.0, sigma=8.0, unit="m", starts=(-6.0, 6.0), low=-30.0, high=30.0),
     ],
     settled_by="a survey of the holes",
+    simulated=(holes_inside,),
 )
-def moved_blast(site, target, east, north):
+def moved_blast(project, target, east, north):
     """This blast was elsewhere: all its holes by the same way."""
-    blast, way = site.blasts[target], np.array([east, north, 0.0])
+    blast, way = project.blasts[target], np.array([east, north, 0.0])
     moved = replace(blast, collar=blast.collar + way, toe=blast.toe + way)
-    return replace(site, blasts={**site.blasts, target: moved})
+    return project.changed(blasts={**project.blasts, target: moved})
 
 
 def _bench_and_blasts(case):
@@ -194,9 +207,10 @@ def _bench_and_blasts(case):
         ),
     ],
     settled_by="a seismic survey of the bench before and after a blast, receivers on all sides",
+    simulated=(holes_inside,),
 )
-def damaged_zone(site, target, reduction, length):
+def damaged_zone(project, target, reduction, length):
     """Blasting has left slower rock around the holes of this blast, or of all blasts."""
-    chosen = [site.blasts[target]] if target else site.blasts.values()
+    chosen = [project.blasts[target]] if target else project.blasts.values()
     holes = np.concatenate([np.stack([one.collar, one.toe], axis=1) for one in chosen])
-    return replace(site, ground=(*site.ground, DamagedZone(holes, reduction, length)))
+    return project.changed(fields=(*project.fields, DamagedZone(holes, reduction, length)))

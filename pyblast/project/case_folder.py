@@ -1,0 +1,383 @@
+"""Case folders: ``site.toml``, hole tables, records; read as the project of each blast."""
+
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from ..blasts.hole_tables import read_blast
+from ..errors import InputError, ReadError
+from ..model.joint import Joint
+from ..model.material import Material
+from ..model.source import TimeFunction
+from ..recordings.recording import read_stations
+from .config_file import check_config, sentence_of
+from .flat_box import OUTER, check_flat, constant_q, flat_box, moment_begins, place_in_box
+from .inputs import Inside
+from .project import Project, make_project
+from .section import Name, Section, Span, named_error
+
+TABLE = "site.toml"
+PADDING = 0.5  # of the longest S wave of the band, beside the box
+PADDING_EDGES = 3.0  # edges in the padding over those in the box
+
+
+class _Layer(Section):
+    """A layer, from the top down; the last has no end."""
+
+    name: Name
+    thickness_m: float | None = None
+    halfspace: bool | None = None
+    density: float
+    vp: float
+    vs: float
+
+
+class _Receiver(Section):
+    """A receiver; its name is the station of its records."""
+
+    id: Name
+    x: float
+    y: float
+    z: float
+
+
+class _Channel(Section):
+    """How a component was installed; channels go by their last letter."""
+
+    code: Name
+    azimuth: float
+    dip: float
+
+
+class _Box(Section):
+    """The box that holds all holes and receivers."""
+
+    x: Span
+    y: Span
+    z: Span
+    free_surface: str | None = None
+    outer_boundaries: str | None = None
+
+
+class _Attenuation(Section):
+    """Whether quality factors are known."""
+
+    known: bool
+    Qp: float | None = None
+    Qs: float | None = None
+
+
+class _Joint(Section):
+    """An upright joint across x or y; what a fit may say of strength is not read."""
+
+    id: Name
+    axis: str
+    position: float
+    law: str
+    kn: float
+    ks: float
+    insitu_normal_stress: float = 0.0
+    whole_box: bool = True
+    extent: Span | None = None
+    depth: Span | None = None
+    extent_axis: str | None = None
+    normal: list[float] | None = None
+    point: list[float] | None = None
+    cohesion: float | None = None
+    friction_deg: float | None = None
+
+
+class _Source(Section):
+    """Moment rate of 1 kg."""
+
+    file: str
+    charge_exponent: float
+    type: str | None = None
+    columns: list[str] | None = None
+    moment_per_kg: float | None = None
+    law: str | None = None
+
+
+class _Blast(Section):
+    """A blast: its holes and its records."""
+
+    id: Name
+    holes: str
+    records: str
+    time_zero: str
+    total_charge_kg: float | None = None
+
+
+class _Recording(Section):
+    """What is compared."""
+
+    band_hz: Span
+    noise_window_s: Span
+    sampling_rate: float | None = None
+    pretrigger_s: float | None = None
+    samples: int | None = None
+    quantity: str | None = None
+    unit: str | None = None
+    response: str | None = None
+    clock: str | None = None
+
+
+class _Case(Section):
+    """A whole ``site.toml``; what only describes is known and not read."""
+
+    case: Name
+    units: str | None = None
+    axes: str | None = None
+    channels: list[_Channel] | None = None
+    layers: list[_Layer]
+    receivers: list[_Receiver]
+    box: _Box
+    attenuation: _Attenuation
+    joints: list[_Joint] = Field([])
+    source: _Source
+    blasts: list[_Blast]
+    recording: _Recording
+
+
+def read_case_folder(folder) -> Project:
+    """Read a case folder: ``site.toml``, hole tables, records.
+
+    Returns
+    -------
+    Project
+        Of the first blast, with the further ones.
+
+    Raises
+    ------
+    ReadError
+        If a file is missing or broken.
+    InputError
+        If a key of ``site.toml`` is unknown, missing or of a wrong kind, or a value breaks a rule.
+    """
+    folder = Path(folder)
+    case = _case_of(folder)
+    with named_error(TABLE):
+        _check(case)
+    every = [_project(folder, case, blast) for blast in case.blasts]
+    project = replace(every[0], further=tuple(every[1:]))
+    check_flat(project)
+    _check_source(project.inside.moment_rate)
+    _check_stations(project)
+    return project
+
+
+def case_files(folder) -> list[Path]:
+    """Return ``site.toml`` of a case folder and the files that it names, sorted.
+
+    Raises
+    ------
+    ReadError, InputError
+        As of `read_case_folder`, of the table; the other files need not be there.
+    """
+    folder = Path(folder)
+    case = _case_of(folder)
+    names = [case.source.file, *(name for one in case.blasts for name in (one.holes, one.records))]
+    return sorted({folder / TABLE, *(folder / name for name in names)})
+
+
+def _case_of(folder):
+    """Return the checked table of the ``site.toml`` of a folder."""
+    path = folder / TABLE
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ReadError(f"{path}: can't be read ({error.strerror})") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ReadError(f"{path}: not valid TOML ({error})") from None
+    try:
+        return _Case.model_validate(table)
+    except (ValidationError, RecursionError) as error:
+        raise InputError(f"{path}: {sentence_of(error, _Case)}") from None
+
+
+def _check(case):
+    """Refuse what no project can be made of."""
+    for axis in "xyz":
+        low, high = getattr(case.box, axis)
+        if not low < high:
+            raise InputError(f"box: each axis must go from low to high, got {axis} = {low:g}, "
+                             f"{high:g}")  # fmt: skip
+    low, high = case.recording.band_hz
+    if not 0.0 < low < high:
+        raise InputError(f"recording.band_hz: must be lowest, highest, got {low:g}, {high:g}")
+    first, last = case.recording.noise_window_s
+    if not first < last <= 0.0:
+        raise InputError(
+            "recording.noise_window_s: must begin and end before the first hole at 0, "
+            f"got {first:g}, {last:g}"
+        )
+    for part, names in (
+        ("layers", [one.name for one in case.layers]),
+        ("joints", [one.id for one in case.joints]),
+        ("blasts", [one.id for one in case.blasts]),
+        ("receivers", [one.id for one in case.receivers]),
+    ):
+        _check_names(part, names)
+    if case.layers[-1].thickness_m is not None:
+        raise InputError(
+            f"layers.{case.layers[-1].name}.thickness_m: the last layer has no end; leave it out"
+        )
+    for one in case.layers[:-1]:
+        if one.thickness_m is None or not one.thickness_m > 0.0:
+            raise InputError(f"layers.{one.name}.thickness_m: must be positive, "
+                             f"got {one.thickness_m}")  # fmt: skip
+    known = case.attenuation
+    if known.known and (known.Qp is None or known.Qs is None):
+        raise InputError("attenuation.Qp: missing; give Qp and Qs, or known = false")
+    for one in case.joints:
+        if one.axis not in ("x", "y"):
+            raise InputError(f"joints.{one.id}.axis: must be x or y, got {one.axis}")
+        if one.law != "linear":
+            raise InputError(f"joints.{one.id}.law: only 'linear' is known, got {one.law}")
+        if not one.whole_box and (one.extent is None or one.depth is None):
+            raise InputError(f"joints.{one.id}.extent: missing; whole_box = false needs extent and "
+                             "depth")  # fmt: skip
+        for key in ("extent", "depth"):
+            ends = getattr(one, key)
+            if not one.whole_box and not ends[0] < ends[1]:
+                room = getattr(case.box, "y" if one.axis == "x" else "x")
+                room = room if key == "extent" else [0.0, case.box.z[1] - case.box.z[0]]
+                raise InputError(
+                    f"joints.{one.id}.{key}: must go from low to high and reach into the box, "
+                    f"{room[0]:g} to {room[1]:g} m, got {ends[0]:g} to {ends[1]:g}"
+                )
+
+
+def _check_names(part, names):
+    """Refuse a missing list, and a name that stands for two."""
+    if not names and part != "joints":
+        raise InputError(f"{part}: empty; give at least one")
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"{part}: {name!r} is there twice; each needs a name of its own")
+
+
+def _check_source(rate):
+    """Refuse a moment rate that begins before its hole fires: no run has begun there."""
+    begins = moment_begins(rate)
+    if begins < 0.0:
+        raise InputError(
+            f"source: its moment rate begins at {begins:g} s, but no hole sends anything before it "
+            f"fires at 0; shift the table, and all records with it, by {-begins:g} s to later"
+        )
+
+
+def _check_stations(project):
+    """Refuse records of stations that are no receivers, which nothing would be compared with."""
+    known = {one.name for one in project.receivers}
+    for one in (project, *project.further):
+        for name in one.records:
+            if name not in known:
+                raise InputError(
+                    f"{one.name}: station {name!r} of its records is no receiver; list it, or take "
+                    "it out of the file"
+                )
+
+
+def _project(folder, case, blast):
+    """Return the project of one blast; values in SI are those of the file to the last bit."""
+    records = read_stations(folder / blast.records, time_zero=blast.time_zero)
+    config = check_config(_tables(case, blast, records), TABLE)
+    given = {
+        "blast": read_blast(folder / blast.holes),
+        "records": records,
+        "time_zero": blast.time_zero,
+    }
+    project = make_project(config, folder / TABLE, given)
+    materials = {one.name: Material.from_speeds(one.density, one.vp, one.vs) for one in case.layers}
+    if case.attenuation.known:
+        law = constant_q(case.attenuation.Qp, case.attenuation.Qs, case.recording.band_hz)
+        materials = {name: replace(one, law=law) for name, one in materials.items()}
+    joints = tuple(
+        Joint(one.id, "elastic", {"kn": one.kn, "ks": one.ks},
+              insitu_pressure=one.insitu_normal_stress)
+        for one in case.joints
+    )  # fmt: skip
+    inside = Inside(project.firing, _moment_rate(folder / case.source.file), (), (), (), None)
+    given |= {"inside": inside, "receivers": place_in_box(config.receivers, flat_box(project))}
+    return replace(project, name=blast.id, materials=materials, joints=joints, given=given)
+
+
+def _tables(case, blast, records):
+    """Return the tables of the project file of one blast."""
+    low, high = case.recording.band_hz
+    slowest = min(one.vs for one in case.layers)
+    box = case.box
+    quality = {}
+    if case.attenuation.known:
+        law = constant_q(case.attenuation.Qp, case.attenuation.Qs, (low, high))
+        quality = {"qp": law.qp, "qs": law.qs, "quality_band_hz": list(law.band)}
+    last = min(float(one.seismogram.times[-1]) for one in records.values())
+    names = list(records)
+    return {
+        "title": case.case,
+        "mesh": {
+            "size_m": [b - a for a, b in (box.x, box.y, box.z)],
+            "origin_m": [box.x[0], box.y[0], box.z[0]],
+            "edges_per_wavelength": 10.0, "frequency_hz": high,
+            "padding_m": PADDING * slowest / low,
+            "padding_edge_m": PADDING_EDGES * slowest / (10.0 * high),
+            "layers": [
+                {"material": one.name}
+                | ({} if one.thickness_m is None else {"thickness_m": one.thickness_m})
+                for one in case.layers
+            ],
+            "faults": [_fault(one, box) for one in case.joints],
+        },
+        "materials": {
+            one.name: {"density_kg_per_m3": one.density, "cp_m_per_s": one.vp,
+                       "cs_m_per_s": one.vs, **quality}
+            for one in case.layers
+        },
+        "joints": {
+            one.id: {"law": "elastic", "kn_gpa_per_m": 1e-9 * one.kn, "ks_gpa_per_m": 1e-9 * one.ks,
+                     "insitu_pressure_kpa": 1e-3 * one.insitu_normal_stress}
+            for one in case.joints
+        },
+        "boundaries": {"viscous": list(OUTER), "free": ["top"]},
+        "blast": {"file": blast.holes, "charge_exponent": case.source.charge_exponent},
+        "holes_inside": {"moment_rate_file": case.source.file},
+        "receivers": [
+            {"name": one.id, "position_m": [one.x, one.y, one.z]}
+            | ({} if one.id not in records else {"recorded": {
+                "file": blast.records, "record": 1 + names.index(one.id),
+                "unit": "m_per_s", "start_s": float(records[one.id].seismogram.start),
+            }})
+            for one in case.receivers
+        ],
+        "run": {"duration_s": max(last, 1e-3), "compare_band_hz": [low, high]},
+        "diagnosis": {"noise_window_s": list(case.recording.noise_window_s)},
+    }  # fmt: skip
+
+
+def _fault(one, box):
+    """Return the table of a joint as a fault."""
+    across = {"name": one.id, "dip_deg": 90, "dip_direction_deg": 90 if one.axis == "x" else 0}
+    along = box.y if one.axis == "x" else box.x
+    middle, down, sizes = 0.5 * (along[0] + along[1]), 0.0, {}
+    if not one.whole_box:
+        (low, high), (upper, lower) = one.extent, one.depth
+        middle, down = 0.5 * (low + high), 0.5 * (upper + lower)
+        sizes = {"extent_m": [high - low, lower - upper]}
+    place = [one.position, middle] if one.axis == "x" else [middle, one.position]
+    return {**across, "through_m": [*place, box.z[1] - down], **sizes}
+
+
+def _moment_rate(path):
+    """Read the source table."""
+    try:
+        times, rate = np.loadtxt(path, delimiter=",", skiprows=1, unpack=True)
+    except (OSError, ValueError) as error:
+        raise ReadError(f"{path}: needs two columns, time and moment rate ({error})") from None
+    steps = np.diff(times)
+    if len(times) < 4 or not np.allclose(steps, steps[0], rtol=1e-3):
+        raise ReadError(f"{path}: times must be evenly spaced, at least four of them")
+    return TimeFunction(rate, float(np.mean(steps)), float(times[0]))

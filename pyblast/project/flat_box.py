@@ -1,0 +1,487 @@
+"""Flat boxes: ground of flat layers with upright joints, cut into zones that fit them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..blasts.blast import Blast
+from ..errors import InputError
+from ..mesh.block_cutter import SIDES
+from ..mesh.builder import Layer, structured_box
+from ..mesh.grid import GROWTH, graded_axis
+from ..mesh.mesh import Mesh
+from ..model.boundary import Viscous
+from ..model.material import ConstantQ, Elastic, Material
+from ..model.model import Model, Receiver, Rim
+from ..model.source import Hole
+from .places import make_rim
+from .project import Project
+
+BEYOND_BAND = 3.0  # how far beyond the band of the records, both ways, a quality factor holds
+SPEEDS = 30.0, 10_000.0  # m/s, of waves in ground
+EARLY = 1e-3  # of its peak that a moment rate may reach before its hole fires
+NEAR = 1e-6  # m that a place may lie outside of the box
+OUTER = "west", "east", "south", "north", "bottom"
+
+# Tables that make a project something else than a flat box: key path, and what it is.
+OTHER = {
+    "mesh.file": "is an imported mesh",
+    "mesh.surface_file": "is a surveyed surface",
+    "mesh.joint_sets": "are joints at any angle",
+    "mesh.quadratic": "asks for the mesh of the project",
+    "signature": "enters through a face",
+    "point_forces": "is no hole",
+    "moment_tensors": "is no hole",
+    "pressures": "is no hole",
+    "air_blast": "is no hole",
+    "holes_inside.detonation_m_per_s": "makes columns of holes",
+    "blast.scatter_ms": "draws firing times",
+    "ground.gradient": "changes speeds within layers",
+    "ground.damaged_zone": "changes speeds within layers",
+    "ground.heterogeneity": "changes speeds within layers",
+    "damping": "is damping of one frequency",
+    "insitu": "needs a static stage",
+    "run.local_damping": "damps all motion",
+}
+OF_MATERIALS = {
+    "damping": "is damping of one frequency",
+    "yielding": "makes ground that yields",
+    "transverse": "makes ground stiffer in some directions",
+    "joints": "makes ground stiffer in some directions",
+}
+
+
+@dataclass(frozen=True)
+class Plane:
+    """An upright plane ``axis`` = ``position`` on which zones end, whole or a rectangle of it.
+
+    Parameters
+    ----------
+    name : str
+    axis : str
+        "x" or "y".
+    position : float, m
+    extent : tuple of 2 float, m
+        Along the other horizontal axis.
+    depth : tuple of 2 float, m
+        Below the ground, positive down.
+    jointed : bool
+        Whether a joint lies there; otherwise the zones end on it and nothing else.
+    """
+
+    name: str
+    axis: str
+    position: float
+    extent: tuple[float, float] = (-np.inf, np.inf)
+    depth: tuple[float, float] = (-np.inf, np.inf)
+    jointed: bool = True
+
+
+@dataclass(frozen=True, eq=False)
+class FlatBox:
+    """Geometry of ground of flat layers with upright joints.
+
+    Parameters
+    ----------
+    box : (3, 2) float64, m
+        Its top is the ground, free; it goes on beyond sides and bottom.
+    layers : tuple of (name, thickness m or None)
+        From the top down.
+    planes : tuple of Plane
+    """
+
+    box: np.ndarray
+    layers: tuple[tuple[str, float | None], ...]
+    planes: tuple[Plane, ...] = ()
+
+    @property
+    def top(self) -> float:
+        """Height of the ground, m."""
+        return float(self.box[2, 1])
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Discretization of a flat box.
+
+    Parameters
+    ----------
+    edge : float, m
+        Of the cells inside the box.
+    padding : float, m
+        How far the ground goes on beyond the sides and the bottom.
+    growth : float
+        Of each cell over the one before it, out there.
+    quadratic : bool
+        Zones of 15 nodes, in cells cut around their centres.
+    single : bool
+        Run in single precision.
+
+    Raises
+    ------
+    InputError
+        If a length is not positive or cells shrink.
+    """
+
+    edge: float
+    padding: float = 220.0
+    growth: float = GROWTH
+    quadratic: bool = False
+    single: bool = False
+
+    def __post_init__(self):
+        """Refuse what cuts nothing."""
+        for name, unit in (("edge", " m"), ("padding", " m")):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise InputError(f"cut.{name}: must be positive, got {getattr(self, name):g}{unit}")
+        if not 1.0 <= self.growth <= 2.0:
+            raise InputError(f"cut.growth: must lie in 1 to 2, got {self.growth:g}")
+
+    @property
+    def pattern(self):
+        """How cells are cut, as of `structured_box`."""
+        return "centred" if self.quadratic else "alternating"
+
+    @property
+    def spread(self):
+        """Radius in m over which each hole is spread: the distance of nodes."""
+        return 0.5 * self.edge if self.quadratic else self.edge
+
+    def of(self, materials):
+        """Return the discretization for materials: anisotropic ones need constant strain.
+
+        Of a third of the length, which costs about as much.
+        """
+        if not (self.quadratic and is_anisotropic(materials)):
+            return self
+        return replace(self, edge=self.edge / 3.0, quadratic=False, single=False)
+
+
+def is_anisotropic(materials: dict[str, Material]) -> bool:
+    """Tell whether a material has a stiffness of directions."""
+    return any(one.law.name == "anisotropic" for one in materials.values())
+
+
+def not_flat(project: Project) -> str:
+    """Return why the ground of a project is not a flat box with holes inside; empty if it is.
+
+    A flat box has flat layers of isotropic elastic materials of their own, with or without quality
+    factors, elastic joints on upright planes along x or y, holes as points inside, and viscous
+    sides and bottom.
+    """
+    every = (project, *project.further)
+    return next(filter(None, (_not_flat(one.config, project) for one in every)), "")
+
+
+def _not_flat(config, project):
+    """Return why one project is not a flat box."""
+    for key, what in OTHER.items():
+        if _entry(config, key):
+            return f"{key} {what}"
+    if config.holes_inside is None:
+        return "holes_inside is missing"
+    for side in OUTER:
+        if side not in config.boundaries.viscous:
+            return f"boundaries.viscous lacks {side!r}"
+    for name, material in config.materials.items():
+        for key, what in OF_MATERIALS.items():
+            if getattr(material, key):
+                return f"materials.{name}.{key} {what}"
+    names = [layer.material for layer in config.mesh.layers]
+    for name in names:
+        if names.count(name) > 1:
+            return f"mesh.layers has {name!r} twice"
+    for fault in config.mesh.faults:
+        if fault.dip_deg != 90.0 or fault.dip_direction_deg % 180.0 not in (0.0, 90.0):
+            return (
+                f"mesh.faults.{fault.name} has dip_deg {fault.dip_deg:g}, dip_direction_deg "
+                f"{fault.dip_direction_deg:g}"
+            )
+        if fault.radius_m is not None:
+            return f"mesh.faults.{fault.name} is a disc"
+        entry = config.joints.get(fault.joint or fault.name)
+        if entry is not None and entry.law != "elastic":
+            return f"joints.{fault.joint or fault.name}.law is {entry.law!r}"
+    rate = project.inside.moment_rate
+    if rate is not None and moment_begins(rate) < 0.0:
+        return "the moment rate of holes_inside begins before a hole fires"
+    return ""
+
+
+def _entry(config, key):
+    """Return what a path of keys such as ``ground.gradient`` leads to, or None."""
+    for name in key.split("."):
+        config = None if config is None else getattr(config, name)
+    return config
+
+
+def band_of(config) -> tuple[float, float] | None:
+    """Return the band in Hz that a `Config` compares, None where it gives none."""
+    band = (config.diagnosis and config.diagnosis.band_hz) or config.run.compare_band_hz
+    return None if band is None else (band[0], band[1])
+
+
+def flat_box(project: Project) -> FlatBox:
+    """Return the geometry of a project that is a flat box, see `not_flat`."""
+    mesh = project.config.mesh
+    low = np.array(mesh.origin_m)
+    box = np.column_stack([low, low + mesh.size_m])
+    top, rim = box[2, 1], make_rim(project.config)
+    if rim is not None:
+        box = np.array(rim.box, dtype=float)
+    box[2, 1] = top
+    thicknesses = [*(layer.thickness_m for layer in mesh.layers[:-1]), None]
+    names = [layer.material for layer in mesh.layers]
+    jointed = {joint.surface for joint in project.joints}
+    planes = tuple(_plane(fault, float(top), fault.name in jointed) for fault in mesh.faults)
+    return FlatBox(box, tuple(zip(names, thicknesses, strict=True)), planes)
+
+
+def _plane(fault, top, jointed):
+    """Return an upright fault as a plane."""
+    axis, (x, y, z) = ("y" if fault.dip_direction_deg % 180.0 == 0.0 else "x"), fault.through_m
+    place, middle = (x, y) if axis == "x" else (y, x)
+    if fault.extent_m is None:
+        return Plane(fault.name, axis, float(place), jointed=jointed)
+    along, down = (0.5 * length for length in fault.extent_m)
+    depth = top - z
+    return Plane(
+        fault.name, axis, float(place), (middle - along, middle + along),
+        (depth - down, depth + down), jointed,
+    )  # fmt: skip
+
+
+def flat_mesh(ground: FlatBox, cut: Cut) -> Mesh:
+    """Mesh a flat box, with its joints split; cells grow outside of the box."""
+    jointed = [one for one in ground.planes if one.jointed]
+    every = [*jointed, *(one for one in ground.planes if not one.jointed)]
+    planes = {axis: [one.position for one in every if one.axis == axis] for axis in "xy"}
+    rims = {axis: [one.extent for one in jointed if one.axis != axis] for axis in "xy"}
+    depths = [(-one.depth[0], -one.depth[1]) for one in jointed]
+    heights = -np.cumsum([thickness for _, thickness in ground.layers[:-1]])
+    below = ground.box[2] - ground.top
+    axes = [
+        _axis(ground.box[0], planes["x"], rims["x"], cut, cut.padding),
+        _axis(ground.box[1], planes["y"], rims["y"], cut, cut.padding),
+        _axis(below, heights, depths, cut, 0.0),
+    ]
+    layers = [Layer(name, thickness) for name, thickness in ground.layers]
+    joints = {one.name: (one.axis, one.position) for one in jointed}
+    mesh = structured_box(*axes, layers=layers, planes=joints, pattern=cut.pattern)
+    surfaces = dict(mesh.surfaces)
+    for one in jointed:
+        faces = surfaces[one.name]
+        centre = mesh.points[faces].mean(axis=1)
+        along = centre[:, 1 if one.axis == "x" else 0]
+        inside = (along > one.extent[0]) & (along < one.extent[1])
+        inside &= (-centre[:, 2] > one.depth[0]) & (-centre[:, 2] < one.depth[1])
+        if not np.any(inside):
+            raise InputError(
+                f"joints.{one.name}: is too small for cells of {cut.edge:.3g} m; extend it, or "
+                "leave it out"
+            )
+        surfaces[one.name] = faces[inside]
+    points = mesh.points
+    if ground.top:
+        points = points + np.array([0.0, 0.0, ground.top])
+    return replace(mesh, points=points, surfaces=surfaces).split([one.name for one in jointed])
+
+
+def _axis(limits, planes, rims, cut, after):
+    """Return the grid along an axis; ends of joints and of the box give way to what is near.
+
+    Planes are kept. Rims, the two ends of each joint, are left out where something else is nearer
+    than half a cell and half the shortest joint, so that the joint ends there, and ends of the box
+    likewise.
+    """
+    kept = sorted({float(p) for p in planes if limits[0] < p < limits[1]})
+    ends = list(limits)
+    lengths = [float(np.ptp(np.clip(pair, *limits))) for pair in rims]
+    near = 0.5 * min([cut.edge, *(length for length in lengths if length > 0.0)])
+    if not after:
+        kept.append(float(ends.pop()))
+    for rim in (end for pair in rims for end in pair):
+        if limits[0] < rim < limits[1] and _apart(rim, kept, near):
+            kept.append(float(rim))
+    stops = sorted(kept + [float(end) for end in ends if _apart(end, kept, near)])
+    return graded_axis((stops[0], stops[-1]), stops, cut.edge, cut.padding, after, cut.growth)
+
+
+def _apart(place, others, near):
+    """Tell whether a place is at least so far in m away from others."""
+    return all(abs(place - other) >= near for other in others)
+
+
+def flat_model(project: Project, blast: str, cut: Cut, mesh: Mesh | None = None) -> Model:
+    """Model one blast in a flat box with its holes as isotropic sources, but for misfires.
+
+    Parameters
+    ----------
+    project : Project
+        A flat box, with changes to its ground or without.
+    blast : str
+    cut : Cut
+    mesh : Mesh, optional
+        That of `flat_mesh`, if it is there already.
+    """
+    ground, one, band = flat_box(project), project.of(blast), band_of(project.config)
+    names = [name for name, _ in ground.layers]
+    materials = {name: _in_band(project.materials[name], band) for name in names}
+    cut, rate = cut.of(materials), one.inside.moment_rate
+    holes, exponent = one.blast, one.config.blast.charge_exponent
+    sources = [
+        Hole(place, charge, time, rate, exponent, cut.spread)
+        for place, charge, time in zip(holes.centres, holes.charge, holes.times, strict=True)
+        if charge > 0.0
+    ]
+    return Model(
+        flat_mesh(ground, cut) if mesh is None else mesh,
+        materials,
+        joints=project.joints,
+        boundaries=[Viscous(side) for side in OUTER],
+        rim=Rim(tuple(map(tuple, ground.box)), cut.padding, band[0]),
+        sources=sources,
+        receivers=one.receivers,
+        ground=project.fields,
+        quadratic=cut.quadratic,
+        single=cut.single,
+    )
+
+
+def _in_band(material, band):
+    """Return a material whose quality factors hold around a band in Hz."""
+    if not isinstance(material.law, ConstantQ):
+        return material
+    return replace(material, law=constant_q(material.law.qp, material.law.qs, band))
+
+
+def constant_q(qp, qs, band) -> ConstantQ:
+    """Return quality factors that hold three times beyond a band in Hz."""
+    return ConstantQ(qp, qs, (band[0] / BEYOND_BAND, band[1] * BEYOND_BAND))
+
+
+def quality_of(project: Project) -> tuple[float, float] | None:
+    """Return the first pair Qp, Qs of the materials of a project, None where none has one."""
+    laws = [one.law for one in project.materials.values()]
+    return next(((law.qp, law.qs) for law in laws if isinstance(law, ConstantQ)), None)
+
+
+def is_elastic(material: Material) -> bool:
+    """Tell whether a material is isotropic, elastic and without loss."""
+    return isinstance(material.law, Elastic)
+
+
+def moment_begins(rate) -> float:
+    """Return the time in s at which a moment rate begins."""
+    size = np.abs(rate.values)
+    return float(rate.start + rate.dt * np.argmax(size > EARLY * np.max(size)))
+
+
+def place_in_box(parts, ground: FlatBox) -> tuple[Receiver, ...]:
+    """Turn a list of `ReceiverConfig` into receivers; those without height stand on the ground."""
+    places = [(*part.position_m, ground.top)[:3] for part in parts]
+    return tuple(
+        Receiver(
+            part.name, (float(x), float(y), float(z)),
+            None if part.azimuth_deg is None else float(np.radians(part.azimuth_deg)),
+        )
+        for part, (x, y, z) in zip(parts, places, strict=True)
+    )  # fmt: skip
+
+
+def check_flat(project: Project):
+    """Refuse a flat box that can't be as it is described, with the part that is to blame.
+
+    Raises
+    ------
+    InputError
+    """
+    ground = flat_box(project)
+    if not np.all(ground.box[:, 0] < ground.box[:, 1]):
+        raise InputError(f"box: each axis must go from low to high, got {ground.box.tolist()}")
+    _check_thicknesses(ground)
+    for name, _ in ground.layers:
+        rock = project.materials[name]
+        if not SPEEDS[0] <= rock.cs < rock.cp <= SPEEDS[1]:
+            raise InputError(
+                f"layers.{name}: speeds must lie in {SPEEDS[0]:g} to {SPEEDS[1]:g} m/s, "
+                f"got vp {rock.cp:g}, vs {rock.cs:g}"
+            )
+    for one in ground.planes:
+        if one.name in SIDES:
+            raise InputError(f"joints.{one.name}: is a side of the box; take another name")
+        start, end = ground.box["xy".index(one.axis)]
+        if not start < one.position < end:
+            raise InputError(
+                f"joints.{one.name}.position: must lie within the box, {start:g} to {end:g} m, "
+                f"got {one.position:g}"
+            )
+        _check_rims(ground, one)
+    for one in project.receivers:
+        refuse_outside_box(ground.box, f"receivers.{one.name}", one.position)
+    for name, blast in project.blasts.items():
+        check_holes(ground.box, name, blast)
+
+
+def _check_thicknesses(ground):
+    """Refuse layers that do not share out the height of the box, the last taking the rest."""
+    top, bottom = 0.0, ground.box[2, 0] - ground.box[2, 1]
+    for name, thickness in ground.layers[:-1]:
+        if thickness is None or not thickness > 0.0:
+            raise InputError(f"layers.{name}.thickness_m: must be positive, got {thickness}")
+        top -= thickness
+        if top <= bottom:
+            raise InputError(
+                f"layers.{name}: ends {-top:g} m below the ground, at or below the bottom of the "
+                f"box at {-bottom:g} m; leave out the layers below it, or give a deeper box"
+            )
+
+
+def _check_rims(ground, one):
+    """Refuse a `Plane` no part of which lies in the box."""
+    box = ground.box
+    along, down = box["yx".index(one.axis)], ground.top - box[2, ::-1]
+    for name, part, room in (("extent", one.extent, along), ("depth", one.depth, down)):
+        low, high = np.clip(part, *room)
+        if not low < high:
+            raise InputError(
+                f"joints.{one.name}.{name}: must go from low to high and reach into the box, "
+                f"{room[0]:g} to {room[1]:g} m, got {part[0]:g} to {part[1]:g}"
+            )
+
+
+def check_holes(box, name, blast: Blast):
+    """Refuse a blast of which a hole lies outside of a box (3, 2) m, or has an unknown charge."""
+    for hole, place, charge in zip(blast.hole_ids, blast.centres, blast.charge, strict=True):
+        refuse_outside_box(box, f"{name}: hole {hole}", place)
+        if np.isnan(charge):
+            raise InputError(f"{name}: hole {hole}: its charge is missing; give kg, 0 for a dud")
+    if not np.any(blast.charge > 0.0):
+        raise InputError(f"{name}: no hole has a charge")
+
+
+def refuse_outside_box(box, name, place):
+    """Refuse a place in m, of something of a name, that is not in a box (3, 2) m."""
+    low, high = np.array(box).T
+    if not (np.all(np.array(place) >= low - NEAR) and np.all(np.array(place) <= high + NEAR)):
+        raise InputError(f"{name}: lies outside of the box of the ground; move it into it")
+
+
+def extent_of(project: Project) -> np.ndarray:
+    """Return the box (3, 2) in m that holds the ground of a project inside its padding or rim."""
+    if not not_flat(project):
+        return flat_box(project).box
+    mesh, rim = project.config.mesh, make_rim(project.config)
+    if rim is not None:
+        return np.array(rim.box, dtype=float)
+    if mesh.size_m is not None:
+        low = np.array(mesh.origin_m)
+        return np.column_stack([low, low + mesh.size_m])
+    points = project.mesh.points
+    return np.column_stack([points.min(axis=0), points.max(axis=0)])
+
+
+def ground_materials(project: Project) -> list[str]:
+    """Return the names of the materials in the ground, of layers from the top down."""
+    layers = [layer.material for layer in project.config.mesh.layers]
+    return list(dict.fromkeys(layers or project.mesh.groups))
