@@ -8,6 +8,21 @@ import pytest
 import pyblast.cli.blas  # noqa: F401  before numpy
 
 
+def pytest_addoption(parser):
+    parser.addoption("--all", action="store_true", help="run the tests marked as long, too")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Leave out the long tests unless all are asked for, or one is named."""
+    if config.option.all or any("::" in argument for argument in config.args):
+        return
+    chosen = {True: [], False: []}
+    for item in items:
+        chosen[item.get_closest_marker("long") is None].append(item)
+    config.hook.pytest_deselected(items=chosen[False])
+    items[:] = chosen[True]
+
+
 @pytest.fixture(scope="session")
 def recordings():
     named = os.environ.get("PYBLAST_RECORDINGS")

@@ -7,9 +7,8 @@ import time
 
 import numpy as np
 import pytest
-from inversion_project import noisy
-from test_main import spawn
-from test_waveform_search import TRUTH
+from command_line import spawn
+from inversion_project import TRUTH, noisy
 
 from pyblast import back_analyse, load_project
 from pyblast.errors import InputError, SolverError
