@@ -1,11 +1,17 @@
-"""Shared fixtures."""
+"""Shared fixtures; which tests are run, and which draw their figures in full."""
 
 import os
+from base64 import b64decode
 from pathlib import Path
 
 import pytest
 
 import pyblast.cli.blas  # noqa: F401  before numpy
+
+DOT = b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJg"
+    "gg=="
+)
 
 
 def pytest_addoption(parser):
@@ -21,6 +27,20 @@ def pytest_collection_modifyitems(config, items):
         chosen[item.get_closest_marker("long") is None].append(item)
     config.hook.pytest_deselected(items=chosen[False])
     items[:] = chosen[True]
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_protocol(item):
+    """Draw figures to the last pixel, half a second each, only in tests marked with figures."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not item.config.option.all and item.get_closest_marker("figures") is None:
+            patch.setattr("matplotlib.figure.Figure.savefig", dot)
+        yield
+
+
+def dot(_figure, stream, **_options):
+    """Write a picture of one pixel."""
+    stream.write(DOT)
 
 
 @pytest.fixture(scope="session")

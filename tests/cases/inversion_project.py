@@ -36,11 +36,11 @@ def target(project, parameters=PARAMETERS):
     return Target((project,), parameters, (), "paper", (held_step(project, parameters),))
 
 
-def section(**keys):
+def section(parameters=PARAMETERS, **keys):
     """Return the table of a search by waveforms."""
     table = {"misfit": "'waveform'", "runs": 15} | keys
     lines = ["[back_analysis]", *(f"{key} = {value}" for key, value in table.items())]
-    for one in PARAMETERS:
+    for one in parameters:
         lines += ["[[back_analysis.parameters]]", f'path = "{one.path}"', "log = true"]
         lines += [f"low = {one.low}", f"high = {one.high}"]
         lines += ["laboratory = [0.5, 0.8]"] * one.path.endswith("ks_gpa_per_m")
