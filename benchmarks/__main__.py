@@ -5,7 +5,8 @@
 Without names every part is measured but the peers, which are installed from their packages and
 take ten minutes; ``--peers`` adds them. ``--quick`` tries each part on small meshes and keeps
 nothing; ``--long`` adds the finest meshes and the largest studies. ``benchmarks/results.json``
-keeps what is not measured now; the tables and figures of docs/performance.md follow from it.
+keeps what is not measured now; the tables and figures of docs/quality/performance.md follow
+from it.
 """
 
 import json

@@ -40,7 +40,7 @@ def measure(effort):
 def lines(found):
     """Return the tables of this part."""
     told = [
-        "Bare marches on one thread against exact answers: a point force of 8 Hz in a box on",
+        "Bare time loops on one thread against exact solutions: a point force of 8 Hz in a box on",
         "rollers, a pulse across six joints 20 m apart. γ is that of the tuned mass.",
         "",
         "| problem | mesh | zones | number | step ms | s | error % |",

@@ -84,7 +84,8 @@ def blast(cut):
 def lines(found):
     """Return the table of this part."""
     told = [
-        f"Rock of {BOX[0][1]:g} × {BOX[1][1]:g} × {-BOX[2][0]:g} m with a joint and a rim of "
+        f"Rock of {BOX[0][1]:g} × {BOX[1][1]:g} × {-BOX[2][0]:g} m with a joint and an absorbing "
+        "layer of "
         f"{RIM[0]:g} m, twelve holes, {DURATION:g} s, on the coarsest mesh whose box carries "
         f"{HIGHEST:g} Hz. Two threads; a step is measured, times are composed of steps.",
         "",

@@ -93,15 +93,16 @@ def lines(found):
     )
     heads = "".join(f" error of the best point in deviations, {AWAY[key]} |" for key in away)
     told = [
-        f"{found['twins']} twins of two faults in rock as in [searches.md](searches.md), truths "
-        "even over the whole ranges, records on a finer mesh of another pattern with coloured "
+        f"{found['twins']} synthetic tests with two faults in rock as in "
+        "[searches.md](searches.md), truths "
+        "uniform over the whole ranges, records on a finer mesh of another pattern with coloured "
         f"noise of {100.0 * NOISE:.0f} % and {found.get('errors', BARE)}. Covariance: noise before "
         "the blast, delays, gains, rotations, source spectra, scattering and two errors of the "
-        "mesh, levels inferred. Walks on an "
+        "mesh, levels inferred. Posterior sampling on an "
         "emulator of the reduced model, checked and corrected by 40 full runs each; "
         f"{len(found['refused'])} refused by their own checks.",
         "",
-        "| unknown | 90 % intervals that hold the truth | 50 % intervals | median width of 90 %, "
+        "| parameter | 90 % intervals that hold the truth | 50 % intervals | median width of 90 %, "
         f"of the range |{heads}",
         "|---" * (4 + len(away)) + "|",
     ]
@@ -114,14 +115,15 @@ def lines(found):
         )
     told += [
         "",
-        f"Checks are worth {np.median(effective):.0%} of their number in the median before the "
+        f"The effective number of checks is {np.median(effective):.0%} of all in the median "
+        "before the "
         f"correction, {effective.min():.0%} at worst; {np.median(better):.0%} and "
-        f"{better.min():.0%} after it. Evaluations: {np.median(runs):.0f} a twin in the median. "
+        f"{better.min():.0%} after it. Evaluations: {np.median(runs):.0f} a test in the median. "
         f"Levels of errors, medians: {_levels(found['rows'])}.",
     ]
     if away:
         told[-1] += (
-            " Errors of the best point: mean over twins with its standard error, and root mean "
+            " Errors of the best point: mean over tests with its standard error, and root mean "
             "square, 1 where the covariance is right; as records: no error of the mesh."
         )
     return told

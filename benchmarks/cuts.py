@@ -15,7 +15,7 @@ from pyblast.workflows.diagnose import EDGE, FINE_EDGE, GROWTH, PADDING, cut_of
 
 from .blind.sites import AFTER, DT, draw_site
 
-TITLE = "Zones of a diagnosis"
+TITLE = "Mesh of a diagnosis"
 EDGES = 0.45, 0.5, 0.55, 0.6, 0.65, 0.75  # wavelengths of S at the top of the band
 SITES = {"quick": 1, "usual": 6, "long": 20}
 BLAST = "B2"
@@ -95,13 +95,15 @@ def lines(found):
     some = next(iter(found["edges"].values()))
     moved = np.median([row["moved"] for row in some], axis=0)
     told = [
-        f"{len(some)} sites drawn as those of the blind benchmark, its largest blast, rim of "
+        f"{len(some)} sites drawn as those of the blind benchmark, its largest blast, absorbing "
+        "layer of "
         f"{PADDING:g} wavelengths with growth {GROWTH:g}; the finer mesh has {FINE_EDGE:g} and a "
-        "rim twice as wide. Shares of energy, medians over receivers and sites: what a change of "
-        f"the site moves ({moved[0]:.1%} by all its values off by a standard deviation, "
-        f"{moved[1]:.1%} by a joint that closes), and what runs corrected at the believed site "
+        "layer twice as wide. Shares of energy, medians over receivers and sites: what a change of "
+        f"the site changes ({moved[0]:.1%} by all its values off by a standard deviation, "
+        f"{moved[1]:.1%} by a joint that closes), and what runs corrected at the reference model "
         f"miss of it. A diagnosis takes {found['chosen']:g}. The finer mesh is itself wrong by "
-        f"what one with edges {SHARPER:g} times as long and a rim {WIDER:g} times as wide changes; "
+        f"what one with edges {SHARPER:g} times as long and a layer {WIDER:g} times as wide "
+        "changes; "
         "as a share of the correction (`UNSETTLED` of it counts as an error).",
         "",
         "| edge, wavelengths | missed, values off | missed, closing joint | missed without the "

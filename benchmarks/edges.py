@@ -107,9 +107,9 @@ def lines(found):
     """Return the table of this part."""
     told = [
         "Full steps on one thread, million zones a second, alone and by 8. Where neighbours differ",
-        "an edge has a skew part as well; where more than 70 % have one, ground marches by zones",
-        "unless in a batch. *Single* is what springs in single precision would gain (edges alone,",
-        "without the rest of a step); they are kept in double.",
+        "an edge has a skew part as well; where more than 70 % have one, ground runs by zones",
+        "unless in a batch. *Single* is the gain of springs in single precision (edges alone,",
+        "without the rest of a step); they are kept in double precision.",
         "",
         "| ground | zones | skew edges | B a zone | alone: zones, edges | by 8: zones, edges "
         "| edges over zones, alone and by 8 | single |",

@@ -193,13 +193,14 @@ def lines(found):
     """Return the tables of this part."""
     told = [
         "Million zones a step and second (Mz/s), one thread; six zones to a cell, in order along a",
-        "curve. *Zones alone* are forces and update alone; a *step* has quiet sides, ten receivers",
-        "and the ledger of energies, a *damped* one low-passed Rayleigh damping of 2 % as well.",
-        "*By edges* is how such ground marches, *by zones* how ground does that edges can not",
-        "carry. Shares are of the triad's bytes a second, by the bytes that a step of its kind",
-        "moves and by the 59 B that no step of zones can do without.",
+        "curve. *Zones alone* are forces and update alone; a *step* has viscous sides, ten "
+        "receivers",
+        "and the energy balance, a *damped* one low-passed Rayleigh damping of 2 % as well. Such",
+        "ground runs *by edges*; ground that edges cannot represent runs *by zones*. Shares are of",
+        "the triad's bytes a second (the memory limit), by the bytes that a step of its kind moves",
+        "and by the 59 B that every step of zones needs.",
         "",
-        "| mesh | kernel | Mz/s | B a zone | of its roof | of that of 59 B | over naive loop | "
+        "| mesh | kernel | Mz/s | B a zone | of its limit | of that of 59 B | over naive loop | "
         "2 threads | batch of 8 over single runs, 1 and 2 threads |",
         "|---|---|---|---|---|---|---|---|---|",
     ]

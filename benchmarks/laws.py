@@ -81,9 +81,10 @@ def lines(found):
         f"Time of a step over that of the elastic one, by edges ({found['ns, single']:.1f} ns a "
         f"zone, {found['ns, batch']:.1f} ns in a batch of 8) and by zones; one thread, "
         f"{found['zones']} zones; joints at {found['facets_a_zone']:.2f} facets and "
-        f"{found['contacts_a_zone']:.2f} contacts a zone. Each law marches as the program chooses.",
+        f"{found['contacts_a_zone']:.2f} contacts a zone. Each law runs in the way that the "
+        "program chooses.",
         "",
-        "| law | marches by | over edges | over zones | batch of 8 over edges | over zones |",
+        "| law | runs by | over edges | over zones | batch of 8 over edges | over zones |",
         "|---|---|---|---|---|---|",
     ]
     for law, by in found["by"].items():

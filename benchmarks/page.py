@@ -1,4 +1,4 @@
-"""The page docs/performance.md: goals, then each part with its tables and figures."""
+"""The page docs/quality/performance.md: goals, then each part with its tables and figures."""
 
 from pathlib import Path
 
@@ -7,37 +7,38 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
+from verification.markdown import reflow
+
 from .goals import GOALS
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PAGE, FIGURES = DOCS / "performance.md", DOCS / "figures" / "bench"
-HEAD = """# What it costs
+PAGE, FIGURES = DOCS / "quality" / "performance.md", DOCS / "figures" / "bench"
+HEAD = """# Performance
 
 Written by `python -m benchmarks` from `benchmarks/results.json`; `./dev bench` sets up first.
-Ratios are those of one run: what is compared is timed in turn, five rounds or more, and the
-median of the ratios of each round is told. A stream from memory (triad) and multiply-add from
-registers are timed in the same rounds. Two virtual processors may share a core: a second thread
-says nothing where multiply-add gains less than 1.9.
+Ratios are those of one run: the programs compared are timed in turn, in five rounds or more, and
+the table gives the median of the ratios of each round. A stream from memory (triad) and
+multiply-add from registers are timed in the same rounds. Two virtual processors may share a core:
+a second thread is not judged where multiply-add gains less than 1.9.
 """
 SEVERAL = """## Several machines
 
-Ensembles go over machines: `run_all(models, duration, folder=..., executor=...)` takes any
-executor of `concurrent.futures`, so also `dask.distributed.Client(...).get_executor()`; runs
-are kept in a folder that all workers see, and what is missing is made when the call is
-repeated. Dask is not needed; tests kill one of its two workers.
+Ensembles run on several machines: `run_all(models, duration, folder=..., executor=...)` takes any
+executor of `concurrent.futures`, so also `dask.distributed.Client(...).get_executor()`. Runs are
+stored in a folder that all workers share, and missing runs are made when the call is repeated. Dask
+is optional; a test kills one of its two workers.
 
-One model over several machines is not built. It would be cut where it is cut already: domains
-of 1024 zones follow one another along a curve, so equal runs of domains are compact parts, and
-a part keeps the slots of its domains, the contacts whose minus side it holds and the dashpots
+One model over several machines is not implemented. It would be partitioned along existing lines:
+domains of 1024 zones follow one another along a curve, so equal runs of domains are compact parts,
+and a part keeps the slots of its domains, the contacts whose minus side it holds and the dashpots
 of its nodes. Nodes that stand in slots of several parts are held by each of them. After the
 forces of zones and contacts a part sends, for each such node, its slot and contact forces one
 by one, not their sum, and every holder adds all of them in the order of `node_part`: the same
-bits as on one machine, whatever the number of parts. What a part of n zones sends is about 2
-n^(2/3) nodes of 24 bytes and slot, 0.5 MB for a million zones, against 15 ms for its step: 1
-Gbit/s suffices if border domains are computed first and the rest while they travel. Energies
-are sums over domains and blocks in order, once in twenty steps. Patches of yielding zones never
-cross domains; free-field columns are marched by every part that needs them; the static stage
-ends by the same sums.
+bits as on one machine, whatever the number of parts. A part of n zones sends about 2 n^(2/3) nodes
+of 24 bytes and slot, 0.5 MB for a million zones, against 15 ms for its step: 1 Gbit/s suffices if
+border domains are computed first and the rest during the transfer. Energies are sums over domains
+and blocks in order, once in twenty steps. Patches of yielding zones never cross domains; free-field
+columns are run by every part that needs them; the static stage ends by the same sums.
 """
 
 
@@ -45,7 +46,7 @@ def write(parts, results):
     """Write the page and the figures of the parts that were measured."""
     told = [HEAD, "## Goals", "", "| goal | measured | |", "|---|---|---|"]
     told += [f"| {goal} | {' | '.join(judged(judge, results))} |" for goal, judge in GOALS]
-    told += ["", "*No* is followed by what limits it, where that was measured.", duration(results)]
+    told += ["", "*No* is followed by the cause, where it was measured.", duration(results)]
     told.append("")
     for name, part in parts.items():
         told += [f"## {part.TITLE}", ""]
@@ -57,9 +58,9 @@ def write(parts, results):
         told += [*part.lines(one["found"]), ""]
         if hasattr(part, "draw"):
             draw(name, part, one["found"])
-            told += [f"![{part.TITLE}](figures/bench/{name}.png)", ""]
+            told += [f"![{part.TITLE}](../figures/bench/{name}.png)", ""]
         told += [told_of(name, one), ""]
-    PAGE.write_text("\n".join(told) + "\n" + SEVERAL, encoding="utf-8")
+    PAGE.write_text(reflow("\n".join(told) + "\n" + SEVERAL), encoding="utf-8")
 
 
 def duration(results):
@@ -70,7 +71,7 @@ def duration(results):
     if longest is None:
         return "Nothing was timed."
     return (
-        f"The bench without peers took {sum(took.values()):.0f} minutes, *{longest}* "
+        f"The benchmarks without peers took {sum(took.values()):.0f} minutes, *{longest}* "
         f"{took[longest]:.0f} of them."
     )
 

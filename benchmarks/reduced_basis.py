@@ -190,7 +190,7 @@ def lines(found):
         "waves up to "
         f"{HIGHEST:g} Hz, {DURATION:g} s; kn, ks and damping vary tenfold. Errors are those of "
         "the worst "
-        f"receiver against full runs of {UNSEEN} sets that were not learnt from.",
+        f"receiver against full runs of {UNSEEN} sets outside the training set.",
         "",
         "| study | runs | modes | mean error % | worst % | full run over evaluation |",
         "|---|---|---|---|---|---|",
@@ -203,9 +203,8 @@ def lines(found):
             )
     told += [
         "",
-        "Wall seconds on two threads. One evaluation is measured, training too (runs that it "
-        "learns "
-        "from and those that calibrate it); totals are composed.",
+        "Wall seconds on two threads. One evaluation is measured, training too (the training runs "
+        "and those that calibrate it); totals are composed.",
         "",
         "| study | way | one | " + " | ".join(f"{n}" for n in EVALUATIONS) + " |",
         "|---|---|---|" + "---|" * len(EVALUATIONS),

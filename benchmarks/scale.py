@@ -29,17 +29,19 @@ def lines(found):
     first = next(iter(found["by_zones"].values()))
     older = " The smallest row was timed before they did." if first["two_threads"] < 0.8 else ""
     told = [
-        "Full step without damping, on one thread and on two. Memory is what the process grew",
-        "by, once free memory was given back, beside the most that the program foresees and",
-        "refuses a model by. That is more where zones are springs: their edges are numbered before",
-        "the march, which takes about 430 B a zone for a while. Tests hold what is foreseen",
-        "against the arrays of models of each kind: never less, at most 20 % more. Threads that",
-        "wait sleep, so that runs side by side do not disturb each other. Waking them costs about",
-        "0.3 ms a step, so models of fewer than 12000 nodes (about 60 thousand zones, lanes count)",
-        "march on one thread whatever number is set." + older,
+        "Full step without damping, on one thread and on two. Memory is the growth of the process,",
+        "once free memory was released, beside the estimate by which the program refuses a model.",
+        "The estimate is larger where zones are springs: numbering their edges before the run "
+        "takes",
+        "about 430 B a zone for a while. Tests compare the estimate with the arrays of models of "
+        "each",
+        "kind: never less, at most 20 % more. Waiting threads sleep, so that parallel runs do not",
+        "disturb each other. Waking them costs about 0.3 ms a step, so models of fewer than 12000",
+        "nodes (about 60 thousand zones, all models of a batch counted) run on one thread whatever",
+        "number is set." + older,
         "",
         "| zones | ns a zone and step | 2 threads | mesh µs a zone | preparation µs a zone "
-        "| B a zone | foreseen |",
+        "| B a zone | estimate |",
         "|---|---|---|---|---|---|---|",
     ]
     for one in found["by_zones"].values():

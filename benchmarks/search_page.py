@@ -5,10 +5,12 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
+from verification.markdown import reflow
+
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-PAGE, FIGURE = DOCS / "searches.md", DOCS / "figures" / "searches.png"
+PAGE, FIGURE = DOCS / "quality" / "searches.md", DOCS / "figures" / "searches.png"
 LABELS = {
-    "random": ("random, the bar", "black"),
+    "random": ("random, the baseline", "black"),
     "sobol": ("Sobol sequence", "0.6"),
     "paper": ("paper's annealing", "tab:red"),
     "paper_eq15": ("the same by its eq. (15)", "tab:orange"),
@@ -21,57 +23,55 @@ TITLES = {"paper": "The paper's misfit", "waveform": "Waveform least squares"}
 WORDS = """# Searches
 
 Written by `python -m benchmarks.searches`. Which method finds the parameters of two faults in the
-fewest runs? {twins} twins, each with its own truth, noise and seed; two dipping faults in
-180 × 120 × 80 m of rock, three receivers, four pulses 40 ms apart. Unknown are
+fewest runs? {twins} synthetic tests, each with its own truth, noise and seed; two dipping faults in
+180 × 120 × 80 m of rock, three receivers, four pulses 40 ms apart. The parameters are
 {unknowns},
 in ranges over factors of 10 to 25, searched in logarithm, with truths in their inner 80 %. Records
 are full runs on a finer mesh of another pattern, with noise of {noise:.0f} % of their rms that
 falls as 1/f. Evaluations go through a reduced model of {trained} runs: its waveforms differ from
 {confirmed_count} full runs at truths by at most {confirmed:.2f} %.
 
-![Best misfit and error of parameters against runs](figures/searches.png)
+![Best misfit and error of parameters against runs](../figures/searches.png)
 
-Medians over twins. *Error*: mean distance of the parameters of the best run from the truth, in
-per cent of the (log) ranges; a guess in the middle has {middle:.0f} on average, and a best fit
-cannot reach zero, since mesh and noise are not those of the records. *Better*: share of twins in
+Medians over the tests. *Error*: mean distance of the parameters of the best run from the truth, in
+per cent of the (log) ranges; the middle of the ranges has {middle:.0f} on average, and a best fit
+cannot reach zero, since mesh and noise are not those of the records. *Better*: share of tests in
 which the best misfit is below that of random search after as many runs. *Rounds*: batches of up to
-eight models side by side for 20 and 200 runs.
+eight models run together for 20 and 200 runs.
 
 {tables}
 ## The paper's settings
 
-T0 = 1000, cooled by 0.9 a move. In the 20 runs of a search, {uphill}.
+T0 = 1000, multiplied by 0.9 at each move. In the 20 runs of a search, {uphill}.
 Moves are hardly ever refused while the temperature exceeds the differences of misfits: the search
-is a walk whose steps shrink around wherever it is, and after 20 runs they are below 1 % of the
-ranges.
+is a random walk whose steps shrink around its present point, and after 20 runs they are below 1 %
+of the ranges.
 
 ## Methods
 
 | name | what it does |
 |---|---|
 | `paper`, `paper_eq15` | the paper's annealing, T0 = 1000 or F_max − F_min |
-| `random`, `sobol` | learn nothing |
-| `adaptive` | Metropolis steps, one in five accepted, heat from the first misfits, restarts |
+| `random`, `sobol` | do not use earlier runs |
+| `adaptive` | Metropolis steps, one in five accepted, temperature from first misfits, restarts |
 | `evolution` | scipy's differential evolution, 16 members, a generation at once, no polishing |
 | `surrogate` | Gaussian process of the log misfit, expected improvement, batches of eight |
-| `levenberg` | damped Gauss–Newton on residuals, differences at once, Broyden's updates, restarts |
+| `levenberg` | damped Gauss–Newton on residuals, differences in one batch, Broyden updates |
 """
 MIDDLE = 20.0  # mean distance of even truths in the inner 80 % from the middle, % of the ranges
 
 
 def write_page(found):
-    """Write the figure and docs/searches.md."""
+    """Write the figure and docs/quality/searches.md."""
     _figure(found)
     tables = "\n".join(_table(found, name) for name in found["misfits"])
-    PAGE.write_text(
-        WORDS.format(
-            twins=found["twins"], noise=100.0 * found["noise"], trained=found["trained"],
-            unknowns=", ".join(found["unknowns"]), confirmed=100.0 * max(found["confirmed"]),
-            confirmed_count=len(found["confirmed"]), middle=MIDDLE, tables=tables,
-            uphill=_uphill(found),
-        ),
-        encoding="utf-8",
+    page = WORDS.format(
+        twins=found["twins"], noise=100.0 * found["noise"], trained=found["trained"],
+        unknowns=", ".join(found["unknowns"]), confirmed=100.0 * max(found["confirmed"]),
+        confirmed_count=len(found["confirmed"]), middle=MIDDLE, tables=tables,
+        uphill=_uphill(found),
     )  # fmt: skip
+    PAGE.write_text(reflow(page), encoding="utf-8")
 
 
 def _table(found, name):

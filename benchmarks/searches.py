@@ -2,7 +2,8 @@
 
     OMP_NUM_THREADS=1 python -m benchmarks.searches [--twins 20] [--store FOLDER] [--page]
 
-Writes benchmarks/searches.json, docs/figures/searches.png and docs/searches.md; with ``--page`` the
+Writes benchmarks/searches.json, docs/figures/searches.png and docs/quality/searches.md; with
+``--page`` the
 latter two from the figures that are there.
 """
 

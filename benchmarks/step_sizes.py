@@ -121,8 +121,7 @@ def lines(found):
         "elastic",
         "joints of the mine's stiffness, edges of 5 m. Slivers are zones whose smallest "
         "altitude is below",
-        "a tenth of their longest edge. The step is the bound that the program marches by, "
-        "before its",
+        "a tenth of their longest edge. The step is the bound that the program uses, before its",
         "factor of 0.8. Mass is limited by material, and to 20 times that share in one place: "
         "less than",
         "the limit may be added. The true limit is that of the assembled operator, by Lanczos "
@@ -147,7 +146,7 @@ def lines(found):
         "",
         "Local steps, each zone's by halves of the longest, would leave at most "
         f"{last['local']:.2f} times fewer steps of zones after that; neighbours and the order of "
-        "sums would cost part of it, so all zones march by one step.",
+        "sums would cost part of it, so all zones have one step.",
     ]
     if "low_passed" in found:
         kept = ", ".join(f"{name} {part:.2f}" for name, part in found["low_passed"].items())

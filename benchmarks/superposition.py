@@ -26,7 +26,7 @@ from pyblast.runs.parallel import run_all, workers
 from pyblast.solver.run import simulate
 from verification.columns import ricker
 
-TITLE = "Runs that are not made"
+TITLE = "Stored responses and kept runs"
 SIZE = (232.0, 168.0, 80.0)
 SIDES = ("west", "east", "south", "north", "bottom")
 ROCK = Material.from_speeds(2700.0, 2950.0, 1550.0)

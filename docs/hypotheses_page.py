@@ -1,4 +1,4 @@
-"""The table of docs/hypotheses.md: what the library of a diagnosis holds."""
+"""The table of docs/reference/hypotheses.md: what the library of a diagnosis holds."""
 
 import sys
 from pathlib import Path
@@ -10,7 +10,7 @@ from pyblast.project.result import write_text
 BEGIN, END = "<!-- library -->", "<!-- end of library -->"
 AXES = {"receivers": "receivers", "blasts": "blasts", "both": "receivers, blasts"}
 PRICES = {"site": "runs", "holes": "none", "motion": "none"}
-HEAD = "| label, form | claim | of each | runs | held out | knobs: centre, range | told by |"
+HEAD = "| label, form | claim | of each | runs | held out | parameters: prior, range | decided by |"
 
 
 def table() -> str:

@@ -65,6 +65,7 @@ _HOMES = {
     "read_recording": "recordings.recording",
     "read_result": "project.result",
     "run": "workflows.run",
+    "simulate": "solver.run",
     "run_all": "runs.parallel",
     "run_many": "solver.run",
     "signature_spectra": "runs.blast_ensemble",

@@ -1,4 +1,4 @@
-"""docs/findings.md lists the findings that the program can give, and no other."""
+"""docs/reference/findings.md lists the findings that the program can give, and no other."""
 
 import ast
 import re
@@ -16,9 +16,8 @@ def test_the_page_lists_all_findings_and_those_that_may_fail():
                 given.add(code)
                 if len(call.args) > 3 or any(word.arg == "failed" for word in call.keywords):
                     failing.add(code)
-    rows = re.findall(
-        r"^\| (D\d+)[^|]*\|[^|]*\|(.*)\|$", (ROOT / "docs" / "findings.md").read_text(), re.M
-    )
+    page = ROOT / "docs" / "reference" / "findings.md"
+    rows = re.findall(r"^\| (D\d+)[^|]*\|[^|]*\|(.*)\|$", page.read_text(encoding="utf-8"), re.M)
 
     assert {code for code, _ in rows} == given
     assert {code for code, fails in rows if fails.strip()} == failing

@@ -1,4 +1,4 @@
-"""docs/project_file.md names every key of a project file, with its unit and default."""
+"""docs/reference/project_file.md names every key of a project file, with its unit and default."""
 
 import re
 import tomllib
@@ -15,7 +15,8 @@ from pyblast.project.config_ground import JointConfig
 from pyblast.project.section import Section
 from pyblast.units import split_key
 
-PAGE = (Path(__file__).parents[1] / "docs" / "project_file.md").read_text(encoding="utf-8")
+DOCS = Path(__file__).parents[1] / "docs"
+PAGE = (DOCS / "reference" / "project_file.md").read_text(encoding="utf-8")
 TOP = "Top of the file"
 
 
@@ -105,8 +106,8 @@ def test_defaults_are_those_of_the_program(name):
 
 
 def test_both_examples_are_linked():
-    for path in re.findall(r"\((\.\./[^)]+)\)", PAGE):
-        assert (Path(__file__).parents[1] / "docs" / path).is_file()
+    for path in re.findall(r"\((\.\./\.\./examples/[^)]+)\)", PAGE):
+        assert (DOCS / "reference" / path).is_file()
 
 
 def test_the_table_of_laws_names_what_each_needs_and_may_have():

@@ -97,7 +97,8 @@ def test_the_written_folder_itself_is_read(tmp_path):
 
 
 def test_the_case_folder_of_the_page_on_files_is_read(tmp_path):
-    page = (Path(__file__).parents[1] / "docs" / "files.md").read_text(encoding="utf-8")
+    page = Path(__file__).parents[1] / "docs" / "guide" / "recordings.md"
+    page = page.read_text(encoding="utf-8")
     (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     changed(tmp_path)
     (tmp_path / "site.toml").write_text(text, encoding="utf-8")

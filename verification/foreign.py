@@ -23,14 +23,14 @@ from pyblast.workflows.diagnose import diagnose_folder, predict_file
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "verification" / "foreign.json"
-PAGE = ROOT / "docs" / "diagnosis.md"
+PAGE = ROOT / "docs" / "quality" / "diagnosis.md"
 BEGIN, END = "<!-- cases: from verification/foreign.json -->", "<!-- end of cases -->"
 BLAST = "H1"
 MISFIT = "misfit of the further blast, calibrated → diagnosed"
 
 
 def judged(cases, name, keep, executor):
-    """Diagnose one case, foretell its further blast, and open its truth."""
+    """Diagnose one case, predict its further blast, and open its truth."""
     folder, out = cases / name, keep / name
     answer = diagnose_folder(folder, out, executor=executor, progress=_told)
     truth_folder = cases / "truth" / name
@@ -78,7 +78,7 @@ def _misfit(recorded, foretold, folder):
 
 def table(rows):
     """Return the lines of the table in the page."""
-    heads = "case", "truth", "outcome", "effects said", "explained", MISFIT, "runs", "min"
+    heads = "case", "truth", "outcome", "effects reported", "explained", MISFIT, "runs", "min"
     yield "| " + " | ".join(heads) + " |"
     yield "|---|---|---|---|---|---|---|---|"
     for name, row in sorted(rows.items()):

@@ -36,7 +36,7 @@ from .independent_cases import (
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "verification" / "independent.json"
-PAGE = ROOT / "docs" / "verification.md"
+PAGE = ROOT / "docs" / "quality" / "verification.md"
 BEGIN, END = "<!-- cases: from verification/independent.json -->", "<!-- end of cases -->"
 FIGURE = ROOT / "docs" / "figures" / "independent.png"
 BLASTS = {
@@ -50,6 +50,7 @@ BLASTS = {
 }
 EDGES = (12.0, 8.0, 5.5)
 MODELS = ("believed", "effect", "true")
+LABELS = {"believed": "reference"}
 DURATION = 1.2
 
 
@@ -128,7 +129,7 @@ def draw(rows, path):
         for model, style in styles.items():
             here = sorted((r["edge_m"], 100.0 * r["median"]) for r in chosen if r["model"] == model)
             if here:
-                axis.loglog(*np.transpose(here), style, label=model)
+                axis.loglog(*np.transpose(here), style, label=LABELS.get(model, model))
         for name, line in (("independent_believed", ":"), ("noise_alone", "--")):
             axis.axhline(100.0 * chosen[0][name], color="0.5", ls=line, lw=0.9)
         axis.set_title(f"{key[0]} {key[1]}: {', '.join(chosen[0]['effects']) or 'nothing hidden'}",
@@ -147,7 +148,7 @@ def draw(rows, path):
 def write_table(rows):
     """Put the table of misfits between its two marks in the page."""
     lines = [
-        "| case, blast | hidden | model | 12 m | 8 m | 5.5 m | theirs, believed | noise alone |",
+        "| case, blast | hidden | model | 12 m | 8 m | 5.5 m | theirs, reference | noise alone |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for case, blasts in BLASTS.items():
@@ -163,7 +164,7 @@ def write_table(rows):
                 lines.append("| " + " | ".join([
                     f"{case}, {blast}" if first else "",
                     (", ".join(one["effects"]) or "nothing") if first else "",
-                    model, *cells,
+                    LABELS.get(model, model), *cells,
                     f"{100 * one['independent_believed']:.1f}" if first else "",
                     f"{100 * one['noise_alone']:.2f}" if first else "",
                 ]) + " |")  # fmt: skip

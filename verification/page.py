@@ -1,4 +1,4 @@
-"""The table of the ladder in docs/verification.md, and a figure for each rung."""
+"""The table of all cases in docs/quality/verification.md, and a figure for each case."""
 
 from pathlib import Path
 
@@ -8,11 +8,13 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
+from .markdown import reflow
+
 ROOT = Path(__file__).resolve().parents[1]
-FIGURES = ROOT / "docs" / "figures" / "ladder"
-PAGE = ROOT / "docs" / "verification.md"
-BEGIN = "<!-- ladder: from verification/results.json -->"
-END = "<!-- end of ladder -->"
+FIGURES = ROOT / "docs" / "figures" / "verification"
+PAGE = ROOT / "docs" / "quality" / "verification.md"
+BEGIN = "<!-- suite: from verification/results.json -->"
+END = "<!-- end of suite -->"
 MOST_CURVES = 3
 
 
@@ -59,17 +61,18 @@ def _draw_errors(axis, result, rows):
 
 
 def write_table(results, problems):
-    """Put the table of all rungs between its two marks in the page."""
+    """Put the table of all cases between its two marks in the page."""
     text = PAGE.read_text(encoding="utf-8")
     before, rest = text.split(BEGIN)
     after = rest.split(END)[1]
     names = sorted({*problems, *results}, key=by_number)
     passed = sum(bool(results.get(n, {}).get("pass")) for n in names)
     lines = [
-        f"{passed} of {len(names)} rungs pass; R blocks a release, E gates the diagnosis, C comes "
-        "before a claim.",
+        f"{passed} of {len(names)} cases pass. R blocks a release, E is required for the "
+        "diagnosis, C "
+        "for a claim.",
         "",
-        "| rung | problem | gate | quantity | error on each mesh | order | tolerance | |",
+        "| case | problem | gate | quantity | error on each mesh | order | tolerance | |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for name in names:
@@ -80,16 +83,16 @@ def write_table(results, problems):
     lines += ["", "Notes:", "", *notes, "", "### Figures", ""]
     lines += [
         f"**{n}** {results[n]['title']} ({results[n]['source']})\n\n"
-        f"![rung {n}](figures/ladder/{n}.png)\n"
+        f"![case {n}](../figures/verification/{n}.png)\n"
         for n in names
         if n in results and (FIGURES / f"{n}.png").is_file()
     ]
-    PAGE.write_text(before + BEGIN + "\n\n" + "\n".join(lines) + "\n" + END + after,
-                    encoding="utf-8")  # fmt: skip
+    page = before + BEGIN + "\n\n" + "\n".join(lines) + "\n" + END + after
+    PAGE.write_text(reflow(page), encoding="utf-8")
 
 
 def _rows(name, result):
-    """Return the lines of one rung."""
+    """Return the lines of one case."""
     if "failure" in result:
         head = f"| {name} | {result['title']} | {result['gate']}"
         return [f"{head} | {result['failure']} | | | | ✗ |"]
@@ -100,8 +103,9 @@ def _rows(name, result):
         errors = ", ".join(f"{error:+.2g}" for error in row["error"])
         order = "" if row["order"] is None else f"{row['order']:.1f}"
         mark = "✓" if row["pass"] else "✗"
+        quantity = row["quantity"].replace("|", r"\|")
         head = f"| {name} | {title} | {result['gate']}" if not lines else "| | | "
         lines.append(
-            f"{head} | {row['quantity']} | {errors} | {order} | {row['tolerance']:.2g} | {mark} |"
+            f"{head} | {quantity} | {errors} | {order} | {row['tolerance']:.2g} | {mark} |"
         )
     return lines

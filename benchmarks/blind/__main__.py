@@ -5,7 +5,8 @@
 
 Without a job all are done in turn. ``draw`` writes the cases and seals their truths, ``run``
 diagnoses them and freezes the answers, ``score`` opens both and writes benchmarks/blind.json, and
-``page`` docs/blind.md. What is there is not made again: a killed job goes on with what is missing.
+``page`` docs/quality/blind_benchmark.md. What is there is not made again: a killed job goes on with
+what is missing.
 A benchmark may be put together from portions, each sealed, answered and scored on its own.
 Needs the real recordings of examples/real/README.md for their noise.
 """

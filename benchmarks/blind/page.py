@@ -5,40 +5,41 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from pyblast.project.result import write_text
+from verification.markdown import reflow
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-PAGE, FIGURE = DOCS / "blind.md", DOCS / "figures" / "blind.png"
+PAGE, FIGURE = DOCS / "quality" / "blind_benchmark.md", DOCS / "figures" / "blind.png"
 WORDS = """# Blind benchmark of the diagnosis
 
 Written by `python -m benchmarks.blind` (`./dev blind`). {cases} cases, seed {seed}{kind}. A
-generator draws small sites and hides effects in them, stronger and weaker than the diagnosis
-expects, or none; the records carry real noise. Truths were sealed before the run (hash of all
-seals {roots}), answers frozen before the truths were opened. All came from {count}; what was
-answered stays as it was answered, also where a later program would do better.
+generator draws small sites and hides effects in them, stronger and weaker than the prior of the
+diagnosis, or none; the records contain real noise. Truths were sealed before the run (hash of all
+seals {roots}), and answers were frozen before the truths were opened. {count} answered the cases;
+an answer is never replaced, even where a later version would do better.
 
-How truth differs from what the diagnosis believes and from how it computes:
+How the truth differs from the reference model and the numerics of the diagnosis:
 
 - Wave speeds ±2 or ±5 %, joint stiffness ±20 % or ×/÷ 1.5, receivers ±0.5 or ±1 m, random
-  heterogeneity of 0.5 to 3 %, which the diagnosis never has: the larger ones twice in hard nulls.
-  Densities ±2 %, firing times and clocks ±0.2 ms.
-- Zones of constant strain, nine edges a wave, where the diagnosis has zones of 15 nodes.
-- Effects by other means: Barton–Bandis closure, slip by weakening, fill with a mass or by
-  Maxwell, Rayleigh damping, fissures cut one by one, soil with a gradient, damage with an edge, a
-  quasi-static air wave, geophones in steps of time.
+  heterogeneity of 0.5 to 3 %, which the diagnosis never models: the larger ones twice in hard
+  nulls. Densities ±2 %, firing times and clocks ±0.2 ms.
+- Zones of constant strain, nine edges a wavelength, where the diagnosis has zones of 15 nodes.
+- Effects by other laws: Barton–Bandis closure, slip by weakening, fill with a mass or by Maxwell,
+  Rayleigh damping, fissures meshed one by one, soil with a gradient, damage with an edge, a
+  quasi-static air wave, geophones in the time domain.
 - Noise: quiet windows of geophones before hammer blows (see `examples/real/README.md`), peak over
   noise 5 to 40.
 
-Intervals are 90 %, by 1000 draws of cases. d′ is the length of an effect in units of errors after
-calibration has taken what it can: below {visible:g} it can't be seen, from {clear:g} on it should
-be found. Parameters that were drawn in another sense than the knob of that name has are left out of
-the intervals. The Brier score is Σ(p − y)²/2 over labels, nothing and something unknown; nothing is
-true of effects that can't be seen. Gains are of records that the effect can be told from, where the
-right model explains at least 2 % more of them. The truth and the diagnosis share the program that
-solves the wave equation: what it has wrong, both have.
+Intervals are 90 %, by 1000 bootstrap draws of cases. d′ is the length of an effect in units of
+errors after calibration has absorbed what it can: below {visible:g} it cannot be detected, from
+{clear:g} on it should be found. Parameters that were drawn in another sense than the parameter of
+that name are left out of the intervals. The Brier score is Σ(p − y)²/2 over labels, no effect and
+something unknown; no effect is the truth for effects that cannot be detected. Gains are of records
+in which the effect is detectable, where the right model explains at least 2 % more of them. The
+truth and the diagnosis share the program that solves the wave equation, and so its errors.
 
 {table}
 
-## By program
+## By version
 
 {programs}
 
@@ -52,11 +53,10 @@ solves the wave equation: what it has wrong, both have.
 
 ## Risk and coverage
 
-![Share of wrong answers against share of cases answered](figures/blind.png)
+![Share of wrong answers against share of cases answered](../figures/blind.png)
 
-Cases in which effects brought more evidence than they must, named or not, are answered from the
-largest lead down; risk is the share of those whose effects are not all true. At full coverage
-{risk}.
+Cases in which effects exceed the required evidence, named or not, are answered from the largest
+lead down; risk is the share of those whose effects are not all true. At full coverage: {risk}.
 
 A case takes {cpu} of one core and {runs} runs (medians).
 """
@@ -64,7 +64,7 @@ TARGETS = {
     "false alarm": ("on nulls, some physics claimed", "≤ 5 %"),
     "false alarm, hard": ("the same on hard nulls", ""),
     "false alarm, hard, beyond": ("the same, where twice the errors would not explain it", ""),
-    "false alarm, invisible": ("the same on effects of d′ < 4, which can't be seen", ""),
+    "false alarm, invisible": ("the same on effects of d′ < 4, which cannot be detected", ""),
     "null said NULL": ("nulls that are called NULL", ""),
     "precision when named": ("answers with names in which every name is right", "≥ 90 %"),
     "top-1": ("named, and right, of d′ ≥ 8", "≥ 75 %"),
@@ -83,7 +83,7 @@ TARGETS = {
 
 
 def write_page(found: dict):
-    """Write docs/blind.md and its figure."""
+    """Write docs/quality/blind_benchmark.md and its figure."""
     _figure(found["scores"]["curve"])
     s = found["scores"]
     risk = f"{s['curve'][-1]['risk']:.0%}" if s["curve"] else "nothing was found"
@@ -96,7 +96,7 @@ def write_page(found: dict):
         visible=found["visible"], clear=found["clear"], cpu=_middle(s["cpu_s"], " s"),
         runs=_middle(s["runs"], ""),
     )  # fmt: skip
-    write_text(PAGE, text)
+    write_text(PAGE, reflow(text))
 
 
 def _table(s):
@@ -130,8 +130,8 @@ def _table(s):
 
 
 def _count(programs):
-    """Say how many programs answered."""
-    return "one program" if len(programs) == 1 else f"{len(programs)} programs"
+    """Say how many versions answered."""
+    return "One version" if len(programs) == 1 else f"{len(programs)} versions of the program"
 
 
 def _programs(table):

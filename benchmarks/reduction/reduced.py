@@ -89,7 +89,7 @@ class Confirmation:
     """
 
     prediction: Prediction
-    simulate: Run
+    run: Run
     error: dict[str, float]
     failed: int
 

@@ -4,7 +4,8 @@
     python examples/gol_e_gohar/twin.py --real      soil and all joints, edges of 15 m: hours
 
 Records come from the values of the paper (Kn 0.114, Ks 0.025 GPa/m, 1.12 %) on a mesh with shorter
-edges. The search knows the ranges only. Writes the section on the twin into docs/back_analysis.md.
+edges. The search knows the ranges only. Writes its section of
+docs/quality/back_analysis.md.
 """
 
 import json
@@ -22,9 +23,9 @@ from pyblast.project.result import write_csv
 from pyblast.workflows.back_analysis import RESULT, slip_told
 
 HERE = Path(__file__).resolve().parent
-PAGE = HERE.parents[1] / "docs" / "back_analysis.md"
+PAGE = HERE.parents[1] / "docs" / "quality" / "back_analysis.md"
 REAL_NOISE = HERE.parents[2] / "shared" / "recordings" / "wghs"
-HEAD = "## The twin of Gol-e-Gohar\n"
+HEAD = "## Synthetic records of Gol-e-Gohar\n"
 RANGES = {  # Kn, Ks: table 3 extended downwards; c, friction: assumed; damping: the paper
     "joints.fault.kn_gpa_per_m": (0.01, 0.5, 0.114),
     "joints.fault.ks_gpa_per_m": (0.005, 0.1, 0.025),
@@ -153,10 +154,9 @@ def planned(folder, scale, real):
         for i, j, rho in one.trade_offs()
     ]
     return [
-        "What such a record leaves of each range, around the middle of the ranges (`--plan`), as "
-        f"standard deviation after over before, {plan.window.band[0]:g} to {plan.window.band[1]:g} "
-        "Hz:\n",
-        "| unknown | by PPV and dominant frequency | by waveforms |",
+        "Ratio of posterior to prior standard deviation around the middle of the ranges "
+        f"(`--design-survey`), {plan.window.band[0]:g} to {plan.window.band[1]:g} Hz:\n",
+        "| parameter | by PPV and dominant frequency | by waveforms |",
         "|---|---|---|",
         *rows,
         "",
@@ -178,7 +178,7 @@ def section(name, scale, edges, real):
             for line in one[1]]  # fmt: skip
     return [
         f"Blast {name}, {scale:g} of the motion assumed; noise of {100 * NOISE:g} % of the PPV, "
-        f"its spectrum that of {origin}.\n",
+        f"with the spectrum of {origin}.\n",
         f"| {' | '.join(heads)} |",
         "|---" * len(heads) + "|",
         f"| truth | {true} | {found[0][2]:.1f} % | | | | |",
@@ -199,10 +199,11 @@ def main():
     )  # fmt: skip
     text = [
         HEAD,
-        f"Made by `python examples/gol_e_gohar/twin.py{' --real' if real else ''}`: the record on "
-        f"edges of {edges[0]} m with the values of the paper's table 6, the search on edges of "
-        f"{edges[1]} m; {parts}. The misfit of the truth is what mesh and noise leave. One seed "
-        "of each method.\n",
+        f"Made by `python examples/gol_e_gohar/twin.py{' --real' if real else ''}`: the record is "
+        f"computed on edges of {edges[0]} m with the values of the paper's table 6, the search "
+        "uses "
+        f"edges of {edges[1]} m; {parts}. The misfit of the true values is due to mesh and noise. "
+        "One seed per method.\n",
     ]
     for name, scale in BLASTS.items():
         text += section(name, scale, edges, real)

@@ -1,19 +1,19 @@
 """Findings about a back-analysis, before and after it."""
 
-from ..errors import Finding
-from ..inference.noise import band_functions
-from ..inference.global_search import PAPER, paper, paper_eq15
-from .parameters import blasts_of, chosen_records
-from ..inference.global_search import random_search
-from ..inference.problem import Problem
-from .waveforms import window_of
 import math
+
 import numpy as np
 from scipy import stats
-from ..signals.comparison import in_common
-from ..inference.covariance import PRIORS
-from .trials import band_of
 
+from ..errors import Finding
+from ..inference.covariance import PRIORS
+from ..inference.global_search import PAPER, paper, paper_eq15, random_search
+from ..inference.noise import band_functions
+from ..inference.problem import Problem
+from ..signals.comparison import in_common
+from .parameters import blasts_of, chosen_records
+from .trials import band_of
+from .waveforms import window_of
 
 MANY = 20  # numbers of waveforms for each unknown
 NUMBERS = 6  # PPV and dominant frequency of three components

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..inference.noise import Band
-from ..inference.misfits import misfit
-from ..inference.noise import Noise
+from ..inference.covariance import SCATTER, error_columns, whitener
 from ..inference.error_model import scattering
-from ..inference.covariance import error_columns
-from ..inference.covariance import SCATTER, whitener
+from ..inference.misfits import misfit
+from ..inference.noise import Band, Noise
 
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of a range, in shares of it
 INFLUENCE = 0.1  # of what noise and errors of the theory are, below which nothing is felt

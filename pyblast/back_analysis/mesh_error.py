@@ -1,17 +1,15 @@
 """Mesh error at receivers and possible receivers, from a run on a coarser mesh."""
 
-from dataclasses import dataclass
-from ..errors import InputError
-from ..project.config import ReceiverConfig
-from ..project.places import on_ground
-from ..project.project import Project, make_project
+from dataclasses import dataclass, replace
+
 import numpy as np
-from dataclasses import replace
+
 from ..errors import InputError, PyblastError
-from ..project.config_file import number_paths, value_at
-from ..project.project import Project
-from ..project.project import vary
 from ..inference.error_model import mesh_error
+from ..project.config import ReceiverConfig
+from ..project.config_file import number_paths, value_at
+from ..project.places import on_ground
+from ..project.project import Project, make_project, vary
 from .trials import simulate
 from .waveforms import gathered
 

@@ -1,16 +1,16 @@
 """Parameters of a back-analysis: keys of a project file with ranges, over one or more blasts."""
 
-from ..errors import InputError
-from ..signals.seismogram import Seismogram
-from ..project.project import Project, load_project
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from ..project.section import named_error
-from ..project.config_file import check_path
-from ..project.project import Project
-from ..project.project import CHEAP, vary
-import math
+
 import numpy as np
+
+from ..errors import InputError
+from ..project.config_file import check_path
+from ..project.project import CHEAP, Project, load_project, vary
+from ..project.section import named_error
+from ..signals.seismogram import Seismogram
 
 
 def foreseen_blasts(project: Project) -> tuple[Project, ...]:

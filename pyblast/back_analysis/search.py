@@ -1,39 +1,45 @@
 """Back-analysis of a project: search by a named method, uncertainty, result."""
 
-from dataclasses import replace
-from ..inference.covariance import whitener_beside
-from .identifiability import UNIFORM
-from .mesh_error import mesh_errors_of
-from .parameters import with_values
-from .trials import Trials
+import math
+from dataclasses import dataclass, replace
+
 import numpy as np
-from ..inference.global_search import adaptive_annealing
-from ..inference.global_search import paper, paper_eq15
-from ..inference.global_search import evolution_search
-from ..inference.gauss_newton import levenberg_search
-from ..inference.global_search import random_search, sobol_search
-from ..inference.problem import Search, Trace
-from ..inference.gaussian_process import surrogate_search
+
 from ..errors import InputError
-from ..inference.posterior import emcee_library
-from ..inference.posterior import Posterior, posterior
-from dataclasses import dataclass
-from ..signals.comparison import Comparison, compare
-from ..signals.seismogram import Seismogram
+from ..inference.covariance import whitener_beside
+from ..inference.gauss_newton import levenberg_search
+from ..inference.gaussian_process import surrogate_search
+from ..inference.global_search import (
+    adaptive_annealing,
+    evolution_search,
+    paper,
+    paper_eq15,
+    random_search,
+    sobol_search,
+)
+from ..inference.misfits import MISFITS, SIGNED
+from ..inference.posterior import Posterior, emcee_library, posterior
+from ..inference.problem import Search, Trace
 from ..project.census import input_band
 from ..project.project import Project
-from ..inference.misfits import MISFITS, SIGNED
-from .parameters import blasts_of, candidates_of, chosen_records, foreseen_blasts
-from .trials import Target, band_of, held_step, misfit_of
-from .slip import insensitive, weakest
-from .parameters import Parameter, check_parameters, parameters_of, with_values
+from ..signals.comparison import Comparison, compare
+from ..signals.seismogram import Seismogram
+from .identifiability import UNIFORM
+from .mesh_error import mesh_errors_of
+from .parameters import (
+    Parameter,
+    blasts_of,
+    candidates_of,
+    check_parameters,
+    chosen_records,
+    foreseen_blasts,
+    parameters_of,
+    with_values,
+)
+from .slip import Strength, insensitive, watched_run, weakest
 from .survey_design import Plan, Slip, make_plan, problem_of
-from ..inference.posterior import Posterior
-from ..inference.problem import Trace
-from .slip import Strength, watched_run
+from .trials import Target, Trials, band_of, held_step, misfit_of
 from .waveforms import make_waveforms
-import math
-
 
 NEAREST = 3  # runs for each unknown that tell how the motion moves with them
 

@@ -1,18 +1,19 @@
 """Slip of joints in a run, and whether records constrain their strength."""
 
+import math
 from dataclasses import dataclass
-from ..errors import SolverError
+
+import numpy as np
+
 from .. import core
 from ..core import JOINT_LAWS
+from ..errors import SolverError
+from ..project.ground import joint_of_surface
 from ..solver.perturbation import FAILED, STICKING_JOINTS, by_number
 from ..solver.preparation import LEDGER_EVERY, prepare
 from ..solver.run import collect, failure
-import math
-import numpy as np
-from ..project.ground import joint_of_surface
 from ..units import split_key
 from .parameters import with_values
-
 
 PER_PERIOD = 20  # tractions that are looked at in the shortest period
 STRENGTH = ("cohesion", "friction", "tension")

@@ -1,24 +1,30 @@
 """Survey design: Fisher information of receivers and blasts about the parameters."""
 
-from dataclasses import dataclass
-import numpy as np
-from dataclasses import dataclass, replace
-from ..project.census import input_band
-from ..inference.noise import band_functions
-from ..inference.covariance import LEVELS
-from ..core import LANES
-from .parameters import candidates_of, foreseen_blasts, foreseen_records
-from .trials import held_step, simulate
-from .identifiability import Knowledge, Sensitivities, intervals
-from .slip import insensitive, is_strength, weakest
-from ..inference.gauss_newton import DIFFERENCE
-from .mesh_error import Place, listening, places_of
-from .mesh_error import mesh_errors_of
-from .parameters import Parameter, check_parameters, parameters_of, with_values
-from ..inference.problem import Problem
-from .slip import Slip, watched_run
-from .waveforms import Window, gathered, has_quiet, recorded_noise, white_noise, window_of
 import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..core import LANES
+from ..inference.covariance import LEVELS
+from ..inference.gauss_newton import DIFFERENCE
+from ..inference.noise import band_functions
+from ..inference.problem import Problem
+from ..project.census import input_band
+from .identifiability import Knowledge, Sensitivities, intervals
+from .mesh_error import Place, listening, mesh_errors_of, places_of
+from .parameters import (
+    Parameter,
+    candidates_of,
+    check_parameters,
+    foreseen_blasts,
+    foreseen_records,
+    parameters_of,
+    with_values,
+)
+from .slip import Slip, insensitive, is_strength, watched_run, weakest
+from .trials import held_step, simulate
+from .waveforms import Window, gathered, has_quiet, recorded_noise, white_noise, window_of
 
 
 @dataclass(frozen=True)

@@ -1,33 +1,32 @@
 """Evaluations of a back-analysis: projects with trial values simulated and compared, logged."""
 
-from dataclasses import dataclass
-from ..errors import SolverError
-from ..signals.seismogram import Seismogram
-from ..signals.spectra import dominant_frequency
-from ..project.project import Project
-from ..solver.assembly import time_step
-from ..solver.run import run_many
-from ..core import LANES
-from ..units import split_key
-from ..inference.misfits import misfit_to
-from .parameters import Parameter, with_values
-from .waveforms import Waveforms
+import json
+import logging
 import math
+import os
 import time
-import numpy as np
 from collections.abc import Callable
 from concurrent.futures import Executor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from pathlib import Path
-from ..runs.cache import input_hash
-from ..errors import InputError, ReadError, SolverError
-from ..project.result import plain
-from ..inference.misfits import SIGNED
-from ..inference.problem import Problem
-import json
-import logging
-import os
 
+import numpy as np
+
+from ..core import LANES
+from ..errors import InputError, ReadError, SolverError
+from ..inference.misfits import SIGNED, misfit_to
+from ..inference.problem import Problem
+from ..project.project import Project
+from ..project.result import plain
+from ..runs.cache import input_hash
+from ..signals.seismogram import Seismogram
+from ..signals.spectra import dominant_frequency
+from ..solver.assembly import time_step
+from ..solver.run import run_many
+from ..units import split_key
+from .parameters import Parameter, with_values
+from .waveforms import Waveforms
 
 # Larger values of these never allow a longer time step, and no other key matters to it.
 HELD = {"kn", "ks", "cohesion", "friction", "tension", "ratio"}

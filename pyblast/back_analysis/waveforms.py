@@ -5,11 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import InputError
+from ..inference.covariance import Whitener, usual_whitener
+from ..inference.noise import Noise, band_functions, noise_of
 from ..project.census import input_band
-from ..inference.noise import band_functions
-from ..inference.noise import Noise, noise_of
-from ..inference.covariance import usual_whitener
-from ..inference.covariance import Whitener
 
 FINE = 8.0  # samples to the shortest period of the band
 QUIET = 2.0  # of these periods that the noise is learnt from, at least

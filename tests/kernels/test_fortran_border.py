@@ -124,4 +124,4 @@ def test_state_that_is_not_contiguous_is_refused():
 def test_the_wait_policy_is_set_before_the_core_is_loaded():
     source = inspect.getsource(core)
 
-    assert source.index("OMP_WAIT_POLICY") < source.index("from .. import _core")
+    assert source.index("OMP_WAIT_POLICY") < source.index("from . import _core")

@@ -1,4 +1,4 @@
-"""Ground whose stiffness depends on direction: wave speeds, joints as a medium, quiet faces."""
+"""Ground whose stiffness depends on direction: wave speeds, joints as a medium, viscous faces."""
 
 import numpy as np
 
@@ -98,21 +98,21 @@ def jointed_column(edges_per_spacing, *, ends=False, told=False):
 
 @rung(
     "L1",
-    "Anisotropic ground: wave speeds in turned axes, joints as a medium, quiet faces",
+    "Anisotropic ground: wave speeds in turned axes, joints as a medium, viscous faces",
     source="Christoffel's equation; Schoenberg (1980)",
     gate="C",
     tolerance={
         "fastest wave": 0.01,
         "slower waves": 0.01,
         "speed across joints": 0.01,
-        "motion asked of a face of the medium": 0.02,
-        "motion asked of a face that knows of joints": 0.02,
+        "motion of a face with the medium's impedance": 0.02,
+        "motion of a face with jointed impedance": 0.02,
     },
     meshes=(15, 30, 45),
     order=1.8,
     ordered=("fastest wave", "slower waves"),
     note=(
-        "the grid of six tetrahedra round one diagonal has the errors of rung 2; one joint in 15 "
+        "the grid of six tetrahedra round one diagonal has the errors of case 2; one joint in 15 "
         "edges, one in 30 is 2 edges and so on"
     ),
 )
@@ -134,8 +134,8 @@ def anisotropic_ground(per_wavelength):
         Reading.relative("fastest wave", exact[fast, 2], found[fast, 2]),
         Reading.relative("slower waves", exact[row, wave], found[row, wave]),
         Reading.relative("speed across joints", SHARE * ROCK.cp, speed),
-        Reading.relative("motion asked of a face of the medium", 1.0, gain),
-        Reading.relative("motion asked of a face that knows of joints", 1.0, told),
+        Reading.relative("motion of a face with the medium's impedance", 1.0, gain),
+        Reading.relative("motion of a face with jointed impedance", 1.0, told),
         Reading.relative("the same, face of intact rock", 1.0, bare),
     ]
     return readings, [curve]

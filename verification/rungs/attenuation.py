@@ -66,7 +66,7 @@ def worst(quantity, expected, measured):
 
 @rung(
     "25",
-    "Constant Q: a plane wave fades and disperses",
+    "Constant Q: attenuation and dispersion of a plane wave",
     source="Kjartansson 1979 (constant Q); Emmerich & Korn 1987 (body); discrete column derived",
     gate="E",
     tolerance={

@@ -22,7 +22,7 @@ FADING = {
     "soil": replace(SOIL, law=ConstantQ(20.0, 10.0)),
     "rock": replace(ROCK, law=ConstantQ(60.0, 30.0)),
 }
-GROUNDS = {"elastic": {"soil": SOIL, "rock": ROCK}, "fading": FADING}
+GROUNDS = {"elastic": {"soil": SOIL, "rock": ROCK}, "attenuating": FADING}
 DURATION = 0.8  # s
 
 
@@ -71,14 +71,14 @@ def shaken(n, wave, ground, width):
 @rung(
     "L9",
     "Free-field sides under input from below",
-    source="the same ground as a column with guided sides; rung 22 holds that to its closed form",
+    source="the same ground as a column with guided sides; case 22 compares it with a closed form",
     gate="C",
     tolerance={f"{wave}, {name}": 0.01 for name in GROUNDS for wave in AXIS},
     meshes=(8.0, 12.0, 18.0),
     unit="edges over the layer (twice as many per S wavelength in it)",
     order=0.9,
     note="Norm of the difference of all components on the side, at the ground and at the foot of "
-    "the layer; the model is as wide as 1.5 layers. Fading: Qs 10 and 30, Qp twice that.",
+    "the layer; the model is as wide as 1.5 layers. Attenuating: Qs 10 and 30, Qp twice that.",
 )
 def sides_follow_columns(n):
     """Compare the motion of the sides with that of a column."""

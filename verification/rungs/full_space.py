@@ -137,7 +137,7 @@ def point_sources(per_wavelength, quadratic=False):
     meshes=(3.0, 4.0, 6.0),
     order=2.8,
     ordered=tuple(f"band, {name}" for name in SOURCES),
-    note="quantities and tolerances of rung 17, which needs 22.5 edges for them on zones of "
+    note="quantities and tolerances of case 17, which needs 22.5 edges for them on zones of "
     "constant strain; four do here but for the amplitude of the explosion. Speeds are that good on "
     "every mesh, with errors of both signs: no order.",
 )

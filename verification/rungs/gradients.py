@@ -94,7 +94,7 @@ def both_ways(change, dt):
     },
     quick=True,
     note="Least squares of the waveforms at four receivers, the joint half as stiff in one of six "
-    "strips as the model believes. The discrete scheme is its own adjoint: no mesh is involved. "
+    "strips as the model has it. The discrete scheme is its own adjoint: no mesh is involved. "
     "What is left is the step of the differences and that motion is kept in single precision.",
 )
 def gradients():

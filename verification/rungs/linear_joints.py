@@ -39,7 +39,7 @@ def passed(wave, n, planes, stiffness, far):
     ordered=tuple(f"|T| at k/zw {s:g}, {wave}" for wave in SPEED for s in SOFTNESS[:2]),
     quick=True,
     note="The error is that of the discrete impedance; 10 edges miss 1 %, 15 meet it. At k/zw 1 it "
-    "is so small that what the quiet ends send back counts as much: no order.",
+    "is so small that the reflection of the viscous ends counts as much: no order.",
 )
 def one_joint(n):
     """Measure transmission and delay of one joint at three stiffnesses."""

@@ -93,7 +93,7 @@ def one_blind_face(n, wave):
 @rung(
     "L8",
     "Plane waves of any incidence through viscous faces",
-    source="plane waves of a homogeneous half space, Aki & Richards (2002); rung 12",
+    source="plane waves of a homogeneous half space, Aki & Richards (2002); case 12",
     gate="C",
     tolerance={
         **{f"{wave} at {angle:g} deg": 0.02 for wave, angle in GROUND},
@@ -105,7 +105,7 @@ def one_blind_face(n, wave):
     ordered=tuple(f"{wave} at {angle:g} deg" for wave, angle in GROUND),
     note="Largest energy of motion that the half space would not have, over the largest that it "
     "has: 0 where all faces see the wave; where the face through which it leaves does not, at most "
-    "the share of rung 12, errors counting above that. On coarse meshes most of it is the lag of "
+    "the share of case 12, errors counting above that. On coarse meshes most of it is the lag of "
     "waves inside.",
 )
 def plane_waves_from_outside(n):

@@ -71,7 +71,8 @@ def cycle_sizes(times, motion):
 @rung(
     "L13",
     "Rough joint: closes under a push, caps a shear wave, dilates and wears",
-    source="rung 10's equation; rung 8's clipped wave at Barton's strength, and with its dilation",
+    source="the equation of case 10; the clipped wave of case 8 at Barton's strength, with its "
+    "dilation",
     gate="C",
     tolerance={
         **{f"T of a push, {p:g} k Vm before": 0.03 for p in PRESSED},

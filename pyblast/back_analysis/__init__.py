@@ -1,0 +1,1 @@
+"""Back-analysis of parameters from records, and design of surveys for it."""
