@@ -7,8 +7,8 @@ import time
 
 import numpy as np
 import pytest
+from command_line import call, spawn
 from inversion_project import twin_file
-from test_main import call, spawn
 
 from pyblast import back_analyse, load_project
 from pyblast.back_analysis.findings import doubts, worse_than_random

@@ -5,9 +5,8 @@ import re
 
 import numpy as np
 import pytest
-from small_project import written
-from test_how_to import INSIDE
-from test_main import call
+from command_line import call
+from small_project import INSIDE, written
 
 from pyblast import Seismogram, load_project
 from pyblast.back_analysis.trials import simulate

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from command_line import call
 from small_project import written
-from test_main import call
 
 from pyblast import design_survey, load_project
 from pyblast.back_analysis.identifiability import (

@@ -1,38 +1,18 @@
 import json
-import os
 import signal
-import subprocess
-import sys
 import time
 
 import numpy as np
 import pytest
+from command_line import call, spawn
 from small_project import TEXT, written
-from typer.testing import CliRunner
 
 import pyblast
-from pyblast.cli.commands import app
 from pyblast.errors import EXIT_CODES
 from pyblast.project.result import read_result, write_csv
 from pyblast.workflows import result_folder, run
 
 LONG = "grid_cells = [6, 2, 3]", "grid_cells = [30, 10, 15]"
-
-
-def call(*arguments):
-    return CliRunner().invoke(app, [str(a) for a in arguments])
-
-
-def spawn(*arguments, **options):
-    environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    command = [sys.executable, "-m", "pyblast", *map(str, arguments)]
-    # A suite started in the background ignores Ctrl-C, and what it starts would too.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        return subprocess.Popen(command, env=environment, text=True, stdout=subprocess.PIPE,
-                                stderr=subprocess.PIPE, **options)  # fmt: skip
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="module")

@@ -5,8 +5,8 @@ from functools import cache
 
 import numpy as np
 import pytest
+from small_fits import CHANCE, LOUD, fits
 from small_site import BAND, BEFORE, CUT, DT, SAMPLES, recorded, small_site
-from test_verdicts import CHANCE, LOUD, fits
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.case import case_of

@@ -7,9 +7,8 @@ import time
 
 import numpy as np
 import pytest
-from inversion_project import noisy
-from test_main import spawn
-from test_waveform_search import TRUTH
+from command_line import spawn
+from inversion_project import TRUTH, noisy
 
 from pyblast import back_analyse, load_project
 from pyblast.errors import InputError, SolverError
@@ -171,6 +170,22 @@ def test_a_posterior_without_the_error_of_its_mesh_says_so(told):
     assert "; it is not in the intervals" in (folder / "report.html").read_text()
 
 
+def test_a_posterior_whose_log_was_cut_is_resumed_to_the_same_answer(told, tmp_path):
+    whole, folder = told
+    lines = (folder / "trials.jsonl").read_bytes().splitlines(keepends=True)
+    path = noisy(tmp_path, posterior="true")
+    cut = tmp_path / "back_analysis" / "001" / "trials.jsonl"
+    cut.parent.mkdir(parents=True)
+    cut.write_bytes(b"".join(lines[:61]) + lines[61][:30])
+
+    again, _ = back_analyse(load_project(path), resume=True)
+
+    assert 61 < len(lines) == cut.read_bytes().count(b"\n")
+    assert np.array_equal(again.posterior.samples, whole.posterior.samples)
+    assert np.array_equal(again.posterior.log_weights, whole.posterior.log_weights)
+
+
+@pytest.mark.long
 def test_a_posterior_that_was_killed_is_resumed_to_the_same_answer(told, tmp_path):
     whole, folder = told
     path = noisy(tmp_path, posterior="true")

@@ -4,47 +4,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from layered_box import COULOMB, SIDES, SOIL, TIMES, shaking, site
 from scipy.spatial.transform import Rotation
 
 from pyblast import core
 from pyblast.errors import InputError, SolverError
-from pyblast.mesh.builder import Layer, structured_box
-from pyblast.mesh.mesh import Mesh
+from pyblast.mesh.builder import structured_box
 from pyblast.model.anisotropy import jointed
 from pyblast.model.boundary import Fixed, Roller, StressInput, VelocityInput, Viscous
 from pyblast.model.joint import Joint
-from pyblast.model.material import ConstantQ, Damping, Material
+from pyblast.model.material import ConstantQ, Damping
 from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.source import Hole, PointForce, TimeFunction
-from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import run_many, simulate
 from verification.columns import AXIS, ROCK, SPEED, column, column_model, pulse, ricker, started
-
-SIDES = ("west", "east", "south", "north", "bottom")
-TIMES = np.arange(0.0, 0.1, 5e-4)
-COULOMB = {"kn": 4e9, "ks": 2e9, "cohesion": 0.0, "friction": 0.3, "tension": 0.0}
-SOIL = Material.from_speeds(1900.0, 1800.0, 900.0)
-
-
-def shaking(turn=None, size=1.0):
-    motion = ricker(TIMES, 40.0)[:, None] * [0.8 * size, 0.5 * size, -0.3 * size]
-    return Seismogram(motion if turn is None else turn.apply(motion), TIMES[1])
-
-
-def site(turn=None, **parts):
-    turn = turn or Rotation.identity()
-    mesh = structured_box((3, 2, 2), (30.0, 20.0, 20.0), planes={"J": ("x", 20.0)},
-                          layers=[Layer("soil", 10.0), Layer("rock")])  # fmt: skip
-    mesh = Mesh(turn.apply(mesh.points), mesh.zones, mesh.zone_group, mesh.groups, mesh.surfaces)
-    known = {
-        "materials": {"rock": ROCK, "soil": SOIL},
-        "joints": [Joint("J", "coulomb", COULOMB, insitu_pressure=2e4)],
-        "boundaries": [*map(Viscous, SIDES), StressInput("west", shaking(turn))],
-        "receivers": [Receiver("A", tuple(turn.apply([24.0, 9.0, 17.0])))],
-        "quadratic": True,
-    }
-    return Model(mesh.split(["J"]), **{**known, **parts})
 
 
 def travelled(wave, edges, quadratic):

@@ -7,7 +7,7 @@ import numpy as np
 import obspy
 import pytest
 import recorder_files as files
-from test_main import call
+from command_line import call
 from test_records_only import DT, PLACES, ground, shot, tampered
 
 from pyblast import InputError, analyse_records

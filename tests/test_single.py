@@ -1,21 +1,16 @@
 """Marches in numbers of four bytes: near those in eight, and as repeatable."""
 
-import json
-import os
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from test_quadratic_models import ROCK, SIDES, SOIL, TIMES, shaking, site
-from test_solver import digest
+from command_line import python
+from layered_box import FADING, SIDES, TIMES, shaking, site
+from slipping_box import digest
 
 from pyblast.errors import InputError
 from pyblast.model.boundary import StressInput, Viscous
 from pyblast.model.joint import Joint
-from pyblast.model.material import ConstantQ
 from pyblast.model.source import PointForce, TimeFunction
 from pyblast.runs.greens_bank import greens_functions
 from pyblast.solver.preparation import export, prepare
@@ -26,14 +21,13 @@ DURATION = 0.06
 NEAR = 1e-5  # of the peak
 CLOSURE = {"kn": 4e9, "ks": 2e9, "closure": 2e-4, "kn_max": 4e10, "irrecoverable": 0.0,
            "cohesion": 0.0, "friction": 0.6}  # fmt: skip
-FADING = ConstantQ(60.0, 30.0, (5.0, 80.0))
 STRONG = [*map(Viscous, SIDES), StressInput("west", shaking(None, 5.0))]
 SITES = {
     "linear": {"joints": [Joint("J", "elastic", {"kn": 4e9, "ks": 2e9})]},
     "slips": {"boundaries": STRONG},
     "closes": {"joints": [Joint("J", "closure", CLOSURE, insitu_pressure=2e4)],
                "boundaries": STRONG},
-    "fades": {"materials": {"rock": replace(ROCK, law=FADING), "soil": replace(SOIL, law=FADING)}},
+    "fades": FADING,
 }  # fmt: skip
 
 
@@ -68,26 +62,21 @@ def test_a_joint_that_pressure_has_closed_rests_until_waves_come():
 
 
 SCRIPT = """
-import sys, json
-sys.path[:0] = sys.argv[1:3]
-from dataclasses import replace
-from test_single import DURATION, SITES, digest, simulate, site
+import json
+from layered_box import FADING, site
 from pyblast import _core_single
+from pyblast.solver.run import simulate
+from slipping_box import digest
 _core_single.pyblast_kinds.least_shared = 1
-print(json.dumps(digest(simulate(site(**SITES["fades"], single=True), DURATION))))
+print(json.dumps(digest(simulate(site(**FADING, single=True), 0.06))))
 """
 
 
 @pytest.mark.parametrize("threads", [1, 3])
 def test_any_number_of_threads_gives_the_same_bits(threads):
-    here = Path(__file__).parent
-    environment = {**os.environ, "OMP_NUM_THREADS": str(threads)}
-    command = [sys.executable, "-c", SCRIPT, str(here), str(here.parent)]
+    whole = simulate(site(**FADING, single=True), DURATION)
 
-    out = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-
-    whole = simulate(site(**SITES["fades"], single=True), DURATION)
-    assert json.loads(out.stdout.strip().splitlines()[-1]) == digest(whole)
+    assert python(SCRIPT, threads=threads) == digest(whole)
 
 
 def test_an_interrupted_run_goes_on_with_the_same_bits(tmp_path, monkeypatch):

@@ -1,77 +1,31 @@
 """The march: same bits however it is cut, exact resume, failures named, refusals."""
 
-import hashlib
-import json
-import os
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from command_line import python
+from slipping_box import DT, SIDES, TIMES, digest, shaking, slipping_model
 
 from pyblast.errors import InputError, ReadError, SolverError
 from pyblast.mesh.builder import structured_box
 from pyblast.model.boundary import Roller, StressInput, VelocityInput, Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.material import Damping
-from pyblast.model.model import InSitu, Model, Receiver
-from pyblast.model.source import Hole, PointForce, TimeFunction
+from pyblast.model.model import Model, Receiver
+from pyblast.model.source import PointForce, TimeFunction
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver import run
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 
-DT = 1e-3
-TIMES = np.arange(0.0, 0.1, DT)
-SIDES = ("west", "east", "south", "north", "bottom")
-WEAK = {"kn": 2e9, "ks": 1e9, "cohesion": 0.0, "friction": 0.4, "tension": 0.0}
-
-
-def shaking(amplitude=0.3):
-    motion = amplitude * ricker(TIMES, 25.0)[:, None] * [0.8, 0.5, -0.3]
-    return Seismogram(motion, DT)
-
-
-def slipping_model(**parts):
-    """Return a model of over 1024 nodes and zones in which joints slip and open."""
-    mesh = structured_box(
-        (11, 9, 9), (44.0, 36.0, 36.0), planes={"J1": ("x", 20.0), "J2": ("z", 16.0)}
-    ).split(["J1", "J2"])
-    parts = {
-        "boundaries": [*map(Viscous, SIDES), StressInput("west", shaking())],
-        "sources": [Hole(np.array([10.0, 10.0, 20.0]), 9.0, 0.01, TimeFunction(1e10 * TIMES, DT))],
-        **parts,
-    }
-    return Model(
-        mesh,
-        {"rock": ROCK},
-        joints=[Joint(name, "coulomb", WEAK) for name in ("J1", "J2")],
-        damping=Damping(0.01, 20.0),
-        receivers=[Receiver("A", (40.0, 30.0, 30.0)), Receiver("B", (5.0, 5.0, 36.0), 0.7)],
-        insitu=InSitu(),
-        **parts,
-    )
-
 
 def tiny_model(**parts):
     mesh = structured_box((4, 2, 2), (8.0, 4.0, 4.0))
     parts = {"receivers": [Receiver("A", (1.0, 1.0, 1.0))], **parts}
     return Model(mesh, {"rock": ROCK}, **parts)
-
-
-def digest(result):
-    """Return the SHA-256 of all bits of a run."""
-    found = hashlib.sha256()
-    for table in (result.state, result.energy):
-        for name in sorted(table):
-            found.update(table[name].tobytes())
-    for name in sorted(result.seismograms):
-        found.update(result.seismograms[name].velocity.tobytes())
-    return found.hexdigest()
 
 
 @pytest.fixture(scope="module")
@@ -90,11 +44,10 @@ def test_the_model_of_these_tests_slips_and_opens(whole):
 
 SCRIPT = """
 import sys, json
-sys.path.insert(0, sys.argv[1])
-from test_solver import digest, slipping_model
+from slipping_box import digest, slipping_model
 from pyblast import _core
 from pyblast.solver.run import simulate
-_core.pyblast_kinds.least_shared = int(sys.argv[2])
+_core.pyblast_kinds.least_shared = int(sys.argv[1])
 result = simulate(slipping_model(), 0.2)
 print(json.dumps([digest(result), result.prepared.fingerprint, result.provenance["threads"]]))
 """
@@ -102,12 +55,8 @@ print(json.dumps([digest(result), result.prepared.fingerprint, result.provenance
 
 @pytest.mark.parametrize(("threads", "least"), [(1, 1), (2, 1), (3, 1), (2, 10**9)])
 def test_any_number_of_threads_gives_the_same_bits(threads, least, whole):
-    environment = {**os.environ, "OMP_NUM_THREADS": str(threads)}
-    command = [sys.executable, "-c", SCRIPT, str(Path(__file__).parent), str(least)]
+    bits, fingerprint, used = python(SCRIPT, least, threads=threads)
 
-    out = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-
-    bits, fingerprint, used = json.loads(out.stdout.strip().splitlines()[-1])
     assert used == str(threads)
     assert fingerprint == whole.prepared.fingerprint
     assert bits == digest(whole)

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from inversion_project import PARAMETERS, noisy
+from inversion_project import PARAMETERS, TRUTH, noisy
 
 from pyblast import back_analyse, load_project
 from pyblast.back_analysis.findings import doubts
@@ -16,8 +16,6 @@ from pyblast.errors import InputError
 from pyblast.inference.covariance import usual_whitener
 from pyblast.inference.records import band_functions
 from pyblast.workflows.back_analysis import RESULT, TRIALS
-
-TRUTH = (0.114, 0.025, 0.0112)
 
 
 @pytest.fixture(scope="module")

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -39,16 +40,19 @@ def fingerprint(*tables: dict[str, Any]) -> str:
     return digest.hexdigest()
 
 
+LIBRARIES = ("numpy", "scipy", "obspy", "h5py", "meshio", "gmsh")
+installed = cache(metadata.version)  # reads files of the library, at every run otherwise
+
+
 def versions(input_hash: str) -> dict[str, str]:
     """Return the provenance of a result, all text."""
-    libraries = ("numpy", "scipy", "obspy", "h5py", "meshio", "gmsh")
     return {
-        "pyblast": metadata.version("pyblast"),
+        "pyblast": installed("pyblast"),
         "input_sha256": input_hash,
         "python": platform.python_version(),
         "machine": platform.machine(),
         "threads": os.environ.get("OMP_NUM_THREADS", str(os.cpu_count())),
-        **{name: metadata.version(name) for name in libraries},
+        **{name: installed(name) for name in LIBRARIES},
     }
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from test_zones import crooked
+from crooked_box import crooked
 
 from pyblast import core
 from pyblast.mesh import tetrahedra

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 import reference
+from crooked_box import crooked
 from scipy.spatial.transform import Rotation
 
 from pyblast import core
-from pyblast.mesh.builder import Layer, structured_box
+from pyblast.mesh.builder import Layer
 from pyblast.model.material import Damping, Material
 from pyblast.model.model import Model
 from pyblast.solver import assembly
@@ -43,15 +44,6 @@ NEEDED = (
     "row_initial",
 )
 DAMPING = {"rock": Damping(0.05, 30.0), "soil": Damping(0.1, 10.0)}
-
-
-def crooked(seed=0, layers=None, shape=(3, 4, 3)):
-    """Return a box whose inner nodes are moved at random: an unstructured mesh."""
-    mesh = structured_box(shape, np.array(shape, dtype=float), layers=layers)
-    rng = np.random.default_rng(seed)
-    inside = ((mesh.points > 0.0) & (mesh.points < mesh.points.max(axis=0))).all(axis=1)
-    mesh.points[inside] += rng.uniform(-0.2, 0.2, size=(np.count_nonzero(inside), 3))
-    return mesh
 
 
 def layered_model(damping=None):
