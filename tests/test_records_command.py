@@ -8,7 +8,7 @@ import obspy
 import pytest
 import recorder_files as files
 from command_line import call
-from test_records_only import DT, PLACES, ground, shot, tampered
+from line_shots import DT, PLACES, ground, shot, tampered
 
 from pyblast import InputError, analyse_records
 from pyblast.line_records.field_records import read_folder, read_geometry
