@@ -229,7 +229,8 @@ def hole_fit(
     n_holes, n_receivers, n = len(nominal), len(recorded), recorded.shape[-1]
     reach = int(np.ceil(REACH * spread[:n_holes].max() / dt))
     size = fast_length(n + greens.shape[-1] + 2 * reach)
-    spectra = np.asarray(fft.rfft(greens.reshape(n_holes, n_receivers, -1, greens.shape[-1]), size))
+    single = greens.reshape(n_holes, n_receivers, -1, greens.shape[-1])
+    spectra = np.asarray(fft.rfft(single, size))
     turns = 2j * np.pi * fft.rfftfreq(size, dt)
     power = np.sum(np.abs(spectra) ** 2, axis=(1, 2))
     mean_frequency = np.sqrt(power @ np.abs(turns) ** 2 / power.sum(axis=1))
