@@ -235,8 +235,8 @@ def hole_fit(
     power = np.sum(np.abs(spectra) ** 2, axis=(1, 2))
     mean_frequency = np.sqrt(power @ np.abs(turns) ** 2 / power.sum(axis=1))
     return HoleFit(
-        spectra, turns, recorded.reshape(n_receivers, -1, n), nominal, spread**-2.0, mean_frequency, size,
-        whiten, recorded.shape,
+        spectra, turns, recorded.reshape(n_receivers, -1, n), nominal, spread**-2.0, mean_frequency,
+        size, whiten, recorded.shape,
     )  # fmt: skip
 
 
