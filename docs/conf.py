@@ -28,7 +28,7 @@ suppress_warnings = ["myst.strikethrough"]
 # Public names by subject. Names that `pyblast` does not have are left out; others go to "Others".
 GROUPS = {
     "The whole chain": "run simulate compare diagnose predict back_analyse design_survey "
-    "plan_back_analysis optimise_delays find_delays load_project Project check read_result "
+    "optimise_delays load_project Project check read_result "
     "write_report",
     "Mesh": "Mesh structured_box build_mesh read_mesh",
     "Ground": "Material Damping ConstantQ MohrCoulomb anisotropic transverse jointed DamagedZone "
@@ -40,8 +40,7 @@ GROUPS = {
     "Seismograms and records": "Seismogram read_recording read_gather analyse_records load_limits",
     "Blasts": "Blast Firing FiringScatter read_blast superpose signature_spectra blast_spectra "
     "peak_bands best_delays firing_times fit_site_law",
-    "Many runs": "run_many run_all cached_run run_until_quiet workers greens_functions "
-    "controlled_mean reduced",
+    "Many runs": "run_many run_all cached_run workers greens_functions",
     "Inference": "misfit noise_of whitener band_functions infer_levels track gradient tangents",
     "Errors": "PyblastError InputError",
 }
