@@ -104,7 +104,7 @@ def lines(found):
         f"miss of it. A diagnosis takes {found['chosen']:g}. The finer mesh is itself wrong by "
         f"what one with edges {SHARPER:g} times as long and a layer {WIDER:g} times as wide "
         "changes; "
-        "as a share of the correction (`UNSETTLED` of it counts as an error).",
+        "as a share of the correction (`MESH_SHARE` of it counts as an error).",
         "",
         "| edge, wavelengths | missed, values off | missed, closing joint | missed without the "
         "correction | wrong in the finer mesh, of that | time of a run over the finer mesh's |",

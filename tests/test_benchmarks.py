@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 
 from benchmarks import goals, page
 from benchmarks.__main__ import PARTS, RESULTS
@@ -96,6 +97,7 @@ def test_every_kept_result_has_its_tables():
         assert len(PARTS[name].lines(one["found"])) > 2, name
 
 
+@pytest.mark.figures
 def test_the_page_is_that_of_the_kept_results(tmp_path, monkeypatch):
     written = page.PAGE.read_text(encoding="utf-8")
     monkeypatch.setattr(page, "PAGE", tmp_path / "performance.md")

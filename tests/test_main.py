@@ -149,6 +149,7 @@ def test_the_mesh_alone_is_written_for_paraview(tmp_path):
     assert len(found.cells_dict["tetra"]) == 216
 
 
+@pytest.mark.figures
 def test_the_report_is_made_from_the_result_file(tmp_path, outcome):
     page = tmp_path / "page.html"
 

@@ -178,7 +178,7 @@ def test_a_posterior_whose_log_was_cut_is_resumed_to_the_same_answer(told, tmp_p
     cut.parent.mkdir(parents=True)
     cut.write_bytes(b"".join(lines[:61]) + lines[61][:30])
 
-    again, _ = back_analyse(load_project(path), resume=True)
+    again, _ = back_analyse(load_project(path))
 
     assert 61 < len(lines) == cut.read_bytes().count(b"\n")
     assert np.array_equal(again.posterior.samples, whole.posterior.samples)
