@@ -11,7 +11,7 @@ import pytest
 from small_site import recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
-from pyblast.diagnosis.cross_validation import foretold
+from pyblast.diagnosis.cross_validation import held_out_prediction
 from pyblast.diagnosis.decision import Verdict, judge
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import fit
@@ -23,7 +23,7 @@ from pyblast.report.diagnosis import render_diagnosis
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
-CHANCE = Chance(np.linspace([-4.0, -4.0], 9.0, 200, axis=1), {})
+NULL = Chance(np.linspace([-4.0, -4.0], 9.0, 200, axis=1), {})
 NOTES = {
     "case": "pit <3>", "runs": 11, "wall_s": 2.5, "kept_runs": 0, "kept_s": 0.0, "seed": 1,
     "budget": 400, "finished": True, "provenance": {"pyblast": "0"},
@@ -36,7 +36,7 @@ class Made:
 
     scene: object
     search: Search
-    verdict: Verdict
+    decision: Verdict
 
 
 def late(motion):
@@ -59,17 +59,17 @@ def made(outcome):
     none = fit(here, ())
     fits = [fit(here, (one,)) for one in (SLOW, DELAYS)]
     found = Search(here, 400, lambda *_: None, none, fits, [], fits[0])
-    verdict = judge(found, CHANCE)
+    decision = judge(found, NULL)
     if outcome == "CLASS":
         rivals = ("delay_scatter", "clock_error")
-        verdict = replace(verdict, outcome=outcome, fit=fits[1], rivals=rivals)
+        decision = replace(decision, outcome=outcome, fit=fits[1], rivals=rivals)
     if outcome == "UNKNOWN":
-        verdict = replace(verdict, outcome=outcome, fit=none, rivals=())
+        decision = replace(decision, outcome=outcome, fit=none, rivals=())
     if outcome == "NULL":
         found = Search(here, 400, lambda *_: None, none, [], [], none)
-        verdict = Verdict(outcome, none, (), {"none": 1.0}, 0.0, None)
-    shuffled = None if outcome == "NULL" else CHANCE
-    return Made(here, found, verdict), summarise(here, found, shuffled, verdict) | NOTES
+        decision = Verdict(outcome, none, (), {"none": 1.0}, 0.0, None)
+    shuffled = None if outcome == "NULL" else NULL
+    return Made(here, found, decision), summarise(here, found, shuffled, decision) | NOTES
 
 
 @cache
@@ -92,7 +92,7 @@ def figures(outcome):
 def test_a_slow_clock_is_named_with_its_place_and_time():
     found, summary = made("NAMED")
 
-    assert found.verdict.outcome == "NAMED"
+    assert found.decision.outcome == "NAMED"
     assert lead(found, summary).startswith("The clock of receiver R2 was wrong")
     assert re.search(r"clock_error receiver R2 shift 1[5-7]", text("NAMED"))
 
@@ -130,10 +130,10 @@ def test_an_unknown_is_located_and_no_effect_is_listed():
 def test_where_no_effect_pays_the_next_receivers_belong_where_most_is_missing():
     found, _ = made("UNKNOWN")
     poor = replace(found.search, fits=found.search.fits[1:])
-    verdict = replace(found.verdict, rivals=())
+    decision = replace(found.decision, rivals=())
 
     assert poor.worth(poor.fits[0]) < DECISIVE
-    words = summarise(found.scene, poor, CHANCE, verdict)["next_measurement"]
+    words = summarise(found.scene, poor, NULL, decision)["next_measurement"]
     assert words == "more receivers around R2, and a shot from another side"
 
 
@@ -147,8 +147,8 @@ def test_a_null_says_that_nothing_is_missing_and_ranks_nothing():
 
 def test_two_effects_are_told_one_after_the_other():
     found, summary = made("NAMED")
-    both = replace(found.verdict.fit, effects=(SLOW, DELAYS))
-    found = replace(found, verdict=replace(found.verdict, fit=both))
+    both = replace(found.decision.fit, effects=(SLOW, DELAYS))
+    found = replace(found, decision=replace(found.decision, fit=both))
 
     told = lead(found, summary | {"outcome": "COMPOSITE"})
 
@@ -168,9 +168,9 @@ def test_a_joint_that_was_moved_is_told_where_it_is():
 def test_what_is_left_beside_an_effect_is_said_with_its_place():
     found, summary = made("NAMED")
     left = replace(
-        found.verdict.fit, chi_square=np.full_like(found.verdict.fit.chi_square, REMAINS)
+        found.decision.fit, chi_square=np.full_like(found.decision.fit.chi_square, REMAINS)
     )
-    found = replace(found, verdict=replace(found.verdict, fit=left, share=0.5))
+    found = replace(found, decision=replace(found.decision, fit=left, share=0.5))
     point = {"x": 71.2, "y": 40.0, "coherence": 0.9, "resolution_m": 24.0}
     partial = summary | {
         "outcome": "PARTIAL",
@@ -223,7 +223,7 @@ def test_values_are_told_in_the_units_that_people_use(value, low, high, unit, sh
 
 
 def test_what_is_foretold_without_leaving_out_is_the_fit_itself():
-    here, found = scene(), made("NAMED")[0].verdict.fit
+    here, found = scene(), made("NAMED")[0].decision.fit
     nothing = np.zeros(found.chi_square.shape, dtype=bool)
     band = here.case.band
 
@@ -234,13 +234,13 @@ def test_what_is_foretold_without_leaving_out_is_the_fit_itself():
 
 
 def test_what_is_left_out_is_foretold_as_well_as_its_fold_says():
-    here, verdict = scene(), made("NAMED")[0].verdict
+    here, decision = scene(), made("NAMED")[0].decision
     likelihood, case = here.baseline.likelihood, here.case
-    fold = next(one for one in verdict.held_out.folds if one.name == "B1")
-    out = np.zeros(verdict.fit.chi_square.shape, dtype=bool)
+    fold = next(one for one in decision.held_out.folds if one.name == "B1")
+    out = np.zeros(decision.fit.chi_square.shape, dtype=bool)
     out[case.blasts.index("B1")] = True
 
-    left = likelihood.residual(foretold(here, verdict.fit, out))[out]
+    left = likelihood.residual(foretold(here, decision.fit, out))[out]
     heard = likelihood.whiten(np.where(case.valid, case.motion, 0.0))[out]
 
     assert 1.0 - np.sum(left**2) / np.sum(heard**2) == pytest.approx(fold.after, abs=1e-6)

@@ -73,7 +73,7 @@ def test_a_gap_of_half_a_spacing_has_a_plane_in_its_middle():
 def test_a_joint_too_stiff_to_move_changes_nothing_but_the_mesh():
     effect = LIBRARY["missing_joint"]
     knobs = {"offset": 3.0, "kn": 3e10, "ks": 3e10}
-    bare = sent(effect.bare(small_site(), "x=85.0", **knobs))
+    bare = sent(effect.mesh_control(small_site(), "x=85.0", **knobs))
 
     assert shared(sent(applied("missing_joint", "x=85.0", **knobs)), bare) < 0.02
 
@@ -81,7 +81,7 @@ def test_a_joint_too_stiff_to_move_changes_nothing_but_the_mesh():
 def test_a_missing_joint_weakens_what_crosses_it():
     effect = LIBRARY["missing_joint"]
     knobs = {"offset": 0.0, "kn": 1e8, "ks": 1e8}
-    bare = sent(effect.bare(small_site(), "x=90.0", **knobs))
+    bare = sent(effect.mesh_control(small_site(), "x=90.0", **knobs))
     changed = sent(applied("missing_joint", "x=90.0", **knobs))
     energy = np.sum(changed**2, axis=(0, 2, 3)) / np.sum(bare**2, axis=(0, 2, 3))
 
@@ -218,7 +218,7 @@ def test_fissures_slow_waves_across_them_and_none_change_nothing():
 def test_fissures_delay_the_receivers_across_them():
     knobs = {"normal": 0.4, "shear": 0.3}
     coarse = Forward(first().case, replace(CUT, edge=45.0))
-    bare = coarse.motion(LIBRARY["anisotropy"].bare(small_site(), "", azimuth=0.0, **knobs))[0]
+    bare = coarse.motion(LIBRARY["anisotropy"].mesh_control(small_site(), "", azimuth=0.0, **knobs))[0]
     lags = []
     for azimuth in (0.5 * np.pi, 0.0):  # from north
         changed = coarse.motion(applied("anisotropy", "", azimuth=azimuth, **knobs))[0]

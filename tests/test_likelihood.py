@@ -11,7 +11,7 @@ from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.calibration import likelihood_of
 from pyblast.diagnosis.cross_validation import Fold, HeldOut
 from pyblast.diagnosis.effects import Effect
-from pyblast.diagnosis.null_distribution import Chance, _elsewhere, _Fits
+from pyblast.diagnosis.null_distribution import Chance, _derangement, _LinearFits
 from pyblast.inference.likelihood import DOUBT, ENERGY_SHARE
 
 
@@ -79,7 +79,7 @@ def test_what_is_shuffled_does_not_hold_an_effect_at_one_receiver():
     left[:, 1] += effect[0, :, 1]
     n = left.shape[1]
 
-    fits = _Fits(likelihood, own, [effect])
+    fits = _LinearFits(likelihood, own, [effect])
 
     def worth(order):
         return fits.best(*fits.shuffled(left, order[None], np.ones((1, n))), 0.0)[0, 0]
@@ -87,13 +87,13 @@ def test_what_is_shuffled_does_not_hold_an_effect_at_one_receiver():
     found = worth(np.arange(n))
     assert found > 20.0
     for _ in range(20):
-        assert worth(_elsewhere(rng, n)) < 0.2 * found
+        assert worth(_derangement(rng, n)) < 0.2 * found
 
 
 def test_chance_finds_an_effect_at_all_places_together_as_the_search_does():
     likelihood, rng = made(), np.random.default_rng(6)
     left = rng.normal(size=likelihood.covariance.roots.shape[:-1])
-    order = _elsewhere(rng, left.shape[1])
+    order = _derangement(rng, left.shape[1])
     places = []
     for r, s in enumerate(order):  # what is shuffled to each receiver is what its effect can do
         left[:, s] *= 3.0
@@ -102,7 +102,7 @@ def test_chance_finds_an_effect_at_all_places_together_as_the_search_does():
     none = np.zeros((0, *left.shape))
 
     def worth(some):
-        fits = _Fits(likelihood, none, some)
+        fits = _LinearFits(likelihood, none, some)
         return fits.best(*fits.shuffled(left, order[None], np.ones((1, len(order)))), 1.0)[:, 0]
 
     one, all_of_them = worth(places)
@@ -123,7 +123,7 @@ def test_what_is_shuffled_to_a_receiver_with_a_dead_channel_has_no_part_there():
     none = np.zeros((0, *left.shape))
     order = np.array([1, 0, 3, 2])
 
-    fits = _Fits(likelihood, none, [np.zeros((1, *left.shape))])
+    fits = _LinearFits(likelihood, none, [np.zeros((1, *left.shape))])
     size, _ = fits.shuffled(left, order[None], np.ones((1, 4)))
 
     assert np.all(size[0, :, 0] < 2.0)
@@ -142,7 +142,7 @@ def test_few_folds_must_all_gain_and_many_need_not_gain_alike():
 
 
 def test_a_threshold_is_never_below_nothing():
-    assert Chance(np.full((2, 200), -3.0), {}).needed(()) == 0.0
+    assert Chance(np.full((2, 200), -3.0), {}).threshold(()) == 0.0
 
 
 def test_a_label_needs_what_harmless_errors_give_it_and_no_other_does():
@@ -154,9 +154,9 @@ def test_a_label_needs_what_harmless_errors_give_it_and_no_other_does():
         (("joint_slip", "J1"), ("clock_error", "R1"), ("clock_error", "R2"))
     )  # fmt: skip
 
-    assert chance.needed([slip]) == pytest.approx(4.75)
-    assert chance.needed([slip, clock[0]]) == pytest.approx(19.0)
-    assert chance.needed(clock) == pytest.approx(38.0)  # of however many places
+    assert chance.threshold([slip]) == pytest.approx(4.75)
+    assert chance.threshold([slip, clock[0]]) == pytest.approx(19.0)
+    assert chance.threshold(clock) == pytest.approx(38.0)  # of however many places
     assert chance.interval(clock)[0] < 38.0 < chance.interval(clock)[1]
 
 

@@ -35,7 +35,7 @@ def found(motion):
     """Return what is located of it."""
     baseline = scene().baseline
     likelihood = baseline.likelihood
-    return located(baseline, motion, likelihood.chi_square(likelihood.residual(motion)))
+    return locate_residual(baseline, motion, likelihood.chi_square(likelihood.residual(motion)))
 
 
 def off(point):

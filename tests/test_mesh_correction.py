@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import fft
 
-from pyblast.diagnosis.calibration import carried
+from pyblast.diagnosis.calibration import attenuated
 
 DT, BAND, N = 0.004, (4.0, 30.0), 250
 
@@ -29,7 +29,7 @@ def test_the_error_of_a_mesh_is_damped_as_the_motion_is():
     field = motion()
     error = 1e-3 * np.gradient(field, DT, axis=-1)
 
-    found = carried(error, field, damped(field), DT, BAND)
+    found = attenuated(error, field, damped(field), DT, BAND)
     wanted = damped(error)
 
     assert np.sum((found - wanted) ** 2) < 0.05 * np.sum(wanted**2)
@@ -40,17 +40,17 @@ def test_motion_that_does_not_change_keeps_its_correction():
     field = motion()
     error = 1e-3 * np.gradient(field, DT, axis=-1)
 
-    assert np.allclose(carried(error, field, field, DT, BAND), error, atol=1e-12)
+    assert np.allclose(attenuated(error, field, field, DT, BAND), error, atol=1e-12)
 
 
 def test_where_motion_grows_a_correction_does_not():
     field = motion()
     error = 1e-3 * np.gradient(field, DT, axis=-1)
 
-    assert np.allclose(carried(error, field, 3.0 * field, DT, BAND), error, atol=1e-12)
+    assert np.allclose(attenuated(error, field, 3.0 * field, DT, BAND), error, atol=1e-12)
 
 
 def test_silence_has_no_correction():
     field = motion()
 
-    assert np.all(carried(field, 0.0 * field, field, DT, BAND) == 0.0)
+    assert np.all(attenuated(field, 0.0 * field, field, DT, BAND) == 0.0)

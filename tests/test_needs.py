@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from small_fits import CHANCE, LOUD, fits
+from small_fits import NULL, LOUD, fits
 from small_site import BAND, BEFORE, CUT, DT, SAMPLES, recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
@@ -140,9 +140,9 @@ def test_what_can_not_be_tested_is_never_named(monkeypatch, tried, outcome):
     behind = both.log_evidence - 20.0  # of what can be tested it would be no rival
     other = replace(both, effects=(both.effects[0], DELAYS), log_evidence=behind)
     found = Search(here, 400, lambda *_: None, none, [both, other][:tried], [], both)
-    assert judge(found, CHANCE).outcome == "COMPOSITE"
+    assert judge(found, NULL).outcome == "COMPOSITE"
     monkeypatch.setitem(LIBRARY, LOUD.name, untested)
-    verdict = judge(found, CHANCE)
+    decision = judge(found, NULL)
 
-    assert verdict.outcome == outcome
-    assert verdict.rivals[2:] == (("delay_scatter",) if tried == 2 else ())
+    assert decision.outcome == outcome
+    assert decision.rivals[2:] == (("delay_scatter",) if tried == 2 else ())

@@ -1,4 +1,4 @@
-"""What a verdict rests on: folds of the effect in question, records that exist, all rivals."""
+"""What a decision rests on: folds of the effect in question, records that exist, all rivals."""
 
 from dataclasses import replace
 from functools import cache
@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from small_fits import CHANCE, SLOW, fits, with_holes
+from small_fits import NULL, SLOW, fits, with_holes
 from small_site import CUT, recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
@@ -63,14 +63,14 @@ def test_two_effects_are_no_composite_if_the_budget_ended_before_others_were_tri
     here, none, slow, loud, both = fits()
     found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both, finished=False)
 
-    assert judge(found, CHANCE).outcome == "PARTIAL"
+    assert judge(found, NULL).outcome == "PARTIAL"
 
 
 def test_a_clock_and_a_charge_that_are_both_wrong_make_a_composite():
     here, none, slow, loud, both = fits()
     found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both)
 
-    assert judge(found, CHANCE).outcome == "COMPOSITE"
+    assert judge(found, NULL).outcome == "COMPOSITE"
 
 
 def test_a_set_of_which_one_effect_can_not_be_tested_is_partial(monkeypatch):
@@ -82,7 +82,7 @@ def test_a_set_of_which_one_effect_can_not_be_tested_is_partial(monkeypatch):
     monkeypatch.setattr("pyblast.diagnosis.decision.held_out", untested)
     found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both)
 
-    said = judge(found, CHANCE)
+    said = judge(found, NULL)
 
     assert said.outcome == "PARTIAL"
     assert set(said.fit.labels) == set(both.labels)
@@ -148,12 +148,12 @@ def test_an_answer_that_a_finer_mesh_changes_is_corrected():
     ((quality,),) = damped.effects[0].values
     less = here.forward.motion(damping(3.0 * quality)) - here.forward.motion(damping(quality))
 
-    verdict = judge(found, CHANCE, finer(here, damped, less))
+    decision = judge(found, NULL, finer(here, damped, less))
 
     assert quality == pytest.approx(8.0, rel=0.1)
-    assert verdict.outcome == "NAMED"
-    assert verdict.mesh > MESH_CHANGE
-    assert verdict.fit.effects[0].values[0][0] == pytest.approx(4.8, rel=0.1)  # 1/8 + 1/8 - 1/24
+    assert decision.outcome == "NAMED"
+    assert decision.mesh_change > MESH_CHANGE
+    assert decision.fit.effects[0].values[0][0] == pytest.approx(4.8, rel=0.1)  # 1/8 + 1/8 - 1/24
 
 
 def test_an_answer_that_a_finer_mesh_leaves_without_evidence_may_be_the_mesh():
@@ -164,9 +164,9 @@ def test_an_answer_that_a_finer_mesh_leaves_without_evidence_may_be_the_mesh():
     beside[:, 1] = 0.12 * np.roll(damped.motion[:, 1], 20, axis=-1)
 
     assert judge(found, much).outcome == "NAMED"
-    verdict = judge(found, much, finer(here, damped, beside))
-    assert verdict.mesh > MESH_CHANGE
-    assert (verdict.outcome, verdict.rivals[-1]) == ("CLASS", RESOLUTION)
+    decision = judge(found, much, finer(here, damped, beside))
+    assert decision.mesh_change > MESH_CHANGE
+    assert (decision.outcome, decision.rivals[-1]) == ("CLASS", RESOLUTION)
 
 
 def test_what_a_finer_mesh_is_held_against_is_what_was_fitted():
@@ -186,7 +186,7 @@ def test_nothing_is_named_where_the_budget_ended_before_the_others_were_tried():
     found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both)
     found.compared = False
 
-    assert judge(found, CHANCE).outcome == "PARTIAL"
+    assert judge(found, NULL).outcome == "PARTIAL"
 
 
 def test_a_receiver_without_records_is_no_fold_that_must_gain():
@@ -223,17 +223,17 @@ def test_small_errors_of_every_path_are_no_clocks_that_were_wrong():
     clocks = tuple(Effect("clock_error", f"R{n}", ((0.0,),)) for n in range(4))
     every, found = fit(here, clocks), Search(here, 400, lambda *_: None, none)
 
-    beyond = chance(here, none, [], [], seed=1)
+    beyond = null_distribution(here, none, [], [], seed=1)
 
-    assert found.worth(every) > beyond.needed(())  # shuffled among receivers they are rare
-    assert found.worth(every) < beyond.needed(clocks)
+    assert found.worth(every) > beyond.threshold(())  # shuffled among receivers they are rare
+    assert found.worth(every) < beyond.threshold(clocks)
 
 
 def test_one_clock_that_is_wrong_stands_out_of_small_errors():
     here, none, slow, *_ = fits()
     found = Search(here, 400, lambda *_: None, none)
 
-    assert found.worth(slow) > chance(here, none, [], [], seed=1).needed([SLOW])
+    assert found.worth(slow) > null_distribution(here, none, [], [], seed=1).threshold([SLOW])
 
 
 def test_what_an_effect_on_the_ground_finds_by_chance_is_of_all_blasts_that_its_fit_has():
@@ -245,7 +245,7 @@ def test_what_an_effect_on_the_ground_finds_by_chance_is_of_all_blasts_that_its_
 
     screened, fitted = (
         np.quantile(
-            chance(here, none, [guess], some, seed=1).harmless["attenuation_Q"], 0.95, axis=1
+            null_distribution(here, none, [guess], some, seed=1).path_errors["attenuation_Q"], 0.95, axis=1
         )
         for some in ([], [damped])
     )
@@ -270,7 +270,7 @@ def test_a_blast_that_a_receiver_missed_has_what_it_left_in_another():
     left = np.arange(12.0).reshape(3, 2, 2)
     kept = np.array([[5, 0], [5, 5], [0, 5]])
 
-    given = lent(left, kept)
+    given = filled_residual(left, kept)
 
     assert np.array_equal(given[0, 1], left[1, 1])
     assert np.array_equal(given[2, 0], left[0, 0])
@@ -285,10 +285,10 @@ def test_noise_is_no_error_that_comes_back_in_each_blast():
     likelihood = replace(here.baseline.likelihood, covariance=covariance)
     noise = replace(here, baseline=replace(here.baseline, likelihood=likelihood))
 
-    beyond = [chance(one, none, [], [], seed=1) for one in (here, noise)]
+    beyond = [null_distribution(one, none, [], [], seed=1) for one in (here, noise)]
 
-    assert beyond[0].needed([SLOW]) > beyond[0].needed(())
-    assert beyond[1].needed([SLOW]) == beyond[1].needed(())  # what is shuffled alone
+    assert beyond[0].threshold([SLOW]) > beyond[0].threshold(())
+    assert beyond[1].threshold([SLOW]) == beyond[1].threshold(())  # what is shuffled alone
 
 
 @pytest.mark.parametrize("turn", [1, -1])
@@ -298,7 +298,7 @@ def test_a_set_of_effects_counts_once_whichever_was_found_first(turn):
     other = replace(both, effects=both.effects[::-1], log_evidence=both.log_evidence - 1.0)
 
     for one in (both, other)[::turn]:
-        found.keep(one)
+        found.add(one)
 
     assert [one.effects for one in found.fits] == [both.effects]
     assert found.fits[0].alternatives == ()

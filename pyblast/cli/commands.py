@@ -408,7 +408,7 @@ def diagnose(
             raise InputError(
                 "--predict: needs --predict-out, --predict-baseline or both, and they need it"
             )
-        from ..diagnosis.summary import UNSURE, told_lines
+        from ..diagnosis.summary import UNSURE, summary_lines
         from ..runs.parallel import workers as pool
         from ..workflows import diagnose as workflow
 
@@ -419,7 +419,7 @@ def diagnose(
                 case, out, fresh=fresh, budget=budget, seed=seed, executor=executor,
                 progress=progress, say=console.say,
             )  # fmt: skip
-        for line in told_lines(result):
+        for line in summary_lines(result):
             console.say(line)
         console.say(f"{result['runs']} runs, {result['wall_s']:.0f} s; results: {folder}")
         for path, baseline in outputs:

@@ -1,5 +1,6 @@
-"""Calibration of uncertain speeds and stiffnesses, and the correction for the mesh."""
+"""Calibration of uncertain wave speeds and joint stiffnesses, with a correction of mesh error."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,18 +18,21 @@ from .case import Case
 from .forward import Forward
 from .thresholds import SPEED_SIGMA, STIFFNESS_SIGMA, WRONG_UNIT
 
-SMOOTH = 0.1  # of the width of the band, over which the transfer of energy is averaged
+SMOOTHING = 0.1  # of the width of the band, over which the transfer function is averaged
+STEP = 0.5  # of each prior's standard deviation, for derivatives
+ROUNDS = 4
+CONVERGED = 0.2  # of the posterior standard deviations: smaller steps end the calibration
 
 
-def carried(correction, before, after, dt, band):
-    """Return a correction as it is after what damps the motion that it belongs to; (14.6).
+def attenuated(correction, before, after, dt: float, band) -> np.ndarray:
+    """Attenuate a mesh correction as much as the motion that it belongs to; (14.6).
 
     Parameters
     ----------
     correction : (n_receivers, 3, n_samples) float64, m/s
-        Of the motion ``before``.
+        Correction of the motion ``before``.
     before, after : (n_receivers, 3, n_samples) float64, m/s
-        On one mesh, without and with damping.
+        Motion on one mesh, without and with attenuation.
     dt : float, s
     band : tuple of 2 float, Hz
 
@@ -38,14 +42,14 @@ def carried(correction, before, after, dt, band):
 
     Notes
     -----
-    A mesh errs by phases that grow along the way, so that its error fades as the motion does. The
-    transfer from one motion to the other is that of least squares over neighbouring frequencies
-    and the three components of a receiver, and never more than one.
+    Mesh errors are phase errors that grow along the path, so that they attenuate as the motion
+    does. The transfer function between the two motions is estimated by least squares over
+    neighbouring frequencies and the three components of a receiver; its modulus is at most one.
     """
     n = correction.shape[-1]
     size = fft.next_fast_len(2 * n, real=True)
-    first, last, own = (fft.rfft(one, size) for one in (before, after, correction))
-    width = SMOOTH * (band[1] - band[0]) * size * dt
+    first, last, own = (fft.rfft(motion, size) for motion in (before, after, correction))
+    width = SMOOTHING * (band[1] - band[0]) * size * dt
     across = _smooth(np.sum(last * np.conj(first), axis=1), width)
     power = _smooth(np.sum(np.abs(first) ** 2, axis=1), width)
     transfer = np.divide(across, power, out=np.zeros_like(across), where=power > 0.0)
@@ -54,15 +58,15 @@ def carried(correction, before, after, dt, band):
 
 
 def _smooth(spectrum, width):
-    """Return a spectrum (n_receivers, n) averaged over so many frequencies."""
+    """Return a spectrum (n_receivers, n) averaged over a number of frequencies."""
     return ndimage.gaussian_filter1d(spectrum, width, axis=-1)
 
 
-def unknowns_of(project: Project) -> tuple[Parameter, ...]:
-    """List what may be calibrated in the ground of a project, as factors: ``rock.cp``, ``J1.kn``.
+def calibrated_parameters(project: Project) -> tuple[Parameter, ...]:
+    """List the parameters that are calibrated in a project, factors as ``rock.cp`` and ``J1.kn``.
 
-    Speeds of each material, of an anisotropic one all alike; stiffnesses of each fault, and of the
-    joint sets that share an entry together.
+    Wave speeds of each material, one factor for all of an anisotropic one; stiffnesses of each
+    fault, and of all joint sets that share an entry.
     """
     speeds = [
         _factor(name, speed, SPEED_SIGMA)
@@ -80,13 +84,13 @@ def unknowns_of(project: Project) -> tuple[Parameter, ...]:
 
 
 def _is_anisotropic(material):
-    """Tell whether a material has a stiffness of directions."""
+    """Tell whether a material is anisotropic."""
     return isinstance(material.law, Anisotropic)
 
 
 def _joint_parts(project):
     """Return the joint surfaces that are calibrated together, by the name of the part."""
-    sets = {one.name: one.joint or one.name for one in project.config.mesh.joint_sets}
+    sets = {each.name: each.joint or each.name for each in project.config.mesh.joint_sets}
     single = {joint.surface for joint in project.joints} - sets.keys()
     parts = {}
     for joint in project.joints:
@@ -97,35 +101,41 @@ def _joint_parts(project):
 
 
 def _factor(part, name, sigma):
-    """Return the factor on a value of a material or joint, log-normal around one."""
+    """Return the factor on a value of a material or joint, its prior log-normal around 1."""
     return Parameter(f"{part}.{name}", log=True, mean=1.0, sigma=sigma)
 
 
-def with_values(project: Project, unknowns, values) -> Project:
-    """Return a project with factors exp(values) on some values of its ground.
+def with_values(project: Project, parameters: Sequence[Parameter], values) -> Project:
+    """Return a project with factors exp(values) on values of its ground.
+
+    Parameters
+    ----------
+    project : Project
+    parameters : sequence of n Parameter
+    values : (n,) float
 
     Raises
     ------
     InputError
-        If a material or joint is not there.
+        If the project has no such material or joint.
     """
     factors = {
-        tuple(one.name.rsplit(".", 1)): float(np.exp(value))
-        for one, value in zip(unknowns, values, strict=True)
+        tuple(parameter.name.rsplit(".", 1)): float(np.exp(value))
+        for parameter, value in zip(parameters, values, strict=True)
     }
     joints = _joint_parts(project)
     for part, _ in factors:
         if part not in project.materials and part not in joints:
-            raise InputError(f"unknowns: no material or joint named {part!r}")
+            raise InputError(f"parameters: no material or joint named {part!r}")
     part_of = {surface: part for part, surfaces in joints.items() for surface in surfaces}
     return project.changed(
-        materials={name: _faster(one, factors, name) for name, one in project.materials.items()},
+        materials={name: _faster(rock, factors, name) for name, rock in project.materials.items()},
         joints=[_stiffer(joint, factors, part_of[joint.surface]) for joint in project.joints],
     )
 
 
 def _faster(material, factors, name):
-    """Return a material with other speeds and its other values."""
+    """Return a material with factors on its wave speeds."""
     cp, cs = (factors.get((name, speed), 1.0) for speed in ("cp", "cs"))
     if cp == cs == 1.0:
         return material
@@ -136,7 +146,7 @@ def _faster(material, factors, name):
 
 
 def scaled(material: Material, factor: float) -> Material:
-    """Return a material all of whose wave speeds have a factor, of any law."""
+    """Return a material of any law with one factor on all of its wave speeds."""
     law = material.law
     if isinstance(law, Anisotropic):
         law = Anisotropic(factor**2 * law.stiffness)
@@ -145,44 +155,40 @@ def scaled(material: Material, factor: float) -> Material:
 
 
 def _stiffer(joint, factors, part):
-    """Return a joint with other stiffness."""
+    """Return a joint with factors on its properties."""
     changed = {
         key: value * factors.get((part, key), 1.0) for key, value in joint.properties.items()
     }
     return replace(joint, properties=changed)
 
 
-STEP = 0.5  # of each prior's standard deviation, for derivatives
-ROUNDS = 4
-SETTLED = 0.2  # of the posterior standard deviations: smaller moves end the calibration
-
-
 @dataclass(frozen=True, eq=False)
 class Baseline:
-    """A project that fits the records as well as its uncertain values allow.
+    """Baseline: the calibrated project, its motion and its derivatives.
 
     Parameters
     ----------
     case : Case
-    unknowns : tuple of n Parameter
+    parameters : tuple of n Parameter
     values : (n,) float64
         Logarithms of factors on the values of the reference.
     covariance : (n, n) float64
+        Posterior covariance of the values.
     project : Project
-        With these values.
+        Project with these values.
     motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        What it simulates, ``correction`` included.
+        Simulated motion, ``correction`` included.
     slopes : (n, n_blasts, n_receivers, 3, n_samples) float64, m/s
-        By each value.
+        Derivatives of the motion by the values.
     reference : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        Simulated with the values of the reference, on the finer mesh if there was one.
+        Motion of the reference (zero values), on the finer mesh if there is one.
     correction : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        Of the finer mesh over the one of the runs.
+        Motion of the reference on the finer mesh less that on the mesh of the runs.
     likelihood : Likelihood
     """
 
     case: Case
-    unknowns: tuple[Parameter, ...]
+    parameters: tuple[Parameter, ...]
     values: np.ndarray
     covariance: np.ndarray
     project: Project
@@ -193,13 +199,13 @@ class Baseline:
     likelihood: Likelihood
 
     @property
-    def sigma(self):
-        """Standard deviation of each value before the records are seen, (n,)."""
-        return np.array([one.sigma for one in self.unknowns])
+    def sigma(self) -> np.ndarray:
+        """Prior standard deviation of each value, (n,)."""
+        return np.array([parameter.sigma for parameter in self.parameters])
 
     @property
-    def pull(self):
-        """How far each value was drawn from its prior, in standard deviations, (n,)."""
+    def prior_deviation(self) -> np.ndarray:
+        """Deviation of each value from its prior mean, in prior standard deviations, (n,)."""
         return self.values / self.sigma
 
 
@@ -209,9 +215,8 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     Parameters
     ----------
     forward : Forward
-        Whose runs are many.
     fine : Forward, optional
-        With a better mesh; it runs the values of the reference.
+        Forward simulation on a finer mesh; it runs the reference alone.
 
     Returns
     -------
@@ -221,18 +226,19 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     ------
     InputError
         If the records are a hundred times larger or smaller than the simulated reference.
+    SolverError
+        If a run fails.
 
     Notes
     -----
-    Gauss-Newton steps on the misfit of the likelihood with the priors of the unknowns. Derivatives
-    are differences at the start; each further run improves them by Broyden's rule. What the finer
-    mesh adds is taken at the values of the reference.
+    Damped Gauss-Newton with Broyden updates on the misfit of the likelihood and the priors.
+    Derivatives are differences at the reference, where the mesh correction is computed, too.
     """
-    case, unknowns = forward.case, unknowns_of(forward.case.project)
-    sigma = np.array([one.sigma for one in unknowns])
+    case, parameters = forward.case, calibrated_parameters(forward.case.project)
+    sigma = np.array([parameter.sigma for parameter in parameters])
 
     def project(x):
-        return with_values(case.project, unknowns, sigma * x)
+        return with_values(case.project, parameters, sigma * x)
 
     start, *moved = forward.motions([project(x) for x in [0.0 * sigma, *STEP * np.eye(len(sigma))]])
     slopes = (np.array(moved).reshape(-1, *start.shape) - start) / STEP
@@ -255,8 +261,8 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     _, hessian = problem.normal_equations(end.x, end.simulated, end.jacobian)
     each = sigma[:, None, None, None, None]
     return Baseline(
-        case, unknowns, sigma * end.x, sigma[:, None] * linalg.inv(hessian) * sigma, project(end.x),
-        end.simulated, end.jacobian / each, reference, correction, likelihood,
+        case, parameters, sigma * end.x, sigma[:, None] * linalg.inv(hessian) * sigma,
+        project(end.x), end.simulated, end.jacobian / each, reference, correction, likelihood,
     )  # fmt: skip
 
 
@@ -267,13 +273,13 @@ def likelihood_of(case: Case, correction=None) -> Likelihood:
     ----------
     case : Case
     correction : (n_blasts, n_receivers, 3, n_samples) float64, m/s, optional
-        What a finer mesh changes.
+        Change of the motion by a finer mesh.
 
     Notes
     -----
-    Student's, with model error as shares of energy: it must not follow the shape of a simulation
-    that may lack physics, nor tie receivers together, so that residuals can be permuted between
-    them; theory.md (14.1).
+    Student's t, with model error as shares of energy. The model error does not follow the shape of
+    a simulation, which may lack physics, and does not correlate receivers, so that residuals can
+    be permuted between them; theory.md (14.1).
     """
     changes = () if correction is None else (correction,)
     return Likelihood(case, EnergyShares().covariance(case, mesh_changes=changes), StudentT())
@@ -281,19 +287,20 @@ def likelihood_of(case: Case, correction=None) -> Likelihood:
 
 def _is_small(step, _, now):
     """Tell whether a step is small beside the posterior standard deviations."""
-    return bool(np.max(np.abs(step) / np.sqrt(np.diag(linalg.inv(now.hessian)))) < SETTLED)
+    return bool(np.max(np.abs(step) / np.sqrt(np.diag(linalg.inv(now.hessian)))) < CONVERGED)
 
 
 def _refuse_another_unit(likelihood, reference):
-    """Refuse records of a case that can't be motion in m/s of the reference project."""
+    """Refuse records whose unit cannot be m/s, by comparison with the simulated reference."""
     case, loud = likelihood.records, likelihood.noise_share < 0.5
-    recorded, sent = (
-        np.linalg.norm(case.band.project(one), axis=(2, 3)) for one in (case.motion, reference)
+    recorded, simulated = (
+        np.linalg.norm(case.band.project(motion), axis=(2, 3))
+        for motion in (case.motion, reference)
     )
-    told = loud & (recorded > 0.0) & (sent > 0.0)
-    times = np.median(recorded[told] / sent[told]) if np.any(told) else 1.0
-    if not 1.0 / WRONG_UNIT < times < WRONG_UNIT:
+    usable = loud & (recorded > 0.0) & (simulated > 0.0)
+    ratio = np.median(recorded[usable] / simulated[usable]) if np.any(usable) else 1.0
+    if not 1.0 / WRONG_UNIT < ratio < WRONG_UNIT:
         raise InputError(
-            f"records: are {times:.2g} times as large as what is simulated, in the median; give "
-            "them in m/s (mm/s are 1000 times as large), or mend the source and the charges"
+            f"records: the median ratio of recorded to simulated motion is {ratio:.2g}; give "
+            "records in m/s (in mm/s they are 1000 times as large), or correct source and charges"
         )

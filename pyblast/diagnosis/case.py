@@ -1,4 +1,4 @@
-"""Case: the records of a project and of its further blasts as arrays."""
+"""Case: the records of a project and of its further blasts, gathered into arrays."""
 
 from dataclasses import dataclass, replace
 
@@ -16,10 +16,10 @@ from .thresholds import SHORTEST_RECORD
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Case(Records):
-    """The records of some blasts of a project, from the first hole of each blast on.
+    """Case: the records of blasts of a project, from the first hole of each blast on.
 
-    Blasts are ordered from the smallest charge to the largest; the noise of a channel that never
-    moves is that of the loudest one.
+    Blasts are ordered from the smallest charge to the largest. A channel without noise is given
+    the noise of the channel with most noise.
 
     Parameters
     ----------
@@ -38,59 +38,59 @@ def case_of(project: Project, blasts=None) -> Case:
     ----------
     project : Project
     blasts : sequence of str, optional
-        Which of its blasts; all of them by default.
+        Names of blasts; all by default.
 
     Raises
     ------
     InputError
-        If a blast is not there or has no record, records differ in sampling, none begins before
-        the blast, the band is missing or comes near half the sampling rate, or a flat box can't be
-        as it is described.
+        If a blast does not exist or has no record, records differ in sampling, none begins before
+        the blast, the band is missing or comes near half the sampling rate, or the description of
+        a flat box is contradictory.
     """
     project = _gathered(project)
     names = tuple(blasts or project.blasts)
-    every = {one.name: one for one in (project, *project.further)}
+    projects = {each.name: each for each in (project, *project.further)}
     for name in names:
-        if name not in every:
-            raise InputError(f"case: no blast {name!r}; there are {', '.join(every)}")
+        if name not in projects:
+            raise InputError(f"case: no blast {name!r}; there are {', '.join(projects)}")
     names = tuple(sorted(names, key=lambda name: float(np.nansum(project.blasts[name].charge))))
-    records = [every[name].records for name in names]
-    receivers = tuple(r.name for r in project.receivers if any(r.name in some for some in records))
+    records = [projects[name].records for name in names]
+    recorded = set().union(*records)
+    receivers = tuple(r.name for r in project.receivers if r.name in recorded)
     if not receivers:
         raise InputError("case: none of the receivers has a record")
     limits, window = band_of(project.config), _noise_window(project, names, records)
-    recordings = [some[name] for some in records for name in receivers if name in some]
+    recordings = [table[name] for table in records for name in receivers if name in table]
     dt = recordings[0].seismogram.dt
-    if any(abs(one.seismogram.dt - dt) > 1e-9 * dt for one in recordings):
+    if any(abs(recording.seismogram.dt - dt) > 1e-9 * dt for recording in recordings):
         raise InputError("case: records differ in sampling rate; resample them to one")
     if limits[1] > PASS_BAND * 0.5 / dt:
         raise InputError(
             f"recording.band_hz: reaches to {limits[1]:g} Hz; at {1.0 / dt:g} samples a second "
-            f"what is simulated is whole up to {PASS_BAND * 0.5 / dt:.4g} Hz; narrow it to that"
+            f"simulations are complete up to {PASS_BAND * 0.5 / dt:.4g} Hz; narrow it to that"
         )
     after = 0.0, int(np.floor(_end(names, records) / dt + 1e-6)) + 1
     first, last = window
     before = first, int(np.floor((last - first) / dt + 1e-6))
-    (motion, valid), (quiet, heard) = (
+    (motion, valid), (noise, recorded) = (
         gather(records, receivers, start, dt, n) for start, n in (after, before)
     )
-    _check_windows(window, names, receivers, records, heard)
-    still = valid.any(axis=3) & (np.ptp(motion, axis=3) == 0.0)
-    valid[still], heard[still] = False, False
-    silent = ~np.any(heard.all(axis=3) & (np.ptp(quiet, axis=3) > 0.0), axis=0)
-    quiet[:, silent] = _loudest(quiet)
-    heard[:, silent] = True
-    noise = noise_of(np.where(heard, quiet, np.nan), dt, limits)
-    dead = _dead(still, valid, names, receivers)
-    whole = None if valid.all() else valid
-    band = band_functions(motion.shape[-1], dt, limits, whole)
-    return Case(names, receivers, dt, motion, valid, band, noise, dead, project=project)
+    _check_windows(window, names, receivers, records, recorded)
+    constant = valid.any(axis=3) & (np.ptp(motion, axis=3) == 0.0)
+    valid[constant], recorded[constant] = False, False
+    silent = ~np.any(recorded.all(axis=3) & (np.ptp(noise, axis=3) > 0.0), axis=0)
+    noise[:, silent] = _loudest(noise)
+    recorded[:, silent] = True
+    spectra = noise_of(np.where(recorded, noise, np.nan), dt, limits)
+    dead = _dead(constant, valid, names, receivers)
+    band = band_functions(motion.shape[-1], dt, limits, None if valid.all() else valid)
+    return Case(names, receivers, dt, motion, valid, band, spectra, dead, project=project)
 
 
 def _gathered(project):
-    """Return a project with its records, and with the receivers of all its blasts in each.
+    """Return a project with its records, each blast with the receivers of all blasts.
 
-    A receiver whose record has both horizontals is simulated east and north, any other along the
+    A receiver is simulated along east and north if its record has both horizontals, else along the
     axes of its record.
     """
     if band_of(project.config) is None:
@@ -100,30 +100,30 @@ def _gathered(project):
         )
     if not_flat(project):
         project = _with_mesh(project)
-    places, records, parts = {}, {}, {}
-    for one in (project, *project.further):
-        records[one.name] = {}
-        parts[one.name] = {"blast": one.blast, "inside": one.inside}
-        for receiver in _receivers(one, project):
-            place = tuple(map(float, receiver.position))
-            if places.setdefault(receiver.name, (place, receiver.azimuth))[0] != place:
+    receivers, records, parts = {}, {}, {}
+    for each in (project, *project.further):
+        records[each.name] = {}
+        parts[each.name] = {"blast": each.blast, "inside": each.inside}
+        for receiver in _receivers(each, project):
+            position = tuple(map(float, receiver.position))
+            if receivers.setdefault(receiver.name, (position, receiver.azimuth))[0] != position:
                 raise InputError(
-                    f"{one.path.name}: receivers.{receiver.name}.position_m: differs between the "
+                    f"{each.path.name}: receivers.{receiver.name}.position_m: differs between the "
                     "blasts"
                 )
-            if receiver.name in one.records:
-                record, azimuth = _geographic(one.records[receiver.name], receiver.azimuth)
-                records[one.name][receiver.name] = record
-                places[receiver.name] = place, azimuth
-        if not records[one.name]:
+            if receiver.name in each.records:
+                record, azimuth = _geographic(each.records[receiver.name], receiver.azimuth)
+                records[each.name][receiver.name] = record
+                receivers[receiver.name] = position, azimuth
+        if not records[each.name]:
             raise InputError(
-                f"{one.path.name}: receivers: none has a record; add [receivers.recorded]"
+                f"{each.path.name}: receivers: none has a record; add [receivers.recorded]"
             )
     further = tuple(replace(o, given={**o.given, **parts[o.name]}) for o in project.further)
     project = replace(
         project, given={**project.given, **parts[project.name]}, further=further
     ).changed(
-        receivers=[Receiver(name, *rest) for name, rest in places.items()], records=records
+        receivers=[Receiver(name, *rest) for name, rest in receivers.items()], records=records
     )  # fmt: skip
     if not not_flat(project):
         with named_error(project.path.name):
@@ -132,96 +132,97 @@ def _gathered(project):
 
 
 def _with_mesh(project):
-    """Return a project whose blasts have their mesh, the same unless each has damaged its own."""
+    """Return a project with meshed blasts; all share a mesh unless they have damaged zones."""
     shared = {"mesh": project.mesh}
     own = project.config.ground.damaged_zone is not None
     further = tuple(
-        replace(one, given={**one.given, **({"mesh": one.mesh} if own else shared)})
-        for one in project.further
+        replace(each, given={**each.given, **({"mesh": each.mesh} if own else shared)})
+        for each in project.further
     )
     return replace(project, given={**project.given, **shared}, further=further)
 
 
-def _receivers(one, project):
-    """Return the receivers of one blast: given, in a flat box, or placed in the mesh."""
-    if "receivers" in one.given or not_flat(project):
-        return one.receivers
-    return place_in_box(one.config.receivers, flat_box(project))
+def _receivers(blast, project):
+    """Return the receivers of the project of a blast: given, in a flat box, or in the mesh."""
+    if "receivers" in blast.given or not_flat(project):
+        return blast.receivers
+    return place_in_box(blast.config.receivers, flat_box(project))
 
 
 def _geographic(record, azimuth):
-    """Return a record east, north, vertical, and the azimuth along which it stays instead."""
+    """Return a record along east, north and vertical with None, or unchanged with its azimuth."""
     seismogram = record.seismogram
     if azimuth is None or tuple(seismogram.components) == GEOGRAPHIC:
         return record, None
     if not np.isfinite(seismogram.velocity[:, :2]).any(axis=0).all():
         return record, azimuth
     clipped = record.clipped
-    either = clipped[:, :1] | clipped[:, 1:2]  # each horizontal component takes from both
+    either = clipped[:, :1] | clipped[:, 1:2]  # rotation mixes both horizontals
     marks = np.hstack([either, either, clipped[:, 2:]])
     return replace(record, seismogram=seismogram.rotated(azimuth), clipped=marks), None
 
 
 def _noise_window(project, names, records):
-    """Return when nothing but noise was recorded: as given, or all that comes before."""
+    """Return the window of noise in s: as given, or all records before the blast."""
     table = project.config.diagnosis
     if table is not None and table.noise_window_s:
         return table.noise_window_s[0], table.noise_window_s[1]
     last, receiver, blast = max(
-        (one.seismogram.start, receiver, blast)
-        for blast, some in zip(names, records, strict=True)
-        for receiver, one in some.items()
+        (record.seismogram.start, receiver, blast)
+        for blast, table in zip(names, records, strict=True)
+        for receiver, record in table.items()
     )
     if last >= 0.0:
         raise InputError(
             f"receivers.{receiver}.recorded: the record of {blast} begins {last:g} s after the "
-            "first hole, but noise is learnt from before; give records with a pre-trigger"
+            "first hole, and noise is estimated from before it; give records with a pre-trigger"
         )
     return last, 0.0
 
 
-def _dead(still, valid, names, receivers):
-    """Name the channels that stand still, (n_blasts, n_receivers, 3), by blast if not in all."""
-    ever, told = valid.any(axis=(0, 3)), []
-    for r, c in np.argwhere(still.any(axis=0)):
+def _dead(constant, valid, names, receivers):
+    """Name constant channels (n_blasts, n_receivers, 3), with the blast if alive in others."""
+    alive, dead = valid.any(axis=(0, 3)), []
+    for r, c in np.argwhere(constant.any(axis=0)):
         channel = f"{receivers[r]} {COMPONENTS[c]}"
-        blasts = [f"{channel} in {names[b]}" for b in np.flatnonzero(still[:, r, c])]
-        told += blasts if ever[r, c] else [channel]
-    return tuple(told)
+        blasts = [f"{channel} in {names[b]}" for b in np.flatnonzero(constant[:, r, c])]
+        dead += blasts if alive[r, c] else [channel]
+    return tuple(dead)
 
 
 def _end(names, records):
-    """Return the time in s at which the first record ends; refuse one that ends far too early."""
+    """Return the time in s at which the shortest record ends; refuse one that ends too early."""
     ends = {
-        (blast, name): float(one.seismogram.times[-1])
-        for blast, some in zip(names, records, strict=True) for name, one in some.items()
+        (blast, name): float(record.seismogram.times[-1])
+        for blast, table in zip(names, records, strict=True) for name, record in table.items()
     }  # fmt: skip
-    blast, name = early = min(ends, key=ends.get)
+    blast, name = early = min(ends, key=ends.__getitem__)
     longest = max(ends.values())
     if ends[early] < SHORTEST_RECORD * longest:
         raise InputError(
             f"{blast}: the record of {name} ends {ends[early]:.3g} s after the first hole, others "
-            f"end at {longest:.3g} s, and all are compared as far as the shortest; mend its "
-            "time_zero, or take it out"
+            f"end at {longest:.3g} s, and all are compared up to the end of the shortest; correct "
+            "its time_zero, or leave it out"
         )
     return ends[early]
 
 
-def _check_windows(window, names, receivers, records, heard):
-    """Refuse a receiver none of whose records holds the window of noise."""
-    (first, last), ever, whole = window, heard.any(axis=(0, 3)), heard.all(axis=3)
+def _check_windows(window, names, receivers, records, recorded):
+    """Refuse a receiver none of whose records covers the noise window."""
+    (first, last), ever, whole = window, recorded.any(axis=(0, 3)), recorded.all(axis=3)
     for r, name in enumerate(receivers):
         if ever[r].any() and np.all(whole[:, r].any(axis=0) | ~ever[r]):
             continue
-        starts = [(b, some[name]) for b, some in zip(names, records, strict=True) if name in some]
-        blast, one = min(starts, key=lambda pair: pair[1].seismogram.start)
+        tables = zip(names, records, strict=True)
+        starts = [(table[name].seismogram.start, b) for b, table in tables if name in table]
+        start, blast = min(starts, key=lambda pair: pair[0])
         raise InputError(
-            f"recording.noise_window_s: no record of {name} holds {first:g} to {last:g} s whole; "
-            f"that of {blast} begins at {one.seismogram.start:.4g} s"
+            f"recording.noise_window_s: no record of {name} covers {first:g} to {last:g} s; "
+            f"that of {blast} begins at {start:.4g} s"
         )
 
 
-def _loudest(quiet):
-    """Return the window (n_blasts, 1, n) of the channel that moves most."""
-    energy = np.sum(np.var(quiet, axis=3), axis=0)
-    return quiet[:, [energy.argmax() // 3], energy.argmax() % 3]
+def _loudest(noise):
+    """Return the noise (n_blasts, 1, n) of the channel with most energy."""
+    energy = np.sum(np.var(noise, axis=3), axis=0)
+    return noise[:, [energy.argmax() // 3], energy.argmax() % 3]

@@ -1,4 +1,4 @@
-"""Cross-validation: effects fitted without some records, and the prediction of these."""
+"""Cross-validation: prediction of receivers and blasts that were held out of a fit."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -17,189 +17,205 @@ from .thresholds import (
     STANDARD_ERRORS,
 )
 
+ROUNDING = 1e-8  # of the largest singular value: what whitening has lost
+
 
 @dataclass(frozen=True)
-class Fold:
-    """One receiver or blast that was left out.
+class Subset:
+    """Held-out subset: the records of one receiver or of one blast.
 
     Parameters
     ----------
     name : str
-    gain : float
-        Nats by which the effect foretells it better.
-    before, after : float
-        Share of its energy, in units of its errors, that is foretold without and with it.
+        Of the receiver or blast.
+    delta_ln_likelihood : float
+        Gain in predictive ln likelihood by the effect.
+    variance_reduction_before, variance_reduction_after : float
+        Share of its whitened energy that is predicted without and with the effect.
     """
 
     name: str
-    gain: float
-    before: float
-    after: float
+    delta_ln_likelihood: float
+    variance_reduction_before: float
+    variance_reduction_after: float
 
 
 @dataclass(frozen=True)
-class HeldOut:
-    """All records that were left out in turn.
+class CrossValidation:
+    """Result of a cross-validation.
 
     Parameters
     ----------
-    folds : tuple of Fold
+    subsets : tuple of Subset
+        Each was held out in turn.
     """
 
-    folds: tuple[Fold, ...]
+    subsets: tuple[Subset, ...]
 
     @property
-    def gain(self):
-        """Sum over the folds, nats."""
-        return float(sum(fold.gain for fold in self.folds))
+    def delta_ln_likelihood(self) -> float:
+        """Gain in predictive ln likelihood, the sum over the subsets."""
+        return float(sum(self._gains))
 
     @property
-    def error(self):
-        """Standard error of the sum; infinite with fewer than two folds."""
-        if len(self.folds) < 2:
+    def standard_error(self) -> float:
+        """Standard error of the sum; infinite with fewer than two subsets."""
+        if len(self.subsets) < 2:
             return np.inf
-        return float(np.std([f.gain for f in self.folds], ddof=1) * np.sqrt(len(self.folds)))
+        return float(np.std(self._gains, ddof=1) * np.sqrt(len(self.subsets)))
 
     @property
-    def improves(self):
-        """Tell whether the effect foretells what it was not fitted to."""
-        fair = [fold.gain > -LEAST_LOSS for fold in self.folds]
-        if len(fair) <= FEW_SUBSETS:
-            return len(fair) > 1 and self.gain > DECISIVE and all(f.gain > 0.0 for f in self.folds)
-        return bool(self.gain > STANDARD_ERRORS * self.error and np.mean(fair) >= GAINING_SUBSETS)
+    def improves(self) -> bool:
+        """Whether the effect improves the prediction of held-out records."""
+        gains = self._gains
+        if len(gains) <= FEW_SUBSETS:
+            gaining = all(gain > 0.0 for gain in gains)
+            return len(gains) > 1 and self.delta_ln_likelihood > DECISIVE and gaining
+        share = np.mean([gain > -LEAST_LOSS for gain in gains])
+        significant = self.delta_ln_likelihood > STANDARD_ERRORS * self.standard_error
+        return bool(significant and share >= GAINING_SUBSETS)
 
     @property
-    def bears(self):
-        """Tell whether nothing speaks against it: it improves, or no record could be left out."""
-        return self.improves or not self.folds
+    def supports(self) -> bool:
+        """Whether nothing contradicts the effect: it improves, or no record could be held out."""
+        return self.improves or not self.subsets
+
+    @property
+    def _gains(self):
+        """The gain of each subset."""
+        return [subset.delta_ln_likelihood for subset in self.subsets]
 
 
-def held_out(scene: Scene, before: Fit, after: Fit) -> HeldOut:
-    """Leave out receivers, blasts or both, by the axes of the effects.
+def cross_validate(scene: Scene, before: Fit, after: Fit) -> CrossValidation:
+    """Hold out receivers, blasts or both in turn, by the axes of the effects.
 
     Parameters
     ----------
     scene : Scene
     before, after : Fit
-        Without and with the effects.
-
-    Notes
-    -----
-    Effects of a blast must foretell other receivers, those of a receiver other blasts, those of
-    the ground both; effects that are there before have no say in it. A blast or a receiver with
-    an effect of its own is not left out, nor one of which they foretell nothing else (it may have
-    no records), nor one without which an effect is not seen, in knobs or in the misfit: a joint
-    that slips in one blast alone. Each fit is made anew without what is left out, by one linear
-    step from where it was; theory.md (14.5).
-    """
-    added = [effect for effect in after.effects if effect.label not in before.labels]
-    axes = {e.hypothesis.axis for e in added}
-    targets = {blast_and_hole(e.target)[0] for e in added}
-    shape, case = after.chi_square.shape, scene.case
-    places = []
-    if axes - {"blasts"}:
-        places += [(name, (slice(None), r)) for r, name in enumerate(case.receivers)]
-    if axes - {"receivers"} and shape[0] > 1:
-        places += [(name, (b, slice(None))) for b, name in enumerate(case.blasts)]
-    owners = [effect for effect in after.effects for some in effect.values for _ in some]
-    knobs = [[owner is one for owner in owners] for one in added]
-    said = _said(scene, before, after)
-    folds = []
-    for name, place in places:
-        out = np.zeros(shape, dtype=bool)
-        out[place] = True
-        if name in targets or np.sum(said[place]) < LEAST_LOSS:
-            continue
-        move, curvature = step_without(scene, after, out)
-        first = _foretold(scene, before, step_without(scene, before, out)[0], out)
-        later = _foretold(scene, after, move, out)
-        seen = 0.5 * (first.others - later.others) > DECISIVE
-        if not (seen or _told(np.diag(np.linalg.inv(curvature))[len(after.values) :], knobs)):
-            continue
-        folds.append(Fold(name, 0.5 * (first.misfit - later.misfit), first.share, later.share))
-    return HeldOut(tuple(folds))
-
-
-def _said(scene, before, after):
-    """Return how much else effects say of each record, nats (n_blasts, n_receivers)."""
-    likelihood = scene.baseline.likelihood
-    other = likelihood.whiten(np.where(scene.case.valid, after.motion - before.motion, 0.0))
-    nats = 0.5 * likelihood.weights(before.chi_square) * np.sum(other**2, axis=-1)
-    return np.where(likelihood.n_data > 0, nats, 0.0)
-
-
-def step_without(scene: Scene, fit: Fit, out) -> tuple[np.ndarray, np.ndarray]:
-    """Return the linear step of a fit if some records have no part in it; theory.md (14.5).
-
-    Parameters
-    ----------
-    scene : Scene
-    fit : Fit
-        To all records.
-    out : (n_blasts, n_receivers) bool
-        Records that are left out.
+        Without and with the effects that are tested.
 
     Returns
     -------
-    move : (n,) float64
-        In the coordinates of the fit.
-    curvature : (n, n) float64
+    CrossValidation
+
+    Notes
+    -----
+    Effects of a blast are tested on receivers, those of a receiver on blasts, those of the ground
+    on both. Not held out are: the target of an effect; a subset without records, or whose
+    motion the effect hardly changes; a subset without which the others do not constrain the
+    effect, by its parameters or by the misfit, such as the one blast in which a joint slips. Each
+    refit is one linear step from the fit to all records; theory.md (14.5).
     """
-    likelihood, columns = scene.baseline.likelihood, fit.jacobian
-    weights = np.where(out, 0.0, likelihood.weights(fit.chi_square))
-    left = likelihood.residual(fit.motion)
-    pull = np.einsum("ibrm,brm,br->i", columns, left, weights, optimize=True) - fit.x
-    curvature = hessian_of(columns, weights)
-    return np.linalg.solve(curvature, pull), curvature
+    added = [effect for effect in after.effects if effect.label not in before.labels]
+    targets = {blast_and_hole(effect.target)[0] for effect in added}
+    owners = [effect for effect in after.effects for values in effect.values for _ in values]
+    own = [[owner is effect for owner in owners] for effect in added]
+    change = _expected_gain(scene, before, after)
+    subsets = []
+    for name, records in _possible_subsets(scene.case, added):
+        out = np.zeros(change.shape, dtype=bool)
+        out[records] = True
+        if name in targets or np.sum(change[records]) < LEAST_LOSS:
+            continue
+        step, hessian = step_without(scene, after, out)
+        first = _prediction(scene, before, step_without(scene, before, out)[0], out)
+        second = _prediction(scene, after, step, out)
+        detected = 0.5 * (first.misfit_of_others - second.misfit_of_others) > DECISIVE
+        variance = np.diag(np.linalg.inv(hessian))[len(after.values) :]
+        if detected or _is_constrained(variance, own):
+            gain = 0.5 * (first.misfit - second.misfit)
+            subsets.append(Subset(name, gain, first.variance_reduction, second.variance_reduction))
+    return CrossValidation(tuple(subsets))
 
 
-def _told(spread, knobs):
-    """Tell whether variances of all knobs say something of each effect, which has some of them."""
-    return all(np.min(spread[own], initial=1.0) < CONSTRAINED for own in knobs if any(own))
+def _possible_subsets(case, added):
+    """Return name and index of the receivers and blasts that effects may have to predict."""
+    axes, subsets = {effect.hypothesis.axis for effect in added}, []
+    if axes - {"blasts"}:
+        subsets += [(name, (slice(None), r)) for r, name in enumerate(case.receivers)]
+    if axes - {"receivers"} and len(case.blasts) > 1:
+        subsets += [(name, (b, slice(None))) for b, name in enumerate(case.blasts)]
+    return subsets
 
 
-class _Foretold(NamedTuple):
-    """The misfit of what is left out, the share of it that is foretold, the misfit of the rest."""
-
-    misfit: float
-    share: float
-    others: float
-
-
-def _foretold(scene, fit, move, out):
-    """Return how well records are met when some had no part in it."""
-    likelihood, case = scene.baseline.likelihood, scene.case
-    left = likelihood.residual(fit.motion) - np.tensordot(move, fit.jacobian, 1)
-    each = likelihood.misfit_each(likelihood.chi_square(left))
-    recorded = likelihood.whiten(np.where(case.valid, case.motion, 0.0))
-    share = 1.0 - float(np.sum(left[out] ** 2) / np.sum(recorded[out] ** 2))
-    return _Foretold(float(np.sum(each[out])), share, float(np.sum(each[~out])))
+def _expected_gain(scene, before, after):
+    """Return the ln likelihood (n_blasts, n_receivers) of the change between two fits."""
+    likelihood = scene.baseline.likelihood
+    other = likelihood.whiten(np.where(scene.case.valid, after.motion - before.motion, 0.0))
+    gain = 0.5 * likelihood.weights(before.chi_square) * np.sum(other**2, axis=-1)
+    return np.where(likelihood.n_data > 0, gain, 0.0)
 
 
-ROUNDING = 1e-8  # of the largest singular value: what a whitener has lost for good
-
-
-def foretold(scene: Scene, fit: Fit, out) -> np.ndarray:
-    """Return what a fit sends when some records have no part in it.
+def step_without(scene: Scene, fit: Fit, out) -> tuple[np.ndarray, np.ndarray]:
+    """Return the linear step from a fit to the one without some records; theory.md (14.5).
 
     Parameters
     ----------
     scene : Scene
     fit : Fit
-        To all records.
+        Fit to all records.
     out : (n_blasts, n_receivers) bool
-        Records that are left out.
+        Records that are held out.
+
+    Returns
+    -------
+    step : (n,) float64
+        Of the standardised parameters.
+    hessian : (n, n) float64
+        Without these records.
+    """
+    likelihood = scene.baseline.likelihood
+    weights = np.where(out, 0.0, likelihood.weights(fit.chi_square))
+    residual = likelihood.residual(fit.motion)
+    gradient = np.einsum("ibrm,brm,br->i", fit.jacobian, residual, weights, optimize=True) - fit.x
+    hessian = hessian_of(fit.jacobian, weights)
+    return np.linalg.solve(hessian, gradient), hessian
+
+
+def _is_constrained(variance, own):
+    """Tell whether a parameter of each effect is constrained, by its posterior variance."""
+    return all(np.min(variance[mask], initial=1.0) < CONSTRAINED for mask in own if any(mask))
+
+
+class _Prediction(NamedTuple):
+    """Misfit and variance reduction of held-out records, and misfit of the others."""
+
+    misfit: float
+    variance_reduction: float
+    misfit_of_others: float
+
+
+def _prediction(scene, fit, step, out):
+    """Return how well held-out records are predicted by a fit after a step."""
+    likelihood, case = scene.baseline.likelihood, scene.case
+    residual = likelihood.residual(fit.motion) - np.tensordot(step, fit.jacobian, 1)
+    misfits = likelihood.misfit_each(likelihood.chi_square(residual))
+    recorded = likelihood.whiten(np.where(case.valid, case.motion, 0.0))
+    reduction = 1.0 - float(np.sum(residual[out] ** 2) / np.sum(recorded[out] ** 2))
+    return _Prediction(float(np.sum(misfits[out])), reduction, float(np.sum(misfits[~out])))
+
+
+def held_out_prediction(scene: Scene, fit: Fit, out) -> np.ndarray:
+    """Return the motion of a fit from which some records are held out.
+
+    Parameters
+    ----------
+    scene : Scene
+    fit : Fit
+        Fit to all records; it is moved by one linear step, as in `cross_validate`.
+    out : (n_blasts, n_receivers) bool
+        Records that are held out.
 
     Returns
     -------
     (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        Within the band of the records. The fit is moved by one linear step, as for
-        the folds: theory.md (14.5).
+        Within the band of the records.
     """
     likelihood = scene.baseline.likelihood
     band = likelihood.records.band
-    move, _ = step_without(scene, fit, out)
-    change = np.tensordot(move, fit.jacobian, 1)
+    step, _ = step_without(scene, fit, out)
+    change = np.tensordot(step, fit.jacobian, 1)
     coloured = np.linalg.pinv(likelihood.covariance.roots, rcond=ROUNDING, hermitian=True)
     change = np.einsum("brij,brj->bri", coloured, change).reshape(*out.shape, 3, -1)
     return band.restore(band.project(fit.motion) + change)

@@ -1,4 +1,4 @@
-"""Decision of a diagnosis: outcome and named effects, controlled on a finer mesh."""
+"""Decision of a diagnosis: outcome and named effects, corrected for the error of the mesh."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,263 +7,294 @@ import numpy as np
 from scipy.special import logsumexp
 
 from ..project.flat_box import is_anisotropic
-from .cross_validation import HeldOut, held_out
+from .cross_validation import CrossValidation, cross_validate
 from .effects import Scene
 from .fitting import Fit, corrected, fit
 from .forward import Forward
-from .null_distribution import Chance
+from .null_distribution import NullDistribution
 from .search import Search, material, worst
 from .thresholds import DECISIVE, MESH_CHANGE, MOST_EXPLAINED, PARTIAL_SHARE, REMAINS
 
-RESOLUTION = "numerical_resolution"  # a label as those of the library, but for having no knob
-CLAIM = "On a finer mesh this answer has no more evidence than chance would find."
-SETTLED_BY = "shorter zones (`cuts` of `pyblast.workflows.diagnose`) until the answer stays"
-
-
-def on_finer_mesh(
-    scene: Scene, fine: Forward, fit: Fit, tell: Callable = lambda *_: None
-) -> tuple[Fit, float | None]:
-    """Run a fitted site on the finer mesh, and correct the fit if that changes it.
-
-    Parameters
-    ----------
-    scene : Scene
-    fine : Forward
-        With the finer mesh.
-    fit : Fit
-        Its effects on the site and values of the site count; all holes fire as planned.
-    tell : callable, optional
-        Called with (stage, done, total).
-
-    Returns
-    -------
-    fit : Fit
-        The same where the change is less than `MESH_CHANGE`, first in the blast that the effects
-        change most, then in all.
-    change : float or None
-        Beyond what corrects all runs, at the worst receiver or blast: mean square in errors of
-        the theory and noise. None where nothing else is sent than from the calibrated site, and
-        for anisotropic ground, which has zones of its own.
-    """
-    project, likelihood = scene.project(fit.values, fit.effects), scene.baseline.likelihood
-    if is_anisotropic(project.materials) or all(e.hypothesis.on != "site" for e in fit.effects):
-        return fit, None
-    (sent,) = scene.sent([(fit.values, fit.effects)])
-    each = likelihood.chi_square(likelihood.whiten(sent - scene.baseline.reference)).sum(axis=1)
-    most, *others = (int(b) for b in np.argsort(-each, kind="stable"))
-    shift = np.zeros_like(sent)
-    for done, blasts in enumerate(([most], others)):
-        tell("a finer mesh", done, len(shift))
-        heard = fine.heard([(project, scene.case.blasts[b]) for b in blasts])
-        for b, motion in zip(blasts, heard, strict=True):
-            shift[b] = motion - sent[b]
-        change = worst(likelihood.chi_square(likelihood.whiten(shift)))
-        if change < MESH_CHANGE:
-            return fit, change
-    return corrected(scene, fit, shift), change
-
-
-HALF = 1.645  # standard deviations on either side of the middle of a 90 % interval
+# A label as those of the library, but without parameters.
+RESOLUTION = "numerical_resolution"
+RESOLUTION_CLAIM = "On a finer mesh the evidence of this answer is below the null threshold."
+RESOLUTION_DECIDED_BY = (
+    "shorter zones (`cuts` of `pyblast.workflows.diagnose`) until the answer stays"
+)
+HALF_WIDTH = 1.645  # standard deviations, half of a 90 % interval
 OUTCOMES = ("NULL", "NAMED", "CLASS", "COMPOSITE", "PARTIAL", "UNKNOWN")
 
 
 @dataclass(frozen=True, eq=False)
-class Verdict:
-    """One outcome and what it rests on.
+class Decision:
+    """Decision: an outcome and what it is based on.
 
     Parameters
     ----------
     outcome : str
         Of `OUTCOMES`.
     fit : Fit
-        The best model: that of the calibrated site for NULL and UNKNOWN.
+        The best model; the calibrated site for NULL and UNKNOWN.
     rivals : tuple of str
-        Labels that these data can't tell from the one that was found, that one first.
+        Labels that the records cannot distinguish, that of the best model first.
     probability : dict of str to float
-        By label, "none", or "unknown": errors larger than supposed, of all records, one blast or
-        one receiver.
-    share : float
-        Of the energy in excess that the best set of effects explains.
-    held_out : HeldOut or None
-    judged : Fit or None
-        The best set of effects, named or not, on the finer mesh if that changes it; None where
-        none paid.
-    mesh : float or None
-        What a finer mesh changes of the best model with effects, see `on_finer_mesh`; None where
-        it was not run.
+        Posterior probability of each label, of "none", and of "unknown": larger errors of all
+        records, of one blast or of one receiver.
+    explained_share : float
+        Share of the excess energy that the best set of effects explains.
+    cross_validation : CrossValidation or None
+    best : Fit or None
+        The best set of effects, named or not, corrected for the mesh; None if none has enough
+        evidence to be considered.
+    mesh_change : float or None
+        Chi-square of the change of the best model by a finer mesh, see `on_finer_mesh`; None
+        without a finer mesh.
     """
 
     outcome: str
     fit: Fit
     rivals: tuple[str, ...]
-    probability: dict
-    share: float
-    held_out: HeldOut | None
-    judged: Fit | None = None
-    mesh: float | None = None
+    probability: dict[str, float]
+    explained_share: float
+    cross_validation: CrossValidation | None
+    best: Fit | None = None
+    mesh_change: float | None = None
 
 
-def judge(found: Search, threshold: Chance, fine: Forward | None = None) -> Verdict:
-    """Judge a search.
+def decide(
+    search: Search, threshold: NullDistribution | None, fine: Forward | None = None
+) -> Decision:
+    """Decide which effects of a search are named.
 
     Parameters
     ----------
-    found : Search
-    threshold : Chance or None
-        None where no effect was tried.
+    search : Search
+    threshold : NullDistribution or None
+        None if no effect was tried.
     fine : Forward, optional
-        With a finer mesh, which runs what was found.
+        Forward simulation on a finer mesh, by which the answer is corrected.
 
     Returns
     -------
-    Verdict
+    Decision
+
+    Raises
+    ------
+    SolverError
+        If a run fails.
 
     Notes
     -----
-    A name needs more evidence than chance finds, on the finer mesh too, a lead over every other
-    label, records foretold that it was not fitted to, and little left over that it can't explain;
-    and none is given where the budget ended before the others were tried. What these records
-    can't test, see `Hypothesis.untestable`, gets no name: all others that explain much are its
-    class. Leads are those on the one mesh that all were fitted on.
+    A name requires evidence above the null threshold, on the finer mesh too; a lead over every
+    other label; predicted held-out records; little that remains unexplained; and a budget that
+    sufficed for the other effects. An effect that these records cannot test
+    (`Hypothesis.untestable`) is never named: all effects that explain much form its class. Leads
+    are measured on the one mesh on which all were fitted.
     """
-    probability, none = _probabilities(found), found.none
-    if not material(none.chi_square):
-        return Verdict("NULL", none, (), probability, 0.0, None)
-    if not found.fits:
-        return Verdict("UNKNOWN", none, (), probability, 0.0, None)
-    chosen = _pruned(found, threshold)
-    least = _least(threshold, chosen, *chosen.labels)
-    if not chosen.effects or found.worth(chosen) < least:
-        judged = chosen if chosen.effects else None
-        return Verdict("UNKNOWN", none, (), probability, 0.0, None, judged)
-    case = found.scene.case
+    without = search.without_effects
+    probability = _probabilities(search)
+    if not material(without.chi_square):
+        return Decision("NULL", without, (), probability, 0.0, None)
+    if not search.fits or threshold is None:
+        return Decision("UNKNOWN", without, (), probability, 0.0, None)
+    chosen = _pruned(search, threshold)
+    required = _required_evidence(threshold, chosen, *chosen.labels)
+    if not chosen.effects or search.delta_ln_evidence(chosen) < required:
+        best = chosen if chosen.effects else None
+        return Decision("UNKNOWN", without, (), probability, 0.0, None, best)
+    case = search.scene.case
     untestable = any(effect.hypothesis.untestable(case) for effect in chosen.effects)
-    rivals = _rivals(found, chosen, least if untestable else None)
-    mesh = None
+    rivals = _rivals(search, chosen, required if untestable else None)
+    mesh_change = None
     if fine is not None:
-        chosen, mesh = on_finer_mesh(found.scene, fine, chosen, found.tell)
-    proof = held_out(found.scene, none, chosen)
-    share = found.scene.baseline.likelihood.explained_share(none.chi_square, chosen.chi_square)
-    if not proof.bears or share < PARTIAL_SHARE:
-        return Verdict("UNKNOWN", none, (), probability, share, proof, chosen, mesh)
+        chosen, mesh_change = on_finer_mesh(search.scene, fine, chosen, search.progress)
+    tested = cross_validate(search.scene, without, chosen)
+    likelihood = search.scene.baseline.likelihood
+    share = likelihood.explained_share(without.chi_square, chosen.chi_square)
+    basis = (probability, share, tested, chosen, mesh_change)
+    if not tested.supports or share < PARTIAL_SHARE:
+        return Decision("UNKNOWN", without, (), *basis)
     more = more_remains(chosen.chi_square, share)
     alone = untestable and len(rivals) == 1
-    if found.worth(chosen) < least:
+    if search.delta_ln_evidence(chosen) < required:
         rivals = tuple(dict.fromkeys((*chosen.labels, *rivals, RESOLUTION)))
-    tried = found.compared and (found.finished or len(chosen.labels) == 1)
-    if more or alone or not (tried and _proven(found, chosen, proof)):
-        return Verdict("PARTIAL", chosen, rivals, probability, share, proof, chosen, mesh)
+    tried = search.compared and (search.finished or len(chosen.labels) == 1)
+    if more or alone or not (tried and _each_is_tested(search, chosen, tested)):
+        return Decision("PARTIAL", chosen, rivals, *basis)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
-    return Verdict(outcome, chosen, rivals, probability, share, proof, chosen, mesh)
+    return Decision(outcome, chosen, rivals, *basis)
 
 
-def more_remains(size, share) -> bool:
-    """Tell whether something is missing beside effects that leave sizes and explain a share."""
-    return worst(size) >= REMAINS and share < MOST_EXPLAINED
+def more_remains(chi_square, share) -> bool:
+    """Tell whether something else is missing, by chi-squares and the explained share."""
+    return worst(chi_square) >= REMAINS and share < MOST_EXPLAINED
+
+
+def on_finer_mesh(
+    scene: Scene, fine: Forward, fit: Fit, progress: Callable = lambda *_: None
+) -> tuple[Fit, float | None]:
+    """Correct a fit for the error of the mesh, by runs of its site on a finer one.
+
+    Parameters
+    ----------
+    scene : Scene
+    fine : Forward
+        Forward simulation on the finer mesh.
+    fit : Fit
+        Its effects on the site and calibrated values are run; all holes fire as planned.
+    progress : callable, optional
+        Called with (stage, done, total).
+
+    Returns
+    -------
+    fit : Fit
+        Unchanged if the change is less than `MESH_CHANGE`, first in the blast that the effects
+        change most, then in all.
+    change : float or None
+        Largest mean chi-square of the change at a receiver or blast, beyond what the correction of
+        all runs covers. None if no effect is on the site, and for anisotropic ground, which has
+        its own kind of zones.
+
+    Raises
+    ------
+    SolverError
+        If a run fails.
+    """
+    project, likelihood = scene.project(fit.values, fit.effects), scene.baseline.likelihood
+    on_site = any(effect.hypothesis.on == "site" for effect in fit.effects)
+    if project is None or not on_site or is_anisotropic(project.materials):
+        return fit, None
+    (simulated,) = scene.simulate([(fit.values, fit.effects)])
+    if simulated is None:
+        return fit, None
+    change = likelihood.chi_square(likelihood.whiten(simulated - scene.baseline.reference))
+    largest, *others = (int(b) for b in np.argsort(-change.sum(axis=1), kind="stable"))
+    shift, size = np.zeros_like(simulated), 0.0
+    for done, blasts in enumerate(([largest], others)):
+        progress("a finer mesh", done, len(shift))
+        finer = fine.simulate([(project, scene.case.blasts[b]) for b in blasts])
+        for b, motion in zip(blasts, finer, strict=True):
+            shift[b] = motion - simulated[b]
+        size = worst(likelihood.chi_square(likelihood.whiten(shift)))
+        if size < MESH_CHANGE:
+            return fit, size
+    return corrected(scene, fit, shift), size
 
 
 def intervals(fit: Fit) -> list[dict]:
-    """Return the knobs of each effect with their 90 % intervals, in their units.
+    """Return the parameters of each effect with their 90 % intervals.
 
-    Errors of a site come back in each of its blasts: all blasts tell as much as one; (14.9).
-    Where twins of a fit lie elsewhere, an interval holds theirs, too.
+    Model errors repeat in each blast of a site, so that all blasts count as one; (14.9). An
+    interval covers the alternative modes of a fit, too.
+
+    Returns
+    -------
+    list of dict
+        One for each effect, by parameter: ``value``, ``low``, ``high`` and ``unit``, a list of
+        these for a parameter of each hole.
     """
-    ends = np.array([_ends(one) for one in (fit, *fit.alternatives)])
+    ends = np.array([_ends(mode) for mode in (fit, *fit.alternatives)])
     lows, highs = iter(ends[:, 0].min(axis=0)), iter(ends[:, 1].max(axis=0))
     tables = []
     for effect in fit.effects:
         table = {}
-        for knob, values in zip(effect.hypothesis.parameters, effect.values, strict=True):
-            each = [
+        for parameter, values in zip(effect.hypothesis.parameters, effect.values, strict=True):
+            rows = [
                 {"value": value, "low": float(next(lows)), "high": float(next(highs)),
-                 "unit": knob.unit}
+                 "unit": parameter.unit}
                 for value in values
             ]  # fmt: skip
-            table[knob.name] = each if knob.per_hole else each[0]
+            table[parameter.name] = rows if parameter.per_hole else rows[0]
         tables.append(table)
     return tables
 
 
 def _ends(fit):
-    """Return the lower and upper ends (2, n_knobs) of 90 % intervals around one fit."""
+    """Return the lower and upper ends (2, n_parameters) of 90 % intervals of one mode."""
     blasts = np.count_nonzero(fit.chi_square.any(axis=1))
-    half = HALF * np.sqrt(blasts * np.diag(fit.covariance))
-    lower, upper = (place[len(fit.values) :] for place in (fit.x - half, fit.x + half))
-    knobs = [
-        knob for effect in fit.effects
-        for knob, values in zip(effect.hypothesis.parameters, effect.values, strict=True)
+    half = HALF_WIDTH * np.sqrt(blasts * np.diag(fit.covariance))
+    lower, upper = (x[len(fit.values) :] for x in (fit.x - half, fit.x + half))
+    parameters = [
+        parameter for effect in fit.effects
+        for parameter, values in zip(effect.hypothesis.parameters, effect.values, strict=True)
         for _ in values
     ]  # fmt: skip
     return [
-        [np.clip(k.value(at), k.low, k.high) for k, at in zip(knobs, end, strict=True)]
+        [np.clip(p.value(x), p.low, p.high) for p, x in zip(parameters, end, strict=True)]
         for end in (lower, upper)
     ]
 
 
-def _pruned(found, threshold):
-    """Drop effects, one by one, that bring less evidence than chance finds, or foretell nothing."""
-    chosen = found.chosen
+def _pruned(search, threshold):
+    """Drop effects, one by one, whose own evidence or held-out prediction does not suffice."""
+    chosen = search.chosen or search.without_effects
     while len(chosen.labels) > 1:
-        shorter = [(_without(found, chosen, label), label) for label in chosen.labels]
+        shorter = [(_without(search, chosen, label), label) for label in chosen.labels]
         as_good = [
-            one for one, label in shorter
-            if one is not None and not (
-                found.worth(chosen) - found.worth(one) >= _least(threshold, chosen, label)
-                and held_out(found.scene, one, chosen).bears
+            base for base, label in shorter
+            if base is not None and not (
+                search.delta_ln_evidence(chosen) - search.delta_ln_evidence(base)
+                >= _required_evidence(threshold, chosen, label)
+                and cross_validate(search.scene, base, chosen).supports
             )
         ]  # fmt: skip
         if not as_good:
             break
-        chosen = max(as_good, key=found.worth)
+        chosen = max(as_good, key=search.delta_ln_evidence)
     return chosen
 
 
-def _proven(found, chosen, proof):
-    """Tell whether records could be left out to test each of a set of effects."""
+def _each_is_tested(search, chosen, tested):
+    """Tell whether records could be held out to test each effect of a set."""
     if len(chosen.labels) == 1:
-        return bool(proof.folds)
-    shorter = [_without(found, chosen, label) for label in chosen.labels]
-    return all(one is None or held_out(found.scene, one, chosen).folds for one in shorter)
+        return bool(tested.subsets)
+    shorter = [_without(search, chosen, label) for label in chosen.labels]
+    return all(
+        base is None or cross_validate(search.scene, base, chosen).subsets for base in shorter
+    )
 
 
-def _least(threshold, chosen, *labels):
-    """Return the evidence, nats, that effects of a fit, of some labels, must bring."""
-    some = [effect for effect in chosen.effects if effect.label in labels]
-    return max(threshold.needed(some), DECISIVE)
+def _required_evidence(threshold, chosen, *labels):
+    """Return the Δ ln evidence that the effects of some labels of a fit require."""
+    effects = [effect for effect in chosen.effects if effect.label in labels]
+    return max(threshold.threshold(effects), DECISIVE)
 
 
-def _without(found, chosen, label):
-    """Return the fit of a set without one label, from those there are or anew."""
-    left = tuple(effect for effect in chosen.effects if effect.label != label)
-    wanted = frozenset(effect.where for effect in left)
-    known = next((one for one in found.fits if one.where == wanted), None)
-    return known or fit(found.scene, left, chosen.values)
+def _without(search, chosen, label):
+    """Return the fit of a set without one label, of the search or new."""
+    effects = tuple(effect for effect in chosen.effects if effect.label != label)
+    where = frozenset(effect.where for effect in effects)
+    known = next((known for known in search.fits if known.where == where), None)
+    return known or fit(search.scene, effects, chosen.values)
 
 
-def _rivals(found, chosen, least=None):
-    """Return the labels that explain as much as the last effect of a set, or ``least`` nats."""
-    same = [one for one in found.fits if len(one.labels) == len(chosen.labels)]
-    least = found.worth(chosen) - DECISIVE if least is None else least
-    near = [one for one in same if found.worth(one) > least]
-    own = set(chosen.labels)
-    others = [label for one in near for label in one.labels if label not in own]
+def _rivals(search, chosen, least=None):
+    """Return the labels of fits whose evidence is near that of a set, or above ``least``."""
+    if least is None:
+        least = search.delta_ln_evidence(chosen) - DECISIVE
+    same = [known for known in search.fits if len(known.labels) == len(chosen.labels)]
+    near = [known for known in same if search.delta_ln_evidence(known) > least]
+    others = [label for known in near for label in known.labels if label not in chosen.labels]
     return (*chosen.labels, *dict.fromkeys(others)) if others else chosen.labels[:1]
 
 
-def _probabilities(found):
-    """Return the posterior probability of each label, alone or with others, and of none.
+def _probabilities(search):
+    """Return the posterior probability of each label, of "none" and of "unknown".
 
-    Beside an effect, too, all errors may be larger than supposed. Errors of a site come back in
-    each of its blasts, so that all blasts are worth one: theory.md (14.8).
+    Errors may be larger than assumed beside an effect, too. Model errors repeat in each blast of a
+    site, so that all blasts count as one: theory.md (14.8).
     """
-    scene = found.scene
-    doubted = scene.baseline.likelihood.log_gain_of_larger_errors
-    sets = [(("none",), 0.0), (("unknown",), doubted(found.none.chi_square))]
-    sets += [(one.labels, found.worth(one) + doubted(one.chi_square)) for one in found.fits]
-    worth = np.array([worth for _, worth in sets]) / len(scene.case.blasts)
-    chance = np.exp(worth - logsumexp(worth))
-    shares = {}
-    for (labels, _), share in zip(sets, chance, strict=True):
+    scene, without = search.scene, search.without_effects
+    larger_errors = scene.baseline.likelihood.log_gain_of_larger_errors
+    sets = [(("none",), 0.0), (("unknown",), larger_errors(without.chi_square))]
+    sets += [
+        (fitted.labels, search.delta_ln_evidence(fitted) + larger_errors(fitted.chi_square))
+        for fitted in search.fits
+    ]
+    evidence = np.array([value for _, value in sets]) / len(scene.case.blasts)
+    probability = np.exp(evidence - logsumexp(evidence))
+    by_label = {}
+    for (labels, _), value in zip(sets, probability, strict=True):
         for label in labels:
-            shares[label] = shares.get(label, 0.0) + float(share)
-    return {label: round(share, 4) for label, share in shares.items()}
+            by_label[label] = by_label.get(label, 0.0) + float(value)
+    return {label: round(value, 4) for label, value in by_label.items()}

@@ -1,30 +1,38 @@
-"""Effects: what they change of the motion, by runs, by stored holes, by operators."""
+"""Effects: hypotheses with values, the motion that they change, and predictions with them."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from scipy import fft
 
-from ..project.flat_box import quality_of
+from ..blasts.blast import Blast
+from ..errors import InputError
+from ..project.flat_box import Cut, quality_of
 from ..project.project import Project
-from .calibration import Baseline, carried, with_values
+from . import library  # noqa: F401  fills the library
+from .calibration import Baseline, attenuated, calibrated_parameters, with_values
+from .case import Case
 from .forward import Forward, Surroundings, geometry, surroundings
-from .hypotheses import FAMILIES, LIBRARY, blast_and_hole
+from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole
+
+FURTHER = "further blast"
 
 
 @dataclass(frozen=True)
 class Effect:
-    """A hypothesis at a place, with values of its parameters.
+    """Effect: a hypothesis at a target, with values of its parameters.
 
     Parameters
     ----------
     name : str
-        In the library.
+        Name of its hypothesis in the library.
     target : str
-        One of those of its hypothesis; empty for the whole site.
+        A target of its hypothesis; empty for the whole site.
     values : tuple of tuple of float
-        Of each parameter, in its unit: one value, or one for each hole.
+        Values of each parameter, in its unit: one, or one for each hole.
     """
 
     name: str
@@ -32,89 +40,94 @@ class Effect:
     values: tuple[tuple[float, ...], ...]
 
     @property
-    def hypothesis(self):
+    def hypothesis(self) -> Hypothesis:
         """The entry of the library."""
         return LIBRARY[self.name]
 
     @property
-    def where(self):
+    def where(self) -> tuple[str, str]:
         """Its name and its target, whatever its values."""
         return self.name, self.target
 
     @property
-    def label(self):
+    def label(self) -> str:
         """Its name in results, whatever its form."""
         return self.hypothesis.label
 
     @property
-    def parameters(self):
-        """Values by name."""
+    def parameters(self) -> dict:
+        """Values by name: a float, or (n_holes,) float64."""
         pairs = zip(self.hypothesis.parameters, self.values, strict=True)
-        return {k.name: np.array(some) if k.per_hole else some[0] for k, some in pairs}
+        return {p.name: np.array(values) if p.per_hole else values[0] for p, values in pairs}
 
 
 @dataclass(eq=False)
 class Scene:
-    """What hypotheses are tried on.
+    """Scene: the calibrated site with its records, on which effects are simulated.
 
     Parameters
     ----------
     forward : Forward
     baseline : Baseline
     holes : dict of str to (n_holes, n_receivers, 3, n_samples) float64, m/s
-        By blast, the motion of each hole with its planned charge, fired at zero; a blast is
-        missing where its holes do not superpose.
+        Motion of each hole with its planned charge, fired at zero, by blast; without blasts whose
+        holes do not superpose.
     """
 
     forward: Forward
     baseline: Baseline
-    holes: dict
-    _sent: dict = field(default_factory=dict, repr=False)
+    holes: dict[str, np.ndarray]
+    _simulated: dict = field(default_factory=dict, repr=False)
     _corrections: dict = field(default_factory=dict, repr=False)
 
     def __post_init__(self):
-        """Remember what the calibration has run already."""
-        baseline, here = self.baseline, geometry(self.case.project)
-        nothing = tuple(np.zeros(len(baseline.values)).tolist()), ()
+        """Store the motion that the calibration has simulated."""
+        baseline, shape = self.baseline, geometry(self.case.project)
+        reference = tuple(np.zeros(len(baseline.values)).tolist()), ()
         for b in range(len(self.case.blasts)):
-            self._corrections[here, b] = baseline.correction[b]
-            self._sent[nothing, b] = baseline.reference[b]
-            self._sent[(tuple(baseline.values.tolist()), ()), b] = baseline.motion[b]
+            self._corrections[shape, b] = baseline.correction[b]
+            self._simulated[reference, b] = baseline.reference[b]
+            self._simulated[(tuple(baseline.values.tolist()), ()), b] = baseline.motion[b]
 
     @property
-    def case(self):
+    def case(self) -> Case:
         """The records."""
         return self.forward.case
 
     @cached_property
     def surroundings(self) -> Surroundings:
-        """Motion around the receivers in the calibrated ground: a run of each blast, once."""
+        """Motion around the receivers in the calibrated ground, by one run of each blast."""
         return surroundings(self.forward, self.baseline.project)
 
-    def project(self, values, effects) -> Project | None:
-        """Return the project with factors and with all effects that change it; None if it can't be.
+    def project(self, values, effects: Sequence[Effect]) -> Project | None:
+        """Return the project with calibrated values and the effects on its site.
 
-        Such are effects that exclude one another, and holes that would leave the model.
+        None where effects exclude one another, or holes would lie outside of the model.
         """
-        project = with_values(self.case.project, self.baseline.unknowns, values)
+        project = with_values(self.case.project, self.baseline.parameters, values)
         for effect in _acting(effects, "site"):
             if project is not None:
                 project = effect.hypothesis.apply(project, effect.target, **effect.parameters)
         return project if project is None or self.forward.holds(project) else None
 
-    def sent(self, states, blasts=None) -> list[np.ndarray | None]:
-        """Return simulated motion, (n_blasts, n_receivers, 3, n_samples) m/s each, by runs.
+    def simulate(self, states, blasts: Sequence[int] | None = None) -> list[np.ndarray | None]:
+        """Simulate sites with effects, by runs that are not stored yet.
 
         Parameters
         ----------
         states : sequence of (values, effects)
         blasts : sequence of int, optional
-            Indices of those that are run; the records stand in for the others.
+            Indices of the blasts that are run, all by default; the others have their records.
 
         Returns
         -------
-        list
-            None where an effect can't be.
+        list of (n_blasts, n_receivers, 3, n_samples) float64, m/s, or None
+            None where effects are impossible.
+
+        Raises
+        ------
+        SolverError
+            If a run fails.
         """
         blasts = tuple(range(len(self.case.blasts)) if blasts is None else blasts)
         keys = [(tuple(map(float, values)), _acting(effects, "site")) for values, effects in states]
@@ -123,61 +136,62 @@ class Scene:
         self._run([(key, b) for key in possible for b in blasts], projects)
         return [self._gathered(key, blasts) if key in possible else None for key in keys]
 
-    def _run(self, asked, projects):
-        """Make the runs that are missing, those of mesh controls too, side by side."""
-        asked = [one for one in asked if one not in self._sent]
-        bare = {key: self._bare(key[1]) for key, _ in asked}
-        plain = {(geometry(bare[key]), b): bare[key] for key, b in asked}
-        plain = {cut: one for cut, one in plain.items() if cut not in self._corrections}
-        pairs = [(projects[key], b) for key, b in asked] + [(p, b) for (_, b), p in plain.items()]
-        done = self.forward.heard([(project, self.case.blasts[b]) for project, b in pairs])
-        for cut, motion in zip(plain, done[len(asked) :], strict=True):
-            self._corrections[cut] = self.baseline.reference[cut[1]] - motion
-        for (key, b), motion in zip(asked, done[: len(asked)], strict=True):
-            correction = self._corrections[geometry(bare[key]), b]
+    def _run(self, required, projects):
+        """Run the states that are not stored, together with their mesh controls."""
+        required = [each for each in required if each not in self._simulated]
+        controls = {key: self._mesh_control(key[1]) for key, _ in required}
+        missing = {(geometry(controls[key]), b): controls[key] for key, b in required}
+        missing = {mesh: p for mesh, p in missing.items() if mesh not in self._corrections}
+        pairs = [(projects[key], b) for key, b in required]
+        pairs += [(project, b) for (_, b), project in missing.items()]
+        done = self.forward.simulate([(project, self.case.blasts[b]) for project, b in pairs])
+        for mesh, motion in zip(missing, done[len(required) :], strict=True):
+            self._corrections[mesh] = self.baseline.reference[mesh[1]] - motion
+        for (key, b), motion in zip(required, done[: len(required)], strict=True):
+            correction = self._corrections[geometry(controls[key]), b]
             if quality_of(projects[key]) != quality_of(self.case.project):
                 before = self.baseline.reference[b] - correction
                 band = self.case.band.low, self.case.band.high
-                correction = carried(correction, before, motion, self.case.dt, band)
-            self._sent[key, b] = motion + correction
+                correction = attenuated(correction, before, motion, self.case.dt, band)
+            self._simulated[key, b] = motion + correction
 
-    def _bare(self, effects):
-        """Return the reference project meshed as effects ask for: the mesh control."""
+    def _mesh_control(self, effects):
+        """Return the reference project with the mesh of effects, but without the effects."""
         project = self.case.project
         for effect in effects:
-            if effect.hypothesis.bare is not None:
-                project = effect.hypothesis.bare(project, effect.target, **effect.parameters)
+            control = effect.hypothesis.mesh_control
+            if control is not None:
+                project = control(project, effect.target, **effect.parameters)
         return project
 
     def _gathered(self, key, blasts):
-        """Return the motion of one state; records where a blast was not asked for."""
+        """Return the motion of one state; records in blasts that were not asked for."""
         return np.stack(
             [
-                self._sent[key, b] if b in blasts else self.case.motion[b]
+                self._simulated[key, b] if b in blasts else self.case.motion[b]
                 for b in range(len(self.case.blasts))
             ]
         )
 
-    def received(self, sent, effects) -> np.ndarray:
-        """Return what the receivers record of it, with effects on holes and on motion."""
-        motion = sent
+    def received(self, motion: np.ndarray, effects: Sequence[Effect]) -> np.ndarray:
+        """Return simulated motion with effects on holes and on motion, the same shape, m/s."""
         for effect in _acting(effects, "holes"):
             motion = motion + self._by_holes(effect)
         return with_motion_effects(self, motion, effects)
 
     def _by_holes(self, effect):
-        """Return what other times and scales of the holes of one blast change."""
+        """Return the change of motion by other times and scales of the holes of one blast."""
         name, _ = blast_and_hole(effect.target)
         blast, at = self.case.project.blasts[name], self.case.blasts.index(name)
         delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.parameters)
         times, holes, n = blast.times, self.holes.get(name), self.case.n_samples
-        if holes is None:  # all holes alike
+        if holes is None:  # all holes have the same delay and scale
             holes, times = self.baseline.motion[[at]], np.zeros(1)
             delays, scales = delays[:1], scales[:1]
         other = (delays != 0.0) | (scales != 1.0)
         delays, scales, times, holes = delays[other], scales[other], times[other], holes[other]
         latest = int(np.max([times, times + delays], initial=0.0) / self.case.dt) + 1
-        size = fft.next_fast_len(n + max(n, latest), real=True)  # what is late must not come round
+        size = fft.next_fast_len(n + max(n, latest), real=True)  # without wrap-around
         turns = -2j * np.pi * fft.rfftfreq(size, self.case.dt)
         nominal = np.exp(np.multiply.outer(times, turns))
         changed = scales[:, None] * np.exp(np.multiply.outer(times + delays, turns))
@@ -187,21 +201,151 @@ class Scene:
         return change
 
 
-def with_motion_effects(scene, motion, effects) -> np.ndarray:
-    """Return motion with the effects that act on it, at the receivers of a scene or a place."""
+class Receivers(Protocol):
+    """Receivers of a case with the motion around them: what effects on motion need."""
+
+    @property
+    def case(self) -> Case:
+        """The receivers and blasts."""
+        ...
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """Motion around the receivers."""
+        ...
+
+
+def with_motion_effects(
+    scene: Receivers, motion: np.ndarray, effects: Sequence[Effect]
+) -> np.ndarray:
+    """Apply the effects that act on motion, at the receivers of a scene.
+
+    Parameters
+    ----------
+    scene : Scene or PredictionScene
+    motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+    effects : sequence of Effect
+
+    Returns
+    -------
+    (n_blasts, n_receivers, 3, n_samples) float64, m/s
+    """
     for effect in _acting(effects, "motion"):
         motion = effect.hypothesis.apply(scene, motion, effect.target, **effect.parameters)
     return motion
 
 
 def _acting(effects, on):
-    """Return the effects on one thing in the order in which they act, whatever was found first.
+    """Return the effects on site, holes or motion, in the order in which they act.
 
-    From the source over path and receiver to the instrument; those of one family as they stand in
-    the library.
+    From source over path and receiver to instrument; within a family in the order of the library.
     """
     order = list(LIBRARY)
-    some = [effect for effect in effects if effect.hypothesis.on == on]
+    acting = [effect for effect in effects if effect.hypothesis.on == on]
     return tuple(
-        sorted(some, key=lambda e: (FAMILIES.index(e.hypothesis.family), order.index(e.name)))
+        sorted(acting, key=lambda e: (FAMILIES.index(e.hypothesis.family), order.index(e.name)))
+    )
+
+
+def diagnosed(project: Project, values, effects: Sequence[Effect]) -> Project:
+    """Return a project with calibrated values and the effects on its site.
+
+    Parameters
+    ----------
+    project : Project
+        The reference.
+    values : (n_calibrated,) float
+        Logarithms of factors on the values of the reference.
+    effects : sequence of Effect
+
+    Raises
+    ------
+    InputError
+        If an effect is impossible in this project.
+    """
+    project = with_values(project, calibrated_parameters(project), values)
+    for effect in effects:
+        if effect.hypothesis.on == "site":
+            changed = effect.hypothesis.apply(project, effect.target, **effect.parameters)
+            if changed is None:
+                raise InputError(f"{effect.label} {effect.target}: is impossible in this project")
+            project = changed
+    return project
+
+
+def predict(
+    case: Case, cut: Cut | None, blast: Blast, values, effects: Sequence[Effect] = (), folder=None
+) -> np.ndarray:
+    """Predict the motion of a further blast at the receivers of a case, by one run.
+
+    Parameters
+    ----------
+    case : Case
+    cut : Cut or None
+        Discretization of a flat box, None for the mesh of the project.
+    blast : Blast
+    values : (n_calibrated,) float
+        Values of a diagnosis.
+    effects : sequence of Effect
+        Effects on holes are ignored: they belong to another blast.
+    folder : path, optional
+        Folder of stored runs.
+
+    Returns
+    -------
+    (n_receivers, 3, n_samples) float64, m/s
+        From the first hole on.
+
+    Raises
+    ------
+    InputError
+        If an effect is impossible in this project.
+    SolverError
+        If the run fails.
+    """
+    answer = diagnosed(case.project, values, effects)
+    reference, project = (with_blast(each, FURTHER, blast) for each in (case.project, answer))
+    forward = Forward(replace(case, project=reference, blasts=(FURTHER,)), cut, folder)
+    scene = PredictionScene(forward, project)
+    return with_motion_effects(scene, forward.motion(project), effects)[0]
+
+
+def with_blast(project: Project, name: str, blast: Blast) -> Project:
+    """Return a project with a single blast in place of its own."""
+    parts = {k: v for k, v in project.given.items() if k not in ("records", "inside")}
+    single = replace(project, name=name, further=(), given={**parts, "blast": blast})
+    inside = replace(project.inside, firing=single.firing)
+    return replace(single, given={**single.given, "inside": inside})
+
+
+@dataclass(eq=False)
+class PredictionScene:
+    """Scene of a prediction: the receivers of a case, a further blast, and motion around them.
+
+    Parameters
+    ----------
+    forward : Forward
+    project : Project
+        As diagnosed, with the further blast.
+    """
+
+    forward: Forward
+    project: Project
+
+    @property
+    def case(self) -> Case:
+        """The receivers and the further blast, in the reference ground of the fitted effects."""
+        return self.forward.case
+
+    @cached_property
+    def surroundings(self) -> Surroundings:
+        """Motion around the receivers."""
+        return surroundings(self.forward, self.project)
+
+
+def effects_of(table: Mapping) -> tuple[Effect, ...]:
+    """Return the effects of the entry ``model`` of ``diagnosis.json``."""
+    return tuple(
+        Effect(entry["name"], entry["target"], tuple(map(tuple, entry["values"])))
+        for entry in table["effects"]
     )

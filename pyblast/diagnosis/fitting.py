@@ -11,10 +11,10 @@ from .thresholds import DECISIVE
 
 DIFFERENCE = 0.1  # of a prior standard deviation, for derivatives
 ROUNDS = 4
-LEAST_DECREASE = 2.0  # of the misfit, Δ ln evidence of one, that is worth another round
+LEAST_DECREASE = 2.0  # of the misfit, Δ ln L of one: a smaller one ends a minimisation
 LONGEST = 1.5  # prior standard deviations that a parameter of an effect may go in one round
 BACKTRACKS = 2
-OLD = 8.0  # decrease that an old Jacobian predicts and does not bring, above which it is too old
+OUTDATED = 8.0  # further decrease predicted by a kept Jacobian, above which it is computed anew
 
 
 class Fitter:
@@ -26,8 +26,8 @@ class Fitter:
     effects : sequence of Effect
         At their starting values.
     reference : (n_calibrated,) float64
-        Values of the calibrated parameters at which runs are made; from there the slopes of the
-        baseline lead.
+        Values of the calibrated parameters at which runs are made; the motion at other values
+        follows from the slopes of the baseline.
     blasts : sequence of int, optional
         Indices of those that are fitted; all by default.
     shift : (n_blasts, n_receivers, 3, n_samples) float64, m/s, optional
@@ -40,16 +40,16 @@ class Fitter:
         self.blasts = tuple(range(len(scene.case.blasts)) if blasts is None else blasts)
         self.likelihood, self.sigma = scene.baseline.likelihood, scene.baseline.sigma
         self.parameters = [
-            (number, place, index, parameter)
+            (number, order, index, parameter)
             for number, effect in enumerate(self.effects)
-            for place, parameter in enumerate(effect.hypothesis.parameters)
-            for index in range(len(effect.values[place]))
+            for order, parameter in enumerate(effect.hypothesis.parameters)
+            for index in range(len(effect.values[order]))
         ]
         low, high = (
-            [one.standardised(edge) if np.isfinite(edge) else edge for one, edge in pairs]
+            [each.standardised(end) if np.isfinite(end) else end for each, end in pairs]
             for pairs in (
-                [(one, one.low) for *_, one in self.parameters],
-                [(one, one.high) for *_, one in self.parameters],
+                [(each, each.low) for *_, each in self.parameters],
+                [(each, each.high) for *_, each in self.parameters],
             )
         )
         free = np.full(len(self.sigma), np.inf)
@@ -57,19 +57,22 @@ class Fitter:
         self.longest = np.concatenate([free, np.full(len(low), LONGEST)])
 
     def belongs_to(self, numbers):
-        """Tell which parameters (n,) are those of effects of these numbers, from 0."""
+        """Return which parameters, (n,) bool, belong to effects of these numbers, from 0."""
         own = [number in numbers for number, *_ in self.parameters]
         return np.array([False] * len(self.sigma) + own)
 
     def start(self):
         """Return the parameters of the reference and of the effects as they were given."""
-        at = [one.standardised(self.effects[e].values[p][i]) for e, p, i, one in self.parameters]
-        return np.concatenate([self.reference / self.sigma, at])
+        standardised = [
+            parameter.standardised(self.effects[e].values[p][i])
+            for e, p, i, parameter in self.parameters
+        ]
+        return np.concatenate([self.reference / self.sigma, standardised])
 
     def state(self, x):
         """Return the values of the calibrated parameters and the effects."""
         n = len(self.sigma)
-        changed = [[list(some) for some in effect.values] for effect in self.effects]
+        changed = [[list(values) for values in effect.values] for effect in self.effects]
         for (e, p, i, parameter), standardised in zip(self.parameters, x[n:], strict=True):
             changed[e][p][i] = float(parameter.value(standardised))
         effects = tuple(
@@ -81,11 +84,13 @@ class Fitter:
     def motions(self, points):
         """Return the motion at parameters; runs are made only for effects on the site.
 
-        Calibrated parameters move it along the slopes of the baseline. Blasts that are not fitted
-        stay as they are recorded. None where an effect can't be.
+        Calibrated parameters change it along the slopes of the baseline. Blasts that are not
+        fitted have their records. None where an effect is impossible.
         """
         states = [self.state(x) for x in points]
-        runs = self.scene.sent([(self.reference, effects) for _, effects in states], self.blasts)
+        runs = self.scene.simulate(
+            [(self.reference, effects) for _, effects in states], self.blasts
+        )
         motions = []
         for (values, effects), run in zip(states, runs, strict=True):
             if run is None:
@@ -112,8 +117,8 @@ class Fitter:
         x : (n,) float64
         motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
         free : (n,) bool
-            Which may change; the others have no derivatives. Where a difference can't be taken
-            one way, it is taken the other; where neither can, there is no derivative.
+            Parameters that may change; derivatives by the others are zero. Differences are
+            taken forward, or backward where an effect is impossible forward; zero if both are.
         """
         steps = DIFFERENCE * np.eye(len(x))
         steps[x + DIFFERENCE > self.bounds[1]] *= -1.0
@@ -133,7 +138,14 @@ class Fitter:
         return jacobian
 
     def problem(self, free, known=False) -> LeastSquares:
-        """Return the least squares of the free parameters; ``known`` where a Jacobian is kept."""
+        """Return the least-squares problem of the free parameters.
+
+        Parameters
+        ----------
+        free : (n,) bool
+        known : bool
+            Whether a Jacobian is given, so that none is computed.
+        """
         likelihood = self.likelihood
         return LeastSquares(
             lambda x: self.motions([x])[0],
@@ -178,7 +190,7 @@ def hessian_of(jacobian, weights):
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A site with effects, fitted to the records.
+    """Fit: effects and calibrated parameters at the maximum of the posterior.
 
     Parameters
     ----------
@@ -197,7 +209,7 @@ class Fit:
     log_evidence : float
         Up to a constant of the records: Laplace's approximation, theory.md (14.3).
     alternatives : tuple of Fit
-        Other modes: the same effects with values that the records can't tell from these.
+        Other modes: the same effects at values of nearly the same evidence.
     """
 
     effects: tuple[Effect, ...]
@@ -213,7 +225,7 @@ class Fit:
 
     @property
     def where(self):
-        """What its effects are and where, in no order: the same for fits of the same effects."""
+        """Names and targets of its effects, unordered: equal for fits of the same effects."""
         return frozenset(effect.where for effect in self.effects)
 
     @property
@@ -233,7 +245,7 @@ def fit_partly(scene: Scene, effects, reference, blasts=None, n_last=0):
     Returns
     -------
     objective : float
-        Misfit of the blasts with that of the priors; infinite where an effect can't be.
+        Misfit of the blasts with that of the priors; infinite where an effect is impossible.
     motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s, or None
     effects : tuple of Effect
     """
@@ -255,20 +267,20 @@ def fit(scene: Scene, effects, reference=None, first=None, base: Fit | None = No
     ----------
     scene : Scene
     effects : sequence of Effect
-        At the values to start from.
+        At their starting values.
     reference : (n_calibrated,) float64, optional
         Values of the calibrated parameters to start from; those of the baseline by default.
     first : sequence of int, optional
         Indices of blasts that are fitted alone before all are, which saves runs.
     base : Fit, optional
-        Of the first of these effects. Those on the site wait until the others are fitted, and
-        move along its Jacobian then, which saves runs, too. If the blasts that are fitted alone
-        gain so little over it that all together would not pay, none else is fitted.
+        Fit of the first of these effects. Those on the site stay fixed until the others are
+        fitted, and are then fitted with its Jacobian, which saves runs. The fit ends early if the
+        first blasts gain too little over it.
 
     Returns
     -------
     Fit or None
-        None where an effect can't be at this site, or would not pay.
+        None where an effect is impossible at this site, or gains too little.
     """
     reference = scene.baseline.values if reference is None else reference
     every = range(len(scene.case.blasts))
@@ -288,7 +300,7 @@ def fit(scene: Scene, effects, reference=None, first=None, base: Fit | None = No
             jacobian = jacobian + others.jacobian(x, motion, free)
         known = jacobian
         x, motion, jacobian, hessian = fitter.minimise(x, motion, free, known)
-        if known is not None and fitter.predicted_decrease(x, motion, jacobian, free) > OLD:
+        if known is not None and fitter.predicted_decrease(x, motion, jacobian, free) > OUTDATED:
             x, motion, jacobian, hessian = fitter.minimise(x, motion, free)
         if base is not None and not _promising(fitter, base, x, motion):
             return None
@@ -301,6 +313,19 @@ def fit(scene: Scene, effects, reference=None, first=None, base: Fit | None = No
     return _fit_at(fitter, x, motion, jacobian, hessian)
 
 
+def fit_calibrated(scene: Scene) -> Fit:
+    """Fit the calibrated parameters alone, without effects.
+
+    Raises
+    ------
+    SolverError
+        If a run fails.
+    """
+    fitted = fit(scene, ())
+    assert fitted is not None  # nothing makes it impossible
+    return fitted
+
+
 def _promising(fitter, base, x, motion):
     """Tell whether an effect would pay if all blasts gained as those that were fitted first."""
     share = len(fitter.blasts) / len(base.chi_square)
@@ -311,14 +336,14 @@ def _promising(fitter, base, x, motion):
 
 
 def corrected(scene: Scene, fit: Fit, shift) -> Fit:
-    """Return a fit moved along its Jacobian, after a finer mesh has run its site.
+    """Return a fit corrected for the error of the mesh, by its Jacobian.
 
     Parameters
     ----------
     scene : Scene
     fit : Fit
     shift : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        What that mesh adds to the simulation of the fit.
+        What a finer mesh adds to the motion of the fit.
     """
     fitter = Fitter(scene, fit.effects, fit.values, shift=shift)
     motion = fitter.motions([fit.x])[0]

@@ -1,6 +1,6 @@
-"""Forward simulation of a case: motion at and around its receivers."""
+"""Forward simulation of a case: motion at and around its receivers, and what it supports."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 
@@ -10,7 +10,7 @@ from scipy.interpolate import make_interp_spline
 from ..blasts.blast import Firing
 from ..errors import InputError
 from ..mesh.mesh import locate
-from ..model.model import Model
+from ..model.model import Model, Receiver
 from ..project.flat_box import (
     Cut,
     flat_box,
@@ -23,9 +23,11 @@ from ..project.flat_box import (
 from ..project.inputs import make_input
 from ..project.places import on_ground, refuse_outside
 from ..project.project import Project
-from ..runs.greens import LINEAR_ZONES
+from ..runs.greens import LINEAR_ZONES as LINEAR_LAWS
 from ..runs.greens_bank import greens_functions
 from ..runs.parallel import run_all
+from ..signals.seismogram import Seismogram
+from ..solver.run import Run
 from .case import Case
 
 LINEAR_JOINTS = "elastic", "kelvin", "maxwell"
@@ -33,21 +35,21 @@ LINEAR_JOINTS = "elastic", "kelvin", "maxwell"
 
 @dataclass(eq=False)
 class Forward:
-    """The solver as a diagnosis sees it; counts its runs.
+    """Forward simulation of the blasts of a case; counts its runs.
 
     Parameters
     ----------
     case : Case
     cut : Cut or None
-        Discretization of a flat box; None takes the mesh of the project.
+        Discretization of a flat box; None for the mesh of the project.
     folder : path, optional
-        Where runs are kept and found.
+        Folder of stored runs.
     executor : Executor, optional
         As for `run_all`.
-    runs, kept : int
-        How many were asked for, and how many whole blasts the folder had before any was made here.
-    kept_s : float, s
-        How long those took when they were made.
+    runs, cached : int
+        Number of runs, and number of those that were in the folder already.
+    cached_s : float, s
+        Time that the latter took when they were run.
     """
 
     case: Case
@@ -55,40 +57,51 @@ class Forward:
     folder: str | None = None
     executor: Executor | None = None
     runs: int = 0
-    kept: int = 0
-    kept_s: float = 0.0
+    cached: int = 0
+    cached_s: float = 0.0
     _meshes: dict = field(default_factory=dict, repr=False)
     _models: dict = field(default_factory=dict, repr=False)
     _known: set = field(default_factory=set, repr=False)
 
     def motion(self, project: Project) -> np.ndarray:
-        """Return the motion (n_blasts, n_receivers, 3, n_samples) in m/s of one project."""
+        """Simulate all blasts of a project, (n_blasts, n_receivers, 3, n_samples) in m/s."""
         return self.motions([project])[0]
 
     def motions(self, projects: Sequence[Project]) -> np.ndarray:
-        """Return the motion (n_projects, n_blasts, n_receivers, 3, n_samples) in m/s of many."""
+        """Simulate all blasts of n projects, (n, n_blasts, n_receivers, 3, n_samples) in m/s."""
         motion = np.stack(
-            self.heard([(project, blast) for project in projects for blast in self.case.blasts])
+            self.simulate([(project, blast) for project in projects for blast in self.case.blasts])
         )
         return motion.reshape(len(projects), -1, *motion.shape[1:])
 
-    def heard(self, pairs: Sequence[tuple[Project, str]]) -> list[np.ndarray]:
-        """Return the motion (n_receivers, 3, n_samples) in m/s of pairs of project and blast."""
-        runs = self.made([self.model(project, blast) for project, blast in pairs])
+    def simulate(self, pairs: Sequence[tuple[Project, str]]) -> list[np.ndarray]:
+        """Simulate pairs of project and blast.
+
+        Returns
+        -------
+        list of (n_receivers, 3, n_samples) float64, m/s
+            At the instants of the records.
+
+        Raises
+        ------
+        SolverError
+            If a run fails.
+        """
+        runs = self.run([self.model(project, blast) for project, blast in pairs])
         return [
             self._sampled(run.seismograms, self.lead(blast))
             for run, (_, blast) in zip(runs, pairs, strict=True)
         ]
 
-    def made(self, models):
-        """Run models, or read them where they are kept, and count them."""
+    def run(self, models: Sequence[Model]) -> list[Run]:
+        """Run models, or read their stored runs, and count them."""
         duration = self.case.duration + max(map(self.lead, self.case.blasts))
         done = run_all(models, duration, folder=self.folder, executor=self.executor)
         self.runs += len(done)
-        for one in done:
-            key = one.provenance["input_sha256"], *one.seismograms
-            if one.found and key not in self._known:
-                self.kept, self.kept_s = self.kept + 1, self.kept_s + one.wall_seconds
+        for run in done:
+            key = run.provenance["input_sha256"], *run.seismograms
+            if run.found and key not in self._known:
+                self.cached, self.cached_s = self.cached + 1, self.cached_s + run.wall_seconds
             self._known.add(key)
         return done
 
@@ -97,11 +110,11 @@ class Forward:
         return 0.0 if self.cut is not None else self.case.project.of(blast).lead
 
     def hole_motion(self, project: Project) -> dict[str, np.ndarray]:
-        """Return by blast the motion of each hole with its planned charge, fired at zero.
+        """Simulate each hole with its planned charge, fired at zero, by blast.
 
-        By a run for each hole, or three for each receiver if these are fewer; one for each blast
-        whose motion enters through a face. Empty where holes do not superpose, see
-        `not_superposed`.
+        By one run for each hole, or three for each receiver (reciprocity) if these are fewer; by
+        one for each blast whose motion enters through a face. Empty where holes do not superpose,
+        see `not_superposed`.
 
         Returns
         -------
@@ -124,7 +137,7 @@ class Forward:
         motion = {}
         for blast, model, lead in zip(self.case.blasts, models, leads, strict=True):
             early = [replace(source, time=lead) for source in model.sources]
-            fired = np.stack([self._sampled(bank.blast([one]), lead) for one in early])
+            fired = np.stack([self._sampled(bank.blast([source]), lead) for source in early])
             charge = project.blasts[blast].charge
             motion[blast] = np.zeros((len(charge), *fired.shape[1:]))
             motion[blast][charge > 0.0] = fired
@@ -132,19 +145,21 @@ class Forward:
 
     def _through_face(self, project, blast):
         """Return the motion of each hole of a blast that enters through a face, by one run."""
-        one = self.case.project.of(blast)
-        single = make_input(one.signature, Firing(np.zeros(1), 1.0), one.config.input.low_pass_hz)
-        alone = replace(one, given={**one.given, "input": single})
+        fired = self.case.project.of(blast)
+        signal = make_input(
+            fired.signature, Firing(np.zeros(1), 1.0), fired.config.input.low_pass_hz
+        )
+        single = replace(fired, given={**fired.given, "input": signal})
         base, entered = self._base(blast), replace(
-            alone, given={**alone.given, "mesh": self._base(blast).mesh}
+            single, given={**single.given, "mesh": self._base(blast).mesh}
         ).model  # fmt: skip
         model = replace(
             base, sources=entered.sources, boundaries=entered.boundaries,
             **self._ground(project, base),
         )  # fmt: skip
-        run = self.made([model])[0]
-        motion = self._sampled(run.seismograms, alone.lead)
-        return np.multiply.outer(one.firing.scales, motion)
+        run = self.run([model])[0]
+        motion = self._sampled(run.seismograms, single.lead)
+        return np.multiply.outer(fired.firing.scales, motion)
 
     def model(self, project: Project, blast: str) -> Model:
         """Return the model of one blast; flat boxes of one geometry share a mesh."""
@@ -156,29 +171,29 @@ class Forward:
         return flat_model(project, blast, self.cut, self._meshes[key])
 
     def holds(self, project: Project) -> bool:
-        """Tell whether all holes lie in the mesh, where it is that of the project."""
+        """Tell whether all holes lie in the mesh of the project, if that is used."""
         if self.cut is not None or project.config.holes_inside is None:
             return True
         mesh = self._base(self.case.blasts[0]).mesh
         try:
             for blast in self.case.blasts:
-                places = dict(enumerate(project.blasts[blast].centres))
-                refuse_outside(mesh, {str(k): place for k, place in places.items()})
+                centres = enumerate(project.blasts[blast].centres)
+                refuse_outside(mesh, {str(number): centre for number, centre in centres})
         except InputError:
             return False
         return True
 
     def _own(self, project, blast):
         """Return the model of one blast on the mesh of the reference project."""
-        base, one = self._base(blast), project.of(blast)
+        base, changed = self._base(blast), project.of(blast)
         parts = self._ground(project, base) | {"receivers": project.receivers}
-        if one.given.get("blast") is not self.case.project.of(blast).given.get("blast"):
-            placed = replace(one, given={**one.given, "mesh": base.mesh})
+        if changed.given.get("blast") is not self.case.project.of(blast).given.get("blast"):
+            placed = replace(changed, given={**changed.given, "mesh": base.mesh})
             parts["sources"] = placed.sources
         return replace(base, **parts)
 
     def _ground(self, project, base):
-        """Return what changes of the ground of a project give its models."""
+        """Return the materials, joints and fields of a changed project, as arguments of a model."""
         return {
             "materials": {**base.materials, **project.materials}, "joints": project.joints,
             "ground": (*base.ground, *project.fields),
@@ -187,18 +202,18 @@ class Forward:
     def _base(self, blast):
         """Return the model of one blast in the reference project; all share a mesh."""
         if blast not in self._models:
-            made = self.case.project.of(blast).model
+            model = self.case.project.of(blast).model
             first = next(iter(self._models.values()), None)
             if first is None:
-                made = replace(made, single=is_single(made))
+                model = replace(model, single=is_single(model))
             elif self.case.project.config.ground.damaged_zone is None:
-                made = replace(
-                    first, sources=made.sources, boundaries=made.boundaries, ground=made.ground
+                model = replace(
+                    first, sources=model.sources, boundaries=model.boundaries, ground=model.ground
                 )
-            self._models[blast] = made
+            self._models[blast] = model
         return self._models[blast]
 
-    def _sampled(self, seismograms, lead=0.0):
+    def _sampled(self, seismograms: Mapping[str, Seismogram], lead: float = 0.0) -> np.ndarray:
         """Return seismograms (n_receivers, 3, n_samples) at the instants of the records."""
         dt, n = self.case.dt, self.case.n_samples
         return np.stack(
@@ -212,7 +227,7 @@ def is_single(model: Model) -> bool:
 
 
 def geometry(project):
-    """Return what the mesh of a flat box depends on; nothing of it changes elsewhere."""
+    """Return the parts of a project that determine the mesh of a flat box, as a key."""
     mesh = project.config.mesh
     layers = tuple((layer.material, layer.thickness_m) for layer in mesh.layers)
     planes = tuple(fault.model_dump_json() for fault in mesh.faults)
@@ -223,8 +238,8 @@ def geometry(project):
 def not_superposed(case: Case) -> str:
     """Return why the motion of a blast is not the sum over its holes; empty where it is."""
     project = case.project
-    for one in (project, *project.further):
-        config = one.config
+    for each in (project, *project.further):
+        config = each.config
         if config.blast is None:
             return "there is no [blast] with holes"
         if config.blast.scatter_ms:
@@ -244,13 +259,13 @@ def not_superposed(case: Case) -> str:
                 "give the joints the law 'elastic'"
             )
     for name in ground_materials(project):
-        if project.materials[name].law.name not in LINEAR_ZONES:
+        if project.materials[name].law.name not in LINEAR_LAWS:
             return f"holes do not superpose in material {name!r}, which yields: make it elastic"
     return ""
 
 
 def surface_speed(project: Project) -> float:
-    """Return the speed of S waves in m/s in the uppermost ground."""
+    """Return the S-wave speed in m/s of the uppermost ground."""
     if project.config.mesh.layers:
         return project.materials[project.config.mesh.layers[0].material].cs
     zone, _ = locate(project.mesh, [project.receivers[0].position])
@@ -263,74 +278,87 @@ STEPS_PER_WAVE = 6.0  # of the shortest S wave at the surface
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """Motion on a square grid around each receiver, as high as it stands.
+    """Surroundings: motion at a square grid of probe receivers around each receiver.
 
     Parameters
     ----------
-    ways : (n,) float64, m
+    offsets : (n,) float64, m
         Of the grid, to the east and to the north.
     motion : (n_blasts, n_receivers, n, n, 3, n_samples) float64, m/s
     """
 
-    ways: np.ndarray
+    offsets: np.ndarray
     motion: np.ndarray
 
-    def change(self, receiver: int, east: float, north: float):
-        """Return what else one receiver would record elsewhere, (n_blasts, 3, n_samples) m/s.
+    def change(self, receiver: int, east: float, north: float) -> np.ndarray:
+        """Return the change of motion where a receiver is moved, (n_blasts, 3, n_samples) m/s.
 
-        By cubic splines; beyond the grid as at its rim.
+        Interpolated by cubic splines; beyond the grid as at its edge.
         """
-        cardinal = make_interp_spline(self.ways, np.eye(len(self.ways)), 3)
-        way = np.clip((east, north), self.ways[0], self.ways[-1])
-        here, there = (np.multiply.outer(*cardinal(one)) for one in (np.zeros(2), way))
-        return np.tensordot(there - here, self.motion[:, receiver], ([0, 1], [1, 2]))
+        cardinal = make_interp_spline(self.offsets, np.eye(len(self.offsets)), 3)
+        offset = np.clip((east, north), self.offsets[0], self.offsets[-1])
+        centre, moved = (np.multiply.outer(*cardinal(x)) for x in (np.zeros(2), offset))
+        return np.tensordot(moved - centre, self.motion[:, receiver], ([0, 1], [1, 2]))
 
 
 def surroundings(forward: Forward, project: Project) -> Surroundings:
-    """Run every blast of a case with probe receivers around all receivers."""
+    """Simulate every blast of a case at probe receivers around all receivers.
+
+    Raises
+    ------
+    SolverError
+        If a run fails.
+    """
     case = forward.case
-    ways, n = steps_around(case, project), 2 * STEPS + 1
-    there = {r.name: r for r in project.receivers}
-    points = tuple(
-        replace(there[name], name=f"{name} {k}", position=place)
+    offsets, n = probe_offsets(case, project), 2 * STEPS + 1
+    receivers = {r.name: r for r in project.receivers}
+    probes = tuple(
+        replace(receivers[name], name=f"{name} {k}", position=position)
         for name in case.receivers
-        for k, place in enumerate(places_around(case, there[name], ways, fallback=True))
+        for k, position in enumerate(probe_positions(case, receivers[name], offsets))
     )
-    models = [replace(forward.model(project, blast), receivers=points) for blast in case.blasts]
-    done = forward.made(models)
+    models = [replace(forward.model(project, blast), receivers=probes) for blast in case.blasts]
+    done = forward.run(models)
     motion = np.stack(
         [
-            [run.seismograms[one.name].sampled(
-                forward.lead(blast), case.dt, case.n_samples).velocity.T for one in points]
+            [run.seismograms[probe.name].sampled(
+                forward.lead(blast), case.dt, case.n_samples).velocity.T for probe in probes]
             for run, blast in zip(done, case.blasts, strict=True)
         ]
     )  # fmt: skip
-    return Surroundings(ways, motion.reshape(len(models), -1, n, n, *motion.shape[2:]))
+    return Surroundings(offsets, motion.reshape(len(models), -1, n, n, *motion.shape[2:]))
 
 
-def steps_around(case: Case, project: Project) -> np.ndarray:
-    """Return the distances (n,) in m of probe receivers from a receiver, east and north."""
+def probe_offsets(case: Case, project: Project) -> np.ndarray:
+    """Return the offsets (n,) in m of probe receivers from a receiver, east and north."""
     slowest = min(project.materials[name].cs for name in ground_materials(project))
     return np.arange(-STEPS, STEPS + 1) * slowest / (STEPS_PER_WAVE * case.band.high)
 
 
-def places_around(case: Case, receiver, ways, fallback=False) -> list | None:
-    """Return the places (3,) in m of probe receivers, as deep as the receiver itself.
+def probe_positions(case: Case, receiver: Receiver, offsets: np.ndarray) -> list[np.ndarray]:
+    """Return the positions (3,) in m of probe receivers, or all at the receiver without space."""
+    inside = probe_positions_inside(case, receiver, offsets)
+    return [np.asarray(receiver.position, float)] * len(offsets) ** 2 if inside is None else inside
 
-    None where one lies outside of the mesh of the project; the receiver's own place instead of all
-    of them with ``fallback``.
+
+def probe_positions_inside(case: Case, receiver, offsets) -> list[np.ndarray] | None:
+    """Return the positions (3,) in m of probe receivers, each as deep as the receiver.
+
+    None where one of them lies outside of the mesh of the project.
     """
     at = np.asarray(receiver.position, dtype=float)
-    grid = [(x, y) for x in ways for y in ways]
-    flat = [np.add(receiver.position, (x, y, 0.0)) for x, y in grid]
+    grid = [(x, y) for x in offsets for y in offsets]
+    positions = [np.add(receiver.position, (x, y, 0.0)) for x, y in grid]
     if not not_flat(case.project):
-        return flat
+        return positions
     mesh = case.project.mesh
     try:
         if "top" in mesh.surfaces:
-            below = on_ground(mesh, at[:2])[2] - at[2]
-            flat = [np.subtract(on_ground(mesh, at[:2] + step), (0.0, 0.0, below)) for step in grid]
-        locate(mesh, flat)
+            depth = on_ground(mesh, at[:2])[2] - at[2]
+            positions = [
+                np.subtract(on_ground(mesh, at[:2] + step), (0.0, 0.0, depth)) for step in grid
+            ]
+        locate(mesh, positions)
     except InputError:
-        return [at] * len(grid) if fallback else None
-    return flat
+        return None
+    return positions

@@ -1,4 +1,4 @@
-"""Hypotheses: physics that a model may lack, with targets and needs, one function each."""
+"""Hypotheses: physics that a model may lack, with their targets and requirements."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,33 +9,33 @@ from ..errors import InputError
 from ..inference.parameter import Parameter
 from ..project.flat_box import not_flat, quality_of
 from .case import Case
-from .forward import not_superposed, places_around, steps_around
+from .forward import not_superposed, probe_offsets, probe_positions_inside
 from .thresholds import CHARGE_RATIO, DIRECTIONS, SECTORS
 
 
 def two_receivers(case: Case) -> str:
-    """Ask for a second receiver, which cross-validation and the null distribution need."""
+    """Require a second receiver, for cross-validation and the null distribution."""
     if np.count_nonzero(np.any(case.valid, axis=(0, 2, 3))) > 1:
         return ""
-    return "there is one receiver: no other that it would have to predict"
+    return "there is one receiver, and no other to test a prediction"
 
 
 def two_blasts(case: Case) -> str:
-    """Ask for a second blast, which an effect of a receiver must predict."""
+    """Require a second blast, by which an effect of a receiver is cross-validated."""
     if np.count_nonzero(np.any(case.valid, axis=(1, 2, 3))) > 1:
         return ""
-    return "there is one blast: no other that it would have to predict"
+    return "there is one blast, and no other to test a prediction"
 
 
 def charges_apart(case: Case) -> str:
-    """Ask for blasts of small and of large charge, by what fires within 8 ms."""
+    """Require blasts of small and of large charge within 8 ms."""
     if len(case.blasts) < 2:
         return f"there is one blast: what grows with charge needs two, {CHARGE_RATIO:g} to one"
-    every = [case.project.blasts[name] for name in case.blasts]
-    if any(np.isnan(one.charge).any() for one in every):
+    blasts = [case.project.blasts[name] for name in case.blasts]
+    if any(np.isnan(blast.charge).any() for blast in blasts):
         return "a charge is missing: what grows with charge needs all of them in kg"
-    most = [one.charge_per_window() for one in every]
-    ratio = max(most) / min(most)
+    largest = [blast.charge_per_window() for blast in blasts]
+    ratio = max(largest) / min(largest)
     if ratio >= CHARGE_RATIO:
         return ""
     return (
@@ -45,92 +45,89 @@ def charges_apart(case: Case) -> str:
 
 
 def three_directions(case: Case) -> str:
-    """Ask for paths in three directions, a sixth of half a turn each."""
-    places = [r.position[:2] for r in case.project.receivers if r.name in case.receivers]
+    """Require paths in three directions, a sixth of half a turn each."""
+    positions = [r.position[:2] for r in case.project.receivers if r.name in case.receivers]
     fired = [case.project.blasts[name].centres[:, :2].mean(axis=0) for name in case.blasts]
-    ways = (np.array(places)[:, None] - np.array(fired)).reshape(-1, 2)
-    turns = np.arctan2(ways[:, 1], ways[:, 0]) % np.pi
-    there = len(set((turns * SECTORS / np.pi).astype(int) % SECTORS))
-    if there >= DIRECTIONS:
+    paths = (np.array(positions)[:, None] - np.array(fired)).reshape(-1, 2)
+    azimuths = np.arctan2(paths[:, 1], paths[:, 0]) % np.pi
+    directions = len(set((azimuths * SECTORS / np.pi).astype(int) % SECTORS))
+    if directions >= DIRECTIONS:
         return ""
-    return f"paths lie in {there} of {SECTORS} directions: {DIRECTIONS} tell along from across"
+    return f"paths lie in {directions} of {SECTORS} directions, and {DIRECTIONS} are needed"
 
 
 def unknown_quality(case: Case) -> str:
-    """Ask for ground whose quality factors are not given."""
+    """Require ground whose quality factors are not given."""
     known = quality_of(case.project)
     if known is None:
         return ""
-    return f"the site gives it, Qp {known[0]:.3g} and Qs {known[1]:.3g}, and every run has it"
+    return f"the site gives Qp {known[0]:.3g} and Qs {known[1]:.3g}, and every run has them"
 
 
 def ground_without_loss(case: Case) -> str:
-    """Ask for ground without quality factors: anisotropy with attenuation is not simulated."""
+    """Require ground without quality factors: anisotropy with attenuation is not simulated."""
     if quality_of(case.project) is None:
         return ""
     return "the site gives quality factors, and anisotropic ground with them is not simulated"
 
 
 def flat_layers(case: Case) -> str:
-    """Ask for a flat box with holes inside, whose mesh follows what such effects change."""
+    """Require a flat box with holes inside, which is meshed again with each change."""
     why = not_flat(case.project)
     if not why:
         return ""
     return (
-        f"{why}: it is simulated in flat layers with upright elastic joints along x or y and holes "
-        "inside; try it in a project of that kind"
+        f"{why}: it is simulated only in flat layers with vertical elastic joints along x or y and "
+        "holes inside"
     )
 
 
 def holes_inside(case: Case) -> str:
-    """Ask for holes as sources inside the model."""
-    if all(one.config.holes_inside for one in (case.project, *case.project.further)):
+    """Require holes as sources inside the model."""
+    if all(each.config.holes_inside for each in (case.project, *case.project.further)):
         return ""
-    return "no hole is a source inside the model: give [holes_inside] in place of what enters"
+    return "no hole is a source inside the model: give [holes_inside] in place of [input]"
 
 
 def superposed(case: Case) -> str:
-    """Ask for holes whose motions add up, so that one of them can be changed."""
+    """Require holes whose motions superpose, so that each can be changed."""
     return not_superposed(case)
 
 
 def elastic_joints(case: Case) -> str:
-    """Ask for a joint whose law is elastic, where joints are there at all."""
+    """Require an elastic joint, if there are joints."""
     laws = {joint.surface: joint.law for joint in case.project.joints}
     if not laws or "elastic" in laws.values():
         return ""
     name, law = next(iter(laws.items()))
     return (
-        f"no joint has the law 'elastic' ({name} has {law!r}): give the one in doubt kn and ks "
-        "alone"
+        f"no joint has the law 'elastic' ({name} has {law!r}): give the joint in question the law "
+        "'elastic'"
     )
 
 
 def air_over_layers(case: Case) -> str:
-    """Ask for holes with charges, flat layers below the receivers, and no air blast in the model.
-
-    What air pressure does to the ground is computed for flat layers.
-    """
-    for one in (case.project, *case.project.further):
-        config = one.config
+    """Require holes with charges, flat layers and a model without air blast."""
+    for each in (case.project, *case.project.further):
+        config = each.config
         if config.air_blast is not None:
             return "the project has [air_blast], and every run has it"
-        if config.blast is None or np.isnan(one.blast.charge).any():
+        if config.blast is None or np.isnan(each.blast.charge).any():
             return "there is no [blast] with a charge for each hole"
         if not config.mesh.layers or config.mesh.surface_file is not None:
             return "the ground is not flat: give flat [[mesh.layers]]"
     return ""
 
 
-def room_around_receivers(case: Case) -> str:
-    """Ask for ground around a receiver, where it may have stood instead."""
-    if receivers_with_room(case):
+def space_around_receivers(case: Case) -> str:
+    """Require ground around a receiver, to which it may be moved."""
+    if receivers_with_space(case):
         return ""
-    ways = steps_around(case, case.project)
-    return f"no receiver has {ways[-1]:.3g} m of ground on all sides: give a wider model"
+    offsets = probe_offsets(case, case.project)
+    return f"no receiver has {offsets[-1]:.3g} m of ground on all sides: give a wider model"
 
 
-# What must be there to hold out, by the axis of an effect.
+# Requirements of cross-validation, by the axis of an effect.
 TO_HOLD_OUT = {
     "receivers": (two_receivers,),
     "blasts": (two_receivers, two_blasts),
@@ -142,7 +139,7 @@ OF_BLAST = " of blast "
 
 
 def whole_site(case: Case) -> tuple[str, ...]:
-    """Return the one target of effects that belong to nothing smaller."""
+    """Return the single target of effects on the whole site."""
     del case
     return ("",)
 
@@ -153,17 +150,17 @@ def joints(case: Case) -> tuple[str, ...]:
 
 
 def blasts(case: Case) -> tuple[str, ...]:
-    """Return the names of the blasts that are looked at."""
+    """Return the names of the blasts of the case."""
     return case.blasts
 
 
 def blasts_of_many_holes(case: Case) -> tuple[str, ...]:
-    """Return the names of the blasts in which holes can differ."""
+    """Return the names of the blasts with more than one hole."""
     return tuple(name for name in case.blasts if len(case.project.blasts[name].charge) > 1)
 
 
 def holes(case: Case) -> tuple[str, ...]:
-    """Return each hole of the blasts of many holes, with its blast."""
+    """Return each hole of the blasts with more than one, with its blast."""
     return tuple(
         dict.fromkeys(
             f"{hole}{OF_BLAST}{name}"
@@ -174,7 +171,7 @@ def holes(case: Case) -> tuple[str, ...]:
 
 
 def blast_and_hole(target: str) -> tuple[str, str]:
-    """Return the blast of a target, and its hole where it is a hole of a blast."""
+    """Return the blast of a target, and its hole if the target is a hole."""
     hole, _, blast = target.rpartition(OF_BLAST)
     return blast, hole
 
@@ -184,67 +181,76 @@ def receivers(case: Case) -> tuple[str, ...]:
     return case.receivers
 
 
-def receivers_with_room(case: Case) -> tuple[str, ...]:
+def receivers_with_space(case: Case) -> tuple[str, ...]:
     """Return the names of the receivers with ground on all sides."""
-    ways, there = steps_around(case, case.project), {r.name: r for r in case.project.receivers}
-    return tuple(n for n in case.receivers if places_around(case, there[n], ways) is not None)
+    offsets = probe_offsets(case, case.project)
+    receivers = {r.name: r for r in case.project.receivers}
+    return tuple(
+        name
+        for name in case.receivers
+        if probe_positions_inside(case, receivers[name], offsets) is not None
+    )
 
 
 def receivers_with_axes(case: Case) -> tuple[str, ...]:
-    """Return the names of the receivers whose records are east and north."""
-    turned = {r.name for r in case.project.receivers if r.azimuth is not None}
-    return tuple(name for name in case.receivers if name not in turned)
+    """Return the names of the receivers whose records are along east and north."""
+    rotated = {r.name for r in case.project.receivers if r.azimuth is not None}
+    return tuple(name for name in case.receivers if name not in rotated)
 
 
 TARGETS = {"site": whole_site, "joint": joints, "blast": blasts, "receiver": receivers}
 
 
 FAMILIES = ("source", "path", "receiver", "instrument")
-PLACES = ("site", "holes", "motion")
+CHANGES = ("site", "holes", "motion")
 AXES = ("receivers", "blasts", "both")
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Hypothesis: physics that the model may lack.
+    """Hypothesis: physics that a model may lack.
 
     Parameters
     ----------
     label : str
         Its name in results.
     form : str
-        Tells hypotheses of one label apart; empty where there is one.
+        Distinguishes hypotheses of one label; empty if there is only one.
     claim : str
-        What it says, one sentence.
+        The claim in one sentence.
     family : str
         Of `FAMILIES`.
     on : str
-        What it changes, of `PLACES`.
+        What it changes, of `CHANGES`.
     target : str
-        What it belongs to, in a word.
+        Kind of its targets, one word.
     targets : callable
-        ``(case) -> tuple of str``: all of them; the search tries each.
+        ``(case) -> tuple of str``: all targets; the search tries each.
     axis : str
-        What is held out to test it, of `AXES`.
+        What is held out in cross-validation, of `AXES`.
     parameters : tuple of Parameter
     apply : callable
-    bare : callable or None
-        ``(project, target, **parameters) -> Project``: meshed as with the effect, but without
-        it. Of effects on the site that change its geometry, so that no mesh is taken for physics.
+        ``(project, target, **parameters) -> Project or None`` on the site, ``(blast, target,
+        **parameters) -> delays in s, scales`` on holes, ``(scene, motion, target, **parameters) ->
+        motion`` on motion.
+    mesh_control : callable or None
+        ``(project, target, **parameters) -> Project``: the mesh of the effect without the effect.
+        For effects that change the mesh, so that mesh error is not mistaken for physics.
     linear : bool
-        Whether a larger blast is changed by the same share. Others are screened on two blasts.
-    settled_by : str
-        What to measure where it can't be told from others.
+        Whether the relative change is the same for small and large blasts. If not, the effect is
+        screened on two blasts.
+    decided_by : str
+        The measurement that would distinguish it from other effects.
     needs : tuple of callable
-        ``(case) -> str``: why records can't test it, empty where they can.
+        ``(case) -> str``: why the records cannot test it; empty if they can.
     simulated : tuple of callable
-        ``(case) -> str``: why it can't be simulated in a project, empty where it can. It has no
-        targets then.
+        ``(case) -> str``: why it cannot be simulated in a project, so that it has no targets there;
+        empty if it can.
     single : bool
-        Whether it is claimed of one target at a time, the best, however many would pay.
+        Whether only the best target is claimed, however many would pay.
     begins : callable or None
-        ``(scene) -> tuple of values``, one of each parameter: where the search begins, too, read
-        from what the records miss.
+        ``(scene) -> tuple of values``, one of each parameter: a further starting point, estimated
+        from the residuals of the calibrated site.
     """
 
     label: str
@@ -257,26 +263,26 @@ class Hypothesis:
     axis: str
     parameters: tuple[Parameter, ...]
     apply: Callable
-    bare: Callable | None = None
+    mesh_control: Callable | None = None
     linear: bool = True
-    settled_by: str = ""
+    decided_by: str = ""
     needs: tuple[Callable, ...] = ()
     simulated: tuple[Callable, ...] = ()
     single: bool = False
     begins: Callable | None = None
 
     @property
-    def name(self):
+    def name(self) -> str:
         """Its key in the library: the label, with its form after a slash."""
         return f"{self.label}/{self.form}" if self.form else self.label
 
     def untestable(self, case) -> str:
-        """Return why the records of a case can't test it, whatever they show; empty if they can."""
+        """Return why the records of a case cannot test it; empty if they can."""
         why = next(filter(None, (need(case) for need in self.simulated)), "")
         if why:
             return why
         if not self.targets(case):
-            return f"this site has no {self.target} that it could belong to"
+            return f"this site has no {self.target} to which it could apply"
         return next(filter(None, (need(case) for need in self.needs)), "")
 
 
@@ -284,22 +290,22 @@ LIBRARY: dict[str, Hypothesis] = {}
 
 
 def hypothesis(
-    label, *, family, on, target, axis, parameters, form="", targets=None, bare=None, linear=True,
-    settled_by="", needs=(), simulated=(), single=False, begins=None,
+    label, *, family, on, target, axis, parameters, form="", targets=None, mesh_control=None,
+    linear=True, decided_by="", needs=(), simulated=(), single=False, begins=None,
 ):  # fmt: skip
-    """Enter the decorated function into the library.
+    """Enter the decorated function into the library; arguments as of `Hypothesis`.
 
-    ``targets`` lists what ``target`` names; it may be left out for words of `TARGETS`. What its
-    axis asks for, and charges apart where it is not linear, come before its own ``needs``. An
-    effect that can't be ``simulated`` in a project has no targets there.
+    The function is ``apply``, and the first sentence of its docstring the claim. ``targets`` may
+    be left out for kinds of targets in `TARGETS`. Requirements of cross-validation, and of
+    different charges if it is not linear, are added before its own ``needs``.
 
     Raises
     ------
     InputError
-        If a word is not one of the lists above, the name is taken, or there is no claim.
+        If a word is not in the lists above, the name exists already, or there is no claim.
     """
     listed = TARGETS if targets is None else (target,)
-    for word, allowed in ((family, FAMILIES), (on, PLACES), (target, listed), (axis, AXES)):
+    for word, allowed in ((family, FAMILIES), (on, CHANGES), (target, listed), (axis, AXES)):
         if word not in allowed:
             raise InputError(f"hypothesis {label}: need one of {', '.join(allowed)}, got {word!r}")
     possible = _where_simulated(targets or TARGETS[target], simulated)
@@ -307,22 +313,23 @@ def hypothesis(
 
     def enter(function):
         claim = (function.__doc__ or "").strip().split("\n\n")[0]
-        one = Hypothesis(
+        entry = Hypothesis(
             label, form, " ".join(claim.split()), family, on, target, possible, axis,
-            tuple(parameters), function, bare, linear, settled_by, needs, simulated, single, begins,
+            tuple(parameters), function, mesh_control, linear, decided_by, needs, simulated, single,
+            begins,
         )  # fmt: skip
-        if one.name in LIBRARY:
-            raise InputError(f"hypothesis {one.name}: is in the library already")
+        if entry.name in LIBRARY:
+            raise InputError(f"hypothesis {entry.name}: is in the library already")
         if not claim:
-            raise InputError(f"hypothesis {one.name}: needs a docstring that says its claim")
-        LIBRARY[one.name] = one
+            raise InputError(f"hypothesis {entry.name}: needs a docstring with its claim")
+        LIBRARY[entry.name] = entry
         return function
 
     return enter
 
 
 def _where_simulated(targets, simulated):
-    """Return a function that lists targets only where an effect can be simulated."""
+    """Return a function that lists targets only if an effect can be simulated."""
     if not simulated:
         return targets
 
@@ -333,16 +340,11 @@ def _where_simulated(targets, simulated):
 
 
 def untestable_labels(case) -> dict[str, str]:
-    """Return the labels of which no form can be tested by the records of a case, with the reason.
-
-    Parameters
-    ----------
-    case : Case
-        It says so by what is there, before any search.
-    """
+    """Return the labels that the records of a case cannot test in any form, with the reason."""
     reasons_of = {}
-    for label in dict.fromkeys(one.label for one in LIBRARY.values()):
-        reasons = [one.untestable(case) for one in LIBRARY.values() if one.label == label]
+    for label in dict.fromkeys(hypothesis.label for hypothesis in LIBRARY.values()):
+        forms = [form for form in LIBRARY.values() if form.label == label]
+        reasons = [form.untestable(case) for form in forms]
         if all(reasons):
             reasons_of[label] = reasons[0]
     return reasons_of

@@ -1,5 +1,6 @@
 """Null distribution of the evidence, from permuted residuals, and detection limits."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -7,315 +8,356 @@ import numpy as np
 
 from .effects import Effect, Scene
 from .fitting import DIFFERENCE, Fit, Fitter, hessian_of
-from .hypotheses import LIBRARY
-from .search import Guess, material, started
+from .hypotheses import LIBRARY, Hypothesis
+from .search import ScreeningResult, material, starting_effects
 from .thresholds import DECISIVE, LINEAR, NULL_LEVEL, SURROGATES
 
 SPREAD = 1.645  # standard deviations of 90 % of a normal distribution, both sides
+BISECTIONS = 40
 
 
 @dataclass(frozen=True, eq=False)
-class Chance:
-    """The largest evidence in each of many surrogates, in nats over that of nothing.
+class NullDistribution:
+    """Null distribution: the largest log Bayes factor (Δ ln evidence) in each of many surrogates.
 
-    First of an effect at one place, then of one at however many places where it pays.
+    First index: of an effect at one target, of an effect at all targets where it pays.
 
     Parameters
     ----------
-    shuffled : (2, n_surrogates) float64
-        Over the library, in residuals that changed receivers; sorted.
-    harmless : dict of str to (2, n_surrogates) float64
-        For each label on its own, in small errors of every path; sorted.
+    permuted : (2, n_surrogates) float64
+        Of any effect of the library, in residuals permuted between receivers; sorted.
+    path_errors : dict of str to (2, n_surrogates) float64
+        Of each label, in simulated model errors of all paths; sorted.
     """
 
-    shuffled: np.ndarray
-    harmless: dict
+    permuted: np.ndarray
+    path_errors: dict[str, np.ndarray]
 
-    def needed(self, effects) -> float:
-        """Return what 95 % of surrogates stay below, nats, for some effects; never negative."""
-        return max(float(np.quantile(some, NULL_LEVEL)) for some in self._of(effects))
+    def threshold(self, effects: Sequence[Effect]) -> float:
+        """Return the quantile `NULL_LEVEL` for some effects, Δ ln evidence; never negative."""
+        return max(map(_quantile, self._distributions(effects)))
 
-    def interval(self, effects) -> tuple[float, float]:
-        """Return where that lies by its order statistics, with 90 % probability."""
-        some = max(self._of(effects), key=lambda one: float(np.quantile(one, NULL_LEVEL)))
-        n = len(some)
+    def threshold_interval(self, effects: Sequence[Effect]) -> tuple[float, float]:
+        """Return the 90 % interval of that quantile, from order statistics."""
+        values = max(self._distributions(effects), key=_quantile)
+        n = len(values)
         spread = SPREAD * np.sqrt(n * NULL_LEVEL * (1.0 - NULL_LEVEL))
         first, last = (int(np.clip(n * NULL_LEVEL + d, 0, n - 1)) for d in (-spread, spread))
-        return float(some[first]), float(some[last])
+        return float(values[first]), float(values[last])
 
-    def _of(self, effects):
-        """Return the distributions that count for effects."""
+    def _distributions(self, effects):
+        """Return the distributions that apply to effects."""
         labels = {effect.label for effect in effects}
         several = int(len(effects) > len(labels))
-        own = [self.harmless[label] for label in labels if label in self.harmless]
-        return [np.maximum(some[several], 0.0) for some in (self.shuffled, *own)]
+        own = [self.path_errors[label] for label in labels if label in self.path_errors]
+        return [np.maximum(values[several], 0.0) for values in (self.permuted, *own)]
 
 
-def chance(scene: Scene, none: Fit, guesses: list[Guess], fits: list[Fit], seed: int) -> Chance:
-    """Search shuffled residuals, and harmless errors, for the effects of the library.
+def _quantile(values):
+    """Return the quantile of a null distribution that an effect must exceed."""
+    return float(np.quantile(values, NULL_LEVEL))
+
+
+def null_distribution(
+    scene: Scene,
+    without_effects: Fit,
+    screening: Sequence[ScreeningResult],
+    fits: Sequence[Fit],
+    seed: int,
+) -> NullDistribution:
+    """Estimate the null distribution by a permutation test and by simulated path errors.
 
     Parameters
     ----------
     scene : Scene
-    none : Fit
-        Without effects; what it leaves is shuffled.
-    guesses : list of Guess
-        Effects on the site, whose changes were run.
-    fits : list of Fit
-        Those of these effects that were fitted are taken by their knobs, in all blasts.
+    without_effects : Fit
+        Its residuals are permuted.
+    screening : sequence of ScreeningResult
+        Effects on the site, with their simulated changes.
+    fits : sequence of Fit
+        Of effects that were fitted, the derivatives by their parameters are used.
     seed : int
+
+    Returns
+    -------
+    NullDistribution
 
     Notes
     -----
-    A surrogate gives each receiver the residuals of another one, never its own, in all blasts,
-    with a random sign: as large, as long, as coloured and as repeatable as those that were found,
-    but without the geometry that any effect has. Harmless errors have that of some: all paths are
-    a little late, or strong, or turned, alike in all blasts. Effects act by their linear changes,
-    those that need no runs also at all places together where they pay, as in the search;
-    theory.md (14.4). With one receiver there is no other: then nothing is beyond chance.
+    A surrogate gives each receiver the residuals of another one, the same in all blasts, with a
+    random sign: the size, duration, spectrum and repeatability of the residuals stay, and the
+    geometry that any effect has is lost. Path errors keep geometry: all paths are slightly
+    delayed, amplified or rotated, alike in all blasts. Effects act linearly; those without runs
+    are tried at single targets and at all targets where they pay, as in the search; theory.md
+    (14.4). With one receiver there is no permutation, and the threshold is infinite.
     """
     rng = np.random.default_rng(seed)
     likelihood = scene.baseline.likelihood
-    left = lent(likelihood.residual(none.motion), likelihood.n_data)
-    n_receivers = left.shape[1]
+    residual = filled_residual(likelihood.residual(without_effects.motion), likelihood.n_data)
+    n_receivers = residual.shape[1]
     if n_receivers == 1:
-        return Chance(np.full((2, SURROGATES), np.inf), {})
-    orders = np.stack([_elsewhere(rng, n_receivers) for _ in range(SURROGATES)])
+        return NullDistribution(np.full((2, SURROGATES), np.inf), {})
+    orders = np.stack([_derangement(rng, n_receivers) for _ in range(SURROGATES)])
     signs = rng.choice([-1.0, 1.0], size=orders.shape)
-    errors = _harmless(scene, none)
-    drawn = rng.standard_normal((SURROGATES, n_receivers))
-    most, harmless = np.full((2, SURROGATES), -np.inf), {}
-    for label, changes, places in _changes(scene, none, guesses, fits):
-        fits, paid = _Fits(likelihood, none.jacobian, changes), np.log(places)
-        most = np.maximum(most, fits.best(*fits.shuffled(left, orders, signs), paid))
+    errors = _path_errors(scene, without_effects)
+    sizes = rng.standard_normal((SURROGATES, n_receivers))
+    permuted, by_label = np.full((2, SURROGATES), -np.inf), {}
+    for label, changes, n_targets in _jacobians(scene, without_effects, screening, fits):
+        linear = _LinearFits(likelihood, without_effects.jacobian, changes)
+        penalty = np.log(n_targets)
+        evidence = linear.best(*linear.permuted(residual, orders, signs), penalty)
+        permuted = np.maximum(permuted, evidence)
         for kind, error in enumerate(errors):
-            found = fits.best(*fits.errors(error, drawn), paid)
-            known = harmless.setdefault(label, np.full((len(errors), 2, SURROGATES), -np.inf))
-            known[kind] = np.maximum(known[kind], found)
-    return Chance(np.sort(most), {name: _largest(some) for name, some in harmless.items()})
+            evidence = linear.best(*linear.scaled(error, sizes), penalty)
+            start = np.full((len(errors), 2, SURROGATES), -np.inf)
+            known = by_label.setdefault(label, start)
+            known[kind] = np.maximum(known[kind], evidence)
+    largest = {label: _largest_kind(kinds) for label, kinds in by_label.items()}
+    return NullDistribution(np.sort(permuted), largest)
 
 
-def lent(left, kept):
-    """Return residuals (n_blasts, n_receivers, m) with those of another blast where none is kept.
+def filled_residual(residual, n_data) -> np.ndarray:
+    """Fill missing records by residuals of the same receiver in another blast.
 
-    They go to receivers that recorded: nothing in their place would be less than chance leaves.
+    Parameters
+    ----------
+    residual : (n_blasts, n_receivers, m) float64
+        Whitened.
+    n_data : (n_blasts, n_receivers) int
+        0 where there is no record.
+
+    Returns
+    -------
+    (n_blasts, n_receivers, m) float64
+        Zeros in their place would lower the null distribution, since residuals are permuted to
+        receivers with records.
     """
-    known = kept > 0
-    other = np.where(known, np.arange(len(kept))[:, None], np.argmax(known, axis=0))
-    return np.take_along_axis(left, other[..., None], axis=0)
+    known = n_data > 0
+    blast = np.where(known, np.arange(len(n_data))[:, None], np.argmax(known, axis=0))
+    return np.take_along_axis(residual, blast[..., None], axis=0)
 
 
-def _harmless(scene, none):
-    """Return whitened errors (3, n_blasts, n_receivers, m): late, strong, turned.
+def _path_errors(scene, fit):
+    """Return whitened errors (3, n_blasts, n_receivers, m) by delays, gains and rotations.
 
-    Each leaves at each receiver, over its blasts, what is left at the median one in its best blast
-    but for noise, which does not come back.
+    Each leaves at each receiver, over its blasts, the chi-square of the median receiver in its
+    best blast, less that of noise, which does not repeat.
     """
-    likelihood, motion = scene.baseline.likelihood, none.motion
-    turned = np.zeros_like(motion)
-    turned[:, :, 0], turned[:, :, 1] = motion[:, :, 1], -motion[:, :, 0]
-    white = likelihood.whiten(np.stack([np.gradient(motion, axis=-1), motion, turned]))
-    there = likelihood.n_data > 0
-    again = np.maximum(none.chi_square - likelihood.noise_share, 0.0)
-    best = np.min(again, axis=0, where=there, initial=np.inf)
-    sizes = np.sum([likelihood.chi_square(one) * there for one in white], axis=1)
-    sizes = sizes / np.maximum(there.sum(axis=0), 1)
-    level = np.median(best[there.any(axis=0)])
-    scale = np.sqrt(np.divide(level, sizes, out=np.zeros_like(sizes), where=sizes > 0.0))
+    likelihood, motion = scene.baseline.likelihood, fit.motion
+    rotated = np.zeros_like(motion)
+    rotated[:, :, 0], rotated[:, :, 1] = motion[:, :, 1], -motion[:, :, 0]
+    white = likelihood.whiten(np.stack([np.gradient(motion, axis=-1), motion, rotated]))
+    exists = likelihood.n_data > 0
+    repeating = np.maximum(fit.chi_square - likelihood.noise_share, 0.0)
+    best = np.min(repeating, axis=0, where=exists, initial=np.inf)
+    chi_square = np.sum([likelihood.chi_square(error) * exists for error in white], axis=1)
+    chi_square = chi_square / np.maximum(exists.sum(axis=0), 1)
+    level = np.median(best[exists.any(axis=0)])
+    zeros = np.zeros_like(chi_square)
+    scale = np.sqrt(np.divide(level, chi_square, out=zeros, where=chi_square > 0.0))
     return white * scale[:, None, :, None]
 
 
-def _largest(kinds):
-    """Return the sorted evidence (2, n) of the kinds (n_kinds, 2, n) of error that give most."""
+def _largest_kind(kinds):
+    """Return the sorted evidence (2, n) of the kinds of error (n_kinds, 2, n) that give most."""
     most = np.argmax(np.quantile(kinds, NULL_LEVEL, axis=-1), axis=0)
     return np.sort(kinds[most, np.arange(len(most))])
 
 
-def _elsewhere(rng, n):
-    """Return an order of n things in which none stays where it is."""
+def _derangement(rng, n):
+    """Return a random permutation of n without fixed points."""
     while True:
         order = rng.permutation(n)
         if not np.any(order == np.arange(n)):
             return order
 
 
-def _changes(scene, none, guesses, fits):
-    """Yield label, whitened columns by places that may go together, how many places it has."""
+def _jacobians(
+    scene: Scene, without_effects: Fit, screening: Sequence[ScreeningResult], fits: Sequence[Fit]
+) -> Iterator[tuple[str, list[np.ndarray], int]]:
+    """Yield label, whitened derivatives by target that may act together, number of targets."""
     likelihood, case = scene.baseline.likelihood, scene.case
-    fitted = {one.where: one for one in fits if len(one.effects) == 1}
-    for guess in guesses:
-        one = fitted.get(frozenset([guess.effect.where]))
-        changes = likelihood.whiten(guess.change)[None] if one is None else one.effect_jacobian
-        yield guess.effect.label, [changes], len(guess.effect.hypothesis.targets(case))
-    guessed = {frozenset([guess.effect.where]) for guess in guesses}
-    for where, one in fitted.items():  # forms that no screening had
-        hypothesis = one.effects[0].hypothesis
-        if hypothesis.on == "site" and where not in guessed:
-            yield hypothesis.label, [one.effect_jacobian], len(hypothesis.targets(case))
+    fitted = {fit.where: fit for fit in fits if len(fit.effects) == 1}
+    for result in screening:
+        fit = fitted.get(frozenset([result.effect.where]))
+        change = likelihood.whiten(result.change)[None] if fit is None else fit.effect_jacobian
+        yield result.effect.label, [change], len(result.effect.hypothesis.targets(case))
+    screened = {frozenset([result.effect.where]) for result in screening}
+    for where, fit in fitted.items():  # forms that were not screened
+        hypothesis = fit.effects[0].hypothesis
+        if hypothesis.on == "site" and where not in screened:
+            yield hypothesis.label, [fit.effect_jacobian], len(hypothesis.targets(case))
     for hypothesis in LIBRARY.values():
         if hypothesis.on == "site":
             continue
         changes = []
         for target in hypothesis.targets(case):
-            effect = started(hypothesis, target, scene)[0]
-            fitter = Fitter(scene, (effect,), none.values)
-            place = fitter.start()
-            free = np.arange(len(place)) >= len(fitter.sigma)
-            motion = fitter.motions([place])[0]
-            changes.append(fitter.jacobian(place, motion, free)[free])
+            effect = starting_effects(hypothesis, target, scene)[0]
+            fitter = Fitter(scene, (effect,), without_effects.values)
+            x = fitter.start()
+            free = np.arange(len(x)) >= len(fitter.sigma)
+            motion = fitter.motions([x])[0]
+            changes.append(fitter.jacobian(x, motion, free)[free])
         if changes:
             yield hypothesis.label, changes, len(changes)
 
 
-class _Fits:
+class _LinearFits:
     """Linear fits of an effect to surrogates.
 
     Parameters
     ----------
     likelihood : Likelihood
-    own : (n, n_blasts, n_receivers, m) float64
-        Columns of the values of the site, which always adapt.
-    changes : sequence of (n_knobs, n_blasts, n_receivers, m) float64
-        Columns of the effect at each of its places.
+    calibrated : (n, n_blasts, n_receivers, m) float64
+        Derivatives by the calibrated parameters, which are always fitted.
+    changes : sequence of (n_parameters, n_blasts, n_receivers, m) float64
+        Derivatives by the parameters of the effect at each of its targets.
     """
 
-    def __init__(self, likelihood, own, changes):
-        self.columns = np.concatenate([own, *changes])
-        self.likelihood, self.kept = likelihood, np.maximum(likelihood.n_data, 1)
-        self.products = np.einsum("ibrm,jbrm->brij", self.columns, self.columns, optimize=True)
-        ends = np.cumsum([len(own), *map(len, changes)])
-        self.own = np.arange(len(own))
-        self.places = [np.arange(*pair) for pair in pairwise(ends)]
+    def __init__(self, likelihood, calibrated, changes):
+        self.jacobian = np.concatenate([calibrated, *changes])
+        self.likelihood, self.n_data = likelihood, np.maximum(likelihood.n_data, 1)
+        self.products = np.einsum("ibrm,jbrm->brij", self.jacobian, self.jacobian, optimize=True)
+        ends = np.cumsum([len(calibrated), *map(len, changes)])
+        self.calibrated = np.arange(len(calibrated))
+        self.targets = [np.arange(*pair) for pair in pairwise(ends)]
 
-    def shuffled(self, left, orders, signs):
-        """Return sizes and products with the columns of residuals that change receivers.
+    def permuted(self, residual, orders, signs):
+        """Return chi-squares of permuted residuals, and their products with the Jacobian.
 
         Parameters
         ----------
-        left : (n_blasts, n_receivers, m) float64
+        residual : (n_blasts, n_receivers, m) float64
         orders, signs : (n_surrogates, n_receivers) int, float64
 
         Returns
         -------
-        size : (n_surrogates, n_blasts, n_receivers) float64
-        pulls : (n_surrogates, n_blasts, n_receivers, n_columns) float64
+        chi_square : (n_surrogates, n_blasts, n_receivers) float64
+        gradients : (n_surrogates, n_blasts, n_receivers, n) float64
         """
-        there = np.diagonal(self.likelihood.covariance.roots, axis1=2, axis2=3) > 0.0
-        energy = np.einsum("brm,bsm->brs", there, left**2, optimize=True)
-        pulls = np.einsum("ibrm,bsm->brsi", self.columns, left, optimize=True)
-        here = np.arange(left.shape[1])
-        size = np.moveaxis(energy[:, here, orders], 0, 1) / self.kept
-        return size, np.moveaxis(pulls[:, here, orders], 0, 1) * signs[:, None, :, None]
+        used = np.diagonal(self.likelihood.covariance.roots, axis1=2, axis2=3) > 0.0
+        energy = np.einsum("brm,bsm->brs", used, residual**2, optimize=True)
+        gradients = np.einsum("ibrm,bsm->brsi", self.jacobian, residual, optimize=True)
+        receivers = np.arange(residual.shape[1])
+        chi_square = np.moveaxis(energy[:, receivers, orders], 0, 1) / self.n_data
+        gradients = np.moveaxis(gradients[:, receivers, orders], 0, 1)
+        return chi_square, gradients * signs[:, None, :, None]
 
-    def errors(self, error, parts):
-        """Return the same of one error (n_blasts, n_receivers, m) of every path, in all blasts.
+    def scaled(self, error, sizes):
+        """Return the same for one error of all paths with random sizes.
 
-        Parts (n_surrogates, n_receivers) of it.
+        Parameters
+        ----------
+        error : (n_blasts, n_receivers, m) float64
+        sizes : (n_surrogates, n_receivers) float64
         """
-        size = np.sum(error**2, axis=-1) / self.kept
-        pulls = np.einsum("ibrm,brm->bri", self.columns, error, optimize=True)
-        return size * parts[:, None] ** 2, pulls * parts[:, None, :, None]
+        chi_square = np.sum(error**2, axis=-1) / self.n_data
+        gradients = np.einsum("ibrm,brm->bri", self.jacobian, error, optimize=True)
+        return chi_square * sizes[:, None] ** 2, gradients * sizes[:, None, :, None]
 
-    def best(self, size, pulls, paid):
-        """Return the evidence (2, n_surrogates) over nothing, of one place and of however many.
+    def best(self, chi_square, gradients, penalty):
+        """Return the Δ ln evidence (2, n_surrogates) of one target, and of all that pay.
 
-        Each place costs ``paid``. Surrogates are given by `shuffled` or `errors`.
+        Each target costs ``penalty``. Surrogates are given by `permuted` or `scaled`.
         """
-        surrogates = size, pulls, self.likelihood.weights(size)
-        nothing, squares = self._fitted(surrogates, [])
-        alone = [self._fitted(surrogates, [place]) for place in self.places]
-        one = np.max([evidence for evidence, _ in alone], axis=0) - paid
-        most = one.copy()
-        paying = np.array([squares - left > 2.0 * DECISIVE for _, left in alone])
+        surrogates = chi_square, gradients, self.likelihood.weights(chi_square)
+        without, misfit = self._fitted(surrogates, [])
+        single = [self._fitted(surrogates, [target]) for target in self.targets]
+        best = np.max([evidence for evidence, _ in single], axis=0) - penalty
+        several = best.copy()
+        paying = np.array([misfit - after > 2.0 * DECISIVE for _, after in single])
         for n in np.flatnonzero(paying.sum(axis=0) > 1):
-            some = [place for place, pays in zip(self.places, paying[:, n], strict=True) if pays]
-            together, _ = self._fitted([part[n : n + 1] for part in surrogates], some)
-            most[n] = max(most[n], together[0] - len(some) * paid)
-        return np.stack([one - nothing, most - nothing])
+            targets = [t for t, pays in zip(self.targets, paying[:, n], strict=True) if pays]
+            together, _ = self._fitted([part[n : n + 1] for part in surrogates], targets)
+            several[n] = max(several[n], together[0] - len(targets) * penalty)
+        return np.stack([best - without, several - without])
 
-    def _fitted(self, surrogates, places):
-        """Return evidence and misfit with what the priors take, of the effect at some places."""
-        used = np.concatenate([self.own, *places])
-        size, pulls, weights = surrogates
-        pulls, products = pulls[..., used], self.products[..., used[:, None], used]
-        curvature = np.einsum("nbr,brij->nij", weights, products, optimize=True) + np.eye(len(used))
-        pull = np.einsum("nbr,nbri->ni", weights, pulls, optimize=True)
-        move = np.linalg.solve(curvature, pull[..., None])[..., 0]
-        drop = 2.0 * np.einsum("nbri,ni->nbr", pulls, move, optimize=True)
-        drop -= np.einsum("brij,ni,nj->nbr", products, move, move, optimize=True)
-        left = np.maximum(size - drop / self.kept, 0.0)
-        squares = self.likelihood.misfit_of(left) + np.sum(move**2, axis=-1)
-        return -0.5 * (squares + np.linalg.slogdet(curvature)[1]), squares
-
-
-HALVINGS = 40
+    def _fitted(self, surrogates, targets):
+        """Return ln evidence and misfit with that of the priors, of the effect at targets."""
+        used = np.concatenate([self.calibrated, *targets])
+        chi_square, gradients, weights = surrogates
+        gradients, products = gradients[..., used], self.products[..., used[:, None], used]
+        hessian = np.einsum("nbr,brij->nij", weights, products, optimize=True) + np.eye(len(used))
+        gradient = np.einsum("nbr,nbri->ni", weights, gradients, optimize=True)
+        step = np.linalg.solve(hessian, gradient[..., None])[..., 0]
+        drop = 2.0 * np.einsum("nbri,ni->nbr", gradients, step, optimize=True)
+        drop -= np.einsum("brij,ni,nj->nbr", products, step, step, optimize=True)
+        after = np.maximum(chi_square - drop / self.n_data, 0.0)
+        misfit = self.likelihood.misfit_of(after) + np.sum(step**2, axis=-1)
+        return -0.5 * (misfit + np.linalg.slogdet(hessian)[1]), misfit
 
 
-def visible(scene: Scene, fit: Fit, least: float = DECISIVE) -> list[dict]:
-    """List the smallest effects that would not have passed unseen beside a fit.
+def detection_limits(scene: Scene, fit: Fit, least: float = DECISIVE) -> list[dict]:
+    """Compute the detection limits of effects that need no runs, beside a fit.
 
     Parameters
     ----------
     scene : Scene
     fit : Fit
-        That explains all; nothing is said beside one that does not.
     least : float
-        Nats that an effect must bring.
+        Required Δ ln evidence.
 
     Returns
     -------
     list of dict
-        Of each knob that tells its ``nothing``: ``label``, ``form``, ``knob``, ``unit``,
-        ``nothing``, and the ``amount`` from there on that would have been seen at every target but
-        the ``unseen`` ones. Knobs that no target would have shown are left out.
+        For each parameter with a null value: ``label``, ``form``, ``target``, ``parameter``,
+        ``unit``, ``per_hole``, ``null_value``, and ``amount``, the deviation from there that would
+        be detected at every target but those ``not_detected_at``. Empty if the fit leaves
+        something unexplained; without parameters that would be detected at no target.
 
     Notes
     -----
-    Theory.md (14.7). An amount at which the change is no longer like its derivative is left out.
+    Theory.md (14.7). An amount at which the change is no longer linear has no limit.
     """
-    found = []
+    limits = []
     if material(fit.chi_square):
-        return found
-    for one in LIBRARY.values():
-        if one.label in fit.labels or one.untestable(scene.case):
+        return limits
+    for hypothesis in LIBRARY.values():
+        if hypothesis.label in fit.labels or hypothesis.untestable(scene.case):
             continue
-        for place, knob in enumerate(one.parameters):
-            if knob.null is None:
+        for order, parameter in enumerate(hypothesis.parameters):
+            if parameter.null is None:
                 continue
-            targets = one.targets(scene.case)
-            amounts = {t: _amount(scene, fit, one, t, place, least) for t in targets}
-            seen = [amount for amount in amounts.values() if np.isfinite(amount)]
-            if seen:
-                found.append({
-                    "label": one.label, "form": one.form, "target": one.target, "knob": knob.name,
-                    "unit": knob.unit, "per_hole": knob.per_hole, "nothing": knob.null,
-                    "amount": max(seen),
-                    "unseen": [t for t, amount in amounts.items() if not np.isfinite(amount)],
+            targets = hypothesis.targets(scene.case)
+            amounts = {
+                t: _detection_limit(scene, fit, hypothesis, t, order, least) for t in targets
+            }
+            finite = [amount for amount in amounts.values() if np.isfinite(amount)]
+            if finite:
+                limits.append({
+                    "label": hypothesis.label, "form": hypothesis.form,
+                    "target": hypothesis.target, "parameter": parameter.name,
+                    "unit": parameter.unit, "per_hole": parameter.per_hole,
+                    "null_value": parameter.null, "amount": max(finite),
+                    "not_detected_at": [t for t, a in amounts.items() if not np.isfinite(a)],
                 })  # fmt: skip
-    return found
+    return limits
 
 
-def _amount(scene, fit, one, target, place, least):
-    """Return the smallest visible change of one knob at a target, of its worst hole if of each.
+def _detection_limit(
+    scene: Scene, fit: Fit, hypothesis: Hypothesis, target: str, order: int, least: float
+) -> float:
+    """Return the detection limit of one parameter at a target, the largest of its holes.
 
-    Holes without a charge send nothing, whatever their knobs, and don't count.
+    Holes without a charge radiate nothing and do not count.
     """
-    knob, case, likelihood = one.parameters[place], scene.case, scene.baseline.likelihood
-    charges = case.project.blasts[target].charge if knob.per_hole else np.ones(1)
+    parameter, case = hypothesis.parameters[order], scene.case
+    likelihood, null = scene.baseline.likelihood, float(parameter.null or 0.0)
+    charges = case.project.blasts[target].charge if parameter.per_hole else np.ones(1)
     live = np.flatnonzero(charges > 0.0)
-    unit = knob.sigma * (knob.null or knob.mean or 1.0) if knob.log else knob.sigma
+    unit = parameter.sigma * (null or parameter.mean or 1.0) if parameter.log else parameter.sigma
     step = DIFFERENCE * unit
-    cost = np.log(len(one.targets(case)) * len(live)) + least
-    farthest = max(abs(e - knob.null) for e in (knob.low, knob.high) if np.isfinite(e))
-    left = likelihood.residual(fit.motion)
+    cost = np.log(len(hypothesis.targets(case)) * len(live)) + least
+    farthest = max(abs(e - null) for e in (parameter.low, parameter.high) if np.isfinite(e))
+    residual = likelihood.residual(fit.motion)
 
     def change(hole, amount):
-        values = [(other.mean,) for other in one.parameters]
-        changed = np.full(len(charges), knob.null)
+        values = [(other.mean,) for other in hypothesis.parameters]
+        changed = np.full(len(charges), null)
         changed[hole] += amount
-        values[place] = tuple(changed.tolist())
-        effect = Effect(one.name, target, tuple(values))
-        return left - likelihood.residual(scene.received(fit.motion, (effect,)))
+        values[order] = tuple(changed.tolist())
+        effect = Effect(hypothesis.name, target, tuple(values))
+        return residual - likelihood.residual(scene.received(fit.motion, (effect,)))
 
     amounts = []
     for hole in live:
@@ -329,23 +371,23 @@ def _amount(scene, fit, one, target, place, least):
 
 
 def _smallest(likelihood, fit, change, unit, cost, farthest):
-    """Return the smallest amount of a whitened change that shows; infinite beyond the farthest."""
+    """Return the smallest detected amount of a whitened change; infinite beyond the farthest."""
     weights = likelihood.weights(fit.chi_square)
-    pull = np.einsum("ibrm,brm,br->i", fit.jacobian, change, weights, optimize=True)
-    taken = np.linalg.solve(hessian_of(fit.jacobian, weights), pull)
-    change = change - np.tensordot(taken, fit.jacobian, 1)
-    size = likelihood.chi_square(change)
-    cost += 0.5 * np.log1p(unit**2 * np.sum(weights * likelihood.n_data * size))
+    gradient = np.einsum("ibrm,brm,br->i", fit.jacobian, change, weights, optimize=True)
+    absorbed = np.linalg.solve(hessian_of(fit.jacobian, weights), gradient)
+    change = change - np.tensordot(absorbed, fit.jacobian, 1)
+    chi_square = likelihood.chi_square(change)
+    cost += 0.5 * np.log1p(unit**2 * np.sum(weights * likelihood.n_data * chi_square))
     before = likelihood.misfit_of(fit.chi_square)
 
-    def seen(amount):
-        after = fit.chi_square + amount**2 * size
+    def detected(amount):
+        after = fit.chi_square + amount**2 * chi_square
         return material(after) and 0.5 * (likelihood.misfit_of(after) - before) >= cost
 
-    if not seen(farthest):
+    if not detected(farthest):
         return np.inf
     low, high = 0.0, farthest
-    for _ in range(HALVINGS):
+    for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if seen(middle) else (middle, high)
+        low, high = (low, middle) if detected(middle) else (middle, high)
     return float(high)

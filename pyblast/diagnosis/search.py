@@ -1,33 +1,40 @@
-"""Search of effects: screening of all, fits of the best, sets while evidence grows."""
+"""Search of the library: screening, fits of the best candidates, sets while evidence grows."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 
 from .effects import Effect, Scene
-from .fitting import Fit, Fitter, fit, fit_partly
-from .hypotheses import LIBRARY
+from .fitting import Fit, Fitter, fit, fit_calibrated, fit_partly
+from .hypotheses import LIBRARY, Hypothesis
 from .thresholds import DECISIVE, LEAST_OF_BEST, LEAST_SHARE, MATERIAL, MOST_EFFECTS, MOST_EXPLAINED
 
-SCALED = 0.5  # standard deviation of the scale of a change that was run at one value of its knobs
-ADAPTING = 6  # rounds of reweighting
-TOGETHER = 8  # effects whose runs are made side by side
+SCALE_SIGMA = 0.5  # prior standard deviation of the scale of a change simulated at one value
+REWEIGHTINGS = 6  # rounds of iteratively reweighted least squares
+SIDE_BY_SIDE = 8  # effects that are run together
+REFINED = 4  # effects on the site that are fitted by runs, in the first pass
+REFINED_LATER = 2
+UNEXPLAINED = 6  # poor candidates that are fitted by runs, while no fit has enough evidence
+SURELY = 3  # poor candidates that are fitted by runs, while little is explained
+BEAM = 2  # width of the beam search: sets of effects that are extended, if nearly as good
+AROUND = (-0.6, -0.3, 0.0, 0.3, 0.6)  # prior standard deviations of each parameter
 
 
 @dataclass(frozen=True, eq=False)
-class Guess:
-    """An effect on the site as a few runs judge it.
+class ScreeningResult:
+    """Screening result: an effect on the site as judged by one or two runs.
 
     Parameters
     ----------
     effect : Effect
     share : float
-        Of all energy in excess at the calibrated site, what is gone in its blasts.
+        Share of the excess energy of its blasts that it explains.
     change : (n_blasts, n_receivers, 3, n_samples) float64, m/s
-        Of the motion of the believed site; zero in blasts that were not run.
+        Change of the motion of the reference site; zero in blasts that were not run.
     blasts : tuple of int
+        Indices of the blasts that were run.
     """
 
     effect: Effect
@@ -36,331 +43,335 @@ class Guess:
     blasts: tuple[int, ...]
 
 
-def started(hypothesis, target, scene):
-    """Return an effect at each of its starting values."""
-    blasts = scene.case.project.blasts
-    count = len(blasts[target].times) if target in blasts else 1
-    read = () if hypothesis.begins is None else (hypothesis.begins(scene),)
-    return [
-        Effect(
-            hypothesis.name,
-            target,
-            tuple(
-                (value,) * (count if knob.per_hole else 1)
-                for knob, value in zip(hypothesis.parameters, values, strict=True)
-            ),
-        )
-        for values in (*product(*[knob.starts for knob in hypothesis.parameters]), *read)
-    ]
-
-
-def screened(found) -> list[Guess]:
-    """Judge effects on the site by runs at their starting values, best first.
-
-    Parameters
-    ----------
-    found : Search
-        With its fit of nothing.
-    """
-    scene, home = found.scene, np.zeros(len(found.none.values))
-    tried = [
-        (effect, _seen_in(found, hypothesis, target))
-        for hypothesis in LIBRARY.values() if hypothesis.on == "site"
-        for target in hypothesis.targets(scene.case)
-        for effect in started(hypothesis, target, scene)
-    ]  # fmt: skip
-    best = {}
-    for done, (effect, blasts) in enumerate(tried):
-        found.tell("effects on the site", done, len(tried))
-        if not found.runs_left():
-            break
-        if done % TOGETHER == 0:  # side by side
-            for some in {b for _, b in tried}:
-                these = [(home, (e,)) for e, b in tried[done : done + TOGETHER] if b == some]
-                scene.sent(these, some)
-        guess = _guess(found, effect, home, blasts)
-        key = effect.label, effect.target
-        if guess is not None and (key not in best or best[key].share < guess.share):
-            best[key] = guess
-    return sorted(best.values(), key=lambda one: -one.share)
-
-
-def _seen_in(found, hypothesis, target):
-    """Return the blasts in which an effect is screened: its own, or where most is open.
-
-    What grows with charge is screened in the first blast, too: in one alone it looks like a change
-    of the site's own values.
-    """
-    case, likelihood = found.scene.case, found.scene.baseline.likelihood
-    if target in case.blasts:
-        return (case.blasts.index(target),)
-    each = [likelihood.excess(found.none.chi_square, (b,)) for b in range(len(case.blasts))]
-    most = int(np.argmax(each))
-    return (most,) if hypothesis.linear else tuple(sorted({0, most or len(case.blasts) - 1}))
-
-
-def _guess(found, effect, home, blasts):
-    """Judge one effect on the site by a run of some blasts, and by its change made less or more."""
-    scene, likelihood = found.scene, found.scene.baseline.likelihood
-    sent = scene.sent([(home, (effect,))], blasts)[0]
-    if sent is None:
-        return None
-    change = np.zeros_like(sent)
-    change[list(blasts)] = (sent - scene.baseline.reference)[list(blasts)]
-    size = _adapted(scene, change, blasts)
-    share = likelihood.explained_share(found.none.chi_square, size, blasts)
-    return Guess(effect, share, change, blasts)
-
-
-def _adapted(scene, change, blasts):
-    """Return sizes of residuals when the site's values and the scale of a change fit best."""
-    baseline, likelihood = scene.baseline, scene.baseline.likelihood
-    slopes = baseline.slopes * baseline.sigma[:, None, None, None, None]
-    columns = likelihood.whiten(np.concatenate([slopes, change[None]]))
-    columns[:, [b for b in range(columns.shape[1]) if b not in blasts]] = 0.0
-    centre = np.append(np.zeros(len(slopes)), 1.0)
-    precision = np.append(np.ones(len(slopes)), SCALED**-2.0)
-    start, place = likelihood.residual(baseline.reference), centre
-    for _ in range(ADAPTING):
-        size = likelihood.chi_square(start - np.tensordot(place, columns, 1))
-        weights = likelihood.weights(size)
-        curvature = np.einsum("ibrm,jbrm,br->ij", columns, columns, weights, optimize=True)
-        pull = np.einsum("ibrm,brm,br->i", columns, start, weights, optimize=True)
-        place = np.linalg.solve(curvature + np.diag(precision), pull + precision * centre)
-    return likelihood.chi_square(start - np.tensordot(place, columns, 1))
-
-
-def rescreened(found, base) -> list[Guess]:
-    """Judge effects on the site again, on top of those of a fit, by adding their changes."""
-    likelihood, kept = found.scene.baseline.likelihood, []
-    for guess in found.guesses:
-        if guess.effect.label in base.labels:
-            continue
-        shares = [
-            likelihood.explained_share(
-                base.chi_square,
-                likelihood.chi_square(likelihood.residual(base.motion + part * guess.change)),
-                guess.blasts,
-            )
-            for part in (0.5, 1.0)
-        ]
-        kept.append(Guess(guess.effect, max(shares), guess.change, guess.blasts))
-    return sorted(kept, key=lambda one: -one.share)
-
-
-REFINED = 4  # effects on the site that are fitted by runs, in the first pass
-REFINED_LATER = 2
-UNEXPLAINED = 6  # effects that are fitted by runs, however poor, while none fitted pays
-SURELY = 3  # guesses that are fitted however poor they are, while less than this is explained:
-BEAM = 2  # sets of effects that go on together, of those that records can't tell apart
-AROUND = (-0.6, -0.3, 0.0, 0.3, 0.6)  # sigmas of each knob
-
-
 @dataclass(eq=False)
 class Search:
-    """What was found by a search.
+    """State and result of a search.
 
     Parameters
     ----------
     scene : Scene
     limit : int
-        Runs after which nothing further is begun.
-    tell : callable
+        Number of runs after which no further effect is tried.
+    progress : callable
         Called with (stage, done, total).
-    none : Fit
-        Nothing but the site's own values.
+    without_effects : Fit
+        Fit of the calibrated parameters alone.
     fits : list of Fit
         One for each label, or set of labels, that was fitted.
-    guesses : list of Guess
-    chosen : Fit
-        The best set of effects.
+    screening : list of ScreeningResult
+        Best first.
+    chosen : Fit or None
+        The best set of effects; None if nothing was searched for.
     finished, compared : bool
-        Whether the budget was enough for all that was planned, and for each effect alone.
+        Whether the budget sufficed for the whole search, and for each effect on its own.
     """
 
     scene: Scene
     limit: int
-    tell: Callable
-    none: Fit = None
-    fits: list = field(default_factory=list)
-    guesses: list = field(default_factory=list)
-    chosen: Fit = None
+    progress: Callable
+    without_effects: Fit
+    fits: list[Fit] = field(default_factory=list)
+    screening: list[ScreeningResult] = field(default_factory=list)
+    chosen: Fit | None = None
     finished: bool = True
     compared: bool = True
 
-    def worth(self, found):
-        """Return the evidence of a fit in nats over that of nothing, its places paid; (14.3)."""
-        paid = sum(np.log(len(e.hypothesis.targets(self.scene.case))) for e in found.effects)
-        return found.log_evidence - self.none.log_evidence - paid
+    def delta_ln_evidence(self, fit: Fit) -> float:
+        """Return the log Bayes factor of a fit over no effect, less ln(targets); (14.3)."""
+        penalty = sum(np.log(len(e.hypothesis.targets(self.scene.case))) for e in fit.effects)
+        return fit.log_evidence - self.without_effects.log_evidence - penalty
 
-    def ranked(self):
+    def ranked(self) -> list[Fit]:
         """Return all fits, best evidence first."""
-        return sorted(self.fits, key=self.worth, reverse=True)
+        return sorted(self.fits, key=self.delta_ln_evidence, reverse=True)
 
-    def leaders(self, n_labels=1):
-        """Return the best fits of so many labels, those that can't be told from the first."""
-        some = [one for one in self.ranked() if len(one.labels) == n_labels]
-        near = [one for one in some if self.worth(some[0]) - self.worth(one) < DECISIVE]
-        labels = [set(one.labels) for one in near]
-        return [one for k, one in enumerate(near) if labels[k] not in labels[:k]][:BEAM]
+    def leaders(self, n_labels=1) -> list[Fit]:
+        """Return the fits of a number of labels that the records cannot distinguish from the best.
 
-    def keep(self, one):
-        """Keep a fit, or the better one of two of the same effects, and its twin if near it."""
-        same = [one, *(fit for fit in self.fits if fit.where == one.where)]
-        best = max(same, key=self.worth)
-        near = [fit for fit in same if self.worth(best) - self.worth(fit) < DECISIVE]
-        alone = len(one.effects) == 1  # others may have the same effects in another order
-        twins = tuple(fit for fit in near if alone and fit is not best)
-        self.fits = [fit for fit in self.fits if fit.where != one.where]
-        self.fits.append(replace(best, alternatives=twins))
+        At most `BEAM`, each of other labels.
+        """
+        ranked = [fit for fit in self.ranked() if len(fit.labels) == n_labels]
+        near = [fit for fit in ranked if self._lead(ranked[0], fit) < DECISIVE]
+        labels = [set(fit.labels) for fit in near]
+        return [fit for k, fit in enumerate(near) if labels[k] not in labels[:k]][:BEAM]
 
-    def runs_left(self):
+    def add(self, fit: Fit):
+        """Add a fit, or keep the better of two of the same effects; the other is a mode if near."""
+        same = [fit, *(known for known in self.fits if known.where == fit.where)]
+        best = max(same, key=self.delta_ln_evidence)
+        near = [known for known in same if self._lead(best, known) < DECISIVE]
+        single = len(fit.effects) == 1  # others may have the same effects in another order
+        modes = tuple(known for known in near if single and known is not best)
+        self.fits = [known for known in self.fits if known.where != fit.where]
+        self.fits.append(replace(best, alternatives=modes))
+
+    def runs_left(self) -> bool:
         """Tell whether the budget allows more runs."""
         self.finished = self.finished and self.scene.forward.runs < self.limit
         return self.scene.forward.runs < self.limit
 
+    def _lead(self, best, other):
+        """Return the log Bayes factor between two fits."""
+        return self.delta_ln_evidence(best) - self.delta_ln_evidence(other)
 
-def search(scene: Scene, limit: int, tell=lambda *_: None) -> Search:
-    """Search the library for effects that explain what a calibrated site does not.
+
+def search(scene: Scene, limit: int, progress: Callable = lambda *_: None) -> Search:
+    """Search the library for effects that explain what the calibrated site does not.
 
     Parameters
     ----------
     scene : Scene
     limit : int
-        Runs after which nothing further is begun.
-    tell : callable, optional
+        Number of runs after which no further effect is tried.
+    progress : callable, optional
         Called with (stage, done, total).
 
     Returns
     -------
     Search
-        Nothing was tried where nothing is missing, or where the records could test no effect.
+        Without fits where the calibrated site explains the records, or where the records can test
+        no effect.
     """
-    found = Search(scene, limit, tell)
-    found.none = found.chosen = fit(scene, ())
-    testable = any(not one.untestable(scene.case) for one in LIBRARY.values())
-    if not (testable and material(found.none.chi_square)):
-        return found
-    _quick(found, found.none)
-    found.guesses = screened(found)
-    _refine(found, found.guesses, found.none, REFINED)
-    _around(found)
-    found.compared = found.finished
+    chosen = fit_calibrated(scene)
+    state = Search(scene, limit, progress, chosen, chosen=chosen)
+    testable = any(not hypothesis.untestable(scene.case) for hypothesis in LIBRARY.values())
+    if not (testable and material(chosen.chi_square)):
+        return state
+    _fit_without_runs(state, chosen)
+    state.screening = screen(state)
+    _fit_by_runs(state, state.screening, chosen, REFINED)
+    _refit_around_leaders(state)
+    state.compared = state.finished
     for n_labels in range(1, MOST_EFFECTS + 1):
-        least = found.worth(found.chosen) + DECISIVE
-        leaders = [one for one in found.leaders(n_labels) if found.worth(one) >= least]
+        least = state.delta_ln_evidence(chosen) + DECISIVE
+        leaders = [f for f in state.leaders(n_labels) if state.delta_ln_evidence(f) >= least]
         if not leaders:
             break
-        found.chosen = leaders[0]
-        if not material(found.chosen.chi_square) or n_labels == MOST_EFFECTS:
+        state.chosen = chosen = leaders[0]
+        if not material(chosen.chi_square) or n_labels == MOST_EFFECTS:
             break
         for base in leaders:
-            _quick(found, base)
-            _refine(found, rescreened(found, base), base, REFINED_LATER)
-    return found
+            _fit_without_runs(state, base)
+            _fit_by_runs(state, screen_again(state, base), base, REFINED_LATER)
+    return state
 
 
-def material(size) -> bool:
-    """Tell whether mean squares (n_blasts, n_receivers) are more than errors of the theory."""
-    return worst(size) >= MATERIAL
+def material(chi_square) -> bool:
+    """Tell whether chi-squares (n_blasts, n_receivers) exceed what the model error explains."""
+    return worst(chi_square) >= MATERIAL
 
 
-def worst(size) -> float:
-    """Return the largest mean, of a receiver or of a blast, of sizes (n_blasts, n_receivers)."""
-    return float(max(means(size, 0).max(), means(size, 1).max()))
+def worst(chi_square) -> float:
+    """Return the largest mean chi-square of a receiver or of a blast, (n_blasts, n_receivers)."""
+    return float(max(means(chi_square, 0).max(), means(chi_square, 1).max()))
 
 
-def means(size, axis):
-    """Return mean sizes (n_blasts, n_receivers) along an axis, of the records that there are."""
-    return np.sum(size, axis=axis) / np.maximum(np.count_nonzero(size, axis=axis), 1)
+def means(chi_square, axis) -> np.ndarray:
+    """Return mean chi-squares (n_blasts, n_receivers) along an axis, over existing records."""
+    return np.sum(chi_square, axis=axis) / np.maximum(np.count_nonzero(chi_square, axis=axis), 1)
 
 
-def _quick(found, base):
-    """Fit each effect that needs no runs on top of a fit, at all places where it pays."""
-    scene, before = found.scene, base.effects
-    labels = [h for h in LIBRARY.values() if h.on != "site" and h.label not in base.labels]
+def starting_effects(hypothesis: Hypothesis, target: str, scene: Scene) -> list[Effect]:
+    """Return an effect at each starting value of its parameters."""
+    blasts = scene.case.project.blasts
+    n_holes = len(blasts[target].times) if target in blasts else 1
+    from_residual = () if hypothesis.begins is None else (hypothesis.begins(scene),)
+    starts = product(*[parameter.starts for parameter in hypothesis.parameters])
+    return [
+        Effect(
+            hypothesis.name,
+            target,
+            tuple(
+                (value,) * (n_holes if parameter.per_hole else 1)
+                for parameter, value in zip(hypothesis.parameters, values, strict=True)
+            ),
+        )
+        for values in (*starts, *from_residual)
+    ]
+
+
+def screen(search: Search) -> list[ScreeningResult]:
+    """Screen effects on the site by runs at their starting values, best first.
+
+    Parameters
+    ----------
+    search : Search
+        With its fit without effects.
+    """
+    scene, x_ref = search.scene, np.zeros(len(search.without_effects.values))
+    candidates = [
+        (effect, _screened_blasts(search, hypothesis, target))
+        for hypothesis in LIBRARY.values() if hypothesis.on == "site"
+        for target in hypothesis.targets(scene.case)
+        for effect in starting_effects(hypothesis, target, scene)
+    ]  # fmt: skip
+    best: dict[tuple[str, str], ScreeningResult] = {}
+    for done, (effect, blasts) in enumerate(candidates):
+        search.progress("effects on the site", done, len(candidates))
+        if not search.runs_left():
+            break
+        if done % SIDE_BY_SIDE == 0:
+            together = candidates[done : done + SIDE_BY_SIDE]
+            for group in {own for _, own in together}:
+                states = [(x_ref, (other,)) for other, own in together if own == group]
+                scene.simulate(states, group)
+        result = _screening_result(search, effect, x_ref, blasts)
+        key = effect.label, effect.target
+        if result is not None and (key not in best or best[key].share < result.share):
+            best[key] = result
+    return sorted(best.values(), key=lambda result: -result.share)
+
+
+def _screened_blasts(search, hypothesis, target):
+    """Return the blasts in which an effect is screened: its own, or the one explained worst.
+
+    What grows with charge is screened in the first blast, too: in one alone it looks like a change
+    of the calibrated parameters.
+    """
+    case, likelihood = search.scene.case, search.scene.baseline.likelihood
+    if target in case.blasts:
+        return (case.blasts.index(target),)
+    chi_square = search.without_effects.chi_square
+    excess = [likelihood.excess(chi_square, (b,)) for b in range(len(case.blasts))]
+    largest = int(np.argmax(excess))
+    return (largest,) if hypothesis.linear else tuple(sorted({0, largest or len(excess) - 1}))
+
+
+def _screening_result(search, effect, x_ref, blasts):
+    """Return how much one effect explains after runs of some blasts, at its best scale."""
+    scene, likelihood = search.scene, search.scene.baseline.likelihood
+    simulated = scene.simulate([(x_ref, (effect,))], blasts)[0]
+    if simulated is None:
+        return None
+    change = np.zeros_like(simulated)
+    change[list(blasts)] = (simulated - scene.baseline.reference)[list(blasts)]
+    chi_square = _chi_square_at_best_scale(scene, change, blasts)
+    share = likelihood.explained_share(search.without_effects.chi_square, chi_square, blasts)
+    return ScreeningResult(effect, share, change, blasts)
+
+
+def _chi_square_at_best_scale(scene, change, blasts):
+    """Return chi-squares where calibrated parameters and the scale of a change fit best."""
+    baseline, likelihood = scene.baseline, scene.baseline.likelihood
+    slopes = baseline.slopes * baseline.sigma[:, None, None, None, None]
+    jacobian = likelihood.whiten(np.concatenate([slopes, change[None]]))
+    jacobian[:, [b for b in range(jacobian.shape[1]) if b not in blasts]] = 0.0
+    mean = np.append(np.zeros(len(slopes)), 1.0)
+    precision = np.append(np.ones(len(slopes)), SCALE_SIGMA**-2.0)
+    residual, x = likelihood.residual(baseline.reference), mean
+    for _ in range(REWEIGHTINGS):
+        chi_square = likelihood.chi_square(residual - np.tensordot(x, jacobian, 1))
+        weights = likelihood.weights(chi_square)
+        hessian = np.einsum("ibrm,jbrm,br->ij", jacobian, jacobian, weights, optimize=True)
+        gradient = np.einsum("ibrm,brm,br->i", jacobian, residual, weights, optimize=True)
+        x = np.linalg.solve(hessian + np.diag(precision), gradient + precision * mean)
+    return likelihood.chi_square(residual - np.tensordot(x, jacobian, 1))
+
+
+def screen_again(search: Search, base: Fit) -> list[ScreeningResult]:
+    """Screen effects on the site on top of a fit, by adding their changes to its motion."""
+    likelihood, results = search.scene.baseline.likelihood, []
+    for result in search.screening:
+        if result.effect.label in base.labels:
+            continue
+        shares = [
+            likelihood.explained_share(
+                base.chi_square,
+                likelihood.chi_square(likelihood.residual(base.motion + scale * result.change)),
+                result.blasts,
+            )
+            for scale in (0.5, 1.0)
+        ]
+        results.append(replace(result, share=max(shares)))
+    return sorted(results, key=lambda result: -result.share)
+
+
+def _fit_without_runs(search, base):
+    """Fit each effect that needs no runs on top of a fit, at all targets where it pays."""
+    scene, before = search.scene, base.effects
+    candidates = [h for h in LIBRARY.values() if h.on != "site" and h.label not in base.labels]
     start = Fitter(scene, before, base.values)
     objective = start.objective(start.start(), start.motions([start.start()])[0])
-    for done, hypothesis in enumerate(labels):
-        found.tell("effects that need no runs", done, len(labels))
+    for done, hypothesis in enumerate(candidates):
+        search.progress("effects that need no runs", done, len(candidates))
         best = {}
         for target in hypothesis.targets(scene.case):
             trials = [
-                fit_partly(scene, (*before, one), base.values, n_last=1)
-                for one in started(hypothesis, target, scene)
+                fit_partly(scene, (*before, effect), base.values, n_last=1)
+                for effect in starting_effects(hypothesis, target, scene)
             ]
-            reached, _, effects = min(trials, key=lambda one: one[0])
+            reached, _, effects = min(trials, key=lambda trial: trial[0])
             best[target] = objective - reached, effects[-1]
-        paying = [one for gained, one in best.values() if gained > 2.0 * DECISIVE]
-        most = max(best.values(), key=lambda one: one[0], default=None)
+        paying = [effect for decrease, effect in best.values() if decrease > 2.0 * DECISIVE]
+        most = max(best.values(), key=lambda pair: pair[0], default=None)
         if hypothesis.single:
             paying = [most[1]] if paying else []
         if most is None or most[0] <= 0.0 or (before and not paying):
             continue
         added = paying or [most[1]]
-        one = fit(scene, (*before, *added), base.values, base=base if before else None)
-        if one is not None:
-            found.keep(one)
+        fitted = fit(scene, (*before, *added), base.values, base=base if before else None)
+        if fitted is not None:
+            search.add(fitted)
 
 
-def _refine(found, guesses, base, most):
-    """Fit the best guesses by runs on top of a fit, one place of each label."""
-    seen, done = set(base.labels), 0
-    largest = max((guess.share for guess in guesses), default=0.0)
-    home = base.values if base.effects else np.zeros(len(base.values))
-    for guess in guesses:
-        known, surely = (0.0, 0) if base.effects else _explained(found)
-        poor = guess.share < max(LEAST_SHARE, LEAST_OF_BEST * max(known, largest))
-        if done >= (surely if poor else max(most, surely)) or not found.runs_left():
+def _fit_by_runs(search, screening: Sequence[ScreeningResult], base, most):
+    """Fit the best screened effects by runs on top of a fit, one target of each label."""
+    labels, done = set(base.labels), 0
+    largest = max((result.share for result in screening), default=0.0)
+    x_ref = base.values if base.effects else np.zeros(len(base.values))
+    for result in screening:
+        explained, surely = (0.0, 0) if base.effects else _explained(search)
+        poor = result.share < max(LEAST_SHARE, LEAST_OF_BEST * max(explained, largest))
+        if done >= (surely if poor else max(most, surely)) or not search.runs_left():
             break
-        if guess.effect.label in seen:
+        if result.effect.label in labels:
             continue
-        seen.add(guess.effect.label)
-        found.tell(f"fit {guess.effect.label}", done, max(most, surely))
-        before = found.scene.forward.runs
-        one = fit(found.scene, (*base.effects, guess.effect), home, guess.blasts, base)
-        if one is not None:
-            found.keep(one)
-        done += found.scene.forward.runs > before
+        labels.add(result.effect.label)
+        search.progress(f"fit {result.effect.label}", done, max(most, surely))
+        runs_before = search.scene.forward.runs
+        fitted = fit(search.scene, (*base.effects, result.effect), x_ref, result.blasts, base)
+        if fitted is not None:
+            search.add(fitted)
+        done += search.scene.forward.runs > runs_before
 
 
-def _around(found):
-    """Look around what leads in all its forms, and fit it anew from the best place, if not linear.
+def _refit_around_leaders(search):
+    """Fit leaders that grow with charge again, from the best values around them, in all forms.
 
-    What grows with charge has a narrow valley, and a way down to it may end on its side.
+    Their misfit has a narrow valley, and a minimisation may end on its side.
     """
-    scene, home = found.scene, np.zeros(len(found.none.values))
-    for leader in found.leaders():
+    scene, x_ref = search.scene, np.zeros(len(search.without_effects.values))
+    for leader in search.leaders():
         first = leader.effects[0]
         forms = [h for h in LIBRARY.values() if h.label == first.label and not h.linear]
-        if not forms or not found.runs_left():
+        if not forms or not search.runs_left():
             continue
-        near = [
-            [knob.value(knob.standardised(value) + step) for step in AROUND]
-            for knob, (value,) in zip(first.hypothesis.parameters, first.values, strict=True)
+        grids = [
+            [parameter.value(parameter.standardised(value) + step) for step in AROUND]
+            for parameter, (value,) in zip(first.hypothesis.parameters, first.values, strict=True)
         ]
-        places = [
+        points = [
             tuple((value,) for value in values)
-            for values in product(*near)
-            if all(k.low <= v <= k.high for k, v in zip(forms[0].parameters, values, strict=True))
+            for values in product(*grids)
+            if all(p.low <= v <= p.high for p, v in zip(forms[0].parameters, values, strict=True))
         ]  # fmt: skip
-        ways = [Effect(form.name, first.target, place) for form in forms for place in places]
-        found.tell(f"around {first.label}", 0, 1)
-        blasts = next(g.blasts for g in found.guesses if g.effect.where == first.where)
-        scene.sent([(home, (way,)) for way in ways], blasts)
-        best = min(ways, key=lambda way: fit_partly(scene, (way,), home, blasts)[0])
-        one = fit(scene, (best,), home, blasts, found.none)
-        if one is not None:
-            found.keep(one)
+        candidates = [Effect(form.name, first.target, point) for form in forms for point in points]
+        search.progress(f"around {first.label}", 0, 1)
+        blasts = next(r.blasts for r in search.screening if r.effect.where == first.where)
+        scene.simulate([(x_ref, (effect,)) for effect in candidates], blasts)
+        best = min(candidates, key=lambda effect: fit_partly(scene, (effect,), x_ref, blasts)[0])
+        fitted = fit(scene, (best,), x_ref, blasts, search.without_effects)
+        if fitted is not None:
+            search.add(fitted)
 
 
-def _explained(found):
-    """Return the share of the energy in excess that the best fit explains, if it is worth much.
+def _explained(search):
+    """Return the share of the excess energy that the best fit explains, if its evidence suffices.
 
-    Second, how many guesses must be fitted although they are poor, so little is explained.
+    Second, how many poor candidates must be fitted because so little is explained.
     """
-    best, likelihood = next(iter(found.leaders()), None), found.scene.baseline.likelihood
-    if best is None or found.worth(best) <= DECISIVE:
+    best, likelihood = next(iter(search.leaders()), None), search.scene.baseline.likelihood
+    if best is None or search.delta_ln_evidence(best) <= DECISIVE:
         return 0.0, UNEXPLAINED
-    share = likelihood.explained_share(found.none.chi_square, best.chi_square)
+    share = likelihood.explained_share(search.without_effects.chi_square, best.chi_square)
     return share, SURELY if share < MOST_EXPLAINED else 0

@@ -1,126 +1,164 @@
-"""Summary of a diagnosis: numbers for its result file, text for page and terminal."""
+"""Summary of a diagnosis: the content of ``diagnosis.json``, and where residuals come from."""
 
-from math import radians
+from collections.abc import Mapping
 
 import numpy as np
+from scipy import signal
 
-from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
-from ..project.flat_box import quality_of
-from ..units import FACTORS
-from .decision import RESOLUTION, SETTLED_BY, intervals, more_remains
+from ..inference.records import COMPONENTS
+from ..project.flat_box import extent_of
+from .calibration import Baseline
+from .cross_validation import CrossValidation
+from .decision import RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
+from .forward import surface_speed
 from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
-from .localization import located
-from .null_distribution import visible
-from .search import worst
-from .thresholds import DECISIVE, DETECTABLE, FAR_FROM_PRIOR, MATERIAL, SPEED_SIGMA, STIFFNESS_SIGMA
+from .null_distribution import NullDistribution, detection_limits
+from .search import Search, means, worst
+from .thresholds import DECISIVE, DETECTABLE, MATERIAL
 
-NOT_ASKED = {"topography": "the description of the site has no surface to compare with a plane"}
-UNSURE = "CLASS", "PARTIAL", "UNKNOWN"  # outcomes that a forecast should not rest on
+NOT_IN_LIBRARY = {"topography": "the project has no surface to compare with a plane"}
+UNSURE = "CLASS", "PARTIAL", "UNKNOWN"  # outcomes on which a prediction should not rely
+WINDOW = 0.8  # share of the energy of a residual that lies in its windows
+GRID = 25  # points along the longer side of the plan
+NEARLY = 0.9  # of the largest stack, above which a point is as good
 
 
-def summarise(scene, found, shuffled, verdict) -> dict:
-    """Return what ``diagnosis.json`` says.
+def summarise(search: Search, null: NullDistribution | None, decision: Decision) -> dict:
+    """Return the content of ``diagnosis.json``; its keys are described in reference/results.md.
 
     Parameters
     ----------
-    scene : Scene
-    found : Search
-    shuffled : Chance or None
-    verdict : Verdict
-
-    Returns
-    -------
-    dict
+    search : Search
+    null : NullDistribution or None
+        None if no effect was tried.
+    decision : Decision
     """
-    baseline, none = scene.baseline, found.none
-    remainder = located(baseline, verdict.fit.motion, verdict.fit.chi_square)
+    scene, without = search.scene, search.without_effects
+    baseline, case, fit = scene.baseline, scene.case, decision.fit
+    remainder = locate_residual(baseline, fit.motion, fit.chi_square)
+    mesh_energy = np.sum(baseline.correction**2) / np.sum(case.motion**2)
+    change = decision.mesh_change
     return {
-        "outcome": verdict.outcome,
-        "effects": _effects(verdict),
-        "class": list(verdict.rivals) if len(verdict.rivals) > 1 else [],
-        "not_testable": _not_testable(scene, found),
-        "smallest_visible": visible(
-            scene, verdict.fit, max(DECISIVE, 0.0 if shuffled is None else shuffled.needed(()))
+        "outcome": decision.outcome,
+        "effects": _effects(decision),
+        "class": list(decision.rivals) if len(decision.rivals) > 1 else [],
+        "not_testable": _not_testable(search),
+        "detection_limits": detection_limits(
+            scene, fit, max(DECISIVE, 0.0 if null is None else null.threshold(()))
         ),
-        "located": located(baseline, none.motion, none.chi_square),
+        "located": locate_residual(baseline, without.motion, without.chi_square),
         "remainder": remainder,
-        "evidence": _evidence(scene, found, shuffled, verdict),
-        "held_out": _held_out(verdict.held_out),
-        "numerics": {
-            "finer_mesh_changes": round(
-                float(np.sum(baseline.correction**2) / np.sum(scene.case.motion**2)), 4
-            ),
-            "finer_mesh_changes_answer": None if verdict.mesh is None else round(verdict.mesh, 2),
+        "evidence": _evidence(search, null, decision),
+        "held_out": _held_out(decision.cross_validation),
+        "mesh_error": {
+            "energy_share": round(float(mesh_energy), 4),
+            "chi_square_of_answer": None if change is None else round(change, 2),
         },
-        "hygiene": {
-            "dead": list(scene.case.dead),
-            "unrecorded": [
-                one.name for one in scene.case.project.receivers
-                if one.name not in scene.case.receivers
+        "data_quality": {
+            "dead_channels": list(case.dead),
+            "receivers_without_records": [
+                receiver.name for receiver in case.project.receivers
+                if receiver.name not in case.receivers
             ],
-            "left_out_share": round(float(np.mean(~scene.case.valid)), 4),
+            "excluded_share": round(float(np.mean(~case.valid)), 4),
         },
-        "next_measurement": _next(verdict, found, remainder),
+        "next_measurement": _next_measurement(search, decision, remainder),
         "calibration": [
-            {"value": one.name, "factor": float(np.exp(v)), "pull": float(pull)}
-            for one, v, pull in zip(
-                baseline.unknowns, verdict.fit.values, verdict.fit.values / baseline.sigma,
-                strict=True,
+            {"parameter": parameter.name, "factor": float(np.exp(value)),
+             "prior_deviation": float(deviation)}
+            for parameter, value, deviation in zip(
+                baseline.parameters, fit.values, fit.values / baseline.sigma, strict=True
             )
         ],
         "model": {
-            "values": verdict.fit.values.tolist(),
+            "values": fit.values.tolist(),
             "effects": [
                 {"name": e.name, "target": e.target, "values": [list(v) for v in e.values]}
-                for e in verdict.fit.effects
+                for e in fit.effects
             ],
             "baseline_values": baseline.values.tolist(),
         },
     }  # fmt: skip
 
 
-def _evidence(scene, found, shuffled, verdict):
-    """Return what the best effects are worth, what chance finds, and all that was fitted."""
-    ranked = found.ranked()
-    best = verdict.judged or next(iter(ranked), None)
+def summary_lines(summary: Mapping) -> list[str]:
+    """Return the outcome of ``diagnosis.json`` and its basis in a few lines of text."""
+    lines = [f"outcome: {summary['outcome']}"]
+    for effect in summary["effects"]:
+        targets = effect["target"] if isinstance(effect["target"], list) else [effect["target"]]
+        where = f" at {', '.join(targets)}" if any(targets) else ""
+        lines.append(f"  {effect['label']}{where}: {effect['claim']}")
+    if summary["class"]:
+        lines.append(f"  these records cannot distinguish {', '.join(summary['class'])}")
+    evidence, tested = summary["evidence"], summary["held_out"]
+    if evidence["best_labels"] and not summary["effects"]:
+        lines.append(f"  best candidate, not accepted: {', '.join(evidence['best_labels'])}")
+    if evidence["delta_ln_evidence"] is not None:
+        lines.append(
+            f"  Δ ln evidence {evidence['delta_ln_evidence']}; null threshold "
+            f"{evidence['null_threshold']}"
+        )
+    if tested is not None and tested["subsets"]:
+        error = "" if tested["standard_error"] is None else f" ± {tested['standard_error']}"
+        lines.append(f"  held-out records: Δ ln likelihood {tested['delta_ln_likelihood']}{error}")
+    elif tested is not None:
+        lines.append("  no record could be held out to test it")
+    if not summary["finished"]:
+        lines.append("  the budget of runs ended before all effects were tried")
+    if summary["effects"] and not exceeds_double_error(summary):
+        lines.append("  model errors twice as large would explain it, too")
+    return [*lines, f"  next: {summary['next_measurement']}"]
+
+
+def exceeds_double_error(summary: Mapping) -> bool:
+    """Tell whether something would be missing even if model errors were twice as large."""
+    return summary["evidence"]["chi_square_at_double_error"] >= MATERIAL
+
+
+def _evidence(search, null, decision):
+    """Return the evidence of the best effects, the null threshold and all fits, as a table."""
+    ranked = search.ranked()
+    best = decision.best or next(iter(ranked), None)
     effects = () if best is None else best.effects
-    twice = scene.baseline.likelihood.at_double_error(found.none.chi_square)
+    likelihood = search.scene.baseline.likelihood
+    doubled = likelihood.at_double_error(search.without_effects.chi_square)
     return {
-        "unit": "nats over the calibrated site",
-        "best": None if best is None else round(found.worth(best), 1),
+        "definition": "delta_ln_evidence: log Bayes factor over the calibrated model",
+        "delta_ln_evidence": None if best is None else round(search.delta_ln_evidence(best), 1),
         "best_labels": [] if best is None else list(best.labels),
-        "threshold": None if shuffled is None else round(shuffled.needed(effects), 1),
-        "threshold_interval": None if shuffled is None else shuffled.interval(effects),
-        "explained_share": round(verdict.share, 3),
-        "at_twice_the_errors": round(worst(twice), 2),
+        "null_threshold": None if null is None else round(null.threshold(effects), 1),
+        "null_threshold_interval": None if null is None else null.threshold_interval(effects),
+        "explained_share": round(decision.explained_share, 3),
+        "chi_square_at_double_error": round(worst(doubled), 2),
         "ranking": [
-            {"labels": list(one.labels), "targets": [e.target for e in one.effects],
-             "worth": round(found.worth(one), 1), "misfit": round(one.misfit, 1)}
-            for one in ranked
+            {"labels": list(fit.labels), "targets": [e.target for e in fit.effects],
+             "delta_ln_evidence": round(search.delta_ln_evidence(fit), 1),
+             "misfit": round(fit.misfit, 1)}
+            for fit in ranked
         ],
-        "probability": verdict.probability,
+        "probability": decision.probability,
     }  # fmt: skip
 
 
-def _effects(verdict):
-    """Return one entry for each label that is in the best model."""
+def _effects(decision):
+    """Return one entry for each label of the best model."""
     entries = {}
-    for effect, table in zip(verdict.fit.effects, intervals(verdict.fit), strict=True):
+    for effect, table in zip(decision.fit.effects, intervals(decision.fit), strict=True):
         entry = entries.setdefault(
             effect.label,
             {
                 "label": effect.label,
                 "claim": effect.hypothesis.claim,
-                "named": verdict.outcome in ("NAMED", "COMPOSITE"),
-                "probability": verdict.probability.get(effect.label),
+                "named": decision.outcome in ("NAMED", "COMPOSITE"),
+                "probability": decision.probability.get(effect.label),
                 "target": [],
                 "parameters": {},
             },
         )
         target, hole = blast_and_hole(effect.target)
-        place = target if target not in entry["target"] else effect.name
+        key = target if target not in entry["target"] else effect.name
         entry["target"].append(target)
-        entry["parameters"][place] = table | ({"hole": hole} if hole else {})
+        entry["parameters"][key] = table | ({"hole": hole} if hole else {})
     for entry in entries.values():
         if len(entry["target"]) == 1:
             entry["parameters"] = entry["parameters"][entry["target"][0]]
@@ -128,354 +166,196 @@ def _effects(verdict):
     return list(entries.values())
 
 
-def _held_out(proof):
-    """Return the folds as a table."""
-    if proof is None:
+def _held_out(tested: CrossValidation | None):
+    """Return the cross-validation as a table."""
+    if tested is None:
         return None
+    error, subsets = tested.standard_error, tested.subsets
     return {
-        "gain": round(proof.gain, 1),
-        "error": round(proof.error, 1) if np.isfinite(proof.error) else None,
-        "improves": proof.improves,
-        "variance_reduction_before": _mean([f.before for f in proof.folds]),
-        "variance_reduction_after": _mean([f.after for f in proof.folds]),
-        "folds": [vars(fold) for fold in proof.folds],
+        "delta_ln_likelihood": round(tested.delta_ln_likelihood, 1),
+        "standard_error": round(error, 1) if np.isfinite(error) else None,
+        "improves": tested.improves,
+        "variance_reduction_before": _mean([s.variance_reduction_before for s in subsets]),
+        "variance_reduction_after": _mean([s.variance_reduction_after for s in subsets]),
+        "subsets": [vars(subset) for subset in subsets],
     }
 
 
 def _mean(shares):
-    """Return the mean of shares, None where there are none."""
+    """Return the mean of shares, None without any."""
     return float(np.mean(shares)) if shares else None
 
 
-def _not_testable(scene, found):
-    """Return labels that these records could not show, with the reason.
+def _not_testable(search):
+    """Return the labels that the records cannot test, or not detect, with the reason.
 
-    First what they can't test whatever they hold, which was known before the search.
+    First those that they cannot test whatever they contain, which is known before the search.
     """
-    likelihood, reach = scene.baseline.likelihood, {}
-    told = NOT_ASKED | untestable_labels(scene.case)
-    for guess in found.guesses:
-        size = likelihood.chi_square(likelihood.whiten(guess.change))
-        length = float(np.sqrt(np.sum(likelihood.n_effective * size)))
-        reach[guess.effect.label] = max(reach.get(guess.effect.label, 0.0), length)
-    for label in dict.fromkeys(one.label for one in LIBRARY.values()):
-        forms = [one for one in LIBRARY.values() if one.label == label]
-        if label in told:
+    likelihood, lengths = search.scene.baseline.likelihood, {}
+    reasons = NOT_IN_LIBRARY | untestable_labels(search.scene.case)
+    for result in search.screening:
+        chi_square = likelihood.chi_square(likelihood.whiten(result.change))
+        length = float(np.sqrt(np.sum(likelihood.n_effective * chi_square)))
+        lengths[result.effect.label] = max(lengths.get(result.effect.label, 0.0), length)
+    for label in dict.fromkeys(hypothesis.label for hypothesis in LIBRARY.values()):
+        forms = [form for form in LIBRARY.values() if form.label == label]
+        if label in reasons:
             continue
-        if found.fits and all(one.on == "site" for one in forms) and label not in reach:
-            ended = "the budget of runs ended before it"
-            told[label] = "it can't be at this site" if found.finished else ended
-        elif reach.get(label, np.inf) < DETECTABLE:
-            told[label] = (
-                f"at its usual strength it changes these records by {reach[label]:.1f} times "
-                f"their errors; {DETECTABLE:g} are needed: larger charges or nearer receivers"
+        if search.fits and all(form.on == "site" for form in forms) and label not in lengths:
+            ended = "the budget of runs ended before it was tried"
+            reasons[label] = "it is impossible at this site" if search.finished else ended
+        elif lengths.get(label, np.inf) < DETECTABLE:
+            reasons[label] = (
+                f"at its usual strength it changes these records by {lengths[label]:.1f} standard "
+                f"deviations, and {DETECTABLE:g} are needed: fire larger charges, or place "
+                "receivers nearer"
             )
-    return [{"label": label, "reason": reason} for label, reason in told.items()]
+    return [{"label": label, "reason": reason} for label, reason in reasons.items()]
 
 
-def _next(verdict, found, remainder):
-    """Return what to measure next; remains tell where, if no effect is worth a test of its own."""
-    if verdict.outcome == "NULL":
+def _next_measurement(search, decision, remainder):
+    """Return what to measure next; the remainder decides where no effect needs a measurement."""
+    if decision.outcome == "NULL":
         return "nothing; larger charges or nearer receivers would show smaller effects"
-    if verdict.outcome in ("NAMED", "COMPOSITE"):
+    if decision.outcome in ("NAMED", "COMPOSITE"):
         return "a further blast, to test the prediction of this model"
-    paying = [one.labels[-1] for one in found.ranked()[:3] if found.worth(one) > DECISIVE]
-    labels = verdict.rivals or paying
-    advice = [h.settled_by for h in LIBRARY.values() if h.label in labels and h.settled_by]
-    advice += [SETTLED_BY] if RESOLUTION in labels else []
-    return "; ".join(dict.fromkeys(advice)) or _around(remainder)
+    ranked = search.ranked()[:3]
+    paying = [fit.labels[-1] for fit in ranked if search.delta_ln_evidence(fit) > DECISIVE]
+    labels = decision.rivals or paying
+    advice = [h.decided_by for h in LIBRARY.values() if h.label in labels and h.decided_by]
+    advice += [RESOLUTION_DECIDED_BY] if RESOLUTION in labels else []
+    return "; ".join(dict.fromkeys(advice)) or _more_receivers(remainder)
 
 
-def _around(remainder):
-    """Return where receivers would tell more of what remains."""
-    seen = remainder["receivers"]
-    near = [f"east {one['x']:.0f} m, north {one['y']:.0f} m" for one in remainder["points"]]
-    near += [max(seen, key=seen.get)] if seen else []
-    there = " and ".join(near) or "what is located"
-    return f"more receivers around {there}, and a shot from another side"
+def _more_receivers(remainder):
+    """Return the advice to place receivers where something remains unexplained."""
+    receivers = remainder["receivers"]
+    near = [f"east {p['x']:.0f} m, north {p['y']:.0f} m" for p in remainder["points"]]
+    near += [max(receivers, key=receivers.get)] if receivers else []
+    where = " and ".join(near) or "the located residual"
+    return f"more receivers around {where}, and a shot from another side"
 
 
-def beyond_doubled(summary) -> bool:
-    """Tell whether errors of the theory twice as large would leave something to explain, too."""
-    return summary["evidence"]["at_twice_the_errors"] >= MATERIAL
-
-
-def told_lines(summary) -> list[str]:
-    """Return the outcome of ``diagnosis.json`` and what it rests on, in a few lines."""
-    lines = [f"outcome: {summary['outcome']}"]
-    for effect in summary["effects"]:
-        places = effect["target"] if isinstance(effect["target"], list) else [effect["target"]]
-        where = f" at {', '.join(places)}" if any(places) else ""
-        lines.append(f"  {effect['label']}{where}: {effect['claim']}")
-    if summary["class"]:
-        lines.append(f"  these records can't tell between {', '.join(summary['class'])}")
-    evidence, proof = summary["evidence"], summary["held_out"]
-    if evidence["best_labels"] and not summary["effects"]:
-        lines.append(f"  the best try, not taken: {', '.join(evidence['best_labels'])}")
-    if evidence["best"] is not None:
-        lines.append(f"  evidence {evidence['best']} nats; chance finds {evidence['threshold']}")
-    if proof is not None and proof["folds"]:
-        error = "" if proof["error"] is None else f" ± {proof['error']}"
-        lines.append(f"  records left out: {proof['gain']}{error} nats better")
-    elif proof is not None:
-        lines.append("  no record could be left out to test it")
-    if not summary["finished"]:
-        lines.append("  the budget of runs ended before all effects were tried")
-    if summary["effects"] and not beyond_doubled(summary):
-        lines.append("  errors of speeds, places and ground twice as large would explain it, too")
-    return [*lines, f"  next: {summary['next_measurement']}"]
-
-
-MEANINGS = {
-    "NULL": "nothing is missing that these records could show",
-    "NAMED": "one effect is missing, and it passed every test",
-    "CLASS": "an effect is missing; these records can't tell which of a few",
-    "COMPOSITE": "several effects are missing together, and each is needed",
-    "PARTIAL": "an effect explains much, but not all of it is explained or tested",
-    "UNKNOWN": "something is missing that no effect of the library explains",
-}
-USUAL = {
-    "s": (("ms", FACTORS["ms"]), ("s", FACTORS["s"])),
-    "m": (("mm", FACTORS["mm"]), ("m", FACTORS["m"])),
-    "Pa": (("kPa", FACTORS["kpa"]), ("MPa", FACTORS["mpa"])),
-    "Pa/m": (("MPa/m", FACTORS["mpa_per_m"]), ("GPa/m", FACTORS["gpa_per_m"])),
-    "rad": (("°", radians(1.0)),),
-}
-COUNTS = {2: "Two", 3: "Three"}
-
-
-def lead(made, summary) -> str:
-    """Say in a few sentences what was found.
+def locate_residual(baseline: Baseline, motion, chi_square) -> dict:
+    """Locate the difference between records and a motion.
 
     Parameters
     ----------
-    made : Diagnosis
-    summary : dict
-        As in ``diagnosis.json``.
+    baseline : Baseline
+    motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+    chi_square : (n_blasts, n_receivers) float64
+        Mean squares of the whitened residuals.
+
+    Returns
+    -------
+    dict
+        ``largest_chi_square`` of a receiver or blast; ``receivers`` with a mean chi-square of at
+        least `MATERIAL`, ``blasts``; ``components`` by share of energy; ``time_s`` and
+        ``frequency_hz``, windows of 80 % of the energy; ``points`` as of `scattering_points`.
     """
-    outcome = summary["outcome"]
-    if outcome == "NULL":
-        return (
-            "Nothing is missing that these records could show: the calibrated site explains all "
-            "receivers within small errors of the theory."
-        )
-    if outcome == "UNKNOWN":
-        return f"Something is missing{_near(summary['located'])}, and {_why_not(summary)}."
-    told = [f"{claim} ({label})." for label, claim in claims(made.verdict.fit)]
-    proof = f"This explains {share(summary)} of the misfit that noise and small errors leave open, "
-    if summary["held_out"]["folds"]:
-        proof += "and it foretells records that it was not fitted to."
-    else:
-        proof += "but no record can be left out to test it."
-    if outcome == "CLASS":
-        own = made.verdict.fit.labels
-        others = [label for label in summary["class"] if label not in own]
-        told.append(f"These records can't tell this from {_or(others)}.")
-    if outcome == "COMPOSITE":
-        told.insert(0, f"{COUNTS[len(told)]} effects act together.")
-    untestable = {one["label"]: one["reason"] for one in summary["not_testable"]}
-    unsure = [label for label in made.verdict.fit.labels if label in untestable]
-    if outcome in ("CLASS", "PARTIAL") and unsure:
-        proof += f" But these records can't test {listed(unsure)}: {untestable[unsure[0]]}."
-    elif outcome == "PARTIAL" and more_remains(made.verdict.fit.chi_square, made.verdict.share):
-        proof += f" But something else is missing{_near(summary['remainder'])}."
-    elif outcome == "PARTIAL" and not summary["finished"]:
-        proof += " But the budget of runs ended before all other effects were tried."
-    if not beyond_doubled(summary):
-        proof += (
-            " Were speeds, places and the ground off by twice what is supposed below, that would "
-            "explain it, too."
-        )
-    return " ".join([*told, proof])
+    case = baseline.case
+    band = case.band
+    residual = band.project(np.where(case.valid, case.motion - motion, 0.0))
+    norm = np.sqrt(np.sum(residual**2, axis=(2, 3), keepdims=True) + 1e-300)
+    weighted = band.restore(residual / norm)
+    weighted *= np.sqrt(chi_square)[..., None, None]
+    by_receiver, by_blast = means(chi_square, 0), means(chi_square, 1)
+    energy = np.sum(weighted**2, axis=(0, 1))
+    spectrum = np.sum(np.abs(np.fft.rfft(weighted)) ** 2, axis=(0, 1, 2))
+    frequency = np.fft.rfftfreq(case.n_samples, case.dt)
+    times = np.arange(case.n_samples) * case.dt
+    shares = energy.sum(axis=-1) / max(energy.sum(), 1e-300)
+    return {
+        "largest_chi_square": round(worst(chi_square), 2),
+        "receivers": {
+            name: round(float(v), 2) for name, v in zip(case.receivers, by_receiver, strict=True)
+            if v >= MATERIAL
+        },
+        "blasts": {
+            name: round(float(v), 2) for name, v in zip(case.blasts, by_blast, strict=True)
+        },
+        "components": dict(zip(COMPONENTS, np.round(shares, 3).tolist(), strict=True)),
+        "time_s": _window(times, energy.sum(axis=0)),
+        "frequency_hz": _window(frequency, spectrum),
+        "points": scattering_points(baseline, band.restore(residual), chi_square),
+    }  # fmt: skip
 
 
-def share(summary) -> str:
-    """Say which share of the open misfit is explained; all, where only small errors are left."""
-    return f"{100.0 * min(summary['evidence']['explained_share'], 1.0):.0f} %"
+def _window(axis, energy):
+    """Return the central window of an axis with the share `WINDOW` of an energy."""
+    share = np.cumsum(energy) / max(np.sum(energy), 1e-300)
+    ends = np.searchsorted(share, [0.5 - WINDOW / 2, 0.5 + WINDOW / 2])
+    return [round(float(axis[min(end, len(axis) - 1)]), 4) for end in ends]
 
 
-def _why_not(summary):
-    """Say why no effect of the library was taken."""
-    proof, best = summary["held_out"], " + ".join(summary["evidence"]["best_labels"])
-    if not summary["evidence"]["ranking"]:
-        return "these records can test no effect of the library, so none was tried"
-    if proof is None and not summary["finished"]:
-        return "the budget of runs ended before all effects of the library were tried"
-    if proof is None:
-        return "nothing in the library explains it"
-    fault = "does not foretell records that it was not fitted to"
-    if proof["improves"]:
-        fault = "leaves too much"
-    elif not proof["folds"]:
-        fault = "can't be tested, for no record can be left out"
-    return f"nothing in the library is shown to explain it: the best try, {best}, {fault}"
+def scattering_points(baseline: Baseline, residual, chi_square) -> list[dict]:
+    """Locate the source of a residual in plan, by diffraction stacking of envelopes.
 
+    Parameters
+    ----------
+    baseline : Baseline
+    residual : (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        In the band of the records.
+    chi_square : (n_blasts, n_receivers) float64
+        Mean squares of the whitened residuals.
 
-def claims(fit) -> list[tuple[str, str]]:
-    """List each kind of effect of a fit once: its label, and its claim with its places in it."""
-    places = {}
-    for effect in fit.effects:
-        places.setdefault(effect.label, (effect.hypothesis, []))[1].append(_place(effect))
-    return [(label, _claim(kind, targets)) for label, (kind, targets) in places.items()]
+    Returns
+    -------
+    list of dict
+        The best point: ``x``, ``y`` in m, ``coherence`` (0 to 1), ``resolution_m``: width of the
+        area where the stack is at least 0.9 of its largest value. Empty if a stack of permuted
+        receivers is as large.
 
-
-def _place(effect):
-    """Return the target of an effect; a plane where it was moved to."""
-    offset = effect.parameters.get("offset")
-    if offset is None:
-        return effect.target
-    axis, _, at = effect.target.partition("=")
-    return f"{axis}={float(at) + offset:.1f}"
-
-
-def _claim(hypothesis, targets):
-    """Return a claim with its places in it, or before it where these are many."""
-    claim, kind = hypothesis.claim.rstrip("."), hypothesis.target
-    if not any(targets):
-        return claim
-    if len(targets) == 1 and f"this {kind}" in claim.lower():
-        claim = claim.replace(f"This {kind}", f"{kind.capitalize()} {targets[0]}")
-        return claim.replace(f"this {kind}", f"{kind} {targets[0]}")
-    return f"{where(kind, targets)}: {claim}"
-
-
-def where(kind, targets) -> str:
-    """Say where an effect is: its targets by their kind."""
-    if not any(targets):
-        return "whole site"
-    return f"{kind}{'s' if len(targets) > 1 else ''} {listed(targets)}"
-
-
-def _near(place):
-    """Say where residuals are: a point with its resolution, receivers, frequencies."""
-    names = list(place["receivers"])
-    (f0, f1), (t0, t1) = place["frequency_hz"], place["time_s"]
-    points = "".join(
-        f" near east {p['x']:.0f} m, north {p['y']:.0f} m (within {0.5 * p['resolution_m']:.0f} m)"
-        for p in place["points"]
-    )
-    seen = f", seen at {listed(names)}" if names else ", seen"
-    return f"{points}{seen} at {f0:.3g} to {f1:.3g} Hz, {t0:.2g} to {t1:.2g} s after the first hole"
-
-
-def listed(words):
-    """Join words to a list."""
-    return _joined(words, "and")
-
-
-def _or(words):
-    """Join alternatives to a list."""
-    return _joined(words, "or")
-
-
-def _joined(words, last):
-    """Join words by commas and a last word."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
-
-
-def parameter_rows(fit) -> list[dict]:
-    """List the single values of the effects of a fit, with 90 % intervals in usual units."""
+    Notes
+    -----
+    Of the blast with the largest chi-square. Envelopes, less the expected error, are stacked
+    along the arrivals of a wave from a point at the surface, with the S-wave speed of the
+    uppermost ground and geometric spreading. The origin time is free, so that source and path
+    need not be known.
+    """
+    case, project = baseline.case, baseline.project
+    b = int(np.argmax(means(chi_square, 1)))
+    excess = np.sqrt(np.maximum(1.0 - 1.0 / np.maximum(chi_square[b], 1.0), 0.0))
+    envelope = np.sqrt(np.sum(np.abs(signal.hilbert(residual[b])) ** 2, axis=1)) * excess[:, None]
+    if not envelope.any():
+        return []
+    speed = surface_speed(project)
+    positions = {r.name: np.array(r.position) for r in project.receivers}
+    receivers = np.array([positions[name] for name in case.receivers])
+    (x0, x1), (y0, y1) = extent_of(project)[:2]
+    spacing = max(x1 - x0, y1 - y0) / GRID
+    x, y = np.arange(x0, x1 + spacing, spacing), np.arange(y0, y1 + spacing, spacing)
+    points = np.stack([*np.meshgrid(x, y, indexing="ij"), np.zeros((len(x), len(y)))], axis=-1)
+    distance = np.linalg.norm(points[:, :, None] - receivers, axis=-1)
+    lag = np.rint(distance / speed / case.dt).astype(int)
+    wavelength = speed / np.sqrt(case.band.low * case.band.high)
+    amplitude = 1.0 / (distance + 0.5 * wavelength)
+    amplitude /= np.linalg.norm(amplitude, axis=-1, keepdims=True)
+    orders = [np.roll(np.arange(len(receivers)), k) for k in range(len(receivers))]
+    stacks = [_stack(envelope[order], lag, amplitude) for order in orders]
+    stack = stacks[0] / np.linalg.norm(envelope.max(axis=1))
+    if stacks[0].max() <= max((other.max() for other in stacks[1:]), default=np.inf):
+        return []
+    best = np.unravel_index(np.argmax(stack), stack.shape)
+    width = spacing * np.sqrt(np.count_nonzero(stack >= NEARLY * stack[best]))
     return [
-        {"label": effect.label, "where": where(effect.hypothesis.target, [effect.target]),
-         "knob": knob.name.replace("_", " "), **usual(values)}
-        for effect, knob, values in _values(fit)
-        if not knob.per_hole
-    ]  # fmt: skip
-
-
-def hole_rows(fit) -> list[dict]:
-    """List the values of each hole of a blast, in usual units, with what was believed."""
-    rows = []
-    for effect, knob, values in _values(fit):
-        if not knob.per_hole:
-            continue
-        largest = max(abs(one[key]) for one in values for key in ("low", "high"))
-        unit, factor = _unit(knob.unit, largest)
-        rows.append(
-            {"label": effect.label, "where": where(effect.hypothesis.target, [effect.target]),
-             "knob": knob.name.replace("_", " "), "unit": unit, "believed": knob.mean / factor,
-             "values": [{k: one[k] / factor for k in ("value", "low", "high")} for one in values]}
-        )  # fmt: skip
-    return rows
-
-
-def _values(fit):
-    """Yield (effect, knob, values with intervals) of all effects of a fit."""
-    for effect, table in zip(fit.effects, intervals(fit), strict=True):
-        for knob in effect.hypothesis.parameters:
-            yield effect, knob, table[knob.name]
-
-
-def usual(value) -> dict:
-    """Return a value with its interval in the unit that people use for such a size."""
-    unit, factor = _unit(value["unit"], max(abs(value["low"]), abs(value["high"])))
-    return {"unit": unit} | {key: value[key] / factor for key in ("value", "low", "high")}
-
-
-def _unit(unit, largest):
-    """Return the usual unit of an SI unit for numbers up to a size, and its factor."""
-    known = USUAL.get(unit, ((unit, 1.0),))
-    return next((one for one in reversed(known) if largest >= 0.1 * one[1]), known[0])
-
-
-def visible_rows(summary) -> list[str]:
-    """Say of each effect how small it could have been and would still have been seen."""
-    told = []
-    for one in summary["smallest_visible"]:
-        unit, factor = _unit(one["unit"], one["amount"])
-        size = f"{one['amount'] / factor:.2g} {unit}".rstrip()
-        if one["nothing"] != 0.0:
-            size = f"{100.0 * one['amount'] / one['nothing']:.0f} %"
-        place = {"site": ""}.get(one["target"], f" of any {one['target']}")
-        each = " of any single hole" if one["per_hole"] else ""
-        but = f", but not at {listed(one['unseen'])}" if one["unseen"] else ""
-        told.append(
-            f"{one['label']}: {one['knob']}{each or place} off by {size} or more would have been "
-            f"seen{but}."
-        )
-    return told
-
-
-def calibration_rows(summary) -> list[dict]:
-    """List the factors of the calibration; ``far`` where the records drew one off its prior."""
-    return [one | {"far": abs(one["pull"]) > FAR_FROM_PRIOR} for one in summary["calibration"]]
-
-
-def assumptions(scene, summary) -> list[str]:
-    """Say what a diagnosis took for granted."""
-    case, cut = scene.case, scene.forward.cut
-    quality, labels = quality_of(case.project), sorted({one.label for one in LIBRARY.values()})
-    lost = 1.0 - float(np.mean(case.valid))
-    finer = "; a finer mesh of the believed site corrects them" if np.any(
-        scene.baseline.correction
-    ) else ""  # fmt: skip
-    told = [
-        f"Only {case.band.low:g} to {case.band.high:g} Hz of the first {case.duration:.3g} s after "
-        "the first hole are compared.",
-        f"Wave speeds of layers may be off by {100 * SPEED_SIGMA:g} %, stiffness of joints by "
-        f"{100 * STIFFNESS_SIGMA:g} % (one standard deviation); they are fitted anew with every "
-        "effect.",
-        f"Places, clocks and small heterogeneity cost {100 * ENERGY_SHARE:g} % of the energy of "
-        f"each record, the mesh {100 * MESH_SHARE:g} % of what a finer one changes, or a few times "
-        "that: "
-        "these are the small errors of the theory. Noise is that of the windows before the blasts.",
-        f"Nothing is called missing while the mean square misfit of every receiver and of every "
-        f"blast stays below {MATERIAL:g} times that.",
-        "Runs have the mesh of the project, and no finer one corrects them."
-        if cut is None
-        else f"Zones have edges of {cut.edge:.3g} m, within which motion may bend{finer}.",
-        "Attenuation of the believed site: "
-        + ("none." if quality is None else f"Qp {quality[0]:g}, Qs {quality[1]:g}."),
-        f"The library holds {len(labels)} effects: {', '.join(labels)}. What is not among them can "
-        "only be found as UNKNOWN.",
+        {
+            "x": round(float(x[best[0]]), 1),
+            "y": round(float(y[best[1]]), 1),
+            "coherence": round(float(stack[best]), 3),
+            "resolution_m": round(float(width), 1),
+        }
     ]
-    if lost > 0.0:
-        told.append(f"{100 * lost:.2g} % of the samples are clipped or missing and have no part.")
-    if case.dead:
-        told.append(f"Channels that never move have no part: {', '.join(case.dead)}.")
-    if summary["hygiene"]["unrecorded"]:
-        names = listed(summary["hygiene"]["unrecorded"])
-        told.append(f"Receivers without records have no part: {names}.")
-    if not summary["finished"]:
-        told.append("The budget of runs ended before the search was complete.")
-    return told
+
+
+def _stack(envelope, lag, amplitude):
+    """Return the largest sum over time (nx, ny) of envelopes (n_receivers, n_samples).
+
+    Each is delayed by ``lag`` samples and weighted by ``amplitude``, (nx, ny, n_receivers).
+    """
+    times = np.arange(envelope.shape[1])
+    padded = np.pad(envelope, ((0, 0), (0, int(lag.max()))))
+    sums = np.zeros((*lag.shape[:2], len(times)))
+    for r, trace in enumerate(padded):
+        sums += amplitude[:, :, r, None] * trace[lag[:, :, r, None] + times]
+    return sums.max(axis=-1)

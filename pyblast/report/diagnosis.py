@@ -1,181 +1,436 @@
-"""Report of a diagnosis: what is missing, where, on what evidence, what remains."""
+"""Report of a diagnosis: what is missing, where, on what evidence, and what remains."""
+
+from collections.abc import Iterator
+from math import radians
 
 import numpy as np
 
-from ..diagnosis import summary as diagnosis_words
-from ..diagnosis.cross_validation import foretold
-from ..diagnosis.decision import CLAIM, RESOLUTION, SETTLED_BY
+from ..diagnosis.decision import (
+    RESOLUTION,
+    RESOLUTION_CLAIM,
+    RESOLUTION_DECIDED_BY,
+    intervals,
+    more_remains,
+)
+from ..diagnosis.fitting import Fit
+from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.search import means
-from ..diagnosis.summary import listed
-from ..diagnosis.thresholds import DECISIVE, FAR_FROM_PRIOR, MATERIAL
+from ..diagnosis.summary import exceeds_double_error
+from ..diagnosis.thresholds import (
+    DECISIVE,
+    FAR_FROM_PRIOR,
+    MATERIAL,
+    SPEED_SIGMA,
+    STIFFNESS_SIGMA,
+)
+from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
+from ..project.flat_box import quality_of
 from ..project.result import plain, write_text
-from . import diagnosis_figures
-from .diagnosis_figures import maps_figure
+from ..units import FACTORS
+from .diagnosis_figures import (
+    BEFORE,
+    Diagnosis,
+    fits_shown,
+    held_out_figures,
+    holes_figure,
+    maps_figure,
+    ranking_figure,
+    time_frequency_figure,
+)
 from .html import page
 
-
-def ranking_rows(made) -> list[dict]:
-    """List the effects that were fitted, best first, with what they claim.
-
-    Probabilities are those of single effects: there are none where several act together.
-    """
-    found, verdict = made.search, made.verdict
-    several = len(verdict.fit.labels) > 1
-    rows = []
-    for one in found.ranked():
-        rows.append(
-            {
-                "name": _name(one, found.fits),
-                "worth": found.worth(one),
-                "probability": verdict.probability.get(one.labels[0])
-                if len(one.labels) == 1 and not several
-                else None,
-                "claim": " ".join(dict.fromkeys(e.hypothesis.claim for e in one.effects)),
-                "chosen": bool(verdict.fit.effects) and one.where == verdict.fit.where,
-            }
-        )
-    return rows
-
-
-def _name(fit, others):
-    """Name a fit by its labels and places, by forms too where another has the same."""
-
-    def said(one):
-        places = list(dict.fromkeys(effect.target for effect in one.effects if effect.target))
-        return " + ".join(one.labels) + (f" at {listed(places)}" if places else "")
-
-    forms = " + ".join(dict.fromkeys(e.hypothesis.form for e in fit.effects if e.hypothesis.form))
-    alike = sum(said(one) == said(fit) for one in others) > 1 and forms
-    return f"{said(fit)} ({forms})" if alike else said(fit)
-
-
-def screened_rows(made) -> list[str]:
-    """List effects that a run or two judged too small a part of the misfit to be fitted."""
-    found = made.search
-    fitted = {label for one in found.fits for label in one.labels}
-    best = {}
-    for guess in found.guesses:  # best first
-        if guess.effect.label not in fitted:
-            best.setdefault(guess.effect.label, guess)
-    return [
-        f"{label} ({100.0 * max(one.share, 0.0):.0f} % at {one.effect.target or 'the whole site'})"
-        for label, one in best.items()
-    ]
-
-
-def needed(summary) -> float:
-    """Return the evidence that an effect must exceed, nats."""
-    return max(summary["evidence"]["threshold"] or 0.0, DECISIVE)
-
-
-def class_rows(made, summary) -> list[dict]:
-    """List the effects that these records can't tell apart, with what would settle it."""
-    known = {
-        e.label: (e.hypothesis.claim, e.hypothesis.settled_by)
-        for one in made.search.fits for e in one.effects
-    } | {RESOLUTION: (CLAIM, SETTLED_BY)}  # fmt: skip
-    return [
-        {"label": label, "claim": known[label][0], "settled_by": known[label][1]}
-        for label in summary["class"]
-    ]
-
-
-BEFORE, AFTER = "calibrated", "with the effect"
-COLUMNS = 3  # records side by side
 COMPONENTS = ("east", "north", "up")
+MEANINGS = {
+    "NULL": "nothing is missing that these records could show",
+    "NAMED": "one effect is missing, and it passed every test",
+    "CLASS": "an effect is missing; these records cannot distinguish between a few",
+    "COMPOSITE": "several effects are missing together, and each is needed",
+    "PARTIAL": "an effect explains much, but not all of it is explained or tested",
+    "UNKNOWN": "something is missing that no effect of the library explains",
+}
+USUAL = {
+    "s": (("ms", FACTORS["ms"]), ("s", FACTORS["s"])),
+    "m": (("mm", FACTORS["mm"]), ("m", FACTORS["m"])),
+    "Pa": (("kPa", FACTORS["kpa"]), ("MPa", FACTORS["mpa"])),
+    "Pa/m": (("MPa/m", FACTORS["mpa_per_m"]), ("GPa/m", FACTORS["gpa_per_m"])),
+    "rad": (("°", radians(1.0)),),
+}
+COUNTS = {2: "Two", 3: "Three"}
 
 
-def write_diagnosis_report(path, made, summary):
+def write_diagnosis_report(path, diagnosis: Diagnosis, summary: dict):
     """Write the page of a diagnosis.
 
     Parameters
     ----------
     path : path
-    made : Diagnosis
-        With ``scene``, ``search`` and ``verdict``.
+    diagnosis : Diagnosis
     summary : dict
         As in ``diagnosis.json``.
     """
-    write_text(path, render_diagnosis(made, summary))
+    write_text(path, render_diagnosis(diagnosis, summary))
 
 
-def render_diagnosis(made, summary) -> str:
+def render_diagnosis(diagnosis: Diagnosis, summary: dict) -> str:
     """Return the page as text; every name that users give is escaped."""
-    summary, words, fit = plain(summary), diagnosis_words, made.verdict.fit
+    summary, fit = plain(summary), diagnosis.decision.fit
     return page("diagnosis.html").render(
         s=summary | {"assumed": [], "files_sha256": {}},
-        lead=words.lead(made, summary),
-        meanings=words.MEANINGS,
-        maps=_drawn(_map_figures(made, summary)),
-        ranking=ranking_rows(made),
-        screened=screened_rows(made),
-        visible=words.visible_rows(summary),
-        rank_figure=_drawn(_rank_figures(made, summary)),
-        needed=needed(summary),
-        share=words.share(summary),
-        rivals=class_rows(made, summary),
-        parameters=words.parameter_rows(fit),
+        lead=lead(diagnosis, summary),
+        meanings=MEANINGS,
+        maps=_drawn(_map_figures(diagnosis, summary)),
+        ranking=ranking_rows(diagnosis),
+        screened=screened_rows(diagnosis),
+        detection_limits=detection_limit_rows(summary),
+        rank_figure=_drawn(_rank_figures(diagnosis, summary)),
+        required=required_evidence(summary),
+        share=share(summary),
+        rivals=class_rows(diagnosis, summary),
+        parameters=parameter_rows(fit),
         holes=_drawn(_hole_figures(fit)),
-        proof=_drawn(_proof_figures(made)),
-        calibration=words.calibration_rows(summary),
-        pulled=FAR_FROM_PRIOR,
-        assumptions=words.assumptions(made.scene, summary),
+        held_out_figures=_drawn(held_out_figures(diagnosis)),
+        calibration=calibration_rows(summary),
+        far=FAR_FROM_PRIOR,
+        assumptions=assumptions(diagnosis, summary),
     )
 
 
-def _drawn(rows):
-    """Return figures as the page wants them."""
+def lead(diagnosis: Diagnosis, summary: dict) -> str:
+    """Return the result in a few sentences, which begin the page."""
+    outcome, decision = summary["outcome"], diagnosis.decision
+    if outcome == "NULL":
+        return (
+            "Nothing is missing that these records could show: the calibrated site explains the "
+            "records of all receivers within noise and model error."
+        )
+    if outcome == "UNKNOWN":
+        return f"Something is missing{_near(summary['located'])}, and {_why_not(summary)}."
+    sentences = [f"{claim} ({label})." for label, claim in claims(decision.fit)]
+    basis = f"This explains {share(summary)} of the misfit that exceeds noise and model error, "
+    if summary["held_out"]["subsets"]:
+        basis += "and it predicts held-out records."
+    else:
+        basis += "but no record can be held out to test it."
+    if outcome == "CLASS":
+        others = [label for label in summary["class"] if label not in decision.fit.labels]
+        sentences.append(f"These records cannot distinguish this from {_joined(others, 'or')}.")
+    if outcome == "COMPOSITE":
+        sentences.insert(0, f"{COUNTS[len(sentences)]} effects act together.")
+    untestable = {row["label"]: row["reason"] for row in summary["not_testable"]}
+    untested = [label for label in decision.fit.labels if label in untestable]
+    if outcome in ("CLASS", "PARTIAL") and untested:
+        reason = untestable[untested[0]]
+        basis += f" But these records cannot test {listed(untested)}: {reason}."
+    elif outcome == "PARTIAL" and more_remains(decision.fit.chi_square, decision.explained_share):
+        basis += f" But something else is missing{_near(summary['remainder'])}."
+    elif outcome == "PARTIAL" and not summary["finished"]:
+        basis += " But the budget of runs ended before all other effects were tried."
+    if not exceeds_double_error(summary):
+        basis += (
+            " Errors of speeds, coordinates and ground twice as large as assumed below would "
+            "explain it, too."
+        )
+    return " ".join([*sentences, basis])
+
+
+def share(summary: dict) -> str:
+    """Return the explained share of the excess misfit; all where only model error remains."""
+    return f"{100.0 * min(summary['evidence']['explained_share'], 1.0):.0f} %"
+
+
+def _why_not(summary):
+    """Return why no effect of the library was accepted."""
+    tested, best = summary["held_out"], " + ".join(summary["evidence"]["best_labels"])
+    if not summary["evidence"]["ranking"]:
+        return "these records can test no effect of the library, so none was tried"
+    if tested is None and not summary["finished"]:
+        return "the budget of runs ended before all effects of the library were tried"
+    if tested is None:
+        return "nothing in the library explains it"
+    reason = "does not predict held-out records"
+    if tested["improves"]:
+        reason = "leaves too much unexplained"
+    elif not tested["subsets"]:
+        reason = "cannot be tested, because no record can be held out"
+    return f"nothing in the library is shown to explain it: the best candidate, {best}, {reason}"
+
+
+def claims(fit: Fit) -> list[tuple[str, str]]:
+    """Return label and claim of each kind of effect of a fit, with the targets in the claim."""
+    kinds = {}
+    for effect in fit.effects:
+        kinds.setdefault(effect.label, (effect.hypothesis, []))[1].append(_target(effect))
+    return [(label, _claim(kind, targets)) for label, (kind, targets) in kinds.items()]
+
+
+def _target(effect):
+    """Return the target of an effect; of a plane, its fitted position."""
+    offset = effect.parameters.get("offset")
+    if offset is None:
+        return effect.target
+    axis, _, position = effect.target.partition("=")
+    return f"{axis}={float(position) + offset:.1f}"
+
+
+def _claim(hypothesis, targets):
+    """Return a claim with its target in it, or before it if there are several."""
+    claim, kind = hypothesis.claim.rstrip("."), hypothesis.target
+    if not any(targets):
+        return claim
+    if len(targets) == 1 and f"this {kind}" in claim.lower():
+        claim = claim.replace(f"This {kind}", f"{kind.capitalize()} {targets[0]}")
+        return claim.replace(f"this {kind}", f"{kind} {targets[0]}")
+    return f"{where(kind, targets)}: {claim}"
+
+
+def where(kind: str, targets: list[str]) -> str:
+    """Return the targets of an effect with their kind."""
+    if not any(targets):
+        return "whole site"
+    return f"{kind}{'s' if len(targets) > 1 else ''} {listed(targets)}"
+
+
+def _near(located):
+    """Return where residuals are: a point with its resolution, receivers, frequencies, times."""
+    names = list(located["receivers"])
+    (f0, f1), (t0, t1) = located["frequency_hz"], located["time_s"]
+    points = "".join(
+        f" near east {p['x']:.0f} m, north {p['y']:.0f} m (within {0.5 * p['resolution_m']:.0f} m)"
+        for p in located["points"]
+    )
+    seen = f", seen at {listed(names)}" if names else ", seen"
+    return f"{points}{seen} at {f0:.3g} to {f1:.3g} Hz, {t0:.2g} to {t1:.2g} s after the first hole"
+
+
+def listed(words: list[str]) -> str:
+    """Join words by commas and "and"."""
+    return _joined(words, "and")
+
+
+def _joined(words, last):
+    """Join words by commas and a last word."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
+
+
+def ranking_rows(diagnosis: Diagnosis) -> list[dict]:
+    """Return the effects that were fitted, best first, with their claims.
+
+    Probabilities are those of single effects; there are none if several act together.
+    """
+    search, decision = diagnosis.search, diagnosis.decision
+    several = len(decision.fit.labels) > 1
+    return [
+        {
+            "name": _name(fit, search.fits),
+            "delta_ln_evidence": search.delta_ln_evidence(fit),
+            "probability": decision.probability.get(fit.labels[0])
+            if len(fit.labels) == 1 and not several
+            else None,
+            "claim": " ".join(dict.fromkeys(e.hypothesis.claim for e in fit.effects)),
+            "chosen": bool(decision.fit.effects) and fit.where == decision.fit.where,
+        }
+        for fit in search.ranked()
+    ]
+
+
+def _name(fit, others):
+    """Return the name of a fit: labels and targets, with forms if they distinguish it."""
+
+    def name(each):
+        targets = list(dict.fromkeys(effect.target for effect in each.effects if effect.target))
+        return " + ".join(each.labels) + (f" at {listed(targets)}" if targets else "")
+
+    forms = " + ".join(dict.fromkeys(e.hypothesis.form for e in fit.effects if e.hypothesis.form))
+    alike = sum(name(other) == name(fit) for other in others) > 1 and forms
+    return f"{name(fit)} ({forms})" if alike else name(fit)
+
+
+def screened_rows(diagnosis: Diagnosis) -> list[str]:
+    """Return the effects that screening found too weak to be fitted, with their shares."""
+    fitted = {label for fit in diagnosis.search.fits for label in fit.labels}
+    best = {}
+    for result in diagnosis.search.screening:  # best first
+        if result.effect.label not in fitted:
+            best.setdefault(result.effect.label, result)
+    return [
+        f"{label} ({100.0 * max(r.share, 0.0):.0f} % at {r.effect.target or 'the whole site'})"
+        for label, r in best.items()
+    ]
+
+
+def required_evidence(summary: dict) -> float:
+    """Return the Δ ln evidence that an effect must exceed."""
+    return max(summary["evidence"]["null_threshold"] or 0.0, DECISIVE)
+
+
+def class_rows(diagnosis: Diagnosis, summary: dict) -> list[dict]:
+    """Return the effects that the records cannot distinguish, with what would decide."""
+    known = {
+        e.label: (e.hypothesis.claim, e.hypothesis.decided_by)
+        for fit in diagnosis.search.fits for e in fit.effects
+    } | {RESOLUTION: (RESOLUTION_CLAIM, RESOLUTION_DECIDED_BY)}  # fmt: skip
+    return [
+        {"label": label, "claim": known[label][0], "decided_by": known[label][1]}
+        for label in summary["class"]
+    ]
+
+
+def parameter_rows(fit: Fit) -> list[dict]:
+    """Return the single parameters of the effects of a fit, with 90 % intervals."""
+    return [
+        {"label": effect.label, "where": where(effect.hypothesis.target, [effect.target]),
+         "parameter": parameter.name.replace("_", " "), **usual(values)}
+        for effect, parameter, values in _values(fit)
+        if not parameter.per_hole
+    ]  # fmt: skip
+
+
+def hole_rows(fit: Fit) -> list[dict]:
+    """Return the parameters of each hole of a blast, with 90 % intervals and their prior mean."""
+    rows = []
+    for effect, parameter, values in _values(fit):
+        if not parameter.per_hole:
+            continue
+        largest = max(abs(value[key]) for value in values for key in ("low", "high"))
+        unit, factor = _unit(parameter.unit, largest)
+        rows.append(
+            {"label": effect.label, "where": where(effect.hypothesis.target, [effect.target]),
+             "parameter": parameter.name.replace("_", " "), "unit": unit,
+             "prior": parameter.mean / factor,
+             "values": [{k: v[k] / factor for k in ("value", "low", "high")} for v in values]}
+        )  # fmt: skip
+    return rows
+
+
+def _values(fit):
+    """Yield (effect, parameter, values with intervals) of all effects of a fit."""
+    for effect, table in zip(fit.effects, intervals(fit), strict=True):
+        for parameter in effect.hypothesis.parameters:
+            yield effect, parameter, table[parameter.name]
+
+
+def usual(value: dict) -> dict:
+    """Return a value with its interval in the usual unit for its size."""
+    unit, factor = _unit(value["unit"], max(abs(value["low"]), abs(value["high"])))
+    return {"unit": unit} | {key: value[key] / factor for key in ("value", "low", "high")}
+
+
+def _unit(unit, largest):
+    """Return the usual unit of an SI unit for numbers up to a size, and its factor."""
+    known = USUAL.get(unit, ((unit, 1.0),))
+    return next((pair for pair in reversed(known) if largest >= 0.1 * pair[1]), known[0])
+
+
+def detection_limit_rows(summary: dict) -> list[str]:
+    """Return the detection limit of each effect as a sentence."""
+    rows = []
+    for limit in summary["detection_limits"]:
+        unit, factor = _unit(limit["unit"], limit["amount"])
+        size = f"{limit['amount'] / factor:.2g} {unit}".rstrip()
+        if limit["null_value"] != 0.0:
+            size = f"{100.0 * limit['amount'] / limit['null_value']:.0f} %"
+        target = "" if limit["target"] == "site" else f" of any {limit['target']}"
+        of = " of any single hole" if limit["per_hole"] else target
+        missed = limit["not_detected_at"]
+        but = f", but not at {listed(missed)}" if missed else ""
+        rows.append(
+            f"{limit['label']}: an error of {limit['parameter']}{of} by {size} or more would have "
+            f"been detected{but}."
+        )
+    return rows
+
+
+def calibration_rows(summary: dict) -> list[dict]:
+    """Return the factors of the calibration; ``far`` if one is far from its prior."""
+    return [
+        row | {"far": abs(row["prior_deviation"]) > FAR_FROM_PRIOR}
+        for row in summary["calibration"]
+    ]
+
+
+def assumptions(diagnosis: Diagnosis, summary: dict) -> list[str]:
+    """Return the assumptions of a diagnosis, one sentence each."""
+    scene = diagnosis.search.scene
+    case, cut, quality = scene.case, scene.forward.cut, quality_of(scene.case.project)
+    labels = sorted({hypothesis.label for hypothesis in LIBRARY.values()})
+    lost = 1.0 - float(np.mean(case.valid))
+    finer = "; a finer mesh of the reference site corrects them" if np.any(
+        scene.baseline.correction
+    ) else ""  # fmt: skip
+    sentences = [
+        f"Only {case.band.low:g} to {case.band.high:g} Hz of the first {case.duration:.3g} s after "
+        "the first hole are compared.",
+        f"Prior standard deviations are {100 * SPEED_SIGMA:g} % for wave speeds of layers and "
+        f"{100 * STIFFNESS_SIGMA:g} % for stiffness of joints; these are fitted again with every "
+        "effect.",
+        f"The model error is {100 * ENERGY_SHARE:g} % of the energy of each record, for "
+        "coordinates, clocks and small heterogeneity, and "
+        f"{100 * MESH_SHARE:g} % of the energy that a finer mesh changes; it may be a few times "
+        "larger. Noise is estimated from the windows before the blasts.",
+        "Nothing is reported as missing while the mean square misfit of every receiver and every "
+        f"blast is below {MATERIAL:g} times noise and model error.",
+        "Runs use the mesh of the project, without correction by a finer one."
+        if cut is None
+        else f"Zones are quadratic, with edges of {cut.edge:.3g} m{finer}.",
+        "Attenuation of the reference site: "
+        + ("none." if quality is None else f"Qp {quality[0]:g}, Qs {quality[1]:g}."),
+        f"The library holds {len(labels)} effects: {', '.join(labels)}. Anything else can only be "
+        "reported as UNKNOWN.",
+    ]
+    if lost > 0.0:
+        sentences.append(f"{100 * lost:.2g} % of the samples are clipped or missing and not used.")
+    if case.dead:
+        sentences.append(f"Dead channels are not used: {', '.join(case.dead)}.")
+    if summary["data_quality"]["receivers_without_records"]:
+        names = listed(summary["data_quality"]["receivers_without_records"])
+        sentences.append(f"Receivers without records are not used: {names}.")
+    if not summary["finished"]:
+        sentences.append("The budget of runs ended before the search was complete.")
+    return sentences
+
+
+def _drawn(rows) -> list[dict]:
+    """Return figures as the page requires them."""
     return [dict(zip(("title", "caption", "image"), row, strict=True)) for row in rows]
 
 
-def _has_effect(made):
-    """Tell whether the verdict has a model with effects."""
-    return bool(made.verdict.fit.effects)
-
-
-def _fits(made):
-    """Return the fits to show by title: without effects, and with them where there are some."""
-    fits = {BEFORE: made.search.none}
-    return fits | {AFTER: made.verdict.fit} if _has_effect(made) else fits
-
-
-def _map_figures(made, summary):
-    """Draw where records are missed: in plan and section, and in time and frequency."""
-    case, fits = made.scene.case, _fits(made)
-    sizes = {title: means(fit.chi_square, 0) for title, fit in fits.items()}
-    outcome = summary["outcome"]
-    place = {"UNKNOWN": "located", "PARTIAL": "remainder"}.get(outcome)
-    points = [] if place is None else summary[place]["points"]
-    found = {effect.target for effect in made.verdict.fit.effects} - {""}
-    deep = " How deep it lies is not told." if points else ""
+def _map_figures(diagnosis, summary) -> Iterator[tuple[str, str, str]]:
+    """Draw the misfit of receivers in plan and section, and of a record in time and frequency."""
+    case, fits = diagnosis.search.scene.case, fits_shown(diagnosis)
+    misfits = {title: means(fit.chi_square, 0) for title, fit in fits.items()}
+    key = {"UNKNOWN": "located", "PARTIAL": "remainder"}.get(summary["outcome"])
+    points = [] if key is None else summary[key]["points"]
+    targets = {effect.target for effect in diagnosis.decision.fit.effects} - {""}
+    depth = " Its depth is not resolved." if points else ""
     yield (
         "In plan and section",
-        "Each receiver by its misfit, the mean square over all blasts: 1 is what noise and small "
-        f"errors of the theory leave; from {MATERIAL:g} on (red rings) something is missing."
-        f"{deep}",
-        maps_figure(case.project, case.receivers, sizes, MATERIAL, found=found, points=points),
+        "Receivers by their misfit, the mean square over all blasts: 1 is that of noise and model "
+        f"error; from {MATERIAL:g} on (red rings) something is missing.{depth}",
+        maps_figure(
+            case.project, case.receivers, misfits, MATERIAL, targets=targets, points=points
+        ),
     )
-    yield _time_frequency(made, summary)
+    yield _time_frequency(diagnosis, summary)
 
 
-def _time_frequency(made, summary):
-    """Draw the worst record over time and frequency."""
-    case, fits = made.scene.case, _fits(made)
-    chi_square = made.search.none.chi_square
+def _time_frequency(diagnosis, summary):
+    """Draw the record with the largest misfit over time and frequency."""
+    case, fits = diagnosis.search.scene.case, fits_shown(diagnosis)
+    chi_square = diagnosis.search.without_effects.chi_square
     b, r = np.unravel_index(np.argmax(chi_square), chi_square.shape)
     band = case.band
     recorded = case.in_band(case.motion)
-    missed = {title: recorded - case.in_band(fit.motion) for title, fit in fits.items()}
-    k = int(np.argmax(np.sum(missed[BEFORE][b, r] ** 2, axis=-1)))
+    residuals = {title: recorded - case.in_band(fit.motion) for title, fit in fits.items()}
+    k = int(np.argmax(np.sum(residuals[BEFORE][b, r] ** 2, axis=-1)))
     located = summary["located"]
     return (
         "In time and frequency",
-        f"The worst record, {case.blasts[b]} at {case.receivers[r]}, component {COMPONENTS[k]}: "
-        "what was recorded, and what the simulation misses of it. The frame holds the middle 80 % "
-        "of the misfit of all records, in time and in frequency.",
-        diagnosis_figures.time_frequency_figure(
+        f"The record with the largest misfit, {case.blasts[b]} at {case.receivers[r]}, component "
+        f"{COMPONENTS[k]}, and its residuals. The frame holds the central 80 % of the misfit of "
+        "all records, in time and in frequency.",
+        time_frequency_figure(
             recorded[b, r, k],
-            {f"missed, {title}": part[b, r, k] for title, part in missed.items()},
+            {f"residual, {title}": part[b, r, k] for title, part in residuals.items()},
             case.dt,
             (max(band.low, 1.0 / case.duration), band.high),
             (located["time_s"], located["frequency_hz"]),
@@ -183,89 +438,32 @@ def _time_frequency(made, summary):
     )
 
 
-def _rank_figures(made, summary):
+def _rank_figures(diagnosis, summary):
     """Draw the evidence of all effects that were fitted."""
-    rows = ranking_rows(made)
+    rows = ranking_rows(diagnosis)
     if not rows:
         return
-    evidence = summary["evidence"]
     yield (
         "Evidence",
-        "How much better the records are explained with an effect than without, its freedom paid "
-        "for. 2.3 nats make it ten times as likely. What chance finds: the largest evidence in "
-        "residuals that were shuffled among receivers, exceeded by 5 % of the trials; the band is "
-        "its 90 % interval. Orange: what the outcome rests on.",
-        diagnosis_figures.ranking_figure(
-            [(row["name"], row["worth"]) for row in rows],
-            needed(summary),
-            evidence["threshold_interval"],
+        "Δ ln evidence (log Bayes factor) of each effect over the calibrated site; 2.3 make it ten "
+        "times as likely. The line is the required value: the null threshold, which is the 95 % "
+        "quantile of the largest evidence in permuted residuals; the band is its 90 % interval. "
+        "Orange: effects on which the outcome is based.",
+        ranking_figure(
+            [(row["name"], row["delta_ln_evidence"]) for row in rows],
+            required_evidence(summary),
+            summary["evidence"]["null_threshold_interval"],
             {n for n, row in enumerate(rows) if row["chosen"]},
         ),
     )
 
 
 def _hole_figures(fit):
-    """Draw the values of single holes."""
-    for row in diagnosis_words.hole_rows(fit):
+    """Draw the parameters of single holes."""
+    for row in hole_rows(fit):
         unit = f"  {row['unit']}" if row["unit"] else ""
         yield (
-            f"{row['label']}: {row['knob']} of {row['where']}",
+            f"{row['label']}: {row['parameter']} of {row['where']}",
             "Each hole with its 90 % interval.",
-            diagnosis_figures.holes_figure(row["values"], row["believed"], f"{row['knob']}{unit}"),
+            holes_figure(row["values"], row["prior"], f"{row['parameter']}{unit}"),
         )
-
-
-def _proof_figures(made):
-    """Draw records that were left out of the fits; without effects, the worst of all records."""
-    case, none = made.scene.case, made.search.none
-    if not _has_effect(made):
-        r = int(np.argmax(means(none.chi_square, 0)))
-        yield (
-            f"Receiver {case.receivers[r]}",
-            "The receiver that is explained worst: recorded and calibrated, in the band that is "
-            "compared.",
-            _compared(made, _blasts_at(case, r), {BEFORE: case.in_band(none.motion)}),
-        )
-        return
-    folds = {fold.name for fold in made.verdict.held_out.folds} if made.verdict.held_out else set()
-    for name, places, out in _left_out(made, folds):
-        motions = {title: foretold(made.scene, fit, out) for title, fit in _fits(made).items()}
-        yield (
-            f"{name[0].upper()}{name[1:]} left out",
-            f"Recorded, and foretold by fits in which {name} had no part: the calibrated site, and "
-            "the site with what was found. In the band that is compared.",
-            _compared(made, places, motions),
-        )
-
-
-def _left_out(made, folds):
-    """Yield the folds to show: (name, records to draw, mask of what is left out)."""
-    case, size = made.scene.case, made.search.none.chi_square
-    blasts = [b for b, name in enumerate(case.blasts) if name in folds]
-    receivers = [r for r, name in enumerate(case.receivers) if name in folds]
-    if blasts:
-        b, out = blasts[-1], np.zeros(size.shape, dtype=bool)
-        out[b] = True
-        worst = np.argsort(-size[b])[:COLUMNS]
-        yield f"blast {case.blasts[b]}", [(b, int(r)) for r in sorted(worst)], out
-    if receivers:
-        r = max(receivers, key=lambda r: size[:, r].mean())
-        out = np.zeros(size.shape, dtype=bool)
-        out[:, r] = True
-        yield f"receiver {case.receivers[r]}", _blasts_at(case, r), out
-
-
-def _blasts_at(case, r):
-    """Return the largest blasts at one receiver."""
-    return [(b, r) for b in range(len(case.blasts))][-COLUMNS:]
-
-
-def _compared(made, places, motions):
-    """Draw recorded motion and others at some records."""
-    case = made.scene.case
-    parts = {"recorded": case.in_band(case.motion), **motions}
-    columns = [
-        (f"{case.blasts[b]} at {case.receivers[r]}", {k: v[b, r] for k, v in parts.items()})
-        for b, r in places
-    ]
-    return diagnosis_figures.compared_figure(columns, case.dt)

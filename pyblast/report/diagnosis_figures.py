@@ -1,4 +1,7 @@
-"""Figures of a diagnosis: evidence, maps, motion before and after, time and frequency."""
+"""Figures of a diagnosis: evidence, maps, held-out records, time and frequency."""
+
+from collections.abc import Iterator
+from typing import Protocol
 
 import numpy as np
 from matplotlib.colors import LogNorm
@@ -6,6 +9,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
 from matplotlib.ticker import MaxNLocator
 
+from ..diagnosis.cross_validation import held_out_prediction
+from ..diagnosis.decision import Decision
+from ..diagnosis.fitting import Fit
+from ..diagnosis.search import Search, means
 from ..project.flat_box import FlatBox, extent_of, flat_box, not_flat
 from ..signals.spectra import wavelet_transform
 from .figures import FAULT, GROUND, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
@@ -14,44 +21,76 @@ CALIBRATED, WITH_EFFECT = "#9aa5b1", SIMULATED
 BELOW, ABOVE = "#c9d1d9", "#7a8fb0"
 COMPONENTS = ("east", "north", "up")
 SHOWN = 12  # bars
+BEFORE, AFTER = "calibrated", "with the effect"
+COLUMNS = 3  # records side by side
+MISFIT, POINT = "YlOrRd", "#2563eb"
+WIDTH, TALLEST = 9.6, 9.0
+AXES, NAMES = "xyz", ("east", "north", "height")
+MARGIN = 0.04  # of the box, around it
+
+
+class Diagnosis(Protocol):
+    """What a report needs of a diagnosis."""
+
+    @property
+    def search(self) -> Search:
+        """The search, with its scene."""
+        ...
+
+    @property
+    def decision(self) -> Decision:
+        """The decision."""
+        ...
+
+
+def fits_shown(diagnosis: Diagnosis) -> dict[str, Fit]:
+    """Return the fits that figures compare, by title: without effects, and with them if any."""
+    fits = {BEFORE: diagnosis.search.without_effects}
+    decided = diagnosis.decision.fit
+    return fits | {AFTER: decided} if decided.effects else fits
 
 
 def ranking_figure(rows, threshold, interval, chosen=()):
-    """Draw the evidence of each effect, and what chance alone finds.
+    """Draw the evidence of each effect beside the null threshold.
 
     Parameters
     ----------
     rows : list of (str, float)
-        Name and evidence in nats, best first.
+        Name and Δ ln evidence, best first.
     threshold : float
-        That evidence must exceed.
+        Required Δ ln evidence.
     interval : tuple of 2 float or None
-        In which the threshold of chance lies.
+        90 % interval of the null threshold.
     chosen : collection of int
-        Rows that the verdict rests on.
+        Rows on which the decision is based.
+
+    Returns
+    -------
+    str
+        A data URI.
     """
     rows = rows[:SHOWN]
     figure = _figure(9.6, 1.1 + 0.3 * len(rows))
-    axis, place = figure.subplots(), np.arange(len(rows))[::-1]
-    worth = np.array([value for _, value in rows])
-    top = max(worth.max(), 1.5 * threshold)
-    lowest = min(0.0, max(worth.min(), -0.3 * top))
+    axis, height = figure.subplots(), np.arange(len(rows))[::-1]
+    evidence = np.array([value for _, value in rows])
+    top = max(evidence.max(), 1.5 * threshold)
+    lowest = min(0.0, max(evidence.min(), -0.3 * top))
     colours = [
         SIMULATED if n in chosen else ABOVE if value >= threshold else BELOW
-        for n, value in enumerate(worth)
+        for n, value in enumerate(evidence)
     ]
-    axis.barh(place, np.maximum(worth, lowest), color=colours, height=0.65)
-    for y, value in zip(place, worth, strict=True):
+    axis.barh(height, np.maximum(evidence, lowest), color=colours, height=0.65)
+    for y, value in zip(height, evidence, strict=True):
         axis.text(
             max(value, 0.0) + 0.012 * top, y, f"{value:.0f}", va="center", fontsize=8, color=INK,
             bbox={"fc": "white", "ec": "none", "pad": 0.6, "alpha": 0.85},
         )  # fmt: skip
     if interval is not None:
         axis.axvspan(*interval, color=FAULT, alpha=0.15, lw=0)
-    axis.axvline(threshold, color=FAULT, lw=1.4, label=f"needed: {threshold:.0f}")
-    axis.set_yticks(place, [name for name, _ in rows], parse_math=False)
+    axis.axvline(threshold, color=FAULT, lw=1.4, label=f"required: {threshold:.0f}")
+    axis.set_yticks(height, [name for name, _ in rows], parse_math=False)
     axis.set_xlim(1.05 * lowest, 1.1 * top)
-    axis.set_xlabel("evidence over the calibrated site  nats")
+    axis.set_xlabel("Δ ln evidence over the calibrated site")
     axis.legend(fontsize=8, frameon=False, loc="lower right")
     _tidy(axis)
     axis.grid(False)
@@ -66,6 +105,11 @@ def compared_figure(columns, dt):
     columns : list of (str, dict of str to (3, n_samples) float64 m/s)
         Title, and motion by legend: recorded, calibrated, with effect.
     dt : float, s
+
+    Returns
+    -------
+    str
+        A data URI.
     """
     figure = _figure(9.6, 5.4)
     axes = figure.subplots(3, len(columns), squeeze=False, sharex=True, sharey="col")
@@ -90,7 +134,7 @@ def compared_figure(columns, dt):
 
 
 def time_frequency_figure(recorded, differences, dt, band, window=None):
-    """Draw what was recorded, and what simulations miss of it, over time and frequency.
+    """Draw a record and its residuals over time and frequency.
 
     Parameters
     ----------
@@ -100,7 +144,12 @@ def time_frequency_figure(recorded, differences, dt, band, window=None):
     dt : float, s
     band : tuple of 2 float, Hz
     window : tuple of (2 float s, 2 float Hz), optional
-        Of what is located; a frame is drawn around it.
+        Drawn as a frame.
+
+    Returns
+    -------
+    str
+        A data URI.
     """
     parts = {"recorded": recorded, **differences}
     figure = _figure(9.6, 3.4)
@@ -139,26 +188,31 @@ def round_marks(low, high):
     return marks[(marks >= 0.999 * low) & (marks <= 1.001 * high)]
 
 
-def holes_figure(values, usual, label):
-    """Draw one value for each hole with its 90 % interval, over what was believed.
+def holes_figure(values, prior, label):
+    """Draw one value for each hole with its 90 % interval, beside the prior mean.
 
     Parameters
     ----------
     values : list of dict
         ``value``, ``low``, ``high`` of each hole, in the unit that is shown.
-    usual : float
-        What was believed.
+    prior : float
+        Prior mean.
     label : str
-        Of the upward axis.
+        Of the vertical axis.
+
+    Returns
+    -------
+    str
+        A data URI.
     """
     figure = _figure(9.6, 2.6)
     axis, number = figure.subplots(), np.arange(1, len(values) + 1)
-    value, low, high = (np.array([one[k] for one in values]) for k in ("value", "low", "high"))
-    axis.axhline(usual, color=INK, lw=0.8, ls="--", label="believed")
-    sure = (low > usual) | (high < usual)
+    value, low, high = (np.array([v[k] for v in values]) for k in ("value", "low", "high"))
+    axis.axhline(prior, color=INK, lw=0.8, ls="--", label="prior mean")
+    sure = (low > prior) | (high < prior)
     for shown, colour, name in (
-        (sure, SIMULATED, "differs"),
-        (~sure, CALIBRATED, "may be as believed"),
+        (sure, SIMULATED, "interval without the prior mean"),
+        (~sure, CALIBRATED, "interval with the prior mean"),
     ):
         if shown.any():
             reach = np.maximum(np.array([value - low, high - value])[:, shown], 0.0)
@@ -174,29 +228,89 @@ def holes_figure(values, usual, label):
     return _uri(figure)
 
 
-MISFIT, POINT = "YlOrRd", "#2563eb"
-WIDTH, TALLEST = 9.6, 9.0
-AXES, NAMES = "xyz", ("east", "north", "height")
-MARGIN = 0.04  # of the box, around it
+def held_out_figures(diagnosis: Diagnosis) -> Iterator[tuple[str, str, str]]:
+    """Draw held-out records and their prediction; without effects, the receiver explained worst.
+
+    Yields
+    ------
+    tuple of str
+        Title, caption and a data URI.
+    """
+    scene, without = diagnosis.search.scene, diagnosis.search.without_effects
+    case = scene.case
+    if not diagnosis.decision.fit.effects:
+        r = int(np.argmax(means(without.chi_square, 0)))
+        yield (
+            f"Receiver {case.receivers[r]}",
+            "The receiver with the largest misfit: recorded and calibrated, in the band that is "
+            "compared.",
+            _compared(case, _last_blasts(case, r), {BEFORE: case.in_band(without.motion)}),
+        )
+        return
+    for name, records, out in _subsets_shown(diagnosis):
+        motions = {
+            title: held_out_prediction(scene, fit, out)
+            for title, fit in fits_shown(diagnosis).items()
+        }
+        yield (
+            f"{name[0].upper()}{name[1:]} held out",
+            f"Recorded, and predicted by fits without {name}: of the calibrated site, and of the "
+            "site with the effect. In the band that is compared.",
+            _compared(case, records, motions),
+        )
 
 
-def maps_figure(project, receivers, sizes, material, *, found=(), points=()):
-    """Draw a project from above and from the side, its receivers coloured by their misfit.
+def _subsets_shown(diagnosis):
+    """Yield held-out subsets: (name, records to draw, mask of what is held out)."""
+    case = diagnosis.search.scene.case
+    chi_square = diagnosis.search.without_effects.chi_square
+    tested = diagnosis.decision.cross_validation
+    names = set() if tested is None else {subset.name for subset in tested.subsets}
+    blasts = [b for b, name in enumerate(case.blasts) if name in names]
+    receivers = [r for r, name in enumerate(case.receivers) if name in names]
+    if blasts:
+        b, out = blasts[-1], np.zeros(chi_square.shape, dtype=bool)
+        out[b] = True
+        worst = np.argsort(-chi_square[b])[:COLUMNS]
+        yield f"blast {case.blasts[b]}", [(b, int(r)) for r in sorted(worst)], out
+    if receivers:
+        r = max(receivers, key=lambda r: chi_square[:, r].mean())
+        out = np.zeros(chi_square.shape, dtype=bool)
+        out[:, r] = True
+        yield f"receiver {case.receivers[r]}", _last_blasts(case, r), out
+
+
+def _last_blasts(case, r):
+    """Return the records of the largest blasts at one receiver."""
+    return [(b, r) for b in range(len(case.blasts))][-COLUMNS:]
+
+
+def _compared(case, records, motions):
+    """Draw recorded and other motion of some records."""
+    parts = {"recorded": case.in_band(case.motion), **motions}
+    columns = [
+        (f"{case.blasts[b]} at {case.receivers[r]}", {k: v[b, r] for k, v in parts.items()})
+        for b, r in records
+    ]
+    return compared_figure(columns, case.dt)
+
+
+def maps_figure(project, receivers, misfits, material, *, targets=(), points=()):
+    """Draw a project in plan and section, its receivers coloured by their misfit.
 
     Parameters
     ----------
     project : Project
     receivers : sequence of n str
-        That have records.
-    sizes : dict of str to (n,) float64
-        Mean square misfit over what noise and errors of the theory leave, by title: one column
-        of pictures each.
+        Names of receivers with records.
+    misfits : dict of str to (n,) float64
+        Mean chi-square of each receiver, by title: one column of maps each.
     material : float
         Misfit from which a receiver is ringed.
-    found : collection of str
-        Joints, receivers and blasts to which effects belong.
+    targets : collection of str
+        Joints, receivers and blasts with effects.
     points : list of dict
-        ``x``, ``y`` and ``resolution_m`` of places that residuals come from.
+        ``x``, ``y`` and ``resolution_m`` of located residuals.
 
     Returns
     -------
@@ -206,37 +320,37 @@ def maps_figure(project, receivers, sizes, material, *, found=(), points=()):
     ground = _ground(project)
     across = _across(ground)
     box = _box(project, ground, receivers)
-    figure, axes = _panels(box, across, len(sizes))
-    top = max(10.0, *(float(np.max(size)) for size in sizes.values()))
-    norm = LogNorm(1.0, top)
-    places = np.array([_positions(project)[name] for name in receivers])
-    for column, (title, size) in enumerate(sizes.items()):
+    figure, axes = _panels(box, across, len(misfits))
+    top = max(10.0, *(float(np.max(misfit)) for misfit in misfits.values()))
+    norm, drawn = LogNorm(1.0, top), None
+    positions = np.array([_positions(project)[name] for name in receivers])
+    for column, (title, misfit) in enumerate(misfits.items()):
         plan, section = axes[:, column]
         plan.set_title(title, fontsize=9, loc="left")
         for axis, (h, v) in ((plan, (0, 1)), (section, (across, 2))):
-            drawn = _receivers(axis, places[:, (h, v)], size, norm, material)
-            _joints(axis, ground, box, (h, v), found)
-            _holes(axis, project, (h, v), found)
+            drawn = _receivers(axis, positions[:, (h, v)], misfit, norm, material)
+            _joints(axis, ground, box, (h, v), targets)
+            _holes(axis, project, (h, v), targets)
             axis.set(xlim=box[h], ylim=box[v], aspect="equal")
             axis.set_xlabel(f"{NAMES[h]}  m", fontsize=8)
             axis.set_ylabel(f"{NAMES[v]}  m" if column == 0 else "", fontsize=8)
             _tidy(axis)
             axis.grid(False)
-        _named(plan, receivers, places, found)
+        _named(plan, receivers, positions, targets)
         _layers(section, ground, box)
         _points(plan, section, points, across)
     bar = figure.colorbar(drawn, ax=axes, shrink=0.6)
-    bar.set_label("misfit over that of small errors (1: explained)", fontsize=8)
+    bar.set_label("misfit over noise and model error (1: explained)", fontsize=8)
     bar.set_ticks(round_marks(norm.vmin, norm.vmax).tolist())
     bar.minorticks_off()
     bar.ax.yaxis.set_major_formatter("{x:g}")
     bar.ax.tick_params(labelsize=7)
-    _legend(figure, ground, found, points, material)
+    _legend(figure, ground, targets, points, material)
     return _uri(figure)
 
 
 def _ground(project):
-    """Return box, layers and upright planes that can be drawn: no planes but of a flat box."""
+    """Return box, layers and vertical planes of a project; planes only of a flat box."""
     if not not_flat(project):
         return flat_box(project)
     mesh = project.config.mesh
@@ -248,14 +362,14 @@ def _ground(project):
 
 def _across(ground):
     """Return the horizontal axis of the section: across most joints, else along the box."""
-    count = [sum(one.axis == axis for one in ground.planes) for axis in "xy"]
+    count = [sum(plane.axis == axis for plane in ground.planes) for axis in "xy"]
     if count[0] != count[1]:
         return int(np.argmax(count))
     return int(np.argmax(np.ptp(ground.box[:2], axis=1)))
 
 
 def _box(project, ground, receivers):
-    """Return what is drawn, (3, 2) m: the box with all receivers and holes, and a margin."""
+    """Return the limits of the maps, (3, 2) m: box, receivers and holes with a margin."""
     inside = [_positions(project)[name] for name in receivers]
     for blast in project.blasts.values():
         inside += [*blast.collar, *blast.toe]
@@ -267,8 +381,8 @@ def _box(project, ground, receivers):
 
 
 def _positions(project):
-    """Return the places of receivers by name."""
-    return {one.name: one.position for one in project.receivers}
+    """Return the positions of receivers by name."""
+    return {receiver.name: receiver.position for receiver in project.receivers}
 
 
 def _panels(box, across, columns):
@@ -285,32 +399,32 @@ def _panels(box, across, columns):
     return figure, axes
 
 
-def _receivers(axis, places, size, norm, material):
+def _receivers(axis, positions, misfit, norm, material):
     """Draw receivers by misfit; those that are not explained have a strong ring."""
-    strong = np.asarray(size) >= material
+    strong = np.asarray(misfit) >= material
     return axis.scatter(
-        *places.T, c=np.maximum(size, norm.vmin), norm=norm, cmap=MISFIT, s=70, zorder=5,
+        *positions.T, c=np.maximum(misfit, norm.vmin), norm=norm, cmap=MISFIT, s=70, zorder=5,
         edgecolors=np.where(strong, FAULT, INK), linewidths=np.where(strong, 2.0, 0.6),
     )  # fmt: skip
 
 
-def _named(axis, receivers, places, found):
-    """Write the names of the receivers, those with an effect of their own bold."""
-    for name, place in zip(receivers, places, strict=True):
+def _named(axis, receivers, positions, targets):
+    """Write the names of the receivers, in bold if they are targets of an effect."""
+    for name, position in zip(receivers, positions, strict=True):
         axis.annotate(
-            name, place[:2], xytext=(0, 7), textcoords="offset points", ha="center", fontsize=7,
-            weight="bold" if name in found else "normal", zorder=6, parse_math=False,
+            name, position[:2], xytext=(0, 7), textcoords="offset points", ha="center", fontsize=7,
+            weight="bold" if name in targets else "normal", zorder=6, parse_math=False,
         )  # fmt: skip
 
 
-def _joints(axis, ground, box, view, found):
-    """Draw joints: lines where they are seen from their edge, dashed faces where they are not."""
+def _joints(axis, ground, box, view, targets):
+    """Draw joints: as lines if seen edge-on, else as dashed faces."""
     for joint in ground.planes:
         normal, name = AXES.index(joint.axis), joint.name
         ranges = {1 - normal: joint.extent, 2: tuple(ground.top - np.array(joint.depth[::-1]))}
         ends = {k: np.clip(ends, *box[k]) for k, ends in ranges.items()}
         ends[2] = np.minimum(ends[2], ground.top)
-        strong = name in found
+        strong = name in targets
         style = {"color": FAULT if strong else INK, "lw": 2.4 if strong else 1.0, "zorder": 3}
         if normal not in view:
             corner = ends[view[0]][0], ends[view[1]][0]
@@ -328,10 +442,10 @@ def _joints(axis, ground, box, view, found):
         )  # fmt: skip
 
 
-def _holes(axis, project, view, found):
+def _holes(axis, project, view, targets):
     """Draw the charges of all blasts."""
     for name, blast in project.blasts.items():
-        colour = FAULT if name in found else INK
+        colour = FAULT if name in targets else INK
         for collar, toe in zip(blast.collar, blast.toe, strict=True):
             axis.plot(*np.array([collar, toe]).T[list(view)], color=colour, lw=1.2, zorder=4)
         axis.plot(*blast.collar.T[list(view)], "+", color=colour, ms=5, zorder=4)
@@ -352,18 +466,17 @@ def _layers(axis, ground, box):
 
 
 def _points(plan, section, points, across):
-    """Draw where residuals come from; how deep is not known."""
+    """Draw located residuals, whose depth is unknown."""
     for point in points:
-        place, reach = (point["x"], point["y"]), 0.5 * point["resolution_m"]
-        plan.add_patch(Circle(place, reach, fill=False, ec=POINT, lw=1.6, ls="--", zorder=6))
-        plan.plot(*place, "x", color=POINT, ms=8, mew=2.0, zorder=6)
-        section.axvspan(
-            place[across] - reach, place[across] + reach, color=POINT, alpha=0.15, lw=0, zorder=1
-        )
+        centre, radius = (point["x"], point["y"]), 0.5 * point["resolution_m"]
+        plan.add_patch(Circle(centre, radius, fill=False, ec=POINT, lw=1.6, ls="--", zorder=6))
+        plan.plot(*centre, "x", color=POINT, ms=8, mew=2.0, zorder=6)
+        ends = centre[across] - radius, centre[across] + radius
+        section.axvspan(*ends, color=POINT, alpha=0.15, lw=0, zorder=1)
 
 
-def _legend(figure, ground, found, points, material):
-    """Say what the signs mean, above the pictures."""
+def _legend(figure, ground, targets, points, material):
+    """Draw the legend above the maps."""
     ring = {"marker": "o", "ls": "", "mfc": "white"}
     marks = {
         "receiver": {**ring, "mec": INK},
@@ -372,10 +485,10 @@ def _legend(figure, ground, found, points, material):
     }
     if ground.planes:
         marks["joint"] = {"color": INK, "lw": 1.0}
-    if found:
-        marks["what was found (receivers: bold)"] = {"color": FAULT, "lw": 2.4}
+    if targets:
+        marks["with an effect (receivers: bold)"] = {"color": FAULT, "lw": 2.4}
     if points:
-        marks["residuals seem to come from within the circle"] = {
+        marks["located residual, within the circle"] = {
             "marker": "x", "ls": "", "color": POINT, "mew": 2.0,
         }  # fmt: skip
     handles = [Line2D([], [], label=label, **style) for label, style in marks.items()]

@@ -13,14 +13,12 @@ import numpy as np
 from obspy import UTCDateTime
 
 from ..blasts.hole_tables import read_blast
-from ..diagnosis import library  # noqa: F401  fills the library
 from ..diagnosis.calibration import calibrate
 from ..diagnosis.case import Case, case_of
-from ..diagnosis.decision import Verdict, judge
-from ..diagnosis.effects import Scene
+from ..diagnosis.decision import Decision, decide
+from ..diagnosis.effects import Scene, effects_of, predict
 from ..diagnosis.forward import Forward
-from ..diagnosis.null_distribution import Chance, chance
-from ..diagnosis.prediction import effects_of, predict
+from ..diagnosis.null_distribution import NullDistribution, null_distribution
 from ..diagnosis.search import Search, search
 from ..diagnosis.summary import summarise
 from ..errors import InputError, ReadError
@@ -47,23 +45,23 @@ GROWTH, FINE_GROWTH = 1.15, 1.1
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """What was found, and all it was found with.
+    """Diagnosis: the search for effects and the decision on them.
 
     Parameters
     ----------
     scene : Scene
     search : Search
-    chance : Chance or None
-        None where there was nothing to search for.
-    verdict : Verdict
+    null : NullDistribution or None
+        None if there was nothing to search for.
+    decision : Decision
     summary : dict
         As in ``diagnosis.json``.
     """
 
     scene: Scene
     search: Search
-    chance: Chance | None
-    verdict: Verdict
+    null: NullDistribution | None
+    decision: Decision
     summary: dict
 
 
@@ -77,23 +75,23 @@ def diagnose(
     cuts: tuple[Cut, Cut | None] | None = None,
     progress: Callable | None = None,
 ) -> Diagnosis:
-    """Diagnose which physics a project lacks, as far as its records can tell.
+    """Diagnose which physics a project lacks, from its records.
 
     Parameters
     ----------
     project : Project
         With records of at least one blast, and the further blasts of `with_further`.
     folder : path, optional
-        Where runs are kept and found: after an interruption the same call goes on.
+        Folder of stored runs; after an interruption the same call resumes.
     budget : int
-        Runs of one blast after which no further effect is tried.
+        Number of runs of one blast after which no further effect is tried.
     seed : int
-        Of the shuffled residuals.
+        Of the null distribution.
     executor : Executor, optional
         As for `run_all`.
     cuts : tuple of Cut and Cut or None, optional
-        Discretization of a flat box for the many runs, and for the few that correct them; by
-        wavelengths if not given. Any other project is run on its own mesh, without correction.
+        Discretizations of a flat box for most runs, and for those that correct them; by default
+        from wavelengths. Any other project is run on its own mesh, without correction.
     progress : callable, optional
         Called with (stage, done, total).
 
@@ -104,41 +102,43 @@ def diagnose(
     Raises
     ------
     InputError
-        If the records can't be compared.
+        If the records cannot be compared.
     SolverError
         If a run fails.
     """
-    tell, began = progress or (lambda *_: None), time.perf_counter()
+    report, began = progress or (lambda *_: None), time.perf_counter()
     case = case_of(project)
     rough, fine = cuts or (cut_of(case.project), cut_of(case.project, fine=True))
     forward = Forward(case, rough, folder, executor)
     finer = None if fine is None else Forward(case, fine, folder, executor)
-    tell("calibration", 0, 1)
+    report("calibration", 0, 1)
     baseline = calibrate(forward, finer)
-    tell("holes", 0, 1)
+    report("holes", 0, 1)
     scene = Scene(forward, baseline, forward.hole_motion(baseline.project))
-    found = search(scene, budget, tell)
-    shuffled = chance(scene, found.none, found.guesses, found.fits, seed) if found.fits else None
-    verdict = judge(found, shuffled, finer)
-    summary = summarise(scene, found, shuffled, verdict)
-    used = [forward] if finer is None else [forward, finer]
+    done = search(scene, budget, report)
+    null = None
+    if done.fits:
+        null = null_distribution(scene, done.without_effects, done.screening, done.fits, seed)
+    decision = decide(done, null, finer)
+    summary = summarise(done, null, decision)
+    forwards = [forward] if finer is None else [forward, finer]
     summary |= {
-        "runs": sum(one.runs for one in used),
+        "runs": sum(each.runs for each in forwards),
         "wall_s": round(time.perf_counter() - began, 1),
-        "kept_runs": sum(one.kept for one in used),
-        "kept_s": round(sum(one.kept_s for one in used), 1),
+        "kept_runs": sum(each.cached for each in forwards),
+        "kept_s": round(sum(each.cached_s for each in forwards), 1),
         "seed": seed,
         "budget": budget,
-        "finished": found.finished,
+        "finished": done.finished,
     }
-    return Diagnosis(scene, found, shuffled, verdict, plain(summary))
+    return Diagnosis(scene, done, null, decision, plain(summary))
 
 
 def cut_of(project: Project, fine: bool = False) -> Cut | None:
     """Return the discretization of a flat box into quadratic zones for its band, else None.
 
-    The slowest layer that is no thinner than half its shortest wavelength counts: thinner ones
-    have cells of their own height.
+    By the slowest layer of at least half its shortest wavelength; thinner layers have zones of
+    their own height.
     """
     if not_flat(project):
         return None
@@ -168,8 +168,8 @@ def diagnose_folder(
     folder : path
         With ``site.toml``, hole tables and records; or a project file.
     output : path
-        Folder for the result; runs are kept in its folder ``runs``, so that the same call goes on
-        after an interruption, and a finished diagnosis of the same files is only read.
+        Folder for the result. Runs are stored in its folder ``runs``, so that the same call
+        resumes after an interruption; a finished diagnosis of the same files is read.
     budget, seed, executor, progress
         As of `diagnose`.
     runs : path, optional
@@ -190,7 +190,7 @@ def diagnose_folder(
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"--out {output}: can't be made ({error.strerror})") from None
-    made = diagnose(
+    diagnosis = diagnose(
         project,
         runs or output / RUNS,
         budget=budget,
@@ -198,8 +198,8 @@ def diagnose_folder(
         executor=executor,
         progress=progress,
     )
-    summary = {"case": project.title, **made.summary, "provenance": provenance}
-    write_diagnosis_report(output / REPORT, made, summary)
+    summary = {"case": project.title, **diagnosis.summary, "provenance": provenance}
+    write_diagnosis_report(output / REPORT, diagnosis, summary)
     write_summary(output / RESULT, summary)
     return plain(summary)
 
@@ -209,8 +209,8 @@ def _hash_of(folder):
     digest = hashlib.sha256()
     try:
         if not Path(folder).is_dir():
-            for one in _blasts(folder):
-                digest.update(json.dumps(one.input_files, sort_keys=True).encode())
+            for project in _blasts(folder):
+                digest.update(json.dumps(project.input_files, sort_keys=True).encode())
             return digest.hexdigest()
         for path in case_files(folder):
             digest.update(path.name.encode() + path.read_bytes())
@@ -222,12 +222,12 @@ def _hash_of(folder):
 
 
 def _decisive(provenance):
-    """Return what a result depends on: all of its provenance but the number of threads."""
+    """Return the provenance on which a result depends: all but the number of threads."""
     return {key: value for key, value in provenance.items() if key != "threads"}
 
 
 def _finished(output, provenance, budget, seed):
-    """Return the diagnosis that is there already for the same input, or None."""
+    """Return the finished diagnosis of the same input, or None."""
     try:
         known = json.loads((output / RESULT).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -247,14 +247,14 @@ def predict_file(folder, output, summary, holes, path, baseline=False, runs=None
     folder, output : path
         As of `diagnose_folder`.
     summary : dict
-        What it returned.
+        Its result.
     holes : path
         Table of the holes of the further blast.
     path : path
-        Of the file; it has the channels, the sampling and the start of the last recorded blast. A
-        project file gives no instants: the first hole then fires as 1970 begins.
+        File to write, with the channels, the sampling and the start of the last recorded blast. A
+        project file gives no date; the first hole then fires at the start of 1970.
     baseline : bool
-        Without the effects: calibrated alone.
+        Whether to predict with the calibrated model alone, without effects.
     runs : path, optional
         Another folder for the runs.
     """
@@ -268,34 +268,37 @@ def predict_file(folder, output, summary, holes, path, baseline=False, runs=None
 
 
 def check_further(folder, holes, outputs=(), out=None):
-    """Check, before a diagnosis into ``out``, that it could predict a further blast into files.
+    """Check, before a diagnosis into ``out``, that a further blast can be predicted.
 
     Raises
     ------
     InputError, ReadError
-        If the table of its holes is no good, a hole lies outside of the box or fires after the
-        records end, a file can't hold the names of the receivers, or it can't be written.
+        If its hole table is wrong, a hole lies outside of the box or fires after the end of the
+        records, a file cannot hold the names of the receivers, or it cannot be written.
     """
     case = case_of(read_case(folder))
     _further(case, holes)
     _channels(case)
-    made = None if out is None else Path(out).resolve()
+    target = None if out is None else Path(out).resolve()
     taken = {path.resolve() for path in (Path(holes), *_inputs(Path(folder)))}
-    taken |= set() if made is None else {made / RESULT, made / REPORT}
-    for one in outputs:
-        path = Path(one).resolve()
+    taken |= set() if target is None else {target / RESULT, target / REPORT}
+    for output in outputs:
+        path = Path(output).resolve()
         if path in taken:
-            raise InputError(f"{one}: is read or written by the diagnosis; give another file name")
-        if path.is_dir() or not (path.parent.is_dir() or path.parent == made):
-            raise InputError(f"{one}: must be a file in a folder that is there, or in --out")
+            raise InputError(
+                f"{output}: is read or written by the diagnosis; give another file name"
+            )
+        if path.is_dir() or not (path.parent.is_dir() or path.parent == target):
+            raise InputError(f"{output}: must be a file in an existing folder, or in --out")
         taken.add(path)
 
 
 def _inputs(folder):
-    """Return the files of a case, or all that a project and its further blasts name."""
+    """Return the files of a case, or all files of a project and its further blasts."""
     if folder.is_dir():
         return case_files(folder)
-    return [one.folder / name for one in _blasts(folder) for name in one.input_files]
+    projects = _blasts(folder)
+    return [project.folder / name for project in projects for name in project.input_files]
 
 
 def _blasts(path):
@@ -314,8 +317,8 @@ def _further(case, holes):
     late = int(np.argmax(blast.times))
     if blast.times[late] >= case.duration:
         raise InputError(
-            f"{holes}: hole {blast.hole_ids[late]}: fires at {blast.times[late]:g} s, but what is "
-            f"predicted ends as the records do, at {case.duration:.3g} s; split the blast"
+            f"{holes}: hole {blast.hole_ids[late]}: fires at {blast.times[late]:g} s, but the "
+            f"prediction ends with the records, at {case.duration:.3g} s; split the blast"
         )
     return blast
 
@@ -326,16 +329,16 @@ def _as_recorded(case: Case, motion):
     first = next(iter(last.records.values())).seismogram
     sampling = first.start, case.dt, len(first.velocity)
     whole = np.stack(
-        [Seismogram(one.T, case.dt, 0.0).sampled(*sampling).velocity.T for one in motion]
+        [Seismogram(part.T, case.dt, 0.0).sampled(*sampling).velocity.T for part in motion]
     )
     start = UTCDateTime(last.time_zero or 0) + first.start
     return mseed_bytes(whole, _channels(case), case.dt, str(start))
 
 
 def _channels(case: Case):
-    """Return the names of the channels of each receiver, as they were recorded last."""
-    every = [one.records for one in reversed(_as_fired(case))]
-    records = {name: next(some[name] for some in every if name in some) for name in case.receivers}
+    """Return the names of the channels of each receiver in its last record."""
+    tables = [blast.records for blast in reversed(_as_fired(case))]
+    records = {name: next(t[name] for t in tables if name in t) for name in case.receivers}
     return [
         channel_names(name, record.header.get("channels", {}), case.dt)
         for name, record in records.items()
@@ -343,9 +346,9 @@ def _channels(case: Case):
 
 
 def _as_fired(case: Case):
-    """Return the blasts, the last one last, as listed where no instants are given."""
-    every = case.project, *case.project.further
-    return sorted(every, key=lambda one: UTCDateTime(one.time_zero or 0))
+    """Return the blasts in the order of their dates, or as listed without dates."""
+    blasts = case.project, *case.project.further
+    return sorted(blasts, key=lambda blast: UTCDateTime(blast.time_zero or 0))
 
 
 def diagnose_case(
@@ -366,21 +369,21 @@ def diagnose_case(
     case : path
         Folder with ``site.toml``, hole tables and records; or a project file.
     out : path, optional
-        Folder that takes numbered folders, one per diagnosis, and the runs in ``runs``, from which
-        the same call goes on; ``diagnosis`` beside the project file or in the case folder by
-        default. A finished diagnosis of the same input is only read.
+        Folder of numbered folders, one per diagnosis, and of the stored runs, from which the same
+        call resumes; ``diagnosis`` beside the project file or in the case folder by default. A
+        finished diagnosis of the same input is read.
     fresh : bool
-        Start anew, and run all models again.
+        Whether to run all models again.
     budget : int
-        Runs of one blast after which no further effect is tried.
+        Number of runs of one blast after which no further effect is tried.
     seed : int
-        Of the permuted residuals.
+        Of the null distribution.
     executor : concurrent.futures.Executor, optional
         Such as `workers`; the result does not depend on it.
     progress : callable, optional
         Called with (stage, done, total).
     say : callable, optional
-        Called with a sentence when a diagnosis is read or goes on.
+        Called with a sentence when a diagnosis is read or resumed.
 
     Returns
     -------
@@ -402,32 +405,33 @@ def diagnose_case(
     provenance = versions(_hash_of(case)) | {"code_sha256": code_hash(WHOLE)}
     if fresh:
         shutil.rmtree(out / RUNS, ignore_errors=True)
-    for one in [] if fresh else numbered_folders(out):
-        known = _finished(one, provenance, budget, seed)
+    for finished in [] if fresh else numbered_folders(out):
+        known = _finished(finished, provenance, budget, seed)
         if known is not None:
-            say(f"this diagnosis is finished: {one}; --fresh would make it anew")
-            return known, one
+            say(f"this diagnosis is finished: {finished}; --fresh repeats it")
+            return known, finished
     started = {"input_sha256": provenance["input_sha256"], "budget": budget, "seed": seed}
-    with result_folder(out, lambda one: _started(one) == started, fresh=fresh, say=say) as place:
-        write_summary(place[0] / STARTED, started)
+    with result_folder(out, lambda path: _started(path) == started, fresh=fresh, say=say) as opened:
+        result = opened[0]
+        write_summary(result / STARTED, started)
         try:
             summary = diagnose_folder(
-                case, place[0], budget=budget, seed=seed, executor=executor, progress=progress,
+                case, result, budget=budget, seed=seed, executor=executor, progress=progress,
                 runs=out / RUNS,
             )  # fmt: skip
         except (InputError, ReadError):
-            (place[0] / STARTED).unlink()
+            (result / STARTED).unlink()
             raise
         except KeyboardInterrupt:
             raise Interrupted(
-                f"the runs made are kept in {out / RUNS}; the same command goes on from there"
+                f"finished runs are stored in {out / RUNS}; the same command goes on from there"
             ) from None
-        (place[0] / STARTED).unlink()
-    return summary, place[0]
+        (result / STARTED).unlink()
+    return summary, result
 
 
 def _started(folder):
-    """Return what an unfinished diagnosis in a folder was started with, or None."""
+    """Return the arguments of an unfinished diagnosis in a folder, or None."""
     try:
         return json.loads((folder / STARTED).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -449,13 +453,13 @@ def predict_case(
     case : path
         As of `diagnose_case`.
     folder : path
-        Of the diagnosis: one with ``diagnosis.json``.
+        Folder of the diagnosis, with ``diagnosis.json``.
     holes : path
         Table of the holes of the further blast.
     path : path
         Of the file to write, with the channels, sampling and start of the last recorded blast.
     baseline : bool
-        Predict with the calibrated model alone, without the effects that were found.
+        Whether to predict with the calibrated model alone, without effects.
 
     Raises
     ------

@@ -13,7 +13,7 @@ from pyblast.diagnosis.null_distribution import Chance
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 LOUD = Effect("misfire_or_charge_error/blast", "B1", ((1.0,),))
-CHANCE = Chance(np.zeros((2, 200)), {})
+NULL = Chance(np.zeros((2, 200)), {})
 
 
 def late_and_loud(motion):

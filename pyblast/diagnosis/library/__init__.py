@@ -1,4 +1,4 @@
-"""The hypotheses, by what they speak of; importing this fills the library from every file in it."""
+"""Library of hypotheses, by the part of the model that they change; its import fills LIBRARY."""
 
 from importlib import import_module
 from pkgutil import iter_modules

@@ -1,4 +1,4 @@
-"""Air blast: pressure that runs over layered ground (theory.md 5.14)."""
+"""Air blast: a pressure wave that travels over layered ground (theory.md 5.14)."""
 
 from itertools import pairwise
 
@@ -10,18 +10,18 @@ from ...model.material import Material
 from ...project.project import Project
 from ..hypotheses import air_over_layers, hypothesis
 
-QUALITY = 30.0  # of the ground: air waves ring without it where S waves are slower than they
+QUALITY = 30.0  # of the ground, which resonates without loss where S waves are slower than air
 
 
 def ground_response(layers, speed, depths, frequency):
-    """Return the velocity of layered ground under a running pressure, over the pressure.
+    """Return the velocity of layered ground under a travelling pressure, per unit pressure.
 
     Parameters
     ----------
     layers : sequence of (thickness m or None, Material)
-        Flat, from the top down; the last has no end.
+        Flat layers from the top down; the last is a half-space.
     speed : float, m/s
-        Of the pressure, which is p exp(i w (t - x/speed)) Pa.
+        Of the pressure p exp(i w (t - x/speed)) Pa.
     depths : (n_depths,) float, m
         Below the ground.
     frequency : (n,) float, Hz
@@ -34,8 +34,8 @@ def ground_response(layers, speed, depths, frequency):
 
     Notes
     -----
-    Potentials that die away from the top and from the bottom of every layer, joined by four
-    conditions at each limit: theory.md (5.14).
+    Potentials that decay from the top and from the bottom of every layer, joined by four
+    conditions at each interface: theory.md (5.14).
     """
     rate = 2.0 * np.pi * np.asarray(frequency, dtype=float)
     wave = rate / speed
@@ -73,7 +73,7 @@ def _moved(layers, amplitude, depth):
 class _Layer:
     """Waves of one frequency and one wave number in a layer.
 
-    Two that die downward from its top; and two that die upward from its bottom, if it has one.
+    Two decay downward from its top, and two upward from its bottom if it has one.
     """
 
     def __init__(self, rate, wave, thickness, material):
@@ -94,21 +94,21 @@ class _Layer:
             down += [self._p(1.0, over), self._s(1.0, over)]
         return np.moveaxis(np.array(down), -1, 0).swapaxes(1, 2)
 
-    def _p(self, way, from_there):
-        """Return the fields (4, n) of a P wave that grows (1) or dies (-1) downward."""
-        k, nu, mu = self.wave, way * self.p, self.shear
+    def _p(self, sign, distance):
+        """Return the fields (4, n) of a P wave that grows (1) or decays (-1) downward."""
+        k, nu, mu = self.wave, sign * self.p, self.shear
         rows = np.array([-1j * k, nu, -2j * mu * k * nu, mu * self.twice])
-        return rows / k * np.exp(-self.p * from_there)
+        return rows / k * np.exp(-self.p * distance)
 
-    def _s(self, way, from_there):
-        """Return the fields (4, n) of an SV wave that grows (1) or dies (-1) downward."""
-        k, nu, mu = self.wave, way * self.s, self.shear
+    def _s(self, sign, distance):
+        """Return the fields (4, n) of an SV wave that grows (1) or decays (-1) downward."""
+        k, nu, mu = self.wave, sign * self.s, self.shear
         rows = np.array([-nu, -1j * k + 0.0 * nu, -mu * self.twice, -2j * mu * k * nu])
-        return rows / k * np.exp(-self.s * from_there)
+        return rows / k * np.exp(-self.s * distance)
 
 
 def flat_layers_of(project: Project) -> list[tuple[float | None, Material]]:
-    """Return thickness in m and material of the layers of a project; the last has no end."""
+    """Return thickness in m and material of the layers of a project; None for the half-space."""
     layers = project.config.mesh.layers
     thicknesses = [*(layer.thickness_m for layer in layers[:-1]), None]
     names = [layer.material for layer in layers]
@@ -154,7 +154,7 @@ AHEAD = 3.0  # widths of the pulse before its middle that it begins
         Parameter("decay", mean=1.1, sigma=0.2, starts=(1.1,), low=0.4, high=2.0),
         Parameter("radial", mean=1.0, sigma=0.5, starts=(1.0,), low=-2.0, high=4.0),
     ],
-    settled_by="a microphone beside a receiver, or a receiver some metres deep",
+    decided_by="a microphone beside a receiver, or a receiver some metres deep",
     simulated=(air_over_layers,),
 )
 def air_blast(scene, motion, target, pressure, period, speed, decay, radial):
@@ -164,11 +164,11 @@ def air_blast(scene, motion, target, pressure, period, speed, decay, radial):
     size = fft.next_fast_len(2 * n, real=True)
     frequency = fft.rfftfreq(size, case.dt)
     pulse = pressure * pulse_spectrum(frequency, period)
-    there = {r.name: np.array(r.position) for r in case.project.receivers}
+    positions = {r.name: np.array(r.position) for r in case.project.receivers}
     axes = {r.name: r.azimuth for r in case.project.receivers}
     mesh = case.project.config.mesh
     top = mesh.origin_m[2] + mesh.size_m[2]
-    depths = [top - there[name][2] for name in case.receivers]
+    depths = [top - positions[name][2] for name in case.receivers]
     moved = np.zeros((len(depths), 2, len(frequency)), complex)
     moved[..., 1:] = ground_response(flat_layers_of(case.project), speed, depths, frequency[1:])
     moved *= pulse / case.dt
@@ -177,13 +177,13 @@ def air_blast(scene, motion, target, pressure, period, speed, decay, radial):
     for b, name in enumerate(case.blasts):
         blast = case.project.blasts[name]
         for r, receiver in enumerate(case.receivers):
-            way = there[receiver][:2] - blast.collar[:, :2]
-            far = np.linalg.norm(way, axis=1)
-            share = blast.charge**GROWTH * (np.maximum(far, speed * period) / AFAR) ** -decay
-            lag = blast.times + far / speed
+            path = positions[receiver][:2] - blast.collar[:, :2]
+            distance = np.linalg.norm(path, axis=1)
+            share = blast.charge**GROWTH * (np.maximum(distance, speed * period) / AFAR) ** -decay
+            lag = blast.times + distance / speed
             share = np.where(lag < case.duration, share, 0.0)
             along = share[:, None] * np.exp(-2j * np.pi * np.multiply.outer(lag, frequency))
-            east, north = (way / np.maximum(far, 1e-9)[:, None]).T @ along
+            east, north = (path / np.maximum(distance, 1e-9)[:, None]).T @ along
             if axes[receiver] is not None:
                 east, north = along_axes(east, north, axes[receiver])
             spectrum = [east * moved[r, 0], north * moved[r, 0], along.sum(axis=0) * moved[r, 1]]

@@ -24,31 +24,30 @@ from ..hypotheses import (
     flat_layers,
     ground_without_loss,
     hypothesis,
-    receivers_with_room,
-    room_around_receivers,
+    receivers_with_space,
+    space_around_receivers,
     three_directions,
     unknown_quality,
 )
 
-NONE = 1e-9  # a weakness that changes nothing
+NONE = 1e-9  # a weakness without effect
 
 
 @dataclass(frozen=True)
 class Fabric:
-    """Fabric: parallel fissures that make ground weaker across them; theory.md (2.21).
+    """Fabric: parallel fissures that make ground anisotropic; theory.md (2.21).
 
     Parameters
     ----------
     azimuth : float, rad
-        Of their normal, from east to north.
+        Azimuth of their normal, from east to north.
     normal, shear : float
-        Weaknesses in 0 to 1: the share of the compliance across them, or of that of sliding along
-        them, that the fissures bring.
+        Weaknesses in 0 to 1: the share of the fissures in the normal and the shear compliance.
 
     Raises
     ------
     InputError
-        If a weakness is none.
+        If a weakness is not in 0 to 1.
     """
 
     azimuth: float
@@ -56,14 +55,14 @@ class Fabric:
     shear: float
 
     def __post_init__(self):
-        """Refuse weaknesses that leave no stiffness."""
+        """Refuse weaknesses without remaining stiffness."""
         for name in ("normal", "shear"):
             if not 0.0 <= getattr(self, name) < 1.0:
                 value = getattr(self, name)
                 raise InputError(f"fabric.{name}: must lie in 0 to 1, got {value:g}")
 
     def of(self, material: Material) -> Material:
-        """Return elastic ground with these fissures, its mean shear modulus as it was."""
+        """Return elastic ground with these fissures and the same mean shear modulus."""
         across = np.array([np.cos(self.azimuth), np.sin(self.azimuth), 0.0])
         modulus = material.first_lame + 2.0 * material.shear
         normal, shear = max(self.normal, NONE), max(self.shear, NONE)
@@ -83,7 +82,7 @@ class Fabric:
     parameters=[
         Parameter("q", mean=20.0, sigma=0.8, log=True, starts=(8.0, 25.0), low=4.0, high=300.0)
     ],
-    settled_by="receivers at distances of three to one, without a joint between them",
+    decided_by="receivers at distances of three to one, without a joint between them",
     needs=(unknown_quality,),
     simulated=(flat_layers,),
 )
@@ -94,19 +93,19 @@ def attenuation_q(project, target, q):
         return None
     law = constant_q(1.3 * q, q, band_of(project.config))
     return project.changed(
-        materials={name: replace(one, law=law) for name, one in project.materials.items()}
+        materials={name: replace(rock, law=law) for name, rock in project.materials.items()}
     )
 
 
 def _with_fabric(project, fabric):
-    """Return the project with a fabric in all its ground."""
+    """Return a project with a fabric in all its ground."""
     return project.changed(
-        materials={name: fabric.of(one) for name, one in project.materials.items()}
+        materials={name: fabric.of(rock) for name, rock in project.materials.items()}
     )
 
 
 def _as_stiff(project, target, azimuth, normal, shear):
-    """Return the project meshed as with a fabric, as stiff in all directions."""
+    """Return the mesh control of anisotropy: a fabric without weakness."""
     del target, normal, shear
     return _with_fabric(project, Fabric(0.5 * np.pi - azimuth, 0.0, 0.0))
 
@@ -117,7 +116,7 @@ def _as_stiff(project, target, azimuth, normal, shear):
     on="site",
     target="site",
     axis="both",
-    bare=_as_stiff,
+    mesh_control=_as_stiff,
     parameters=[
         Parameter(
             "azimuth",
@@ -131,7 +130,7 @@ def _as_stiff(project, target, azimuth, normal, shear):
         Parameter("normal", mean=0.2, sigma=0.15, starts=(0.25,), low=0.0, high=0.8),
         Parameter("shear", mean=0.2, sigma=0.15, starts=(0.15,), low=0.0, high=0.8),
     ],
-    settled_by="receivers in five or more directions from the blast",
+    decided_by="receivers in five or more directions from the blast",
     needs=(ground_without_loss, three_directions),
     simulated=(flat_layers,),
 )
@@ -143,50 +142,50 @@ def anisotropy(project, target, azimuth, normal, shear):
     return _with_fabric(project, Fabric(0.5 * np.pi - azimuth, normal, shear))
 
 
-EDGES = 3.0  # of the cells by which planes are apart, to a shortest S wave in the fastest layer
-NEAREST = 2.0  # m that an unlisted joint keeps from listed ones
+EDGES = 3.0  # candidate planes per shortest S wavelength in the fastest layer
+NEAREST = 2.0  # m, least distance of an unlisted joint from listed ones
 
 
 def planes(case):
-    """List planes on which a joint may be missing: vertical, between holes and receivers.
+    """List candidate planes of a missing joint: vertical, between holes and receivers.
 
-    They keep half a spacing from listed joints and holes, and are spread evenly in between; a gap
-    of half a spacing or more has one in its middle.
+    They are at least half a spacing from listed joints and holes, and evenly spaced in between; a
+    gap of half a spacing or more has one in its middle.
     """
-    project, listed = case.project, []
+    project, candidates = case.project, []
     ground = flat_box(project)
     fastest = max(project.materials[name].cs for name, _ in ground.layers)
-    apart = fastest / (EDGES * case.band.high)
+    spacing = fastest / (EDGES * case.band.high)
     for axis, along in (("x", 0), ("y", 1)):
         holes = np.concatenate([b.centres[:, along] for b in project.blasts.values()])
-        places = [r.position[along] for r in project.receivers if r.name in case.receivers]
-        taken = [one.position for one in ground.planes if one.axis == axis]
-        low, high = min(*places, *holes), max(*places, *holes)
-        stops = [low, *sorted(p for p in (*holes, *taken) if low < p < high), high]
+        receivers = [r.position[along] for r in project.receivers if r.name in case.receivers]
+        joints = [plane.position for plane in ground.planes if plane.axis == axis]
+        low, high = min(*receivers, *holes), max(*receivers, *holes)
+        stops = [low, *sorted(p for p in (*holes, *joints) if low < p < high), high]
         for before, after in pairwise(stops):
-            if after - before > 0.5 * apart:
-                room = max(after - before - apart, 0.0)
-                count = max(int(np.ceil(room / apart)), 1)
-                steps = 0.5 * (before + after - room) + room * (np.arange(count) + 0.5) / count
-                listed += [f"{axis}={place:.1f}" for place in steps]
-    return tuple(listed)
+            if after - before > 0.5 * spacing:
+                span = max(after - before - spacing, 0.0)
+                count = max(int(np.ceil(span / spacing)), 1)
+                steps = 0.5 * (before + after - span) + span * (np.arange(count) + 0.5) / count
+                candidates += [f"{axis}={position:.1f}" for position in steps]
+    return tuple(candidates)
 
 
 def _plane(project, target, offset):
-    """Return axis and place of a plane; None outside of the box or too near a listed joint."""
-    axis, place = target[0], float(target[2:]) + offset
+    """Return axis and position of a plane; None outside the box or too near a listed joint."""
+    axis, position = target[0], float(target[2:]) + offset
     ground = flat_box(project)
     low, high = ground.box["xy".index(axis)]
-    listed = [one.position for one in ground.planes if one.jointed and one.axis == axis]
-    near = any(abs(place - other) < NEAREST for other in listed)
-    return (axis, place) if low < place < high and not near else None
+    joints = [plane.position for plane in ground.planes if plane.jointed and plane.axis == axis]
+    near = any(abs(position - other) < NEAREST for other in joints)
+    return (axis, position) if low < position < high and not near else None
 
 
-def _with_plane(project, name, axis, place, *joints):
-    """Return the project with one more upright plane, and perhaps with a joint there."""
+def _with_plane(project, name, axis, position, *joints):
+    """Return a project with one more vertical plane, and with joints on it."""
     mesh = project.config.mesh
     middle = [low + 0.5 * size for low, size in zip(mesh.origin_m, mesh.size_m, strict=True)]
-    middle["xy".index(axis)] = place
+    middle["xy".index(axis)] = position
     fault = FaultConfig(
         name=name, dip_deg=90.0, dip_direction_deg=90.0 if axis == "x" else 0.0, through_m=middle
     )
@@ -195,7 +194,7 @@ def _with_plane(project, name, axis, place, *joints):
 
 
 def _cut_there(project, target, offset, kn, ks):
-    """Return the project with zones that end on the plane before it was moved."""
+    """Return the mesh control of a missing joint: zones that end on the candidate plane."""
     del offset, kn, ks
     plane = _plane(project, target, 0.0)
     return project if plane is None else _with_plane(project, f"cut {target}", *plane)
@@ -208,7 +207,7 @@ def _cut_there(project, target, offset, kn, ks):
     target="plane",
     targets=planes,
     axis="both",
-    bare=_cut_there,
+    mesh_control=_cut_there,
     parameters=[
         Parameter("offset", mean=0.0, sigma=5.0, unit="m", starts=(0.0,), low=-25.0, high=25.0),
         Parameter(
@@ -218,7 +217,7 @@ def _cut_there(project, target, offset, kn, ks):
             "ks", mean=4e8, sigma=1.5, unit="Pa/m", log=True, starts=(4e8,), low=1e7, high=2e10
         ),
     ],
-    settled_by="receivers close to the plane on both sides, or a blast on its other side",
+    decided_by="receivers close to the plane on both sides, or a blast on its other side",
     simulated=(flat_layers,),
 )
 def missing_joint(project, target, offset, kn, ks):
@@ -230,16 +229,16 @@ def missing_joint(project, target, offset, kn, ks):
     return _with_plane(project, joint.surface, *plane, joint)
 
 
-USUAL = 5.0  # m
-APART = 1.4  # ratio of a thickness to start from
+USUAL = 5.0  # m, prior thickness of a soft layer
+START_RATIO = 1.4  # of starting thicknesses to the prior one
 THIN, THICK = 1.0, 20.0  # m
 SLOWEST, FASTEST = 0.1, 0.9  # factors on the speeds of the ground
-FINER = 8  # frequencies of a spectrum in place of one
-ALIKE = 2.0  # ratio of thicknesses whose zones differ by less than small errors of the theory
+PADDING = 8  # factor on the length of a spectrum, by zeros
+ALIKE = 2.0  # ratio of thicknesses whose meshes differ by less than the model error
 
 
 def _layered(project, thickness, slower):
-    """Return the project with a slower layer on top; None where there is no room for it."""
+    """Return a project with a slower layer on top; None if the first layer is too thin for it."""
     ground = flat_box(project)
     name, first = ground.layers[0]
     if thickness > 0.9 * (first or np.ptp(ground.box[2])):
@@ -264,24 +263,24 @@ def _layered(project, thickness, slower):
 
 
 def _as_fast(project, target, thickness, slower):
-    """Return the project with a layer that is no slower, of one of few thicknesses."""
+    """Return the mesh control of a soft layer: one that is not slower, of a rounded thickness."""
     del target, slower
     near = USUAL * ALIKE ** round(math.log(thickness / USUAL, ALIKE))
     return _layered(project, near, 1.0) or _layered(project, thickness, 1.0)
 
 
-def _ringing(scene):
-    """Return thickness and factor of a layer that rings where the records miss most.
+def _resonant_layer(scene):
+    """Return thickness and speed factor of a layer that resonates where the residual is largest.
 
-    A soft layer rings at a quarter of a wave, f = c_s / (4 H) (Kramer 1996, section 7.2.1.1), and
-    slow soil on rock for so long that one of another frequency explains nothing.
+    A soft layer resonates at a quarter wavelength, f = c_s / (4 H) (Kramer 1996, section
+    7.2.1.1); slow soil on rock does so for so long that a start at another frequency fails.
     """
     case, project = scene.case, scene.baseline.project
     rock = project.materials[flat_box(project).layers[0][0]]
-    recorded, simulated = (case.in_band(one) for one in (case.motion, scene.baseline.motion))
+    recorded, simulated = (case.in_band(each) for each in (case.motion, scene.baseline.motion))
     size = np.linalg.norm(recorded, axis=(2, 3), keepdims=True)
     shares = (recorded - simulated)[:, :, :2] / np.maximum(size, np.finfo(float).tiny)
-    length = FINER * case.n_samples
+    length = PADDING * case.n_samples
     spectrum = np.sum(np.abs(np.fft.rfft(shares, length)) ** 2, axis=(0, 1, 2))
     per_metre = 4.0 * np.fft.rfftfreq(length, case.dt)[max(1, np.argmax(spectrum))] / rock.cs
     slower = float(np.clip(USUAL * per_metre, SLOWEST, FASTEST))
@@ -294,8 +293,8 @@ def _ringing(scene):
     on="site",
     target="site",
     axis="both",
-    bare=_as_fast,
-    begins=_ringing,
+    mesh_control=_as_fast,
+    begins=_resonant_layer,
     parameters=[
         Parameter(
             "thickness",
@@ -303,7 +302,7 @@ def _ringing(scene):
             sigma=0.5,
             unit="m",
             log=True,
-            starts=(USUAL / APART, USUAL * APART),
+            starts=(USUAL / START_RATIO, USUAL * START_RATIO),
             low=THIN,
             high=THICK,
         ),
@@ -311,7 +310,7 @@ def _ringing(scene):
             "slower", mean=0.4, sigma=0.4, log=True, starts=(0.4,), low=SLOWEST, high=FASTEST
         ),
     ],
-    settled_by="a receiver on bare rock beside one on the ground, or a hammer test",
+    decided_by="a receiver on bare rock beside one on the ground, or a hammer test",
     simulated=(flat_layers,),
 )
 def soft_surface_layer(project, target, thickness, slower):
@@ -326,14 +325,14 @@ def soft_surface_layer(project, target, thickness, slower):
     family="receiver",
     on="motion",
     target="receiver",
-    targets=receivers_with_room,
+    targets=receivers_with_space,
     axis="blasts",
     parameters=[
         Parameter("east", mean=0.0, sigma=8.0, unit="m", starts=(0.0,), low=-30.0, high=30.0),
         Parameter("north", mean=0.0, sigma=8.0, unit="m", starts=(0.0,), low=-30.0, high=30.0),
     ],
-    settled_by="a survey of the receiver",
-    simulated=(room_around_receivers,),
+    decided_by="a survey of the receiver",
+    simulated=(space_around_receivers,),
 )
 def moved_receiver(scene, motion, target, east, north):
     """This receiver was elsewhere."""

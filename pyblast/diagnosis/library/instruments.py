@@ -1,4 +1,4 @@
-"""What may be wrong with a receiver: its response, its orientation, its clock."""
+"""Effects on the instrument of a receiver: response, orientation, clock."""
 
 import numpy as np
 from scipy import fft
@@ -28,7 +28,7 @@ TAP = "a tap from a known side, or shots from three directions"
             null=0.0,
         )
     ],
-    settled_by="noise recorded together with a receiver of known clock",
+    decided_by="noise recorded together with a receiver of known clock",
 )
 def clock_error(scene, motion, target, shift):
     """The clock of this receiver was wrong: all it recorded came late or early by the same time."""
@@ -60,7 +60,7 @@ def clock_error(scene, motion, target, shift):
         Parameter("damping", mean=0.6, sigma=0.3, log=True, starts=(0.6,), low=0.1, high=2.0),
         Parameter("gain", mean=1.0, sigma=0.2, log=True, starts=(1.0,), low=0.2, high=5.0),
     ],
-    settled_by=SWAP,
+    decided_by=SWAP,
 )
 def geophone(scene, motion, target, corner, damping, gain):
     """The record of this receiver still has the response of a geophone in it."""
@@ -84,7 +84,7 @@ def geophone(scene, motion, target, corner, damping, gain):
             "gain", mean=1.0, sigma=0.7, log=True, starts=(0.5, 2.0), low=0.02, high=50.0, null=1.0
         )
     ],
-    settled_by=SWAP,
+    decided_by=SWAP,
 )
 def gain_error(scene, motion, target, gain):
     """The gain of this receiver is wrong by the same factor on all components."""
@@ -112,7 +112,7 @@ def gain_error(scene, motion, target, gain):
             null=0.0,
         ),
     ],
-    settled_by=TAP,
+    decided_by=TAP,
 )
 def turned_sensor(scene, motion, target, turn):
     """The horizontals of this receiver are turned, clockwise if positive, from their axes."""
@@ -137,7 +137,7 @@ for _components, _form in ((0, "east"), (1, "north"), (2, "up"), (slice(None), "
         target="receiver", axis="blasts",
         targets=receivers_with_axes if _form in ("east", "north") else None,
         parameters=[Parameter("factor", mean=-1.0, sigma=0.3, starts=(-1.0,), low=-3.0, high=0.0)],
-        settled_by=TAP,
+        decided_by=TAP,
     )(_flipped)  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""What may be wrong between blast and receiver: the laws of its joints."""
+"""Effects on the path from blast to receiver: laws of joints."""
 
 import numpy as np
 
@@ -6,29 +6,29 @@ from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ..hypotheses import elastic_joints, hypothesis
 
-STIFFEST = 20.0  # largest tangent of a closing joint over that at rest: what is left is a weld
-NEVER = 1e12  # Pa, a tension that nothing reaches
+STIFFEST = 20.0  # largest tangent stiffness of a closing joint, over that at rest
+NEVER = 1e12  # Pa, a tensile strength that is never reached
 
 
 def _on_joint(project, target, change):
-    """Return the project with one joint changed; None where its law is not elastic any more."""
+    """Return a project with one joint changed; None if its law is not elastic any more."""
     chosen = _joint(project, target)
-    joints = (change(one) if one is chosen else one for one in project.joints)
+    joints = (change(joint) if joint is chosen else joint for joint in project.joints)
     return project.changed(joints=joints) if chosen.law == "elastic" else None
 
 
 def _joint(project, target):
     """Return a joint by its surface."""
-    return next(one for one in project.joints if one.surface == target)
+    return next(joint for joint in project.joints if joint.surface == target)
 
 
 def _pressure(project, target):
-    """Return what presses on a joint at rest, Pa."""
+    """Return the normal pressure on a joint at rest, Pa."""
     return _joint(project, target).insitu_pressure
 
 
 def _filled(project, target, law, relaxation):
-    """Return the project with a viscous law of one joint, its dashpots in step with its springs."""
+    """Return a project with a viscous law of one joint, of one relaxation time in s."""
 
     def filled(joint):
         kn, ks = joint.properties["kn"], joint.properties["ks"]
@@ -47,7 +47,7 @@ def _filled(project, target, law, relaxation):
     linear=False,
     simulated=(elastic_joints,),
     parameters=[Parameter("closed", mean=0.5, sigma=0.15, starts=(0.4, 0.65), low=0.05, high=0.9)],
-    settled_by="charges of three to one or more on one path across the joint",
+    decided_by="charges of three to one or more on one path across the joint",
 )
 def joint_nonlinear_closure(project, target, closed):
     """This joint stiffens as it closes: large blasts cross it more easily, in compression."""
@@ -64,7 +64,7 @@ def joint_nonlinear_closure(project, target, closed):
 
 
 def _slipping(project, target, cohesion, friction, residual):
-    """Return the project with a joint of some strength that keeps a share of it once it slips."""
+    """Return a project with a joint of finite strength, and a residual share of it after slip."""
 
     def slipping(joint):
         properties = {
@@ -102,10 +102,10 @@ _SLIP = {
     **_SLIP,
 )
 def joint_slip(project, target, strength, residual):
-    """This joint slips: it bears no more shear than its strength; large blasts lose S waves."""
+    """This joint slips: its shear stress is limited by its strength; large blasts lose S waves."""
     pressure, friction = _pressure(project, target), np.tan(np.radians(30.0))
     cohesion = strength - pressure * friction
-    if cohesion < 0.0:  # none, and less friction
+    if cohesion < 0.0:  # then none, and less friction
         cohesion, friction = 0.0, strength / pressure
     return _slipping(project, target, cohesion, friction, residual)
 
@@ -122,7 +122,7 @@ def joint_slip(project, target, strength, residual):
     **_SLIP,
 )
 def joint_frictional_slip(project, target, strength, residual):
-    """This joint slips, by friction alone: it bears a share of what presses on it at the time."""
+    """This joint slips, by friction alone: its shear strength is a share of its normal stress."""
     pressure = _pressure(project, target)
     return (
         _slipping(project, target, 0.0, strength / pressure, residual) if pressure > 0.0 else None
@@ -147,7 +147,7 @@ def joint_frictional_slip(project, target, strength, residual):
             high=0.1,
         )
     ],
-    settled_by="receivers close to the joint on both sides, over a wider band",
+    decided_by="receivers close to the joint on both sides, over a wider band",
     simulated=(elastic_joints,),
 )
 def joint_viscous_fill(project, target, relaxation):
@@ -174,7 +174,7 @@ def joint_viscous_fill(project, target, relaxation):
             high=1.0,
         )
     ],
-    settled_by="receivers close to the joint on both sides, over a wider band",
+    decided_by="receivers close to the joint on both sides, over a wider band",
     simulated=(elastic_joints,),
 )
 def joint_creeping_fill(project, target, relaxation):

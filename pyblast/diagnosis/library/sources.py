@@ -1,4 +1,4 @@
-"""What may be wrong with a blast: its times, its charges, its place, the rock around its holes."""
+"""Effects on the source: firing times, charges and position of a blast, damaged rock around it."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ from ..hypotheses import (
             null=0.0,
         ),
     ],
-    settled_by="the log of the detonators, or a sensor beside the holes",
+    decided_by="the log of the detonators, or a sensor beside the holes",
     simulated=(superposed,),
 )
 def delay_scatter(blast, target, delays):
@@ -65,7 +65,7 @@ def delay_scatter(blast, target, delays):
             null=1.0,
         )
     ],
-    settled_by="the log of the detonators, or a sensor beside the holes",
+    decided_by="the log of the detonators, or a sensor beside the holes",
     simulated=(superposed,),
 )
 def wrong_pace(blast, target, pace):
@@ -88,7 +88,7 @@ def wrong_pace(blast, target, pace):
             "scales", mean=1.0, sigma=0.3, starts=(1.0,), low=0.0, high=3.0, per_hole=True, null=1.0
         )
     ],
-    settled_by="the loading sheets, and a look at the muck pile for what is left",
+    decided_by="the loading sheets, and a look at the muck pile for what is left",
     simulated=(superposed,),
 )
 def misfire_or_charge_error(blast, target, scales):
@@ -106,15 +106,15 @@ def misfire_or_charge_error(blast, target, scales):
     axis="receivers",
     targets=holes,
     single=True,
-    parameters=[Parameter("sent", mean=0.0, sigma=0.2, starts=(0.0,), low=0.0, high=1.0)],
-    settled_by="a look at the muck pile for the charge of this hole",
+    parameters=[Parameter("radiated", mean=0.0, sigma=0.2, starts=(0.0,), low=0.0, high=1.0)],
+    decided_by="a look at the muck pile for the charge of this hole",
     simulated=(superposed,),
 )
-def misfire(blast, target, sent):
-    """This hole misfired: it sent nothing, or little, of what its charge should."""
+def misfire(blast, target, radiated):
+    """This hole misfired: it radiated nothing, or little, of what its charge should."""
     _, hole = blast_and_hole(target)
     silent = np.array([name == hole for name in blast.hole_ids])
-    return np.zeros(len(silent)), np.where(silent, sent, 1.0)
+    return np.zeros(len(silent)), np.where(silent, radiated, 1.0)
 
 
 @hypothesis(
@@ -129,7 +129,7 @@ def misfire(blast, target, sent):
             "scale", mean=1.0, sigma=0.4, log=True, starts=(1.0,), low=0.1, high=10.0, null=1.0
         )
     ],
-    settled_by="the loading sheets, or single holes of other charges",
+    decided_by="the loading sheets, or single holes of other charges",
     simulated=(superposed,),
 )
 def charge_error(blast, target, scale):
@@ -158,7 +158,7 @@ def charge_error(blast, target, scale):
             null=0.0,
         )
     ],
-    settled_by="a sensor beside the first hole, on the clock of the receivers",
+    decided_by="a sensor beside the first hole, on the clock of the receivers",
 )
 def trigger_error(blast, target, shift):
     """The zero of time of this blast was wrong: all receivers recorded it late or early alike."""
@@ -178,13 +178,13 @@ def trigger_error(blast, target, shift):
         Parameter("east", mean=0.0, sigma=8.0, unit="m", starts=(-6.0, 6.0), low=-30.0, high=30.0),
         Parameter("north", mean=0.0, sigma=8.0, unit="m", starts=(-6.0, 6.0), low=-30.0, high=30.0),
     ],
-    settled_by="a survey of the holes",
+    decided_by="a survey of the holes",
     simulated=(holes_inside,),
 )
 def moved_blast(project, target, east, north):
-    """This blast was elsewhere: all its holes by the same way."""
-    blast, way = project.blasts[target], np.array([east, north, 0.0])
-    moved = replace(blast, collar=blast.collar + way, toe=blast.toe + way)
+    """This blast was elsewhere: all its holes are displaced by the same vector."""
+    blast, shift = project.blasts[target], np.array([east, north, 0.0])
+    moved = replace(blast, collar=blast.collar + shift, toe=blast.toe + shift)
     return project.changed(blasts={**project.blasts, target: moved})
 
 
@@ -206,11 +206,11 @@ def _bench_and_blasts(case):
             "length", mean=6.0, sigma=0.6, unit="m", log=True, starts=(8.0,), low=2.0, high=30.0
         ),
     ],
-    settled_by="a seismic survey of the bench before and after a blast, receivers on all sides",
+    decided_by="a seismic survey of the bench before and after a blast, receivers on all sides",
     simulated=(holes_inside,),
 )
 def damaged_zone(project, target, reduction, length):
     """Blasting has left slower rock around the holes of this blast, or of all blasts."""
     chosen = [project.blasts[target]] if target else project.blasts.values()
-    holes = np.concatenate([np.stack([one.collar, one.toe], axis=1) for one in chosen])
+    holes = np.concatenate([np.stack([each.collar, each.toe], axis=1) for each in chosen])
     return project.changed(fields=(*project.fields, DamagedZone(holes, reduction, length)))
