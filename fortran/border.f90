@@ -4,11 +4,11 @@ module pyblast_border
     !! f2py reads this file, and no routine of it may have a derived type among its arguments. Each
     !! routine associates its arrays with the components of the types and calls a routine of the
     !! same task. Arguments are explained at the components in `pyblast_model_types`.
-    use pyblast_kinds, only : dp, n_energies, n_joint_properties, n_joint_state, n_sums, &
+    use pyblast_kinds, only : dp, hex_width, n_energies, n_joint_properties, n_joint_state, n_sums, &
         n_zone_properties, n_zone_state
     use pyblast_batch, only : n_batch
     use pyblast_model_types, only : allocate_domain_work, boundary_arrays, contact_arrays, &
-        domain_work, edge_arrays, ground_arrays, joint_state, load_arrays, mesh_arrays, &
+        domain_work, edge_arrays, ground_arrays, hex_arrays, joint_state, load_arrays, mesh_arrays, &
         model_arrays, model_state, nodal_state, node_arrays, patch_arrays, receiver_arrays, &
         zone_state
     use pyblast_boundaries, only : add_loads => load_forces, add_reactions => reaction_forces, &
@@ -27,7 +27,10 @@ contains
     subroutine advance(n_nodes, n_corners, n_zones, n_domains, n_slots, n_edges, n_skews, n_sets, &
                        n_rows, n_memories, n_patches, n_ends, n_parts, n_contacts, n_joints, &
                        n_loads, n_histories, n_dashpots, n_fixed, n_receivers, n_total, n_steps, &
-                       n_ledger, first_step, ledger_every, dt, local_damping, &
+                       n_ledger, n_line, n_hex_nodes, n_packs, n_metrics, n_bricks, &
+                       first_step, ledger_every, dt, local_damping, &
+                       hex_order, n_mapped, hex_slope, hex_weight, pack_node, pack_set, &
+                       pack_metric, pack_brick, &
                        domain_zone_start, domain_slot_start, domain_set, slot_node, slot_place, &
                        zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, set_form, &
                        edge_start, edge_slot, edge_spring, skew_start, skew_slot, skew_spring, &
@@ -47,13 +50,18 @@ contains
         integer, intent(in) :: n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_parts
         integer, intent(in) :: n_memories, n_corners, n_edges, n_skews, n_patches, n_ends
         integer, intent(in) :: n_contacts, n_joints, n_loads, n_histories, n_dashpots, n_fixed
-        integer, intent(in) :: n_receivers
+        integer, intent(in) :: n_receivers, n_line, n_hex_nodes, n_packs, n_metrics, n_bricks
+        integer, intent(in) :: hex_order, n_mapped
         integer, intent(in) :: n_total                       !! steps that the histories cover
         integer, intent(in) :: n_steps                       !! steps of this call
         integer, intent(in) :: n_ledger                      !! lines of energies of this call
         integer, intent(in) :: first_step                    !! from 0
         integer, intent(in) :: ledger_every                  !! steps between lines of energies
         real(dp), intent(in) :: dt, local_damping
+        real(dp), intent(in), target :: hex_slope(n_line, n_line), hex_weight(n_line)
+        integer, intent(in), target :: pack_node(hex_width, n_hex_nodes, n_packs), pack_set(n_packs)
+        real(dp), intent(in), target :: pack_metric(hex_width, 11, n_hex_nodes, n_metrics)
+        real(dp), intent(in), target :: pack_brick(hex_width, 5, n_bricks)
         integer, intent(in), target :: domain_zone_start(n_domains + 1)
         integer, intent(in), target :: domain_slot_start(n_domains + 1), domain_set(n_domains)
         integer, intent(in), target :: slot_node(n_slots), zone_slot(n_zones, n_corners)
@@ -114,6 +122,9 @@ contains
             domain_set=domain_set, slot_node=slot_node, slot_place=slot_place, &
             zone_slot=zone_slot, zone_lambda=zone_lambda, zone_shear=zone_shear, &
             zone_row=zone_row, zone_patch=zone_patch)
+        model%hexes = hex_arrays( &
+            order=hex_order, n_mapped=n_mapped, hex_slope=hex_slope, hex_weight=hex_weight, &
+            pack_node=pack_node, pack_set=pack_set, pack_metric=pack_metric, pack_brick=pack_brick)
         model%edges = edge_arrays( &
             edge_start=edge_start, edge_slot=edge_slot, edge_spring=edge_spring, &
             skew_start=skew_start, skew_slot=skew_slot, skew_spring=skew_spring)
@@ -226,7 +237,8 @@ contains
             set_branch=set_branch, row_initial=row_initial, memory_rate=null())
         nodes = nodal_state(displacement=displacement, velocity=velocity, memory=memory)
         zones = zone_state(row_state=row_state, row_lost=row_lost)
-        call allocate_domain_work(model%mesh, work)
+        model%hexes%order = 0
+        call allocate_domain_work(model%mesh, model%hexes, work)
         call add_zone_forces(model, nodes, zones, .true., work, n_slots, slot_force)
         strain_energy = work%strain_energy
     end subroutine zone_forces

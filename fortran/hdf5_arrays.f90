@@ -15,7 +15,7 @@ module pyblast_hdf5_arrays
 
     interface read_array
         module procedure read_real_0, read_real_1, read_real_2, read_real_3, read_real_4
-        module procedure read_integer_0, read_integer_1, read_integer_2
+        module procedure read_integer_0, read_integer_1, read_integer_2, read_integer_3
     end interface read_array
 
     interface write_array
@@ -277,6 +277,19 @@ contains
         allocate (value(n(1), n(2)), stat=status)
         call fill(file, name, status, H5T_NATIVE_INTEGER, c_loc(value), message)
     end subroutine read_integer_2
+
+    subroutine read_integer_3(file, name, value, message)
+        integer(hid_t), intent(in) :: file
+        character(len=*), intent(in) :: name
+        integer, contiguous, pointer, intent(out) :: value(:, :, :)
+        character(len=:), allocatable, intent(inout) :: message
+        integer(hsize_t) :: n(most_axes)
+        integer :: status
+
+        call get_lengths(file, name, 3, .true., n, message)
+        allocate (value(n(1), n(2), n(3)), stat=status)
+        call fill(file, name, status, H5T_NATIVE_INTEGER, c_loc(value), message)
+    end subroutine read_integer_3
 
     subroutine write_real_2(file, name, value, batch_axis, message)
         integer(hid_t), intent(in) :: file

@@ -3,7 +3,7 @@ module pyblast_model_file
     use hdf5, only : hid_t
     use pyblast_kinds, only : dp
     use pyblast_hdf5_arrays
-    use pyblast_model_types, only : boundary_arrays, contact_arrays, edge_arrays, ground_arrays, &
+    use pyblast_model_types, only : boundary_arrays, contact_arrays, edge_arrays, ground_arrays, hex_arrays, &
         load_arrays, mesh_arrays, model_arrays, model_state, node_arrays, patch_arrays, &
         receiver_arrays
     implicit none
@@ -38,6 +38,7 @@ contains
         call read_array(file, "arrays/dt", model%dt, message)
         call read_array(file, "arrays/local_damping", model%local_damping, message)
         call read_mesh(file, model%mesh, message)
+        call read_hexes(file, model%hexes, message)
         call read_edges(file, model%edges, message)
         call read_patches(file, model%patches, message)
         call read_ground(file, model%ground, message)
@@ -66,6 +67,21 @@ contains
         call read_array(file, "arrays/zone_row", mesh%zone_row, message)
         call read_array(file, "arrays/zone_patch", mesh%zone_patch, message)
     end subroutine read_mesh
+
+    subroutine read_hexes(file, hexes, message)
+        integer(hid_t), intent(in) :: file
+        type(hex_arrays), intent(inout) :: hexes
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "arrays/hex_order", hexes%order, message)
+        call read_array(file, "arrays/n_mapped", hexes%n_mapped, message)
+        call read_array(file, "arrays/hex_slope", hexes%hex_slope, message)
+        call read_array(file, "arrays/hex_weight", hexes%hex_weight, message)
+        call read_array(file, "arrays/pack_node", hexes%pack_node, message)
+        call read_array(file, "arrays/pack_set", hexes%pack_set, message)
+        call read_array(file, "arrays/pack_metric", hexes%pack_metric, message)
+        call read_array(file, "arrays/pack_brick", hexes%pack_brick, message)
+    end subroutine read_hexes
 
     subroutine read_edges(file, edges, message)
         integer(hid_t), intent(in) :: file

@@ -7,7 +7,7 @@ module pyblast_model_types
     use pyblast_batch, only : n_batch
     implicit none
     private
-    public :: allocate_domain_work
+    public :: allocate_domain_work, n_zone_parts
 
     type, public :: mesh_arrays
         !! Zones, and the domains that hold them: neighbouring zones of one set with slots for the
@@ -25,6 +25,26 @@ module pyblast_model_types
         integer, contiguous, pointer :: zone_row(:)              !! its memory; 0 has none
         integer, contiguous, pointer :: zone_patch(:)            !! shares its mean strain; or 0
     end type mesh_arrays
+
+    type, public :: hex_arrays
+        !! Spectral hexahedra in packs: zones of one set and form that are computed together. A model
+        !! has either hexahedra or the tetrahedra of `mesh_arrays`. A pack that is not full repeats
+        !! a zone without stiffness. Source: theory.md (2.44) to (2.47).
+        integer :: order                                         !! of the polynomials; 0: none
+        integer :: n_mapped                                      !! packs of mapped zones, the first
+        real(dp), contiguous, pointer :: hex_slope(:, :)         !! of function j at node i
+                                                                 !! (order + 1, order + 1)
+        real(dp), contiguous, pointer :: hex_weight(:)           !! of the quadrature (order + 1)
+        integer, contiguous, pointer :: pack_node(:, :, :)       !! (hex_width, (order + 1)^3,
+                                                                 !! n_packs)
+        integer, contiguous, pointer :: pack_set(:)              !! law and damping (n_packs)
+        real(dp), contiguous, pointer :: pack_metric(:, :, :, :)
+            !! of mapped zones: q d(reference)/dx, Lame moduli over q, where q is the volume of the
+            !! node (hex_width, 11, (order + 1)^3, n_mapped)
+        real(dp), contiguous, pointer :: pack_brick(:, :, :)
+            !! of bricks: d(reference)/dx of the axes [1/m], Lame moduli times an eighth of the
+            !! volume [J] (hex_width, 5, n_packs - n_mapped)
+    end type hex_arrays
 
     type, public :: edge_arrays
         !! Springs along edges that stand for linear zones; theory.md (2.39), (2.40).
@@ -125,6 +145,7 @@ module pyblast_model_types
         real(dp) :: dt                                           !! time step [s]
         real(dp) :: local_damping                                !! share of the force; 0 in dynamics
         type(mesh_arrays) :: mesh
+        type(hex_arrays) :: hexes
         type(edge_arrays) :: edges
         type(patch_arrays) :: patches
         type(ground_arrays) :: ground
@@ -194,17 +215,29 @@ module pyblast_model_types
         real(dp), allocatable :: block_energy(:, :, :)           !! (n_batch, 5, n_blocks) [J]
         real(dp), allocatable :: block_power(:, :)               !! (n_batch, n_blocks) [W]
         real(dp), allocatable :: load_amplitude(:)               !! (n_loads)
+        real(dp), allocatable :: step_over_mass(:, :)            !! (n_batch, n_nodes) [s/kg]
     end type nodal_work
 
 contains
 
-    pure subroutine allocate_domain_work(mesh, work)
-        !! Allocate the work of domains before the first check of any zone.
+    pure function n_zone_parts(model) result(n_parts)
+        !! Parts of the nodal forces that come from zones: slots, or nodes of packs.
+        type(model_arrays), intent(in) :: model
+        integer :: n_parts
+
+        n_parts = size(model%mesh%slot_node)
+        if (model%hexes%order > 0) n_parts = size(model%hexes%pack_node)
+    end function n_zone_parts
+
+    pure subroutine allocate_domain_work(mesh, hexes, work)
+        !! Allocate the work of domains or packs before the first check of any zone.
         type(mesh_arrays), intent(in) :: mesh
+        type(hex_arrays), intent(in) :: hexes
         type(domain_work), intent(out) :: work
         integer :: n_domains
 
         n_domains = size(mesh%domain_set)
+        if (hexes%order > 0) n_domains = size(hexes%pack_set)
         allocate (work%displacement_at_check(n_batch, 3, size(mesh%slot_node)))
         allocate (work%yield_margin(n_batch, n_domains), work%strain_energy(n_batch, n_domains))
         allocate (work%plastic_work(n_batch, n_domains), work%insitu_work(n_batch, n_domains))

@@ -21,6 +21,10 @@ ENERGIES = (
     "unbalanced",
 )
 LANES = int(_core_batch.pyblast_batch.n_batch)  # models that march side by side
+HEX_WIDTH = {  # hexahedra side by side in memory, by single precision
+    False: int(_core.pyblast_kinds.hex_width),
+    True: int(_core_single.pyblast_kinds.hex_width),
+}
 LEAST_SHARED = int(_core.pyblast_kinds.least_shared)  # nodes of a model whose steps threads share
 N_SUMS = int(_core.pyblast_kinds.n_sums)
 N_JOINT_STATE = int(_core.pyblast_kinds.n_joint_state)

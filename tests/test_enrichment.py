@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from pyblast.mesh import tetrahedra
+from pyblast.mesh.faces import zone_faces
 from pyblast.mesh.grid import structured_box
 from pyblast.mesh.mesh import locate
 from pyblast.mesh.nodes import nodes_of
@@ -64,7 +65,7 @@ def test_zones_share_the_nodes_of_edges_and_faces():
     quadratic = nodes_of(mesh, True)
 
     edges = np.unique(np.sort(mesh.zones[:, tetrahedra.EDGES].reshape(-1, 2), axis=1), axis=0)
-    faces = np.unique(np.sort(tetrahedra.zone_faces(mesh.zones), axis=1), axis=0)
+    faces = np.unique(np.sort(zone_faces(mesh.zones), axis=1), axis=0)
     parts = len(mesh.points) + len(edges) + len(faces) + len(mesh.zones)
     assert len(quadratic.points) == len(np.unique(quadratic.points.round(9), axis=0)) == parts
     corners = quadratic.points[quadratic.zone_nodes[:, :4]]

@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 
 from ..errors import InputError
 from . import tetrahedra
+from .faces import face_keys, face_vectors, pair_faces, zone_faces
 from .mesh import Mesh, components, volumes
 
 # Measured memory per zone: gmsh with its mesh, and a structured grid.
@@ -152,7 +153,7 @@ def _refuse_coincident(mesh):
 
 def _refuse_parts(mesh):
     """Raise InputError for a disconnected mesh."""
-    first, second, _, _ = tetrahedra.pair_faces(_welded(mesh)[mesh.zones], len(mesh.points))
+    first, second, _, _ = pair_faces(_welded(mesh)[mesh.zones], len(mesh.points))
     count, label = components(first // 4, second // 4, len(mesh.zones))
     if count > 1:
         sizes = np.bincount(label)
@@ -241,16 +242,16 @@ def block_census(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCensus:
     """
     block = mesh.blocks()
     count = block.max() + 1
-    faces = tetrahedra.zone_faces(mesh.zones)
+    faces = zone_faces(mesh.zones)
     single = mesh.paired_faces[2]
     owner = block[single // 4]
-    keys = tetrahedra.face_keys(faces[single], len(mesh.points))
+    keys = face_keys(faces[single], len(mesh.points))
     on_free = np.zeros(len(single), dtype=bool)
     on_held = np.zeros(len(single), dtype=bool)
     joints = () if mesh.contacts is None else mesh.contacts.names
     for name, triangles in mesh.surfaces.items():
         if name not in joints:
-            members = np.isin(keys, tetrahedra.face_keys(triangles, len(mesh.points)))
+            members = np.isin(keys, face_keys(triangles, len(mesh.points)))
             if name in free:
                 on_free |= members
             else:
@@ -258,7 +259,7 @@ def block_census(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCensus:
     is_free = np.bincount(owner[on_free], minlength=count) > 0
     is_held = np.bincount(owner[on_held], minlength=count) > 0
     removable = np.zeros(count, dtype=bool)
-    outward = tetrahedra.triangle_vectors(mesh.points, faces[single])
+    outward = face_vectors(mesh.points, faces[single])
     for number in np.flatnonzero(is_free & ~is_held):
         mine = owner == number
         removable[number] = _can_leave(outward[mine & ~on_free], outward[mine & on_free])

@@ -9,12 +9,16 @@ from ..errors import InputError
 from ..mesh.mesh import Mesh, edge_lengths, volumes
 from ..mesh.nodes import Nodes, nodes_of
 from ..mesh.ordering import make_patches, renumbered
+from ..mesh.spectral_nodes import SpectralNodes, spectral_nodes
 from ..units import check_angle
 from .boundary import Boundary, Rim, StressInput, Viscous, check_boundaries
 from .ground_fields import GroundField
 from .joint import Joint
 from .material import Branch, Damping, Material, ZoneLaw
 from .source import Source
+
+
+HEX_NODES = 5.0  # of hexahedra per S wavelength, for an error of about one per cent
 
 
 @dataclass(frozen=True)
@@ -168,8 +172,10 @@ class Model:
             object.__setattr__(self, "_ordered", True)
 
     @cached_property
-    def nodes(self) -> Nodes:
-        """Nodes of the linear or quadratic zones."""
+    def nodes(self) -> Nodes | SpectralNodes:
+        """Nodes of the zones: linear or quadratic tetrahedra, or spectral hexahedra."""
+        if self.mesh.hexahedral:
+            return spectral_nodes(self.mesh)
         return nodes_of(self.mesh, self.quadratic)
 
     def _check_materials(self):
@@ -180,6 +186,11 @@ class Model:
             if isinstance(self.damping, dict) and group not in self.damping:
                 raise InputError(f"damping.{group}: missing; the mesh has a group of that name")
             self.law(group).properties(self.materials[group])
+            if self.mesh.hexahedral and self.law(group).name != "elastic":
+                raise InputError(
+                    f"mesh: zones of '{group}' follow the law '{self.law(group).name}', which "
+                    "hexahedra do not have; use a mesh of tetrahedra"
+                )
             if self.quadratic and self.law(group).name != "elastic":
                 raise InputError(
                     f"model.quadratic: zones of '{group}' follow the law '{self.law(group).name}', "
@@ -246,6 +257,12 @@ class Model:
         pairs = [self.law(group).moduli(self.materials[group]) for group in self.mesh.groups]
         return tuple(np.array(pairs)[self.mesh.zone_group].T * self.speed_factor**2)
 
+    def node_moduli(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the relaxed Lame moduli at the nodes of hexahedra, (n_zones, n) Pa."""
+        size = self.nodes.zone_nodes.shape[1]
+        lame, shear = (np.repeat(part[:, None], size, axis=1) for part in self.zone_moduli())
+        return lame, shear
+
     def stiffest_moduli(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the unrelaxed Lame moduli of each zone, (n_zones,) Pa."""
         lame, shear = self.zone_moduli()
@@ -290,6 +307,8 @@ class Model:
     @property
     def edges_per_wavelength(self) -> float:
         """Edges per S wavelength for an error of a few per cent: eq. (1), or a third of it."""
+        if self.mesh.hexahedral:
+            return HEX_NODES / self.mesh.order
         return 3.0 if self.quadratic else 10.0
 
     def highest_frequency(self) -> dict[str, float]:

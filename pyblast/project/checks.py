@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import Finding
-from ..mesh import quality, tetrahedra
+from ..mesh import quality
+from ..mesh.faces import face_vectors
 from ..mesh.mesh import edge_lengths, surface_areas, surface_zones
 from ..model.boundary import Roller, Viscous
 from ..solver.initial_stress import joint_pressures
@@ -120,7 +121,7 @@ def _face_areas(project):
     """Return area in m2 and material of each part of the input face."""
     mesh, face = project.model.mesh, project.config.input.face
     group = mesh.zone_group[surface_zones(mesh, face)]
-    area = np.linalg.norm(tetrahedra.triangle_vectors(mesh.points, mesh.surfaces[face]), axis=1)
+    area = np.linalg.norm(face_vectors(mesh.points, mesh.surfaces[face]), axis=1)
     return [
         (float(area[group == n].sum()), project.materials[mesh.groups[n]]) for n in np.unique(group)
     ]

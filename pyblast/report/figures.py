@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..mesh import tetrahedra
+from ..mesh.faces import face_keys, zone_faces
 from ..signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
 
 _TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
@@ -85,10 +86,10 @@ def outer_triangles(zones, n_nodes, surfaces):
     zone : (n,) int64
     """
     triangles = np.concatenate([np.empty((0, 3), np.int32), *surfaces])
-    faces = tetrahedra.zone_faces(zones)
-    keys = tetrahedra.face_keys(faces, n_nodes)
+    faces = zone_faces(zones)
+    keys = face_keys(faces, n_nodes)
     order = np.argsort(keys)
-    wanted = tetrahedra.face_keys(triangles, n_nodes)
+    wanted = face_keys(triangles, n_nodes)
     at = np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)
     return triangles, order[at] // 4
 

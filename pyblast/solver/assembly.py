@@ -1,6 +1,7 @@
 """Assembly of a model into kernel arrays, named as the arguments of the kernels."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -14,18 +15,21 @@ from ..core import (
     N_ZONE_PROPERTIES,
     N_ZONE_STATE,
     ZONE_LAWS,
+    advance,
     property_row,
     stored_at_rest,
+    to_fortran,
 )
-from ..mesh import tetrahedra
-from ..mesh.mesh import locate
+from ..mesh.mesh import locate, volumes
 from ..mesh.nodes import Nodes
 from ..mesh.ordering import MOST
-from ..mesh.tetrahedra import shape_gradients, volumes
+from ..mesh.tetrahedra import shape_gradients
+from ..mesh.tetrahedra import volumes as tetrahedron_volumes
 from ..model.model import Model
 from ..model.source import TimeFunction
 from .edge_springs import edge_arrays
-from .loads import Loads, dynamic_conditions, model_loads, surface_impedance
+from .hexahedra import critical_step_of_hexahedra, no_packs, pack_arrays
+from .loads import Loads, dynamic_conditions, model_loads, no_conditions, surface_impedance
 from .time_step import CriticalStep, critical_step
 
 Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
@@ -121,7 +125,7 @@ def patch_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
     )  # fmt: skip
     count = max(1, len(first))
     corners = nodes.zone_nodes[zones][:, :4]
-    volume = volumes(nodes.points, corners)
+    volume = tetrahedron_volumes(nodes.points, corners)
     slot = arrays["zone_slot"].T[zones][:, :4]
     n_slots = np.int64(slot.max(initial=0) + 1)
     keys, end = np.unique(patch[:, None] * n_slots + slot, return_inverse=True)
@@ -148,8 +152,44 @@ def patch_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
 
 def time_step(model: Model) -> Step:
     """Return the time step of a model in s, and the `CriticalStep` that limits it."""
-    limit = critical_step(model)
+    if model.mesh.hexahedral:
+        mass = model.nodes.sums(model.zone_values("density") * volumes(model.mesh))
+        limit = critical_step_of_hexahedra(model, mass, zone_product(model, mass))
+    else:
+        limit = critical_step(model)
     return model.step_factor * limit.dt * _local_damping_factor(model), limit
+
+
+def zone_product(model: Model, mass: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a function that multiplies a motion (n_nodes, 3) by M^-1 K of hexahedra, in 1/s2.
+
+    It is one step of the core from rest, without joints, loads and boundaries; springs that relax
+    act in full.
+    """
+    alone = _no_contact()
+    constants = {
+        "dt": 1.0,
+        "node_mass": mass,
+        "node_alpha": np.zeros(len(mass)),
+        "local_damping": 0.0,
+        "node_load": np.zeros((len(mass), 3)),
+        **alone,
+        **zone_laws(model),
+        **pack_arrays(replace(model, single=False), alone["contact_node"]),
+        **zero_loads(2),
+        **no_conditions(),
+        "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),
+        "receiver_weight": np.zeros((0, model.nodes.zone_nodes.shape[1])),
+    }
+    views, rest = to_fortran(constants), initial_state(constants)
+
+    def product(motion):
+        state = {name: value.copy() for name, value in rest.items()}
+        state["displacement"][:] = motion
+        advance(views, state, 0, 1, 1)
+        return -state["velocity"]
+
+    return product
 
 
 def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, Any], CriticalStep]:
@@ -159,21 +199,22 @@ def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, A
     """
     mesh, nodes = model.mesh, model.nodes
     dt, limit = step or time_step(model)
-    volume = tetrahedra.volumes(mesh.points, mesh.zones)
+    volume = volumes(mesh)
     mass = model.zone_values("density") * volume
     node_mass = nodes.sums(mass + limit.added_mass)
     node_mass += _fill_mass(model)
     drag = nodes.sums(model.zone_damping("alpha") * mass)
     contacts = _contacts(model)
+    common = {"dt": dt, "node_mass": node_mass, "node_alpha": drag / node_mass, **contacts}
+    if mesh.hexahedral:
+        return {**common, **zone_laws(model), **pack_arrays(model, contacts["contact_node"])}, limit
     patch = model.patches() if model.yielding().any() else np.full(len(mesh.zones), -1)
     arrays = {
-        "dt": dt,
+        **common,
+        **no_packs(model.single),
         **domain_arrays(nodes, patch, contacts["contact_node"]),
         **dict(zip(("zone_lambda", "zone_shear"), model.zone_moduli(), strict=True)),
         **zone_laws(model),
-        "node_mass": node_mass,
-        "node_alpha": drag / node_mass,
-        **contacts,
     }
     return {**arrays, **stiffness_arrays(nodes, arrays)}, limit
 

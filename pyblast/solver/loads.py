@@ -7,8 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..mesh.mesh import locate, surface_areas, surface_zones
-from ..mesh.tetrahedra import edge_lengths
+from ..mesh.mesh import edge_lengths, locate, surface_areas, surface_zones
 from ..model.anisotropy import impedance, stiffness_of
 from ..model.boundary import Fixed, Roller, StressInput, VelocityInput, Viscous
 from ..model.model import Model
@@ -142,7 +141,7 @@ def _add_column(loads, model, column):
     mesh, ends = model.mesh, np.array([column.primed, column.end], dtype=float)
     zones, _ = locate(mesh, np.linspace(ends[0], ends[1], 20))
     material = model.materials[mesh.groups[mesh.zone_group[zones[10]]]]
-    edge = edge_lengths(mesh.points, mesh.zones[zones]).mean()
+    edge = edge_lengths(mesh)[zones].mean()
     count = column.sources or int(np.ceil(np.linalg.norm(ends[1] - ends[0]) / edge))
     tensor = column.charge**column.exponent / count * column.tensor(material)
     number = loads.add_history(column.moment_rate.integral(), -column.time)
@@ -165,7 +164,7 @@ def _add_moment(loads, nodes, position, tensor, spread, number, delay=0.0):
 
 def _add_pressure(loads, model, source):
     """Add a travelling pressure on a surface; theory.md (5.10), (5.11), (5.13)."""
-    if model.quadratic:
+    if model.nodes.quadratic:
         nodes, area, normal = model.nodes.surface_areas(source.surface)
         share, delay = source.at(model.nodes.points[nodes])
         force = -(share * area)[:, None] * normal
@@ -219,7 +218,7 @@ def _zones_of_source(mesh, position, spread):
     """
     zone, _ = locate(mesh, position)
     if spread is None:
-        spread = edge_lengths(mesh.points, mesh.zones[zone]).mean()
+        spread = edge_lengths(mesh)[zone].mean()
     if spread <= 0.0:
         return zone, np.ones(1)
     centres = mesh.points[mesh.zones].mean(axis=1) - position
@@ -306,6 +305,12 @@ def dynamic_conditions(
             for node, matrix in surface_impedance(model, boundary.surface).items():
                 viscous[node] = viscous.get(node, 0.0) + matrix
     return {**_dashpot_arrays(viscous, fixed, geometry), **_fixed_arrays(fixed)}
+
+
+def no_conditions() -> dict[str, np.ndarray]:
+    """Return the arrays of a model without dashpots and prescribed motion."""
+    none = {"dt": 0.0, "node_mass": np.ones(1), "node_alpha": np.zeros(1)}
+    return {**_dashpot_arrays({}, {}, none), **_fixed_arrays({})}
 
 
 def static_conditions(model: Model, geometry: dict[str, Any]) -> dict[str, np.ndarray]:
