@@ -215,7 +215,8 @@ module pyblast_model_types
         real(dp), allocatable :: block_energy(:, :, :)           !! (n_batch, 5, n_blocks) [J]
         real(dp), allocatable :: block_power(:, :)               !! (n_batch, n_blocks) [W]
         real(dp), allocatable :: load_amplitude(:)               !! (n_loads)
-        real(dp), allocatable :: step_over_mass(:, :)            !! (n_batch, n_nodes) [s/kg]
+        real(dp), allocatable :: step_over_mass(:, :, :)         !! dt/m of each component
+                                                                 !! (n_batch, 3, n_nodes) [s/kg]
     end type nodal_work
 
 contains

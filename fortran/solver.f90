@@ -160,8 +160,8 @@ contains
                                   + 2*size(model%contacts%contact_joint)))
         allocate (work%block_energy(n_batch, 5, n_blocks), work%block_power(n_batch, n_blocks))
         allocate (work%load_amplitude(size(model%loads%load_node)))
-        allocate (work%step_over_mass(n_batch, n_nodes))
-        work%step_over_mass = model%dt/model%nodes%node_mass
+        allocate (work%step_over_mass(n_batch, 3, n_nodes))
+        work%step_over_mass = spread(model%dt/model%nodes%node_mass, 2, 3)
     end subroutine allocate_nodal_work
 
     pure function fastest(velocity) result(node)

@@ -89,30 +89,35 @@ contains
         real(dp), intent(in) :: part_force(3*n_parts), node_load(3, n_nodes), velocity(3, n_nodes)
         real(dp), intent(inout) :: zone_force(3, n_nodes), force(3, n_nodes)
         real(dp), intent(out) :: power
-        real(dp) :: own(3), part(3)
+        real(dp) :: x, y, z
         integer :: n, k, at
 
-        part = 0.0_dp
+        power = 0.0_dp
         do n = first, last
-            own = 0.0_dp
+            x = 0.0_dp
+            y = 0.0_dp
+            z = 0.0_dp
             do k = node_start(n), node_start(n + 1) - 1
                 if (node_part(k) > n_slots) exit
                 at = node_part(k) + 2*(node_part(k) - 1 - iand(node_part(k) - 1, hex_width - 1))
-                own(1) = own(1) + part_force(at)
-                own(2) = own(2) + part_force(at + hex_width)
-                own(3) = own(3) + part_force(at + 2*hex_width)
+                x = x + part_force(at)
+                y = y + part_force(at + hex_width)
+                z = z + part_force(at + 2*hex_width)
             end do
-            force(:, n) = node_load(:, n) + own
             if (damped) then
-                zone_force(:, n) = own
-                part = part - own*velocity(:, n)
+                zone_force(:, n) = [x, y, z]
+                power = power - (x*velocity(1, n) + y*velocity(2, n) + z*velocity(3, n))
             end if
             do k = k, node_start(n + 1) - 1
                 at = 3*(node_part(k) - 1)
-                force(:, n) = force(:, n) + part_force(at + 1:at + 3)
+                x = x + part_force(at + 1)
+                y = y + part_force(at + 2)
+                z = z + part_force(at + 3)
             end do
+            force(1, n) = node_load(1, n) + x
+            force(2, n) = node_load(2, n) + y
+            force(3, n) = node_load(3, n) + z
         end do
-        power = sum(part)
     end subroutine gather_block_of_packs
 
     pure function power_taken(n_nodes, force, velocity) result(power)
@@ -200,7 +205,7 @@ contains
                                         work%block_energy(:, :, b))
         else
             work%block_energy(:, :, b) = 0.0_dp
-            call move_free(n, dt, work%step_over_mass(:, first:last), work%force(:, :, first:last), &
+            call move_free(n, dt, work%step_over_mass(:, :, first:last), work%force(:, :, first:last), &
                            state%displacement(:, :, first:last), state%velocity(:, :, first:last))
         end if
     end subroutine move_block
@@ -217,15 +222,14 @@ contains
     pure subroutine move_free(n_nodes, dt, step_over_mass, force, displacement, velocity)
         !! Move nodes that nothing damps: the bits of move_with_energies, without the energies.
         integer, intent(in) :: n_nodes
-        real(dp), intent(in) :: dt, step_over_mass(n_batch, n_nodes), force(n_batch, 3, n_nodes)
-        real(dp), intent(inout) :: displacement(n_batch, 3, n_nodes), velocity(n_batch, 3, n_nodes)
-        integer :: n, k
+        real(dp), intent(in) :: dt
+        real(dp), dimension(3*n_batch*n_nodes), intent(in) :: step_over_mass, force
+        real(dp), dimension(3*n_batch*n_nodes), intent(inout) :: displacement, velocity
+        integer :: k
 
-        do n = 1, n_nodes
-            do k = 1, 3
-                velocity(:, k, n) = velocity(:, k, n) + (step_over_mass(:, n)*force(:, k, n))
-                displacement(:, k, n) = displacement(:, k, n) + dt*velocity(:, k, n)
-            end do
+        do k = 1, 3*n_batch*n_nodes
+            velocity(k) = velocity(k) + (step_over_mass(k)*force(k))
+            displacement(k) = displacement(k) + dt*velocity(k)
         end do
     end subroutine move_free
 
