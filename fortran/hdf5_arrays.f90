@@ -151,16 +151,18 @@ contains
         integer, intent(in) :: n(:)
         type(c_ptr), value :: place
         character(len=:), allocatable, intent(inout) :: message
-        integer, intent(in), optional :: batch_axis
+        integer, intent(in) :: batch_axis                  !! 0: the array has none
         integer(hid_t) :: array, space
         integer :: status, closed
 
         if (allocated(message)) return
-        if (present(batch_axis)) then
+        if (size(n) == 0) then
+            call h5screate_f(H5S_SCALAR_F, space, status)
+        else if (batch_axis == 0) then
+            call h5screate_simple_f(size(n), int(n, hsize_t), space, status)
+        else
             call h5screate_simple_f(size(n) - 1, int([n(:batch_axis - 1), n(batch_axis + 1:)], &
                                                      hsize_t), space, status)
-        else
-            call h5screate_f(H5S_SCALAR_F, space, status)
         end if
         call h5dcreate_f(file, name, kind, space, array, status)
         if (status == 0) then
@@ -327,7 +329,7 @@ contains
         integer, intent(in), target :: value
         character(len=:), allocatable, intent(inout) :: message
 
-        call put(file, name, H5T_NATIVE_INTEGER, [integer ::], c_loc(value), message)
+        call put(file, name, H5T_NATIVE_INTEGER, [integer ::], c_loc(value), message, 0)
     end subroutine write_integer_0
 
 end module pyblast_hdf5_arrays

@@ -7,8 +7,8 @@ module pyblast_hex_forces
     use, intrinsic :: iso_c_binding, only : c_int
     use pyblast_kinds, only : dp, hex_width, least_shared
     use pyblast_batch, only : kernel_width, n_batch
-    use pyblast_model_types, only : domain_work, ground_arrays, hex_arrays, model_arrays, nodal_state
-    use pyblast_hex_kernels, only : forces_of_bricks, forces_of_mapped_zones
+    use pyblast_model_types, only : domain_work, hex_arrays, model_arrays, nodal_state, zone_state
+    use pyblast_hex_kernels, only : forces_in_layer, forces_of_bricks, forces_of_mapped_zones
     implicit none
     private
     public :: hex_zone_forces
@@ -23,10 +23,11 @@ module pyblast_hex_forces
 
 contains
 
-    subroutine hex_zone_forces(model, nodes, with_energy, work, n_parts, part_force)
+    subroutine hex_zone_forces(model, nodes, zones, with_energy, work, n_parts, part_force)
         !! Forces of all zones as parts, and the energy that each pack holds.
         type(model_arrays), intent(in) :: model
         type(nodal_state), intent(in) :: nodes
+        type(zone_state), intent(inout) :: zones
         logical, intent(in) :: with_energy                          !! whether energies are wanted
         type(domain_work), intent(inout) :: work
         integer, intent(in) :: n_parts
@@ -38,15 +39,88 @@ contains
         n_nodes = size(nodes%velocity, 3)
         wide = wide_vectors() /= 0
         !$omp parallel do schedule(static) default(none) private(first) &
-        !$omp& shared(model, nodes, with_energy, work, part_force, n, wide) &
+        !$omp& shared(model, nodes, zones, with_energy, work, part_force, n, wide) &
         !$omp& if (n_batch*n_nodes >= least_shared)
         do p = 1, size(model%hexes%pack_set)
             first = (p - 1)*hex_width*n
-            call pack_forces(model, p, n, wide, nodes, with_energy, work, &
-                             part_force(:, :, first + 1:first + hex_width*n))
+            if (slabs_of(model, p) > 0) then
+                call layer_forces(model, p, n, wide, nodes, zones, &
+                                  part_force(:, :, first + 1:first + hex_width*n))
+            else
+                call pack_forces(model, p, n, wide, nodes, with_energy, work, &
+                                 part_force(:, :, first + 1:first + hex_width*n))
+            end if
         end do
         !$omp end parallel do
     end subroutine hex_zone_forces
+
+    pure function slabs_of(model, p) result(n_slabs)
+        !! Axes along which a pack is stretched; 0 outside of the absorbing layer.
+        type(model_arrays), intent(in) :: model
+        integer, intent(in) :: p
+        integer :: n_slabs
+
+        n_slabs = 0
+        if (model%layer%n_slabs > 0) &
+            n_slabs = model%layer%slab_start(p + 1) - model%layer%slab_start(p)
+    end function slabs_of
+
+    pure subroutine layer_forces(model, p, n, wide, nodes, zones, force)
+        !! Forces of a pack of the absorbing layer, of one model; what it holds counts as damping.
+        type(model_arrays), intent(in) :: model
+        integer, intent(in) :: p, n
+        logical, intent(in) :: wide
+        type(nodal_state), intent(in) :: nodes
+        type(zone_state), intent(inout) :: zones
+        real(dp), intent(inout) :: force(kernel_width, 3, n)
+        real(dp), dimension(kernel_width, 3, n) :: u, v, deviatoric, volumetric
+        integer :: a, first, last, n_nodes
+        logical :: apart
+
+        associate (ground => model%ground, set => model%hexes%pack_set(p), layer => model%layer, &
+                   node => model%hexes%pack_node(:, :, p))
+            first = layer%slab_start(p)
+            last = layer%slab_start(p + 1) - 1
+            n_nodes = size(nodes%velocity, 3)
+            call gather(n, 0, n_nodes, node, nodes%displacement, u)
+            call damped_fields(n, 0, n_nodes, size(nodes%memory, 3), node, ground%set_beta(:, set), &
+                               ground%set_branch(:, :, :, set), u, nodes%velocity, nodes%memory, &
+                               deviatoric, volumetric)
+            call gather(n, 0, n_nodes, node, nodes%velocity, v)
+            do a = 1, n
+                deviatoric(:, :, a) = deviatoric(:, :, a) &
+                    + spread(layer%slab_lag(:kernel_width, first), 2, 3)*v(:, :, a)
+                volumetric(:, :, a) = volumetric(:, :, a) &
+                    + spread(layer%slab_lag(:kernel_width, first), 2, 3)*v(:, :, a)
+            end do
+            apart = any(abs(ground%set_branch(:, 1, :, set) - ground%set_branch(:, 2, :, set)) &
+                        > 0.0_dp)
+            call turn(n, layer%layer_frame, deviatoric)
+            if (apart) call turn(n, layer%layer_frame, volumetric)
+            call forces_in_layer(model%hexes, n, wide, model%hexes%pack_metric(:, :, :, p), &
+                                 last - first + 1, layer%slab_axis(first:last), &
+                                 layer%slab_stretch(:, :, :, first:last), deviatoric, apart, &
+                                 volumetric, zones%slab_memory(:, :, :, first:last), force)
+            call turn(n, transpose(layer%layer_frame), force)
+        end associate
+    end subroutine layer_forces
+
+    pure subroutine turn(n, frame, field)
+        !! Components along the axes (3, axis) of a frame, in place.
+        integer, intent(in) :: n
+        real(dp), intent(in) :: frame(3, 3)
+        real(dp), intent(inout) :: field(kernel_width, 3, n)
+        real(dp) :: own(kernel_width, 3)
+        integer :: a, c
+
+        do a = 1, n
+            own = field(:, :, a)
+            do c = 1, 3
+                field(:, c, a) = frame(1, c)*own(:, 1) + frame(2, c)*own(:, 2) &
+                    + frame(3, c)*own(:, 3)
+            end do
+        end do
+    end subroutine turn
 
     pure subroutine pack_forces(model, p, n, wide, nodes, with_energy, work, force)
         !! Forces of one pack: of its zones together, or for each of them of the models of a batch.

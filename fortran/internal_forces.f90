@@ -36,7 +36,7 @@ contains
         integer :: d, n_nodes
 
         if (model%hexes%order > 0) then
-            call hex_zone_forces(model, nodes, with_energy, work, n_slots, slot_force)
+            call hex_zone_forces(model, nodes, zones, with_energy, work, n_slots, slot_force)
             return
         end if
         n_nodes = size(nodes%velocity, 3)

@@ -3,7 +3,7 @@ module pyblast_model_checks
     use pyblast_kinds, only : dp, hex_width, n_joint_laws, n_joint_properties, n_joint_state, n_sums, &
         n_zone_laws, n_zone_properties, n_zone_state
     use pyblast_model_file, only : run_arrays
-    use pyblast_model_types, only : edge_arrays, hex_arrays, mesh_arrays, model_arrays, model_state, &
+    use pyblast_model_types, only : edge_arrays, hex_arrays, layer_arrays, layer_state, mesh_arrays, model_arrays, model_state, &
         n_zone_parts, patch_arrays
     use pyblast_zone_laws, only : has_memory
     implicit none
@@ -24,6 +24,8 @@ contains
         if (.not. (model%dt > 0.0_dp .and. model%dt < huge(model%dt))) &
             message = "'arrays/dt' must be positive"
         call check_mesh_sizes(model, message)
+        call check_layer(model%layer, state%layer, size(state%zones%slab_memory), model%hexes, &
+                         size(model%nodes%node_mass), size(model%contacts%contact_area), message)
         call check_hexes(model%hexes, size(model%nodes%node_mass), size(model%ground%set_law), message)
         call check_node_sizes(model, run%n_steps, message)
         call check_state_sizes(model, state, message)
@@ -97,6 +99,42 @@ contains
                     message)
         call within("pack_set", hexes%pack_set, 1, n_sets, message)
     end subroutine check_hexes
+
+    subroutine check_layer(layer, state, n_memory, hexes, n_nodes, n_contacts, message)
+        !! Sizes and indices of the absorbing layer.
+        type(layer_arrays), intent(in) :: layer
+        type(layer_state), intent(in) :: state
+        type(hex_arrays), intent(in) :: hexes
+        integer, intent(in) :: n_memory, n_nodes, n_contacts
+        character(len=:), allocatable, intent(inout) :: message
+        integer :: n, packs
+
+        if (layer%n_slabs == 0) return
+        n = (hexes%order + 1)**3
+        packs = size(hexes%pack_set)
+        associate (slabs => layer%n_slabs, nodes => size(layer%layer_node), &
+                   crossings => size(layer%crossing_part))
+            call require_size("absorbing layer", &
+                              [shape(layer%slab_start), shape(layer%slab_axis), &
+                               shape(layer%slab_stretch), shape(layer%slab_lag), &
+                               shape(layer%layer_frame), shape(layer%layer_mass), &
+                               shape(layer%node_stretch), shape(layer%crossing_stretch), &
+                               shape(state%node_memory), shape(state%crossing_memory), n_memory], &
+                              [packs + 1, slabs, hex_width, 4, n, slabs, hex_width, slabs, 3, 3, &
+                               nodes, 4, 3, nodes, 4, 3, crossings, 3, 3, nodes, 3, 3, crossings, &
+                               hex_width*10*n*slabs], message)
+        end associate
+        if (allocated(message)) return
+        call within("slab_axis", layer%slab_axis, 1, 3, message)
+        call within("slab_start", layer%slab_start, 1, layer%n_slabs + 1, message)
+        call within("layer_node", layer%layer_node, 1, n_nodes, message)
+        call within("crossing_part", layer%crossing_part, 1, n_contacts, message)
+        if (any(layer%slab_start(2:) < layer%slab_start(:packs)) &
+            .or. any(layer%slab_start(2:) - layer%slab_start(:packs) > 3)) &
+            message = "'arrays/slab_start' does not ascend by up to three"
+        if (any(layer%slab_start(hexes%n_mapped + 1:) /= layer%slab_start(packs + 1))) &
+            message = "'arrays/slab_start' has slabs of packs that are bricks"
+    end subroutine check_layer
 
     subroutine check_node_sizes(model, n_steps, message)
         !! Sizes of nodes, contacts, loads, boundaries and receivers.

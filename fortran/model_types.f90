@@ -46,6 +46,26 @@ module pyblast_model_types
             !! volume [J] (hex_width, 5, n_packs - n_mapped)
     end type hex_arrays
 
+    type, public :: layer_arrays
+        !! Absorbing layer of hexahedra: stretches along up to three axes, as four numbers each: kappa,
+        !! d [1/s], z [s], b. A slab is a pack that is stretched along one axis; a pack at an edge of
+        !! the model has two slabs, at a corner three. Source: theory.md (4.14) to (4.18).
+        integer :: n_slabs                                       !! 0: no layer
+        integer, contiguous, pointer :: slab_start(:)            !! of each pack (n_packs + 1)
+        integer, contiguous, pointer :: slab_axis(:)             !! (n_slabs)
+        real(dp), contiguous, pointer :: slab_stretch(:, :, :, :)
+            !! (hex_width, 4, (order + 1)^3, n_slabs)
+        real(dp), contiguous, pointer :: slab_lag(:, :)          !! of the viscosity of zones
+                                                                 !! (hex_width, n_slabs) [s]
+        real(dp), contiguous, pointer :: layer_frame(:, :)       !! unit vectors of the axes (3, 3)
+        integer, contiguous, pointer :: layer_node(:)            !! (n_layer_nodes)
+        real(dp), contiguous, pointer :: layer_mass(:)           !! without stretch [kg]
+        real(dp), contiguous, pointer :: node_stretch(:, :, :)   !! (4, 3 axes, n_layer_nodes)
+        integer, contiguous, pointer :: crossing_part(:)         !! contacts in the layer (n_crossings)
+        real(dp), contiguous, pointer :: crossing_stretch(:, :, :)
+            !! (4, 3 axes, n_crossings)
+    end type layer_arrays
+
     type, public :: edge_arrays
         !! Springs along edges that stand for linear zones; theory.md (2.39), (2.40).
         integer, contiguous, pointer :: edge_start(:)            !! (n_slots + 1)
@@ -146,6 +166,7 @@ module pyblast_model_types
         real(dp) :: local_damping                                !! share of the force; 0 in dynamics
         type(mesh_arrays) :: mesh
         type(hex_arrays) :: hexes
+        type(layer_arrays) :: layer
         type(edge_arrays) :: edges
         type(patch_arrays) :: patches
         type(ground_arrays) :: ground
@@ -169,6 +190,8 @@ module pyblast_model_types
         real(dp), contiguous, pointer :: row_state(:, :, :)      !! (n_zone_state, n_batch, n_rows)
         real(dp), contiguous, pointer :: row_lost(:, :)          !! dissipated so far
                                                                  !! (n_batch, n_rows) [J/m3]
+        real(dp), contiguous, pointer :: slab_memory(:, :, :, :)
+            !! of the absorbing layer (hex_width, 10, (order + 1)^3, n_slabs)
     end type zone_state
 
     type, public :: joint_state
@@ -181,11 +204,18 @@ module pyblast_model_types
         real(dp), contiguous, pointer :: contact_dissipated(:, :)  !! (n_batch, n_contacts) [J/m2]
     end type joint_state
 
+    type, public :: layer_state
+        !! Memory of the absorbing layer.
+        real(dp), contiguous, pointer :: node_memory(:, :, :)    !! (3, 3 axes, n_layer_nodes)
+        real(dp), contiguous, pointer :: crossing_memory(:, :, :)  !! (3, 3 axes, n_crossings)
+    end type layer_state
+
     type, public :: model_state
         !! All that a step changes.
         type(nodal_state) :: nodes
         type(zone_state) :: zones
         type(joint_state) :: joints
+        type(layer_state) :: layer
         real(dp), contiguous, pointer :: sums(:, :)              !! running sums of the energy
                                                                  !! balance (n_sums, n_batch)
     end type model_state
@@ -214,6 +244,7 @@ module pyblast_model_types
         real(dp), allocatable :: part_force(:, :, :)             !! (n_batch, 3, n_parts) [N]
         real(dp), allocatable :: block_energy(:, :, :)           !! (n_batch, 5, n_blocks) [J]
         real(dp), allocatable :: block_power(:, :)               !! (n_batch, n_blocks) [W]
+        real(dp), allocatable :: layer_velocity(:, :)            !! before the step (3, n_layer_nodes)
         real(dp), allocatable :: load_amplitude(:)               !! (n_loads)
         real(dp), allocatable :: step_over_mass(:, :, :)         !! dt/m of each component
                                                                  !! (n_batch, 3, n_nodes) [s/kg]

@@ -8,6 +8,7 @@ module pyblast_solver
     use pyblast_model_types, only : allocate_domain_work, domain_work, model_arrays, model_state, &
         n_zone_parts, nodal_work
     use pyblast_internal_forces, only : zone_forces
+    use pyblast_absorbing_layer, only : add_layer_forces, update_layer
     use pyblast_contacts, only : contact_forces
     use pyblast_boundaries, only : load_forces, load_power, reaction_forces, viscous_forces
     use pyblast_time_stepping, only : block_size, gather_forces, move_nodes, record_motion, &
@@ -74,7 +75,8 @@ contains
         call allocate_nodal_work(model, nodal)
         work%before = 0.0_dp
         work%after = 0.0_dp
-        damped = any(model%ground%set_beta > 0.0_dp) .or. any(model%ground%set_branch > 0.0_dp)
+        damped = any(model%ground%set_beta > 0.0_dp) .or. any(model%ground%set_branch > 0.0_dp) &
+            .or. model%layer%n_slabs > 0
         line = 0
         where = 0
         lane = 0
@@ -124,6 +126,10 @@ contains
                                 nodal%part_force(:, :, n_slots + 1:))
             call gather_forces(model%nodes, state%nodes, n_slots, model%hexes%order > 0, damped, nodal, &
                                before(:, 4))
+            if (model%layer%n_slabs > 0) call add_layer_forces( &
+                model%layer, model%contacts, n_nodes, n_slots, n_slots + 2*n_contacts, &
+                nodal%part_force, v, state%layer, nodal%force, nodal%zone_force, &
+                nodal%layer_velocity, before(1, 4))
             call load_forces(model%loads, step, n_nodes, v, nodal%load_amplitude, nodal%force, &
                              before(:, 3))
             call viscous_forces(model%boundaries, model%nodes, dt, n_nodes, v, nodal%force, &
@@ -137,6 +143,8 @@ contains
                 model%contacts%contact_area, model%contacts%contact_initial, &
                 state%nodes%displacement)
             call move_nodes(model%nodes, dt, model%local_damping, with_energy, state%nodes, nodal)
+            if (model%layer%n_slabs > 0) call update_layer(model%layer, dt, n_nodes, v, &
+                                                           nodal%layer_velocity, state%layer)
             call load_power(model%loads, n_nodes, v, nodal%load_amplitude, after(:, 3))
             after(:, 3) = after(:, 1) + 0.5_dp*dt*after(:, 3)
             if (damped) call zone_power(state%nodes, nodal, after(:, 4))
@@ -160,6 +168,8 @@ contains
                                   + 2*size(model%contacts%contact_joint)))
         allocate (work%block_energy(n_batch, 5, n_blocks), work%block_power(n_batch, n_blocks))
         allocate (work%load_amplitude(size(model%loads%load_node)))
+        if (model%layer%n_slabs > 0) &
+            allocate (work%layer_velocity(3, size(model%layer%layer_node)))
         allocate (work%step_over_mass(n_batch, 3, n_nodes))
         work%step_over_mass = spread(model%dt/model%nodes%node_mass, 2, 3)
     end subroutine allocate_nodal_work

@@ -33,7 +33,7 @@ N_ZONE_STATE = int(_core.pyblast_kinds.n_zone_state)
 N_ZONE_PROPERTIES = int(_core.pyblast_kinds.n_zone_properties)
 INDEX_ENDINGS = (
     "_node", "_slot", "_part", "_joint", "_law", "_history", "_start", "_set", "_row", "_patch",
-    "_lane", "_form",
+    "_lane", "_form", "_axis",
 )  # fmt: skip
 # Arrays that each lane has for itself, and at which axis the lanes are.
 LANE_AXIS = {
@@ -64,6 +64,9 @@ STATE = (
     "contact_state",
     "contact_stored",
     "contact_dissipated",
+    "slab_memory",
+    "node_memory",
+    "crossing_memory",
     "sums",
 )
 

@@ -11,7 +11,7 @@ from ..mesh.nodes import Nodes, nodes_of
 from ..mesh.ordering import make_patches, renumbered
 from ..mesh.spectral_nodes import SpectralNodes, spectral_nodes
 from ..units import check_angle
-from .boundary import Boundary, Rim, StressInput, Viscous, check_boundaries
+from .boundary import AbsorbingLayer, Boundary, Rim, StressInput, Viscous, check_boundaries
 from .ground_fields import GroundField
 from .joint import Joint
 from .material import Branch, Damping, Material, ZoneLaw
@@ -100,7 +100,9 @@ class Model:
         `Hole`, `Column`, `PointForce`, `MomentTensor`, `Pressure`, `AirBlast` or `PlaneWave`.
     receivers : sequence of Receiver
     rim : Rim, optional
-        Absorbing layer.
+        Damped ground around a model of tetrahedra.
+    layer : AbsorbingLayer, optional
+        Absorbing layer around a model of hexahedra.
     ground : sequence of Gradient, DamagedZone or Heterogeneity
         Fields of factors on the wave speeds.
     insitu : InSitu, optional
@@ -142,6 +144,7 @@ class Model:
     sources: tuple[Source, ...] = ()
     receivers: tuple[Receiver, ...] = ()
     rim: Rim | None = None
+    layer: AbsorbingLayer | None = None
     ground: tuple[GroundField, ...] = ()
     insitu: InSitu | None = None
     added_mass: float = 0.0025

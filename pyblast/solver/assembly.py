@@ -27,6 +27,7 @@ from ..mesh.tetrahedra import shape_gradients
 from ..mesh.tetrahedra import volumes as tetrahedron_volumes
 from ..model.model import Model
 from ..model.source import TimeFunction
+from .absorbing_layer import layer_arrays, no_layer
 from .edge_springs import edge_arrays
 from .hexahedra import critical_step_of_hexahedra, no_packs, pack_arrays
 from .loads import Loads, dynamic_conditions, model_loads, no_conditions, surface_impedance
@@ -167,6 +168,7 @@ def zone_product(model: Model, mass: np.ndarray) -> Callable[[np.ndarray], np.nd
     act in full.
     """
     alone = _no_contact()
+    packs, _ = pack_arrays(replace(model, single=False, layer=None), alone["contact_node"])
     constants = {
         "dt": 1.0,
         "node_mass": mass,
@@ -175,7 +177,8 @@ def zone_product(model: Model, mass: np.ndarray) -> Callable[[np.ndarray], np.nd
         "node_load": np.zeros((len(mass), 3)),
         **alone,
         **zone_laws(model),
-        **pack_arrays(replace(model, single=False), alone["contact_node"]),
+        **packs,
+        **no_layer(False, len(packs["pack_set"]), model.nodes.zone_nodes.shape[1]),
         **zero_loads(2),
         **no_conditions(),
         "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),
@@ -207,7 +210,9 @@ def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, A
     contacts = _contacts(model)
     common = {"dt": dt, "node_mass": node_mass, "node_alpha": drag / node_mass, **contacts}
     if mesh.hexahedral:
-        return {**common, **zone_laws(model), **pack_arrays(model, contacts["contact_node"])}, limit
+        packs, member = pack_arrays(model, contacts["contact_node"])
+        arrays = {**common, **zone_laws(model), **packs}
+        return {**arrays, **layer_arrays(model, arrays, member)}, limit
     patch = model.patches() if model.yielding().any() else np.full(len(mesh.zones), -1)
     arrays = {
         **common,
@@ -355,6 +360,7 @@ def initial_state(
     n_rows = len(constants["row_initial"])
     if contact_state is None:
         contact_state = np.zeros((n_contacts, N_JOINT_STATE))
+    size, width = constants["pack_node"].shape[1:]
     return {
         "displacement": np.zeros((n_nodes, 3)),
         "velocity": np.zeros((n_nodes, 3)),
@@ -365,5 +371,8 @@ def initial_state(
         "contact_state": contact_state,
         "contact_stored": stored_at_rest(constants, contact_state),
         "contact_dissipated": np.zeros(n_contacts),
+        "slab_memory": np.zeros((len(constants["slab_axis"]), size, 10, width)),
+        "node_memory": np.zeros((len(constants["layer_node"]), 3, 3)),
+        "crossing_memory": np.zeros((len(constants["crossing_part"]), 3, 3)),
         "sums": np.zeros(N_SUMS),
     }

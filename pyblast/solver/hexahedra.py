@@ -10,6 +10,7 @@ from .. import core
 from ..mesh import hexahedra
 from ..mesh.mesh import Contacts
 from ..model.model import Model
+from .absorbing_layer import in_layer, no_layer
 from .time_step import CriticalStep, contact_bounds
 
 STRAIGHT = 1e-9  # of the mean slope: largest deviation of a brick
@@ -30,10 +31,13 @@ def no_packs(single: bool) -> dict[str, Any]:
         "pack_set": np.zeros(1, dtype=np.int32),
         "pack_metric": np.zeros((1, 1, 11, width)),
         "pack_brick": np.zeros((1, 5, width)),
+        **no_layer(single, 1, 1),
     }
 
 
-def pack_arrays(model: Model, contact_node: np.ndarray) -> dict[str, Any]:
+def pack_arrays(
+    model: Model, contact_node: np.ndarray
+) -> tuple[dict[str, Any], np.ndarray]:
     """Return the kernel arrays of the hexahedra of a model; theory.md (2.44) to (2.47).
 
     Parameters
@@ -43,27 +47,31 @@ def pack_arrays(model: Model, contact_node: np.ndarray) -> dict[str, Any]:
 
     Returns
     -------
-    dict
+    arrays : dict
         Packs of zones, the parts of nodal forces, and empty tables of tetrahedra.
+    member : (n_packs, width) int64
+        Zone in each lane of each pack.
     """
     mesh, nodes, width = model.mesh, model.nodes, core.HEX_WIDTH[model.single]
     order, size = mesh.order, nodes.zone_nodes.shape[1]
     inverse = np.linalg.inv(nodes.jacobian)
-    brick = _bricks(inverse) & (not model.ground)
-    packs, groups = [], []
-    for mapped in (True, False):
-        for group in range(len(mesh.groups)):
-            zones = np.flatnonzero((mesh.zone_group == group) & (brick != mapped))
-            parts = [zones[k : k + width] for k in range(0, len(zones), width)]
-            packs += parts
-            groups += [group] * len(parts)
-        if mapped:
-            n_mapped = len(packs)
+    layer = in_layer(model)
+    brick = _bricks(inverse) & (not model.ground) & ~layer.any(axis=1)
+    # Packs are of one form, stretched along the same axes, and of one group.
+    kind = (layer @ [1, 2, 4] + 8 * brick) * len(mesh.groups) + mesh.zone_group
+    packs, n_mapped = [], 0
+    for one in np.unique(kind):
+        zones = np.flatnonzero(kind == one)
+        packs += [zones[k : k + width] for k in range(0, len(zones), width)]
+        n_mapped = n_mapped if brick[zones[0]] else len(packs)
     member = np.array([np.resize(zones, width) for zones in packs])
     real = np.array([np.arange(width) < len(zones) for zones in packs])
     lame, shear = model.node_moduli()
     metric = np.zeros((n_mapped, size, 11, width))
     bricks = np.zeros((len(packs) - n_mapped, 5, width))
+    if model.layer is not None:
+        turned = inverse @ np.array(model.layer.frame, dtype=float).T
+        inverse = np.where(layer.any(axis=1)[:, None, None, None], turned, inverse)
     for number in range(len(packs)):
         zones, full = member[number], real[number]
         if number < n_mapped:
@@ -77,18 +85,19 @@ def pack_arrays(model: Model, contact_node: np.ndarray) -> dict[str, Any]:
             at = bricks[number - n_mapped]
             at[:3] = np.einsum("zcc->cz", inverse[zones, 0])
             at[3], at[4] = lame[zones, 0] * eighth, shear[zones, 0] * eighth
-    return {
+    arrays = {
         "hex_order": order,
         "n_mapped": n_mapped,
         "hex_slope": np.ascontiguousarray(hexahedra.slopes_on_line(order).T),
         "hex_weight": hexahedra.lobatto(order)[1],
         "pack_node": nodes.zone_nodes[member].transpose(0, 2, 1).astype(np.int32),
-        "pack_set": np.array(groups, dtype=np.int32),
+        "pack_set": mesh.zone_group[member[:, 0]].astype(np.int32),
         "pack_metric": metric,
         "pack_brick": bricks,
         **_parts(nodes, member, real, contact_node),
         **_no_tetrahedra(size, len(mesh.groups)),
     }
+    return arrays, member
 
 
 def _bricks(inverse):

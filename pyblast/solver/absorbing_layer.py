@@ -1,0 +1,143 @@
+"""Absorbing layer of hexahedra as kernel arrays: stretches of zones, nodes and joints."""
+
+from typing import Any
+
+import numpy as np
+
+from .. import core
+from ..model.boundary import AbsorbingLayer
+from ..model.model import Model
+
+REFLECTION = 1e-7  # amplitude that a wave of normal incidence would keep
+STRENGTH = 7.0  # real stretch at the outer edge
+VISCOSITY = 0.005  # times edge over cs: of the zones, against waves that the grid does not carry
+PARALLEL = 0.5  # |cosine| of normal and axis above which a joint is not stretched along the axis
+
+
+def no_layer(single: bool, n_packs: int, size: int) -> dict[str, Any]:
+    """Return the kernel arrays of a model without absorbing layer; ``size``: nodes of a zone."""
+    width = core.HEX_WIDTH[single]
+    return {
+        "n_slabs": 0,
+        "slab_start": np.zeros(n_packs + 1, dtype=np.int32),
+        "slab_axis": np.zeros(1, dtype=np.int32),
+        "slab_stretch": np.zeros((1, size, 4, width)),
+        "slab_lag": np.zeros((1, width)),
+        "layer_frame": np.eye(3),
+        "layer_node": np.zeros(1, dtype=np.int32),
+        "layer_mass": np.zeros(1),
+        "node_stretch": np.zeros((1, 3, 4)),
+        "crossing_part": np.zeros(1, dtype=np.int32),
+        "crossing_stretch": np.zeros((1, 3, 4)),
+    }
+
+
+def in_layer(model: Model) -> np.ndarray:
+    """Return along which axes each zone of a model is stretched, (n_zones, 3) bool."""
+    if model.layer is None:
+        return np.zeros((len(model.mesh.zones), 3), dtype=bool)
+    return model.layer.depths(model.mesh.node_places.mean(axis=1)) > 0.0
+
+
+def stretches(layer: AbsorbingLayer, places: np.ndarray, fastest: float, dt: float) -> np.ndarray:
+    """Return the stretch of the axes at places: kappa, d (1/s), z (s), b; theory.md (4.15), (4.16).
+
+    Parameters
+    ----------
+    layer : AbsorbingLayer
+    places : (..., 3) float64, m
+    fastest : float, m/s
+        P speed of the fastest ground of the layer.
+    dt : float, s
+
+    Returns
+    -------
+    (..., 3, 4) float64
+    """
+    depth = layer.depths(places)
+    loss = 2.0 * fastest * np.log(1.0 / REFLECTION) / layer.widths(places) * depth**3
+    shift = 2.0 * np.pi * layer.lowest / 6.0 * (1.0 - depth)
+    half = 0.5 * dt
+    return np.stack(
+        [
+            1.0 + (STRENGTH - 1.0) * depth**3,
+            loss,
+            half / (1.0 + half * shift),
+            (1.0 - half * shift) / (1.0 + half * shift),
+        ],
+        axis=-1,
+    )
+
+
+def layer_arrays(model: Model, arrays: dict[str, Any], member: np.ndarray) -> dict[str, Any]:
+    """Return the kernel arrays of the absorbing layer, and the mass of nodes with its stretch.
+
+    Parameters
+    ----------
+    model : Model
+    arrays : dict
+        Kernel arrays of hexahedra and nodes.
+    member : (n_packs, width) int64
+        Zone in each lane of each pack.
+    """
+    size, layer = model.nodes.zone_nodes.shape[1], model.layer
+    if layer is None:
+        return no_layer(model.single, len(member), size)
+    mesh, nodes, dt = model.mesh, model.nodes, arrays["dt"]
+    inside = in_layer(model)
+    own = inside.any(axis=1)
+    fastest = float((model.zone_values("cp") * np.sqrt(_stiffer(model)))[own].max())
+    axes = [np.flatnonzero(inside[zones[0]]) for zones in member]
+    slab_start = np.concatenate([[0], np.cumsum([len(part) for part in axes])])
+    of_pack = np.repeat(np.arange(len(member)), [len(part) for part in axes])
+    slab_axis = np.concatenate([np.zeros(0, dtype=int), *axes])
+    zones = member[of_pack]
+    at = stretches(layer, mesh.node_places[zones], fastest, dt)
+    picked = np.take_along_axis(at, slab_axis[:, None, None, None, None], axis=3)[:, :, :, 0]
+    depth = layer.depths(mesh.node_places[zones]).max(axis=-1)
+    edge = nodes.volumes.sum(axis=1)[zones] ** (1.0 / 3.0)
+    lag = VISCOSITY * edge / model.zone_values("cs")[zones] * (depth**3).mean(axis=2)
+    at_nodes = stretches(layer, nodes.points, fastest, dt)
+    layer_node = np.unique(nodes.zone_nodes[own])
+    at_once = at_nodes[..., 0] + at_nodes[..., 1] * at_nodes[..., 2]
+    mass = arrays["node_mass"]
+    return {
+        "n_slabs": len(slab_axis),
+        "slab_start": slab_start.astype(np.int32),
+        "slab_axis": slab_axis.astype(np.int32),
+        "slab_stretch": np.ascontiguousarray(picked.transpose(0, 2, 3, 1)),
+        "slab_lag": lag,
+        "layer_frame": np.array(layer.frame, dtype=float),
+        "layer_node": layer_node.astype(np.int32),
+        "layer_mass": mass[layer_node],
+        "node_stretch": at_nodes[layer_node],
+        "node_mass": mass * at_once.prod(axis=1),
+        **_crossings(model, fastest, dt),
+    }
+
+
+def _stiffer(model):
+    """Return the unrelaxed over the relaxed modulus of P waves of each zone."""
+    relaxed, stiffest = model.zone_moduli(), model.stiffest_moduli()
+    return (stiffest[0] + 2.0 * stiffest[1]) / (relaxed[0] + 2.0 * relaxed[1])
+
+
+def _crossings(model, fastest, dt):
+    """Return the stretch of the contacts of joints that cross the layer."""
+    contacts, layer = model.nodes.contacts, model.layer
+    none = {"crossing_part": np.zeros(1, dtype=np.int32), "crossing_stretch": _no_stretch(1)}
+    if contacts is None:
+        return none
+    places = model.nodes.points[contacts.minus]
+    within = np.flatnonzero((layer.depths(places) > 0.0).any(axis=1))
+    if not len(within):
+        return none
+    stretch = stretches(layer, places[within], fastest, dt)
+    across = np.abs(contacts.normal[within] @ np.array(layer.frame, dtype=float).T) > PARALLEL
+    stretch[across] = _no_stretch(1)[0, 0]
+    return {"crossing_part": within.astype(np.int32), "crossing_stretch": stretch}
+
+
+def _no_stretch(n):
+    """Return stretches (n, 3, 4) of one."""
+    return np.tile([1.0, 0.0, 0.0, 0.0], (n, 3, 1))
