@@ -83,16 +83,17 @@ contains
             last = layer%slab_start(p + 1) - 1
             n_nodes = size(nodes%velocity, 3)
             call gather(n, 0, n_nodes, node, nodes%displacement, u)
-            call damped_fields(n, 0, n_nodes, size(nodes%memory, 3), node, ground%set_beta(:, set), &
-                               ground%set_branch(:, :, :, set), u, nodes%velocity, nodes%memory, &
-                               deviatoric, volumetric)
             call gather(n, 0, n_nodes, node, nodes%velocity, v)
-            do a = 1, n
-                deviatoric(:, :, a) = deviatoric(:, :, a) &
-                    + spread(layer%slab_lag(:kernel_width, first), 2, 3)*v(:, :, a)
-                volumetric(:, :, a) = volumetric(:, :, a) &
-                    + spread(layer%slab_lag(:kernel_width, first), 2, 3)*v(:, :, a)
-            end do
+            if (any(ground%set_beta(:, set) > 0.0_dp) &
+                .or. any(ground%set_branch(:, :, :, set) > 0.0_dp)) then
+                call damped_fields(n, 0, n_nodes, size(nodes%memory, 3), node, &
+                                   ground%set_beta(:, set), ground%set_branch(:, :, :, set), u, &
+                                   nodes%velocity, nodes%memory, deviatoric, volumetric)
+                call add_lag(n, layer%slab_lag(:, first), v, volumetric)
+            else
+                deviatoric = u
+            end if
+            call add_lag(n, layer%slab_lag(:, first), v, deviatoric)
             apart = any(abs(ground%set_branch(:, 1, :, set) - ground%set_branch(:, 2, :, set)) &
                         > 0.0_dp)
             call turn(n, layer%layer_frame, deviatoric)
@@ -104,6 +105,20 @@ contains
             call turn(n, transpose(layer%layer_frame), force)
         end associate
     end subroutine layer_forces
+
+    pure subroutine add_lag(n, lag, velocity, field)
+        !! Add the viscosity of each zone to the motion that its ground sees.
+        integer, intent(in) :: n
+        real(dp), intent(in) :: lag(hex_width), velocity(kernel_width, 3, n)
+        real(dp), intent(inout) :: field(kernel_width, 3, n)
+        integer :: a, c
+
+        do a = 1, n
+            do c = 1, 3
+                field(:hex_width, c, a) = field(:hex_width, c, a) + lag*velocity(:hex_width, c, a)
+            end do
+        end do
+    end subroutine add_lag
 
     pure subroutine turn(n, frame, field)
         !! Components along the axes (3, axis) of a frame, in place.
