@@ -78,6 +78,18 @@ def shape_slopes(order: int, places: np.ndarray) -> np.ndarray:
     return np.stack(parts, axis=-1)
 
 
+def face_shapes(order: int, place: np.ndarray) -> np.ndarray:
+    """Return the shape functions ((order + 1)^2,) of a face at reference coordinates (2,)."""
+    x, y = line_values(order, place)
+    return np.outer(y, x).ravel()
+
+
+def face_slopes(order: int, place: np.ndarray) -> np.ndarray:
+    """Return the derivatives ((order + 1)^2, 2) of `face_shapes` by the reference coordinates."""
+    (x, y), (dx, dy) = line_values(order, place), line_slopes(order, place)
+    return np.stack([np.outer(y, dx).ravel(), np.outer(dy, x).ravel()], axis=1)
+
+
 @cache
 def reference_nodes(order: int) -> np.ndarray:
     """Return the reference coordinates ((order + 1)^3, 3) of the nodes."""

@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
 from . import hexahedra, tetrahedra
+from .absorbing_layer import AbsorbingLayer
 from .faces import (
     face_table,
     face_vectors,
@@ -213,6 +214,8 @@ class Mesh:
         Of the polynomials of spectral hexahedra, 2 to 8; 1 for tetrahedra.
     places : (n_zones, (order + 1)^3, 3) float64 or None, m
         Nodes of curved hexahedra; None: straight edges.
+    layer : AbsorbingLayer or None
+        Of hexahedra at the sides where the ground goes on.
 
     Raises
     ------
@@ -235,6 +238,7 @@ class Mesh:
     contacts: Contacts | None = None
     order: int = 1
     places: np.ndarray | None = None
+    layer: AbsorbingLayer | None = None
 
     def __post_init__(self) -> None:
         """Convert the types; check shapes and indices."""

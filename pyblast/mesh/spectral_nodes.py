@@ -82,6 +82,16 @@ class SpectralNodes:
         weight = np.outer(w, w).ravel() * np.where(upper, 1.0, -1.0)[:, None]
         return self.zone_nodes[zone[:, None], at], row * weight[..., None]
 
+    def stress_forces(self, stress: np.ndarray) -> np.ndarray:
+        """Return the nodal forces (n_zones, n, 3) in N of stresses (n_zones, n, 3, 3) at nodes, Pa."""
+        n, slope = self.mesh.order + 1, hexahedra.slopes_on_line(self.mesh.order)
+        flux = np.einsum("zaij,zarj->zair", stress, np.linalg.inv(self.jacobian))
+        flux = (self.volumes[..., None, None] * flux).reshape(-1, n, n, n, 3, 3)
+        force = np.einsum("qi,zkjqc->zkjic", slope, flux[..., 0])
+        force += np.einsum("qj,zkqic->zkjic", slope, flux[..., 1])
+        force += np.einsum("qk,zqjic->zkjic", slope, flux[..., 2])
+        return -force.reshape(len(stress), n**3, 3)
+
     def shapes(self, places: np.ndarray) -> np.ndarray:
         """Return the shape functions (n, (order + 1)^3) at reference coordinates (n, 3)."""
         return hexahedra.shape_values(self.mesh.order, places)

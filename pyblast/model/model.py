@@ -11,7 +11,7 @@ from ..mesh.nodes import Nodes, nodes_of
 from ..mesh.ordering import make_patches, renumbered
 from ..mesh.spectral_nodes import SpectralNodes, spectral_nodes
 from ..units import check_angle
-from .boundary import AbsorbingLayer, Boundary, Rim, StressInput, Viscous, check_boundaries
+from .boundary import Boundary, Rim, StressInput, Viscous, check_boundaries
 from .ground_fields import GroundField
 from .joint import Joint
 from .material import Branch, Damping, Material, ZoneLaw
@@ -101,8 +101,6 @@ class Model:
     receivers : sequence of Receiver
     rim : Rim, optional
         Damped ground around a model of tetrahedra.
-    layer : AbsorbingLayer, optional
-        Absorbing layer around a model of hexahedra.
     ground : sequence of Gradient, DamagedZone or Heterogeneity
         Fields of factors on the wave speeds.
     insitu : InSitu, optional
@@ -144,7 +142,6 @@ class Model:
     sources: tuple[Source, ...] = ()
     receivers: tuple[Receiver, ...] = ()
     rim: Rim | None = None
-    layer: AbsorbingLayer | None = None
     ground: tuple[GroundField, ...] = ()
     insitu: InSitu | None = None
     added_mass: float = 0.0025
@@ -262,9 +259,16 @@ class Model:
 
     def node_moduli(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the relaxed Lame moduli at the nodes of hexahedra, (n_zones, n) Pa."""
-        size = self.nodes.zone_nodes.shape[1]
-        lame, shear = (np.repeat(part[:, None], size, axis=1) for part in self.zone_moduli())
-        return lame, shear
+        pairs = [self.law(group).moduli(self.materials[group]) for group in self.mesh.groups]
+        lame, shear = np.array(pairs)[self.mesh.zone_group].T
+        places, factor = self.mesh.node_places, np.ones(self.mesh.node_places.shape[:2])
+        if self.ground:
+            edges = edge_lengths(self.mesh).mean(axis=1) / self.mesh.order
+            edges = np.repeat(edges, places.shape[1])
+            flat = places.reshape(-1, 3)
+            values = [field.factor(flat, edges) for field in self.ground]
+            factor = np.prod(values, axis=0).reshape(factor.shape)
+        return lame[:, None] * factor**2, shear[:, None] * factor**2
 
     def stiffest_moduli(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the unrelaxed Lame moduli of each zone, (n_zones,) Pa."""

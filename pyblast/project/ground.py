@@ -395,6 +395,22 @@ def _axis_of(fault):
 def _jointed_rock(config, layers, folder):
     """Build jointed rock through gmsh."""
     low, size = np.array(config.origin_m), np.array(config.size_m)
+    sets, faults = joints_and_faults(config)
+    padding = None
+    if config.padding_m is not None:
+        padding = config.padding_m, config.padding_edge_m
+    surface = None
+    if config.surface_file is not None:
+        surface = read_surface(folder / config.surface_file)
+    with named_error("mesh"):
+        return build_mesh(
+            np.column_stack([low, low + size]), layers, sets, faults, edge=config.edge_m,
+            surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
+        )  # fmt: skip
+
+
+def joints_and_faults(config):
+    """Return the `JointSet` and `Fault` lists of a `MeshConfig`."""
     sets = [
         JointSet(
             part.name, *_angles(part), part.spacing_m,
@@ -410,17 +426,7 @@ def _jointed_rock(config, layers, folder):
         )
         for part in config.faults
     ]  # fmt: skip
-    padding = None
-    if config.padding_m is not None:
-        padding = config.padding_m, config.padding_edge_m
-    surface = None
-    if config.surface_file is not None:
-        surface = read_surface(folder / config.surface_file)
-    with named_error("mesh"):
-        return build_mesh(
-            np.column_stack([low, low + size]), layers, sets, faults, edge=config.edge_m,
-            surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
-        )  # fmt: skip
+    return sets, faults
 
 
 def _angles(part):

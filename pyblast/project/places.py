@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError
-from ..mesh.mesh import edge_lengths, locate
+from ..mesh.hexahedra import face_shapes, face_slopes
+from ..mesh.mesh import edge_lengths, locate, surface_zones
 from ..model.model import Receiver, Rim
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 from .section import named_error
@@ -46,6 +47,8 @@ def on_ground(mesh, place):
 
 def _height(mesh, place):
     """Return the height of the surface "top" at a place (2,)."""
+    if mesh.hexahedral:
+        return _height_of_hexahedra(mesh, place)
     corners = mesh.points[mesh.surfaces["top"]]
     a, b, c = (corners[:, k, :2] for k in range(3))
     area = _cross(b - a, c - a)
@@ -57,6 +60,39 @@ def _height(mesh, place):
     k = inside[0]
     heights = corners[k, :, 2]
     return float(heights @ [1.0 - u[k] - v[k], u[k], v[k]])
+
+
+def _height_of_hexahedra(mesh, place):
+    """Return the height of the surface "top" of hexahedra at a place (2,)."""
+    nodes = mesh.node_places[surface_zones(mesh, "top")]
+    top = nodes.reshape(len(nodes), -1, (mesh.order + 1) ** 2, 3)[:, -1]
+    inside = (place >= top[:, :, :2].min(axis=1)) & (place <= top[:, :, :2].max(axis=1))
+    for face in top[inside.all(axis=1)]:
+        coordinates = _on_face(face, mesh.order, place)
+        if np.abs(coordinates).max() <= 1.0 + 1e-9:
+            return float(face_shapes(mesh.order, coordinates) @ face[:, 2])
+    raise InputError(f"position_m: ({place[0]:g}, {place[1]:g}) m lies outside of the ground")
+
+
+def _on_face(face, order, place):
+    """Return the reference coordinates (2,) of a place on a face, by Newton."""
+    at = np.zeros(2)
+    for _ in range(50):
+        slope = face_slopes(order, at).T @ face[:, :2]
+        step = np.linalg.solve(slope.T, place - face_shapes(order, at) @ face[:, :2])
+        at = np.clip(at + step, -1.5, 1.5)
+        if np.abs(step).max() < 1e-13:
+            break
+    return at
+
+
+def places_of(config, blast) -> np.ndarray:
+    """Return the horizontal places (n, 2) of receivers and sources of a `Config`."""
+    parts = [*config.receivers, *config.point_forces, *config.moment_tensors]
+    places = [part.position_m[:2] for part in parts]
+    if blast is not None and config.holes_inside is not None:
+        places += [*blast.collar[:, :2], *blast.toe[:, :2]]
+    return np.array(places, dtype=float).reshape(-1, 2)
 
 
 def _cross(a, b):

@@ -20,6 +20,7 @@ from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
 from .config import Config
 from .config_file import changed_tables, check_config, read_config
+from .elements import Ground, make_ground
 from .ground import (
     joint_of_surface,
     jointed_media,
@@ -29,7 +30,6 @@ from .ground import (
     make_insitu,
     make_joint,
     make_material,
-    make_mesh,
     refuse_open_sides,
     with_damaged_material,
 )
@@ -46,7 +46,14 @@ from .inputs import (
     read_record,
     shifts_of,
 )
-from .places import check_rim, hole_places, make_rim, place_receivers, place_sources
+from .places import (
+    check_rim,
+    hole_places,
+    make_rim,
+    place_receivers,
+    place_sources,
+    places_of,
+)
 from .section import named_error
 
 
@@ -174,12 +181,17 @@ class Project:
         return self.lead + self.config.run.duration_s
 
     @_part
+    def ground(self) -> Ground:
+        """Mesh, not split, and why it has its elements."""
+        with named_error(self.path.name):
+            places = places_of(self.config, self.blast)
+            return make_ground(self.config, self.materials, self.folder, places)
+
+    @_part
     def mesh(self) -> Mesh:
         """Mesh, split along its joints."""
         with named_error(self.path.name):
-            mesh = make_mesh(self.config.mesh, self.materials, self.folder).split(
-                [joint.surface for joint in self.joints]
-            )
+            mesh = self.ground.mesh.split([joint.surface for joint in self.joints])
             return with_damaged_material(self.config.ground, self.blast, mesh)
 
     @_part
@@ -199,7 +211,7 @@ class Project:
     @_part
     def rim(self) -> Rim | None:
         """Ground that damps what leaves; no receiver and no hole stands in it."""
-        rim = make_rim(self.config)
+        rim = None if self.mesh.hexahedral else make_rim(self.config)
         places = {f"receivers.{part.name}": part.position for part in self.receivers}
         if self.inside.moment_rate is not None:
             places |= hole_places(self.blast)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from .. import core
-from ..model.boundary import AbsorbingLayer
+from ..mesh.absorbing_layer import AbsorbingLayer
 from ..model.model import Model
 
 REFLECTION = 1e-7  # amplitude that a wave of normal incidence would keep
@@ -32,11 +32,19 @@ def no_layer(single: bool, n_packs: int, size: int) -> dict[str, Any]:
     }
 
 
+def without_layer(arrays: dict[str, Any]) -> dict[str, Any]:
+    """Return what differs in kernel arrays of a model if its absorbing layer is plain ground."""
+    mass = arrays["node_mass"].copy()
+    if arrays["n_slabs"]:
+        mass[arrays["layer_node"]] = arrays["layer_mass"]
+    return {"n_slabs": 0, "node_mass": mass}
+
+
 def in_layer(model: Model) -> np.ndarray:
     """Return along which axes each zone of a model is stretched, (n_zones, 3) bool."""
-    if model.layer is None:
+    if model.mesh.layer is None:
         return np.zeros((len(model.mesh.zones), 3), dtype=bool)
-    return model.layer.depths(model.mesh.node_places.mean(axis=1)) > 0.0
+    return model.mesh.layer.depths(model.mesh.node_places.mean(axis=1)) > 0.0
 
 
 def stretches(layer: AbsorbingLayer, places: np.ndarray, fastest: float, dt: float) -> np.ndarray:
@@ -80,7 +88,7 @@ def layer_arrays(model: Model, arrays: dict[str, Any], member: np.ndarray) -> di
     member : (n_packs, width) int64
         Zone in each lane of each pack.
     """
-    size, layer = model.nodes.zone_nodes.shape[1], model.layer
+    size, layer = model.nodes.zone_nodes.shape[1], model.mesh.layer
     if layer is None:
         return no_layer(model.single, len(member), size)
     mesh, nodes, dt = model.mesh, model.nodes, arrays["dt"]
@@ -124,7 +132,7 @@ def _stiffer(model):
 
 def _crossings(model, fastest, dt):
     """Return the stretch of the contacts of joints that cross the layer."""
-    contacts, layer = model.nodes.contacts, model.layer
+    contacts, layer = model.nodes.contacts, model.mesh.layer
     none = {"crossing_part": np.zeros(1, dtype=np.int32), "crossing_stretch": _no_stretch(1)}
     if contacts is None:
         return none

@@ -168,7 +168,8 @@ def zone_product(model: Model, mass: np.ndarray) -> Callable[[np.ndarray], np.nd
     act in full.
     """
     alone = _no_contact()
-    packs, _ = pack_arrays(replace(model, single=False, layer=None), alone["contact_node"])
+    plain = replace(model, single=False, mesh=replace(model.mesh, layer=None))
+    packs, _ = pack_arrays(plain, alone["contact_node"])
     constants = {
         "dt": 1.0,
         "node_mass": mass,

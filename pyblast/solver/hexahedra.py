@@ -69,8 +69,8 @@ def pack_arrays(
     lame, shear = model.node_moduli()
     metric = np.zeros((n_mapped, size, 11, width))
     bricks = np.zeros((len(packs) - n_mapped, 5, width))
-    if model.layer is not None:
-        turned = inverse @ np.array(model.layer.frame, dtype=float).T
+    if mesh.layer is not None:
+        turned = inverse @ np.array(mesh.layer.frame, dtype=float).T
         inverse = np.where(layer.any(axis=1)[:, None, None, None], turned, inverse)
     for number in range(len(packs)):
         zones, full = member[number], real[number]
