@@ -310,7 +310,7 @@ def _grid_zones(counts, pattern):
     corners = _boxes(counts)
     cells = _cells(counts)
     if pattern == "kuhn":
-        return corners[:, _kuhn_zones()].reshape(-1, 4)
+        return corners[:, kuhn_zones()].reshape(-1, 4)
     even = np.array([[1, 2, 4, 7], [0, 1, 2, 4], [3, 2, 1, 7], [5, 4, 7, 1], [6, 7, 4, 2]])
     odd = (even ^ 1)[:, [0, 2, 1, 3]]
     mirrored = cells.sum(axis=1) % 2 == 1
@@ -333,7 +333,7 @@ def _boxes(counts):
     return first[:, None] + steps
 
 
-def _kuhn_zones():
+def kuhn_zones():
     """Return the six tetrahedra (6, 4) around the diagonal 0-7 of a box; corner bits are z y x."""
     zones = []
     for a, b, _ in permutations(range(3)):

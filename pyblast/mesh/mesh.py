@@ -473,7 +473,14 @@ def volumes(mesh: Mesh) -> np.ndarray:
 
 
 def quality(mesh: Mesh) -> np.ndarray:
-    """Return the mean ratio (n_zones,): 1 for a regular tetrahedron, 0 for a flat one."""
+    """Return the quality (n_zones,): 1 for a regular zone, 0 for a flat one.
+
+    Of tetrahedra the mean ratio, of hexahedra the smallest scaled Jacobian at their nodes.
+    """
+    if mesh.hexahedral:
+        jacobian = hexahedra.jacobians(mesh.node_places, mesh.order)
+        lengths = np.linalg.norm(jacobian, axis=2).prod(axis=2)
+        return (np.linalg.det(jacobian) / lengths).min(axis=1)
     return tetrahedra.mean_ratio(mesh.points, mesh.zones)
 
 

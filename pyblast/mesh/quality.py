@@ -10,9 +10,8 @@ from scipy.optimize import linprog
 from scipy.spatial import KDTree
 
 from ..errors import InputError
-from . import tetrahedra
-from .faces import face_keys, face_vectors, pair_faces, zone_faces
-from .mesh import Mesh, components, volumes
+from .faces import face_keys, face_vectors, pair_faces, zone_faces, zone_of_face
+from .mesh import Mesh, components, edge_lengths, volumes
 
 # Measured memory per zone: gmsh with its mesh, and a structured grid.
 MESHING_BYTES, GRID_BYTES = 1900.0, 300.0
@@ -109,11 +108,11 @@ def validate(mesh: Mesh) -> None:
     doubled = np.zeros(len(mesh.zones), dtype=bool)
     doubled[first[counts > 1]] = True
     _refuse(mesh, doubled, "stand in the mesh twice")
-    share = volumes(mesh) / tetrahedra.edge_lengths(mesh.points, mesh.zones).max(axis=1) ** 3
+    share = volumes(mesh) / edge_lengths(mesh).max(axis=1) ** 3
     _refuse(mesh, np.abs(share) < _FLAT, "are flat")
     _refuse(mesh, share < 0.0, "are inverted (negative volume)")
     excess = np.zeros(len(mesh.zones), dtype=bool)
-    excess[mesh.paired_faces[3] // 4] = True
+    excess[zone_of_face(mesh.zones, mesh.paired_faces[3])[0]] = True
     _refuse(mesh, excess, "share a face that two others share already (not manifold)")
     _refuse_coincident(mesh)
     _refuse_parts(mesh)
@@ -154,7 +153,8 @@ def _refuse_coincident(mesh):
 def _refuse_parts(mesh):
     """Raise InputError for a disconnected mesh."""
     first, second, _, _ = pair_faces(_welded(mesh)[mesh.zones], len(mesh.points))
-    count, label = components(first // 4, second // 4, len(mesh.zones))
+    left, right = (zone_of_face(mesh.zones, side)[0] for side in (first, second))
+    count, label = components(left, right, len(mesh.zones))
     if count > 1:
         sizes = np.bincount(label)
         x, y, z = mesh.points[mesh.zones[np.argmax(label == np.argmin(sizes))]].mean(axis=0)
@@ -244,7 +244,7 @@ def block_census(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCensus:
     count = block.max() + 1
     faces = zone_faces(mesh.zones)
     single = mesh.paired_faces[2]
-    owner = block[single // 4]
+    owner = block[zone_of_face(mesh.zones, single)[0]]
     keys = face_keys(faces[single], len(mesh.points))
     on_free = np.zeros(len(single), dtype=bool)
     on_held = np.zeros(len(single), dtype=bool)

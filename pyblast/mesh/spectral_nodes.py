@@ -7,6 +7,7 @@ import numpy as np
 
 from . import hexahedra
 from .faces import face_keys, face_table, pair_faces, zone_faces, zone_of_face
+from .grid import kuhn_zones
 from .mesh import Contacts, Mesh, components, merge_pairs, surface_faces
 from .nodes import kept
 from .ordering import morton_keys
@@ -82,11 +83,11 @@ class SpectralNodes:
         weight = np.outer(w, w).ravel() * np.where(upper, 1.0, -1.0)[:, None]
         return self.zone_nodes[zone[:, None], at], row * weight[..., None]
 
-    def stress_forces(self, stress: np.ndarray) -> np.ndarray:
-        """Return the nodal forces (n_zones, n, 3) in N of stresses (n_zones, n, 3, 3) at nodes, Pa."""
+    def stress_forces(self, stress: np.ndarray, zones: np.ndarray | slice = np.s_[:]) -> np.ndarray:
+        """Return the nodal forces (n_zones, n, 3) in N of stresses (n_zones, n, 3, 3) at nodes."""
         n, slope = self.mesh.order + 1, hexahedra.slopes_on_line(self.mesh.order)
-        flux = np.einsum("zaij,zarj->zair", stress, np.linalg.inv(self.jacobian))
-        flux = (self.volumes[..., None, None] * flux).reshape(-1, n, n, n, 3, 3)
+        flux = np.einsum("zaij,zarj->zair", stress, np.linalg.inv(self.jacobian[zones]))
+        flux = (self.volumes[zones][..., None, None] * flux).reshape(-1, n, n, n, 3, 3)
         force = np.einsum("qi,zkjqc->zkjic", slope, flux[..., 0])
         force += np.einsum("qj,zkqic->zkjic", slope, flux[..., 1])
         force += np.einsum("qk,zqjic->zkjic", slope, flux[..., 2])
@@ -101,6 +102,43 @@ class SpectralNodes:
         by_reference = hexahedra.shape_slopes(self.mesh.order, places)
         jacobian = np.einsum("nac,nar->ncr", self.mesh.node_places[zone], by_reference)
         return np.einsum("nar,nrc->nac", by_reference, np.linalg.inv(jacobian))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """Tetrahedra that show a mesh in figures and files: of hexahedra, six in each by its corners.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    node : (n_points,) int64
+        Node of the model at each point.
+    zone : (n_zones,) int64
+        Zone of the model that each tetrahedron lies in.
+    """
+
+    mesh: Mesh
+    node: np.ndarray
+    zone: np.ndarray
+
+
+def view(mesh: Mesh, zone_nodes: np.ndarray) -> View:
+    """Return the tetrahedra that show a mesh whose zones have nodes (n_zones, n)."""
+    if not mesh.hexahedral:
+        return View(mesh, np.arange(len(mesh.points)), np.arange(len(mesh.zones)))
+    zones = mesh.zones[:, kuhn_zones()].reshape(-1, 4)
+    surfaces = {
+        name: np.concatenate([faces[:, [0, 1, 2]], faces[:, [0, 2, 3]]])
+        for name, faces in mesh.surfaces.items()
+    }
+    line = np.array([0, mesh.order])
+    n = mesh.order + 1
+    local = (line[:, None, None] * n + line[:, None]) * n + line
+    node = np.empty(len(mesh.points), dtype=np.int64)
+    node[mesh.zones] = zone_nodes[:, local.ravel()]
+    group = mesh.zone_group.repeat(6)
+    shown = Mesh(mesh.points, zones, group, mesh.groups, surfaces, mesh.contacts)
+    return View(shown, node, np.arange(len(mesh.zones)).repeat(6))
 
 
 def spectral_nodes(mesh: Mesh) -> SpectralNodes:

@@ -9,7 +9,7 @@ from ..errors import InputError
 from ..mesh.mesh import Mesh, edge_lengths, volumes
 from ..mesh.nodes import Nodes, nodes_of
 from ..mesh.ordering import make_patches, renumbered
-from ..mesh.spectral_nodes import SpectralNodes, spectral_nodes
+from ..mesh.spectral_nodes import SpectralNodes, View, spectral_nodes, view
 from ..units import check_angle
 from .boundary import Boundary, Rim, StressInput, Viscous, check_boundaries
 from .ground_fields import GroundField
@@ -177,6 +177,11 @@ class Model:
         if self.mesh.hexahedral:
             return spectral_nodes(self.mesh)
         return nodes_of(self.mesh, self.quadratic)
+
+    @cached_property
+    def shown(self) -> View:
+        """Tetrahedra that show the model in figures and files."""
+        return view(self.mesh, self.nodes.zone_nodes)
 
     def _check_materials(self):
         """Check that every group has a material valid for its law, and its damping."""

@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..mesh import tetrahedra
-from ..mesh.mesh import locate
+from ..mesh.mesh import locate, quality, volumes
 from ..signals.spectra import dominant_frequency
 from ..solver import assembly, preparation, run
 from ..solver.edge_springs import marching_bytes
@@ -73,7 +72,7 @@ def take_census(project, measure=False) -> Census:
     model = project.model
     geometry, limit = assembly.geometry_arrays(model)
     n_steps = int(np.ceil(project.duration / geometry["dt"]))
-    mass = model.zone_values("density") * tetrahedra.volumes(model.mesh.points, model.mesh.zones)
+    mass = model.zone_values("density") * volumes(model.mesh)
     return Census(
         groups=_groups(model, mass, limit.added_share),
         zones=len(model.mesh.zones),
@@ -94,7 +93,7 @@ def _groups(model, mass, added_share):
     """Count each material."""
     mesh = model.mesh
     edges = model.mean_edges()
-    quality = tetrahedra.mean_ratio(mesh.points, mesh.zones)
+    worst = quality(mesh)
     found = []
     for number, name in enumerate(mesh.groups):
         mine = mesh.zone_group == number
@@ -107,7 +106,7 @@ def _groups(model, mass, added_share):
                     float(mass[mine].sum() / material.density),
                     float(mass[mine].sum()),
                     float(edges[name]),
-                    float(quality[mine].min()),
+                    float(worst[mine].min()),
                     carried_frequency(material.cs, float(edges[name]), model.edges_per_wavelength),
                     float(added_share[name]),
                 )

@@ -69,7 +69,7 @@ def make_ground(config, materials, folder, within) -> Ground:
         try:
             return _hexahedra(config, materials, folder, within)
         except NotMapped as reason:
-            obstacle = str(reason)
+            obstacle = str(reason).removeprefix("mesh: ")
     if kind == "hexahedra":
         raise InputError(
             f"mesh.kind: 'hexahedra' need a ground that is a mapped grid, but {obstacle}; "
@@ -96,7 +96,7 @@ def _obstacle(config, materials):
         return "a damaged zone has a material of its own"
     if config.rim is not None:
         return "the table [rim] damps ground of tetrahedra"
-    if config.input is not None and config.input.enters_as == "plane_wave":
+    if config.signature is not None and config.input.enters_as == "plane_wave":
         return "a plane wave enters ground of tetrahedra only"
     if _frequency(config) is None and mesh.edge_m is None and mesh.edges_per_wavelength is None:
         return "neither mesh.frequency_hz nor mesh.edge_m says how fine it shall be"
@@ -121,9 +121,8 @@ def _hexahedra(config, materials, folder, within):
     sizes = [
         _size(config, part, materials[part.material], order, reach) for part in mesh.layers
     ]
-    face = None if config.input is None else config.input.face
-    inside = face is None
-    open_sides = [side for side in config.boundaries.viscous if side in SIDES] if inside else []
+    enters = config.signature is not None  # through a side, whose waves would leave the layer
+    open_sides = [] if enters else [side for side in config.boundaries.viscous if side in SIDES]
     surface = None if mesh.surface_file is None else read_surface(folder / mesh.surface_file)
     sets, faults = joints_and_faults(mesh)
     with named_error("mesh"):

@@ -192,7 +192,9 @@ def _later(history, lead):
 def _place_holes(inside, config, blast, mesh, lead):
     """Return the holes of a blast as points, without those that misfire (charge 0)."""
     spread, exponent = config.holes_inside.spread_m, config.blast.charge_exponent
-    if spread is None:
+    if spread is None and mesh.hexahedral:
+        spread = 0.0  # they resolve a point source
+    elif spread is None:
         zone, _ = locate(mesh, blast.centres)
         spread = float(edge_lengths(mesh)[zone].mean())
     charges = zip(hole_places(blast).items(), blast.charge, inside.firing.times + lead, strict=True)

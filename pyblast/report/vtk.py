@@ -6,7 +6,7 @@ import meshio
 import numpy as np
 
 from ..errors import ReadError
-from ..mesh import tetrahedra
+from ..mesh.mesh import edge_lengths
 from ..project.census import carried_frequency
 from ..project.result import write_text
 from ..solver.initial_stress import yield_states
@@ -15,7 +15,7 @@ from ..solver.initial_stress import yield_states
 def zone_fields(model):
     """Return group, block and highest frequency carried for every zone, dict of (n_zones,)."""
     mesh = model.mesh
-    edge = tetrahedra.edge_lengths(mesh.points, mesh.zones).mean(axis=1)
+    edge = edge_lengths(mesh).mean(axis=1)
     return {
         "group": mesh.zone_group.astype(np.int32),
         "block": mesh.blocks().astype(np.int32),
@@ -29,6 +29,8 @@ def yield_fields(run):
     The stress has ParaView's order xx yy zz xy yz zx.
     """
     constants = run.prepared.constants
+    if constants["hex_order"]:
+        return {}
     zone, stress, plastic = yield_states(constants, run.state)
     if not len(zone):
         return {}

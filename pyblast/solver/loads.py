@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..mesh.mesh import edge_lengths, locate, surface_areas, surface_zones
+from ..mesh.spectral_nodes import SpectralNodes
 from ..model.anisotropy import impedance, stiffness_of
 from ..model.boundary import Fixed, Roller, StressInput, VelocityInput, Viscous
 from ..model.model import Model
@@ -152,6 +153,10 @@ def _add_column(loads, model, column):
 def _add_moment(loads, nodes, position, tensor, spread, number, delay=0.0):
     """Add forces ``f_a = M grad N_a`` at a place, or over the zones around it."""
     position = np.asarray(position, dtype=float)
+    if isinstance(nodes, SpectralNodes) and spread:
+        zones, forces = _spread_moment(nodes, position, tensor, spread)
+        loads.add(nodes.zone_nodes[zones].ravel(), forces.reshape(-1, 3), number, delay)
+        return
     if nodes.quadratic and not spread:  # quadratic zones resolve a point source
         zones, weight = locate(nodes.mesh, position)
         gradient, shares = nodes.slopes(zones, weight), np.ones(1)
@@ -160,6 +165,29 @@ def _add_moment(loads, nodes, position, tensor, spread, number, delay=0.0):
         gradient = nodes.mean_slopes(zones)
     vectors = (shares[:, None, None] * (gradient @ tensor)).reshape(-1, 3)
     loads.add(nodes.zone_nodes[zones].ravel(), vectors, number, delay)
+
+
+def _spread_moment(nodes, position, tensor, spread):
+    """Return zones, and forces (n, n_nodes, 3) of a moment over a sphere of radius ``spread``.
+
+    The density ``(1 - (r/spread)^2)^2`` is integrated at the nodes, corrected to a sum of one and a
+    first moment at the position; where too few nodes lie in the sphere it is wider.
+    """
+    mesh = nodes.mesh
+    zone, _ = locate(mesh, position)
+    centres = mesh.node_places.mean(axis=1)
+    reach = np.linalg.norm(mesh.node_places - centres[:, None], axis=2).max(axis=1)
+    distance = np.linalg.norm(centres - position, axis=1)
+    spread = max(spread, 2.0 * edge_lengths(mesh)[zone].mean() / mesh.order)
+    near = _own_ground(mesh, int(zone[0]), np.maximum(distance - reach, 0.0), spread)
+    places = mesh.node_places[near] - position
+    share = np.maximum(1.0 - (places**2).sum(axis=2) / spread**2, 0.0) ** 2
+    weight = nodes.volumes[near] * share
+    basis = np.concatenate([np.ones((*places.shape[:2], 1)), places / spread], axis=2)
+    moments = np.einsum("zna,zn,znb->ab", basis, weight, basis)
+    weight *= basis @ np.linalg.solve(moments, np.array([1.0, 0.0, 0.0, 0.0]))
+    stress = -(weight / nodes.volumes[near])[..., None, None] * tensor
+    return near, nodes.stress_forces(stress, near)
 
 
 def _add_pressure(loads, model, source):

@@ -233,18 +233,18 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         "simulated": simulated,
         "recorded": project.recorded,
     }
-    mesh, contacts = project.model.mesh, project.model.nodes.contacts
-    corners = len(mesh.points)
+    shown, contacts = project.model.shown, project.model.nodes.contacts
+    mesh = shown.mesh
     arrays = {group: {n: s.velocity for n, s in g.items()} for group, g in groups.items()}
     arrays |= {
         "sources": source_tables(project),
         "mesh": {"points": mesh.points, "zones": mesh.zones},
         "surfaces": dict(mesh.surfaces),
-        "zones": zone_fields(project.model),
+        "zones": {n: v[shown.zone] for n, v in zone_fields(project.model).items()},
         "energy": run_.energy,
         "state": run_.state,
         "snapshots": {
-            f"{t - project.lead:.6f}": v[:corners] for t, v in run_.snapshots.items()
+            f"{t - project.lead:.6f}": v[shown.node] for t, v in run_.snapshots.items()
         },
         "contacts": {} if contacts is None else {
             n: getattr(contacts, n) for n in ("joint", "minus", "plus", "normal", "area")
@@ -270,13 +270,15 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
     folder, run_ = outcome.folder, outcome.run
     write_result(folder / RESULT, outcome.result)
     write_summary(folder / "summary.json", outcome.result.summary)
-    mesh, displacement = model.mesh, run_.state["displacement"][: len(model.mesh.points)]
+    shown = model.shown
+    mesh, displacement = shown.mesh, run_.state["displacement"][shown.node]
     moved = {"displacement": displacement}
     fields = {**zone_fields(model), **yield_fields(run_)}
+    fields = {name: values[shown.zone] for name, values in fields.items()}
     write_zones(folder / "zones.vtu", mesh.points, mesh.zones, fields, moved)
     if mesh.contacts is not None:
         write_joints(folder / "joints.vtu", mesh, displacement)
-    snapshots = {t: v[: len(mesh.points)] for t, v in run_.snapshots.items()}
+    snapshots = {t: v[shown.node] for t, v in run_.snapshots.items()}
     write_motion(folder, mesh.points, mesh.zones, snapshots)
 
 
@@ -287,8 +289,10 @@ def write_mesh_files(project: Project, out: str | Path) -> Census:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ReadError(f"{out}: can't be made ({error.strerror or error})") from None
-    mesh = project.model.mesh
-    write_zones(out / "zones.vtu", mesh.points, mesh.zones, zone_fields(project.model))
+    shown = project.model.shown
+    mesh = shown.mesh
+    fields = {name: values[shown.zone] for name, values in zone_fields(project.model).items()}
+    write_zones(out / "zones.vtu", mesh.points, mesh.zones, fields)
     write_joints(out / "joints.vtu", mesh)
     return take_census(project)
 
