@@ -4,8 +4,7 @@ module pyblast_absorbing_layer
     !! The mass of a node in the array of masses holds the part of its stretch that acts at once; the
     !! rest is a force that depends on the past. Zones of the layer: hex_forces.
     !! Source: theory.md (4.14) to (4.18).
-    use pyblast_kinds, only : dp
-    use pyblast_batch, only : n_batch
+    use pyblast_kinds, only : dp, least_shared
     use pyblast_model_types, only : contact_arrays, layer_arrays, layer_state
     implicit none
     private
@@ -14,7 +13,7 @@ module pyblast_absorbing_layer
 contains
 
     subroutine add_layer_forces(layer, contacts, n_nodes, n_slots, n_parts, part_force, velocity, &
-                                     state, force, zone_force, work_of_step, power)
+                                state, force, zone_force, before, power)
         !! Add what the past of the layer does to its nodes, and the stretch of joints that cross it.
         type(layer_arrays), intent(in) :: layer
         type(contact_arrays), intent(in) :: contacts
@@ -24,45 +23,42 @@ contains
         type(layer_state), intent(inout) :: state
         real(dp), intent(inout) :: force(3, n_nodes)               !! of the nodes [N]
         real(dp), intent(inout) :: zone_force(3, n_nodes)          !! part of it, of zones and layer
-        real(dp), intent(out) :: work_of_step(:, :)                !! velocity kept for update_layer
+        real(dp), intent(out) :: before(:, :)                      !! velocity of the layer's nodes
         real(dp), intent(inout) :: power                           !! that zones and layer take [W]
-        real(dp) :: pull(3), stretched(3)
-        integer :: c, k, n
+        real(dp) :: pull(3), taken(size(layer%layer_node)), added(3)
+        integer :: c, k, n, side
 
+        !$omp parallel do schedule(static) default(none) private(n, pull) &
+        !$omp& shared(layer, state, velocity, force, zone_force, before, taken) &
+        !$omp& if (n_nodes >= least_shared)
         do k = 1, size(layer%layer_node)
             n = layer%layer_node(k)
-            associate (s => layer%node_stretch(:, :, k), y => state%node_memory(:, :, k))
-                pull = s(2, 1)*y(:, 1) + at_once(s(:, 1))*(s(2, 2)*y(:, 2) &
-                                                           + at_once(s(:, 2))*s(2, 3)*y(:, 3))
-            end associate
-            call add(n, -layer%layer_mass(k)*pull)
-            work_of_step(:, k) = velocity(:, n)
+            pull = past(layer%node_stretch(:, :, k), state%node_memory(:, :, k))
+            pull = -layer%layer_mass(k)*pull
+            force(:, n) = force(:, n) + pull
+            zone_force(:, n) = zone_force(:, n) + pull
+            before(:, k) = velocity(:, n)
+            taken(k) = dot_product(pull, velocity(:, n))
         end do
+        !$omp end parallel do
+        power = power - sum(taken)
         do k = 1, size(layer%crossing_part)
             c = layer%crossing_part(k)
             pull = part_force(:, n_slots + 2*c - 1)
-            stretched = pull
-            call times_stretches(layer%crossing_stretch(:, :, k), state%crossing_memory(:, :, k), &
-                                 stretched)
-            call add(contacts%contact_node(1, c), stretched - pull)
-            call add(contacts%contact_node(2, c), pull - stretched)
+            added = pull
+            call times_stretches(layer%crossing_stretch(:, :, k), state%crossing_memory(:, :, k), added)
+            added = added - pull
+            do side = 1, 2
+                n = contacts%contact_node(side, c)
+                force(:, n) = force(:, n) + added
+                zone_force(:, n) = zone_force(:, n) + added
+                power = power - dot_product(added, velocity(:, n))
+                added = -added
+            end do
         end do
-
-    contains
-
-        subroutine add(node, own)
-            !! Add a force to a node, and its power.
-            integer, intent(in) :: node
-            real(dp), intent(in) :: own(3)
-
-            force(:, node) = force(:, node) + own
-            zone_force(:, node) = zone_force(:, node) + own
-            power = power - dot_product(own, velocity(:, node))
-        end subroutine add
-
     end subroutine add_layer_forces
 
-    pure subroutine update_layer(layer, dt, n_nodes, velocity, before, state)
+    subroutine update_layer(layer, dt, n_nodes, velocity, before, state)
         !! Let the memory of the nodes follow their acceleration in the step.
         type(layer_arrays), intent(in) :: layer
         real(dp), intent(in) :: dt
@@ -73,15 +69,31 @@ contains
         real(dp) :: acceleration(3)
         integer :: k
 
+        !$omp parallel do schedule(static) default(none) private(acceleration) &
+        !$omp& shared(layer, dt, velocity, before, state) if (n_nodes >= least_shared)
         do k = 1, size(layer%layer_node)
             acceleration = (velocity(:, layer%layer_node(k)) - before(:, k))/dt
             call times_stretches(layer%node_stretch(:, :, k), state%node_memory(:, :, k), acceleration)
         end do
+        !$omp end parallel do
     end subroutine update_layer
+
+    pure function past(stretch, memory) result(value)
+        !! What the stretches of three axes add to an acceleration, from the past.
+        real(dp), intent(in) :: stretch(5, 3), memory(3, 3)
+        real(dp) :: value(3)
+        integer :: a
+
+        value = 0.0_dp
+        do a = 3, 1, -1
+            if (stretch(2, a) > 0.0_dp) &
+                value = at_once(stretch(:, a))*value + stretch(2, a)*memory(:, a)
+        end do
+    end function past
 
     pure function at_once(stretch) result(share)
         !! What a stretch does to a value of the same instant.
-        real(dp), intent(in) :: stretch(4)
+        real(dp), intent(in) :: stretch(5)
         real(dp) :: share
 
         share = stretch(1) + stretch(2)*stretch(3)
@@ -89,12 +101,13 @@ contains
 
     pure subroutine times_stretches(stretch, memory, value)
         !! Multiply a vector with the stretches of the third, second and first axis; (4.16).
-        real(dp), intent(in) :: stretch(4, 3)
+        real(dp), intent(in) :: stretch(5, 3)
         real(dp), intent(inout) :: memory(3, 3), value(3)
         real(dp) :: drive(3)
         integer :: a
 
         do a = 3, 1, -1
+            if (.not. stretch(2, a) > 0.0_dp) cycle
             drive = stretch(3, a)*value
             memory(:, a) = memory(:, a) + drive
             value = stretch(1, a)*value + stretch(2, a)*memory(:, a)

@@ -74,11 +74,12 @@ contains
         type(zone_state), intent(inout) :: zones
         real(dp), intent(inout) :: force(kernel_width, 3, n)
         real(dp), dimension(kernel_width, 3, n) :: u, v, deviatoric, volumetric
-        integer :: a, first, last, n_nodes
+        integer :: first, last, most, n_nodes
         logical :: apart
 
         associate (ground => model%ground, set => model%hexes%pack_set(p), layer => model%layer, &
                    node => model%hexes%pack_node(:, :, p))
+            most = size(model%hexes%pack_metric, 4)
             first = layer%slab_start(p)
             last = layer%slab_start(p + 1) - 1
             n_nodes = size(nodes%velocity, 3)
@@ -98,8 +99,11 @@ contains
                         > 0.0_dp)
             call turn(n, layer%layer_frame, deviatoric)
             if (apart) call turn(n, layer%layer_frame, volumetric)
-            call forces_in_layer(model%hexes, n, wide, model%hexes%pack_metric(:, :, :, p), &
-                                 last - first + 1, layer%slab_axis(first:last), &
+            call forces_in_layer(model%hexes, n, wide, &
+                                 model%hexes%pack_metric(:, :, :, min(p, most)), &
+                                 model%hexes%pack_brick(:, :, max(1, p - model%hexes%n_mapped)), &
+                                 p > model%hexes%n_mapped, last - first + 1, &
+                                 layer%slab_axis(first:last), &
                                  layer%slab_stretch(:, :, :, first:last), deviatoric, apart, &
                                  volumetric, zones%slab_memory(:, :, :, first:last), force)
             call turn(n, transpose(layer%layer_frame), force)

@@ -120,8 +120,8 @@ contains
                                shape(layer%layer_frame), shape(layer%layer_mass), &
                                shape(layer%node_stretch), shape(layer%crossing_stretch), &
                                shape(state%node_memory), shape(state%crossing_memory), n_memory], &
-                              [packs + 1, slabs, hex_width, 4, n, slabs, hex_width, slabs, 3, 3, &
-                               nodes, 4, 3, nodes, 4, 3, crossings, 3, 3, nodes, 3, 3, crossings, &
+                              [packs + 1, slabs, hex_width, 5, hexes%order + 1, slabs, hex_width, slabs, 3, 3, &
+                               nodes, 5, 3, nodes, 5, 3, crossings, 3, 3, nodes, 3, 3, crossings, &
                                hex_width*10*n*slabs], message)
         end associate
         if (allocated(message)) return
@@ -132,8 +132,6 @@ contains
         if (any(layer%slab_start(2:) < layer%slab_start(:packs)) &
             .or. any(layer%slab_start(2:) - layer%slab_start(:packs) > 3)) &
             message = "'arrays/slab_start' does not ascend by up to three"
-        if (any(layer%slab_start(hexes%n_mapped + 1:) /= layer%slab_start(packs + 1))) &
-            message = "'arrays/slab_start' has slabs of packs that are bricks"
     end subroutine check_layer
 
     subroutine check_node_sizes(model, n_steps, message)

@@ -47,23 +47,24 @@ module pyblast_model_types
     end type hex_arrays
 
     type, public :: layer_arrays
-        !! Absorbing layer of hexahedra: stretches along up to three axes, as four numbers each: kappa,
-        !! d [1/s], z [s], b. A slab is a pack that is stretched along one axis; a pack at an edge of
+        !! Absorbing layer of hexahedra: stretches along up to three axes, as five numbers each: kappa,
+        !! d [1/s], z [s], b, 1/(kappa + d z). A slab is a pack that is stretched along one axis; a pack at an edge of
         !! the model has two slabs, at a corner three. Source: theory.md (4.14) to (4.18).
         integer :: n_slabs                                       !! 0: no layer
         integer, contiguous, pointer :: slab_start(:)            !! of each pack (n_packs + 1)
         integer, contiguous, pointer :: slab_axis(:)             !! (n_slabs)
         real(dp), contiguous, pointer :: slab_stretch(:, :, :, :)
-            !! (hex_width, 4, (order + 1)^3, n_slabs)
+            !! at the nodes along the axis, which is that of the reference zone, too
+            !! (hex_width, 5, order + 1, n_slabs)
         real(dp), contiguous, pointer :: slab_lag(:, :)          !! of the viscosity of zones
                                                                  !! (hex_width, n_slabs) [s]
         real(dp), contiguous, pointer :: layer_frame(:, :)       !! unit vectors of the axes (3, 3)
         integer, contiguous, pointer :: layer_node(:)            !! (n_layer_nodes)
         real(dp), contiguous, pointer :: layer_mass(:)           !! without stretch [kg]
-        real(dp), contiguous, pointer :: node_stretch(:, :, :)   !! (4, 3 axes, n_layer_nodes)
+        real(dp), contiguous, pointer :: node_stretch(:, :, :)   !! (5, 3 axes, n_layer_nodes)
         integer, contiguous, pointer :: crossing_part(:)         !! contacts in the layer (n_crossings)
         real(dp), contiguous, pointer :: crossing_stretch(:, :, :)
-            !! (4, 3 axes, n_crossings)
+            !! (5, 3 axes, n_crossings)
     end type layer_arrays
 
     type, public :: edge_arrays

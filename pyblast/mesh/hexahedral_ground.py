@@ -99,9 +99,7 @@ def build_hexahedra(
     lateral = SIDES[:4]
     turned = np.abs(frame[0, :2] @ frame[0, :2][::-1]) > PARALLEL
     if turned and not set(lateral) <= set(open_sides):
-        raise NotMapped(
-            "the strike of its planes is oblique to sides where the model ends"
-        )
+        raise NotMapped("the strike of its planes is oblique to sides where the model ends")
     slope = 0.0 if dip is None else 1.0 / np.tan(dip)
     inner = _inner(box, frame, within if turned else None, min(sizes))
     planes = _planes(joint_sets, faults, box, inner, frame, dip, layers, limits)
@@ -119,9 +117,7 @@ def _frame(sets, faults):
         (name, n) for name, n in zip(names, normals, strict=True)
         if np.hypot(*n[:2]) > PARALLEL and abs(n[2]) > PARALLEL
     ]  # fmt: skip
-    steep = [
-        (name, n) for name, n in zip(names, normals, strict=True) if abs(n[2]) <= PARALLEL
-    ]
+    steep = [(name, n) for name, n in zip(names, normals, strict=True) if abs(n[2]) <= PARALLEL]
     first = np.array([1.0, 0.0])
     if dipping or steep:
         first = (dipping or steep)[0][1][:2]
@@ -251,7 +247,8 @@ class _Grid:
                 anchors += list(limits)
             anchors = _distinct([v for v in anchors if low <= v <= high], low, high)
             steps = [
-                self._step(axis, first, second, limits, sizes) for first, second in pairwise(anchors)
+                self._step(axis, first, second, limits, sizes)
+                for first, second in pairwise(anchors)
             ]
             parts = [
                 np.linspace(first, second, n + 1)[:-1]
@@ -306,9 +303,7 @@ class _Grid:
             along = x + share * self.slope * (top - np.maximum(height, bottom))
             if surface is None:
                 break
-            ground = surface(
-                np.clip(along, *self.inner[0]), np.clip(y, *self.inner[1])
-            )
+            ground = surface(np.clip(along, *self.inner[0]), np.clip(y, *self.inner[1]))
             stretch = (ground - bottom) / (top - bottom)
             height = np.where(z > bottom, bottom + (z - bottom) * stretch, z)
         return np.stack([along, y, height], axis=-1)
@@ -339,7 +334,9 @@ class _Grid:
         layer = None
         if self.open.any():
             inner = np.where(self.open, self.inner, [-np.inf, np.inf])
-            layer = AbsorbingLayer(*(tuple(map(tuple, part)) for part in (inner, self.width, frame)))
+            layer = AbsorbingLayer(
+                *(tuple(map(tuple, part)) for part in (inner, self.width, frame))
+            )
         return Mesh(
             points, zones, number[group], tuple(names), surfaces,
             order=order, places=nodes, layer=layer,

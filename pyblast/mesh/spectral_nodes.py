@@ -174,8 +174,8 @@ def _numbered(mesh):
     for name in mesh.surfaces:
         zone, local = zone_of_face(mesh.zones, surface_faces(mesh, name))
         surfaces[name] = zone_nodes[zone[:, None], grids.reshape(hexahedra.N_FACES, -1)[local]]
-    if mesh.contacts is None:
-        return points[order], zone_nodes, surfaces, None
+    if mesh.contacts is None or not names:
+        return points[order], zone_nodes, surfaces, mesh.contacts
     nodes = SpectralNodes(mesh, points[order], zone_nodes, surfaces, None)
     split = ~welded
     pair = [zone_nodes.ravel()[side[split].reshape(np.count_nonzero(split), -1)] for side in sides]

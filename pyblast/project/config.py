@@ -255,7 +255,7 @@ class RunConfig(Section):
 
     duration_s: Positive
     added_mass: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0025
-    step_factor: Annotated[float, Field(gt=0.0, le=1.0)] = 0.8
+    step_factor: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     local_damping: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     snapshots_s: list[NotNegative] = Field([])
     compare_band_hz: Band | None = None

@@ -118,9 +118,7 @@ def _hexahedra(config, materials, folder, within):
     low, size = np.array(mesh.origin_m), np.array(mesh.size_m)
     layers = [Layer(part.material, part.thickness_m) for part in mesh.layers]
     reach = _longest_path(within)
-    sizes = [
-        _size(config, part, materials[part.material], order, reach) for part in mesh.layers
-    ]
+    sizes = [_size(config, part, materials[part.material], order, reach) for part in mesh.layers]
     enters = config.signature is not None  # through a side, whose waves would leave the layer
     open_sides = [] if enters else [side for side in config.boundaries.viscous if side in SIDES]
     surface = None if mesh.surface_file is None else read_surface(folder / mesh.surface_file)
@@ -131,9 +129,7 @@ def _hexahedra(config, materials, folder, within):
             open_sides=open_sides, within=within, surface=surface,
         )  # fmt: skip
     ends = "an absorbing layer" if open_sides else "no absorbing layer"
-    reason = (
-        f"hexahedra of order {order}, edges up to {max(sizes):.3g} m, {ends}: {len(made.zones)} zones"
-    )
+    reason = f"hexahedra of order {order}, edges up to {max(sizes):.3g} m, {ends}: {len(made.zones)} zones"
     return Ground(made, reason)
 
 

@@ -5,30 +5,32 @@ from typing import Any
 import numpy as np
 
 from .. import core
+from ..errors import InputError
 from ..mesh.absorbing_layer import AbsorbingLayer
 from ..model.model import Model
 
 REFLECTION = 1e-7  # amplitude that a wave of normal incidence would keep
 STRENGTH = 7.0  # real stretch at the outer edge
 VISCOSITY = 0.005  # times edge over cs: of the zones, against waves that the grid does not carry
+ACROSS = 1e-6  # of its width: largest change of depth across the axis of a zone of the layer
 PARALLEL = 0.5  # |cosine| of normal and axis above which a joint is not stretched along the axis
 
 
-def no_layer(single: bool, n_packs: int, size: int) -> dict[str, Any]:
-    """Return the kernel arrays of a model without absorbing layer; ``size``: nodes of a zone."""
+def no_layer(single: bool, n_packs: int, n_line: int) -> dict[str, Any]:
+    """Return the kernel arrays of a model without absorbing layer; ``n_line``: order + 1."""
     width = core.HEX_WIDTH[single]
     return {
         "n_slabs": 0,
         "slab_start": np.zeros(n_packs + 1, dtype=np.int32),
         "slab_axis": np.zeros(1, dtype=np.int32),
-        "slab_stretch": np.zeros((1, size, 4, width)),
+        "slab_stretch": np.zeros((1, n_line, 5, width)),
         "slab_lag": np.zeros((1, width)),
         "layer_frame": np.eye(3),
         "layer_node": np.zeros(1, dtype=np.int32),
         "layer_mass": np.zeros(1),
-        "node_stretch": np.zeros((1, 3, 4)),
+        "node_stretch": np.zeros((1, 3, 5)),
         "crossing_part": np.zeros(1, dtype=np.int32),
-        "crossing_stretch": np.zeros((1, 3, 4)),
+        "crossing_stretch": np.zeros((1, 3, 5)),
     }
 
 
@@ -48,7 +50,7 @@ def in_layer(model: Model) -> np.ndarray:
 
 
 def stretches(layer: AbsorbingLayer, places: np.ndarray, fastest: float, dt: float) -> np.ndarray:
-    """Return the stretch of the axes at places: kappa, d (1/s), z (s), b; theory.md (4.15), (4.16).
+    """Return the stretch of the axes at places; theory.md (4.15), (4.16).
 
     Parameters
     ----------
@@ -60,21 +62,17 @@ def stretches(layer: AbsorbingLayer, places: np.ndarray, fastest: float, dt: flo
 
     Returns
     -------
-    (..., 3, 4) float64
+    (..., 3, 5) float64
+        kappa, d in 1/s, z in s, b, and 1/(kappa + d z).
     """
     depth = layer.depths(places)
     loss = 2.0 * fastest * np.log(1.0 / REFLECTION) / layer.widths(places) * depth**3
     shift = 2.0 * np.pi * layer.lowest / 6.0 * (1.0 - depth)
     half = 0.5 * dt
-    return np.stack(
-        [
-            1.0 + (STRENGTH - 1.0) * depth**3,
-            loss,
-            half / (1.0 + half * shift),
-            (1.0 - half * shift) / (1.0 + half * shift),
-        ],
-        axis=-1,
-    )
+    real = 1.0 + (STRENGTH - 1.0) * depth**3
+    share = half / (1.0 + half * shift)
+    keeps = (1.0 - half * shift) / (1.0 + half * shift)
+    return np.stack([real, loss, share, keeps, 1.0 / (real + loss * share)], axis=-1)
 
 
 def layer_arrays(model: Model, arrays: dict[str, Any], member: np.ndarray) -> dict[str, Any]:
@@ -88,9 +86,9 @@ def layer_arrays(model: Model, arrays: dict[str, Any], member: np.ndarray) -> di
     member : (n_packs, width) int64
         Zone in each lane of each pack.
     """
-    size, layer = model.nodes.zone_nodes.shape[1], model.mesh.layer
+    n_line, layer = model.mesh.order + 1, model.mesh.layer
     if layer is None:
-        return no_layer(model.single, len(member), size)
+        return no_layer(model.single, len(member), n_line)
     mesh, nodes, dt = model.mesh, model.nodes, arrays["dt"]
     inside = in_layer(model)
     own = inside.any(axis=1)
@@ -100,7 +98,17 @@ def layer_arrays(model: Model, arrays: dict[str, Any], member: np.ndarray) -> di
     of_pack = np.repeat(np.arange(len(member)), [len(part) for part in axes])
     slab_axis = np.concatenate([np.zeros(0, dtype=int), *axes])
     zones = member[of_pack]
-    at = stretches(layer, mesh.node_places[zones], fastest, dt)
+    corner = n_line ** np.arange(3)  # number of the nodes along the three axes of a zone
+    line = corner[slab_axis][:, None] * np.arange(n_line)
+    places = mesh.node_places[zones[:, :, None], line[:, None, :]]
+    depths = layer.depths(mesh.node_places[zones]).reshape(-1, *[n_line] * 3, 3)
+    for slab, axis in enumerate(slab_axis):
+        by_axis = np.moveaxis(
+            depths[slab * member.shape[1] :][: member.shape[1], ..., axis], 3 - axis, 1
+        )
+        if np.ptp(by_axis.reshape(member.shape[1], n_line, -1), axis=2).max(initial=0.0) > ACROSS:
+            raise InputError("layer: its axes must be those of the zones in it, as in a grid")
+    at = stretches(layer, places, fastest, dt)
     picked = np.take_along_axis(at, slab_axis[:, None, None, None, None], axis=3)[:, :, :, 0]
     depth = layer.depths(mesh.node_places[zones]).max(axis=-1)
     edge = nodes.volumes.sum(axis=1)[zones] ** (1.0 / 3.0)
@@ -147,5 +155,5 @@ def _crossings(model, fastest, dt):
 
 
 def _no_stretch(n):
-    """Return stretches (n, 3, 4) of one."""
-    return np.tile([1.0, 0.0, 0.0, 0.0], (n, 3, 1))
+    """Return stretches (n, 3, 5) of one."""
+    return np.tile([1.0, 0.0, 0.0, 0.0, 1.0], (n, 3, 1))

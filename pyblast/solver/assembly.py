@@ -179,7 +179,7 @@ def zone_product(model: Model, mass: np.ndarray) -> Callable[[np.ndarray], np.nd
         **alone,
         **zone_laws(model),
         **packs,
-        **no_layer(False, len(packs["pack_set"]), model.nodes.zone_nodes.shape[1]),
+        **no_layer(False, len(packs["pack_set"]), model.mesh.order + 1),
         **zero_loads(2),
         **no_conditions(),
         "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),

@@ -35,9 +35,7 @@ def no_packs(single: bool) -> dict[str, Any]:
     }
 
 
-def pack_arrays(
-    model: Model, contact_node: np.ndarray
-) -> tuple[dict[str, Any], np.ndarray]:
+def pack_arrays(model: Model, contact_node: np.ndarray) -> tuple[dict[str, Any], np.ndarray]:
     """Return the kernel arrays of the hexahedra of a model; theory.md (2.44) to (2.47).
 
     Parameters
@@ -54,9 +52,12 @@ def pack_arrays(
     """
     mesh, nodes, width = model.mesh, model.nodes, core.HEX_WIDTH[model.single]
     order, size = mesh.order, nodes.zone_nodes.shape[1]
-    inverse = np.linalg.inv(nodes.jacobian)
     layer = in_layer(model)
-    brick = _bricks(inverse) & (not model.ground) & ~layer.any(axis=1)
+    inverse = np.linalg.inv(nodes.jacobian)
+    if mesh.layer is not None:
+        turned = inverse @ np.array(mesh.layer.frame, dtype=float).T
+        inverse = np.where(layer.any(axis=1)[:, None, None, None], turned, inverse)
+    brick = _bricks(inverse) & (not model.ground)
     # Packs are of one form, stretched along the same axes, and of one group.
     kind = (layer @ [1, 2, 4] + 8 * brick) * len(mesh.groups) + mesh.zone_group
     packs, n_mapped = [], 0
@@ -69,9 +70,6 @@ def pack_arrays(
     lame, shear = model.node_moduli()
     metric = np.zeros((n_mapped, size, 11, width))
     bricks = np.zeros((len(packs) - n_mapped, 5, width))
-    if mesh.layer is not None:
-        turned = inverse @ np.array(mesh.layer.frame, dtype=float).T
-        inverse = np.where(layer.any(axis=1)[:, None, None, None], turned, inverse)
     for number in range(len(packs)):
         zones, full = member[number], real[number]
         if number < n_mapped:

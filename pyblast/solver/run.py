@@ -304,10 +304,14 @@ def run_many(
 
 
 def _over_one_mesh(models):
-    """Return the numbers of the models of each mesh; models in single precision run alone."""
+    """Return the numbers of the models of each mesh.
+
+    Models in single precision and models with an absorbing layer run alone.
+    """
     groups = {}
     for number, model in enumerate(models):
-        groups.setdefault((id(model.mesh), model.single and number), []).append(number)
+        alone = model.single or model.mesh.layer is not None
+        groups.setdefault((id(model.mesh), alone and number), []).append(number)
     return groups.values()
 
 
@@ -325,7 +329,12 @@ def _run_batch(models, duration, step):
     wall = (time.perf_counter() - began) / len(models)
     runs = []
     for lane, (model, one) in enumerate(zip(models, prepared, strict=True)):
-        last = {name: np.take(state[name], lane, core.LANE_AXIS[name]) for name in one.state}
+        last = {
+            name: np.take(state[name], lane, core.LANE_AXIS[name])
+            if name in core.LANE_AXIS
+            else state[name]
+            for name in one.state
+        }
         records = [np.ascontiguousarray(part[..., lane]) for part in (motion, energy)]
         runs.append(collect(model, one, records[0], records[1], last, wall, {}))
     return runs
@@ -353,7 +362,12 @@ def stacked(
             together[name] = _lanes(name, [one[name] for one in shifted], fill)
         else:
             together[name] = _common(name, [one[name] for one in constants])
-    return together, {name: _lanes(name, [one[name] for one in states], fill) for name in states[0]}
+    return together, {
+        name: _lanes(name, [one[name] for one in states], fill)
+        if name in core.LANE_AXIS
+        else states[0][name]
+        for name in states[0]
+    }
 
 
 def _common_edges(constants):
