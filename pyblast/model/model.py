@@ -17,7 +17,6 @@ from .joint import Joint
 from .material import Branch, Damping, Material, ZoneLaw
 from .source import Source
 
-
 HEX_NODES = 5.0  # of hexahedra per S wavelength, for an error of about one per cent
 
 

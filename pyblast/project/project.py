@@ -56,7 +56,6 @@ from .places import (
 )
 from .section import named_error
 
-
 # Time step over the critical one: of tetrahedra that is a bound, of hexahedra the limit itself.
 STEP_FACTOR = {False: 0.8, True: 0.95}
 
