@@ -52,9 +52,7 @@ class AbsorbingLayer:
         if width.shape != (3, 2) or not (width > 0.0).all():
             raise InputError(f"layer.width: must be three positive pairs, got {self.width}")
         if frame.shape != (3, 3) or np.abs(frame @ frame.T - np.eye(3)).max() > 1e-9:
-            raise InputError(
-                f"layer.frame: must be three orthogonal unit vectors, got {self.frame}"
-            )
+            raise InputError(f"layer.frame: must be orthogonal unit vectors, got {self.frame}")
         if not 0.0 < self.lowest < np.inf:
             raise InputError(f"layer.lowest: must be positive, got {self.lowest:g} Hz")
 

@@ -1,4 +1,4 @@
-"""Ground of spectral hexahedra: a grid turned to the strike, sheared along a dip, draped on a surface.
+"""Ground of spectral hexahedra: a grid turned to the strike, sheared along a dip, draped.
 
 It takes layers, horizontal and upright planes in two directions, and one family of parallel dipping
 planes. Coordinates of the grid are those of the ground turned about the vertical: the first axis
@@ -33,7 +33,7 @@ class NotMapped(InputError):
 
 @dataclass(frozen=True, eq=False)
 class _Plane:
-    """A plane of the grid: its axis, its place there at the top, and the part of it that is open."""
+    """Plane of the grid: its axis, its place there at the top, and the open part of it."""
 
     name: str
     axis: int
@@ -102,7 +102,7 @@ def build_hexahedra(
         raise NotMapped("the strike of its planes is oblique to sides where the model ends")
     slope = 0.0 if dip is None else 1.0 / np.tan(dip)
     inner = _inner(box, frame, within if turned else None, min(sizes))
-    planes = _planes(joint_sets, faults, box, inner, frame, dip, layers, limits)
+    planes = _planes(joint_sets, faults, box, inner, frame, dip)
     grid = _Grid(inner, slope, planes, limits, np.asarray(sizes, dtype=float), open_sides)
     count = np.prod([len(axis) - 1 for axis in grid.axes]) * order**3
     refuse_beyond_memory(f"mesh: a grid of {count} nodes of hexahedra", count * BYTES_PER_NODE)
@@ -162,7 +162,7 @@ def _inner(box, frame, within, size):
     return np.vstack([inner, box[2]])
 
 
-def _planes(sets, faults, box, inner, frame, dip, layers, limits):
+def _planes(sets, faults, box, inner, frame, dip):
     """Return the planes of the grid that cut the model."""
     planes = []
     for fault in faults:

@@ -1,4 +1,4 @@
-"""Choice of the elements of a project: spectral hexahedra where the ground allows it, or tetrahedra."""
+"""Choice of the elements of a project: spectral hexahedra where the ground allows it."""
 
 from dataclasses import dataclass
 
@@ -129,7 +129,8 @@ def _hexahedra(config, materials, folder, within):
             open_sides=open_sides, within=within, surface=surface,
         )  # fmt: skip
     ends = "an absorbing layer" if open_sides else "no absorbing layer"
-    reason = f"hexahedra of order {order}, edges up to {max(sizes):.3g} m, {ends}: {len(made.zones)} zones"
+    zones = f"{len(made.zones)} zones"
+    reason = f"hexahedra of order {order}, edges up to {max(sizes):.3g} m, {ends}: {zones}"
     return Ground(made, reason)
 
 
@@ -144,9 +145,8 @@ def _size(config, part, material, order, reach):
     """Return the largest edge in m of the hexahedra of a layer."""
     mesh = config.mesh
     edge = mean_edge(mesh, part, material)
-    if edge is None:
-        top = _frequency(config)
-    else:
+    top = _frequency(config)
+    if edge is not None:
         top = material.cs / (TETRAHEDRA[mesh.quadratic] * edge)
     nodes = nodes_per_wavelength(order, mesh.accuracy, reach * top / material.cs)
     return order * material.cs / (nodes * top)

@@ -101,12 +101,10 @@ def layer_arrays(model: Model, arrays: dict[str, Any], member: np.ndarray) -> di
     corner = n_line ** np.arange(3)  # number of the nodes along the three axes of a zone
     line = corner[slab_axis][:, None] * np.arange(n_line)
     places = mesh.node_places[zones[:, :, None], line[:, None, :]]
-    depths = layer.depths(mesh.node_places[zones]).reshape(-1, *[n_line] * 3, 3)
-    for slab, axis in enumerate(slab_axis):
-        by_axis = np.moveaxis(
-            depths[slab * member.shape[1] :][: member.shape[1], ..., axis], 3 - axis, 1
-        )
-        if np.ptp(by_axis.reshape(member.shape[1], n_line, -1), axis=2).max(initial=0.0) > ACROSS:
+    depths = layer.depths(mesh.node_places[zones]).reshape(-1, member.shape[1], *[n_line] * 3, 3)
+    for depth, axis in zip(depths, slab_axis, strict=True):
+        lines = np.moveaxis(depth[..., axis], 3 - axis, 1).reshape(member.shape[1], n_line, -1)
+        if np.ptp(lines, axis=2).max() > ACROSS:
             raise InputError("layer: its axes must be those of the zones in it, as in a grid")
     at = stretches(layer, places, fastest, dt)
     picked = np.take_along_axis(at, slab_axis[:, None, None, None, None], axis=3)[:, :, :, 0]
