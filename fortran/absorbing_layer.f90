@@ -26,14 +26,18 @@ contains
         real(dp), intent(out) :: before(:, :)                      !! velocity of the layer's nodes
         real(dp), intent(inout) :: power                           !! that zones and layer take [W]
         real(dp) :: pull(3), taken(size(layer%layer_node)), added(3)
-        integer :: c, k, n, side
+        integer :: c, e, k, n, side
 
-        !$omp parallel do schedule(static) default(none) private(n, pull) &
+        !$omp parallel do schedule(static) default(none) private(e, n, pull) &
         !$omp& shared(layer, state, velocity, force, zone_force, before, taken) &
         !$omp& if (n_nodes >= least_shared)
         do k = 1, size(layer%layer_node)
             n = layer%layer_node(k)
-            pull = past(layer%node_stretch(:, :, k), state%node_memory(:, :, k))
+            pull = 0.0_dp
+            do e = layer%stretch_start(k), layer%stretch_start(k + 1) - 1
+                pull = at_once(layer%node_stretch(:, e))*pull &
+                    + layer%node_stretch(2, e)*state%node_memory(:, e)
+            end do
             pull = -layer%layer_mass(k)*pull
             force(:, n) = force(:, n) + pull
             zone_force(:, n) = zone_force(:, n) + pull
@@ -46,7 +50,7 @@ contains
             c = layer%crossing_part(k)
             pull = part_force(:, n_slots + 2*c - 1)
             added = pull
-            call times_stretches(layer%crossing_stretch(:, :, k), state%crossing_memory(:, :, k), added)
+            call times_stretches(3, layer%crossing_stretch(:, :, k), state%crossing_memory(:, :, k), added)
             added = added - pull
             do side = 1, 2
                 n = contacts%contact_node(side, c)
@@ -67,29 +71,19 @@ contains
         real(dp), intent(in) :: before(:, :)                       !! of the nodes of the layer [m/s]
         type(layer_state), intent(inout) :: state
         real(dp) :: acceleration(3)
-        integer :: k
+        integer :: first, k, last
 
-        !$omp parallel do schedule(static) default(none) private(acceleration) &
+        !$omp parallel do schedule(static) default(none) private(acceleration, first, last) &
         !$omp& shared(layer, dt, velocity, before, state) if (n_nodes >= least_shared)
         do k = 1, size(layer%layer_node)
             acceleration = (velocity(:, layer%layer_node(k)) - before(:, k))/dt
-            call times_stretches(layer%node_stretch(:, :, k), state%node_memory(:, :, k), acceleration)
+            first = layer%stretch_start(k)
+            last = layer%stretch_start(k + 1) - 1
+            call times_stretches(last - first + 1, layer%node_stretch(:, first:last), &
+                                 state%node_memory(:, first:last), acceleration)
         end do
         !$omp end parallel do
     end subroutine update_layer
-
-    pure function past(stretch, memory) result(value)
-        !! What the stretches of three axes add to an acceleration, from the past.
-        real(dp), intent(in) :: stretch(5, 3), memory(3, 3)
-        real(dp) :: value(3)
-        integer :: a
-
-        value = 0.0_dp
-        do a = 3, 1, -1
-            if (stretch(2, a) > 0.0_dp) &
-                value = at_once(stretch(:, a))*value + stretch(2, a)*memory(:, a)
-        end do
-    end function past
 
     pure function at_once(stretch) result(share)
         !! What a stretch does to a value of the same instant.
@@ -99,15 +93,15 @@ contains
         share = stretch(1) + stretch(2)*stretch(3)
     end function at_once
 
-    pure subroutine times_stretches(stretch, memory, value)
-        !! Multiply a vector with the stretches of the third, second and first axis; (4.16).
-        real(dp), intent(in) :: stretch(5, 3)
-        real(dp), intent(inout) :: memory(3, 3), value(3)
+    pure subroutine times_stretches(n, stretch, memory, value)
+        !! Multiply a vector with stretches, the innermost first; (4.16).
+        integer, intent(in) :: n
+        real(dp), intent(in) :: stretch(5, n)
+        real(dp), intent(inout) :: memory(3, n), value(3)
         real(dp) :: drive(3)
         integer :: a
 
-        do a = 3, 1, -1
-            if (.not. stretch(2, a) > 0.0_dp) cycle
+        do a = 1, n
             drive = stretch(3, a)*value
             memory(:, a) = memory(:, a) + drive
             value = stretch(1, a)*value + stretch(2, a)*memory(:, a)

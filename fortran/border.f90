@@ -28,12 +28,12 @@ contains
     subroutine advance(n_nodes, n_corners, n_zones, n_domains, n_slots, n_edges, n_skews, n_sets, &
                        n_rows, n_memories, n_patches, n_ends, n_parts, n_contacts, n_joints, &
                        n_loads, n_histories, n_dashpots, n_fixed, n_receivers, n_total, n_steps, &
-                       n_ledger, n_line, n_hex_nodes, n_packs, n_metrics, n_bricks, n_stretches, &
-                       n_layer_nodes, n_crossings, &
+                       n_ledger, n_line, n_hex_nodes, n_packs, n_metrics, n_bricks, n_slabs_held, &
+                       n_layer_nodes, n_stretches, n_crossings, &
                        first_step, ledger_every, dt, local_damping, &
                        hex_order, n_mapped, hex_slope, hex_weight, pack_node, pack_set, &
                        pack_metric, pack_brick, n_slabs, slab_start, slab_axis, slab_stretch, &
-                       slab_lag, layer_frame, layer_node, layer_mass, node_stretch, &
+                       slab_lag, layer_frame, layer_node, layer_mass, stretch_start, node_stretch, &
                        crossing_part, crossing_stretch, &
                        domain_zone_start, domain_slot_start, domain_set, slot_node, slot_place, &
                        zone_slot, zone_lambda, zone_shear, zone_row, zone_patch, set_form, &
@@ -56,7 +56,7 @@ contains
         integer, intent(in) :: n_memories, n_corners, n_edges, n_skews, n_patches, n_ends
         integer, intent(in) :: n_contacts, n_joints, n_loads, n_histories, n_dashpots, n_fixed
         integer, intent(in) :: n_receivers, n_line, n_hex_nodes, n_packs, n_metrics, n_bricks
-        integer, intent(in) :: n_stretches, n_layer_nodes, n_crossings
+        integer, intent(in) :: n_slabs_held, n_layer_nodes, n_stretches, n_crossings
         integer, intent(in) :: hex_order, n_mapped, n_slabs
         integer, intent(in) :: n_total                       !! steps that the histories cover
         integer, intent(in) :: n_steps                       !! steps of this call
@@ -68,12 +68,13 @@ contains
         integer, intent(in), target :: pack_node(hex_width, n_hex_nodes, n_packs), pack_set(n_packs)
         real(dp), intent(in), target :: pack_metric(hex_width, 11, n_hex_nodes, n_metrics)
         real(dp), intent(in), target :: pack_brick(hex_width, 5, n_bricks)
-        integer, intent(in), target :: slab_start(n_packs + 1), slab_axis(n_stretches)
-        real(dp), intent(in), target :: slab_stretch(hex_width, 5, n_line, n_stretches)
-        real(dp), intent(in), target :: slab_lag(hex_width, n_stretches), layer_frame(3, 3)
+        integer, intent(in), target :: slab_start(n_packs + 1), slab_axis(n_slabs_held)
+        real(dp), intent(in), target :: slab_stretch(hex_width, 5, n_line, n_slabs_held)
+        real(dp), intent(in), target :: slab_lag(hex_width, n_slabs_held), layer_frame(3, 3)
         integer, intent(in), target :: layer_node(n_layer_nodes), crossing_part(n_crossings)
         real(dp), intent(in), target :: layer_mass(n_layer_nodes)
-        real(dp), intent(in), target :: node_stretch(5, 3, n_layer_nodes)
+        integer, intent(in), target :: stretch_start(n_layer_nodes + 1)
+        real(dp), intent(in), target :: node_stretch(5, n_stretches)
         real(dp), intent(in), target :: crossing_stretch(5, 3, n_crossings)
         integer, intent(in), target :: domain_zone_start(n_domains + 1)
         integer, intent(in), target :: domain_slot_start(n_domains + 1), domain_set(n_domains)
@@ -118,8 +119,8 @@ contains
         real(dp), intent(inout), target :: contact_state(n_joint_state, n_batch, n_contacts)
         real(dp), intent(inout), target :: contact_stored(n_batch, n_contacts)
         real(dp), intent(inout), target :: contact_dissipated(n_batch, n_contacts)
-        real(dp), intent(inout), target :: slab_memory(hex_width, 10, n_hex_nodes, n_stretches)
-        real(dp), intent(inout), target :: node_memory(3, 3, n_layer_nodes)
+        real(dp), intent(inout), target :: slab_memory(hex_width, 10, n_hex_nodes, n_slabs_held)
+        real(dp), intent(inout), target :: node_memory(3, n_stretches)
         real(dp), intent(inout), target :: crossing_memory(3, 3, n_crossings)
         real(dp), intent(inout), target :: sums(n_sums, n_batch)
         real(dp), intent(inout) :: motion(n_batch, 3, n_receivers, n_steps)   !! [m/s]
@@ -144,7 +145,8 @@ contains
         model%layer = layer_arrays( &
             n_slabs=n_slabs, slab_start=slab_start, slab_axis=slab_axis, &
             slab_stretch=slab_stretch, slab_lag=slab_lag, layer_frame=layer_frame, &
-            layer_node=layer_node, layer_mass=layer_mass, node_stretch=node_stretch, &
+            layer_node=layer_node, layer_mass=layer_mass, stretch_start=stretch_start, &
+            node_stretch=node_stretch, &
             crossing_part=crossing_part, crossing_stretch=crossing_stretch)
         model%edges = edge_arrays( &
             edge_start=edge_start, edge_slot=edge_slot, edge_spring=edge_spring, &

@@ -118,10 +118,11 @@ contains
                               [shape(layer%slab_start), shape(layer%slab_axis), &
                                shape(layer%slab_stretch), shape(layer%slab_lag), &
                                shape(layer%layer_frame), shape(layer%layer_mass), &
-                               shape(layer%node_stretch), shape(layer%crossing_stretch), &
+                               shape(layer%stretch_start), shape(layer%crossing_stretch), &
                                shape(state%node_memory), shape(state%crossing_memory), n_memory], &
                               [packs + 1, slabs, hex_width, 5, hexes%order + 1, slabs, hex_width, slabs, 3, 3, &
-                               nodes, 5, 3, nodes, 5, 3, crossings, 3, 3, nodes, 3, 3, crossings, &
+                               nodes, nodes + 1, 5, 3, crossings, 3, size(layer%node_stretch, 2), &
+                               3, 3, crossings, &
                                hex_width*10*n*slabs], message)
         end associate
         if (allocated(message)) return
@@ -129,6 +130,9 @@ contains
         call within("slab_start", layer%slab_start, 1, layer%n_slabs + 1, message)
         call within("layer_node", layer%layer_node, 1, n_nodes, message)
         call within("crossing_part", layer%crossing_part, 1, n_contacts, message)
+        call within("stretch_start", layer%stretch_start, 1, size(layer%node_stretch, 2) + 1, message)
+        if (any(layer%stretch_start(2:) < layer%stretch_start(:size(layer%layer_node)))) &
+            message = "'arrays/stretch_start' does not ascend"
         if (any(layer%slab_start(2:) < layer%slab_start(:packs)) &
             .or. any(layer%slab_start(2:) - layer%slab_start(:packs) > 3)) &
             message = "'arrays/slab_start' does not ascend by up to three"

@@ -97,6 +97,7 @@ contains
         call read_array(file, "arrays/layer_frame", layer%layer_frame, message)
         call read_array(file, "arrays/layer_node", layer%layer_node, message)
         call read_array(file, "arrays/layer_mass", layer%layer_mass, message)
+        call read_array(file, "arrays/stretch_start", layer%stretch_start, message)
         call read_array(file, "arrays/node_stretch", layer%node_stretch, message)
         call read_array(file, "arrays/crossing_part", layer%crossing_part, message)
         call read_array(file, "arrays/crossing_stretch", layer%crossing_stretch, message)

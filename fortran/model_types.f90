@@ -61,7 +61,8 @@ module pyblast_model_types
         real(dp), contiguous, pointer :: layer_frame(:, :)       !! unit vectors of the axes (3, 3)
         integer, contiguous, pointer :: layer_node(:)            !! (n_layer_nodes)
         real(dp), contiguous, pointer :: layer_mass(:)           !! without stretch [kg]
-        real(dp), contiguous, pointer :: node_stretch(:, :, :)   !! (5, 3 axes, n_layer_nodes)
+        integer, contiguous, pointer :: stretch_start(:)         !! of each node (n_layer_nodes + 1)
+        real(dp), contiguous, pointer :: node_stretch(:, :)      !! of nodes along axes (5, n_stretches)
         integer, contiguous, pointer :: crossing_part(:)         !! contacts in the layer (n_crossings)
         real(dp), contiguous, pointer :: crossing_stretch(:, :, :)
             !! (5, 3 axes, n_crossings)
@@ -207,7 +208,7 @@ module pyblast_model_types
 
     type, public :: layer_state
         !! Memory of the absorbing layer.
-        real(dp), contiguous, pointer :: node_memory(:, :, :)    !! (3, 3 axes, n_layer_nodes)
+        real(dp), contiguous, pointer :: node_memory(:, :)       !! (3, n_stretches)
         real(dp), contiguous, pointer :: crossing_memory(:, :, :)  !! (3, 3 axes, n_crossings)
     end type layer_state
 

@@ -21,6 +21,7 @@ from .quality import refuse_beyond_memory
 
 SIDES = ("west", "east", "south", "north", "bottom", "top")
 LAYER_CELLS = 2  # of the absorbing layer
+MARGIN = 0.3  # of a cell, between sources or receivers and the absorbing layer
 PARALLEL = 1e-6  # sine of the angle between planes or directions that count as parallel
 ROUND = 1e-9  # of the size: coordinates that count as equal
 DRAPING = 40  # iterations for nodes that lie on inclined lines under a surveyed surface
@@ -157,7 +158,8 @@ def _inner(box, frame, within, size):
     inner = np.column_stack([corners.min(axis=0), corners.max(axis=0)])
     if within is not None and len(within):
         along = np.asarray(within, dtype=float)[:, :2] @ frame[:2, :2].T
-        low, high = along.min(axis=0) - size, along.max(axis=0) + size
+        margin = MARGIN * size
+        low, high = along.min(axis=0) - margin, along.max(axis=0) + margin
         inner = np.column_stack([np.maximum(inner[:, 0], low), np.minimum(inner[:, 1], high)])
     return np.vstack([inner, box[2]])
 
@@ -230,8 +232,8 @@ class _Grid:
         ]
         size = float(min(sizes))
         if self.shift and places[0]:
-            self.inner[0, 0] = min(self.inner[0, 0], places[0][0] - size)
-            self.inner[0, 1] = max(self.inner[0, 1], places[0][-1] + self.shift + size)
+            low, high = places[0][0] - size, places[0][-1] + self.shift + size
+            self.inner[0] = min(self.inner[0, 0], low), max(self.inner[0, 1], high)
         self.sheared = np.array(places[0]) if self.shift else np.zeros(0)
         ends = [
             [v for p in planes for v in (p.low[k], p.high[k]) if np.isfinite(v)] for k in range(3)
@@ -270,7 +272,7 @@ class _Grid:
         length = second - first
         if axis == 0 and len(self.sheared):  # the blended intervals grow or shrink downwards
             growth = self._share(second) - self._share(first)
-            length = max(length, length + growth * self.shift)
+            length += 0.5 * growth * self.shift
         return max(1, int(np.ceil(length / min(sizes) - 0.05)))
 
     def _with_layer(self, axis, line, open_sides, size):

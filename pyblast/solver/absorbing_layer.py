@@ -28,7 +28,8 @@ def no_layer(single: bool, n_packs: int, n_line: int) -> dict[str, Any]:
         "layer_frame": np.eye(3),
         "layer_node": np.zeros(1, dtype=np.int32),
         "layer_mass": np.zeros(1),
-        "node_stretch": np.zeros((1, 3, 5)),
+        "stretch_start": np.zeros(2, dtype=np.int32),
+        "node_stretch": np.zeros((1, 5)),
         "crossing_part": np.zeros(1, dtype=np.int32),
         "crossing_stretch": np.zeros((1, 3, 5)),
     }
@@ -108,26 +109,32 @@ def layer_arrays(model: Model, arrays: dict[str, Any], member: np.ndarray) -> di
             raise InputError("layer: its axes must be those of the zones in it, as in a grid")
     at = stretches(layer, places, fastest, dt)
     picked = np.take_along_axis(at, slab_axis[:, None, None, None, None], axis=3)[:, :, :, 0]
-    depth = layer.depths(mesh.node_places[zones]).max(axis=-1)
-    edge = nodes.volumes.sum(axis=1)[zones] ** (1.0 / 3.0)
-    lag = VISCOSITY * edge / model.zone_values("cs")[zones] * (depth**3).mean(axis=2)
     at_nodes = stretches(layer, nodes.points, fastest, dt)
     layer_node = np.unique(nodes.zone_nodes[own])
     at_once = at_nodes[..., 0] + at_nodes[..., 1] * at_nodes[..., 2]
     mass = arrays["node_mass"]
+    acts = at_nodes[layer_node][:, ::-1, 1] > 0.0  # the third axis first, it is the innermost
     return {
         "n_slabs": len(slab_axis),
         "slab_start": slab_start.astype(np.int32),
         "slab_axis": slab_axis.astype(np.int32),
         "slab_stretch": np.ascontiguousarray(picked.transpose(0, 2, 3, 1)),
-        "slab_lag": lag,
+        "slab_lag": layer_lags(model, zones),
         "layer_frame": np.array(layer.frame, dtype=float),
         "layer_node": layer_node.astype(np.int32),
         "layer_mass": mass[layer_node],
-        "node_stretch": at_nodes[layer_node],
+        "stretch_start": np.concatenate([[0], np.cumsum(acts.sum(axis=1))]).astype(np.int32),
+        "node_stretch": at_nodes[layer_node][:, ::-1][acts],
         "node_mass": mass * at_once.prod(axis=1),
         **_crossings(model, fastest, dt),
     }
+
+
+def layer_lags(model: Model, zones: np.ndarray) -> np.ndarray:
+    """Return the viscosity over the moduli of zones (...) of the layer, in s; theory.md (4.18)."""
+    depth = model.mesh.layer.depths(model.mesh.node_places[zones]).max(axis=-1)
+    edge = model.nodes.volumes.sum(axis=1)[zones] ** (1.0 / 3.0)
+    return VISCOSITY * edge / model.zone_values("cs")[zones] * (depth**3).mean(axis=-1)
 
 
 def _stiffer(model):

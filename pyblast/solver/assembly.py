@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -155,21 +156,25 @@ def time_step(model: Model) -> Step:
     """Return the time step of a model in s, and the `CriticalStep` that limits it."""
     if model.mesh.hexahedral:
         mass = model.nodes.sums(model.zone_values("density") * volumes(model.mesh))
-        limit = critical_step_of_hexahedra(model, mass, zone_product(model, mass))
+        limit = critical_step_of_hexahedra(model, mass, partial(zone_product, model, mass))
     else:
         limit = critical_step(model)
     return model.step_factor * limit.dt * _local_damping_factor(model), limit
 
 
-def zone_product(model: Model, mass: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+def zone_product(
+    model: Model, mass: np.ndarray, active: np.ndarray | None = None
+) -> Callable[[np.ndarray], np.ndarray]:
     """Return a function that multiplies a motion (n_nodes, 3) by M^-1 K of hexahedra, in 1/s2.
+
+    Of all zones, or of the ``active`` ones (n_zones,) bool.
 
     It is one step of the core from rest, without joints, loads and boundaries; springs that relax
     act in full.
     """
     alone = _no_contact()
     plain = replace(model, single=False, mesh=replace(model.mesh, layer=None))
-    packs, _ = pack_arrays(plain, alone["contact_node"])
+    packs, _ = pack_arrays(plain, alone["contact_node"], active)
     constants = {
         "dt": 1.0,
         "node_mass": mass,
@@ -373,7 +378,7 @@ def initial_state(
         "contact_stored": stored_at_rest(constants, contact_state),
         "contact_dissipated": np.zeros(n_contacts),
         "slab_memory": np.zeros((len(constants["slab_axis"]), size, 10, width)),
-        "node_memory": np.zeros((len(constants["layer_node"]), 3, 3)),
+        "node_memory": np.zeros((len(constants["node_stretch"]), 3)),
         "crossing_memory": np.zeros((len(constants["crossing_part"]), 3, 3)),
         "sums": np.zeros(N_SUMS),
     }

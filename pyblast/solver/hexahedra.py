@@ -10,7 +10,7 @@ from .. import core
 from ..mesh import hexahedra
 from ..mesh.mesh import Contacts
 from ..model.model import Model
-from .absorbing_layer import in_layer, no_layer
+from .absorbing_layer import in_layer, layer_lags, no_layer
 from .time_step import CriticalStep, contact_bounds
 
 STRAIGHT = 1e-9  # of the mean slope: largest deviation of a brick
@@ -35,13 +35,17 @@ def no_packs(single: bool) -> dict[str, Any]:
     }
 
 
-def pack_arrays(model: Model, contact_node: np.ndarray) -> tuple[dict[str, Any], np.ndarray]:
+def pack_arrays(
+    model: Model, contact_node: np.ndarray, active: np.ndarray | None = None
+) -> tuple[dict[str, Any], np.ndarray]:
     """Return the kernel arrays of the hexahedra of a model; theory.md (2.44) to (2.47).
 
     Parameters
     ----------
     model : Model
     contact_node : (n_contacts, 2) int32
+    active : (n_zones,) bool, optional
+        Zones that have their stiffness; the others have none.
 
     Returns
     -------
@@ -67,11 +71,12 @@ def pack_arrays(model: Model, contact_node: np.ndarray) -> tuple[dict[str, Any],
         n_mapped = n_mapped if brick[zones[0]] else len(packs)
     member = np.array([np.resize(zones, width) for zones in packs])
     real = np.array([np.arange(width) < len(zones) for zones in packs])
+    stiff = real if active is None else real & active[member]
     lame, shear = model.node_moduli()
     metric = np.zeros((n_mapped, size, 11, width))
     bricks = np.zeros((len(packs) - n_mapped, 5, width))
     for number in range(len(packs)):
-        zones, full = member[number], real[number]
+        zones, full = member[number], stiff[number]
         if number < n_mapped:
             metric[number, :, :9] = np.einsum(
                 "zarc,za,z->arcz", inverse[zones], nodes.volumes[zones], full
@@ -152,7 +157,7 @@ def _no_tetrahedra(size, n_sets):
 
 
 def critical_step_of_hexahedra(
-    model: Model, mass: np.ndarray, product: Callable[[np.ndarray], np.ndarray]
+    model: Model, mass: np.ndarray, product_of: Callable[..., Callable]
 ) -> CriticalStep:
     """Return the critical time step of a model of hexahedra, from its largest frequency.
 
@@ -160,15 +165,18 @@ def critical_step_of_hexahedra(
     ----------
     model : Model
     mass : (n_nodes,) float64, kg
-    product : callable
-        Stiffness of the zones over the mass, times a motion (n_nodes, 3).
+    product_of : callable
+        Returns the function that multiplies a motion (n_nodes, 3) with the stiffness over the mass,
+        of all zones or of those of a mask.
 
     Notes
     -----
     Lanczos on the assembled zones and joints, these with their stiffest springs: theory.md (2.48).
+    The viscosity of the absorbing layer counts with the largest frequency of its own zones.
     """
     contacts = model.nodes.contacts
     spring, viscosity = contact_bounds(model)
+    product = product_of()
 
     def whole(motion):
         acceleration = product(motion)
@@ -185,6 +193,11 @@ def critical_step_of_hexahedra(
     drag = float((2.0 * viscosity / mass).max())
     beta = float(model.group_damping("beta").max())
     dt = _longest_step(squared, drag + squared * beta)
+    own = in_layer(model).any(axis=1)
+    if own.any():
+        lag = beta + float(layer_lags(model, np.flatnonzero(own)).max())
+        of_layer = ABOVE * _largest_eigenvalue(product_of(own), mass)
+        dt = min(dt, _longest_step(of_layer, drag + of_layer * lag))
     part = "the shortest distance of nodes"
     if (spring / mass).max() > 0.5 * squared:
         part = "a contact of a joint"

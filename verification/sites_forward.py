@@ -1,0 +1,91 @@
+"""Forward runs of sites with real geometry against noise-free records of an independent program.
+
+    python -m verification.sites_forward [FOLDER]
+
+For each site the blasts S1, B2 and H1 (B2's file with H1's hole table), as the project files
+believe them. The error of a receiver is the energy of the difference over that of the record, all
+components together, over the whole record and without a filter. Writes
+``verification/sites_forward.json``.
+"""
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import obspy
+
+from pyblast.project.config import Config
+from pyblast.project.project import load_project, make_project
+from pyblast.project.result import write_text
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
+
+ROOT = Path(__file__).resolve().parents[1]
+SITES = Path(os.environ.get("PYBLAST_SITES", ROOT.parent / "shared" / "sites"))
+OUT = Path(__file__).with_suffix(".json")
+BEFORE = 0.25  # s, from the start of a record to the zero of its blast
+
+
+def compared(path, record, holes=None):
+    """Return the row of one blast: elements, errors, seconds."""
+    began, cpu = time.perf_counter(), time.process_time()
+    project = load_project(path)
+    if holes is not None:
+        blast = project.config.blast.model_copy(update={"file": str(holes)})
+        config: Config = project.config.model_copy(update={"blast": blast})
+        project = make_project(config, project.path)
+    run = simulate(
+        project.model, project.duration, prepared=prepare(project.model, project.duration)
+    )
+    seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - cpu
+    errors = misfits(run, project.lead, record)
+    return {
+        "file": f"{path.parent.name}/{path.name}" if holes is None else f"{path.parent.name}/H1",
+        "elements": project.ground.reason,
+        "error_median": float(np.median(errors)),
+        "error_worst": float(max(errors)),
+        "seconds": seconds,
+        "cpu_seconds": cpu_seconds,
+        "nodes": len(project.model.nodes.points),
+        "step_s": run.dt,
+    }
+
+
+def misfits(run, lead, record):
+    """Return the energy of the difference over that of the record, for each receiver."""
+    stream, errors = obspy.read(str(record), format="MSEED"), []
+    for name, simulated in run.seismograms.items():
+        traces = {t.stats.channel[-1]: t for t in stream if t.stats.station == name}
+        if not traces:
+            continue
+        wanted = np.array([traces[axis].data.astype(float) for axis in "ENZ"])
+        times = traces["E"].stats.delta * np.arange(wanted.shape[1]) - BEFORE
+        own = simulated.start - lead + simulated.dt * np.arange(len(simulated.velocity))
+        within = times <= own[-1]
+        got = np.array([np.interp(times, own, column, left=0.0) for column in simulated.velocity.T])
+        difference = ((got - wanted)[:, within] ** 2).sum()
+        errors.append(float(difference / (wanted[:, within] ** 2).sum()))
+    return errors
+
+
+def main(arguments):
+    """Run all sites and write the rows."""
+    folder = Path(arguments[0]) if arguments else SITES
+    if not folder.is_dir():
+        sys.exit(f"sites_forward: no folder {folder}")
+    rows = []
+    for site in sorted(folder.glob("case-*")):
+        truth = folder / "truth" / site.name
+        blasts = [("S1.toml", "believed_S1", None), ("B2.toml", "believed_B2", None)]
+        blasts.append(("B2.toml", "believed_H1", truth / "H1_holes.csv"))
+        for file, record, holes in blasts:
+            rows.append(compared(site / file, truth / f"{record}.mseed", holes))
+            print(json.dumps(rows[-1]), flush=True)
+            write_text(OUT, json.dumps(rows, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
