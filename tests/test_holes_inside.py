@@ -17,9 +17,9 @@ EXAMPLE = Path(__file__).parents[1] / "examples" / "holes_inside" / "project.tom
 PULSE = TimeFunction(1e6 * np.sin(np.pi * np.arange(0.0, 0.0501, 0.001) / 0.05) ** 2, 0.001)
 
 
-def coarse(charge=60.0, exponent=1.0):
+def coarse(charge=60.0, exponent=1.0, kind="tetrahedra"):
     table = tomllib.loads(EXAMPLE.read_text(encoding="utf-8"))
-    table["mesh"] |= {"edge_m": 12, "padding_edge_m": 20}
+    table["mesh"] |= {"edge_m": 12, "padding_edge_m": 20, "kind": kind}
     # Holes so thin that either charge fills them: more charge does not move its centre.
     table["blast"] |= {"charge_kg": charge, "charge_exponent": exponent, "diameter_mm": 60}
     table["run"] |= {"duration_s": 0.1, "snapshots_s": []}
@@ -62,6 +62,16 @@ def test_the_padding_is_the_rim(project):
 
     assert rim.box == ((0.0, 90.0), (0.0, 40.0), (0.0, 30.0))
     assert rim.width == 40.0
+
+
+def test_hexahedra_have_a_matched_layer_instead_of_a_rim(tmp_path):
+    project = coarse(kind="auto")
+
+    assert project.rim is None
+    assert project.mesh.layer is not None
+    assert "an absorbing layer" in project.elements
+    outcome = run.run(project, tmp_path)
+    assert project.elements in (outcome.folder / "report.html").read_text(encoding="utf-8")
 
 
 def test_the_example_holds_the_band_of_its_source():

@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from dataclasses import replace
 from importlib import resources
 
 import h5py
@@ -9,12 +10,14 @@ import numpy as np
 import pytest
 
 from pyblast import core
+from pyblast.mesh.absorbing_layer import AbsorbingLayer
 from pyblast.mesh.builder import Layer, structured_box
 from pyblast.model.anisotropy import jointed
 from pyblast.model.boundary import StressInput, Viscous
 from pyblast.model.joint import Joint
-from pyblast.model.material import Damping, Material, MohrCoulomb
+from pyblast.model.material import ConstantQ, Damping, Material, MohrCoulomb
 from pyblast.model.model import InSitu, Model, Receiver
+from pyblast.model.source import PointForce, TimeFunction
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import export, prepare
 from pyblast.solver.run import simulate
@@ -108,6 +111,36 @@ def test_yielding_and_anisotropic_ground_marches_to_the_same_bits(tmp_path):
         for name, value in here.state.items():
             assert np.array_equal(file[f"state/{name}"][()], value), name
     assert here.state["row_state"][:, 12].max() > 0.0
+
+
+def test_hexahedra_with_a_layer_and_a_joint_march_to_the_same_bits(tmp_path):
+    edge = 20.0
+    lines = [edge * np.arange(-2, 5), edge * np.arange(-2, 5), edge * np.arange(-4, 1)]
+    mesh = structured_box(*lines, order=4, planes={"J": ("x", 20.0)})
+    inner = ((0.0, 40.0), (0.0, 40.0), (-40.0, np.inf))
+    layer = AbsorbingLayer(inner, ((2 * edge, 2 * edge),) * 3)
+    joint = Joint("J", "elastic", {"kn": 2e9, "ks": 1e9})
+    rock = Material.from_speeds(2660.0, 3078.0, 1645.0, law=ConstantQ(40.0, 20.0))
+    pulse = TimeFunction(1e8 * np.hanning(41), 1e-3)
+    model = Model(
+        replace(mesh, layer=layer).split(["J"]),
+        {"rock": rock},
+        joints=[joint],
+        boundaries=[Viscous(side) for side in ("west", "east", "south", "north", "bottom")],
+        sources=[PointForce((10.0, 20.0, -15.0), (1.0, 0.5, -0.3), pulse)],
+        receivers=[Receiver("A", (35.0, 5.0, -5.0))],
+    )
+    here = simulate(model, 0.06)
+    export(prepare(model, 0.06), tmp_path / "model.h5")
+
+    done = march(tmp_path / "model.h5", tmp_path / "result.h5")
+
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "result.h5") as file:
+        assert np.array_equal(file["records/motion"][:, 0], here.seismograms["A"].velocity)
+        for name, value in here.state.items():
+            assert np.array_equal(file[f"state/{name}"][()], value), name
+    assert np.abs(here.seismograms["A"].velocity).max() > 0.0
 
 
 def test_all_laws_of_zones_and_joints_together_march_to_the_same_bits(tmp_path):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from pyblast.mesh.mesh import Mesh
 from pyblast.mesh.faces import zone_faces
+from pyblast.mesh.mesh import Mesh
 from pyblast.mesh.tetrahedra import volumes
 
 

@@ -117,6 +117,7 @@ def show_census(census: "Census") -> None:
         )  # fmt: skip
     _out.print(table)
     say(
+        f"{census.elements}; "
         f"{census.zones} zones, {census.nodes} nodes, {census.contacts} contacts, "
         f"{census.blocks} blocks; memory about {census.memory / 2**20:.0f} MB"
     )

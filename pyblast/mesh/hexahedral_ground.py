@@ -336,9 +336,8 @@ class _Grid:
         layer = None
         if self.open.any():
             inner = np.where(self.open, self.inner, [-np.inf, np.inf])
-            layer = AbsorbingLayer(
-                *(tuple(map(tuple, part)) for part in (inner, self.width, frame))
-            )
+            limits, widths, axes = (tuple(map(tuple, part)) for part in (inner, self.width, frame))
+            layer = AbsorbingLayer(limits, widths, axes)
         return Mesh(
             points, zones, number[group], tuple(names), surfaces,
             order=order, places=nodes, layer=layer,
@@ -353,6 +352,7 @@ class _Grid:
                 at = np.flatnonzero(np.isclose(edge, self.axes[axis][-end], rtol=0, atol=1e-9))
                 surfaces[name] = zones[at][:, hexahedra.FACES[2 * axis + end]]
         group_names = np.array([layer.name for layer in layers])[group]
+        free = np.ones((len(zones), 3), dtype=bool)  # upper faces that no earlier plane has
         for plane in planes:
             tolerance = ROUND * np.ptp(self.axes[plane.axis])
             on = np.abs(high[:, plane.axis] - plane.place) <= max(tolerance, 2e-9)
@@ -363,6 +363,8 @@ class _Grid:
                     on &= (here > plane.low[axis]) & (here < plane.high[axis])
             if plane.layers is not None:
                 on &= np.isin(group_names, plane.layers)
+            on &= free[:, plane.axis]
+            free[on, plane.axis] = False
             faces = zones[on][:, hexahedra.FACES[2 * plane.axis + 1]]
             surfaces[plane.name] = np.concatenate([surfaces.get(plane.name, faces[:0]), faces])
         for name in {plane.name for plane in planes}:

@@ -149,11 +149,12 @@ def spectral_nodes(mesh: Mesh) -> SpectralNodes:
     mesh : Mesh
         Split or without joints.
     """
-    return SpectralNodes(mesh, *_numbered(mesh))
+    points, zone_nodes, surfaces, contacts = _numbered(mesh)
+    return SpectralNodes(mesh, points, zone_nodes, surfaces, contacts)
 
 
 @kept
-def _numbered(mesh):
+def _numbered(mesh: Mesh) -> tuple:
     """Return points, nodes of zones, nodes of surfaces and contacts."""
     first, second, joint, names = _shared_faces(mesh)
     grids = hexahedra.face_nodes(mesh.order)
@@ -161,8 +162,8 @@ def _numbered(mesh):
     label = _corner_labels(mesh)
     sides = [_in_common_order(mesh, label, faces, grids) for faces in (first, second)]
     welded = joint < 0
-    links = [side[welded].ravel() for side in sides]
-    count, number = components(*links, size * len(mesh.zones))
+    left, right = (side[welded].ravel() for side in sides)
+    count, number = components(left, right, size * len(mesh.zones))
     places = mesh.node_places.reshape(-1, 3)
     points = np.empty((count, 3))
     points[number[::-1]] = places[::-1]  # the first zone of a node places it

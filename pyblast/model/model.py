@@ -170,11 +170,19 @@ class Model:
             object.__setattr__(self, "mesh", renumbered(self.mesh, patch))
             object.__setattr__(self, "_ordered", True)
 
-    @cached_property
+    @property
     def nodes(self) -> Nodes | SpectralNodes:
         """Nodes of the zones: linear or quadratic tetrahedra, or spectral hexahedra."""
-        if self.mesh.hexahedral:
-            return spectral_nodes(self.mesh)
+        return self.spectral if self.mesh.hexahedral else self.tetrahedral
+
+    @cached_property
+    def spectral(self) -> SpectralNodes:
+        """Nodes of a mesh of hexahedra."""
+        return spectral_nodes(self.mesh)
+
+    @cached_property
+    def tetrahedral(self) -> Nodes:
+        """Nodes of a mesh of tetrahedra, linear or quadratic."""
         return nodes_of(self.mesh, self.quadratic)
 
     @cached_property

@@ -33,6 +33,8 @@ class Census:
 
     Parameters
     ----------
+    elements : str
+        Kind of zones, and why; one sentence.
     groups : tuple of GroupCensus
     zones, nodes, contacts, blocks : int
     dt, undamped_dt : float, s
@@ -46,6 +48,7 @@ class Census:
         Estimate of the dynamic stage, measured on a few steps; None where not asked for.
     """
 
+    elements: str
     groups: tuple[GroupCensus, ...]
     zones: int
     nodes: int
@@ -74,6 +77,7 @@ def take_census(project, measure=False) -> Census:
     n_steps = int(np.ceil(project.duration / geometry["dt"]))
     mass = model.zone_values("density") * volumes(model.mesh)
     return Census(
+        elements=project.elements,
         groups=_groups(model, mass, limit.added_share),
         zones=len(model.mesh.zones),
         nodes=len(model.nodes.points),

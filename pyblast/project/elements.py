@@ -145,8 +145,7 @@ def _size(config, part, material, order, reach):
     """Return the largest edge in m of the hexahedra of a layer."""
     mesh = config.mesh
     edge = mean_edge(mesh, part, material)
-    top = _frequency(config)
-    if edge is not None:
-        top = material.cs / (TETRAHEDRA[mesh.quadratic] * edge)
+    carried = None if edge is None else material.cs / (TETRAHEDRA[mesh.quadratic] * edge)
+    top = float(carried or _frequency(config) or 0.0)
     nodes = nodes_per_wavelength(order, mesh.accuracy, reach * top / material.cs)
     return order * material.cs / (nodes * top)

@@ -117,11 +117,24 @@ def refuse_outside(mesh, places):
     if not places:
         return
     try:
-        locate(mesh, np.reshape(list(places.values()), (-1, 3)))
+        _locate(mesh, np.reshape(list(places.values()), (-1, 3)))
     except InputError:
         for name, place in places.items():
             with named_error(name):
-                locate(mesh, place)
+                _locate(mesh, np.reshape(place, (-1, 3)))
+
+
+def _locate(mesh, places):
+    """Refuse places (n, 3) outside of a mesh or in its absorbing layer."""
+    locate(mesh, places)
+    if mesh.layer is None:
+        return
+    inside = mesh.layer.depths(places).max(axis=1) > 0.0
+    if inside.any():
+        x, y, z = places[inside][0]
+        raise InputError(
+            f"point ({x:g}, {y:g}, {z:g}): lies in the absorbing layer; enlarge the model"
+        )
 
 
 def make_rim(config):

@@ -190,6 +190,13 @@ class Project:
             places = places_of(self.config, self.blast)
             return make_ground(self.config, self.materials, self.folder, places)
 
+    @property
+    def elements(self) -> str:
+        """Kind of zones, and why; one sentence."""
+        if "mesh" in self.given and "ground" not in vars(self):
+            return "hexahedra" if self.mesh.hexahedral else "tetrahedra"
+        return self.ground.reason
+
     @_part
     def mesh(self) -> Mesh:
         """Mesh, split along its joints."""

@@ -232,7 +232,7 @@ def _collect(model, duration, side, numbers, folder, executor):
         cache = Cache(folder)
         results = {n: cache.get(_key(model, duration, side, n)) for n in numbers}
     missing = [n for n in numbers if results.get(n) is None]
-    batch = 1 if model.quadratic else LANES  # batches do not speed up quadratic zones
+    batch = 1 if model.nodes.quadratic else LANES  # batches do not speed up zones of higher order
     groups = [missing[n : n + batch] for n in range(0, len(missing), batch)]
     if executor is None:
         computed = [_run_group(model, duration, side, group, folder) for group in groups]

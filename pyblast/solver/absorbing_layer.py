@@ -90,7 +90,7 @@ def layer_arrays(model: Model, arrays: dict[str, Any], member: np.ndarray) -> di
     n_line, layer = model.mesh.order + 1, model.mesh.layer
     if layer is None:
         return no_layer(model.single, len(member), n_line)
-    mesh, nodes, dt = model.mesh, model.nodes, arrays["dt"]
+    mesh, nodes, dt = model.mesh, model.spectral, arrays["dt"]
     inside = in_layer(model)
     own = inside.any(axis=1)
     fastest = float((model.zone_values("cp") * np.sqrt(_stiffer(model)))[own].max())
@@ -132,8 +132,11 @@ def layer_arrays(model: Model, arrays: dict[str, Any], member: np.ndarray) -> di
 
 def layer_lags(model: Model, zones: np.ndarray) -> np.ndarray:
     """Return the viscosity over the moduli of zones (...) of the layer, in s; theory.md (4.18)."""
-    depth = model.mesh.layer.depths(model.mesh.node_places[zones]).max(axis=-1)
-    edge = model.nodes.volumes.sum(axis=1)[zones] ** (1.0 / 3.0)
+    layer, places = model.mesh.layer, model.mesh.node_places[zones]
+    if layer is None:
+        return np.zeros(np.shape(zones))
+    depth = layer.depths(places).max(axis=-1)
+    edge = model.spectral.volumes.sum(axis=1)[zones] ** (1.0 / 3.0)
     return VISCOSITY * edge / model.zone_values("cs")[zones] * (depth**3).mean(axis=-1)
 
 
@@ -145,11 +148,11 @@ def _stiffer(model):
 
 def _crossings(model, fastest, dt):
     """Return the stretch of the contacts of joints that cross the layer."""
-    contacts, layer = model.nodes.contacts, model.mesh.layer
+    contacts, layer = model.spectral.contacts, model.mesh.layer
     none = {"crossing_part": np.zeros(1, dtype=np.int32), "crossing_stretch": _no_stretch(1)}
     if contacts is None:
         return none
-    places = model.nodes.points[contacts.minus]
+    places = model.spectral.points[contacts.minus]
     within = np.flatnonzero((layer.depths(places) > 0.0).any(axis=1))
     if not len(within):
         return none

@@ -223,11 +223,11 @@ def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, A
     arrays = {
         **common,
         **no_packs(model.single),
-        **domain_arrays(nodes, patch, contacts["contact_node"]),
+        **domain_arrays(model.tetrahedral, patch, contacts["contact_node"]),
         **dict(zip(("zone_lambda", "zone_shear"), model.zone_moduli(), strict=True)),
         **zone_laws(model),
     }
-    return {**arrays, **stiffness_arrays(nodes, arrays)}, limit
+    return {**arrays, **stiffness_arrays(model.tetrahedral, arrays)}, limit
 
 
 def stiffness_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:

@@ -54,14 +54,14 @@ def pack_arrays(
     member : (n_packs, width) int64
         Zone in each lane of each pack.
     """
-    mesh, nodes, width = model.mesh, model.nodes, core.HEX_WIDTH[model.single]
+    mesh, nodes, width = model.mesh, model.spectral, core.HEX_WIDTH[model.single]
     order, size = mesh.order, nodes.zone_nodes.shape[1]
     layer = in_layer(model)
     inverse = np.linalg.inv(nodes.jacobian)
     if mesh.layer is not None:
         turned = inverse @ np.array(mesh.layer.frame, dtype=float).T
         inverse = np.where(layer.any(axis=1)[:, None, None, None], turned, inverse)
-    brick = _bricks(inverse) & (not model.ground)
+    brick = np.zeros(len(inverse), dtype=bool) if model.ground else _bricks(inverse)
     # Packs are of one form, stretched along the same axes, and of one group.
     kind = (layer @ [1, 2, 4] + 8 * brick) * len(mesh.groups) + mesh.zone_group
     packs, n_mapped = [], 0
@@ -174,7 +174,7 @@ def critical_step_of_hexahedra(
     Lanczos on the assembled zones and joints, these with their stiffest springs: theory.md (2.48).
     The viscosity of the absorbing layer counts with the largest frequency of its own zones.
     """
-    contacts = model.nodes.contacts
+    contacts = model.spectral.contacts
     spring, viscosity = contact_bounds(model)
     product = product_of()
 

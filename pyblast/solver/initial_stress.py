@@ -181,7 +181,7 @@ def static_arrays(model: Model, geometry: dict[str, Any]) -> tuple[dict[str, Any
     moduli = (model.zone_values("first_lame"), model.zone_values("shear"))
     arrays |= dict(zip(("zone_lambda", "zone_shear"), moduli, strict=True))
     arrays["row_initial"] = stressed_rows(geometry, insitu_stress(model))
-    return {**arrays, **stiffness_arrays(model.nodes, {**geometry, **arrays})}, scale
+    return {**arrays, **stiffness_arrays(model.tetrahedral, {**geometry, **arrays})}, scale
 
 
 PLASTIC, HARDENING = slice(6, 12), slice(12, 14)  # columns of row_state of plastic zones

@@ -157,7 +157,7 @@ def _add_moment(loads, nodes, position, tensor, spread, number, delay=0.0):
         zones, forces = _spread_moment(nodes, position, tensor, spread)
         loads.add(nodes.zone_nodes[zones].ravel(), forces.reshape(-1, 3), number, delay)
         return
-    if nodes.quadratic and not spread:  # quadratic zones resolve a point source
+    if isinstance(nodes, SpectralNodes) or (nodes.quadratic and not spread):  # they resolve a point
         zones, weight = locate(nodes.mesh, position)
         gradient, shares = nodes.slopes(zones, weight), np.ones(1)
     else:

@@ -352,4 +352,6 @@ def test_the_layer_is_stable_over_many_steps_from_noise(ground):
     run = simulate(one, 6.0, prepared=replace(prepared, state=state))
 
     energy = run.energy["kinetic"] + run.energy["strain"]
-    assert energy[len(energy) // 2 :].max() < 1e-3 * energy[0]
+    last = energy[-len(energy) // 10 :]
+    assert last.max() < 0.2 * energy[0]
+    assert last[-1] <= 1.001 * energy[len(energy) // 2 :].min()  # it does not grow
