@@ -9,7 +9,7 @@ from pyblast.core import LANES
 from pyblast.inference.covariance import PRIORS, SCATTER, infer_levels, usual_whitener
 from pyblast.inference.error_model import mesh_error, nuisances, scattering
 from pyblast.inference.gauss_newton import levenberg_search
-from pyblast.inference.global_search import Problem
+from pyblast.inference.parameter import Problem
 from pyblast.inference.posterior import posterior
 from pyblast.inference.records import band_functions, noise_of
 from pyblast.solver.run import run_many

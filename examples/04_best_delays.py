@@ -13,8 +13,7 @@ from pyblast import Blast
 from pyblast.blasts.signature import SmoothPulse, cavity_seismogram, pressure_for_peak
 from pyblast.blasts.site_law import scaled_distance_ppv
 from pyblast.blasts.superposition import travel_shifts
-from pyblast.planning.delays import best_delays, gain, rows_pattern
-from pyblast.planning.peak_distribution import FiringScatter, peak_bands
+from pyblast.planning import FiringScatter, best_delays, gain, peak_bands, rows_pattern
 from pyblast.runs.blast_ensemble import signature_spectra
 
 ROCK = {"density": 2600.0, "cp": 4000.0, "cs": 2300.0, "radius": 2.0}

@@ -9,7 +9,7 @@ from command_line import call
 from small_project import INSIDE, written
 
 from pyblast import Seismogram, load_project
-from pyblast.back_analysis.trials import simulate
+from pyblast.back_analysis.parameters import simulate
 from pyblast.project.result import write_csv
 from pyblast.signals.seismogram import BLAST_AXES
 from pyblast.workflows.delays import house_limits, optimise_delays

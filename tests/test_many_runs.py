@@ -12,8 +12,16 @@ from pyblast.mesh.builder import structured_box
 from pyblast.model.boundary import Viscous
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.runs.cache import PACKAGE, RUN_CODE, Cache, cached_run, code_hash, input_hash
-from pyblast.runs.parallel import run_all, workers
+from pyblast.runs.parallel import (
+    PACKAGE,
+    RUN_CODE,
+    Cache,
+    cached_run,
+    code_hash,
+    input_hash,
+    run_all,
+    workers,
+)
 from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 

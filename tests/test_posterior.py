@@ -12,7 +12,7 @@ from inversion_project import TRUTH, noisy
 
 from pyblast import back_analyse, load_project
 from pyblast.errors import InputError, SolverError
-from pyblast.inference.global_search import Problem
+from pyblast.inference.parameter import Problem
 from pyblast.inference.posterior import Chains, emulate, posterior, r_hat, walk
 
 TRUE = np.array([0.4, 0.6])

@@ -7,16 +7,16 @@ import pytest
 
 from pyblast.errors import InputError
 from pyblast.inference.gauss_newton import levenberg_search
-from pyblast.inference.gaussian_process import learn, settings, surrogate_search
 from pyblast.inference.global_search import (
-    Evaluations,
-    Problem,
-    Spent,
     adaptive_annealing,
     evolution_search,
+    learn,
     random_search,
+    settings,
     sobol_search,
+    surrogate_search,
 )
+from pyblast.inference.parameter import Evaluations, Problem, Spent
 
 LEARNING = [adaptive_annealing, evolution_search, levenberg_search, surrogate_search]
 ALL = [random_search, sobol_search, *LEARNING]

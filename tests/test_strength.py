@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyblast.back_analysis.slip import factors, watched_run
+from pyblast.back_analysis.identifiability import factors, watched_run
 from pyblast.mesh.builder import structured_box
 from pyblast.model.boundary import StressInput, Viscous
 from pyblast.model.joint import Joint

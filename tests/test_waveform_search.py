@@ -8,10 +8,16 @@ from inversion_project import PARAMETERS, TRUTH, noisy
 
 from pyblast import back_analyse, load_project
 from pyblast.back_analysis.findings import doubts
-from pyblast.back_analysis.mesh_error import coarser, mesh_errors_of
+from pyblast.back_analysis.parameters import simulate
 from pyblast.back_analysis.search import make_target
-from pyblast.back_analysis.trials import evaluate, simulate
-from pyblast.back_analysis.waveforms import gathered, white_noise, window_of
+from pyblast.back_analysis.trials import evaluate
+from pyblast.back_analysis.waveforms import (
+    coarser,
+    gathered,
+    mesh_errors_of,
+    white_noise,
+    window_of,
+)
 from pyblast.errors import InputError
 from pyblast.inference.covariance import usual_whitener
 from pyblast.inference.records import band_functions

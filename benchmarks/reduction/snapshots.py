@@ -7,7 +7,7 @@ import numpy as np
 
 from pyblast import core
 from pyblast.errors import SolverError
-from pyblast.runs.cache import Cache, input_hash
+from pyblast.runs.parallel import Cache, input_hash
 from pyblast.solver.preparation import LEDGER_EVERY
 from pyblast.solver.run import stacked
 

@@ -7,7 +7,8 @@ from scipy import stats
 
 from ..errors import Finding
 from ..inference.covariance import PRIORS
-from ..inference.global_search import PAPER, Problem, paper, paper_eq15, random_search
+from ..inference.global_search import PAPER, paper, paper_eq15, random_search
+from ..inference.parameter import Problem
 from ..inference.records import band_functions
 from ..signals.comparison import in_common
 from .parameters import blasts_of, chosen_records

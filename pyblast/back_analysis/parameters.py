@@ -10,6 +10,13 @@ from ..project.config_file import check_path
 from ..project.project import CHEAP, Project, load_project, vary
 from ..project.section import named_error
 from ..signals.seismogram import Seismogram
+from ..solver.assembly import time_step
+from ..solver.run import run_many
+from ..units import split_key
+
+# Larger values of these never allow a longer time step, and no other key matters to it.
+HELD = {"kn", "ks", "cohesion", "friction", "tension", "ratio"}
+WORTH_HOLDING = 0.5  # share of the longest step in the ranges
 
 
 def foreseen_blasts(project: Project) -> tuple[Project, ...]:
@@ -149,3 +156,39 @@ def with_values(project: Project, parameters: Sequence[Parameter], values) -> Pr
     """Return a project with the values (n,) of its parameters."""
     pairs = zip(parameters, np.asarray(values, dtype=np.float64).tolist(), strict=True)
     return vary(project, {parameter.name: value for parameter, value in pairs})
+
+
+def held_step(project: Project, parameters):
+    """Return the time step, with its limit, that all models of the ranges can march in.
+
+    With it the answer to a point does not depend on those that march beside it. None where models
+    differ in more than stiffness, strength and damping, or where the shortest step would be half
+    of the longest or less: lagged damping.
+    """
+    stems = {split_key(parameter.name.split(".")[-1])[0] for parameter in parameters}
+    if not (stems <= HELD and all(is_cheap(parameter) for parameter in parameters)):
+        return None
+    project.model  # noqa: B018  variants stand on the mesh of a model that is there
+    ends = np.array([[one.low, one.high] for one in parameters])
+    shortest = time_step(with_values(project, parameters, ends[:, 1]).model)
+    longest = time_step(with_values(project, parameters, ends[:, 0]).model)
+    return shortest if shortest[0] > WORTH_HOLDING * longest[0] else None
+
+
+def simulate(project: Project, parameters, points, step=None) -> list[dict[str, Seismogram]]:
+    """Return the seismograms of a project at points (m, n) by receiver, 0 s at the first firing.
+
+    Raises
+    ------
+    SolverError
+        If a model can't be run.
+    """
+    varied = [with_values(project, parameters, point) for point in points]
+    if step is not None:
+        runs = run_many([one.model for one in varied], project.duration, step=step)
+    else:
+        runs = [run_many([one.model], one.duration)[0] for one in varied]
+    return [
+        {name: s.shifted(-one.lead) for name, s in run.seismograms.items()}
+        for one, run in zip(varied, runs, strict=True)
+    ]

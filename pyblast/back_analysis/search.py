@@ -7,39 +7,36 @@ import numpy as np
 
 from ..errors import InputError
 from ..inference.gauss_newton import levenberg_search
-from ..inference.gaussian_process import surrogate_search
 from ..inference.global_search import (
-    Search,
-    Trace,
     adaptive_annealing,
     evolution_search,
     paper,
     paper_eq15,
     random_search,
     sobol_search,
+    surrogate_search,
 )
-from ..inference.misfits import MISFITS, SIGNED
-from ..inference.parameter import Parameter
+from ..inference.likelihood import MISFITS, SIGNED
+from ..inference.parameter import Parameter, Search, Trace
 from ..inference.posterior import Posterior, emcee_library, posterior
 from ..project.census import input_band
 from ..project.project import Project
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import Seismogram
-from .identifiability import UNIFORM
-from .mesh_error import mesh_errors_of
+from .identifiability import UNIFORM, Strength, insensitive, watched_run, weakest
 from .parameters import (
     blasts_of,
     candidates_of,
     check_parameters,
     chosen_records,
     foreseen_blasts,
+    held_step,
     parameters_of,
     with_values,
 )
-from .slip import Strength, insensitive, watched_run, weakest
 from .survey_design import Plan, Slip, make_plan, problem_of
-from .trials import Target, Trials, band_of, held_step, misfit_of
-from .waveforms import make_waveforms
+from .trials import Target, Trials, band_of, misfit_of
+from .waveforms import make_waveforms, mesh_errors_of
 
 NEAREST = 3  # runs for each parameter from which the derivatives of the motion are estimated
 

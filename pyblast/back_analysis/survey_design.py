@@ -8,23 +8,41 @@ import numpy as np
 from ..core import LANES
 from ..inference.covariance import LEVELS
 from ..inference.gauss_newton import DIFFERENCE
-from ..inference.global_search import Problem
-from ..inference.parameter import Parameter
+from ..inference.parameter import Parameter, Problem
 from ..inference.records import band_functions
 from ..project.census import input_band
-from .identifiability import Knowledge, Sensitivities, intervals
-from .mesh_error import Place, listening, mesh_errors_of, places_of
+from .identifiability import (
+    Knowledge,
+    Sensitivities,
+    Slip,
+    insensitive,
+    intervals,
+    is_strength,
+    watched_run,
+    weakest,
+)
 from .parameters import (
     candidates_of,
     check_parameters,
     foreseen_blasts,
     foreseen_records,
+    held_step,
     parameters_of,
+    simulate,
     with_values,
 )
-from .slip import Slip, insensitive, is_strength, watched_run, weakest
-from .trials import held_step, simulate
-from .waveforms import Window, gathered, has_quiet, recorded_noise, white_noise, window_of
+from .waveforms import (
+    Place,
+    Window,
+    gathered,
+    has_quiet,
+    listening,
+    mesh_errors_of,
+    places_of,
+    recorded_noise,
+    white_noise,
+    window_of,
+)
 
 
 @dataclass(frozen=True)

@@ -15,23 +15,15 @@ import numpy as np
 
 from ..core import LANES
 from ..errors import InputError, ReadError, SolverError
-from ..inference.global_search import Problem
-from ..inference.misfits import SIGNED, misfit_to
-from ..inference.parameter import Parameter
+from ..inference.likelihood import SIGNED, misfit_to
+from ..inference.parameter import Parameter, Problem
 from ..project.project import Project
 from ..project.result import plain
-from ..runs.cache import input_hash
+from ..runs.parallel import input_hash
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency
-from ..solver.assembly import time_step
-from ..solver.run import run_many
-from ..units import split_key
-from .parameters import is_cheap, with_values
+from .parameters import simulate
 from .waveforms import Waveforms
-
-# Larger values of these never allow a longer time step, and no other key matters to it.
-HELD = {"kn", "ks", "cohesion", "friction", "tension", "ratio"}
-WORTH_HOLDING = 0.5  # share of the longest step in the ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,42 +61,6 @@ class Target:
         """Return the records of a project that count."""
         names = self.receivers or project.recorded
         return {name: record for name, record in project.recorded.items() if name in names}
-
-
-def held_step(project: Project, parameters):
-    """Return the time step, with its limit, that all models of the ranges can march in.
-
-    With it the answer to a point does not depend on those that march beside it. None where models
-    differ in more than stiffness, strength and damping, or where the shortest step would be half
-    of the longest or less: lagged damping.
-    """
-    stems = {split_key(parameter.name.split(".")[-1])[0] for parameter in parameters}
-    if not (stems <= HELD and all(is_cheap(parameter) for parameter in parameters)):
-        return None
-    project.model  # noqa: B018  variants stand on the mesh of a model that is there
-    ends = np.array([[one.low, one.high] for one in parameters])
-    shortest = time_step(with_values(project, parameters, ends[:, 1]).model)
-    longest = time_step(with_values(project, parameters, ends[:, 0]).model)
-    return shortest if shortest[0] > WORTH_HOLDING * longest[0] else None
-
-
-def simulate(project: Project, parameters, points, step=None) -> list[dict[str, Seismogram]]:
-    """Return the seismograms of a project at points (m, n) by receiver, 0 s at the first firing.
-
-    Raises
-    ------
-    SolverError
-        If a model can't be run.
-    """
-    varied = [with_values(project, parameters, point) for point in points]
-    if step is not None:
-        runs = run_many([one.model for one in varied], project.duration, step=step)
-    else:
-        runs = [run_many([one.model], one.duration)[0] for one in varied]
-    return [
-        {name: s.shifted(-one.lead) for name, s in run.seismograms.items()}
-        for one, run in zip(varied, runs, strict=True)
-    ]
 
 
 def evaluate(target: Target, points) -> list[dict]:

@@ -23,8 +23,7 @@ from ..project.flat_box import (
 from ..project.inputs import make_input
 from ..project.places import on_ground, refuse_outside
 from ..project.project import Project
-from ..runs.greens import LINEAR_ZONES
-from ..runs.greens_bank import greens_functions
+from ..runs.greens import LINEAR_ZONES, greens_functions
 from ..runs.parallel import run_all
 from .case import Case
 

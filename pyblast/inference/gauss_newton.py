@@ -10,7 +10,8 @@ from scipy import linalg
 from scipy.optimize import lsq_linear
 
 from ..errors import InputError
-from .global_search import Evaluations, Problem, Spent, Trace, spread
+from .global_search import spread
+from .parameter import Evaluations, Problem, Spent, Trace
 
 SHORTER = 0.4  # of a step that did not descend
 LESS, MORE = 0.2, 10.0  # factors on the damping after a good step, and after one that failed

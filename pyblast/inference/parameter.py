@@ -1,7 +1,9 @@
-"""Parameter: a number to be inferred, with its prior, its scale and its bounds."""
+"""Parameters with priors, and the search problem over their ranges."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -95,3 +97,189 @@ class Parameter:
         if self.log:
             return self.mean * np.exp(self.sigma * standardised)
         return self.mean + self.sigma * standardised
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """A misfit over a box, without a word about what the numbers mean.
+
+    Parameters
+    ----------
+    low, high : (n,) float64
+        Bounds, in the units of the parameters.
+    log : (n,) bool
+        Whether a parameter is searched on a logarithmic scale.
+    evaluate : callable
+        ``(m, n) -> (m,)`` misfits of points within the bounds, in their order. The m evaluations
+        run side by side, so ask for many at once where a method allows it. Infinite where a point
+        can't be evaluated. The same point always has the same misfit.
+    vectors : callable, optional
+        ``(m, n) -> (m,), (m, k)``: misfits as before and residuals, whose sum of squares falls as
+        the misfit does. Costs what misfits cost.
+    tangents : callable, optional
+        ``(n,) -> (k, n)``: derivatives of the residuals at a point by its n parameters. Costs n
+        evaluations.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    log: np.ndarray
+    evaluate: Callable[[np.ndarray], np.ndarray]
+    vectors: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
+    tangents: Callable[[np.ndarray], np.ndarray] | None = None
+
+    def __post_init__(self):
+        for name, kind in (("low", np.float64), ("high", np.float64), ("log", bool)):
+            object.__setattr__(self, name, np.array(getattr(self, name), kind, ndmin=1))
+        if not self.low.shape == self.high.shape == self.log.shape:
+            raise InputError("problem: low, high and log must have one value for each parameter")
+        if not np.all(self.low < self.high):
+            raise InputError(f"problem.low: must be below high, got {self.low} and {self.high}")
+        if np.any(self.log & (self.low <= 0.0)):
+            raise InputError(f"problem.low: must be positive where log is set, got {self.low}")
+
+    @property
+    def n_parameters(self) -> int:
+        """Number of parameters."""
+        return len(self.low)
+
+    def points(self, unit) -> np.ndarray:
+        """Return the points (..., n) of places in the unit cube (..., n)."""
+        unit = np.asarray(unit, dtype=np.float64)
+        low, high = self._scaled(self.low), self._scaled(self.high)
+        values = low + np.clip(unit, 0.0, 1.0) * (high - low)
+        values = np.where(self.log, np.exp(np.where(self.log, values, 0.0)), values)
+        values = np.where(unit <= 0.0, self.low, np.where(unit >= 1.0, self.high, values))
+        return np.clip(values, self.low, self.high)
+
+    def unit(self, points) -> np.ndarray:
+        """Return the places in the unit cube (..., n) of points (..., n)."""
+        low, high = self._scaled(self.low), self._scaled(self.high)
+        return (self._scaled(np.asarray(points, dtype=np.float64)) - low) / (high - low)
+
+    def _scaled(self, values):
+        """Return values, logarithms of those that are searched so."""
+        return np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Everything that a search asked for, in its order.
+
+    Parameters
+    ----------
+    points : (m, n) float64
+    misfits : (m,) float64
+    accepted : (m,) bool
+        Whether the search went on from this point; for methods without such a step, whether it
+        was the best until then.
+    """
+
+    points: np.ndarray
+    misfits: np.ndarray
+    accepted: np.ndarray
+
+    @property
+    def best(self) -> int:
+        """Row of the lowest misfit, the first of several."""
+        return int(np.argmin(self.misfits))
+
+
+class Search(Protocol):
+    """A method: a function of a problem, a number of evaluations and a seed."""
+
+    def __call__(self, problem: Problem, budget: int, seed: int) -> Trace:
+        """Evaluate at most ``budget`` points; the same seed gives the same trace."""
+        ...
+
+
+class Spent(Exception):
+    """The budget is used up."""
+
+
+class Evaluations:
+    """Evaluations of one search, asked for by places in the unit cube.
+
+    Parameters
+    ----------
+    problem : Problem
+    budget : int
+        Evaluations allowed.
+
+    Attributes
+    ----------
+    left : int
+        Evaluations that are still allowed.
+    misfits : list of float
+        In the order of the trace.
+    steps : set of int or None
+        Rows that the search went on from; None for a method without such steps.
+
+    Raises
+    ------
+    InputError
+        If nothing may be evaluated.
+    """
+
+    def __init__(self, problem: Problem, budget: int):
+        if budget < 1:
+            raise InputError(f"search.budget: must be at least 1 evaluation, got {budget}")
+        self.problem, self.left = problem, budget
+        self.points, self.misfits, self.steps = [], [], None
+
+    def at(self, unit) -> np.ndarray:
+        """Return the misfits (m,) of places (m, n) in the unit cube.
+
+        Raises
+        ------
+        Spent
+            After as many of the first places as the budget allows.
+        """
+        return self._asked(unit, lambda points: (self.problem.evaluate(points),))[0]
+
+    def vectors(self, unit) -> tuple[np.ndarray, np.ndarray]:
+        """Return misfits (m,) and residuals (m, k) of places (m, n); raises as `at`."""
+        return self._asked(unit, self.problem.vectors)
+
+    def tangents(self, place) -> np.ndarray:
+        """Return the derivatives (k, n) of residuals along the axes of the unit cube.
+
+        They count as n evaluations, which have no row in the trace.
+
+        Raises
+        ------
+        Spent
+            If fewer than n are left.
+        """
+        if self.left < len(place):
+            raise Spent
+        self.left -= len(place)
+        problem, point = self.problem, self.problem.points(place)
+        ratio = np.log(np.where(problem.log, problem.high, 1.0)) - np.log(
+            np.where(problem.log, problem.low, 1.0)
+        )
+        stretch = np.where(problem.log, point * ratio, problem.high - problem.low)
+        return problem.tangents(point) * stretch
+
+    def trace(self) -> Trace:
+        """Return everything that was asked for."""
+        misfits = np.array(self.misfits)
+        if self.steps is None:
+            before = np.minimum.accumulate(np.concatenate([[np.inf], misfits[:-1]]))
+            accepted = misfits < before
+        else:
+            accepted = np.isin(np.arange(len(misfits)), list(self.steps))
+        return Trace(np.array(self.points), misfits, accepted)
+
+    def _asked(self, unit, ask):
+        """Ask for as many of some places as are allowed, and keep them."""
+        points = self.problem.points(unit)
+        allowed = points[: self.left]
+        if len(allowed):
+            answer = ask(allowed)
+            self.left -= len(allowed)
+            self.points.extend(allowed)
+            self.misfits.extend(answer[0].tolist())
+        if len(allowed) < len(points):
+            raise Spent
+        return answer

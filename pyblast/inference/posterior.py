@@ -8,8 +8,8 @@ from scipy import linalg, stats
 from scipy.special import logsumexp
 
 from ..errors import InputError, SolverError
-from .gaussian_process import GaussianProcess, learn, settings
-from .global_search import Problem, spread
+from .global_search import GaussianProcess, learn, settings, spread
+from .parameter import Problem
 
 ENSEMBLES = 2
 WALKERS = 8  # for each unknown

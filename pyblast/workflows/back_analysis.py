@@ -21,7 +21,7 @@ from ..back_analysis.search import (
 from ..back_analysis.survey_design import Plan, foreseen_plan
 from ..back_analysis.trials import TrialLog, Trials, identity
 from ..errors import Finding, PyblastError
-from ..inference.misfits import MISFITS
+from ..inference.likelihood import MISFITS
 from ..project.checks import check
 from ..project.config import BackAnalysisConfig
 from ..project.project import Project, load_project
@@ -33,7 +33,7 @@ from ..report.survey_design import (
     summarise_plan,
     write_survey_report,
 )
-from ..runs.cache import input_hash
+from ..runs.parallel import input_hash
 from ..signals.comparison import in_common
 from ..solver.preparation import versions
 from . import Interrupted, Progress, Say, new_folder, result_folder, silent

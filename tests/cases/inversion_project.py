@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 from small_project import written
 
-from pyblast.back_analysis.trials import Target, held_step, simulate
+from pyblast.back_analysis.parameters import held_step, simulate
+from pyblast.back_analysis.trials import Target
 from pyblast.inference.parameter import Parameter
 from pyblast.project.project import load_project
 from pyblast.project.result import write_csv
