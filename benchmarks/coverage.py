@@ -59,8 +59,8 @@ def measure(effort):
     rows, refused = [], []
     for number, case in enumerate(recorded(quick.family.ranges, TWINS[effort])):
         found, levels, away = inferred(quick, case, number)
-        if found.doubt:
-            refused.append(found.doubt)
+        if found.failure:
+            refused.append(found.failure)
         else:
             rows.append(_row(found, case.truth, levels) | away)
     return {"twins": len(rows) + len(refused), "refused": refused, "rows": rows,
@@ -69,10 +69,10 @@ def measure(effort):
 
 def _row(found, truth, levels):
     """Return what is kept of one twin."""
-    low, high = np.quantile(found.places, [0.05, 0.95], axis=0)
+    low, high = np.quantile(found.x, [0.05, 0.95], axis=0)
     checks = len(found.log_weights)
     return {
-        "rank": np.mean(found.places < truth, axis=0).tolist(), "width": (high - low).tolist(),
+        "rank": np.mean(found.x < truth, axis=0).tolist(), "width": (high - low).tolist(),
         "effective": found.effective / checks, "corrected": found.corrected / checks,
         "runs": found.runs, "levels": levels,
     }  # fmt: skip

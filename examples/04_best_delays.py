@@ -1,4 +1,4 @@
-"""Which delays shake three houses least? Peaks with bands, the search, and what it is worth.
+"""Which delays shake three houses least? Peaks with bands, the search, and what it is gained.
 
 Four rows of six holes. A measured single hole at each house belongs here; until then a closed
 form, scaled to an assumed site law. Argument: the figure.
@@ -42,10 +42,10 @@ for name, middle, low, high in zip(HOUSES, bands.level(0.5), *bands.band(0.9), s
 
 search = {"limits": LIMIT, "share": 0.9, "points": 6, "n_blasts": 40}
 best = best_delays(spectra, pattern, [0.009, 0.025], [0.042, 0.109], SCATTER, **search)
-worth = gain(spectra, nominal, best.times, SCATTER, limits=LIMIT, n_blasts=1000)
+gained = gain(spectra, nominal, best.times, SCATTER, limits=LIMIT, n_blasts=1000)
 print("best: " + ", ".join(f"{1e3 * delay:.0f} ms" for delay in best.delays), end="; ")
-print(f"PPV that 90 % of fresh blasts stay below falls by {100 * worth.reduction:.0f} % "
-      "[{:.0f} to {:.0f}]".format(*100 * worth.interval))  # fmt: skip
+print(f"90 % quantile of PPV falls by {100 * gained.reduction:.0f} % "
+      "[{:.0f} to {:.0f}]".format(*100 * gained.interval))  # fmt: skip
 
 figure, axis = plt.subplots(figsize=(7, 5), layout="constrained")
 points = axis.scatter(

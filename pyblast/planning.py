@@ -11,12 +11,12 @@ from scipy import stats
 from .errors import InputError
 from .runs.blast_ensemble import BlastSpectra
 
-FARTHEST = 4.0  # standard deviations; what lies beyond, 6 in 10^5, is put there
+FARTHEST = 4.0  # standard deviations, to which larger deviations (6 in 10^5) are clipped
 
 
 @dataclass(frozen=True)
 class FiringScatter:
-    """How holes differ from their plan, and how well that is known.
+    """Scatter of firing times and charges around their plan, and its uncertainty.
 
     Parameters
     ----------
@@ -27,10 +27,10 @@ class FiringScatter:
     charge : float
         Standard deviation of the logarithm of the strength of each hole.
     blast : float
-        The same of a factor that all holes of a blast share.
+        The same of a common factor of all holes of a blast.
     doubt : float
-        Standard deviation of the logarithm of the first three, drawn anew for each blast: 0 where
-        they were measured, 0.5 where only their order is known.
+        Standard deviation of the logarithm of the first three, drawn for each blast: 0 if they
+        were measured, 0.5 if only their order of magnitude is known.
     """
 
     delay: float = 0.0
@@ -55,7 +55,7 @@ class FiringScatter:
         times : (n_holes,) float, s
         n_blasts : int
         seed : int
-            The same seed draws the same deviations for any plan.
+            The same seed gives the same deviations for any plan.
         scales : float or (n_holes,) float
 
         Returns
@@ -85,37 +85,37 @@ QUANTITIES = ("ppv", "pvs")
 
 @dataclass(frozen=True, eq=False)
 class PeakBands:
-    """Peaks of many blasts of one plan.
+    """Distribution of the peaks of many simulated blasts of one plan.
 
     Parameters
     ----------
     receivers : tuple of str
     peaks : (n_blasts, n_receivers) float64, m/s
-        Rising at each receiver.
+        Sorted at each receiver.
     """
 
     receivers: tuple[str, ...]
     peaks: np.ndarray
 
     def level(self, share: float) -> np.ndarray:
-        """Return what this share of blasts stays below at each receiver, (n_receivers,) m/s."""
+        """Return the quantile of the peaks at each receiver, (n_receivers,) m/s."""
         _check_share(share)
         return np.quantile(self.peaks, share, axis=0)
 
     def band(self, share: float) -> np.ndarray:
-        """Return what holds this share of blasts, as many above as below, (2, n_receivers) m/s."""
+        """Return the central interval of this share of blasts, (2, n_receivers) m/s."""
         _check_share(share)
         return np.quantile(self.peaks, [0.5 - 0.5 * share, 0.5 + 0.5 * share], axis=0)
 
     def level_interval(self, share: float, sure: float = 0.9) -> np.ndarray:
-        """Return where the level lies for all that so few blasts tell, (2, n_receivers) m/s."""
+        """Return the confidence interval of a quantile, (2, n_receivers) m/s."""
         _check_share(share)
         n = len(self.peaks)
         ranks = stats.binom.ppf([0.5 - 0.5 * sure, 0.5 + 0.5 * sure], n, share).astype(int)
         return self.peaks[np.clip(ranks - [1, 0], 0, n - 1)]  # the first counts from one
 
     def coverage(self, peaks: np.ndarray, share: float) -> float:
-        """Return how many of some other peaks (n_others, n_receivers) lie in the band."""
+        """Return the share of other peaks (n_others, n_receivers) within the band."""
         low, high = self.band(share)
         return float(np.mean((peaks >= low) & (peaks <= high)))
 
@@ -154,7 +154,7 @@ def peak_bands(
         If the quantity is unknown, or times lie outside those of the spectra.
     """
     peaks = drawn_peaks(spectra, times, scatter, scales, n_blasts, seed, quantity)
-    return PeakBands(tuple(one.name for one in spectra.receivers), np.sort(peaks, axis=0))
+    return PeakBands(tuple(receiver.name for receiver in spectra.receivers), np.sort(peaks, axis=0))
 
 
 def drawn_peaks(
@@ -166,7 +166,7 @@ def drawn_peaks(
     seed: int,
     quantity: str = "ppv",
 ) -> np.ndarray:
-    """Return peaks (n_blasts, n_receivers) in m/s in the order of their drawing."""
+    """Return peaks (n_blasts, n_receivers) in m/s in the order of the draws."""
     if quantity not in QUANTITIES:
         raise InputError(f'quantity: must be "ppv" or "pvs", got {quantity!r}')
     peaks = spectra.peaks(*scatter.drawn(times, n_blasts, seed, scales))
@@ -174,7 +174,7 @@ def drawn_peaks(
 
 
 def _check_share(share):
-    """Refuse a share that is none."""
+    """Check that a share lies between 0 and 1."""
     if not 0.0 < share < 1.0:
         raise InputError(f"peak bands: share must lie between 0 and 1, got {share:g}")
 
@@ -184,7 +184,7 @@ SEARCHED, BEST, FRESH, RESAMPLED = 200, 6, 4000, 400
 
 @dataclass(frozen=True, eq=False)
 class BestDelays:
-    """Outcome of a search.
+    """Best delays of a search.
 
     Parameters
     ----------
@@ -201,18 +201,18 @@ class BestDelays:
 
 @dataclass(frozen=True, eq=False)
 class Gain:
-    """What one plan is worth beside another, on blasts that no search has seen.
+    """Reduction of peaks by one plan against another, on blasts that the search did not use.
 
     Parameters
     ----------
     share : float
-        Of blasts that stay below the severities.
+        Quantile of the severities.
     before, after : float
         Severity of either plan: the largest peak over its limit at any house.
     reduction : float
         1 - after/before.
     interval : (2,) float64
-        90 % interval of the reduction, for all that so few blasts tell.
+        90 % interval of the reduction for this number of blasts (bootstrap).
     """
 
     share: float
@@ -223,11 +223,11 @@ class Gain:
 
 
 def rows_pattern(n_rows: int, holes_per_row: int) -> np.ndarray:
-    """Return how many delays (between holes, between rows) come before each hole, row by row."""
+    """Return the number of delays (between holes, between rows) before each hole, row by row."""
     if n_rows < 1 or holes_per_row < 1:
         raise InputError(f"rows: need at least 1 x 1, got {n_rows} x {holes_per_row}")
-    row, place = np.divmod(np.arange(n_rows * holes_per_row), holes_per_row)
-    return np.column_stack([place, row]).astype(float)
+    row, hole = np.divmod(np.arange(n_rows * holes_per_row), holes_per_row)
+    return np.column_stack([hole, row]).astype(float)
 
 
 def best_delays(
@@ -246,36 +246,36 @@ def best_delays(
     n_blasts: int = SEARCHED,
     seed: int = 0,
 ) -> BestDelays:
-    """Search delays for the least severity at a number of houses.
+    """Search the delays of least severity at some houses.
 
     Parameters
     ----------
     spectra : BlastSpectra
         At the houses; `banded` first where a band of frequencies counts.
     pattern : (n_holes, n_delays) float
-        How many of each delay come before a hole: times are ``pattern @ delays``, see
+        Number of each delay before a hole: times are ``pattern @ delays``, see
         `rows_pattern`.
     low, high : (n_delays,) float, s
-        Between which each delay may lie, whole steps from ``low``.
+        Bounds of each delay, which is a whole number of steps above ``low``.
     scatter : FiringScatter
     step : float, s
-        Finest difference that detonators can be given.
+        Smallest difference of the detonators.
     points : int
-        Of the first grid along each delay; then around its best, in halved distances.
+        Of the first grid along each delay; refined around its best points by halves.
     limits : float or (n_receivers,) float, m/s
         Peaks count as shares of these.
     share : float
-        The severity that this share of blasts stays below is made least.
+        Quantile of the severity that is minimised.
     scales : float or (n_holes,) float
     allowed : callable, optional
-        Says of times (n_holes,) whether they may be fired, for instance by the charge in 8 ms.
+        Whether times (n_holes,) are allowed, for instance by the charge in 8 ms.
     n_blasts, seed : int
-        Drawn for each try; the same deviations for all.
+        Draws for each point; the same deviations for all.
 
     Returns
     -------
     BestDelays
-        Its severity is the best of many and so too good; `gain` tells what it is worth.
+        Its severity is biased low as the least of many; `gain` estimates it on new draws.
 
     Raises
     ------
@@ -288,35 +288,37 @@ def best_delays(
     """
     pattern, low, high = _checked(spectra, pattern, low, high, step)
     most = np.floor((high - low) / step + 1e-9).astype(int)
-    found: dict[tuple[int, ...], float] = {}
+    severities: dict[tuple[int, ...], float] = {}
 
-    def look(places):
-        """Work out the severity of places that are new and allowed."""
-        for place in places:
-            times = pattern @ (low + step * np.array(place))
-            if place in found or (allowed is not None and not allowed(times)):
+    def evaluate(candidates):
+        """Evaluate the severity of new and allowed points of the grid."""
+        for point in candidates:
+            times = pattern @ (low + step * np.array(point))
+            if point in severities or (allowed is not None and not allowed(times)):
                 continue
-            found[place] = severity(
+            severities[point] = severity(
                 spectra, times, scatter, limits, share, scales=scales, n_blasts=n_blasts, seed=seed
             )
 
     axes = [np.unique(np.round(np.linspace(0, end, points)).astype(int)) for end in most]
-    look(map(tuple, np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(low)).tolist()))
-    if not found:
+    evaluate(
+        map(tuple, np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, len(low)).tolist())
+    )
+    if not severities:
         raise InputError("best_delays.allowed: refuses every plan of the first grid")
     apart = np.maximum(most // max(points - 1, 1), 1)
     while True:
         apart = np.maximum(apart // 2, 1)
-        best = sorted(found, key=found.__getitem__)[:BEST]
+        best = sorted(severities, key=severities.__getitem__)[:BEST]
         steps = np.stack(np.meshgrid(*[[-1, 0, 1]] * len(low)), -1).reshape(-1, len(low)) * apart
-        around = (np.clip(np.array(place) + one, 0, most) for place in best for one in steps)
-        before = len(found)
-        look(tuple(place.tolist()) for place in around)
-        if (apart == 1).all() and len(found) == before:
+        around = (np.clip(np.array(point) + move, 0, most) for point in best for move in steps)
+        before = len(severities)
+        evaluate(tuple(point.tolist()) for point in around)
+        if (apart == 1).all() and len(severities) == before:
             break
-    delays = low + step * np.array(min(found, key=found.__getitem__))
-    tried = np.array([[*(low + step * np.array(place)), value] for place, value in found.items()])
-    return BestDelays(delays, pattern @ delays, tried)
+    delays = low + step * np.array(min(severities, key=severities.__getitem__))
+    tried = [[*(low + step * np.array(point)), value] for point, value in severities.items()]
+    return BestDelays(delays, pattern @ delays, np.array(tried))
 
 
 def severity(
@@ -330,7 +332,7 @@ def severity(
     n_blasts: int = FRESH,
     seed: int = 1,
 ) -> float:
-    """Return what the largest peak over its limit stays below in this share of drawn blasts."""
+    """Return the quantile of the largest peak over its limit, over simulated blasts."""
     return float(
         np.quantile(_worst(spectra, times, scatter, limits, scales, n_blasts, seed), share)
     )
@@ -348,12 +350,12 @@ def gain(
     n_blasts: int = FRESH,
     seed: int = 1,
 ) -> Gain:
-    """Compare two plans by blasts drawn for this purpose.
+    """Compare two plans by blasts that the search did not use.
 
     Parameters
     ----------
     spectra, scatter, limits, share, scales
-        As for `best_delays`; the scatter may be another, to see what a wrong one costs.
+        As for `best_delays`; another scatter shows the cost of a wrong one.
     before, after : (n_holes,) float, s
         Times of both plans.
     n_blasts, seed : int
@@ -376,7 +378,7 @@ def gain(
 
 
 def _interval(before, after, share, seed):
-    """Return 90 % of the reductions of resampled blasts."""
+    """Return the 90 % interval of the reduction of resampled blasts."""
     generator = np.random.default_rng([seed, 1])
     chosen = generator.integers(len(before), size=(RESAMPLED, len(before)))
     drawn = np.quantile(after[chosen], share, axis=1) / np.quantile(before[chosen], share, axis=1)
@@ -396,7 +398,7 @@ def _worst(spectra, times, scatter, limits, scales, n_blasts, seed):
 
 
 def _checked(spectra, pattern, low, high, step):
-    """Refuse a search that can not be made; return arrays."""
+    """Check the arguments of a search; return arrays."""
     pattern = np.asarray(pattern, dtype=float)
     low, high = np.atleast_1d(np.asarray(low, float)), np.atleast_1d(np.asarray(high, float))
     n_holes = spectra.spectra.shape[1]
@@ -414,13 +416,13 @@ def _checked(spectra, pattern, low, high, step):
 
 @dataclass(frozen=True, eq=False)
 class DelayPlan:
-    """Delays that shake houses least, and what they are worth.
+    """Best delays with the distribution of peaks before and after.
 
     Parameters
     ----------
     limits : (n_houses,) float64, m/s
     before, after : PeakBands
-        Of the times that are there, and of the best ones; of blasts that no search has seen.
+        Of the present and of the best times, by blasts that the search did not use.
     best : BestDelays
     gain : Gain
         Of the largest peak over its limit.
@@ -432,8 +434,8 @@ class DelayPlan:
     best: BestDelays
     gain: Gain
 
-    def kept(self, bands: PeakBands) -> np.ndarray:
-        """Return the share of blasts that keep the limit at each house, (n_houses,)."""
+    def share_within(self, bands: PeakBands) -> np.ndarray:
+        """Return the share of blasts within the limit at each house, (n_houses,)."""
         return np.mean(bands.peaks <= self.limits, axis=0)
 
 
@@ -460,9 +462,9 @@ def plan_delays(
     spectra, pattern, low, high, scatter, step, limits, share, scales, allowed
         As for `best_delays`.
     planned : (n_holes,) float, s
-        Times of the plan that is there.
+        Times of the present plan.
     n_blasts, seed : int
-        Of the bands; the search draws others.
+        Of the bands; the search uses other draws.
 
     Raises
     ------
@@ -481,5 +483,5 @@ def plan_delays(
     before, after = (
         peak_bands(spectra, times, scatter, **fresh) for times in (planned, best.times)
     )
-    worth = gain(spectra, planned, best.times, scatter, limits=limits, share=share, **fresh)
-    return DelayPlan(np.asarray(limits, dtype=float), before, after, best, worth)
+    gained = gain(spectra, planned, best.times, scatter, limits=limits, share=share, **fresh)
+    return DelayPlan(np.asarray(limits, dtype=float), before, after, best, gained)

@@ -206,4 +206,4 @@ def test_example_ends_with_a_gain_and_a_figure(tmp_path):
                           text=True, capture_output=True, timeout=120, check=True)  # fmt: skip
 
     assert (tmp_path / "best.png").read_bytes().startswith(b"\x89PNG")
-    assert "fresh blasts stay below falls by" in done.stdout
+    assert "quantile of PPV falls by" in done.stdout

@@ -83,7 +83,7 @@ def test_likelihood_does_not_depend_on_the_direction_of_horizontal_components_of
     rng = np.random.default_rng(10)
     motion = seismograms()
     noise = noise_of(coloured(rng, (3, 3, 3, 125)), DT, BAND)
-    for name in ("coefficients", "variance", "doubt"):
+    for name in ("coefficients", "variance", "inflation"):
         getattr(noise, name)[:, 1] = getattr(noise, name)[:, 0]
     noise = type(noise)(**{**vars(noise), "correlation": np.tile(np.eye(3), (3, 1, 1))})
     band = band_functions(N, DT, BAND)

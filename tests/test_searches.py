@@ -10,9 +10,9 @@ from pyblast.inference.gauss_newton import levenberg_search
 from pyblast.inference.global_search import (
     adaptive_annealing,
     evolution_search,
-    learn,
+    fit_gaussian_process,
+    hyperparameters,
     random_search,
-    settings,
     sobol_search,
     surrogate_search,
 )
@@ -233,7 +233,7 @@ def test_a_gaussian_process_goes_through_smooth_values_and_knows_where_it_does_n
     places, unseen = rng.random((40, 2)), 0.1 + 0.8 * rng.random((50, 2))
     smooth = lambda p: np.sin(4.0 * p[:, 0]) + p[:, 1] ** 2  # noqa: E731
 
-    process = learn(places, smooth(places), np.log([0.5, 0.5, 1e-4]))
+    process = fit_gaussian_process(places, smooth(places), np.log([0.5, 0.5, 1e-4]))
     mean, rows = process.at(unseen)
 
     assert mean == pytest.approx(smooth(unseen), abs=0.02)
@@ -245,6 +245,10 @@ def test_a_gaussian_process_goes_through_smooth_values_and_knows_where_it_does_n
 def test_a_gaussian_process_finds_the_parameter_that_does_not_matter():
     places = np.random.default_rng(1).random((40, 2))
 
-    lengths = np.exp(settings(learn(places, np.sin(5.0 * places[:, 0]), np.log([0.5, 0.5, 1e-4]))))
+    lengths = np.exp(
+        hyperparameters(
+            fit_gaussian_process(places, np.sin(5.0 * places[:, 0]), np.log([0.5, 0.5, 1e-4]))
+        )
+    )
 
     assert lengths[1] > 5.0 * lengths[0]

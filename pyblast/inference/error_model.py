@@ -14,12 +14,12 @@ RAMP = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Nuisances:
-    """Changes of all seismograms by small errors that every model shares.
+    """Nuisance columns: changes of all seismograms by small errors of a model.
 
     Parameters
     ----------
     columns : (n_columns, n_blasts, n_receivers, 3, n_functions) float64
-        In the band, for an error of one unit: delays in s, all others relative, rotations in rad.
+        In the band, for a unit error: delays in s, rotations in rad, others relative.
     groups : tuple of n_columns str
         Columns of one group have one level, their standard deviation.
     """
@@ -82,14 +82,15 @@ def nuisances(simulated, band: Band, phases=None) -> Nuisances:
     moving = [np.any(column != 0.0) for column in columns]
     groups = [group for group, each in parts.items() for _ in each]
     return Nuisances(
-        np.array(columns)[moving], tuple(g for g, kept in zip(groups, moving, strict=True) if kept)
+        np.array(columns)[moving],
+        tuple(g for g, moves in zip(groups, moving, strict=True) if moves),
     )
 
 
-def _only(motion, place):
-    """Return the motion at a place and zero elsewhere."""
+def _only(motion, index):
+    """Return the motion at an index and zero elsewhere."""
     column = np.zeros_like(motion)
-    column[place] = motion[place]
+    column[index] = motion[index]
     return column
 
 
@@ -99,11 +100,11 @@ def _shaped(simulated, band):
     n_padded = fft.next_fast_len(2 * n, real=True)
     frequency = fft.rfftfreq(n_padded, band.dt)
     low = max(band.low, 1.0 / (n * band.dt))
-    place = np.log(np.clip(frequency, low, band.high) / low) / np.log(band.high / low)
+    octave = np.log(np.clip(frequency, low, band.high) / low) / np.log(band.high / low)
     spectrum = fft.rfft(simulated, n_padded, axis=-1)
     return np.array(
         [
-            fft.irfft(spectrum * np.cos(np.pi * mode * place), n_padded, axis=-1)[..., :n]
+            fft.irfft(spectrum * np.cos(np.pi * mode * octave), n_padded, axis=-1)[..., :n]
             for mode in range(N_MODES + 1)
         ]
     )
@@ -146,12 +147,12 @@ def mesh_error(simulated, other, ratio, order=2.0) -> np.ndarray:
     ratio : float
         Above 1 for a coarser, below 1 for a finer other mesh.
     order : float
-        With which errors fall.
+        Order of convergence.
 
     Raises
     ------
     InputError
-        If the ratio is one or not positive.
+        If the ratio is 1 or not positive.
 
     Notes
     -----

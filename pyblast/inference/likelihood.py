@@ -17,12 +17,12 @@ from .records import Records
 
 ENERGY_SHARE = 0.01  # of a record's energy: positions, clocks and small heterogeneity
 MESH_SHARE = 0.28  # of the energy that a finer mesh changes: its own error
-DOUBT = 4.0  # degrees of freedom behind these shares: they may well be three times as large
+DOUBT = 4.0  # degrees of freedom of these shares: they may be three times as large
 LARGER = np.geomspace(1.0, 100.0, 41)  # factors on the energy of all errors
 
 
 class ModelError(Protocol):
-    """What a model of the ground has wrong, as a covariance of motion beside the noise."""
+    """Model error: errors of the ground model as a covariance of motion, added to the noise."""
 
     def covariance(self, records: Records, simulated=None, mesh_changes=()) -> Whitener:
         """Return the covariance of noise and model error in records.
@@ -40,7 +40,7 @@ class ModelError(Protocol):
 
 @dataclass(frozen=True)
 class EnergyShares:
-    """Model error that is white in each record, its energy a share of what is recorded.
+    """Model error, white in each record, its energy a share of the recorded energy.
 
     Independent of a simulation, and between records, so that residuals can be permuted between
     receivers. The level is fixed: theory.md (14.1).
@@ -60,7 +60,9 @@ class EnergyShares:
         """Return the covariance of noise and model error; see `ModelError`."""
         band, motion = records.band, records.motion if simulated is None else simulated
         held = band.project(motion)
-        changed = sum((band.project(one) ** 2 for one in mesh_changes), np.zeros_like(held))
+        changed = np.zeros_like(held)
+        for change in mesh_changes:
+            changed = changed + band.project(change) ** 2
         blocks = np.zeros((*held.shape, band.n_functions))
         for b, r in np.ndindex(held.shape[:2]):
             noise = np.diag(records.noise.covariance(band, b, r)).reshape(held.shape[2:])
@@ -75,8 +77,8 @@ class EnergyShares:
 class InferredLevels:
     """Model error as delays, gains, rotations, source spectra, scattering and mesh error.
 
-    Shaped by a simulation, with levels inferred from its residual: theory.md (7.13) to (7.19).
-    Shaped by the records, the levels are those of reference.
+    With the waveform of a simulation, and levels inferred from its residual: theory.md (7.13) to
+    (7.19). Without a simulation, the waveform of the records and the reference levels.
 
     Parameters
     ----------
@@ -96,7 +98,7 @@ class InferredLevels:
 
 
 class Counts(NamedTuple):
-    """How many numbers each record holds, (n_blasts, n_receivers)."""
+    """Data and effective data of each record, (n_blasts, n_receivers)."""
 
     data: np.ndarray
     effective: np.ndarray
@@ -117,7 +119,7 @@ class Gaussian:
 
 @dataclass(frozen=True)
 class StudentT:
-    """Student's density of each record: the size of its errors is uncertain, theory.md (14.1).
+    """Student-t density of each record: its error level is uncertain, theory.md (14.1).
 
     Parameters
     ----------
@@ -140,7 +142,7 @@ class StudentT:
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Density of the residuals of records.
+    """Likelihood of the residuals of records.
 
     Parameters
     ----------
@@ -161,18 +163,18 @@ class Likelihood:
 
     @cached_property
     def n_effective(self) -> np.ndarray:
-        """Independent numbers in each record: duration times bandwidth, (n_blasts, n_receivers)."""
+        """Effective data of each record: duration times bandwidth, (n_blasts, n_receivers)."""
         band = self.records.band
         return effective_numbers(band.restore(band.project(self.records.motion)), self.records.dt)
 
     @property
     def _counts(self):
-        """Coefficients and independent numbers of each record."""
+        """Data and effective data of each record."""
         return Counts(self.n_data, self.n_effective)
 
     @property
     def noise_share(self) -> np.ndarray:
-        """Mean square of whitened noise alone: its share of what is expected."""
+        """Share of the noise in the expected mean square."""
         return self.covariance.noise_share
 
     def whiten(self, motion) -> np.ndarray:
@@ -219,12 +221,14 @@ class Likelihood:
         widened = [n * np.log(k) + density.misfit(chi_square / k, self._counts) for k in LARGER]
         each = np.where(self.n_data > 0, np.array(widened) - widened[0], 0.0)
         thirds = each.sum(axis=(1, 2)), each.sum(axis=2), each.sum(axis=1)
-        return float(logsumexp([logsumexp(-0.5 * one) - np.log(3.0 * one.size) for one in thirds]))
+        return float(
+            logsumexp([logsumexp(-0.5 * part) - np.log(3.0 * part.size) for part in thirds])
+        )
 
     def excess(self, chi_square, blasts=None) -> float:
         """Return the sum of chi-squares above one: what noise and model error do not explain.
 
-        Records below one do not make up for others.
+        Records below one do not compensate for others.
         """
         each = np.maximum(chi_square - 1.0, 0.0)
         return float(np.sum(each if blasts is None else each[list(blasts)]))
@@ -237,7 +241,7 @@ class Likelihood:
 
 
 def effective_numbers(motion, dt) -> np.ndarray:
-    """Return the independent numbers (n_blasts, n_receivers) of records: 2 B T of each component.
+    """Return the effective data (n_blasts, n_receivers) of records: 2 B T of each component.
 
     Bandwidth, duration and the number of components are those that a flat one would have with the
     same mean square: participation numbers.
@@ -265,7 +269,7 @@ SIGNED = ("paper", "waveform", "lag", "onset")  # with residuals that least squa
 
 @dataclass(frozen=True, eq=False)
 class Misfit:
-    """A misfit to records that were given to `misfit`.
+    """Misfit to records, prepared by `misfit`.
 
     Parameters
     ----------
@@ -273,7 +277,7 @@ class Misfit:
     value : function of simulated (n_blasts, n_receivers, 3, n_samples), m/s, to float
         Zero where simulation and record agree.
     residuals : function of the same to (n,) float64, or None
-        What ``value`` is made of, with signs, for least squares. None where there are none.
+        Signed residuals behind ``value``, for least squares; None if there are none.
     """
 
     name: str
@@ -288,8 +292,8 @@ def misfit(name, recorded, dt, *, band=None, valid=None, whitener: Whitener | No
     ----------
     name : str
         ``paper``: mean absolute deviation of PPV and dominant frequency, %.
-        ``waveform``: ``r^T C^-1 r`` for each number of data, about 1 where nothing but noise and
-        the errors of the theory is left; needs a whitener.
+        ``waveform``: reduced chi-square ``r^T C^-1 r / n_data``, about 1 if the residual is noise
+        and model error; needs a whitener.
         ``envelope``, ``phase``: rms of the time-frequency misfits of the channels.
         ``lag``: rms of the lag of largest correlation of the paths, common to components, s.
         ``onset``: rms of the difference of onsets of the paths, s; the onset is when the length
@@ -299,7 +303,7 @@ def misfit(name, recorded, dt, *, band=None, valid=None, whitener: Whitener | No
     band : tuple of 2 float, Hz, optional
         To which both are filtered first; the whitener has its own.
     valid : (n_blasts, n_receivers, 3, n_samples) bool, optional
-        Samples that are neither clipped nor missing; others are taken out of both. The whitener
+        Samples that are neither clipped nor missing; others are left out of both. The whitener
         has its own.
     whitener : Whitener, optional
 
@@ -310,7 +314,7 @@ def misfit(name, recorded, dt, *, band=None, valid=None, whitener: Whitener | No
     Raises
     ------
     InputError
-        If the name is not known, shapes do not fit, a whitener is missing, or no channel moves.
+        If the name is unknown, shapes do not fit, a whitener is missing, or no channel moves.
 
     Notes
     -----
@@ -331,7 +335,7 @@ def misfit(name, recorded, dt, *, band=None, valid=None, whitener: Whitener | No
     if not paths:
         raise InputError("misfit: no recorded channel moves")
     measure, compare, mean = _MEASURES[name]
-    wanted = {place: measure(path, band) for place, path in paths.items()}
+    wanted = {channel: measure(path, band) for channel, path in paths.items()}
 
     def residuals(simulated):
         simulated = np.asarray(simulated, dtype=float)
@@ -340,8 +344,8 @@ def misfit(name, recorded, dt, *, band=None, valid=None, whitener: Whitener | No
                 f"misfit: simulated must have shape {recorded.shape}, got {simulated.shape}"
             )
         moving = np.any(np.where(valid, recorded, 0.0) != 0.0, axis=-1)
-        found = _paths(simulated, dt, band, valid, moving)
-        return np.concatenate([compare(wanted[p], measure(found[p], band)) for p in wanted])
+        modelled = _paths(simulated, dt, band, valid, moving)
+        return np.concatenate([compare(wanted[p], measure(modelled[p], band)) for p in wanted])
 
     signed = residuals if name in SIGNED else None
     return Misfit(name, lambda simulated: mean(residuals(simulated)), signed)
@@ -350,7 +354,7 @@ def misfit(name, recorded, dt, *, band=None, valid=None, whitener: Whitener | No
 def _waveform(recorded, whitener):
     """Return least squares of waveforms with the covariance of a whitener."""
     if whitener is None:
-        raise InputError("misfit.waveform: needs a whitener, which says what a residual is worth")
+        raise InputError("misfit.waveform: needs a whitener, the covariance of its residuals")
 
     def residuals(simulated):
         return whitener.apply(recorded - np.asarray(simulated, dtype=float)).ravel()
@@ -366,40 +370,40 @@ def _paths(motion, dt, band, valid, moving=None):
     motion = np.where(valid, motion, 0.0)
     moving = np.any(motion != 0.0, axis=-1) if moving is None else moving
     paths = {}
-    for place in np.argwhere(moving.any(axis=-1)):
-        place = tuple(map(int, place))
-        velocity = np.where(moving[place], motion[place].T, np.nan)
+    for index in np.argwhere(moving.any(axis=-1)):
+        b, r = map(int, index)
+        velocity = np.where(moving[b, r], motion[b, r].T, np.nan)
         path = Seismogram(velocity, dt)
-        paths[place] = path if band is None else path.bandpassed(*band)
+        paths[b, r] = path if band is None else path.bandpassed(*band)
     return paths
 
 
 def _peaks(path, band):
-    """Return PPV and dominant frequency of the components that are there, (2 n,)."""
+    """Return PPV and dominant frequency of the present components, (2 n,)."""
     frequency = dominant_frequency(path, "smoothed", band).hz
     return np.concatenate([path.ppv[path.present], frequency[path.present]])
 
 
-def _deviation(wanted, found):
-    """Return deviations in %; a silent simulation has no frequency: -100."""
-    return 100.0 * np.nan_to_num(found / wanted - 1.0, nan=-1.0)
+def _deviation(wanted, modelled):
+    """Return deviations in %; -100 where a simulation is zero and has no frequency."""
+    return 100.0 * np.nan_to_num(modelled / wanted - 1.0, nan=-1.0)
 
 
 def _transforms(path, band):
-    """Return the wavelet transforms of the components that are there."""
+    """Return the wavelet transforms of the present components."""
     return [wavelet_transform(column, path.dt, band) for column in path.velocity.T[path.present]]
 
 
 def _part(n):
-    """Return what compares transforms by their envelope (0) or phase (1)."""
-    return lambda wanted, found: np.array(
-        [envelope_and_phase(*pair)[n] for pair in zip(wanted, found, strict=True)]
+    """Return the comparison of transforms by their envelope (0) or phase (1)."""
+    return lambda wanted, modelled: np.array(
+        [envelope_and_phase(*pair)[n] for pair in zip(wanted, modelled, strict=True)]
     )
 
 
-def _late(wanted, found):
-    """Return how late the simulation of a path is, (1,) s; all the record if it is silent."""
-    (data, dt), (model, _) = wanted, found
+def _late(wanted, modelled):
+    """Return the lag of the simulation of a path, (1,) s; the duration if it is zero."""
+    (data, dt), (model, _) = wanted, modelled
     late = lag(data, model, dt)[0]
     return np.array([late if np.isfinite(late) else dt * len(data)])
 
@@ -425,7 +429,7 @@ _MEASURES = {
     "envelope": (_transforms, _part(0), _rms),
     "phase": (_transforms, _part(1), _rms),
     "lag": (lambda path, _: (path.velocity[:, path.present], path.dt), _late, _rms),
-    "onset": (_onset, lambda wanted, found: found - wanted, _rms),
+    "onset": (_onset, lambda wanted, modelled: modelled - wanted, _rms),
 }
 
 
@@ -435,7 +439,7 @@ def misfit_to(name, recorded: Seismogram, simulated: Seismogram, band=None):
     Parameters
     ----------
     name : str
-        Of `residuals.misfits.MISFITS` but ``waveform``: theory.md (11.1), (7.5) and (7.20).
+        Of `MISFITS` but ``waveform``: theory.md (11.1), (7.5) and (7.20).
     recorded, simulated : Seismogram
         In the same components.
     band : tuple of 2 float, Hz, optional
@@ -445,12 +449,12 @@ def misfit_to(name, recorded: Seismogram, simulated: Seismogram, band=None):
     -------
     float
     (n,) float64
-        Residuals that it is made of; none where the misfit has none.
+        Its residuals; none where the misfit has none.
 
     Raises
     ------
     InputError
-        If the two have nothing to compare.
+        If the two have no motion to compare.
     """
     if recorded.components != simulated.components:
         raise InputError(
@@ -459,7 +463,8 @@ def misfit_to(name, recorded: Seismogram, simulated: Seismogram, band=None):
         )
     end = min(recorded.start + recorded.duration, simulated.start + simulated.duration)
     recorded = recorded.windowed(recorded.start, end)
-    found = simulated.sampled(recorded.start, recorded.dt, len(recorded.velocity))
-    data, model = (np.nan_to_num(one.velocity).T[None, None] for one in (recorded, found))
-    made = misfit(name, data, recorded.dt, band=band)
-    return made.value(model), np.zeros(0) if made.residuals is None else made.residuals(model)
+    sampled = simulated.sampled(recorded.start, recorded.dt, len(recorded.velocity))
+    data, model = (np.nan_to_num(motion.velocity).T[None, None] for motion in (recorded, sampled))
+    measure = misfit(name, data, recorded.dt, band=band)
+    residuals = np.zeros(0) if measure.residuals is None else measure.residuals(model)
+    return measure.value(model), residuals

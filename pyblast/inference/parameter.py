@@ -12,9 +12,9 @@ from ..errors import InputError
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number to be inferred.
+    """Parameter: a number to be inferred, with its prior, scale and bounds.
 
-    Its prior is Gaussian around ``mean`` where ``sigma`` is given, else uniform over the range.
+    The prior is Gaussian around ``mean`` where ``sigma`` is given, else uniform over the range.
 
     Parameters
     ----------
@@ -32,19 +32,19 @@ class Parameter:
     sigma : float, optional
         Standard deviation of the prior, in the unit, or of the natural logarithm if ``log``.
     starts : tuple of float
-        Values in the unit that a search begins at.
+        Starting values of a search, in the unit.
     per_hole : bool
         One value for each hole of a blast.
     null : float, optional
         Value in the unit at which the effect of a hypothesis vanishes; the detection limit is
         measured from there. Not for effects that need runs.
     laboratory : (low, high), optional
-        Range of samples, to compare the result with; no part of the inference.
+        Range of laboratory samples, to compare the result with; not part of the inference.
 
     Raises
     ------
     InputError
-        If the bounds, the prior or the range of the laboratory are not valid.
+        If the bounds, the prior or the laboratory range are not valid.
     """
 
     name: str
@@ -69,8 +69,8 @@ class Parameter:
                     raise InputError(f"{self.name}: {end} must be finite, got {getattr(self, end)}")
             if self.log and not self.low > 0.0:
                 raise InputError(
-                    f"{self.name}: a logarithmic range must be positive, got {self.low:g}; leave "
-                    "out log or raise low"
+                    f"{self.name}: a logarithmic range must be positive, got {self.low:g}; omit "
+                    "log or raise low"
                 )
         elif not self.sigma > 0.0 or (self.log and not self.mean > 0.0):
             raise InputError(
@@ -101,7 +101,7 @@ class Parameter:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """A misfit over a box, without a word about what the numbers mean.
+    """Search problem: a misfit over a box of parameters.
 
     Parameters
     ----------
@@ -110,12 +110,12 @@ class Problem:
     log : (n,) bool
         Whether a parameter is searched on a logarithmic scale.
     evaluate : callable
-        ``(m, n) -> (m,)`` misfits of points within the bounds, in their order. The m evaluations
-        run side by side, so ask for many at once where a method allows it. Infinite where a point
-        can't be evaluated. The same point always has the same misfit.
+        ``(m, n) -> (m,)`` misfits of points within the bounds, in their order, infinite where the
+        evaluation fails. The m evaluations run in batches, so a method should pass many at once.
+        The same point always has the same misfit.
     vectors : callable, optional
-        ``(m, n) -> (m,), (m, k)``: misfits as before and residuals, whose sum of squares falls as
-        the misfit does. Costs what misfits cost.
+        ``(m, n) -> (m,), (m, k)``: misfits as before, and residuals whose sum of squares decreases
+        with the misfit. Costs as much as the misfits.
     tangents : callable, optional
         ``(n,) -> (k, n)``: derivatives of the residuals at a point by its n parameters. Costs n
         evaluations.
@@ -144,7 +144,7 @@ class Problem:
         return len(self.low)
 
     def points(self, unit) -> np.ndarray:
-        """Return the points (..., n) of places in the unit cube (..., n)."""
+        """Return the points (..., n) at coordinates in the unit cube (..., n)."""
         unit = np.asarray(unit, dtype=np.float64)
         low, high = self._scaled(self.low), self._scaled(self.high)
         values = low + np.clip(unit, 0.0, 1.0) * (high - low)
@@ -153,26 +153,26 @@ class Problem:
         return np.clip(values, self.low, self.high)
 
     def unit(self, points) -> np.ndarray:
-        """Return the places in the unit cube (..., n) of points (..., n)."""
+        """Return the coordinates in the unit cube (..., n) of points (..., n)."""
         low, high = self._scaled(self.low), self._scaled(self.high)
         return (self._scaled(np.asarray(points, dtype=np.float64)) - low) / (high - low)
 
     def _scaled(self, values):
-        """Return values, logarithms of those that are searched so."""
+        """Return values, or their logarithms where ``log`` is set."""
         return np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """Everything that a search asked for, in its order.
+    """Trace of a search: all evaluations in their order.
 
     Parameters
     ----------
     points : (m, n) float64
     misfits : (m,) float64
     accepted : (m,) bool
-        Whether the search went on from this point; for methods without such a step, whether it
-        was the best until then.
+        Whether the search accepted the point; for methods without that step, whether it was the
+        best so far.
     """
 
     points: np.ndarray
@@ -186,7 +186,7 @@ class Trace:
 
 
 class Search(Protocol):
-    """A method: a function of a problem, a number of evaluations and a seed."""
+    """Search method: a function of a problem, a number of evaluations and a seed."""
 
     def __call__(self, problem: Problem, budget: int, seed: int) -> Trace:
         """Evaluate at most ``budget`` points; the same seed gives the same trace."""
@@ -194,11 +194,11 @@ class Search(Protocol):
 
 
 class Spent(Exception):
-    """The budget is used up."""
+    """The evaluation budget is used up."""
 
 
 class Evaluations:
-    """Evaluations of one search, asked for by places in the unit cube.
+    """Evaluations of one search at coordinates in the unit cube, within a budget.
 
     Parameters
     ----------
@@ -208,53 +208,53 @@ class Evaluations:
 
     Attributes
     ----------
-    left : int
-        Evaluations that are still allowed.
+    remaining : int
+        Evaluations that the budget still allows.
     misfits : list of float
         In the order of the trace.
     steps : set of int or None
-        Rows that the search went on from; None for a method without such steps.
+        Rows that the search accepted; None for a method without that step.
 
     Raises
     ------
     InputError
-        If nothing may be evaluated.
+        If the budget is below one.
     """
 
     def __init__(self, problem: Problem, budget: int):
         if budget < 1:
             raise InputError(f"search.budget: must be at least 1 evaluation, got {budget}")
-        self.problem, self.left = problem, budget
+        self.problem, self.remaining = problem, budget
         self.points, self.misfits, self.steps = [], [], None
 
     def at(self, unit) -> np.ndarray:
-        """Return the misfits (m,) of places (m, n) in the unit cube.
+        """Return the misfits (m,) at coordinates (m, n) in the unit cube.
 
         Raises
         ------
         Spent
-            After as many of the first places as the budget allows.
+            After as many of the first points as the budget allows.
         """
-        return self._asked(unit, lambda points: (self.problem.evaluate(points),))[0]
+        return self._evaluate(unit, lambda points: (self.problem.evaluate(points),))[0]
 
     def vectors(self, unit) -> tuple[np.ndarray, np.ndarray]:
-        """Return misfits (m,) and residuals (m, k) of places (m, n); raises as `at`."""
-        return self._asked(unit, self.problem.vectors)
+        """Return misfits (m,) and residuals (m, k) at coordinates (m, n); raises as `at`."""
+        return self._evaluate(unit, self.problem.vectors)
 
-    def tangents(self, place) -> np.ndarray:
-        """Return the derivatives (k, n) of residuals along the axes of the unit cube.
+    def tangents(self, unit) -> np.ndarray:
+        """Return the Jacobian (k, n) of the residuals along the axes of the unit cube.
 
-        They count as n evaluations, which have no row in the trace.
+        It counts as n evaluations, without rows in the trace.
 
         Raises
         ------
         Spent
-            If fewer than n are left.
+            If fewer than n remain.
         """
-        if self.left < len(place):
+        if self.remaining < len(unit):
             raise Spent
-        self.left -= len(place)
-        problem, point = self.problem, self.problem.points(place)
+        self.remaining -= len(unit)
+        problem, point = self.problem, self.problem.points(unit)
         ratio = np.log(np.where(problem.log, problem.high, 1.0)) - np.log(
             np.where(problem.log, problem.low, 1.0)
         )
@@ -262,7 +262,7 @@ class Evaluations:
         return problem.tangents(point) * stretch
 
     def trace(self) -> Trace:
-        """Return everything that was asked for."""
+        """Return the trace of all evaluations."""
         misfits = np.array(self.misfits)
         if self.steps is None:
             before = np.minimum.accumulate(np.concatenate([[np.inf], misfits[:-1]]))
@@ -271,13 +271,13 @@ class Evaluations:
             accepted = np.isin(np.arange(len(misfits)), list(self.steps))
         return Trace(np.array(self.points), misfits, accepted)
 
-    def _asked(self, unit, ask):
-        """Ask for as many of some places as are allowed, and keep them."""
+    def _evaluate(self, unit, evaluate):
+        """Evaluate as many of some points as the budget allows, and record them."""
         points = self.problem.points(unit)
-        allowed = points[: self.left]
+        allowed = points[: self.remaining]
         if len(allowed):
-            answer = ask(allowed)
-            self.left -= len(allowed)
+            answer = evaluate(allowed)
+            self.remaining -= len(allowed)
             self.points.extend(allowed)
             self.misfits.extend(answer[0].tolist())
         if len(allowed) < len(points):

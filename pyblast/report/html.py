@@ -49,10 +49,10 @@ def page(name):
 
 
 def _figures(result):
-    """Make the figures: list of title, caption, names of assumed tables, image."""
+    """Return the figures: list of title, caption, names of assumed tables, image."""
     summary = result.summary
     wide = _spectrum_top(summary)
-    made = [
+    rows = [
         *_input_figures(result, wide),
         *_source_figures(result, wide),
         (
@@ -67,13 +67,13 @@ def _figures(result):
         *_limit_figures(result),
         (
             "Energy",
-            "Where the energy that was put in went; the ledger closes within "
+            "Energy balance of the input; it closes within "
             f"{100.0 * summary['run']['balance_error']:.2g} %.{_energy_words(summary)}",
             (),
             figures.energy_figure(result.arrays["energy"], summary["run"]["lead"]),
         ),
     ]  # fmt: skip
-    return [dict(zip(("title", "caption", "tables", "image"), row, strict=True)) for row in made]
+    return [dict(zip(("title", "caption", "tables", "image"), row, strict=True)) for row in rows]
 
 
 def _spectrum_top(summary):
@@ -85,7 +85,7 @@ def _spectrum_top(summary):
 
 
 def _input_figures(result, top):
-    """Draw the single hole and what enters through the face."""
+    """Yield the figures of the single hole and of the input through a face."""
     table, stages = result.summary["input"], result.seismograms("input")
     if table is None:
         return
@@ -103,14 +103,14 @@ def _input_figures(result, top):
         _filter_words(table),
         ("signature", "blast", "input"),
         figures.motion_figure(
-            {"whole blast": stages["superposed"], "into the model": stages["motion"]},
+            {"whole blast": stages["superposed"], "input": stages["motion"]},
             ["#9aa5b1", figures.SIMULATED], top, _end(stages["superposed"]),
         ),
     )  # fmt: skip
 
 
 def _source_figures(result, top):
-    """Draw the moment rate of holes inside and the histories of forces."""
+    """Yield the figure of moment rates and force histories inside the model."""
     table, histories = result.summary["sources"], result.arrays.get("sources", {})
     if not histories:
         return
@@ -147,8 +147,8 @@ def _end(seismogram):
 
 
 def _section_figures(result):
-    """Section with joints and faults, and the highest frequency that each zone carries."""
-    place = _section_place(result)
+    """Yield the section with joints and faults, and with the highest frequency of zones."""
+    north = _section_place(result)
     edges = result.summary["run"].get("edges_per_wavelength", 10.0)
     entry = "stars mark holes and forces inside, projected"
     if result.summary["input"] is not None:
@@ -157,16 +157,16 @@ def _section_figures(result):
         entry = f"the blast enters through '{face}'{arrows}"
     yield (
         "Section",
-        f"Section at north {place:g} m with joints and faults; {entry} (as figure 4 of the paper).",
+        f"Section at north {north:g} m with joints and faults; {entry} (as figure 4 of the paper).",
         ("mesh", "joints"),
-        figures.section_figure(result, place),
+        figures.section_figure(result, north),
     )
     yield (
         "Highest frequency",
         f"Highest frequency that each zone carries: Cs over {edges:g} of its mean edges; the input "
         f"has {result.summary['band']:.3g} Hz. The same section.",
         ("mesh",),
-        figures.section_figure(result, place, "f_max"),
+        figures.section_figure(result, north, "f_max"),
     )
 
 
@@ -178,7 +178,7 @@ def _section_place(result):
 
 
 def _receiver_figures(result, top):
-    """Draw recorded and simulated motion at each receiver (figures 7 to 9)."""
+    """Yield recorded and simulated motion at each receiver (figures 7 to 9 of the paper)."""
     recorded = result.seismograms("recorded")
     for name, simulated in result.seismograms("simulated").items():
         both, colours = {"simulated": simulated}, [figures.SIMULATED]
@@ -196,19 +196,19 @@ def _receiver_figures(result, top):
 
 
 def _limit_figures(result):
-    """Draw all peaks under the limit curves that were asked for."""
+    """Yield the figure of peaks and limit curves, if the project names any."""
     names, curves = result.summary.get("limit_curves", []), load_limits()
-    some = [curves[name] for name in names if name in curves]
-    if not some:
+    chosen = [curves[name] for name in names if name in curves]
+    if not chosen:
         return
     motions = {kind: result.seismograms(kind) for kind in ("simulated", "recorded")}
-    image, left_out = limits_figure(motions, some)
+    image, left_out = limits_figure(motions, chosen)
     without = f" Without crossings on both sides, and left out: {', '.join(left_out)}."
     yield (
         "Limit curves",
-        "Peaks of each component against their frequency by zero crossing. Curves are drawn, and "
-        "nothing is judged: who uses one has to compare it with the standard "
-        f"({'; '.join(curve.source for curve in some)}). What is simulated holds little above "
+        "Peaks of each component against their frequency by zero crossing. The curves are no "
+        "assessment: compare a curve with its standard before you use it "
+        f"({'; '.join(curve.source for curve in chosen)}). The simulation holds little above "
         f"{result.summary['band']:.3g} Hz.{without if left_out else ''}",
         ("receivers", "signature"),
         image,
@@ -216,7 +216,7 @@ def _limit_figures(result):
 
 
 def _towards(table):
-    """Say where the longitudinal component points."""
+    """Return the direction of the longitudinal component."""
     if table["azimuth"] is None:
         return ""
     bearing = math.degrees(table["azimuth"]) % 360.0
@@ -224,20 +224,20 @@ def _towards(table):
 
 
 def _energy_words(summary):
-    """Say what of the energy is not what it seems."""
+    """Return notes on the energy of input and initial stress."""
     words = ""
     if summary["input"] is not None:
         words = (
-            " On a quiet input face about half of what is put in goes straight into the dashpots "
-            "of that face."
+            " At a viscous input face about half of the input goes directly into the dashpots of "
+            "that face."
         )
     if summary["run"]["static"]:
-        words += " What joints hold at the beginning is in-situ stress, no energy of the blast."
+        words += " The initial energy of joints is that of the in-situ stress, not of the blast."
     return words
 
 
 def _filter_words(table):
-    """Say what superposition and filter did."""
+    """Return the caption of superposition and filter."""
     text = f"{table['holes']} holes at {len(table['instants'])} instants"
     if table["low_pass"] is None:
         return f"{text}, not filtered."

@@ -26,8 +26,8 @@ from .parallel import Cache, input_hash, run_loads
 PointSource = Hole | Column | MomentTensor | PointForce
 CHARGES = (Hole, Column)
 KINDS = (*CHARGES, MomentTensor, PointForce)
-LINEAR_JOINTS = ("elastic", "kelvin", "maxwell", *STICKING_JOINTS)
-LINEAR_ZONES = ("elastic", "anisotropic")
+LINEAR_JOINT_LAWS = ("elastic", "kelvin", "maxwell", *STICKING_JOINTS)
+LINEAR_ZONE_LAWS = ("elastic", "anisotropic")
 NONE = TimeFunction(np.zeros(1), 1.0)
 
 
@@ -56,7 +56,7 @@ def history(source: PointSource, times: np.ndarray) -> np.ndarray:
     return size(source) * source.moment_rate.integral()(times - source.time)
 
 
-def place(source: PointSource) -> np.ndarray:
+def position_of(source: PointSource) -> np.ndarray:
     """Return the position of a source, (3,) m; the centre of a column."""
     if isinstance(source, Column):
         return 0.5 * np.add(source.primed, source.end)
@@ -66,8 +66,8 @@ def place(source: PointSource) -> np.ndarray:
 def likeness(source: PointSource) -> tuple:
     """Return the properties that sources at one place must share to have one response."""
     if isinstance(source, Column):
-        way = np.round(np.subtract(source.end, source.primed), 9)
-        return Column, *way, source.detonation_speed, source.sources
+        direction = np.round(np.subtract(source.end, source.primed), 9)
+        return Column, *direction, source.detonation_speed, source.sources
     if isinstance(source, PointForce):
         return PointForce, *np.round(np.asarray(source.direction) / size(source), 9)
     if isinstance(source, MomentTensor):
@@ -93,13 +93,13 @@ def refuse_what_does_not_superpose(model: Model) -> None:
         Naming the part.
     """
     for joint in model.joints:
-        if joint.law not in LINEAR_JOINTS:
+        if joint.law not in LINEAR_JOINT_LAWS:
             raise InputError(
                 f"joints.{joint.surface}.law: holes do not superpose across '{joint.law}'; take "
-                f"one of {', '.join(LINEAR_JOINTS)}, or run each blast as a whole"
+                f"one of {', '.join(LINEAR_JOINT_LAWS)}, or run each blast as a whole"
             )
     for group in model.mesh.groups:
-        if model.law(group).name not in LINEAR_ZONES:
+        if model.law(group).name not in LINEAR_ZONE_LAWS:
             raise InputError(
                 f"materials.{group}: holes do not superpose in ground of the law "
                 f"'{model.law(group).name}'; take elastic ground, or run each blast as a whole"
@@ -182,12 +182,12 @@ class GreensFunctions:
         InputError
             If there is no place of its kind within reach.
         """
-        places = np.array([place(unit) for unit in self.sources])
+        places = np.array([position_of(unit) for unit in self.sources])
         kinds = [likeness(unit) for unit in self.sources]
         numbers = np.zeros(len(sources), dtype=int)
         for n, source in enumerate(sources):
             kind = likeness(source)
-            away = np.linalg.norm(places - place(source), axis=1)
+            away = np.linalg.norm(places - position_of(source), axis=1)
             away[[other != kind for other in kinds]] = np.inf
             numbers[n] = away.argmin()
             if np.isinf(away[numbers[n]]):
@@ -322,7 +322,7 @@ def cluster_error(model: Model, within: float, highest: float) -> float:
     At the highest frequency in Hz and the smallest cs at a source; about the largest relative error
     of the motion.
     """
-    zones, _ = locate(model.mesh, [place(source) for source in _point_sources(model)])
+    zones, _ = locate(model.mesh, [position_of(source) for source in _point_sources(model)])
     slowest = np.broadcast_to(model.zone_values("cs"), len(model.mesh.zones))[zones].min()
     return float(2.0 * np.pi * highest * within / slowest)
 
@@ -334,16 +334,16 @@ def _point_sources(model) -> list[PointSource]:
 
 def _places(sources, within):
     """Return one source for each place and kind; sources within reach of another are left out."""
-    kept = []
+    chosen = []
     for source in sources:
         reached = [
-            likeness(one) == likeness(source)
-            and np.linalg.norm(place(one) - place(source)) <= within + NEAR
-            for one in kept
+            likeness(other) == likeness(source)
+            and np.linalg.norm(position_of(other) - position_of(source)) <= within + NEAR
+            for other in chosen
         ]
         if not any(reached):
-            kept.append(source)
-    return kept
+            chosen.append(source)
+    return chosen
 
 
 def _choose(side, units, receivers):
@@ -423,7 +423,7 @@ def _from_sources(model, prepared, numbers):
     motion = np.concatenate(
         list(_unit_step_runs(model, prepared, [model.sources[n] for n in numbers], []))
     )
-    return [np.ascontiguousarray(one) for one in motion[1:].transpose(3, 1, 2, 0)]
+    return [np.ascontiguousarray(response) for response in motion[1:].transpose(3, 1, 2, 0)]
 
 
 def _from_receivers(model, prepared, numbers):
@@ -432,16 +432,17 @@ def _from_receivers(model, prepared, numbers):
     Motion of the loaded nodes for a force at the receiver, times the loads; theory.md (9.3).
     """
     each = [loads(model, source, 2, prepared.constants["dt"]) for source in model.sources]
-    nodes = np.unique(np.concatenate([one["load_node"] for one in each]))
+    nodes = np.unique(np.concatenate([load["load_node"] for load in each]))
     table = np.zeros((len(each), len(nodes), 3))
-    for row, one in zip(table, each, strict=True):
-        np.add.at(row, np.searchsorted(nodes, one["load_node"]), one["load_vector"])
+    for row, load in zip(table, each, strict=True):
+        np.add.at(row, np.searchsorted(nodes, load["load_node"]), load["load_vector"])
     forces = [PointForce(model.receivers[n // 3].position, np.eye(3)[n % 3], NONE) for n in numbers]
     pieces = [
         np.tensordot(motion[:, len(model.receivers) :], table, axes=([1, 2], [1, 2]))
         for motion in _unit_step_runs(model, prepared, forces, nodes)
     ]
-    return [np.ascontiguousarray(one) for one in np.concatenate(pieces)[1:].transpose(1, 2, 0)]
+    responses = np.concatenate(pieces)[1:].transpose(1, 2, 0)
+    return [np.ascontiguousarray(response) for response in responses]
 
 
 def _unit_step_runs(model, prepared, sources, nodes):

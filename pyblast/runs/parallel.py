@@ -106,18 +106,18 @@ class Cache:
         try:
             groups, attributes = read_arrays(path)
         except ReadError as error:
-            log.warning("cache: left aside, and made anew: %s", error)
+            log.warning("cache: ignored, and computed again: %s", error)
             return None
-        arrays = groups.get("kept", {})
+        arrays = groups.get("cached", {})
         if attributes.get("key") != key or attributes.get("content") != fingerprint(arrays):
-            log.warning("cache: %s is not what its name says; left aside, and made anew", path)
+            log.warning("cache: %s does not match its name; ignored, and computed again", path)
             return None
         return arrays
 
     def put(self, key: str, arrays: dict[str, np.ndarray]) -> None:
         """Store arrays under a key."""
-        attributes = {"kind": "kept", "key": key, "content": fingerprint(arrays)}
-        write_arrays(self._path(key), {"kept": arrays}, attributes)
+        attributes = {"kind": "cached", "key": key, "content": fingerprint(arrays)}
+        write_arrays(self._path(key), {"cached": arrays}, attributes)
 
     def __len__(self) -> int:
         return sum(1 for _ in self.folder.glob("*.h5"))
@@ -132,8 +132,8 @@ class Cache:
 
 
 @dataclass(frozen=True, eq=False)
-class KeptRun:
-    """Cached run.
+class CachedRun:
+    """Cached run: seismograms and energy, without the state.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ class KeptRun:
     balance_error, dt, wall_seconds : float
         As in `Run`; the wall time of the run, not of reading.
     provenance : dict of str to str
-    found : bool
+    from_cache : bool
         Whether it was read from the cache.
     """
 
@@ -154,10 +154,10 @@ class KeptRun:
     dt: float
     wall_seconds: float
     provenance: dict[str, str]
-    found: bool
+    from_cache: bool
 
 
-def cached_run(model: Model, duration: float, folder: str | Path | None = None) -> KeptRun:
+def cached_run(model: Model, duration: float, folder: str | Path | None = None) -> CachedRun:
     """Run a model, or read the bit-identical run from the cache.
 
     Parameters
@@ -169,7 +169,7 @@ def cached_run(model: Model, duration: float, folder: str | Path | None = None) 
 
     Returns
     -------
-    KeptRun
+    CachedRun
 
     Raises
     ------
@@ -181,7 +181,7 @@ def cached_run(model: Model, duration: float, folder: str | Path | None = None) 
     return find_run(model, duration, folder) or _run(model, duration, folder)
 
 
-def find_run(model: Model, duration: float, folder: str | Path | None) -> KeptRun | None:
+def find_run(model: Model, duration: float, folder: str | Path | None) -> CachedRun | None:
     """Return the cached run of a model, or None."""
     arrays = Cache(folder).get(input_hash(model, duration)) if folder is not None else None
     return _from_arrays(arrays) if arrays else None
@@ -192,7 +192,7 @@ def _run(model, duration, folder):
     run = simulate(model, duration)
     if folder is not None:
         Cache(folder).put(input_hash(model, duration), _as_arrays(run))
-    return KeptRun(
+    return CachedRun(
         run.seismograms, run.energy, run.balance_error, run.dt, run.wall_seconds,
         run.provenance, False,
     )  # fmt: skip
@@ -232,7 +232,9 @@ def _from_arrays(arrays):
         if name.startswith("energy_")
     }
     numbers = {name: plain[name] for name in ("balance_error", "dt", "wall_seconds")}
-    return KeptRun(seismograms, energy, **numbers, provenance=plain["provenance"], found=True)
+    return CachedRun(
+        seismograms, energy, **numbers, provenance=plain["provenance"], from_cache=True
+    )
 
 
 THREADS = "OMP_NUM_THREADS"
@@ -245,7 +247,7 @@ def run_all(
     *,
     folder: str | Path | None = None,
     executor: Executor | None = None,
-) -> list[KeptRun]:
+) -> list[CachedRun]:
     """Run many models in parallel, each at most once.
 
     Parameters
@@ -261,7 +263,7 @@ def run_all(
 
     Returns
     -------
-    list of KeptRun
+    list of CachedRun
         In the order of the models.
 
     Raises
@@ -283,8 +285,8 @@ def run_all(
         done |= {n: cached_run(models[n], duration, folder) for n in here}
     except BrokenProcessPool:
         raise SolverError(
-            "runs: a process was lost, perhaps for want of memory; the same command goes on "
-            "with what is missing"
+            "runs: a process was lost, perhaps for lack of memory; the same command "
+            "computes the missing runs"
         ) from None
     finally:  # cancel pending runs after a failure or Ctrl-C
         for future in waiting.values():
@@ -423,13 +425,13 @@ def run_loads(
 def _merged_loads(loads):
     """Return the loads of all lanes as one table."""
     merged = {
-        name: np.concatenate([one[name] for one in loads])
+        name: np.concatenate([load[name] for load in loads])
         for name in ("load_node", "load_vector", "load_delay")
     }
     lane = np.repeat(
-        np.arange(len(loads), dtype=np.int32), [len(one["load_node"]) for one in loads]
+        np.arange(len(loads), dtype=np.int32), [len(load["load_node"]) for load in loads]
     )
-    history = np.hstack([one["history"] for one in loads])
+    history = np.hstack([load["history"] for load in loads])
     return {**merged, "load_history": lane, "load_lane": lane, "history": history}
 
 

@@ -96,7 +96,7 @@ def simulate(
     )  # fmt: skip
     return replace(
         done,
-        seismograms={name: one.shifted(-lead) for name, one in done.seismograms.items()},
+        seismograms={name: s.shifted(-lead) for name, s in done.seismograms.items()},
         snapshots={time - lead: velocity for time, velocity in done.snapshots.items()},
     )
 
