@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pyblast.core import LANES
+from pyblast.core import BATCH_SIZE
 from pyblast.inference.covariance import PRIORS, SCATTER, infer_levels, usual_whitener
 from pyblast.inference.error_model import mesh_error, nuisances, scattering
 from pyblast.inference.gauss_newton import levenberg_search
@@ -167,8 +167,8 @@ def recorded(ranges, count):
     band = band_functions(SAMPLES, SAMPLING, BAND)
     ground, rng = faulted_rock(FINER, "centred"), np.random.default_rng(77)
     truths = rng.random((count, len(RANGES)))
-    for first in range(0, count, LANES):
-        some = truths[first : first + LANES]
+    for first in range(0, count, BATCH_SIZE):
+        some = truths[first : first + BATCH_SIZE]
         runs = run_many([ranges.model(ground, ranges.at(one)) for one in some], DURATION)
         for truth, run in zip(some, runs, strict=True):
             motion = _heard(run)

@@ -20,7 +20,7 @@ ENERGIES = (
     "insitu",
     "unbalanced",
 )
-LANES = int(_core_batch.pyblast_batch.n_batch)  # models that march side by side
+BATCH_SIZE = int(_core_batch.pyblast_batch.n_batch)  # models that march side by side
 LEAST_SHARED = int(_core.pyblast_kinds.least_shared)  # nodes of a model whose steps threads share
 N_SUMS = int(_core.pyblast_kinds.n_sums)
 N_JOINT_STATE = int(_core.pyblast_kinds.n_joint_state)
@@ -32,7 +32,7 @@ INDEX_ENDINGS = (
     "_lane", "_form",
 )  # fmt: skip
 # Arrays that each lane has for itself, and at which axis the lanes are.
-LANE_AXIS = {
+BATCH_AXIS = {
     **dict.fromkeys(
         (
             "displacement", "velocity", "memory", "node_mass", "node_alpha", "node_load",
@@ -145,18 +145,18 @@ def in_single(arrays):
 
 def to_fortran(arrays):
     """Return the views that the kernels take for one model: `numbered`, axes reversed, no copy."""
-    return _reversed(_one_lane(numbered(arrays)))
+    return _reversed(_with_batch_axis(numbered(arrays)))
 
 
-def side_by_side(arrays):
-    """Return the views that the kernels take for `LANES` models, lanes stacked already."""
+def to_fortran_batch(arrays):
+    """Return the views that the kernels take for `BATCH_SIZE` models, lanes stacked already."""
     return _reversed(numbered(arrays))
 
 
-def _one_lane(arrays):
+def _with_batch_axis(arrays):
     """Give arrays that each lane has for itself the axis of the lanes."""
     return {
-        name: np.expand_dims(value, LANE_AXIS[name]) if name in LANE_AXIS else value
+        name: np.expand_dims(value, BATCH_AXIS[name]) if name in BATCH_AXIS else value
         for name, value in arrays.items()
     }
 
@@ -186,19 +186,19 @@ def advance(constants, state, first_step, n_steps, ledger_every):
     failed : int or None
         Node of the largest velocity, from 0, where the march stopped early.
     """
-    views = _reversed(_one_lane(state))
+    views = _reversed(_with_batch_axis(state))
     core = _core_single if state["velocity"].dtype == np.float32 else _core
     motion, energy, failed = _march(core, constants, views, first_step, n_steps, ledger_every)
     return motion[..., 0], energy[:, 0], None if failed is None else failed[0]
 
 
-def advance_all(constants, state, first_step, n_steps, ledger_every):
-    """March `LANES` models side by side; as `advance`, from `side_by_side` and with lanes.
+def advance_batch(constants, state, first_step, n_steps, ledger_every):
+    """March `BATCH_SIZE` models side by side; as `advance`, from `to_fortran_batch` and with lanes.
 
     Returns
     -------
-    motion : (n_done, n_receivers, 3, LANES) float64, m/s
-    energy : (n_lines, LANES, n_energies) float64, J
+    motion : (n_done, n_receivers, 3, BATCH_SIZE) float64, m/s
+    energy : (n_lines, BATCH_SIZE, n_energies) float64, J
     failed : tuple of int or None
         Node and lane where the march stopped early.
     """

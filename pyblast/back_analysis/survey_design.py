@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..core import LANES
+from ..core import BATCH_SIZE
 from ..errors import InputError
 from ..inference.covariance import LEVELS
 from ..inference.gauss_newton import DIFFERENCE
@@ -409,7 +409,7 @@ def _changes(projects, parameters, unit, receivers, window, report):
     for number, project in enumerate(projects):
         surveyed = with_receivers(project, receivers)
         step = common_time_step(surveyed, parameters)
-        size = LANES if step else 1
+        size = BATCH_SIZE if step else 1
         motions = []
         for first in range(0, len(points), size):
             report("plan", number * len(points) + first, total)

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core import LANES
+from ..core import BATCH_SIZE
 from ..errors import InputError, ReadError, SolverError
 from ..inference.likelihood import SIGNED, misfit_to
 from ..inference.parameter import Parameter, Problem
@@ -55,7 +55,7 @@ class Target:
     @property
     def batch(self) -> int:
         """Number of points in one batch of runs."""
-        return LANES if all(self.steps) else 1
+        return BATCH_SIZE if all(self.steps) else 1
 
     def recorded(self, project) -> dict[str, Seismogram]:
         """Return the records of a project that are used."""

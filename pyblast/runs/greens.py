@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
-from ..core import LANES
+from ..core import BATCH_SIZE
 from ..errors import InputError
 from ..mesh.mesh import locate
 from ..model.boundary import StressInput, VelocityInput
@@ -385,7 +385,7 @@ def _collect(model, duration, side, numbers, folder, executor):
         cache = Cache(folder)
         results = {n: cache.get(_key(model, duration, side, n)) for n in numbers}
     missing = [n for n in numbers if results.get(n) is None]
-    batch = 1 if model.quadratic else LANES  # batches do not speed up quadratic zones
+    batch = 1 if model.quadratic else BATCH_SIZE  # batches do not speed up quadratic zones
     groups = [missing[n : n + batch] for n in range(0, len(missing), batch)]
     if executor is None:
         computed = [_run_group(model, duration, side, group, folder) for group in groups]

@@ -392,7 +392,7 @@ def run_loads(
     ----------
     prepared : Prepared
     loads : sequence of dict
-        Load arrays of up to `core.LANES` runs, each with one history.
+        Load arrays of up to `core.BATCH_SIZE` runs, each with one history.
     n_steps : int
     nodes : (n_nodes,) int
         Recorded in addition to the receivers of the model.
@@ -410,12 +410,12 @@ def run_loads(
     constants, state = at_rest(prepared.constants)
     constants = {**constants, **node_receivers(constants, nodes), **_merged_loads(loads)}
     if len(loads) == 1:
-        views, advance = core.to_fortran(prepared.as_marched(constants)), core.advance
-        state = prepared.as_marched(state)
+        views, advance = core.to_fortran(prepared.in_run_precision(constants)), core.advance
+        state = prepared.in_run_precision(state)
     else:
-        views, state = core.side_by_side(_repeated(constants)), _repeated(state)
-        advance = core.advance_all
-    for first, count in stretches(n_steps, 3 * core.LANES * len(constants["receiver_node"])):
+        views, state = core.to_fortran_batch(_repeated(constants)), _repeated(state)
+        advance = core.advance_batch
+    for first, count in stretches(n_steps, 3 * core.BATCH_SIZE * len(constants["receiver_node"])):
         motion, _, failed = advance(views, state, first, count, LEDGER_EVERY)
         if failed is not None:
             raise SolverError(f"run: unstable at step {first + len(motion)}")
@@ -438,8 +438,8 @@ def _merged_loads(loads):
 def _repeated(arrays):
     """Return arrays repeated for each lane, where lanes have their own."""
     return {
-        name: np.stack([value] * core.LANES, axis=core.LANE_AXIS[name])
-        if name in core.LANE_AXIS
+        name: np.stack([value] * core.BATCH_SIZE, axis=core.BATCH_AXIS[name])
+        if name in core.BATCH_AXIS
         else value
         for name, value in arrays.items()
     }
