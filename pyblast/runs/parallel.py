@@ -423,20 +423,20 @@ def run_loads(
 
 
 def _merged_loads(loads):
-    """Return the loads of all lanes as one table."""
+    """Return the loads of all members of a batch as one table."""
     merged = {
         name: np.concatenate([load[name] for load in loads])
         for name in ("load_node", "load_vector", "load_delay")
     }
-    lane = np.repeat(
+    member = np.repeat(
         np.arange(len(loads), dtype=np.int32), [len(load["load_node"]) for load in loads]
     )
     history = np.hstack([load["history"] for load in loads])
-    return {**merged, "load_history": lane, "load_lane": lane, "history": history}
+    return {**merged, "load_history": member, "load_lane": member, "history": history}
 
 
 def _repeated(arrays):
-    """Return arrays repeated for each lane, where lanes have their own."""
+    """Return arrays repeated for each member of a batch, where members differ."""
     return {
         name: np.stack([value] * core.BATCH_SIZE, axis=core.BATCH_AXIS[name])
         if name in core.BATCH_AXIS
