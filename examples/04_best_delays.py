@@ -24,11 +24,11 @@ SCATTER = FiringScatter(delay_share=0.01, charge=0.2, doubt=0.3)
 pattern = rows_pattern(4, 6)  # so many delays between holes, and between rows, before each hole
 places = np.column_stack([pattern * [5.0, -4.0], np.full(24, -10.0)])
 nominal = pattern @ [0.017, 0.042]
-blast = Blast("bench", places, places, CHARGE, nominal)
+blast = Blast("bench", places, places, np.full(24, CHARGE), nominal)
 signatures, shifts = {}, []
 for name, house in HOUSES.items():
     distance = float(np.linalg.norm(np.subtract(house, places[0])))
-    peak = scaled_distance_ppv(distance, CHARGE)
+    peak = float(scaled_distance_ppv(distance, CHARGE))
     pulse = pressure_for_peak(**ROCK, pulse=SmoothPulse(1.0, 0.02), distance=distance, peak=peak)
     signatures[name] = cavity_seismogram(
         **ROCK, pulse=pulse, source=places[0], receiver=house, dt=1e-3, duration=0.4

@@ -1,12 +1,17 @@
 """Interface to Fortran: the only importer of its cores; indices, views, batches, laws."""
 
 import os
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-from . import _core, _core_batch, _core_single
+if TYPE_CHECKING:  # compiled, without type information
+    _core: Any = None
+    _core_batch: Any = None
+    _core_single: Any = None
+else:
+    from . import _core, _core_batch, _core_single
 
 ENERGIES = (
     "kinetic",

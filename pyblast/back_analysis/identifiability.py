@@ -11,7 +11,7 @@ from ..core import JOINT_LAWS
 from ..errors import SolverError
 from ..inference.covariance import SCATTER, error_columns, whitener
 from ..inference.error_model import scattering
-from ..inference.likelihood import misfit
+from ..inference.likelihood import signed_residuals
 from ..inference.records import Band, Noise
 from ..project.ground import joint_of_surface
 from ..solver.linear_runs import FAILED, STICKING_JOINTS, by_number
@@ -132,8 +132,9 @@ class Sensitivities:
 
     def _of_peaks(self, receivers, motion, changes):
         """Return the information of PPV and dominant frequency, with `PEAK_ERRORS` and noise."""
-        peaks = misfit("paper", motion, self.band.dt, band=(self.band.low, self.band.high))
-        columns = np.array([peaks.residuals(motion + PEAK_STEP * change) for change in changes])
+        band = self.band.low, self.band.high
+        residuals = signed_residuals("paper", motion, self.band.dt, band=band)
+        columns = np.array([residuals(motion + PEAK_STEP * change) for change in changes])
         columns /= PEAK_STEP
         frequency = np.linspace(self.band.low, self.band.high, 64)
         density = self.noise.density(frequency)[receivers].mean(axis=-1)

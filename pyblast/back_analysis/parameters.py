@@ -136,7 +136,15 @@ def parameters_of(project: Project) -> tuple[Parameter, ...]:
     table, where = table_of(project)
     with named_error(where):
         return tuple(
-            Parameter(row.path, row.low, row.high, row.log, laboratory=row.laboratory)
+            Parameter(
+                row.path,
+                row.low,
+                row.high,
+                row.log,
+                laboratory=None
+                if row.laboratory is None
+                else (row.laboratory[0], row.laboratory[1]),
+            )
             for row in table.parameters
         )
 

@@ -35,8 +35,8 @@ from .parameters import (
     table_of,
     with_values,
 )
-from .survey_design import SurveyDesign, problem_of, survey_design_at
-from .trials import Target, Trials, band_of, misfit_of
+from .survey_design import SurveyDesign, ranges_of, survey_design_at
+from .trials import Target, Trials, band_of, misfit_of, waveforms_of
 from .waveforms import make_waveforms, mesh_errors_of
 
 NEAREST = 3  # runs for each parameter in the regression for the derivatives of the motion
@@ -59,7 +59,7 @@ def update_covariance(trials: Trials, point):
     where a coarser mesh is possible; `Waveforms.mesh_error_missing` states why not.
     """
     target = trials.target
-    waves, values = target.waveforms, np.asarray(point, dtype=np.float64).tolist()
+    waves, values = waveforms_of(target), np.asarray(point, dtype=np.float64).tolist()
     row = next(row for row in trials.log.rows if row["values"] == values)
     recorded = waves.records.in_band(waves.records.motion)
     simulated = recorded - waves.motion_of(row["residuals"])
@@ -179,7 +179,7 @@ def draw_posterior(trials: Trials, best, seed: int) -> Posterior:
         trace = levenberg_search(problem, RUNS, seed, problem.unit(best))
         best = trace.points[trace.best]
     drawn = posterior(trials.problem(), best, seed)
-    return replace(drawn, mesh_error_missing=trials.target.waveforms.mesh_error_missing)
+    return replace(drawn, mesh_error_missing=waveforms_of(trials.target).mesh_error_missing)
 
 
 AT_BOUND = 0.01  # of the range, on its scale
@@ -256,7 +256,7 @@ class BackAnalysis:
     def at_bound(self, parameter: Parameter) -> str:
         """Return "low" or "high" where the best value lies at a bound, else nothing."""
         parameters = self.target.parameters
-        unit = problem_of(parameters).unit(self.trace.points[self.trace.best])
+        unit = ranges_of(parameters).unit(self.trace.points[self.trace.best])
         share = unit[parameters.index(parameter)]
         return "low" if share < AT_BOUND else "high" if share > 1.0 - AT_BOUND else ""
 
@@ -351,7 +351,7 @@ def _plan_at(target, best, confirmed, progress):
         for name, blast in confirmed.items()
     }
     return survey_design_at(
-        target.projects, target.parameters, problem_of(target.parameters).unit(best),
+        target.projects, target.parameters, ranges_of(target.parameters).unit(best),
         records=[target.recorded(project) for project in target.projects],
         candidates=candidate_blasts(target.projects[0]), slip=slip, progress=progress,
         levels=None if waves is None else waves.likelihood.covariance.levels,

@@ -9,7 +9,7 @@ from ..core import BATCH_SIZE
 from ..errors import InputError
 from ..inference.covariance import LEVELS
 from ..inference.gauss_newton import DIFFERENCE
-from ..inference.parameter import Parameter, Problem
+from ..inference.parameter import Parameter, Problem, problem_of
 from ..inference.records import band_functions
 from ..project.census import input_band
 from ..project.config import ReceiverConfig
@@ -323,7 +323,7 @@ def survey_design_at(
     used = np.concatenate([used, np.ones((len(candidates), len(names), 3), dtype=bool)])
     used = used[..., None]
     motion, changes = _changes(everything, parameters, unit, receivers, window, report)
-    values = problem_of(parameters).points(unit)
+    values = ranges_of(parameters).points(unit)
     varied = [with_values(project, parameters, values) for project in everything]
     errors, missing = mesh_errors_of(
         varied, motion, names, window,
@@ -371,10 +371,9 @@ def survey_design_of(project, progress=None) -> SurveyDesign:
     )
 
 
-def problem_of(parameters) -> Problem:
+def ranges_of(parameters) -> Problem:
     """Return the ranges of parameters as a search problem without a misfit."""
-    parts = [(parameter.low, parameter.high, parameter.log) for parameter in parameters]
-    return Problem(*zip(*parts, strict=True), lambda points: np.zeros(len(points)))
+    return problem_of(parameters, lambda points: np.zeros(len(points)))
 
 
 def _used(name, records, in_survey):
@@ -396,7 +395,7 @@ def _intervals(parameters, unit, information):
     """Return the 90 % intervals in the units of the parameters, (n, 2), extended to the point."""
     ends = intervals(unit, information)
     ends = np.stack([np.minimum(ends[:, 0], unit), np.maximum(ends[:, 1], unit)], axis=-1)
-    problem = problem_of(parameters)
+    problem = ranges_of(parameters)
     return np.stack([problem.points(ends[:, 0]), problem.points(ends[:, 1])], axis=-1)
 
 
@@ -404,7 +403,7 @@ def _changes(projects, parameters, unit, receivers, window, report):
     """Return motion and its changes by whole ranges: inward differences, run in batches."""
     unit = np.asarray(unit, dtype=np.float64)
     sides = np.where(unit > 0.5, -DIFFERENCE, DIFFERENCE)
-    points = problem_of(parameters).points(np.vstack([unit, unit + np.diag(sides)]))
+    points = ranges_of(parameters).points(np.vstack([unit, unit + np.diag(sides)]))
     total, results = len(projects) * len(points), []
     for number, project in enumerate(projects):
         surveyed = with_receivers(project, receivers)
@@ -434,7 +433,7 @@ def _noise(blasts, records, names, window):
         return white_noise(rms, len(names), window), f"{1e3 * rms:g} mm/s rms in the band, {source}"
     in_survey = list(dict.fromkeys(name for blast in records for name in blast))
     noise = recorded_noise(blasts, records, in_survey, window)
-    level = noise.density(np.linspace(*window.band, 50)).sum(axis=(1, 2))
+    level = noise.density(np.linspace(window.band[0], window.band[1], 50)).sum(axis=(1, 2))
     take = [in_survey.index(name) if name in in_survey else int(np.argmax(level)) for name in names]
     noise = replace(
         noise,

@@ -16,7 +16,7 @@ import numpy as np
 from ..core import BATCH_SIZE
 from ..errors import InputError, ReadError, SolverError
 from ..inference.likelihood import SIGNED, misfit_to
-from ..inference.parameter import Parameter, Problem
+from ..inference.parameter import Parameter, Problem, problem_of
 from ..project.project import Project
 from ..project.result import plain
 from ..runs.parallel import input_hash
@@ -61,6 +61,19 @@ class Target:
         """Return the records of a project that are used."""
         names = self.receivers or project.recorded
         return {name: record for name, record in project.recorded.items() if name in names}
+
+
+def waveforms_of(target: Target) -> Waveforms:
+    """Return the waveform data of a target.
+
+    Raises
+    ------
+    InputError
+        If its misfit is another.
+    """
+    if target.waveforms is None:
+        raise InputError(f"back_analysis.misfit: must be 'waveform', got {target.misfit!r}")
+    return target.waveforms
 
 
 def evaluate(target: Target, points) -> list[dict]:
@@ -112,10 +125,10 @@ def misfit_of(target: Target, motions) -> tuple[float, np.ndarray]:
     return float(np.mean(misfits)), np.concatenate(residuals)
 
 
-def band_of(project):
+def band_of(project) -> tuple[float, float] | None:
     """Return the band in Hz in which records are compared, or None for all."""
     band = project.config.run.compare_band_hz
-    return None if band is None else tuple(band)
+    return None if band is None else (band[0], band[1])
 
 
 def _numbers(target, motions):
@@ -236,9 +249,8 @@ class Trials:
 
     def problem(self) -> Problem:
         """Return the search problem of the target."""
-        parts = [(row.low, row.high, row.log) for row in self.target.parameters]
         vectors = self.vectors if self.target.misfit in SIGNED else None
-        return Problem(*zip(*parts, strict=True), self, vectors)
+        return problem_of(self.target.parameters, self, vectors)
 
     def __call__(self, points) -> np.ndarray:
         """Return the misfits (m,) of points (m, n), from the log or from runs."""
@@ -318,8 +330,8 @@ class Trials:
     def _repeated(self, job):
         """Return the rows of a job whose points were all run before."""
         before = {tuple(row["values"]): row for row in self.log.rows}
-        rows = [before.get(tuple(point)) for point in job.tolist()]
-        if None in rows:
+        rows = [before[tuple(point)] for point in job.tolist() if tuple(point) in before]
+        if len(rows) < len(job):
             return None
         copied = ("misfit", "residuals", "simulated", "error")
         again = [{name: row[name] for name in copied if name in row} for row in rows]

@@ -1,6 +1,7 @@
 """Records of a back-analysis on one sampling, and the covariance of their residuals."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -264,8 +265,8 @@ def coarser(project: Project) -> Project:
         for path in number_paths(project.config)
         if path.startswith("mesh.") and path.rpartition(".")[-1] in EDGES
     }
-    changes = {path: value_at(project.config, path) * factor for path, factor in factors.items()}
-    return vary(project, changes)
+    edges: dict[str, Any] = {path: value_at(project.config, path) for path in factors}
+    return vary(project, {path: edges[path] * factor for path, factor in factors.items()})
 
 
 def mesh_errors_of(projects, motion, receivers, window, prepare=lambda _, other: other):

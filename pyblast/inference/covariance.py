@@ -181,7 +181,13 @@ class Whitener:
 
 
 def whitener(
-    noise: Noise, band: Band, n_blasts, *, nuisances: Nuisances = None, scattering=None, levels=None
+    noise: Noise,
+    band: Band,
+    n_blasts: int,
+    *,
+    nuisances: Nuisances | None = None,
+    scattering: np.ndarray | None = None,
+    levels: dict[str, float] | None = None,
 ) -> Whitener:
     """Build the covariance of residuals from its parts.
 

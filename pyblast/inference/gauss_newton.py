@@ -81,7 +81,13 @@ class LeastSquares:
         )  # fmt: skip
 
 
-def normal_equations(rows, residual, weights, precision=1.0, slope=0.0):
+def normal_equations(
+    rows: np.ndarray,
+    residual: np.ndarray,
+    weights: np.ndarray,
+    precision: np.ndarray | float = 1.0,
+    slope: np.ndarray | float = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
     """Return half the gradient and half the Gauss-Newton Hessian of weighted least squares.
 
     Parameters
@@ -202,7 +208,7 @@ def gauss_newton(
         for shortening in SHORTER ** np.arange(1 + backtracks):
             trial = problem.simulate(now.x + shortening * step)
             gain = before - problem.objective(now.x + shortening * step, trial)
-            if broyden and np.isfinite(gain):
+            if broyden and now.jacobian is not None and np.isfinite(gain):
                 missed = trial - now.simulated - np.tensordot(step, now.jacobian, 1)
                 now.jacobian = now.jacobian + np.multiply.outer(step / (step @ step), missed)
             if gain > 0.0:
@@ -291,7 +297,7 @@ def levenberg_search(problem: Problem, budget: int, seed: int, start=None) -> Tr
     if problem.vectors is None:
         raise InputError("method 'levenberg': needs a misfit that has residuals; take surrogate")
     evaluations, n = Evaluations(problem, budget), problem.n_parameters
-    steps = evaluations.steps = set()
+    steps = evaluations.steps = set[int]()
     first = np.full(n, 0.5) if start is None else np.asarray(start, dtype=np.float64)
 
     def simulate(x):

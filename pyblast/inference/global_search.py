@@ -189,24 +189,24 @@ def adaptive_annealing(problem: Problem, budget: int, seed: int) -> Trace:
     when its step is small; the next starts at a random point.
     """
     evaluations, rng = Evaluations(problem, budget), np.random.default_rng(seed)
-    evaluations.steps = set()
+    steps = evaluations.steps = set[int]()
     with suppress(Spent):
         points = sobol_points(problem.n_parameters, FIRST, rng)
         misfits = evaluations.at(points)
         finite = misfits[np.isfinite(misfits)]
         heat = HEAT * float(np.median(finite) - finite.min()) if len(finite) else 0.0
         start = int(np.argmin(misfits))
-        evaluations.steps.add(start)
-        _chain(evaluations, rng, points[start], misfits[start], heat)
+        steps.add(start)
+        _chain(evaluations, steps, rng, points[start], misfits[start], heat)
         while True:
             x = rng.random(problem.n_parameters)
             misfit = evaluations.at(x[None])[0]
-            evaluations.steps.add(len(evaluations.misfits) - 1)
-            _chain(evaluations, rng, x, misfit, heat)
+            steps.add(len(evaluations.misfits) - 1)
+            _chain(evaluations, steps, rng, x, misfit, heat)
     return evaluations.trace()
 
 
-def _chain(evaluations, rng, x, misfit, temperature):
+def _chain(evaluations, steps, rng, x, misfit, temperature):
     """Run one chain until its step is small."""
     step = STEP
     while step > SMALLEST:
@@ -214,7 +214,7 @@ def _chain(evaluations, rng, x, misfit, temperature):
         trial_misfit = evaluations.at(trial[None])[0]
         rise = trial_misfit - misfit
         if rise <= 0.0 or (temperature > 0.0 and rng.random() < math.exp(-rise / temperature)):
-            evaluations.steps.add(len(evaluations.misfits) - 1)
+            steps.add(len(evaluations.misfits) - 1)
             x, misfit = trial, trial_misfit
             step = min(STEP, step * GROWTH)
         else:

@@ -351,6 +351,20 @@ def misfit(name, recorded, dt, *, band=None, valid=None, whitener: Whitener | No
     return Misfit(name, lambda simulated: mean(residuals(simulated)), signed)
 
 
+def signed_residuals(name, recorded, dt, *, band=None) -> Callable:
+    """Return the residuals of a misfit as a function of simulated motion; as `misfit`.
+
+    Raises
+    ------
+    InputError
+        If the misfit has no residuals.
+    """
+    residuals = misfit(name, recorded, dt, band=band).residuals
+    if residuals is None:
+        raise InputError(f"misfit {name!r}: has no residuals; take one of {', '.join(SIGNED)}")
+    return residuals
+
+
 def _waveform(recorded, whitener):
     """Return least squares of waveforms with the covariance of a whitener."""
     if whitener is None:

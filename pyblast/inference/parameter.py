@@ -1,7 +1,7 @@
 """Parameters with priors, and the search problem over their ranges."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -72,7 +72,7 @@ class Parameter:
                     f"{self.name}: a logarithmic range must be positive, got {self.low:g}; omit "
                     "log or raise low"
                 )
-        elif not self.sigma > 0.0 or (self.log and not self.mean > 0.0):
+        elif self.mean is not None and (not self.sigma > 0.0 or (self.log and not self.mean > 0.0)):
             raise InputError(
                 f"{self.name}: sigma must be positive, and mean too if log is set, got "
                 f"{self.mean:g} and {self.sigma:g}"
@@ -162,6 +162,14 @@ class Problem:
         return np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
 
 
+def problem_of(
+    parameters: Sequence[Parameter], evaluate: Callable, vectors: Callable | None = None
+) -> Problem:
+    """Return the search problem over the ranges of parameters."""
+    low, high, log = ([getattr(row, name) for row in parameters] for name in ("low", "high", "log"))
+    return Problem(np.array(low), np.array(high), np.array(log), evaluate, vectors)
+
+
 @dataclass(frozen=True, eq=False)
 class Trace:
     """Trace of a search: all evaluations in their order.
@@ -225,7 +233,9 @@ class Evaluations:
         if budget < 1:
             raise InputError(f"search.budget: must be at least 1 evaluation, got {budget}")
         self.problem, self.remaining = problem, budget
-        self.points, self.misfits, self.steps = [], [], None
+        self.points: list[np.ndarray] = []
+        self.misfits: list[float] = []
+        self.steps: set[int] | None = None
 
     def at(self, unit) -> np.ndarray:
         """Return the misfits (m,) at coordinates (m, n) in the unit cube.
@@ -250,7 +260,11 @@ class Evaluations:
         ------
         Spent
             If fewer than n remain.
+        InputError
+            If the problem has no tangents.
         """
+        if self.problem.tangents is None:
+            raise InputError("problem.tangents: missing; the problem has no derivatives")
         if self.remaining < len(unit):
             raise Spent
         self.remaining -= len(unit)
@@ -259,7 +273,7 @@ class Evaluations:
             np.where(problem.log, problem.low, 1.0)
         )
         stretch = np.where(problem.log, point * ratio, problem.high - problem.low)
-        return problem.tangents(point) * stretch
+        return self.problem.tangents(point) * stretch
 
     def trace(self) -> Trace:
         """Return the trace of all evaluations."""

@@ -207,6 +207,7 @@ def _recorded(project: Project, earliest: float, latest: float) -> BlastSpectra:
         shifts = [
             travel_shifts(blast, house.position_m, table.wave_speed_m_per_s, reference)
             for house in table.houses
+            if house.position_m is not None  # as the table requires
         ]
     with named_error(f"{project.path.name}: delays.houses"):
         return signature_spectra(

@@ -260,7 +260,7 @@ def compare_all(project: Project, simulated: dict[str, Seismogram]) -> dict[str,
     """Compare recorded with simulated motion at every receiver that has a record."""
     band = project.config.run.compare_band_hz
     return {
-        name: compare(record, simulated[name], None if band is None else tuple(band))
+        name: compare(record, simulated[name], None if band is None else (band[0], band[1]))
         for name, record in project.recorded.items()
     }
 
