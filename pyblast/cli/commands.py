@@ -247,7 +247,7 @@ def report(
 
         path = result / "result.h5" if result.is_dir() else result
         stored = read_result(path)
-        from ..report.html import write_report
+        from ..report.run import write_report
 
         page = out or path.with_name("report.html")
         write_report(page, stored)

@@ -9,7 +9,7 @@ from scipy import ndimage
 from ..project.result import plain, write_text
 from . import figures
 from .figures import INK, SIMULATED, _figure, _tidy, _uri
-from .html import page
+from .run import page
 from .survey_design import best_candidates, result_figures, slip_lines, summary_lines, survey_figure
 
 SHOWN = 0.5  # least correlation that is listed

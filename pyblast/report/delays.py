@@ -4,7 +4,7 @@ import numpy as np
 
 from ..project.result import plain, write_text
 from .figures import INK, SIMULATED, _figure, _tidy, _uri
-from .html import page
+from .run import page
 
 
 def delay_lines(table) -> list[str]:

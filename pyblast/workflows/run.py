@@ -22,8 +22,14 @@ from ..project.result import (
     write_summary,
 )
 from ..recordings.recording import read_recording
-from ..report.html import write_report
-from ..report.vtk import write_joints, write_motion, write_zones, yield_fields, zone_fields
+from ..report.run import (
+    write_joints,
+    write_motion,
+    write_report,
+    write_zones,
+    yield_fields,
+    zone_fields,
+)
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..solver import preparation
