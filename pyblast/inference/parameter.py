@@ -116,9 +116,6 @@ class Problem:
     vectors : callable, optional
         ``(m, n) -> (m,), (m, k)``: misfits as before, and residuals whose sum of squares decreases
         with the misfit. Costs as much as the misfits.
-    tangents : callable, optional
-        ``(n,) -> (k, n)``: derivatives of the residuals at a point by its n parameters. Costs n
-        evaluations.
     """
 
     low: np.ndarray
@@ -126,7 +123,6 @@ class Problem:
     log: np.ndarray
     evaluate: Callable[[np.ndarray], np.ndarray]
     vectors: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
-    tangents: Callable[[np.ndarray], np.ndarray] | None = None
 
     def __post_init__(self):
         for name, kind in (("low", np.float64), ("high", np.float64), ("log", bool)):
@@ -250,30 +246,6 @@ class Evaluations:
     def vectors(self, unit) -> tuple[np.ndarray, np.ndarray]:
         """Return misfits (m,) and residuals (m, k) at coordinates (m, n); raises as `at`."""
         return self._evaluate(unit, self.problem.vectors)
-
-    def tangents(self, unit) -> np.ndarray:
-        """Return the Jacobian (k, n) of the residuals along the axes of the unit cube.
-
-        It counts as n evaluations, without rows in the trace.
-
-        Raises
-        ------
-        Spent
-            If fewer than n remain.
-        InputError
-            If the problem has no tangents.
-        """
-        if self.problem.tangents is None:
-            raise InputError("problem.tangents: missing; the problem has no derivatives")
-        if self.remaining < len(unit):
-            raise Spent
-        self.remaining -= len(unit)
-        problem, point = self.problem, self.problem.points(unit)
-        ratio = np.log(np.where(problem.log, problem.high, 1.0)) - np.log(
-            np.where(problem.log, problem.low, 1.0)
-        )
-        stretch = np.where(problem.log, point * ratio, problem.high - problem.low)
-        return self.problem.tangents(point) * stretch
 
     def trace(self) -> Trace:
         """Return the trace of all evaluations."""
