@@ -10,7 +10,7 @@ from pyblast.diagnosis.calibration import unknowns_of, with_values
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.inference.records import band_functions
 from pyblast.project.flat_box import Cut, flat_box, flat_mesh, flat_model
-from pyblast.runs.cache import cached_run
+from pyblast.runs.parallel import cached_run
 from pyblast.workflows.diagnose import EDGE, FINE_EDGE, GROWTH, PADDING, cut_of
 
 from .blind.sites import AFTER, BAND, DT, draw_site, project_of

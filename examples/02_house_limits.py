@@ -24,7 +24,7 @@ print(*blast.checks(), sep="\n")
 shot = blast.centres[0]
 distance = sum((a - b) ** 2 for a, b in zip(HOUSE, shot, strict=True)) ** 0.5
 pulse = pressure_for_peak(
-    **ROCK, pulse=SmoothPulse(1.0, 0.03), distance=distance, peak=ppv_law(distance, 55.0)
+    **ROCK, pulse=SmoothPulse(1.0, 0.03), distance=distance, peak=float(ppv_law(distance, 55.0))
 )
 signature = cavity_seismogram(
     **ROCK, pulse=pulse, source=shot, receiver=HOUSE, dt=1 / 1024, duration=1.0

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from .project.checks import check
     from .workflows.run import run
     from .project.result import read_result
-    from .report.html import write_report
+    from .report.run import write_report
 
     # Inverse problems: parameters, survey design, missing physics
     from .workflows.back_analysis import back_analyse, design_survey

@@ -5,15 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from pyblast.inference.global_search import (
-    PAPER,
-    Problem,
-    Schedule,
-    accepts,
-    anneal,
-    paper,
-    paper_eq15,
-)
+from pyblast.inference.global_search import PAPER, Schedule, accepts, anneal, paper, paper_eq15
+from pyblast.inference.parameter import Problem
 
 
 def bowl(points):

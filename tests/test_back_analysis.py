@@ -11,7 +11,7 @@ from command_line import call, spawn
 from inversion_project import twin_file
 
 from pyblast import back_analyse, load_project
-from pyblast.back_analysis.findings import doubts, worse_than_random
+from pyblast.back_analysis.findings import annealing_against_random, findings_of_table
 from pyblast.back_analysis.search import make_target
 from pyblast.back_analysis.trials import evaluate
 from pyblast.errors import InputError
@@ -60,8 +60,8 @@ def test_cohesion_is_found_not_identifiable_because_nothing_slipped(tmp_path):
     found, folder = back_analyse(strong(tmp_path, runs=2))
 
     one = found.confirmed["project.toml"]
-    assert found.insensitive["joints.F1.cohesion_kpa"].startswith("no contact of 'F1' slipped")
-    assert set(found.insensitive) == {"joints.F1.cohesion_kpa"}
+    assert found.unidentifiable["joints.F1.cohesion_kpa"].startswith("no contact of 'F1' slipped")
+    assert set(found.unidentifiable) == {"joints.F1.cohesion_kpa"}
     assert one.strength["F1"].failed == 0
     assert 1.0 < one.strength["F1"].weakest_factor < one.factor < math.inf
     assert "not identifiable: no contact" in (folder / "report.html").read_text()
@@ -72,7 +72,7 @@ def test_cohesion_counts_where_the_joint_slips(tmp_path):
 
     found, _ = back_analyse(twin_file(tmp_path, section(weak, runs=2)))
 
-    assert found.insensitive == {}
+    assert found.unidentifiable == {}
     assert found.confirmed["project.toml"].strength["F1"].failed > 0
 
 
@@ -148,7 +148,7 @@ def test_ctrl_c_keeps_what_was_run_and_the_same_search_goes_on(tmp_path):
         (
             'method = "paper"',
             'misfit = "phase"',
-            "'levenberg' needs residuals, which misfit 'phase' has none of; take 'surrogate'",
+            "'levenberg' needs residuals, and misfit 'phase' has none; take 'surrogate'",
         ),
         ("[back_analysis]\n", "[back_analysis]\nmisfit = 'eye'\n", "misfit: must be one of paper"),
         ("[back_analysis]\n", "[back_analysis]\nreceivers = ['R2']\n", "'R2' has no record in"),
@@ -187,18 +187,18 @@ def test_a_scheduler_that_does_not_answer_is_refused(tmp_path, monkeypatch):
     assert "no scheduler answers" in done.output
 
 
-def test_the_doubts_of_the_paper_have_its_numbers(tmp_path):
-    found = {one.code: one for one in doubts(load_project(strong(tmp_path, runs=21)))}
+def test_findings_on_the_method_of_the_paper_have_its_numbers(tmp_path):
+    found = {one.code: one for one in findings_of_table(load_project(strong(tmp_path, runs=21)))}
 
     assert list(found) == ["D10", "D14", "D15"]
-    assert found["D10"].numbers == {"numbers": 6.0, "unknowns": 3.0}
+    assert found["D10"].numbers == {"numbers": 6.0, "parameters": 3.0}
     wanted = {"10_first": 0.99, "10_last": 0.92, "50_first": 0.95, "50_last": 0.66}
-    for name, chance in wanted.items():
-        assert found["D14"].numbers[f"accept_{name}"] == pytest.approx(chance, abs=0.005)
+    for name, probability in wanted.items():
+        assert found["D14"].numbers[f"accept_{name}"] == pytest.approx(probability, abs=0.005)
 
 
-def test_random_search_beats_the_annealing_of_the_paper_on_three_unknowns():
-    found = worse_than_random(3, 20, repeats=400)
+def test_random_search_beats_the_annealing_of_the_paper_on_three_parameters():
+    found = annealing_against_random(3, 20, repeats=400)
 
     assert "worse than random" in found.title
     assert found.numbers["random"] == pytest.approx(11.0, abs=1.0)

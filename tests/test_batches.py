@@ -191,9 +191,9 @@ def test_lanes_that_are_left_over_move_as_the_first():
     prepared = [prepare(model, 0.05, step=step) for model in models]
     together, state = stacked([p.constants for p in prepared], [p.state for p in prepared])
 
-    core.advance_all(core.side_by_side(together), state, 0, 50, 10)
+    core.advance_batch(core.to_fortran_batch(together), state, 0, 50, 10)
 
-    moved = np.moveaxis(state["velocity"], core.LANE_AXIS["velocity"], 0)
+    moved = np.moveaxis(state["velocity"], core.BATCH_AXIS["velocity"], 0)
     assert np.any(moved[0])
-    for lane in range(2, core.LANES):
+    for lane in range(2, core.BATCH_SIZE):
         assert np.array_equal(moved[lane], moved[0])

@@ -9,7 +9,7 @@ from command_line import call
 from small_project import INSIDE, written
 
 from pyblast import Seismogram, load_project
-from pyblast.back_analysis.trials import simulate
+from pyblast.back_analysis.parameters import simulate
 from pyblast.project.result import write_csv
 from pyblast.signals.seismogram import BLAST_AXES
 from pyblast.workflows.delays import house_limits, optimise_delays
@@ -105,7 +105,7 @@ def test_the_command_says_bands_before_and_after(tmp_path):
 
     assert done.exit_code == 0, done.output
     assert "0 ms between holes, 50 ms between rows" in done.output
-    assert "as planned: PPV that 50, 90, 95 % stay below" in done.output
+    assert "as planned: 50, 90, 95 % quantiles of PPV" in done.output
 
 
 def test_the_page_shows_houses_limits_and_the_time_of_each_hole(tmp_path):
@@ -129,8 +129,8 @@ SILENT = '[[delays.houses]]\nname = "R1"\nlimit_mm_per_s = 1\n'
 @pytest.mark.parametrize(
     ("table", "houses", "said"),
     [
-        ("", "", "delays: missing; say between which delays"),
-        (TABLE, SILENT, "what each hole does there is not known; record a single hole"),
+        ("", "", "delays: missing; give the bounds of the delays"),
+        (TABLE, SILENT, "the motion of each hole there is unknown; record a single hole"),
         (TABLE, SILENT.replace("R1", "farm"), "delays.houses.farm: must be a receiver, which are"),
         (TABLE, HOUSE + SILENT, "houses: 'R1' has no recorded hole"),
         (TABLE, HOUSE + HOUSE, "houses: 'farm' is named twice"),
@@ -143,7 +143,7 @@ SILENT = '[[delays.houses]]\nname = "R1"\nlimit_mm_per_s = 1\n'
         (TABLE, HOUSE.replace("hole.csv", "none.csv"), "none.csv"),
         (TABLE, CURVE.replace("NAME", "none"), "limit_curve: must be one of usbm_plaster"),
         (TABLE, CURVE.replace("NAME", "din_4150_dwelling"), "give delays.band_hz"),
-        (TABLE + LOW, CURVE.replace("NAME", "din_4150_dwelling"), "says nothing below 1 Hz"),
+        (TABLE + LOW, CURVE.replace("NAME", "din_4150_dwelling"), "has no value below 1 Hz"),
         (TABLE, CURVE.replace("NAME", "sn_640312a_frequent"), "limits the vector sum"),
     ],
 )

@@ -14,7 +14,7 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import ConstantQ, Damping, MohrCoulomb
 from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
-from pyblast.runs.greens_bank import cluster_error, greens_functions
+from pyblast.runs.greens import cluster_error, greens_functions
 from pyblast.runs.parallel import workers
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.run import simulate

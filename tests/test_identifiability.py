@@ -11,7 +11,7 @@ from small_project import written
 from pyblast import design_survey, load_project
 from pyblast.back_analysis.identifiability import (
     UNIFORM,
-    Knowledge,
+    FisherInformation,
     Sensitivities,
     intervals,
 )
@@ -75,45 +75,45 @@ def plan(tmp_path_factory):
 
 
 def test_one_unknown_keeps_one_over_root_of_one_plus_its_information():
-    assert Knowledge(np.array([[8.0]])).shares == pytest.approx([1.0 / 3.0])
+    assert FisherInformation(np.array([[8.0]])).ratios == pytest.approx([1.0 / 3.0])
 
 
 def test_two_unknowns_that_do_the_same_keep_their_difference():
-    same = Knowledge(100.0 * np.ones((2, 2)))
+    same = FisherInformation(100.0 * np.ones((2, 2)))
 
     # 1/(1 + 200) of the sum, all of the difference
-    assert same.shares == pytest.approx(2 * [np.sqrt(0.5 * (1.0 + 1.0 / 201.0))])
+    assert same.ratios == pytest.approx(2 * [np.sqrt(0.5 * (1.0 + 1.0 / 201.0))])
     assert same.trade_offs() == [(0, 1, pytest.approx(-200.0 / 202.0))]
 
 
 def test_independent_unknowns_do_not_trade_off():
-    assert Knowledge(np.diag([3.0, 8.0])).trade_offs() == []
+    assert FisherInformation(np.diag([3.0, 8.0])).trade_offs() == []
 
 
 def test_the_posterior_of_a_linear_model_in_white_noise_is_that_of_least_squares():
     changes = np.array([[5e-4 * pulse(10.0, 0.4)], [3e-4 * pulse(13.0, 0.45)]])
-    found = heard(changes).knowledge([0], [0])
+    found = heard(changes).information([0], [0])
 
     held = changes[:, 0] @ band_functions(WINDOW.n_samples, WINDOW.dt, WINDOW.band).basis
     density = RMS**2 / (2.0 * 15.0)
     # the covariance has 2 % more on its diagonal, and leaks a little at the edges of the band
     wanted = UNIFORM**2 * held @ held.T / (density / WINDOW.dt * 1.02)
-    assert found.information == pytest.approx(wanted, rel=0.03)
+    assert found.matrix == pytest.approx(wanted, rel=0.03)
 
 
 def test_errors_of_the_theory_leave_less_to_be_told():
     changes = np.array([[5e-4 * pulse(10.0, 0.4)]])
 
-    sure, usual = (heard(changes, levels).knowledge([0], [0]) for levels in (RIGHT, LEVELS))
-    assert usual.information[0, 0] < sure.information[0, 0]
+    sure, usual = (heard(changes, levels).information([0], [0]) for levels in (RIGHT, LEVELS))
+    assert usual.matrix[0, 0] < sure.matrix[0, 0]
 
 
 def test_a_second_receiver_that_hears_the_same_helps_less_than_one_that_hears_something_new():
     a, b, none = 5e-4 * pulse(10.0, 0.4), 5e-4 * pulse(10.0, 0.6), np.zeros(WINDOW.n_samples)
     made = heard([[a, a, none], [none, none, b]])
 
-    one, same, new = (made.knowledge([0], which) for which in ([0], [0, 1], [0, 2]))
-    told = one.information[0, 0]
+    one, same, new = (made.information([0], which) for which in ([0], [0, 1], [0, 2]))
+    told = one.matrix[0, 0]
     gain = one.log_determinant - same.log_determinant
     assert gain == pytest.approx(np.log((1.0 + 2.0 * told) / (1.0 + told)), rel=1e-6)
     assert one.log_determinant - new.log_determinant == pytest.approx(np.log(1.0 + told), rel=1e-4)
@@ -121,10 +121,10 @@ def test_a_second_receiver_that_hears_the_same_helps_less_than_one_that_hears_so
 
 
 def test_an_unknown_without_influence_is_not_felt_and_keeps_its_range():
-    made = heard([[5e-4 * pulse(10.0, 0.4)], [np.zeros(WINDOW.n_samples)]]).knowledge([0], [0])
+    made = heard([[5e-4 * pulse(10.0, 0.4)], [np.zeros(WINDOW.n_samples)]]).information([0], [0])
 
-    assert made.felt.tolist() == [True, False]
-    assert made.shares[1] == 1.0
+    assert made.sensitive.tolist() == [True, False]
+    assert made.ratios[1] == 1.0
 
 
 def test_by_peaks_a_factor_is_known_as_well_as_three_peaks_let_it():
@@ -133,28 +133,28 @@ def test_by_peaks_a_factor_is_known_as_well_as_three_peaks_let_it():
 
     # a deviation of 100/root 12 % of the range against 15 % and noise of 1 % of three PPV
     wanted = 3.0 * 100.0**2 / (15.0**2 + 1.0) / 12.0
-    found = replace(made, peaks_only=True).knowledge([0], [0])
-    assert found.information[0, 0] == pytest.approx(wanted, rel=1e-3)
+    found = replace(made, peaks_only=True).information([0], [0])
+    assert found.matrix[0, 0] == pytest.approx(wanted, rel=1e-3)
 
 
 def test_peaks_tell_less_than_waveforms(tmp_path):
     made, _ = design_survey(table(tmp_path, misfit="paper", candidate_grid=[1, 1]))
 
     assert made.misfit == "paper"
-    assert made.knowledge.shares[0] > made.other.shares[0]
-    assert made.knowledge.shares[1] > made.other.shares[1]
+    assert made.information.ratios[0] > made.other.ratios[0]
+    assert made.information.ratios[1] > made.other.ratios[1]
 
 
 def test_silent_receivers_tell_nothing():
     made = heard([[0.0 * pulse(10.0, 0.4)]])
     made.motion[:] = 0.0
 
-    assert made.knowledge([0], [0]).shares == pytest.approx([1.0])
+    assert made.information([0], [0]).ratios == pytest.approx([1.0])
 
 
 def test_intervals_are_those_of_prior_and_data_together():
     share = 0.1
-    found = intervals(np.array([0.8]), Knowledge(np.array([[1.0 / share**2 - 1.0]])))
+    found = intervals(np.array([0.8]), FisherInformation(np.array([[1.0 / share**2 - 1.0]])))
 
     # the middle of the range, weighed by the share of its precision
     middle = 0.5 + (1.0 - share**2) * 0.3
@@ -162,7 +162,7 @@ def test_intervals_are_those_of_prior_and_data_together():
 
 
 def test_what_nothing_tells_keeps_nine_tenths_of_its_range_wherever_it_was_found():
-    found = intervals(np.array([0.95]), Knowledge(np.zeros((1, 1))))
+    found = intervals(np.array([0.95]), FisherInformation(np.zeros((1, 1))))
 
     assert found[0] == pytest.approx([0.5 - 0.4748, 0.5 + 0.4748], abs=1e-4)
 
@@ -181,14 +181,14 @@ def test_strength_that_nothing_depends_on_is_named_with_its_reason(plan):
 
     assert list(made.why) == ["joints.F1.friction_angle_deg"]
     assert made.why["joints.F1.friction_angle_deg"].startswith("no contact of 'F1' slipped")
-    assert made.verdict(2) == "not identifiable"
+    assert made.constraint(2) == "not identifiable"
 
 
 def test_more_never_costs_and_less_never_gains(plan):
     made, _ = plan
 
-    assert {one.kind for one in made.extras} == {"receiver", "blast", "without"}
-    for one in made.extras:
+    assert {one.kind for one in made.gains} == {"receiver", "blast", "without"}
+    for one in made.gains:
         assert (one.gain < 0.0) == (one.kind == "without")
 
 
@@ -199,21 +199,21 @@ def test_a_given_level_of_noise_is_taken(tmp_path):
     )
 
     assert "10 mm/s rms in the band, as given" in loud.noise
-    assert loud.knowledge.shares[0] > quiet.knowledge.shares[0]
+    assert loud.information.ratios[0] > quiet.information.ratios[0]
 
 
-def test_the_command_prints_what_can_be_told_and_what_would_help(tmp_path):
+def test_the_command_prints_identifiability_and_the_best_candidates(tmp_path):
     done = call("backanalyse", table(tmp_path, candidate_grid=[3, 1]), "--design-survey")
 
     assert done.exit_code == 0, done.output
     assert "not identifiable: no contact" in done.output
-    assert "most would be learnt from a receiver at" in done.output
-    assert "trade off" in done.output or "fixed" in done.output
+    assert "would add most information" in done.output
+    assert "trade off" in done.output or " well " in done.output
     page = (tmp_path / "survey" / "001" / "report.html").read_text()
     assert page.count("data:image/png") == 1
 
 
-def test_where_no_place_is_left_for_a_receiver_the_command_says_so(tmp_path):
+def test_without_a_grid_point_far_enough_the_command_says_so(tmp_path):
     path = table(tmp_path, candidate_grid=[1, 1])
     crowd = "".join(
         f'\n[[receivers]]\nname = "C{x}"\nposition_m = [{x}, 10]\n' for x in range(15, 60, 15)
@@ -223,17 +223,17 @@ def test_where_no_place_is_left_for_a_receiver_the_command_says_so(tmp_path):
     done = call("backanalyse", path, "--design-survey")
 
     assert done.exit_code == 0, done.output
-    assert "no receiver was tried but those of the project" in done.output
+    assert "only receivers of the project are candidates" in done.output
     page = (tmp_path / "survey" / "001" / "report.html").read_text()
     assert "half a wavelength of S" in page
-    assert "the best place is ringed" not in page
+    assert "the circle marks the best candidate" not in page
 
 
-def test_a_check_of_a_project_that_waits_for_its_records_points_to_the_plan(tmp_path):
+def test_a_check_of_a_project_without_records_points_to_the_survey_design(tmp_path):
     done = call("check", table(tmp_path))
 
     assert done.exit_code in (0, 3), done.output
-    assert "no record yet; ask with backanalyse --design-survey" in done.output
+    assert "no record yet; use backanalyse --design-survey" in done.output
 
 
 def test_a_survey_has_nothing_to_start_afresh(tmp_path):
@@ -250,7 +250,12 @@ def test_a_plan_for_a_receiver_that_is_not_there_is_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("within", "words"),
-    [((1.0, 2.0), "below"), ((7.0, 8.0), "above"), ((3.0, 6.0), "as in"), ((2.0, 3.5), "not told")],
+    [
+        ((1.0, 2.0), "below"),
+        ((7.0, 8.0), "above"),
+        ((3.0, 6.0), "within"),
+        ((2.0, 3.5), "not dist"),
+    ],
 )
 def test_a_result_is_set_beside_the_laboratory(within, words):
     one = {"laboratory": (3.0, 6.0), "within": within, "value": sum(within) / 2.0, "why": ""}

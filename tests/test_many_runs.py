@@ -1,4 +1,4 @@
-"""A kept run is the run; what is broken or foreign is left aside; many runs resume."""
+"""A cached run equals the run; broken or foreign files are ignored; many runs resume."""
 
 import logging
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
@@ -12,8 +12,16 @@ from pyblast.mesh.builder import structured_box
 from pyblast.model.boundary import Viscous
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.runs.cache import PACKAGE, RUN_CODE, Cache, cached_run, code_hash, input_hash
-from pyblast.runs.parallel import run_all, workers
+from pyblast.runs.parallel import (
+    PACKAGE,
+    RUN_CODE,
+    Cache,
+    cached_run,
+    code_hash,
+    input_hash,
+    run_all,
+    workers,
+)
 from pyblast.solver.run import simulate
 from verification.columns import ROCK, ricker
 
@@ -42,7 +50,7 @@ def test_a_kept_run_has_the_bits_of_the_run(tmp_path):
     direct = simulate(small(), DURATION)
     first, second = (cached_run(small(), DURATION, tmp_path) for _ in range(2))
 
-    assert (first.found, second.found) == (False, True)
+    assert (first.from_cache, second.from_cache) == (False, True)
     assert same(first, direct)
     assert same(second, direct)
     assert second.energy.keys() == direct.energy.keys()
@@ -61,7 +69,7 @@ def test_another_input_is_another_run(tmp_path):
         (replace(small(), step_factor=0.7), DURATION),
     ]
 
-    assert not any(cached_run(*other, tmp_path).found for other in others)
+    assert not any(cached_run(*other, tmp_path).from_cache for other in others)
     cache = Cache(tmp_path)
     assert len(cache) == 4
     assert cache.size == sum(path.stat().st_size for path in tmp_path.iterdir())
@@ -88,9 +96,9 @@ def test_broken_and_foreign_entries_are_left_aside_with_a_word(tmp_path, caplog)
         caplog.clear()
         with caplog.at_level(logging.WARNING):
             again = cached_run(small(), DURATION, tmp_path)
-        assert not again.found
+        assert not again.from_cache
         assert same(again, wanted)
-        assert "left aside" in caplog.text
+        assert "ignored" in caplog.text
 
 
 def test_what_has_no_content_to_compare_is_refused():
@@ -106,9 +114,9 @@ def test_a_pool_gives_the_bits_of_runs_one_by_one_and_resumes(tmp_path):
     with workers(2) as pool:
         together = run_all(models, DURATION, folder=tmp_path, executor=pool)
 
-    assert [one.found for one in together] == [False, True, False]
+    assert [one.from_cache for one in together] == [False, True, False]
     assert all(same(*pair) for pair in zip(together, alone, strict=True))
-    assert all(one.found for one in run_all(models, DURATION, folder=tmp_path))
+    assert all(one.from_cache for one in run_all(models, DURATION, folder=tmp_path))
 
 
 class Counted(ThreadPoolExecutor):

@@ -15,7 +15,7 @@ from pyblast.model.material import ConstantQ, Damping, MohrCoulomb
 from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.assembly import time_step
-from pyblast.solver.edge_springs import marching_bytes
+from pyblast.solver.edge_springs import run_bytes
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 from verification.columns import ROCK
@@ -107,7 +107,7 @@ def test_what_is_foreseen_covers_what_a_run_holds_and_little_more(kind):
     model = Model(mesh.split(list(planes)), joints=joints, **known)
 
     taken, constants = taken_by(model)
-    foreseen = marching_bytes(model)
+    foreseen = run_bytes(model)
 
     # Springs are made when the core holds nothing; whatever else there is stands beside it.
     least = taken + (core_bytes(model, constants) if model.quadratic else 0)
@@ -121,8 +121,8 @@ def test_histories_of_free_field_sides_count(machine):
     taken = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
 
-    own = marching_bytes(model, 2 * prepared.n_steps)
-    found = marching_bytes(model, 2 * prepared.n_steps, prepared.constants["history"].size)
+    own = run_bytes(model, 2 * prepared.n_steps)
+    found = run_bytes(model, 2 * prepared.n_steps, prepared.constants["history"].size)
 
     assert found > 3.0 * own
     assert 0.7 * taken < found < 1.5 * taken

@@ -5,7 +5,7 @@ import pytest
 
 from pyblast.errors import InputError
 from pyblast.inference.covariance import whitener
-from pyblast.inference.misfits import misfit
+from pyblast.inference.likelihood import misfit
 from pyblast.inference.records import band_functions, noise_of
 from pyblast.signals.comparison import compare
 from pyblast.signals.seismogram import Seismogram

@@ -12,7 +12,7 @@ from inversion_project import TRUTH, noisy
 
 from pyblast import back_analyse, load_project
 from pyblast.errors import InputError, SolverError
-from pyblast.inference.global_search import Problem
+from pyblast.inference.parameter import Problem
 from pyblast.inference.posterior import Chains, emulate, posterior, r_hat, walk
 
 TRUE = np.array([0.4, 0.6])
@@ -59,14 +59,14 @@ def test_the_same_seed_walks_the_same_way():
 
     walks = [walk(lambda u: -np.sum(u**2, axis=1), start, seed, 50) for seed in (4, 4, 5)]
 
-    assert np.array_equal(walks[0].places, walks[1].places)
-    assert not np.array_equal(walks[0].places, walks[2].places)
+    assert np.array_equal(walks[0].x, walks[1].x)
+    assert not np.array_equal(walks[0].x, walks[2].x)
 
 
 def test_an_emulator_of_a_bent_problem_is_good_to_its_checks():
     found = posterior(problem(bent), TRUE, 1)
 
-    assert found.doubt == ""
+    assert found.failure == ""
     assert found.effective > 0.9 * len(found.log_weights)
 
 
@@ -86,8 +86,11 @@ def test_a_quick_problem_that_is_wrong_gets_no_intervals():
 
     found = posterior(wrong, TRUE, 2, checking=problem(bent))
 
-    assert "not good enough" in found.doubt
-    with pytest.raises(SolverError, match="no intervals, the emulator is not good enough: 40 runs"):
+    assert "not good enough" in found.failure
+    with pytest.raises(
+        SolverError,
+        match="no intervals, the emulator is not good enough",
+    ):
         found.intervals  # noqa: B018
 
 
@@ -100,7 +103,7 @@ def test_checks_that_can_not_be_run_count_as_lost():
     lost = np.count_nonzero(np.isneginf(found.log_weights))
     assert lost > 0.5 * len(found.log_weights)
     assert found.corrected <= len(found.log_weights) - lost + 1e-9
-    assert "the emulator is not good enough" in found.doubt
+    assert "the emulator is not good enough" in found.failure
 
 
 def test_what_records_do_not_feel_keeps_its_range():
@@ -115,7 +118,7 @@ def test_ensembles_that_disagree_are_not_believed():
     apart[1] += 0.5
 
     assert r_hat(apart)[0] > 1.01
-    assert "R-hat" in Chains(apart, np.ones(1), r_hat(apart), 0.5).doubt
+    assert "R-hat" in Chains(apart, np.ones(1), r_hat(apart), 0.5).failure
 
 
 def test_a_walk_that_is_too_short_says_so():
@@ -123,7 +126,7 @@ def test_a_walk_that_is_too_short_says_so():
 
     found = walk(lambda places: np.zeros(len(places)), start, 0, longest=100)
 
-    assert "autocorrelation times, not 50" in found.doubt
+    assert "autocorrelation times, not 50" in found.failure
 
 
 def test_an_emulator_doubts_itself_away_from_what_it_learnt():
@@ -132,7 +135,7 @@ def test_an_emulator_doubts_itself_away_from_what_it_learnt():
 
     far = process.at(np.array([[3.0, 3.0]]))[1]
     assert np.sum(far**2) < 0.9
-    assert np.sum(process.at(process.places[:1])[1] ** 2) > 0.999
+    assert np.sum(process.at(process.x[:1])[1] ** 2) > 0.999
 
 
 def test_a_posterior_needs_whitened_residuals():
@@ -156,18 +159,20 @@ def test_a_project_tells_intervals_that_hold_the_truth(told):
     found, folder = told
     table = json.loads((folder / "back_analysis.json").read_text())["posterior"]
 
-    assert found.posterior.doubt == ""
+    assert found.posterior.failure == ""
     for one, truth in zip(table["parameters"], TRUTH, strict=True):
         assert one["interval_90"][0] < truth < one["interval_90"][1]
     assert len(table["samples"]) == 2000
-    assert "What records and ranges leave" in (folder / "report.html").read_text()
+    assert "histogram of each parameter" in (folder / "report.html").read_text()
 
 
 def test_a_posterior_without_the_error_of_its_mesh_says_so(told):
     found, folder = told
 
-    assert "mesh.grid_cells: such a mesh can't be made coarser" in found.posterior.mesh_doubt
-    assert "; it is not in the intervals" in (folder / "report.html").read_text()
+    assert (
+        "mesh.grid_cells: such a mesh can't be made coarser" in found.posterior.mesh_error_missing
+    )
+    assert "; the intervals do not include it" in (folder / "report.html").read_text()
 
 
 def test_a_posterior_whose_log_was_cut_is_resumed_to_the_same_answer(told, tmp_path):

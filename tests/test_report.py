@@ -9,7 +9,7 @@ from small_project import written
 from pyblast import Seismogram
 from pyblast.project.result import read_result, write_csv
 from pyblast.report.figures import limits_figure, peaks_of, section_of_surface, section_of_zones
-from pyblast.report.html import angle, number, render, scaled
+from pyblast.report.run import angle, number, render, scaled
 from pyblast.signals.limits import load_limits
 from pyblast.workflows import run
 
@@ -58,7 +58,7 @@ def test_names_that_users_give_are_escaped(page):
 def test_the_page_warns_of_failing_checks_and_short_records_before_the_peaks(page):
     first = page.index("<table>")
 
-    assert "Do not trust these peaks" in page[:first]
+    assert "before you use these peaks" in page[:first]
     assert "fewer than two cycles fit into the record" in page
     assert "1.12 % at 4 Hz (Rayleigh)" in page
     assert "enters through &#39;west&#39; at the arrows" in page
@@ -79,7 +79,7 @@ def test_limit_curves_are_drawn_with_all_peaks_when_they_are_asked_for(tmp_path,
     drawn = render(outcome.result)
 
     assert "Limit curves" not in page
-    assert "nothing is judged" in drawn
+    assert "no assessment" in drawn
     assert "AS 2187" in drawn
     assert drawn.count("data:image/png") == page.count("data:image/png") + 1
 

@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from residual_case import BAND, DT, TIMES, N, coloured, dense, residual_case, seismograms, whole
+from residual_case import BAND, DT, N, coloured, dense, residual_case, seismograms, whole
 from scipy import linalg, stats
 
 from pyblast.errors import InputError
 from pyblast.inference.covariance import _evidence, infer_levels, whitener
-from pyblast.inference.error_model import mesh_error, nuisances, phase_shares, scattering
+from pyblast.inference.error_model import mesh_error, nuisances, scattering
 from pyblast.inference.records import band_functions, noise_of
 
 
@@ -83,7 +83,7 @@ def test_likelihood_does_not_depend_on_the_direction_of_horizontal_components_of
     rng = np.random.default_rng(10)
     motion = seismograms()
     noise = noise_of(coloured(rng, (3, 3, 3, 125)), DT, BAND)
-    for name in ("coefficients", "variance", "doubt"):
+    for name in ("coefficients", "variance", "inflation"):
         getattr(noise, name)[:, 1] = getattr(noise, name)[:, 0]
     noise = type(noise)(**{**vars(noise), "correlation": np.tile(np.eye(3), (3, 1, 1))})
     band = band_functions(N, DT, BAND)
@@ -160,15 +160,6 @@ def test_error_of_a_mesh_is_exact_for_errors_that_fall_with_the_square_of_the_ed
 
     assert coarser == pytest.approx(error)
     assert finer == pytest.approx(error)
-
-
-def test_phases_share_all_the_motion_between_them():
-    arrivals = np.array([[[0.05, 0.1]], [[0.2, 0.3]], [[0.4, 0.5]]])
-
-    shares = phase_shares(TIMES, arrivals)
-
-    assert np.sum(shares, axis=0) == pytest.approx(np.ones((1, 2, N)))
-    assert shares[1, 0, 0, TIMES.searchsorted(0.25)] == 1.0
 
 
 def test_scattered_motion_is_as_strong_as_the_motion_around_it(case):

@@ -130,5 +130,5 @@ def test_components_that_move_together_are_whitened_together():
 def test_a_channel_that_never_moves_before_the_blasts_is_refused():
     windows = np.ones((2, 2, 3, 125))
 
-    with pytest.raises(InputError, match="receiver 0, component 0 has none that moves"):
+    with pytest.raises(InputError, match="receiver 0, component 0 has only zeros"):
         noise_of(windows, DT, BAND)

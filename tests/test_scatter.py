@@ -10,10 +10,10 @@ from pyblast.mesh.builder import structured_box
 from pyblast.model.boundary import Viscous
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Hole, MomentTensor, TimeFunction
-from pyblast.planning.peak_distribution import FiringScatter, drawn_peaks, peak_bands
+from pyblast.planning import FiringScatter, drawn_peaks, peak_bands
 from pyblast.runs import blast_ensemble
 from pyblast.runs.blast_ensemble import blast_spectra
-from pyblast.runs.greens_bank import greens_functions
+from pyblast.runs.greens import greens_functions
 from verification.columns import ROCK, ricker
 
 SIDES = ("west", "east", "south", "north", "bottom")

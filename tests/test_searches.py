@@ -7,16 +7,16 @@ import pytest
 
 from pyblast.errors import InputError
 from pyblast.inference.gauss_newton import levenberg_search
-from pyblast.inference.gaussian_process import learn, settings, surrogate_search
 from pyblast.inference.global_search import (
-    Evaluations,
-    Problem,
-    Spent,
     adaptive_annealing,
     evolution_search,
+    fit_gaussian_process,
+    hyperparameters,
     random_search,
     sobol_search,
+    surrogate_search,
 )
+from pyblast.inference.parameter import Evaluations, Problem, Spent
 
 LEARNING = [adaptive_annealing, evolution_search, levenberg_search, surrogate_search]
 ALL = [random_search, sobol_search, *LEARNING]
@@ -185,41 +185,6 @@ def test_gauss_newton_needs_residuals():
         levenberg_search(replace(bowl(), vectors=None), 20, 0)
 
 
-def with_tangents():
-    return replace(
-        valley(), tangents=lambda point: np.array([[-20.0 * point[0], 10.0], [-1.0, 0.0]])
-    )
-
-
-def test_exact_tangents_count_as_one_run_for_each_parameter():
-    asked = []
-    made = with_tangents()
-    noted = replace(made, tangents=lambda point: asked.append(point) or made.tangents(point))
-
-    trace = levenberg_search(noted, 12, 0)
-
-    assert asked
-    assert len(trace.misfits) == 12 - 2 * len(asked)
-
-
-def test_exact_tangents_lead_to_the_bottom():
-    trace = levenberg_search(with_tangents(), 60, 0)
-
-    assert trace.points[trace.best] == pytest.approx([1.0, 1.0], abs=1e-3)
-
-
-def test_tangents_follow_logarithmic_ranges():
-    low, high = RANGES.T
-    made = Problem(low, high, LOG, None, None, lambda point: np.diag(1.0 / point))
-    place = np.array([0.3, 0.6, 0.5, 0.2])
-    step = 1e-6
-
-    exact = np.diag(Evaluations(made, 4).tangents(place))
-
-    sides = [np.log(np.abs(made.points(place + sign * step))) for sign in (1.0, -1.0)]
-    assert exact == pytest.approx((sides[0] - sides[1]) / (2.0 * step), rel=1e-7)
-
-
 def test_what_the_budget_still_allows_is_evaluated_before_a_search_ends():
     kept = Evaluations(bowl(), 5)
 
@@ -233,7 +198,7 @@ def test_a_gaussian_process_goes_through_smooth_values_and_knows_where_it_does_n
     places, unseen = rng.random((40, 2)), 0.1 + 0.8 * rng.random((50, 2))
     smooth = lambda p: np.sin(4.0 * p[:, 0]) + p[:, 1] ** 2  # noqa: E731
 
-    process = learn(places, smooth(places), np.log([0.5, 0.5, 1e-4]))
+    process = fit_gaussian_process(places, smooth(places), np.log([0.5, 0.5, 1e-4]))
     mean, rows = process.at(unseen)
 
     assert mean == pytest.approx(smooth(unseen), abs=0.02)
@@ -245,6 +210,10 @@ def test_a_gaussian_process_goes_through_smooth_values_and_knows_where_it_does_n
 def test_a_gaussian_process_finds_the_parameter_that_does_not_matter():
     places = np.random.default_rng(1).random((40, 2))
 
-    lengths = np.exp(settings(learn(places, np.sin(5.0 * places[:, 0]), np.log([0.5, 0.5, 1e-4]))))
+    lengths = np.exp(
+        hyperparameters(
+            fit_gaussian_process(places, np.sin(5.0 * places[:, 0]), np.log([0.5, 0.5, 1e-4]))
+        )
+    )
 
     assert lengths[1] > 5.0 * lengths[0]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.inference.global_search import Problem, Trace
+from pyblast.inference.parameter import Problem, Trace
 
 
 def problem(low=(1.0, 0.01), high=(3.0, 1.0), log=(False, True)):

@@ -12,7 +12,7 @@ from pyblast.errors import InputError
 from pyblast.model.boundary import StressInput, Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.source import PointForce, TimeFunction
-from pyblast.runs.greens_bank import greens_functions
+from pyblast.runs.greens import greens_functions
 from pyblast.solver.preparation import export, prepare
 from pyblast.solver.run import run_many, simulate
 from verification.columns import ricker

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pyblast.back_analysis.slip import factors, watched_run
+from pyblast.back_analysis.identifiability import run_with_slip, slip_factors
 from pyblast.mesh.builder import structured_box
 from pyblast.model.boundary import StressInput, Viscous
 from pyblast.model.joint import Joint
@@ -22,7 +22,7 @@ TIMES = np.arange(0.0, 0.06, 5e-4)
 
 def factor(initial, moved, cohesion=1e5, friction=0.5, tension=0.0):
     strength = [np.array([value]) for value in (cohesion, friction, tension)]
-    return factors(np.array([initial]), np.array([moved]), NORMAL, *strength)[0]
+    return slip_factors(np.array([initial]), np.array([moved]), NORMAL, *strength)[0]
 
 
 def test_shear_alone_slips_at_strength_over_shear():
@@ -102,7 +102,7 @@ def sheared(size, **strength):
 def test_a_watched_run_is_the_run_itself():
     model = sheared(0.05)
 
-    found, _ = watched_run(model, 0.1, 100.0)
+    found, _ = run_with_slip(model, 0.1, 100.0)
 
     wanted = simulate(model, 0.1)
     assert np.array_equal(found.seismograms["A"].velocity, wanted.seismograms["A"].velocity)
@@ -110,12 +110,12 @@ def test_a_watched_run_is_the_run_itself():
 
 
 def test_the_first_contact_slips_at_the_stated_factor_and_not_below():
-    first = watched_run(sheared(0.01), 0.1, 100.0)[1]["J"]
+    first = run_with_slip(sheared(0.01), 0.1, 100.0)[1]["J"]
     assert first.failed == 0
     assert 1.0 < first.factor < math.inf
 
     below, above = (
-        watched_run(sheared(0.01 * share * first.factor), 0.1, 100.0)[1]["J"]
+        run_with_slip(sheared(0.01 * share * first.factor), 0.1, 100.0)[1]["J"]
         for share in (0.98, 1.02)
     )
 
@@ -127,11 +127,11 @@ def test_the_weakest_strength_of_a_range_has_its_own_factor():
     model = sheared(0.01)
     weak = [replace(model.joints[0], properties={**model.joints[0].properties, "cohesion": 1e5})]
 
-    found = watched_run(model, 0.1, 100.0, weak)[1]["J"]
+    found = run_with_slip(model, 0.1, 100.0, weak)[1]["J"]
 
     assert found.weakest_factor < found.factor
     assert found.weakest_factor == pytest.approx(
-        watched_run(sheared(0.01, cohesion=1e5, cohesion_residual=1e5), 0.1, 100.0)[1]["J"].factor
+        run_with_slip(sheared(0.01, cohesion=1e5, cohesion_residual=1e5), 0.1, 100.0)[1]["J"].factor
     )
 
 
@@ -139,4 +139,4 @@ def test_joints_without_strength_are_left_out():
     model = sheared(0.01)
     elastic = replace(model, joints=[Joint("J", "elastic", {"kn": 4e9, "ks": 2e9})])
 
-    assert watched_run(elastic, 0.05, 100.0)[1] == {}
+    assert run_with_slip(elastic, 0.05, 100.0)[1] == {}

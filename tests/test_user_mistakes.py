@@ -14,7 +14,7 @@ from pyblast.project.checks_loads import cut_short, low_frequencies
 from pyblast.project.project import load_project
 from pyblast.project.result import read_result
 from pyblast.recordings.recording import read_recording
-from pyblast.report.vtk import write_zones
+from pyblast.report.run import write_zones
 from pyblast.signals.seismogram import Seismogram
 from pyblast.workflows import run
 

@@ -7,11 +7,17 @@ import pytest
 from inversion_project import PARAMETERS, TRUTH, noisy
 
 from pyblast import back_analyse, load_project
-from pyblast.back_analysis.findings import doubts
-from pyblast.back_analysis.mesh_error import coarser, mesh_errors_of
+from pyblast.back_analysis.findings import findings_of_table
+from pyblast.back_analysis.parameters import simulate
 from pyblast.back_analysis.search import make_target
-from pyblast.back_analysis.trials import evaluate, simulate
-from pyblast.back_analysis.waveforms import gathered, white_noise, window_of
+from pyblast.back_analysis.trials import evaluate
+from pyblast.back_analysis.waveforms import (
+    coarser,
+    mesh_errors_of,
+    sampled_motion,
+    white_noise,
+    window_of,
+)
 from pyblast.errors import InputError
 from pyblast.inference.covariance import usual_whitener
 from pyblast.inference.records import band_functions
@@ -41,11 +47,11 @@ def test_the_interval_of_what_was_found_holds_the_truth(found):
         assert row["within"][0] < truth < row["within"][1]
 
 
-def test_the_page_sets_the_result_beside_the_laboratory_and_doubts_low_damping(found):
+def test_the_page_sets_the_result_beside_the_laboratory_and_warns_of_low_damping(found):
     page = (found[1] / "report.html").read_text()
 
     assert "below the laboratory" in page
-    assert "a low damping ratio is no proof of a realistic model" in page
+    assert "a low damping ratio does not prove a realistic model" in page
     assert "<h2>Identifiability</h2>" in page
 
 
@@ -180,8 +186,12 @@ def test_a_mesh_that_can_not_be_made_coarser_is_said_not_dropped(found):
     table, page = json.loads((folder / RESULT).read_text()), (folder / "report.html").read_text()
 
     assert "mesh" not in one.target.waveforms.likelihood.covariance.levels
-    for doubt in (one.target.waveforms.mesh_doubt, table["plan"]["mesh_doubt"], page):
-        assert "the error of the mesh is not foreseen: project.toml: mesh.grid_cells" in doubt
+    for doubt in (
+        one.target.waveforms.mesh_error_missing,
+        table["plan"]["mesh_error_missing"],
+        page,
+    ):
+        assert "the mesh error is not estimated: project.toml: mesh.grid_cells" in doubt
 
 
 def test_the_error_of_a_mesh_is_extrapolated_from_a_coarser_one(tmp_path):
@@ -189,7 +199,9 @@ def test_the_error_of_a_mesh_is_extrapolated_from_a_coarser_one(tmp_path):
     path.write_text(path.read_text().replace("grid_cells = [6, 2, 3]", "edge_m = 10"))
     project = load_project(path)
     window, other = window_of([project]), coarser(project)
-    motion, coarse = (gathered(simulate(one, (), [()]), ["R1"], window) for one in (project, other))
+    motion, coarse = (
+        sampled_motion(simulate(one, (), [()]), ["R1"], window) for one in (project, other)
+    )
 
     (error,), doubt = mesh_errors_of([project], motion, ["R1"], window)
 
@@ -206,14 +218,14 @@ def test_an_error_of_the_mesh_widens_what_waveforms_leave(tmp_path):
 
     assert found.target.waveforms.likelihood.covariance.levels["mesh"] > 0.0
     assert found.plan.levels["mesh"] > 0.0
-    assert found.plan.mesh_doubt == ""
+    assert found.plan.mesh_error_missing == ""
 
 
-def test_few_numbers_in_the_band_are_doubted(tmp_path):
-    found = doubts(load_project(noisy(tmp_path)))[0]
+def test_few_coefficients_in_the_band_are_a_finding(tmp_path):
+    found = findings_of_table(load_project(noisy(tmp_path)))[0]
 
     assert found.code == "D10"
-    assert found.numbers == {"numbers": 45.0, "unknowns": 3.0}
+    assert found.numbers == {"numbers": 45.0, "parameters": 3.0}
     path = noisy(tmp_path)
     path.write_text(path.read_text().replace("[3, 20]", "[3, 60]"))
-    assert doubts(load_project(path)) == []
+    assert findings_of_table(load_project(path)) == []

@@ -15,7 +15,7 @@ from pyblast.diagnosis.prediction import Place, diagnosed, effects_of, predict
 from pyblast.model.model import Receiver
 from pyblast.project.case_folder import read_case_folder
 from pyblast.project.result import plain
-from pyblast.runs.cache import WHOLE, code_hash
+from pyblast.runs.parallel import WHOLE, code_hash
 from pyblast.workflows.diagnose import cut_of, diagnose
 
 from .case_files import read_asked

@@ -30,7 +30,7 @@ def house_of(blast):
 def closed_form(house, centre, charge):
     """Move the house by one hole: pressurised cavity, peak by the law of AS 2187.2."""
     distance = float(np.linalg.norm(house - centre))
-    peak = scaled_distance_ppv(distance, charge)
+    peak = float(scaled_distance_ppv(distance, charge))
     pulse = pressure_for_peak(**ROCK, pulse=SmoothPulse(1.0, 0.03), distance=distance, peak=peak)
     return cavity_seismogram(
         **ROCK, pulse=pulse, source=centre, receiver=house, dt=1e-3, duration=1.0

@@ -23,8 +23,7 @@ from ..project.flat_box import (
 from ..project.inputs import make_input
 from ..project.places import on_ground, refuse_outside
 from ..project.project import Project
-from ..runs.greens import LINEAR_ZONES
-from ..runs.greens_bank import greens_functions
+from ..runs.greens import LINEAR_ZONE_LAWS, greens_functions
 from ..runs.parallel import run_all
 from .case import Case
 
@@ -87,7 +86,7 @@ class Forward:
         self.runs += len(done)
         for one in done:
             key = one.provenance["input_sha256"], *one.seismograms
-            if one.found and key not in self._known:
+            if one.from_cache and key not in self._known:
                 self.kept, self.kept_s = self.kept + 1, self.kept_s + one.wall_seconds
             self._known.add(key)
         return done
@@ -244,7 +243,7 @@ def not_superposed(case: Case) -> str:
                 "give the joints the law 'elastic'"
             )
     for name in ground_materials(project):
-        if project.materials[name].law.name not in LINEAR_ZONES:
+        if project.materials[name].law.name not in LINEAR_ZONE_LAWS:
             return f"holes do not superpose in material {name!r}, which yields: make it elastic"
     return ""
 

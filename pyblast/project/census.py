@@ -8,7 +8,7 @@ import numpy as np
 from ..mesh.mesh import locate, quality, volumes
 from ..signals.spectra import dominant_frequency
 from ..solver import assembly, preparation, run
-from ..solver.edge_springs import marching_bytes
+from ..solver.edge_springs import run_bytes
 
 TRIAL_STEPS = 40
 
@@ -88,7 +88,7 @@ def take_census(project, measure=False) -> Census:
         limited_by=limit.limited_by,
         added_mass=float(limit.added_mass.sum() / mass.sum()),
         steps=n_steps,
-        memory=marching_bytes(model, n_steps * (1 + len(model.receivers))),
+        memory=run_bytes(model, n_steps * (1 + len(model.receivers))),
         seconds=_measured(model, float(geometry["dt"]), n_steps) if measure else None,
     )
 

@@ -11,7 +11,7 @@ from ..diagnosis.thresholds import DECISIVE, FAR_FROM_PRIOR, MATERIAL
 from ..project.result import plain, write_text
 from . import diagnosis_figures
 from .diagnosis_figures import maps_figure
-from .html import page
+from .run import page
 
 
 def ranking_rows(made) -> list[dict]:

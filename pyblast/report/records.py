@@ -10,7 +10,7 @@ from ..line_records.layering import Picks, rayleigh_speeds
 from ..line_records.shots import Shot
 from ..project.result import write_text
 from .figures import FAULT, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
-from .html import page
+from .run import page
 
 FOUND = {
     "NAMED": "found",

@@ -30,7 +30,7 @@ from ..project.project import Project, load_project, with_further
 from ..project.result import plain, write_bytes, write_summary
 from ..recordings.seismic import channel_names, mseed_bytes
 from ..report.diagnosis import write_diagnosis_report
-from ..runs.cache import WHOLE, code_hash
+from ..runs.parallel import WHOLE, code_hash
 from ..signals.seismogram import Seismogram
 from ..solver.preparation import versions
 from . import Interrupted, Progress, Say, numbered_folders, result_folder, silent

@@ -102,8 +102,8 @@ def analyse_records(
     results, views = [], []
     for number, line in enumerate(lines):
         tell("analyses", number, len(lines))
-        found, view = _of_line(line, surface_band, air_band, seed)
-        results += found
+        outcomes, view = _of_line(line, surface_band, air_band, seed)
+        results += outcomes
         views.append(view)
     results += refused
     results.append(_sensors(records, sensor_band, reference, seed))
@@ -112,23 +112,23 @@ def analyse_records(
         "geometry": None if geometry is None else Path(geometry).name,
         "files": [quality_of(record) for record in records],
         "skipped": [{"file": name, "reason": reason} for name, reason in skipped],
-        "analyses": [one for one in results if "outcome" in one],
-        "not_analysed": [one for one in results if "outcome" not in one],
+        "analyses": [row for row in results if "outcome" in row],
+        "not_analysed": [row for row in results if "outcome" not in row],
         "seed": seed,
         "provenance": versions(_hash(folder, records)),
     }
     tell("writing", 0, 1)
-    place = new_folder(folder.parent / f"{folder.name}_analysis" if out is None else out)
-    write_summary(place / RESULT, summary)
-    write_records_report(place / REPORT, plain(summary), views)
-    return plain(summary), place
+    result = new_folder(folder.parent / f"{folder.name}_analysis" if out is None else out)
+    write_summary(result / RESULT, summary)
+    write_records_report(result / REPORT, plain(summary), views)
+    return plain(summary), result
 
 
 def quality_of(record: FieldRecord) -> dict:
-    """Return what a file holds: sampling, dead channels, clipped samples, printed values."""
+    """Return the quality of a file: sampling, dead channels, clipped samples, printed values."""
     gather = record.gather
     counts = gather.clipped.sum(axis=1)
-    wrong = [one for one in record.checks if not one[3]]
+    wrong = [row for row in record.checks if not row[3]]
     return {
         "file": record.file,
         "format": record.format,
@@ -153,7 +153,7 @@ def quality_of(record: FieldRecord) -> dict:
 
 
 def lines_of(records: Sequence[FieldRecord]) -> tuple[list[Line], list[dict]]:
-    """Return the lines of receivers and their shots, and why others could not be made."""
+    """Return the lines of receivers with their shots, and the reasons for missing ones."""
     names = dict.fromkeys(name for record in records for name in record.line)
     lines, refused = [], []
     for name in names:
@@ -196,7 +196,7 @@ def _shot(record: FieldRecord, name: str) -> Shot:
     if np.ptp(along) == 0.0 or beside.max() > CROOKED * np.ptp(along):
         raise InputError(
             f"receivers stand up to {beside.max():.3g} m beside a straight line of "
-            f"{np.ptp(along):.3g} m; tell its lines apart in the column 'line' of --geometry"
+            f"{np.ptp(along):.3g} m; name its lines in the column 'line' of --geometry"
         )
     part = replace(
         gather, data=gather.data[own], receiver_positions=places, dead=gather.dead[own],
@@ -211,7 +211,7 @@ def _shot(record: FieldRecord, name: str) -> Shot:
 
 
 def _of_line(line: Line, surface: tuple, air: tuple, seed: int) -> tuple[list[dict], LineView]:
-    """Return the analyses of one line, and what its figures show."""
+    """Return the analyses of one line, and the data of its figures."""
     odd = _tried("odd channels", line.name, lambda: _odd(line, surface, seed))
     air_waves = _tried("air wave", line.name, lambda: _air(line, air, seed))
     sides = _sides(line)
@@ -231,7 +231,7 @@ def _of_line(line: Line, surface: tuple, air: tuple, seed: int) -> tuple[list[di
 
 
 def _tried(analysis: str, line: str, analyse: Callable[[], list[Verdict]]) -> list[dict]:
-    """Return the outcomes of an analysis, or why there is none."""
+    """Return the outcomes of an analysis, or the reason for none."""
     try:
         return [_outcome(analysis, line, verdict) for verdict in analyse()]
     except InputError as error:
@@ -240,7 +240,7 @@ def _tried(analysis: str, line: str, analyse: Callable[[], list[Verdict]]) -> li
 
 def _outcome(analysis: str, line: str, verdict: Verdict) -> dict:
     """Return a decision as plain numbers and words."""
-    target = [int(one) + 1 if isinstance(one, int) else one for one in verdict.target]
+    target = [int(part) + 1 if isinstance(part, int) else part for part in verdict.target]
     return {
         "analysis": analysis,
         "line": line,
@@ -257,7 +257,7 @@ def _outcome(analysis: str, line: str, verdict: Verdict) -> dict:
 
 
 def _refusal(analysis: str, line: str, reason: str) -> dict:
-    """Return why an analysis was not made."""
+    """Return the reason why an analysis is missing."""
     return {"analysis": analysis, "line": line, "reason": reason}
 
 
@@ -281,7 +281,8 @@ def _odd(line: Line, band: tuple[float, float], seed: int) -> list[Verdict]:
     if len(chosen) < 4:
         raise InputError(f"{len(chosen)} shots share their receivers and sampling, and it needs 4")
     own = [shot.only(np.isin(shot.channels, list(common))) for shot in chosen]
-    return [_unless_noise(one) for one in odd_channels(own, _inside(band, own[0].dt), seed=seed)]
+    channels = odd_channels(own, _inside(band, own[0].dt), seed=seed)
+    return [_unless_noise(verdict) for verdict in channels]
 
 
 def _unless_noise(verdict: Verdict) -> Verdict:
@@ -306,15 +307,15 @@ def _air(line: Line, band: tuple[float, float], seed: int) -> list[Verdict]:
 
 
 def _sides(line: Line) -> tuple[list[Shot], list[Shot]]:
-    """Return shots to fit and to judge by: those off either end, else every second one."""
+    """Return the shots for the fit and for its test: those off either end, else alternate ones."""
     dt = line.shots[0].dt
     shots = [shot for shot in line.shots if shot.dt == dt]
-    left = [shot for shot in shots if shot.source < shot.places[0]]
-    right = [shot for shot in shots if shot.source > shot.places[-1]]
-    if min(len(left), len(right)) < 3:
-        off = max(left, right, key=len)
-        left, right = off[::2], off[1::2]
-    return left[:MOST], right[:MOST]
+    low = [shot for shot in shots if shot.source < shot.places[0]]
+    high = [shot for shot in shots if shot.source > shot.places[-1]]
+    if min(len(low), len(high)) < 3:
+        off = max(low, high, key=len)
+        low, high = off[::2], off[1::2]
+    return low[:MOST], high[:MOST]
 
 
 def _layers(
@@ -337,9 +338,9 @@ def _sensors(
     stood: dict[tuple, dict[str, tuple[np.ndarray, float]]] = {}
     for record in records:
         for n, sensor in enumerate(record.sensor):
-            place = record.gather.receiver_positions[n]
-            if sensor and np.isfinite(place).all():
-                key = tuple(np.round(place / SAME_PLACE).astype(int))
+            position = record.gather.receiver_positions[n]
+            if sensor and np.isfinite(position).all():
+                key = tuple(np.round(position / SAME_PLACE).astype(int))
                 stood.setdefault(key, {}).setdefault(
                     sensor, (record.gather.data[n], record.gather.dt)
                 )
@@ -348,7 +349,7 @@ def _sensors(
         (first, second, [each for each in stood.values() if {first, second} <= set(each)])
         for k, first in enumerate(names) for second in names[k + 1 :]
     ]  # fmt: skip
-    pair = next((one for one in pairs if len(one[2]) >= 2), None)
+    pair = next((row for row in pairs if len(row[2]) >= 2), None)
     if pair is None:
         return _refusal(
             "sensor response", "",

@@ -22,8 +22,14 @@ from ..project.result import (
     write_summary,
 )
 from ..recordings.recording import read_recording
-from ..report.html import write_report
-from ..report.vtk import write_joints, write_motion, write_zones, yield_fields, zone_fields
+from ..report.run import (
+    write_joints,
+    write_motion,
+    write_report,
+    write_zones,
+    yield_fields,
+    zone_fields,
+)
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..solver import preparation
@@ -96,7 +102,7 @@ def simulate(
     )  # fmt: skip
     return replace(
         done,
-        seismograms={name: one.shifted(-lead) for name, one in done.seismograms.items()},
+        seismograms={name: s.shifted(-lead) for name, s in done.seismograms.items()},
         snapshots={time - lead: velocity for time, velocity in done.snapshots.items()},
     )
 
@@ -260,7 +266,7 @@ def compare_all(project: Project, simulated: dict[str, Seismogram]) -> dict[str,
     """Compare recorded with simulated motion at every receiver that has a record."""
     band = project.config.run.compare_band_hz
     return {
-        name: compare(record, simulated[name], None if band is None else tuple(band))
+        name: compare(record, simulated[name], None if band is None else (band[0], band[1]))
         for name, record in project.recorded.items()
     }
 

@@ -143,7 +143,7 @@ def test_ground_of_uneven_stiffness_takes_edges_in_batches_only():
     single["displacement"] += motion
     state["displacement"] += motion[..., None]
     core.advance(core.to_fortran(prepared.constants), single, 0, 1, 1)
-    core.advance_all(core.side_by_side(constants), state, 0, 1, 1)
+    core.advance_batch(core.to_fortran_batch(constants), state, 0, 1, 1)
     largest = np.abs(single["velocity"]).max()
     assert np.abs(state["velocity"][..., 1] - single["velocity"]).max() < 1e-12 * largest
 

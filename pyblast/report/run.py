@@ -1,14 +1,20 @@
-"""The report of a run: one HTML page with figures and tables that opens without network."""
+"""Report of a run: one HTML page with figures and tables, and files for ParaView."""
 
 import math
 from dataclasses import replace
 from importlib import resources
+from pathlib import Path
 
+import meshio
 import numpy as np
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
+from ..errors import ReadError
+from ..mesh.mesh import edge_lengths
+from ..project.census import carried_frequency
 from ..project.result import Result, plain, write_text
 from ..signals.limits import load_limits
+from ..solver.initial_stress import yield_states
 from . import figures
 from .figures import limits_figure
 
@@ -49,10 +55,10 @@ def page(name):
 
 
 def _figures(result):
-    """Make the figures: list of title, caption, names of assumed tables, image."""
+    """Return the figures: list of title, caption, names of assumed tables, image."""
     summary = result.summary
     wide = _spectrum_top(summary)
-    made = [
+    rows = [
         *_input_figures(result, wide),
         *_source_figures(result, wide),
         (
@@ -67,13 +73,13 @@ def _figures(result):
         *_limit_figures(result),
         (
             "Energy",
-            "Where the energy that was put in went; the ledger closes within "
+            "Energy balance of the input; it closes within "
             f"{100.0 * summary['run']['balance_error']:.2g} %.{_energy_words(summary)}",
             (),
             figures.energy_figure(result.arrays["energy"], summary["run"]["lead"]),
         ),
     ]  # fmt: skip
-    return [dict(zip(("title", "caption", "tables", "image"), row, strict=True)) for row in made]
+    return [dict(zip(("title", "caption", "tables", "image"), row, strict=True)) for row in rows]
 
 
 def _spectrum_top(summary):
@@ -85,7 +91,7 @@ def _spectrum_top(summary):
 
 
 def _input_figures(result, top):
-    """Draw the single hole and what enters through the face."""
+    """Yield the figures of the single hole and of the input through a face."""
     table, stages = result.summary["input"], result.seismograms("input")
     if table is None:
         return
@@ -103,14 +109,14 @@ def _input_figures(result, top):
         _filter_words(table),
         ("signature", "blast", "input"),
         figures.motion_figure(
-            {"whole blast": stages["superposed"], "into the model": stages["motion"]},
+            {"whole blast": stages["superposed"], "input": stages["motion"]},
             ["#9aa5b1", figures.SIMULATED], top, _end(stages["superposed"]),
         ),
     )  # fmt: skip
 
 
 def _source_figures(result, top):
-    """Draw the moment rate of holes inside and the histories of forces."""
+    """Yield the figure of moment rates and force histories inside the model."""
     table, histories = result.summary["sources"], result.arrays.get("sources", {})
     if not histories:
         return
@@ -147,8 +153,8 @@ def _end(seismogram):
 
 
 def _section_figures(result):
-    """Section with joints and faults, and the highest frequency that each zone carries."""
-    place = _section_place(result)
+    """Yield the section with joints and faults, and with the highest frequency of zones."""
+    north = _section_place(result)
     edges = result.summary["run"].get("edges_per_wavelength", 10.0)
     entry = "stars mark holes and forces inside, projected"
     if result.summary["input"] is not None:
@@ -157,16 +163,16 @@ def _section_figures(result):
         entry = f"the blast enters through '{face}'{arrows}"
     yield (
         "Section",
-        f"Section at north {place:g} m with joints and faults; {entry} (as figure 4 of the paper).",
+        f"Section at north {north:g} m with joints and faults; {entry} (as figure 4 of the paper).",
         ("mesh", "joints"),
-        figures.section_figure(result, place),
+        figures.section_figure(result, north),
     )
     yield (
         "Highest frequency",
         f"Highest frequency that each zone carries: Cs over {edges:g} of its mean edges; the input "
         f"has {result.summary['band']:.3g} Hz. The same section.",
         ("mesh",),
-        figures.section_figure(result, place, "f_max"),
+        figures.section_figure(result, north, "f_max"),
     )
 
 
@@ -178,7 +184,7 @@ def _section_place(result):
 
 
 def _receiver_figures(result, top):
-    """Draw recorded and simulated motion at each receiver (figures 7 to 9)."""
+    """Yield recorded and simulated motion at each receiver (figures 7 to 9 of the paper)."""
     recorded = result.seismograms("recorded")
     for name, simulated in result.seismograms("simulated").items():
         both, colours = {"simulated": simulated}, [figures.SIMULATED]
@@ -196,19 +202,19 @@ def _receiver_figures(result, top):
 
 
 def _limit_figures(result):
-    """Draw all peaks under the limit curves that were asked for."""
+    """Yield the figure of peaks and limit curves, if the project names any."""
     names, curves = result.summary.get("limit_curves", []), load_limits()
-    some = [curves[name] for name in names if name in curves]
-    if not some:
+    chosen = [curves[name] for name in names if name in curves]
+    if not chosen:
         return
     motions = {kind: result.seismograms(kind) for kind in ("simulated", "recorded")}
-    image, left_out = limits_figure(motions, some)
+    image, left_out = limits_figure(motions, chosen)
     without = f" Without crossings on both sides, and left out: {', '.join(left_out)}."
     yield (
         "Limit curves",
-        "Peaks of each component against their frequency by zero crossing. Curves are drawn, and "
-        "nothing is judged: who uses one has to compare it with the standard "
-        f"({'; '.join(curve.source for curve in some)}). What is simulated holds little above "
+        "Peaks of each component against their frequency by zero crossing. The curves are no "
+        "assessment: compare a curve with its standard before you use it "
+        f"({'; '.join(curve.source for curve in chosen)}). The simulation holds little above "
         f"{result.summary['band']:.3g} Hz.{without if left_out else ''}",
         ("receivers", "signature"),
         image,
@@ -216,7 +222,7 @@ def _limit_figures(result):
 
 
 def _towards(table):
-    """Say where the longitudinal component points."""
+    """Return the direction of the longitudinal component."""
     if table["azimuth"] is None:
         return ""
     bearing = math.degrees(table["azimuth"]) % 360.0
@@ -224,20 +230,20 @@ def _towards(table):
 
 
 def _energy_words(summary):
-    """Say what of the energy is not what it seems."""
+    """Return notes on the energy of input and initial stress."""
     words = ""
     if summary["input"] is not None:
         words = (
-            " On a quiet input face about half of what is put in goes straight into the dashpots "
-            "of that face."
+            " At a viscous input face about half of the input goes directly into the dashpots of "
+            "that face."
         )
     if summary["run"]["static"]:
-        words += " What joints hold at the beginning is in-situ stress, no energy of the blast."
+        words += " The initial energy of joints is that of the in-situ stress, not of the blast."
     return words
 
 
 def _filter_words(table):
-    """Say what superposition and filter did."""
+    """Return the caption of superposition and filter."""
     text = f"{table['holes']} holes at {len(table['instants'])} instants"
     if table["low_pass"] is None:
         return f"{text}, not filtered."
@@ -272,3 +278,108 @@ def scaled(value, factor, digits=3):
 def angle(tangent):
     """Show the angle in degrees of a tangent."""
     return number(None if tangent is None else math.degrees(math.atan(tangent)))
+
+
+def zone_fields(model):
+    """Return the fields of zones: group, block, highest frequency carried; dict of (n_zones,)."""
+    mesh = model.mesh
+    edge = edge_lengths(mesh).mean(axis=1)
+    return {
+        "group": mesh.zone_group.astype(np.int32),
+        "block": mesh.blocks().astype(np.int32),
+        "f_max": carried_frequency(model.zone_values("cs"), edge, model.edges_per_wavelength),
+    }
+
+
+def yield_fields(run):
+    """Return stress (Pa) and plastic strains of plastic zones, nan elsewhere; empty without any.
+
+    The stress has ParaView's order xx yy zz xy yz zx.
+    """
+    constants = run.prepared.constants
+    if constants["hex_order"]:
+        return {}
+    zone, stress, plastic = yield_states(constants, run.state)
+    if not len(zone):
+        return {}
+    values = np.full((len(constants["zone_row"]), 8), np.nan)
+    values[zone] = np.hstack([stress, plastic])
+    return {
+        "stress": values[:, [0, 1, 2, 5, 3, 4]],
+        "plastic_shear": values[:, 6],
+        "plastic_tension": values[:, 7],
+    }
+
+
+def write_zones(path, points, zones, fields, node_fields=None):
+    """Write tetrahedra with values per zone and per node.
+
+    Parameters
+    ----------
+    path : path
+    points : (n_nodes, 3) float64, m
+    zones : (n_zones, 4) int32
+    fields, node_fields : dict of str to array
+    """
+    cells = [("tetra", zones)]
+    mesh = meshio.Mesh(points, cells, node_fields or {}, {n: [v] for n, v in fields.items()})
+    _write(path, mesh)
+
+
+def write_joints(path, mesh, displacement=None):
+    """Write joint surfaces with their number and the displacement jump of each node.
+
+    Parameters
+    ----------
+    path : path
+    mesh : Mesh
+        Split.
+    displacement : (n_nodes, 3) float64, m, optional
+    """
+    names = mesh.contacts.names if mesh.contacts is not None else ()
+    triangles = np.concatenate([np.empty((0, 3), np.int32), *(mesh.surfaces[n] for n in names)])
+    number = np.repeat(np.arange(len(names)), [len(mesh.surfaces[n]) for n in names])
+    fields = {}
+    contacts = mesh.contacts
+    if displacement is not None and contacts is not None and len(names):
+        jump = np.zeros_like(mesh.points)
+        jump[contacts.minus] = displacement[contacts.plus] - displacement[contacts.minus]
+        fields["jump"] = jump
+    joints = {"joint": [number.astype(np.int32)]}
+    _write(path, meshio.Mesh(mesh.points, [("triangle", triangles)], fields, joints))
+
+
+def write_motion(folder, points, zones, snapshots):
+    """Write node velocities at some instants, and a ParaView collection of them.
+
+    Parameters
+    ----------
+    folder : Path
+    points, zones : arrays of the mesh
+    snapshots : dict of float (s) to (n_nodes, 3) float32, m/s
+    """
+    lines = []
+    for number, (time, velocity) in enumerate(sorted(snapshots.items())):
+        name = f"motion_{number:03d}.vtu"
+        write_zones(Path(folder) / name, points, zones, {}, {"velocity": velocity})
+        lines.append(f'<DataSet timestep="{time:.9g}" file="{name}"/>')
+    if lines:
+        body = "\n".join(lines)
+        write_text(
+            Path(folder) / "motion.pvd",
+            '<VTKFile type="Collection" version="0.1"><Collection>\n'
+            f"{body}\n</Collection></VTKFile>\n",
+        )
+
+
+def _write(path, mesh):
+    """Write to a temporary file and rename it; `ReadError` if the path can't be written."""
+    path = Path(path)
+    beside = path.with_name(f".{path.stem}.part.vtu")
+    try:
+        mesh.write(beside, file_format="vtu")
+        beside.replace(path)
+    except OSError as error:
+        raise ReadError(f"{path}: can't be written ({error.strerror or error})") from None
+    finally:
+        beside.unlink(missing_ok=True)

@@ -1,4 +1,4 @@
-"""Doubts about found values: a bound, a turned component, errors too large to be small."""
+"""Findings after a back-analysis: bounds, reversed polarity, improbable model error."""
 
 import json
 from pathlib import Path
@@ -8,19 +8,19 @@ import pytest
 from inversion_project import PARAMETERS, noisy
 
 from pyblast import back_analyse, load_project
-from pyblast.back_analysis.findings import fit_doubts
+from pyblast.back_analysis.findings import findings_of_fit
 from pyblast.back_analysis.search import make_target
 from pyblast.workflows.back_analysis import RESULT
 
 
-def codes(found):
-    return {one.code: one for one in fit_doubts(found)}
+def codes(result):
+    return {finding.code: finding for finding in findings_of_fit(result)}
 
 
 @pytest.fixture(scope="module")
-def turned(tmp_path_factory):
-    """Search with a record whose first component was wired the other way round."""
-    path = noisy(tmp_path_factory.mktemp("turned"))
+def reversed_record(tmp_path_factory):
+    """Back-analyse a record whose first component has reversed polarity."""
+    path = noisy(tmp_path_factory.mktemp("reversed"))
     table = np.loadtxt(path.with_name("wall.csv"), delimiter=",", skiprows=1)
     head = path.with_name("wall.csv").read_text().splitlines()[0]
     table[:, 1] *= -1.0
@@ -28,38 +28,41 @@ def turned(tmp_path_factory):
     return back_analyse(path)
 
 
-def test_a_fit_to_good_records_is_not_doubted(tmp_path):
-    found, _ = back_analyse(noisy(tmp_path))
+def test_a_fit_to_good_records_has_no_finding(tmp_path):
+    result, _ = back_analyse(noisy(tmp_path))
 
-    assert codes(found) == {}
+    assert codes(result) == {}
 
 
-def test_a_turned_component_is_told(turned):
-    found, folder = turned
-    told = codes(found)
+def test_reversed_polarity_is_a_finding(reversed_record):
+    result, folder = reversed_record
+    findings = codes(result)
 
-    assert list(told["D33"].numbers) == ["project.toml, R1, longitudinal"]
-    assert told["D33"].numbers["project.toml, R1, longitudinal"] < -0.7
+    assert list(findings["D33"].numbers) == ["project.toml, R1, longitudinal"]
+    assert findings["D33"].numbers["project.toml, R1, longitudinal"] < -0.7
     assert "D33" in {one["code"] for one in json.loads((folder / RESULT).read_text())["findings"]}
-    assert "A component runs against the simulation" in (folder / "report.html").read_text()
+    assert (
+        "A component has the opposite sign of the simulation"
+        in (folder / "report.html").read_text()
+    )
 
 
-def test_errors_that_let_it_fit_are_told_with_their_size(turned):
-    told = codes(turned[0])
+def test_an_improbable_model_error_is_a_finding_with_its_ratio(reversed_record):
+    findings = codes(reversed_record[0])
 
-    assert max(told["D32"].numbers.values()) > 3.7  # of a hundred levels one is larger
+    assert max(findings["D32"].numbers.values()) > 3.7  # of a hundred levels one is larger
 
 
-def test_a_value_at_a_bound_is_told(tmp_path):
+def test_a_value_at_a_bound_is_a_finding(tmp_path):
     path = noisy(tmp_path)
     ks = PARAMETERS[1]
     path.write_text(path.read_text().replace(f"low = {ks.low}\nhigh = {ks.high}",
                                              "low = 0.05\nhigh = 0.1"))  # fmt: skip
 
-    told = codes(back_analyse(path)[0])
+    findings = codes(back_analyse(path)[0])
 
-    assert ks.name in told["D31"].text
-    assert "at the low one, 0.05" in told["D31"].text
+    assert ks.name in findings["D31"].text
+    assert "at the low bound, 0.05" in findings["D31"].text
 
 
 def test_a_record_without_one_component_is_searched(tmp_path):
@@ -67,12 +70,12 @@ def test_a_record_without_one_component_is_searched(tmp_path):
     rows = [line.split(",") for line in path.with_name("wall.csv").read_text().splitlines()]
     path.with_name("wall.csv").write_text("\n".join(",".join(row[:3]) for row in rows) + "\n")
 
-    found, _ = back_analyse(path)
+    result, _ = back_analyse(path)
 
-    (record,) = found.confirmed["project.toml"].recorded.values()
+    (record,) = result.confirmed["project.toml"].recorded.values()
     assert list(record.present) == [True, True, False]
-    assert np.all(found.plan.knowledge.shares[:2] < 0.5)  # noise that is one of two was not a noise
-    assert codes(found) == {}
+    assert np.all(result.plan.information.ratios[:2] < 0.5)
+    assert codes(result) == {}
 
 
 def test_the_example_has_its_records():
