@@ -14,7 +14,7 @@ from pyblast.project.config_file import _merged as merged
 from pyblast.project.project import make_project
 from pyblast.recordings.recording import read_recording
 
-PAGE = (Path(__file__).parents[1] / "docs" / "guide" / "how_to.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "guide" / "how_to.md").read_text(encoding="utf-8")
 TITLES = re.findall(r"^## (.+)$", PAGE, re.MULTILINE)
 FROM_OUTSIDE = ("signature", "input")
 RECORD = "time_s,longitudinal_mm_per_s,transverse_mm_per_s,vertical_mm_per_s\n" + "".join(
@@ -67,7 +67,7 @@ def test_a_piece_of_a_project_file_builds_a_model(title, tmp_path):
         assert list(project.recorded) == ["house"]
 
 
-FILES = (Path(__file__).parents[1] / "docs" / "guide" / "recordings.md").read_text(encoding="utf-8")
+FILES = (Path(__file__).parents[2] / "docs" / "guide" / "recordings.md").read_text(encoding="utf-8")
 FILES = re.findall(r"^```\n(.*?)^```", FILES, re.MULTILINE | re.DOTALL)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from docs.hypotheses_page import written
 from pyblast.diagnosis.hypotheses import LIBRARY
 
-PAGE = Path(__file__).parents[1] / "docs" / "reference" / "hypotheses.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "hypotheses.md"
 
 
 def test_the_table_is_that_of_the_library():

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "pyblast"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FORTRAN = sorted((ROOT / "fortran").glob("*.f90"))

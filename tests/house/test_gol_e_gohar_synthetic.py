@@ -9,7 +9,7 @@ import pytest
 from pyblast.back_analysis.parameters import check_parameters
 from pyblast.inference.parameter import Parameter
 
-SCRIPT = Path(__file__).parents[1] / "examples" / "gol_e_gohar" / "twin.py"
+SCRIPT = Path(__file__).parents[2] / "examples" / "gol_e_gohar" / "twin.py"
 
 
 @pytest.fixture(scope="module")

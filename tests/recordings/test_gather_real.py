@@ -16,7 +16,7 @@ from pyblast.recordings.recording import read_gather
 from pyblast.signals.comparison import compare
 from pyblast.signals.seismogram import Seismogram
 
-README = Path(__file__).parents[1] / "examples" / "real" / "README.md"
+README = Path(__file__).parents[2] / "examples" / "real" / "README.md"
 PLACES = {-5.0: "6", -10.0: "11", -20.0: "16", 51.0: "26", 56.0: "31", 66.0: "36"}
 BAND = (10.0, 40.0)
 FIRING = Firing(0.042 * np.arange(12), 1.0)

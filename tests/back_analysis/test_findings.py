@@ -76,7 +76,7 @@ def test_a_record_without_one_component_is_searched(tmp_path):
 
 
 def test_the_example_has_its_records():
-    examples = Path(__file__).parents[1] / "examples"
+    examples = Path(__file__).parents[2] / "examples"
 
     target = make_target(load_project(examples / "fault_from_records" / "project.toml"))
 

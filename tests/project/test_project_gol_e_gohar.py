@@ -9,7 +9,7 @@ import pytest
 from pyblast.project.ground import mean_edge
 from pyblast.project.project import load_project
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "gol_e_gohar" / "project.toml"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "gol_e_gohar" / "project.toml"
 
 
 @pytest.fixture(scope="module")

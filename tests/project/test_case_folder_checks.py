@@ -108,7 +108,7 @@ def test_the_written_folder_itself_is_read(tmp_path):
 
 
 def test_the_case_folder_of_the_page_on_files_is_read(tmp_path):
-    page = Path(__file__).parents[1] / "docs" / "guide" / "recordings.md"
+    page = Path(__file__).parents[2] / "docs" / "guide" / "recordings.md"
     page = page.read_text(encoding="utf-8")
     (text,) = re.findall(r"^```toml\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     changed(tmp_path)

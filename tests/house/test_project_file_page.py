@@ -15,7 +15,7 @@ from pyblast.project.config_ground import JointConfig
 from pyblast.project.section import Section
 from pyblast.units import split_key
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "reference" / "project_file.md").read_text(encoding="utf-8")
 TOP = "Top of the file"
 

@@ -1,6 +1,6 @@
 """Home-made words stay out: the sources say the standard terms of the field.
 
-`PYTHONPATH=tests/cases python tests/test_words.py` lists every place, file by file.
+`PYTHONPATH=tests/cases python tests/house/test_words.py` lists every place, file by file.
 """
 
 import ast
@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from words import NAMES, REMAINING, WORDS
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PYTHON = sorted((ROOT / "pyblast").rglob("*.py"))
 FORTRAN = sorted((ROOT / "fortran").glob("*.f90"))
 TEMPLATES = sorted((ROOT / "pyblast").rglob("*.html"))

@@ -13,7 +13,7 @@ from pyblast.project.project import load_project, make_project
 from pyblast.solver.run import simulate
 from pyblast.workflows import run
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "holes_inside" / "project.toml"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "holes_inside" / "project.toml"
 PULSE = TimeFunction(1e6 * np.sin(np.pi * np.arange(0.0, 0.0501, 0.001) / 0.05) ** 2, 0.001)
 
 
