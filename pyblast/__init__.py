@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     # Blasts
     from .blasts.blast import Blast
     from .blasts.hole_tables import read_blast
-    from .blasts.superposition import superpose
+    from .blasts.signature import superpose
     from .blasts.site_law import fit_site_law
 
     # Mesh

@@ -11,7 +11,7 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import Damping, Material
 from pyblast.model.model import Model, Receiver, Rim
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.project.config_file import check_config
+from pyblast.project.config import check_config
 from pyblast.project.flat_box import OUTER, Cut, FlatBox, Plane, flat_mesh
 from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project

@@ -7,9 +7,9 @@ import numpy as np
 from ..errors import InputError, PyblastError
 from ..inference.error_model import mesh_error
 from ..project.config import ReceiverConfig
-from ..project.config_file import number_paths, value_at
 from ..project.places import on_ground
 from ..project.project import Project, make_project, vary
+from ..project.section import number_paths, value_at
 from .trials import simulate
 from .waveforms import gathered
 

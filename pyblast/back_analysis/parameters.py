@@ -4,11 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, named_error
 from ..inference.parameter import Parameter
-from ..project.config_file import check_path
 from ..project.project import CHEAP, Project, load_project, vary
-from ..project.section import named_error
+from ..project.section import check_path
 from ..signals.seismogram import Seismogram
 
 

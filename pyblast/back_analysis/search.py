@@ -21,7 +21,7 @@ from ..inference.global_search import (
 from ..inference.misfits import MISFITS, SIGNED
 from ..inference.parameter import Parameter
 from ..inference.posterior import Posterior, emcee_library, posterior
-from ..project.census import input_band
+from ..project.inputs import input_band
 from ..project.project import Project
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import Seismogram
@@ -82,7 +82,6 @@ def _moved(trials, values):
 
 
 LAST = 3  # of so many runs one is kept for the covariance that the others taught
-
 METHODS: dict[str, Search] = {
     "paper": paper,
     "paper_eq15": paper_eq15,

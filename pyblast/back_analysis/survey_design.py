@@ -11,7 +11,7 @@ from ..inference.gauss_newton import DIFFERENCE
 from ..inference.global_search import Problem
 from ..inference.parameter import Parameter
 from ..inference.records import band_functions
-from ..project.census import input_band
+from ..project.inputs import input_band
 from .identifiability import Knowledge, Sensitivities, intervals
 from .mesh_error import Place, listening, mesh_errors_of, places_of
 from .parameters import (

@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import InputError
 from ..inference.likelihood import Gaussian, InferredLevels, Likelihood
 from ..inference.records import Noise, Records, band_functions, check_sampling, gather, noise_of
-from ..project.census import input_band
+from ..project.inputs import input_band
 
 FINE = 8.0  # samples to the shortest period of the band
 QUIET = 2.0  # of these periods that the noise is learnt from, at least

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from ..back_analysis.survey_design import Plan
     from ..blasts.site_law import SiteLaw
     from ..errors import Finding
-    from ..project.census import Census
     from ..project.checks import Check
+    from ..project.checks_ground import Census
     from ..project.inputs import InputMotion
     from ..signals.comparison import Comparison
     from ..workflows.run import Outcome

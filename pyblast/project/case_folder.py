@@ -8,16 +8,16 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from ..blasts.hole_tables import read_blast
-from ..errors import InputError, ReadError
+from ..errors import InputError, ReadError, named_error
 from ..model.joint import Joint
 from ..model.material import Material
 from ..model.source import TimeFunction
 from ..recordings.recording import read_stations
-from .config_file import check_config, sentence_of
+from .config import check_config
 from .flat_box import OUTER, check_flat, constant_q, flat_box, moment_begins, place_in_box
 from .inputs import Inside
 from .project import Project, make_project
-from .section import Name, Section, Span, named_error
+from .section import Name, Section, Span, sentence_of
 
 TABLE = "site.toml"
 PADDING = 0.5  # of the longest S wave of the band, beside the box

@@ -1,10 +1,20 @@
-"""Findings before a run about mesh, ground, joints, damping and boundaries."""
+"""Summary of a model, and findings about its mesh, ground, joints, damping and boundaries."""
 
 import math
+import time
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import Finding, by_wave
+from ..mesh import tetrahedra
+from ..mesh.mesh import surface_areas
+from ..solver import assembly, preparation, run
+from ..solver.edge_springs import marching_bytes
+from ..solver.initial_stress import joint_pressures
+from ..solver.loads import surface_impedance
+from .ground import set_normal, set_stiffness
+from .places import face_materials
 
 LITTLE = 0.7
 MISMATCH = 0.1
@@ -143,13 +153,6 @@ def jointed_face(group, material, joint_sets, direction):
     )  # fmt: skip
 
 
-# Smallest and largest value that ground has, in SI: what lies beyond is likely in another unit.
-LIKELY = {
-    "density": (300.0, 9000.0, "kg/m3", 1.0),
-    "cp": (50.0, 12000.0, "m/s", 1.0),
-    "kn": (1e5, 1e14, "GPa/m", 1e-9),
-    "ks": (1e4, 1e14, "GPa/m", 1e-9),
-}
 TET_VOLUME = 1.0 / (6.0 * math.sqrt(2.0))
 
 
@@ -326,38 +329,6 @@ def infill_as_layer(name, joint, thicknesses):
     )
 
 
-def unlikely_values(materials, joints):
-    """D26: densities, speeds and stiffnesses that no ground has; None where all are likely.
-
-    Parameters
-    ----------
-    materials : dict of str to Material
-    joints : sequence of Joint
-    """
-    listed = {f"materials.{name}": vars(one) | {"cp": one.cp} for name, one in materials.items()}
-    listed |= {f"joint {one.surface}": one.properties for one in joints}
-    found = {
-        f"{place} {key}": (values[key], LIKELY[key])
-        for place, values in listed.items()
-        for key in LIKELY
-        if key in values and not LIKELY[key][0] <= values[key] <= LIKELY[key][1]
-    }
-    if not found:
-        return None
-    words = "; ".join(
-        f"{place} is {factor * value:.3g} {unit}, ground has {factor * low:.3g} to "
-        f"{factor * high:.3g}"
-        for place, (value, (low, high, unit, factor)) in found.items()
-    )
-    return Finding(
-        "D26",
-        "A value of the ground looks like one in another unit",
-        f"{words}; units are in the keys.",
-        True,
-        {place: value for place, (value, _) in found.items()},
-    )
-
-
 def beyond_memory(needed, free):
     """D30: a run that needs more bytes than the machine has left, and will be refused."""
     if needed <= free:
@@ -370,3 +341,156 @@ def beyond_memory(needed, free):
         True,
         {"needed": needed, "free": free},
     )
+
+
+TRIAL_STEPS = 40
+
+
+@dataclass(frozen=True)
+class GroupCensus:
+    """Counts, sizes and share of added mass of one material in the mesh; SI."""
+
+    name: str
+    zones: int
+    volume: float
+    mass: float
+    mean_edge: float
+    smallest_quality: float
+    highest_frequency: float
+    added_share: float
+
+
+@dataclass(frozen=True)
+class Census:
+    """Counts and sizes of a model, what limits its step and what the run will cost; SI.
+
+    Parameters
+    ----------
+    groups : tuple of GroupCensus
+    zones, nodes, contacts, blocks : int
+    dt, undamped_dt : float, s
+        Time step, and the critical one without stiffness damping.
+    limited_by : str
+    added_mass : float
+        Share of the mass that selective mass scaling adds.
+    steps : int
+    memory : float, bytes
+    seconds : float or None
+        Estimate of the dynamic stage, measured on a few steps; None where not asked for.
+    """
+
+    groups: tuple[GroupCensus, ...]
+    zones: int
+    nodes: int
+    contacts: int
+    blocks: int
+    dt: float
+    undamped_dt: float
+    limited_by: str
+    added_mass: float
+    steps: int
+    memory: float
+    seconds: float | None
+
+
+def take_census(project, measure=False) -> Census:
+    """Count and measure the model of a project.
+
+    Parameters
+    ----------
+    project : Project
+    measure : bool
+        Whether to march a few steps for an estimate of the time.
+    """
+    model = project.model
+    geometry, limit = assembly.geometry_arrays(model)
+    n_steps = int(np.ceil(project.duration / geometry["dt"]))
+    mass = model.zone_values("density") * tetrahedra.volumes(model.mesh.points, model.mesh.zones)
+    return Census(
+        groups=_groups(model, mass, limit.added_share),
+        zones=len(model.mesh.zones),
+        nodes=len(model.nodes.points),
+        contacts=len(geometry["contact_area"]),
+        blocks=int(model.mesh.blocks().max()) + 1,
+        dt=float(geometry["dt"]),
+        undamped_dt=limit.undamped,
+        limited_by=limit.limited_by,
+        added_mass=float(limit.added_mass.sum() / mass.sum()),
+        steps=n_steps,
+        memory=marching_bytes(model, n_steps * (1 + len(model.receivers))),
+        seconds=_measured(model, float(geometry["dt"]), n_steps) if measure else None,
+    )
+
+
+def _groups(model, mass, added_share):
+    """Count each material."""
+    mesh = model.mesh
+    edges = model.mean_edges()
+    quality = tetrahedra.mean_ratio(mesh.points, mesh.zones)
+    found = []
+    for number, name in enumerate(mesh.groups):
+        mine = mesh.zone_group == number
+        if mine.any():
+            material = model.materials[name]
+            found.append(
+                GroupCensus(
+                    name,
+                    int(mine.sum()),
+                    float(mass[mine].sum() / material.density),
+                    float(mass[mine].sum()),
+                    float(edges[name]),
+                    float(quality[mine].min()),
+                    carried_frequency(material.cs, float(edges[name]), model.edges_per_wavelength),
+                    float(added_share[name]),
+                )
+            )
+    return tuple(found)
+
+
+def carried_frequency(speed, edge, edges_per_wavelength=10.0):
+    """Return the highest frequency in Hz that zones of an edge in m carry; eq. (1) of the paper."""
+    return speed / (edges_per_wavelength * edge)
+
+
+def _measured(model, dt, n_steps):
+    """March a few steps without the static stage and return the seconds that all would take."""
+    trial = replace(model, insitu=None)
+    prepared = preparation.prepare(trial, TRIAL_STEPS * dt)
+    began = time.perf_counter()
+    run.simulate(trial, TRIAL_STEPS * dt, prepared=prepared)
+    return n_steps * (time.perf_counter() - began) / prepared.n_steps
+
+
+def quiet_defects(project):
+    """D23, D24: sides that drain a plane wave, quiet faces of jointed rock."""
+    if project.input is None:
+        return
+    model, face = project.model, project.config.input.face
+    direction = -_mean_normal(model.mesh, face)
+    blind = {*project.config.boundaries.viscous} - {face}
+    if project.config.input.enters_as == "plane_wave":
+        blind = set()
+    sides = [n for n in sorted(blind) if abs(_mean_normal(model.mesh, n) @ direction) < 0.7]
+    entry = sum(surface_impedance(model, face).values())
+    drag = sum((sum(surface_impedance(model, n).values()) for n in sides), np.zeros((3, 3)))
+    way = model.mesh.points @ direction
+    for receiver in project.receivers:
+        share = (direction @ receiver.position - way.min()) / np.ptp(way)
+        left = drained(entry, drag, share)
+        yield draining_sides(sides, left, receiver.name, direction[2] > 0.7)
+    if project.config.boundaries.jointed_faces:
+        return
+    stiffness = set_stiffness(project.config.mesh, project.joints, joint_pressures(model))
+    for group, material in face_materials(project).items():
+        sets = [
+            (set_normal(part), *stiffness[part.name], part.spacing_m)
+            for part in project.config.mesh.joint_sets if group in (part.regions or [group])
+        ]  # fmt: skip
+        if sets:
+            yield jointed_face(group, material, sets, direction)
+
+
+def _mean_normal(mesh, surface):
+    """Return the mean outward normal (3,) of a surface."""
+    _, area, normal = surface_areas(mesh, surface)
+    return area @ normal / np.linalg.norm(area @ normal)

@@ -1,9 +1,11 @@
-"""Tables of a project file: names, units, ranges of run, back-analysis, delays, diagnosis."""
+"""Configuration: the tables of a project file about blast, input, run and analyses; its reader."""
 
+from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from ..errors import InputError
 from .config_ground import (
     AirBlastConfig,
     BoundariesConfig,
@@ -33,6 +35,9 @@ from .section import (
     RecordingConfig,
     Section,
     Span,
+    read_toml,
+    sentence_of,
+    value_at,
 )
 
 DEFAULT_METHOD = "levenberg"  # won on twins: docs/decisions.md, "Least squares by default"
@@ -379,3 +384,58 @@ class Config(Section):
                         f"({', '.join(layers)}), got {region!r}"
                     )
         return self
+
+
+VARIANT = "full"
+
+
+def read_config(path, full=False) -> Config:
+    """Read and check a project file.
+
+    Parameters
+    ----------
+    path : path
+    full : bool
+        Whether the table ``[full]`` of the file overrides the rest.
+
+    Returns
+    -------
+    Config
+
+    Raises
+    ------
+    ReadError
+        If the file can't be read.
+    InputError
+        If it is no TOML or breaks a rule; one sentence with file, key, rule and value.
+    """
+    path = Path(path)
+    return check_config(read_toml(path), path.name, full)
+
+
+def check_config(table, name="project.toml", full=False) -> Config:
+    """Turn the tables of a project file, as nested dicts, into a `Config`."""
+    table = dict(table)
+    variant = table.pop(VARIANT, None)
+    if full and variant is None:
+        raise InputError(f"{name}: {VARIANT}: missing; the file has no table [{VARIANT}]")
+    if full:
+        table = _merged(table, variant)
+    try:
+        config = Config.model_validate(table)
+    except (ValidationError, RecursionError) as error:
+        raise InputError(f"{name}: {sentence_of(error, Config)}") from None
+    for key in config.assumed:
+        if value_at(config, key) is None:
+            raise InputError(f"{name}: assumed: {key!r} must name a key of this file")
+    return config
+
+
+def _merged(table, variant):
+    """Return a table with the values of a variant in place of its own, table by table."""
+    merged = dict(table)
+    for key, value in variant.items():
+        if isinstance(value, dict) and isinstance(merged.get(key), dict):
+            value = _merged(merged[key], value)
+        merged[key] = value
+    return merged

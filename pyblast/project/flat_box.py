@@ -16,6 +16,7 @@ from ..model.model import Model, Receiver, Rim
 from ..model.source import Hole
 from .places import make_rim
 from .project import Project
+from .section import value_at
 
 BEYOND_BAND = 3.0  # how far beyond the band of the records, both ways, a quality factor holds
 SPEEDS = 30.0, 10_000.0  # m/s, of waves in ground
@@ -176,7 +177,7 @@ def not_flat(project: Project) -> str:
 def _not_flat(config, project):
     """Return why one project is not a flat box."""
     for key, what in OTHER.items():
-        if _entry(config, key):
+        if value_at(config, key):
             return f"{key} {what}"
     if config.holes_inside is None:
         return "holes_inside is missing"
@@ -206,13 +207,6 @@ def _not_flat(config, project):
     if rate is not None and moment_begins(rate) < 0.0:
         return "the moment rate of holes_inside begins before a hole fires"
     return ""
-
-
-def _entry(config, key):
-    """Return what a path of keys such as ``ground.gradient`` leads to, or None."""
-    for name in key.split("."):
-        config = None if config is None else getattr(config, name)
-    return config
 
 
 def band_of(config) -> tuple[float, float] | None:

@@ -6,7 +6,7 @@ from difflib import get_close_matches
 import numpy as np
 
 from ..core import JOINT_LAWS
-from ..errors import InputError
+from ..errors import InputError, named_error
 from ..mesh.builder import Fault, JointSet, Layer, build_mesh, structured_box
 from ..mesh.grid import upward_normal
 from ..mesh.importer import read_mesh
@@ -18,7 +18,7 @@ from ..model.joint import POSITIVE, Joint, may_be_left_out, saturated
 from ..model.material import ConstantQ, Damping, Elastic, Material, MohrCoulomb
 from ..model.model import InSitu
 from ..units import split_key, to_si
-from .section import named_error, read_columns
+from .section import read_columns
 
 
 def make_fields(config, blast, mesh) -> tuple:

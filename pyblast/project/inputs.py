@@ -7,17 +7,23 @@ import numpy as np
 
 from ..blasts.blast import Blast, Firing
 from ..blasts.hole_tables import read_blast
-from ..blasts.signature import SmoothPulse, cavity_moment, cavity_seismogram, pressure_for_peak
+from ..blasts.signature import (
+    SmoothPulse,
+    cavity_moment,
+    cavity_seismogram,
+    pressure_for_peak,
+    superpose,
+    travel_shifts,
+)
 from ..blasts.site_law import scaled_distance_ppv
-from ..blasts.superposition import superpose, travel_shifts
-from ..errors import InputError
+from ..errors import InputError, named_error
 from ..model.boundary import StressInput, VelocityInput
 from ..model.source import PlaneWave, TimeFunction, polarisation
 from ..recordings.recording import Recording, read_recording
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
-from ..signals.spectra import LowPassed, lowpass
+from ..signals.spectra import LowPassed, dominant_frequency, lowpass
 from ..units import to_si
-from .section import named_error, read_time_function
+from .section import read_time_function
 
 QUIET_CYCLES = 3.0
 
@@ -388,3 +394,26 @@ def shape(function, values) -> Seismogram:
     """Return values (n,) at the times of a function as a motion of one column without a scale."""
     missing = np.full_like(values, np.nan)
     return Seismogram(np.column_stack([values, missing, missing]), function.dt, function.start)
+
+
+def central_frequency(project):
+    """Return the frequency in Hz that damping is set to, else the dominant one of the input."""
+    if project.config.damping is not None:
+        return project.config.damping.frequency_hz
+    motion = project.motions[0]
+    return float(dominant_frequency(motion).hz[int(np.nanargmax(motion.ppv))])
+
+
+def input_band(project):
+    """Return the highest frequency in Hz of what enters: the low-pass, or 95 % of the energy."""
+    low_pass = None if project.input is None else project.config.input.low_pass_hz
+    tops = [] if low_pass is None else [low_pass]
+    return max(tops + [highest_frequency(motion) for motion in project.motions[len(tops) :]])
+
+
+def highest_frequency(motion):
+    """Return the frequency in Hz below which 95 % of the energy of a motion lies."""
+    velocity = np.nan_to_num(motion.velocity)
+    power = (np.abs(np.fft.rfft(velocity, axis=0)) ** 2).sum(axis=1)
+    frequency = np.fft.rfftfreq(len(velocity), motion.dt)
+    return float(frequency[np.searchsorted(np.cumsum(power), 0.95 * power.sum())])

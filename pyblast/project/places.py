@@ -1,14 +1,14 @@
-"""Receivers and sources of a project, placed in its mesh."""
+"""Places in the mesh of a project: receivers, sources, absorbing layer, input face."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from ..errors import InputError
-from ..mesh.mesh import edge_lengths, locate
+from ..errors import InputError, named_error
+from ..mesh import tetrahedra
+from ..mesh.mesh import edge_lengths, locate, surface_zones
 from ..model.model import Receiver, Rim
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
-from .section import named_error
 
 
 def place_receivers(parts, mesh) -> tuple[Receiver, ...]:
@@ -228,3 +228,68 @@ def _check_surface(where, surface, mesh):
     outer = [name for name in mesh.surfaces if name not in joints]
     if surface not in outer:
         raise InputError(f"{where}.surface: must be one of {', '.join(outer)}, got {surface!r}")
+
+
+def face_areas(project):
+    """Return area in m2 and material of each part of the input face."""
+    mesh, face = project.model.mesh, project.config.input.face
+    group = mesh.zone_group[surface_zones(mesh, face)]
+    area = np.linalg.norm(tetrahedra.triangle_vectors(mesh.points, mesh.surfaces[face]), axis=1)
+    return [
+        (float(area[group == n].sum()), project.materials[mesh.groups[n]]) for n in np.unique(group)
+    ]
+
+
+def source_material(project):
+    """Return name and material that the signature comes through."""
+    cavity = project.config.signature.cavity
+    if cavity is not None:
+        return cavity.material, project.materials[cavity.material]
+    present = face_materials(project)
+    return max(present.items(), key=lambda item: item[1].density * item[1].cp)
+
+
+def normal_axis(project):
+    """Return the axis along the normal of the input face."""
+    mesh = project.mesh
+    corners = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
+    return int(np.argmin(np.ptp(corners, axis=0)))
+
+
+def face_distance(project):
+    """Return how far the source is from the input face, and from its foot to the far edge, m.
+
+    The distance is the one of the file, else that from the middle of the first row; None where
+    neither is known.
+    """
+    mesh = project.mesh
+    corners = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
+    across = normal_axis(project)
+    along = int(np.argmax(np.ptp(corners, axis=0) * [1.0, 1.0, 0.0]))
+    distance, middle = project.config.input.distance_m, float(corners[:, along].mean())
+    if project.blast is not None:
+        first = project.blast.centres[project.blast.times == project.blast.times.min()].mean(axis=0)
+        middle = float(first[along])
+        if distance is None:
+            distance = float(abs(first[across] - corners[:, across].mean()))
+    if not distance:
+        return None, 0.0
+    reach = max(abs(corners[:, along].max() - middle), abs(middle - corners[:, along].min()))
+    return distance, float(reach)
+
+
+def receiver_groups(project):
+    """Return the material under each receiver, dict of str to str."""
+    mesh = project.model.mesh
+    if not project.receivers:
+        return {}
+    zone, _ = locate(mesh, [receiver.position for receiver in project.receivers])
+    names = [mesh.groups[group] for group in mesh.zone_group[zone]]
+    return {r.name: name for r, name in zip(project.receivers, names, strict=True)}
+
+
+def face_materials(project):
+    """Return the materials on the input face, dict of str to Material."""
+    mesh = project.model.mesh
+    numbers = np.unique(mesh.zone_group[surface_zones(mesh, project.config.input.face)])
+    return {mesh.groups[n]: project.materials[mesh.groups[n]] for n in numbers}

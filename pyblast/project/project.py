@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..blasts.blast import Blast, Firing
-from ..errors import InputError
+from ..errors import InputError, named_error
 from ..mesh.mesh import Mesh
 from ..model.joint import Joint
 from ..model.material import Material
@@ -18,8 +18,7 @@ from ..model.model import Model, Receiver, Rim
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
-from .config import Config
-from .config_file import changed_tables, check_config, read_config
+from .config import Config, check_config, read_config
 from .ground import (
     joint_of_surface,
     jointed_media,
@@ -47,7 +46,7 @@ from .inputs import (
     shifts_of,
 )
 from .places import check_rim, hole_places, make_rim, place_receivers, place_sources
-from .section import named_error
+from .section import changed_tables, value_at
 
 
 class _part(cached_property):
@@ -368,19 +367,12 @@ def with_further(project: Project) -> Project:
         if names.count(name) > 1:
             raise InputError(f"{project.path.name}: diagnosis.blasts: {name!r} is named twice")
         for key in SHARED:
-            if _entry(one.config, key) != _entry(project.config, key):
+            if value_at(one.config, key) != value_at(project.config, key):
                 raise InputError(
                     f"{one.path.name}: {key}: differs from {project.path.name}; blasts that are "
                     "diagnosed together share their ground and the moment rate of 1 kg"
                 )
     return replace(project, further=every[1:])
-
-
-def _entry(config, key):
-    """Return what a path of keys such as ``blast.charge_exponent`` leads to, or None."""
-    for name in key.split("."):
-        config = None if config is None else getattr(config, name)
-    return config
 
 
 def load_project(path, full=False) -> Project:

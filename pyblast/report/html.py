@@ -8,7 +8,7 @@ import numpy as np
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from ..project.result import Result, plain, write_text
-from ..signals.limits import load_limits
+from ..signals.comparison import load_limits
 from . import figures
 from .figures import limits_figure
 

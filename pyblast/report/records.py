@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..line_records.layering import Picks, rayleigh_speeds
 from ..line_records.shots import Shot
+from ..line_records.waves import Picks, rayleigh_speeds
 from ..project.result import write_text
 from .figures import FAULT, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
 from .html import page

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..errors import ReadError
 from ..mesh import tetrahedra
-from ..project.census import carried_frequency
+from ..project.checks_ground import carried_frequency
 from ..project.result import write_text
 from ..solver.initial_stress import yield_states
 

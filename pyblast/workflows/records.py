@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..line_records.air_wave import NEAREST, air_wave
 from ..line_records.field_records import FieldRecord, read_folder
-from ..line_records.layering import Picks, phase_speeds, soft_layer
 from ..line_records.quality import odd_channels, sensor_response
 from ..line_records.shots import Shot, Verdict, shot_of
+from ..line_records.waves import NEAREST, Picks, air_wave, phase_speeds, soft_layer
 from ..project.result import plain, write_summary
 from ..report.records import LineView, write_records_report
 from ..solver.preparation import versions

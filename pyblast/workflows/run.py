@@ -8,13 +8,13 @@ from pathlib import Path
 
 from ..errors import InputError, ReadError
 from ..model.model import Model
-from ..project.census import Census, take_census
 from ..project.checks import Check, check
-from ..project.checks_loads import record_findings
+from ..project.checks_ground import Census, take_census
 from ..project.project import Project, load_project
 from ..project.result import (
     Result,
     read_result,
+    record_findings,
     seismogram_heads,
     source_tables,
     summarise,

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pyblast.blasts.blast import Blast, Firing
-from pyblast.blasts.superposition import superpose, travel_shifts
+from pyblast.blasts.signature import superpose, travel_shifts
 from pyblast.errors import InputError
 from pyblast.signals.seismogram import Seismogram
 

@@ -11,7 +11,7 @@ from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import Forward
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
-from pyblast.project.config_file import check_config
+from pyblast.project.config import check_config
 from pyblast.project.flat_box import Cut
 from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project

@@ -10,9 +10,8 @@ from pyblast.cli.commands import app
 from pyblast.cli.console import Progress
 from pyblast.errors import InputError, ReadError
 from pyblast.project.checks import check
-from pyblast.project.checks_loads import cut_short, low_frequencies
 from pyblast.project.project import load_project
-from pyblast.project.result import read_result
+from pyblast.project.result import cut_short, low_frequencies, read_result
 from pyblast.recordings.recording import read_recording
 from pyblast.report.vtk import write_zones
 from pyblast.signals.seismogram import Seismogram

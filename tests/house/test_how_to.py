@@ -10,7 +10,7 @@ from small_project import INSIDE, TEXT
 
 from pyblast.blasts.hole_tables import read_blast
 from pyblast.project.config import Config
-from pyblast.project.config_file import _merged as merged
+from pyblast.project.config import _merged as merged
 from pyblast.project.project import make_project
 from pyblast.recordings.recording import read_recording
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from line_shots import DT, FREQUENCY, N, ground, shot, tampered
 
+from examples.real.blast_cause import blast_cause
+from examples.real.closure_law import closure_law, hyperbola
 from pyblast.errors import InputError
-from pyblast.line_records.air_wave import air_wave
-from pyblast.line_records.layering import rayleigh_speeds, soft_layer
 from pyblast.line_records.quality import masked, odd_channels, sensor_response, unusable
 from pyblast.line_records.shots import shifted
-from pyblast.line_records.source import blast_cause, closure_law, hyperbola
+from pyblast.line_records.waves import air_wave, rayleigh_speeds, soft_layer
 
 
 def test_a_line_of_good_receivers_has_no_odd_one():

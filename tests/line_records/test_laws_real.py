@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from pyblast.line_records.air_wave import air_wave
-from pyblast.line_records.layering import soft_layer
+from examples.real.closure_law import closure_law
 from pyblast.line_records.quality import odd_channels, unusable
 from pyblast.line_records.shots import shot_of
-from pyblast.line_records.source import closure_law
+from pyblast.line_records.waves import air_wave, soft_layer
 from pyblast.recordings.recording import read_gather
 
 

@@ -9,9 +9,11 @@ from small_project import written
 from pyblast.blasts.blast import Firing
 from pyblast.model.joint import Joint
 from pyblast.model.material import Damping, Material
-from pyblast.project import checks_ground, checks_loads
-from pyblast.project.census import carried_frequency
-from pyblast.project.checks import check, face_distance
+from pyblast.project import checks as checks_loads
+from pyblast.project import checks_ground
+from pyblast.project.checks import check
+from pyblast.project.checks_ground import carried_frequency
+from pyblast.project.places import face_distance
 from pyblast.project.project import load_project
 from pyblast.signals.seismogram import Seismogram
 

@@ -4,7 +4,7 @@ import pytest
 from small_project import TEXT, written
 
 from pyblast.errors import InputError, PyblastError, ReadError
-from pyblast.project.config_file import read_config
+from pyblast.project.config import read_config
 from pyblast.project.project import load_project
 
 DEEP = "x = " + 3000 * "[" + 3000 * "]"

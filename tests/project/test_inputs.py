@@ -13,10 +13,9 @@ from pyblast.errors import InputError, ReadError
 from pyblast.mesh.mesh import edge_lengths, locate
 from pyblast.model.boundary import StressInput, VelocityInput
 from pyblast.model.material import Material
-from pyblast.project.census import central_frequency, input_band
 from pyblast.project.checks import check
 from pyblast.project.config_ground import ChargedHoleConfig, HolesInsideConfig
-from pyblast.project.inputs import make_moment_rate
+from pyblast.project.inputs import central_frequency, input_band, make_moment_rate
 from pyblast.project.project import load_project
 
 FACE = TEXT[TEXT.index("[signature.cavity]") : TEXT.index("[[receivers]]")]

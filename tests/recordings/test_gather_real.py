@@ -11,7 +11,7 @@ import pytest
 from pyblast.back_analysis.firing_times import firing_times
 from pyblast.blasts.blast import Firing
 from pyblast.blasts.hole_tables import read_blast
-from pyblast.blasts.superposition import superpose
+from pyblast.blasts.signature import superpose
 from pyblast.recordings.recording import read_gather
 from pyblast.signals.comparison import compare
 from pyblast.signals.seismogram import Seismogram

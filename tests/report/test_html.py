@@ -10,7 +10,7 @@ from pyblast import Seismogram
 from pyblast.project.result import read_result, write_csv
 from pyblast.report.figures import limits_figure, peaks_of, section_of_surface, section_of_zones
 from pyblast.report.html import angle, number, render, scaled
-from pyblast.signals.limits import load_limits
+from pyblast.signals.comparison import load_limits
 from pyblast.workflows import run
 
 

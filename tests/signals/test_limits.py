@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.signals.limits import LimitCurve, load_limits
+from pyblast.signals.comparison import LimitCurve, load_limits
 
 LIMITS = load_limits()
 
