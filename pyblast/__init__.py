@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from .signals.seismogram import Seismogram
     from .signals.comparison import compare
     from .recordings.recording import read_recording
-    from .recordings.gather import read_gather
+    from .recordings.recording import read_gather
     from .workflows.records import analyse_records
 
     # Blasts

@@ -42,12 +42,12 @@ class SolverError(PyblastError, RuntimeError):
 
 
 class PyblastWarning(UserWarning):
-    """Physics that is doubtful but can be computed."""
+    """Questionable physics or data that can still be computed."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A doubtful point of a project or a result.
+    """Finding of a check: a questionable point of a project or a result.
 
     Parameters
     ----------

@@ -8,7 +8,13 @@ from scipy import fft
 
 from pyblast.back_analysis.firing_times import firing_times
 from pyblast.errors import InputError
-from pyblast.line_records.shots import SURE, Verdict, phase_randomised, share_as_large, shifted
+from pyblast.line_records.shots import (
+    SIGNIFICANCE,
+    Decision,
+    permutation_p,
+    phase_randomised,
+    shifted,
+)
 
 N_BLAST_DRAWS, SURE_OF_TIMES, STRENGTHS = 19, 1e-6, 0.25
 T_STAR = np.linspace(-4e-3, 12e-3, 33)
@@ -27,7 +33,7 @@ def blast_cause(
     sigma: float,
     folds: int = 2,
     seed: int = 0,
-) -> Verdict:
+) -> Decision:
     """Name what makes a blast differ from its plan.
 
     Parameters
@@ -46,7 +52,7 @@ def blast_cause(
 
     Returns
     -------
-    Verdict
+    Decision
         The label that explains most of receivers it was not fitted to; of one hole's time and
         scale, "time_n" [s] and "scale_n" from all receivers. ``held_out``: shares of energy
         explained by the plan and by the effect. NULL where blasts that the plan makes, with noise
@@ -74,17 +80,17 @@ def blast_cause(
     shares = ", ".join(f"{label} {share:.2f}" for label, share in scores.items())
     reason = f"explained on records held out: {shares}"
     if best == "delay_scatter" and scores[CHARGE] > scores["plan"]:
-        chance = _chance(job, recorded, guesses[CHARGE], (CHARGE, best), scores, rng)
-        best = best if chance <= SURE else CHARGE
-    chance = _chance(job, recorded, guesses["plan"], ("plan", best), scores, rng)
-    if scores[best] <= scores["plan"] or chance > SURE:
-        return Verdict("NULL", best, reason, chance=chance)
+        p_value = _chance(job, recorded, guesses[CHARGE], (CHARGE, best), scores, rng)
+        best = best if p_value <= SIGNIFICANCE else CHARGE
+    p_value = _chance(job, recorded, guesses["plan"], ("plan", best), scores, rng)
+    if scores[best] <= scores["plan"] or p_value > SIGNIFICANCE:
+        return Decision("NULL", best, reason, p_value=p_value)
     own = _left(recorded, guesses[best])
     rivals = [one for one in LABELS if one != best and (best, one) not in NESTED
               and not _surely_less(own, _left(recorded, guesses[one]))]  # fmt: skip
-    return Verdict(
+    return Decision(
         "CLASS" if rivals else "NAMED", " | ".join([best, *rivals]), reason,
-        tuple(range(len(nominal))), _parameters(job, recorded, best), chance=chance,
+        tuple(range(len(nominal))), _parameters(job, recorded, best), p_value=p_value,
         held_out=(scores["plan"], scores[best]),
     )  # fmt: skip
 
@@ -98,7 +104,7 @@ def _chance(job, recorded, simple, labels, scores, rng):
     for _ in range(N_BLAST_DRAWS):
         again, _ = _scores(job, simple + phase_randomised(recorded - simple, rng), labels)
         drawn.append(again[labels[1]] - again[labels[0]])
-    return share_as_large(scores[labels[1]] - scores[labels[0]], drawn)
+    return permutation_p(scores[labels[1]] - scores[labels[0]], drawn)
 
 
 def _scores(job, recorded, labels):

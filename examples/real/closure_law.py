@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy import optimize, stats
 
 from pyblast.errors import InputError
-from pyblast.line_records.shots import SURE, Verdict, phase_randomised, share_as_large
+from pyblast.line_records.shots import SIGNIFICANCE, Decision, permutation_p, phase_randomised
 
 N_CLOSURE_DRAWS = 59
 Pair = tuple[np.ndarray, np.ndarray]  # closure in m, stress in Pa
@@ -15,7 +15,7 @@ Pair = tuple[np.ndarray, np.ndarray]  # closure in m, stress in Pa
 
 def closure_law(
     closures: Sequence[ArrayLike], stresses: Sequence[ArrayLike], *, seed: int = 0
-) -> Verdict:
+) -> Decision:
     """Judge linear closure against Bandis' hyperbola.
 
     Parameters
@@ -28,7 +28,7 @@ def closure_law(
 
     Returns
     -------
-    Verdict
+    Decision
         "joint_nonlinear_closure" with kni [Pa/m], Vm [m] and seat [Pa] of a further specimen;
         ``held_out`` is the root mean square misfit in Pa of every other point of each specimen
         by the points between, by either law. NAMED only if the hyperbola predicts better and
@@ -55,13 +55,13 @@ def closure_law(
                 for u, s in pairs]  # fmt: skip
         line, bent = held_out_misfits(made)
         drawn.append(line - bent)
-    chance = share_as_large(before - after, drawn)
-    named = after < before and chance <= SURE
-    return Verdict(
+    p_value = permutation_p(before - after, drawn)
+    named = after < before and p_value <= SIGNIFICANCE
+    return Decision(
         "NAMED" if named else "NULL", "joint_nonlinear_closure",
         f"the hyperbola leaves {after:.3g} Pa, the line {before:.3g} Pa, of closures not fitted; "
-        f"{100 * chance:.1f} % of surrogates gain as much",
-        parameters=_of_the_next(pairs) if named else {}, chance=chance, held_out=(before, after),
+        f"{100 * p_value:.1f} % of surrogates gain as much",
+        parameters=_of_the_next(pairs) if named else {}, p_value=p_value, held_out=(before, after),
     )  # fmt: skip
 
 

@@ -187,11 +187,11 @@ def cavity_response(
     _check_path(density, cp, cs, radius, distance, dt, duration)
     late = np.arange(math.floor(duration / dt + 1e-9) + 1) * dt - (distance - radius) / cp
     pressure = np.where(late > 0.0, pulse(late), 0.0)
-    pull, drag = (2.0 * cs / radius) ** 2, 4.0 * cs**2 / (cp * radius)
-    matrix = np.array([[0.0, 1.0], [-pull, -drag]])
+    stiffness, drag = (2.0 * cs / radius) ** 2, 4.0 * cs**2 / (cp * radius)
+    matrix = np.array([[0.0, 1.0], [-stiffness, -drag]])
     system = (matrix, [[0.0], [-radius / density]], np.eye(2), np.zeros((2, 1)))
     _, state, _ = signal.lsim(system, pressure, np.arange(len(late)) * dt)
-    second = -(radius / density) * pressure - drag * state[:, 1] - pull * state[:, 0]
+    second = -(radius / density) * pressure - drag * state[:, 1] - stiffness * state[:, 0]
     return -second / (cp * distance) - state[:, 1] / distance**2
 
 

@@ -8,17 +8,17 @@ from numpy.typing import ArrayLike
 from scipy import fft, linalg, optimize, signal, stats
 
 from ..errors import InputError
-from .shots import SURE, Shot, Verdict, interval, jackknifed, share_as_large, shifted
+from .shots import SIGNIFICANCE, Decision, Shot, interval, jackknifed, permutation_p, shifted
 
-AIR = (312.0, 361.0)  # m/s at -30 to 50 degrees C: 20.05 sqrt(T)
+AIR = (312.0, 361.0)  # m/s, speed of sound at -30 to 50 degrees C: 20.05 sqrt(T)
 AIR_SPEEDS = np.geomspace(120.0, 2000.0, 340)
 N_AIR_DRAWS, N_DELAYS = 99, 15
-NEAREST = 3.0  # m, within which the slowest and the fastest wave come together
+NEAREST = 3.0  # m, offset within which waves of all speeds overlap
 
 
 @dataclass(frozen=True, eq=False)
-class Slants:
-    """Envelopes of a shot, each over its root mean square, and the delays that are tried."""
+class SlantStack:
+    """Slant stack of a shot: envelopes, each over its rms, and the trial delays."""
 
     envelopes: np.ndarray
     offsets: np.ndarray
@@ -27,7 +27,7 @@ class Slants:
     delays: np.ndarray
 
     def stacked(self, speeds: np.ndarray) -> np.ndarray:
-        """Return the mean over receivers at each speed and delay, (n_speeds, n_delays)."""
+        """Return the mean over receivers at each speed and delay (n_speeds, n_delays)."""
         total = np.zeros((len(speeds), len(self.delays)))
         for row, offset in zip(self.envelopes, self.offsets, strict=True):
             times = offset / speeds[:, None] + self.delays
@@ -37,28 +37,29 @@ class Slants:
         return total / len(self.envelopes)
 
 
-def air_wave(shots: Sequence[Shot], band: tuple[float, float], *, seed: int = 0) -> Verdict:
-    """Look for a wave that left the source at its time and came through the air.
+def air_wave(shots: Sequence[Shot], band: tuple[float, float], *, seed: int = 0) -> Decision:
+    """Test for an air wave: one that leaves the source at its time with the speed of sound.
 
     Parameters
     ----------
     shots : list of Shot
     band : tuple of 2 float, Hz
-        Where the records are usable; the search keeps to it.
+        Usable band of the records, to which they are filtered.
     seed : int
 
     Returns
     -------
-    Verdict
-        "air_blast" with "speed" [m/s] and "delay" [s]; ``window`` holds what of it follows the
-        time offset/speed. ``held_out`` is the energy explained in the window at every other
-        receiver by those between, where ground alone foretells nothing. "UNKNOWN" is a wave of the
-        speed of air that does not start with the source or changes speed with frequency.
+    Decision
+        "air_blast" with "speed" [m/s] and "delay" [s]; ``window`` is its duration relative to the
+        time offset/speed. ``held_out`` is the share of energy in the window at every other
+        receiver that its two neighbours predict, without and with the air wave. "UNKNOWN" is a
+        wave of the speed of sound that does not start with the source or is dispersive.
 
     Notes
     -----
-    The largest stack over speeds and delays against that of envelopes turned in time at random,
-    theory.md (15.2). One speed for all shots, a delay for each, since triggers err.
+    Test statistic: the largest slant stack over speeds and delays, against that of envelopes
+    shifted circularly by random times, theory.md (15.2). One speed for all shots and one delay
+    per shot, because triggers err.
     """
     if not shots:
         raise InputError("air_wave: needs at least one shot")
@@ -66,33 +67,34 @@ def air_wave(shots: Sequence[Shot], band: tuple[float, float], *, seed: int = 0)
     stacks = [slant.stacked(AIR_SPEEDS) for slant in slants]
     speed, most = _peak(stacks)
     rng = np.random.default_rng(seed)
-    drawn = [_peak([_turned(slant, rng).stacked(AIR_SPEEDS) for slant in slants])[1]
+    drawn = [_peak([_circularly_shifted(slant, rng).stacked(AIR_SPEEDS) for slant in slants])[1]
              for _ in range(N_AIR_DRAWS)]  # fmt: skip
-    chance = share_as_large(most, drawn)
-    if chance > SURE:
-        return Verdict("NULL", "air_blast", "no wave crosses the line beyond chance",
-                       band=band, chance=chance)  # fmt: skip
-    found = _refined(slants, speed)
-    if not AIR[0] < found[0] < AIR[1]:
-        return Verdict(
+    p_value = permutation_p(most, drawn)
+    if p_value > SIGNIFICANCE:
+        return Decision("NULL", "air_blast", "no wave crosses the line significantly",
+                       band=band, p_value=p_value)  # fmt: skip
+    estimate = _refined_speed(slants, speed)
+    if not AIR[0] < estimate[0] < AIR[1]:
+        return Decision(
             "NULL", "air_blast",
-            f"the clearest wave has {found[0]:.0f} m/s, which is not the speed of sound in air",
-            parameters={"speed": found}, band=band, chance=chance,
+            f"the clearest wave has {estimate[0]:.0f} m/s, which is not the speed of sound in air",
+            parameters={"speed": estimate}, band=band, p_value=p_value,
         )  # fmt: skip
-    delays = [_delay(slant, found[0]) for slant in slants]
-    window = _window(slants, found[0], delays)
-    trouble = _against_air(shots, band, found, delays, window)
-    held = held_out(shots, band, found[0], delays, window)
-    return Verdict(
-        "UNKNOWN" if trouble or held[1] <= held[0] else "NAMED", "air_blast",
-        trouble or f"a wave of {found[0]:.0f} m/s leaves the source at its time in all of the band",
+    delays = [_delay(slant, estimate[0]) for slant in slants]
+    window = _window(slants, estimate[0], delays)
+    objection = _objection(shots, band, estimate[0], delays, window)
+    held = held_out(shots, band, estimate[0], delays, window)
+    return Decision(
+        "UNKNOWN" if objection or held[1] <= held[0] else "NAMED", "air_blast",
+        objection
+        or f"a wave of {estimate[0]:.0f} m/s leaves the source at its time in all of the band",
         tuple(int(c) for c in shots[0].channels),
-        {"speed": found, "delay": interval(delays)}, window, band, chance, held,
+        {"speed": estimate, "delay": interval(delays)}, window, band, p_value, held,
     )  # fmt: skip
 
 
 def _slants(shot, band):
-    """Prepare one shot; delays reach as far as a period of the lowest frequency."""
+    """Return the slant stack of a shot; delays reach two periods of the lowest frequency."""
     shot = shot.banded(band)
     far = shot.offsets > NEAREST
     if far.sum() < 6:
@@ -100,33 +102,33 @@ def _slants(shot, band):
     envelopes = np.abs(signal.hilbert(shot.motion[far], axis=1))
     envelopes = envelopes / np.sqrt(np.mean(envelopes**2, axis=1, keepdims=True))
     reach = 2.0 / band[0]
-    return Slants(
+    return SlantStack(
         envelopes, shot.offsets[far], shot.dt, shot.start, np.linspace(-reach, reach, N_DELAYS)
     )
 
 
 def _peak(stacks):
-    """Return the speed whose best delays add up to most, and the mean of that."""
+    """Return the speed of the largest stack, each shot at its best delay, and that stack."""
     ridge = np.mean([stack.max(axis=1) for stack in stacks], axis=0)
     best = int(np.argmax(ridge))
     return float(AIR_SPEEDS[best]), float(ridge[best])
 
 
-def _turned(slant, rng):
-    """Turn each envelope in time by a draw."""
+def _circularly_shifted(slant, rng):
+    """Return a surrogate: each envelope shifted circularly by a random time."""
     n = slant.envelopes.shape[1]
     index = (np.arange(n) + rng.integers(n, size=(len(slant.envelopes), 1))) % n
-    return Slants(np.take_along_axis(slant.envelopes, index, 1), slant.offsets, slant.dt,
+    return SlantStack(np.take_along_axis(slant.envelopes, index, 1), slant.offsets, slant.dt,
                   slant.start, slant.delays)  # fmt: skip
 
 
-def _refined(slants, speed):
-    """Return speed with its 90 % interval, each tenth of the receivers left out in turn."""
+def _refined_speed(slants, speed):
+    """Return the speed with its 90 % jackknife interval over tenths of the receivers."""
     near = np.linspace(0.94, 1.06, 121) * speed
 
     def best(skip):
-        kept = [_without(slant, skip) for slant in slants]
-        return near[np.argmax(np.mean([k.stacked(near).max(axis=1) for k in kept], axis=0))]
+        parts = [_without(slant, skip) for slant in slants]
+        return near[np.argmax(np.mean([p.stacked(near).max(axis=1) for p in parts], axis=0))]
 
     middle, low, high = jackknifed([best(part) for part in range(10)])
     step = near[1] - near[0]
@@ -134,9 +136,11 @@ def _refined(slants, speed):
 
 
 def _without(slant, part):
-    """Leave out every tenth receiver."""
-    kept = np.arange(len(slant.offsets)) % 10 != part
-    return Slants(slant.envelopes[kept], slant.offsets[kept], slant.dt, slant.start, slant.delays)
+    """Return the slant stack without one tenth of the receivers."""
+    used = np.arange(len(slant.offsets)) % 10 != part
+    return SlantStack(
+        slant.envelopes[used], slant.offsets[used], slant.dt, slant.start, slant.delays
+    )
 
 
 def _delay(slant, speed):
@@ -145,11 +149,11 @@ def _delay(slant, speed):
 
 
 def _window(slants, speed, delays):
-    """Return when, after offset/speed, the aligned envelopes of all shots stand out by half."""
+    """Return the window after offset/speed in which aligned envelopes exceed half their peak."""
     lags = np.arange(-0.05, 0.1, 0.25 * slants[0].dt)
     profile = np.zeros(len(lags))
     for slant, delay in zip(slants, delays, strict=True):
-        line = Slants(slant.envelopes, slant.offsets, slant.dt, slant.start, lags + delay)
+        line = SlantStack(slant.envelopes, slant.offsets, slant.dt, slant.start, lags + delay)
         profile = profile + line.stacked(np.array([speed]))[0]
     top = int(np.argmax(profile))
     out = profile < 0.5 * (profile[top] + np.median(profile))
@@ -158,17 +162,17 @@ def _window(slants, speed, delays):
     return float(lags[first]), float(lags[last])
 
 
-def _against_air(shots, band, found, delays, window):
-    """Say what speaks against air, or nothing."""
+def _objection(shots, band, speed, delays, window):
+    """Return what contradicts an air wave, an empty text if nothing does."""
     late = float(np.median(delays))
     if abs(late) > 1.0 / band[0] + window[1] - window[0]:
-        return f"the wave leaves {1e3 * late:.1f} ms beside the source's time, as refracted ones do"
+        return f"the wave starts {1e3 * late:.1f} ms off the source time, as refracted waves do"
     middle = float(np.sqrt(band[0] * band[1]))
     for part in ((band[0], middle), (middle, band[1])):
         slants = [_slants(shot, part) for shot in shots]
-        speed = _refined(slants, found[0])
-        if not AIR[0] < speed[0] < AIR[1]:
-            return f"at {part[0]:.0f} to {part[1]:.0f} Hz the wave has {speed[0]:.0f} m/s"
+        refined = _refined_speed(slants, speed)[0]
+        if not AIR[0] < refined < AIR[1]:
+            return f"at {part[0]:.0f} to {part[1]:.0f} Hz the wave has {refined:.0f} m/s"
     return ""
 
 
@@ -179,12 +183,12 @@ def held_out(
     delays: Sequence[float],
     window: tuple[float, float],
 ) -> tuple[float, float]:
-    """Return shares of energy in the window explained at every other receiver, 0 and by air.
+    """Return the share of energy predicted at every other receiver: 0, and by the air wave.
 
-    The waveform at a receiver is the mean of its neighbours' on the line, moved by the speed, of a
-    size between theirs (geometric mean); nothing of the receiver itself is used.
+    The prediction is the mean waveform of the two neighbours, shifted by the moveout, with the
+    geometric mean of their amplitudes; nothing of the receiver itself is used.
     """
-    left = []
+    residual = []
     for shot, delay in zip(shots, delays, strict=True):
         shot = shot.banded(band)
         order = np.flatnonzero(shot.offsets > NEAREST)
@@ -194,10 +198,10 @@ def held_out(
         for a, n, b in zip(order[:-2:2], order[1:-1:2], order[2::2], strict=False):
             cut = moved[[a, n, b]][:, inside]
             size = np.linalg.norm(cut, axis=1) + np.finfo(float).tiny
-            guess = cut[0] / size[0] + cut[2] / size[2]
-            guess *= np.sqrt(size[0] * size[2]) / (np.linalg.norm(guess) + np.finfo(float).tiny)
-            left.append(np.sum((cut[1] - guess) ** 2) / (size[1] ** 2 + np.finfo(float).tiny))
-    return 0.0, float(1.0 - np.median(left))
+            mean = cut[0] / size[0] + cut[2] / size[2]
+            mean *= np.sqrt(size[0] * size[2]) / (np.linalg.norm(mean) + np.finfo(float).tiny)
+            residual.append(np.sum((cut[1] - mean) ** 2) / (size[1] ** 2 + np.finfo(float).tiny))
+    return 0.0, float(1.0 - np.median(residual))
 
 
 PER_WAVE, DEPTH = 24, 2.0
@@ -206,22 +210,22 @@ PER_WAVE, DEPTH = 24, 2.0
 def rayleigh_speeds(
     frequencies: ArrayLike, thickness: ArrayLike, vs: ArrayLike, poisson: float = 0.4
 ) -> np.ndarray:
-    """Return phase speeds of the first mode (n,) m/s.
+    """Return phase speeds (n,) of the fundamental Rayleigh mode, m/s.
 
     Parameters
     ----------
     frequencies : (n,) float, Hz
     thickness : (n_layers - 1,) float, m
-        The last layer reaches down without end.
+        The last layer is a half-space.
     vs : (n_layers,) float, m/s
     poisson : float
-        Of all layers; density is the same in all and falls out.
+        Of all layers; a common density cancels.
 
     Notes
     -----
-    Quadratic in the wave number, linear in depth between planes (Lysmer 1970; Kausel and Roesset
-    1981), theory.md (15.5), linear in its square for (k u_x, i u_z);
-    fixed two wavelengths down, with 24 elements.
+    Thin-layer method (Lysmer 1970; Kausel and Roesset 1981), theory.md (15.5): an eigenvalue
+    problem in the wave number, linear in its square for (k u_x, i u_z), with 24 layers down to
+    two wavelengths, where the ground is fixed.
     """
     thickness, vs = np.atleast_1d(np.asarray(thickness, float)), np.asarray(vs, float)
     if len(vs) != len(thickness) + 1 or (vs <= 0).any() or (thickness <= 0).any():
@@ -233,7 +237,7 @@ def rayleigh_speeds(
 
 
 def _speed(frequency, thickness, vs, poisson):
-    """Return the slowest mode's speed at one frequency."""
+    """Return the phase speed of the slowest mode at one frequency."""
     depth = DEPTH * vs.max() / frequency
     share = np.linspace(0.0, 1.0, PER_WAVE + 1) ** 1.6
     planes = np.unique(np.concatenate([depth * share, np.cumsum(thickness)]))
@@ -245,9 +249,9 @@ def _speed(frequency, thickness, vs, poisson):
     stiff = g - (2.0 * np.pi * frequency) ** 2 * m
     x, z = slice(0, None, 2), slice(1, None, 2)
     zero = np.zeros_like(b[x, z])
-    left = np.block([[stiff[x, x], zero], [b[z, x], stiff[z, z]]])
-    right = np.block([[a[x, x], b[x, z]], [zero, a[z, z]]])
-    squares = linalg.eigvals(linalg.solve(right, -left))
+    lower = np.block([[stiff[x, x], zero], [b[z, x], stiff[z, z]]])
+    upper = np.block([[a[x, x], b[x, z]], [zero, a[z, z]]])
+    squares = linalg.eigvals(linalg.solve(upper, -lower))
     real = np.abs(squares.imag) < 1e-6 * np.abs(squares.real)
     return 2.0 * np.pi * frequency / np.sqrt(np.max(squares.real[real]))
 
@@ -272,14 +276,14 @@ def _matrices(heights, lame, mu):
 
 PHASE_SPEEDS = np.arange(80.0, 700.0, 2.0)
 N_PERMUTATIONS, N_FREQUENCIES, FEWEST = 999, 14, 6
-N_CHANCES, AGREED = 20, 0.1  # the share by which picks of drawn shots may differ
+N_NULL_STACKS, AGREED = 20, 0.1  # relative scatter of picks over bootstrapped shots
 STARTS = ((2.0, 0.7, 1.2), (5.0, 0.7, 1.4), (10.0, 0.8, 1.8))
 DEEPEST = 0.5  # of the longest wavelength, down to which Vs is given
 
 
 @dataclass(frozen=True, eq=False)
 class Picks:
-    """Phase speeds at frequencies, with standard deviations over shots."""
+    """Dispersion picks: phase speeds at frequencies, with standard deviations over shots."""
 
     frequency: np.ndarray
     speed: np.ndarray
@@ -293,61 +297,61 @@ def soft_layer(
     *,
     poisson: float = 0.4,
     seed: int = 0,
-) -> Verdict:
-    """Judge a half-space against a layer on a half-space by Rayleigh waves of a line.
+) -> Decision:
+    """Test for a soft surface layer: dispersion of Rayleigh waves against a half-space.
 
     Parameters
     ----------
     shots, held : list of Shot
-        To fit, and to judge by: other shots, best from the other end of the line.
+        To fit, and held out to test: other shots, preferably from the other end of the line.
     band : tuple of 2 float, Hz
-        Where surface waves rule.
+        Band in which surface waves dominate.
     poisson : float
     seed : int
 
     Returns
     -------
-    Verdict
+    Decision
         "soft_surface_layer" with "thickness" [m], "vs_layer", "vs_below" and "vs_mean" [m/s], the
-        last by travel time down to half of the longest wave. ``held_out``: misfits in standard
-        deviations of the held shots' phase speeds by one speed, and by the layer.
+        time-averaged speed down to half the longest wavelength. ``held_out``: rms misfit of the
+        held-out phase speeds in standard deviations, by one speed and by the layer.
 
     Notes
     -----
-    Chance: phase speeds of one speed whose misfits are dealt to the frequencies anew.
-    Inverse dispersion is no soft layer and "UNKNOWN".
+    Permutation test of the rank correlation of phase speed and frequency. Inverse dispersion is
+    "UNKNOWN", no soft layer.
     """
     if len(shots) < 3 or len(held) < 3:
         raise InputError(f"soft_layer: needs 3 shots to fit and 3 to judge, got {len(shots)}, "
                          f"{len(held)}")  # fmt: skip
     frequencies = np.geomspace(band[0], band[1], N_FREQUENCIES)
-    picks, other = (phase_speeds(one, frequencies, seed=seed) for one in (shots, held))
+    picks, other = (phase_speeds(part, frequencies, seed=seed) for part in (shots, held))
     if min(len(picks.speed), len(other.speed)) < FEWEST:
-        return Verdict("UNKNOWN", "soft_surface_layer",
+        return Decision("UNKNOWN", "soft_surface_layer",
                        "too few frequencies have one clear phase speed", band=band)  # fmt: skip
     steep = stats.spearmanr(picks.frequency, picks.speed)[0]
     rng = np.random.default_rng(seed)
     drawn = [abs(stats.spearmanr(picks.frequency, rng.permutation(picks.speed))[0])
              for _ in range(N_PERMUTATIONS)]  # fmt: skip
-    chance = share_as_large(abs(steep), drawn)
+    p_value = permutation_p(abs(steep), drawn)
     one_speed = np.average(picks.speed, weights=picks.sigma**-2)
-    if chance > SURE:
-        return Verdict(
+    if p_value > SIGNIFICANCE:
+        return Decision(
             "NULL", "soft_surface_layer",
-            f"phase speeds do not depart from {one_speed:.0f} m/s beyond chance",
-            band=band, chance=chance,
+            f"phase speeds do not depart from {one_speed:.0f} m/s significantly",
+            band=band, p_value=p_value,
         )  # fmt: skip
     if steep > 0.0:
-        return Verdict("UNKNOWN", "soft_surface_layer", "waves of higher frequency are faster",
-                       band=band, chance=chance)  # fmt: skip
+        return Decision("UNKNOWN", "soft_surface_layer", "waves of higher frequency are faster",
+                       band=band, p_value=p_value)  # fmt: skip
     values, spread = fit_layer(picks, poisson)
     before = _misfit(other, np.full(len(other.speed), one_speed))
     after = _misfit(other, _speeds(values, other.frequency, poisson))
-    return Verdict(
+    return Decision(
         "NAMED" if after < before else "UNKNOWN", "soft_surface_layer",
         f"phase speeds fall from {picks.speed[0]:.0f} to {picks.speed[-1]:.0f} m/s; misfit of "
         f"shots not fitted {before:.1f} standard deviations by one speed, {after:.1f} by the layer",
-        parameters=_with_intervals(values, spread, picks), band=band, chance=chance,
+        parameters=_with_intervals(values, spread, picks), band=band, p_value=p_value,
         held_out=(before, after),
     )  # fmt: skip
 
@@ -355,14 +359,14 @@ def soft_layer(
 def phase_speeds(
     shots: Sequence[Shot], frequencies: np.ndarray, *, n_draws: int = 40, seed: int = 0
 ) -> Picks:
-    """Pick the speed at which phases of all receivers stack best, theory.md (15.4).
+    """Pick phase speeds at the maxima of the phase stack over receivers, theory.md (15.4).
 
-    A frequency is left out where drawn sets of shots do not agree, where the best speed is an end
-    of those tried, or where receivers of drawn phases stack as well in 5 %.
+    A frequency is left out where bootstrapped sets of shots disagree, where the best speed is an
+    end of the range, or where receivers of random phases stack as well.
     """
     rng = np.random.default_rng(seed)
     both = np.array([_stacked(shot, frequencies, rng) for shot in shots])
-    powers, chance = both[:, 0], both[:, 1:].mean(axis=0).max(axis=(0, 1))
+    powers, null = both[:, 0], both[:, 1:].mean(axis=0).max(axis=(0, 1))
     drawn = np.array([
         np.argmax(powers[rng.integers(len(shots), size=len(shots))].mean(axis=0), axis=0)
         for _ in range(n_draws)
@@ -370,32 +374,32 @@ def phase_speeds(
     best, sigma = np.argmax(powers.mean(axis=0), axis=0), np.std(PHASE_SPEEDS[drawn], axis=0)
     most = powers.mean(axis=0).max(axis=0)
     clear = (best > 0) & (best < len(PHASE_SPEEDS) - 1) & (sigma < AGREED * PHASE_SPEEDS[best])
-    clear &= most > chance
+    clear &= most > null
     sigma = np.maximum(sigma, 0.01 * PHASE_SPEEDS[best])
     return Picks(frequencies[clear], PHASE_SPEEDS[best[clear]], sigma[clear])
 
 
 def _stacked(shot, frequencies, rng):
-    """Return the power of the phase stack, and those of drawn phases, (1 + 20, n_speeds, n)."""
+    """Return the power of the phase stack, then of random phases, (1 + 20, n_speeds, n)."""
     size = fft.next_fast_len(8 * shot.motion.shape[1], real=True)
-    found = fft.rfft(shot.motion, size)[:, np.rint(frequencies * size * shot.dt).astype(int)]
-    drawn = np.exp(2j * np.pi * rng.random((N_CHANCES, *found.shape)))
-    phases = np.concatenate([found[None] / np.maximum(np.abs(found), 1e-300), drawn])
+    spectra = fft.rfft(shot.motion, size)[:, np.rint(frequencies * size * shot.dt).astype(int)]
+    drawn = np.exp(2j * np.pi * rng.random((N_NULL_STACKS, *spectra.shape)))
+    phases = np.concatenate([spectra[None] / np.maximum(np.abs(spectra), 1e-300), drawn])
     turns = np.exp(2j * np.pi * frequencies * shot.offsets[:, None, None] / PHASE_SPEEDS[:, None])
-    stacks = [np.einsum("cf,csf->sf", one, turns) for one in phases]
-    return np.abs(np.array(stacks) / len(found)) ** 2
+    stacks = [np.einsum("cf,csf->sf", phase, turns) for phase in phases]
+    return np.abs(np.array(stacks) / len(spectra)) ** 2
 
 
 def fit_layer(picks: Picks, poisson: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return thickness, Vs of the layer, Vs below, and their covariance, in logarithms."""
+    """Fit a layer: logarithms of thickness, Vs, Vs below, and their covariance."""
     fast = 1.06 * picks.speed
 
-    def remainder(x):
+    def residual(x):
         return (_speeds(x, picks.frequency, poisson) - picks.speed) / picks.sigma
 
     starts = [np.log([h, a * fast.min(), b * fast.max()]) for h, a, b in STARTS]
     low, high = np.log([0.3, 40.0, 60.0]), np.log([40.0, 1500.0, 3000.0])
-    fits = [optimize.least_squares(remainder, np.clip(x, low, high), bounds=(low, high),
+    fits = [optimize.least_squares(residual, np.clip(x, low, high), bounds=(low, high),
                                    diff_step=1e-2, max_nfev=25) for x in starts]  # fmt: skip
     best = min(fits, key=lambda fit: fit.cost)
     excess = max(1.0, 2.0 * best.cost / (len(picks.speed) - 3))
@@ -409,12 +413,12 @@ def _speeds(values, frequencies, poisson):
 
 
 def _misfit(picks, speeds):
-    """Return the root mean square of misfits in standard deviations."""
+    """Return the rms misfit in standard deviations."""
     return float(np.sqrt(np.mean(((speeds - picks.speed) / picks.sigma) ** 2)))
 
 
 def _with_intervals(values, covariance, picks):
-    """Return the layer with 90 % intervals, by draws of the fit."""
+    """Return the layer with 90 % intervals from draws of the Gaussian of the fit."""
     rng = np.random.default_rng(0)
     depth = DEEPEST * np.max(picks.speed / picks.frequency)
     drawn = np.exp(rng.multivariate_normal(values, covariance, 500))

@@ -296,9 +296,9 @@ class LimitCurve:
         x = np.clip(frequency, hz[0], hz[-1])
         if self.interpolation == "log-log":
             x, *ends = np.log(x), *np.log(ends)
-        left, right, low, high = ends
-        width = np.where(right > left, right - left, 1.0)
-        value = low + (high - low) * np.where(right > left, (x - left) / width, 1.0)
+        start, stop, low, high = ends
+        width = np.where(stop > start, stop - start, 1.0)
+        value = low + (high - low) * np.where(stop > start, (x - start) / width, 1.0)
         return np.exp(value) if self.interpolation == "log-log" else value
 
 

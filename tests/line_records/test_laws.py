@@ -9,7 +9,7 @@ from line_shots import DT, FREQUENCY, N, ground, shot, tampered
 from examples.real.blast_cause import blast_cause
 from examples.real.closure_law import closure_law, hyperbola
 from pyblast.errors import InputError
-from pyblast.line_records.quality import masked, odd_channels, sensor_response, unusable
+from pyblast.line_records.quality import dead_and_clipped, masked, odd_channels, sensor_response
 from pyblast.line_records.shots import shifted
 from pyblast.line_records.waves import air_wave, rayleigh_speeds, soft_layer
 
@@ -32,6 +32,18 @@ def test_an_odd_receiver_is_named_with_its_size(label, change, knob, value):
     assert [(v.outcome, v.label, v.target) for v in said] == [("NAMED", label, (9,))]
     assert said[0].parameters[knob][0] == pytest.approx(value, rel=0.1)
     assert said[0].held_out[1] > said[0].held_out[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_receiver_of_noise_carries_no_signal_and_has_no_polarity(seed):
+    rng = np.random.default_rng(seed)
+    shots = ground()
+    for each in shots:
+        each.motion[9] = each.motion.std() * rng.normal(size=N)
+
+    said = odd_channels(shots, (10.0, 60.0))
+
+    assert [(v.outcome, v.label, v.target) for v in said] == [("NAMED", "no_signal", (9,))]
 
 
 def test_from_one_end_clock_and_place_are_one_class():
@@ -132,7 +144,7 @@ def test_clipped_samples_and_dead_channels_are_masked():
     data[1] = np.clip(data[1], -0.5 * np.abs(data[1]).max(), 0.5 * np.abs(data[1]).max())
     data[2] = 0.0
 
-    clipped, dead = unusable(data)
+    clipped, dead = dead_and_clipped(data)
 
     assert dead.target == (2,)
     assert {c for c, _ in clipped.target} == {1}

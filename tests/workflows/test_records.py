@@ -50,10 +50,10 @@ def test_odd_channels_and_missing_layers_of_a_line_at_an_angle(tmp_path):
     assert odd["target"] == [10]
     assert odd["parameters"]["shift"][0] == pytest.approx(6e-3, rel=0.1)
     assert {one["analysis"] for one in summary["not_analysed"]} == {"sensor response"}
-    assert "wrong clock at 10" in done.output
+    assert "timing error at 10" in done.output
     page = (folder / "report.html").read_text()
     assert page.count("data:image/png") == 2
-    assert "wrong clock" in page
+    assert "timing error" in page
 
 
 def test_dead_and_clipped_channels_are_listed_and_left_out(tmp_path):
