@@ -58,8 +58,8 @@ def places_of(projects, counting, apart) -> list[Place]:
 
 
 def _grid(project):
-    """Return the middles of a grid on the surface "top", outside of the rim."""
-    mesh, rim = project.mesh, project.rim
+    """Return the middles of a grid on the surface "top", outside of the absorbing layer."""
+    mesh, layer = project.mesh, project.absorbing_layer
     if "top" not in mesh.surfaces:
         return []
     corners = mesh.points[np.unique(mesh.surfaces["top"])][:, :2]
@@ -73,7 +73,7 @@ def _grid(project):
                 place = on_ground(mesh, (float(x), float(y)))
             except InputError:  # the surface does not fill its rectangle
                 continue
-            if rim is None or not rim.alpha(np.array([place]), 1.0).any():
+            if layer is None or not layer.alpha(np.array([place]), 1.0).any():
                 found.append(place)
     return found
 

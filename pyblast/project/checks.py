@@ -12,7 +12,7 @@ from ..mesh.mesh import edge_lengths, surface_zones
 from ..model.boundary import Roller, Viscous
 from ..solver.initial_stress import joint_pressures
 from . import checks_ground
-from .checks_ground import Census, quiet_defects, take_census
+from .checks_ground import ModelSummary, boundary_defects, summarise_model
 from .ground import joint_of_surface, set_stiffness
 from .inputs import central_frequency, highest_frequency, input_band, shape
 from .places import (
@@ -27,34 +27,34 @@ from .places import (
 
 @dataclass(frozen=True)
 class Check:
-    """What a project is about to do and what is doubtful about it.
+    """Check of a project before its run: summary of the model, and findings.
 
     Parameters
     ----------
-    census : Census
+    summary : ModelSummary
     findings : tuple of Finding
     notes : tuple of str
-        What the hole table says about itself.
+        Plausibility of the hole table, records to compare with.
     """
 
-    census: Census
+    summary: ModelSummary
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]
 
     @property
     def failed(self) -> bool:
-        """Whether a finding makes the result untrustworthy."""
+        """Whether a finding forbids trust in the result."""
         return any(finding.failed for finding in self.findings)
 
 
 def check(project, measure=True) -> Check:
-    """Take the census of a project and look for defects before a run.
+    """Check a project before a run: summarise its model and report findings.
 
     Parameters
     ----------
     project : Project
     measure : bool
-        Whether to march a few steps for an estimate of the time.
+        Whether to run a few steps to estimate the run time.
 
     Returns
     -------
@@ -63,34 +63,34 @@ def check(project, measure=True) -> Check:
     notes = () if project.blast is None else tuple(project.blast.checks())
     if project.recorded:
         notes += (f"Records to compare with: {', '.join(project.recorded)}.",)
-    census = take_census(project, measure)
-    found = [
-        *_mesh_defects(project, census),
+    summary = summarise_model(project, measure)
+    candidates = [
+        *_mesh_defects(project, summary),
         *_load_defects(project),
-        *_joint_defects(project, census),
-        *_record_defects(project, census),
-        *quiet_defects(project),
+        *_joint_defects(project, summary),
+        *_record_defects(project, summary),
+        *boundary_defects(project),
     ]
     findings = sorted(
-        (finding for finding in found if finding is not None), key=lambda f: int(f.code[1:])
+        (finding for finding in candidates if finding is not None), key=lambda f: int(f.code[1:])
     )
-    return Check(census, tuple(findings), notes)
+    return Check(summary, tuple(findings), notes)
 
 
-def _mesh_defects(project, census):
+def _mesh_defects(project, summary):
     """D1, D2, D5, D12, D26, D30: zones, size, boundaries, layers, units, memory."""
-    yield checks_ground.beyond_memory(census.memory, quality.available())
+    yield checks_ground.beyond_memory(summary.memory, quality.available())
     yield unlikely_values(project.materials, project.joints)
     band, centre = input_band(project), central_frequency(project)
     stands = receiver_groups(project)
-    for group in census.groups:
+    for group in summary.groups:
         yield checks_ground.coarse_zones(
             group.name, project.materials[group.name], group.mean_edge, group.volume, band,
             [name for name, under in stands.items() if under == group.name],
             project.model.edges_per_wavelength,
         )  # fmt: skip
     points = project.mesh.points
-    rocks = _stiff(project, census)
+    rocks = _stiff(project, summary)
     yield checks_ground.short_model(float(np.ptp(points[:, 0])), rocks, centre)
     boundaries = project.model.boundaries
     viscous = {b.surface for b in boundaries if isinstance(b, Viscous)}
@@ -104,15 +104,15 @@ def _mesh_defects(project, census):
         )
 
 
-def _stiff(project, census):
-    """Return the materials that waves cross fast: at least half the fastest P wave speed."""
-    present = {group.name: project.materials[group.name] for group in census.groups}
+def _stiff(project, summary):
+    """Return the stiff materials: P-wave speed at least half the largest."""
+    present = {group.name: project.materials[group.name] for group in summary.groups}
     fastest = max(material.cp for material in present.values())
     return {name: m for name, m in present.items() if m.cp >= 0.5 * fastest}
 
 
 def _load_defects(project):
-    """D3, D4, D6, D7, D17, D20 to D22, D25: firing, filter, face, strength, charge, rim, air."""
+    """D3, D4, D6, D7, D17, D20 to D22, D25: firing, load, charge, absorbing layer, air."""
     blast, band = project.config.blast, input_band(project)
     if blast is not None:
         yield firing_comb(project.firing, central_frequency(project), band)
@@ -123,7 +123,7 @@ def _load_defects(project):
     if project.input is not None:
         yield from _face_defects(project, band)
     if project.inside.moment_rate is not None:
-        yield nothing_damps(project.rim)
+        yield no_absorbing_layer(project.absorbing_layer)
     air, pulse = project.config.air_blast, project.inside.air_pulse
     if air is not None:
         mesh = project.mesh
@@ -153,14 +153,14 @@ def _face_defects(project, band):
         yield load_energy(motion.motion, face_areas(project), charge, normal_axis(project))
 
 
-def _joint_defects(project, census):
+def _joint_defects(project, summary):
     """D8, D11, D18: faults and joint sets."""
     centre, band = central_frequency(project), input_band(project)
     by_surface = {joint.surface: joint for joint in project.joints}
     pressures = joint_pressures(project.model)
-    stiffness = {name: one.tangents(pressures[name]) for name, one in by_surface.items()}
+    stiffness = {name: joint.tangents(pressures[name]) for name, joint in by_surface.items()}
     stiffness |= set_stiffness(project.config.mesh, project.joints, pressures)
-    rocks, entries, alike = _stiff(project, census), joint_of_surface(project.config.mesh), {}
+    rocks, entries, alike = _stiff(project, summary), joint_of_surface(project.config.mesh), {}
     for name in project.faults:
         alike.setdefault(entries[name], []).append(name)
     for entry, faults in alike.items():
@@ -181,7 +181,7 @@ def _joint_defects(project, census):
             )  # fmt: skip
 
 
-def _record_defects(project, census):
+def _record_defects(project, summary):
     """D13, D16: late arrivals and damping."""
     if project.blast is not None:
         source = project.blast.centres.mean(axis=0)
@@ -194,7 +194,7 @@ def _record_defects(project, census):
     damping = project.model.damping
     by_group = damping if isinstance(damping, dict) else {"": damping}
     for name, part in by_group.items():
-        yield checks_ground.rayleigh_price(part, census.undamped_dt, name)
+        yield checks_ground.rayleigh_price(part, summary.undamped_dt, name)
 
 
 SOUND_SPEED = 340.0
@@ -204,7 +204,7 @@ PLAUSIBLE_SHARE = 0.1
 
 
 def comb_numbers(firing, frequency, band):
-    """Return what the firing times do to the spectrum.
+    """Return the comb spectrum of the firing times in numbers.
 
     Returns
     -------
@@ -231,7 +231,7 @@ def comb_numbers(firing, frequency, band):
 
 
 def firing_comb(firing, frequency, band):
-    """D3: the firing times fix the spectrum; None where they hardly touch it."""
+    """D3: the firing times fix the spectrum; None where they hardly change it."""
     comb = comb_numbers(firing, frequency, band)
     if comb["corner"] is None or comb["corner"] > band:
         return None
@@ -366,23 +366,23 @@ def load_energy(motion, face, charge, axis=0):
     )
 
 
-def nothing_damps(rim):
-    """D22: holes inside a model without a rim; None where there is one."""
-    if rim is not None:
+def no_absorbing_layer(layer):
+    """D22: holes inside a model without an absorbing layer; None where there is one."""
+    if layer is not None:
         return None
     return Finding(
         "D22",
-        "Only dashpots take the waves of holes inside",
+        "Only dashpots absorb the waves of holes inside",
         "They absorb well only what comes above about 30 degrees of incidence, and waves from a "
-        "hole graze the sides; give mesh.padding_m, or [rim] with a box and a width.",
+        "hole graze the sides; give mesh.padding_m, or [absorbing_layer] with a box and a width.",
     )
 
 
 def short_air_waves(surface, edge, speed, band, per_wave=10.0):
     """D25: zones under an air blast that are too long for its waves; None where they are not.
 
-    On ten edges to a wave, three where zones have 15 nodes, the motion under it is about 6 % too
-    small where S waves are faster than the air, half that elsewhere: rung L2.
+    With ten edges per wavelength, three where zones have 15 nodes, the motion under it is about
+    6 % too small where S waves are faster than sound, half that elsewhere: verification case L2.
     """
     carried = speed / (per_wave * edge)
     if carried >= band:
@@ -452,25 +452,25 @@ def unlikely_values(materials, joints):
     materials : dict of str to Material
     joints : sequence of Joint
     """
-    listed = {f"materials.{name}": vars(one) | {"cp": one.cp} for name, one in materials.items()}
-    listed |= {f"joint {one.surface}": one.properties for one in joints}
-    found = {
-        f"{place} {key}": (values[key], LIKELY[key])
-        for place, values in listed.items()
+    listed = {f"materials.{name}": vars(rock) | {"cp": rock.cp} for name, rock in materials.items()}
+    listed |= {f"joint {joint.surface}": joint.properties for joint in joints}
+    unlikely = {
+        f"{part} {key}": (values[key], LIKELY[key])
+        for part, values in listed.items()
         for key in LIKELY
         if key in values and not LIKELY[key][0] <= values[key] <= LIKELY[key][1]
     }
-    if not found:
+    if not unlikely:
         return None
     words = "; ".join(
-        f"{place} is {factor * value:.3g} {unit}, ground has {factor * low:.3g} to "
+        f"{key} is {factor * value:.3g} {unit}, ground has {factor * low:.3g} to "
         f"{factor * high:.3g}"
-        for place, (value, (low, high, unit, factor)) in found.items()
+        for key, (value, (low, high, unit, factor)) in unlikely.items()
     )
     return Finding(
         "D26",
         "A value of the ground looks like one in another unit",
         f"{words}; units are in the keys.",
         True,
-        {place: value for place, (value, _) in found.items()},
+        {key: value for key, (value, _) in unlikely.items()},
     )

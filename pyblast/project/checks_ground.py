@@ -21,56 +21,56 @@ MISMATCH = 0.1
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 
 
-def drained(face, sides, share):
-    """Return what quiet sides leave of a long plane wave that runs along them, (3,).
+def transmitted_share(face, sides, share):
+    """Return the share of a long plane wave that viscous sides along its path transmit, (3,).
 
     Parameters
     ----------
     face : (3, 3) float64, N s/m
         Impedance of the whole input face.
     sides : (3, 3) float64, N s/m
-        Impedance of all dashpots on surfaces along the way.
+        Impedance of all dashpots on surfaces along the path.
     share : float
-        Of the way along the sides that the wave has gone.
+        Of the path along the sides that the wave has covered.
 
     Notes
     -----
-    The wave carries the power v Z v through the face, the dashpots take v D v, spread along the
-    way: amplitude falls about as ``exp(-share D / (2 Z))`` where the wave is longer than the model
-    is wide; shorter waves keep more in the middle. theory.md section 4.1.
+    The wave carries the power v Z v through the face and the dashpots dissipate v D v, spread
+    along the path: the amplitude decays about as ``exp(-share D / (2 Z))`` where the wavelength
+    exceeds the width of the model; shorter waves lose less in the middle. theory.md section 4.1.
     """
     return np.exp(-0.5 * share * np.diag(sides) / np.diag(face))
 
 
-def draining_sides(surfaces, left, receiver, from_below):
-    """D23: quiet sides along the way of a plane wave; None where they take little.
+def dissipating_sides(surfaces, transmitted, receiver, from_below):
+    """D23: viscous sides along the path of a plane wave; None where they absorb little.
 
     Parameters
     ----------
     surfaces : sequence of str
-    left : (3,) float64
-        Of `drained`, east, north, vertical.
+    transmitted : (3,) float64
+        Of `transmitted_share`, east, north, vertical.
     receiver : str
         Where.
     from_below : bool
         Whether the wave runs up: free-field sides are then the cure.
     """
-    if not len(surfaces) or min(left) > LITTLE:
+    if not len(surfaces) or min(transmitted) > LITTLE:
         return None
-    listed = "/".join(f"{100.0 * value:.2g}" for value in left)
+    listed = "/".join(f"{100.0 * value:.2g}" for value in transmitted)
     cure = (
         "make it wider, compare with rollers on these sides, or let the wave come from below, "
         "where boundaries.free_field keeps it"
     )
     if from_below:
-        cure = "name these sides in boundaries.free_field, so that they see the ground beside move"
+        cure = "name these sides in boundaries.free_field, so that they move with the ground beside"
     return Finding(
         "D23",
-        "Quiet sides drain the wave that runs along them",
-        f"The dashpots on {', '.join(surfaces)} leave as little as {listed} % of a long wave "
-        f"(east/north/vertical) on its way to {receiver}, where the width of the model then sets "
-        f"the amplitude; {cure}.",
-        numbers=dict(zip(("east", "north", "vertical"), map(float, left), strict=True)),
+        "Viscous sides absorb the wave that runs along them",
+        f"The dashpots on {', '.join(surfaces)} transmit only {listed} % of a long wave "
+        f"(east/north/vertical) to {receiver}, so that the width of the model sets the amplitude "
+        f"there; {cure}.",
+        numbers=dict(zip(("east", "north", "vertical"), map(float, transmitted), strict=True)),
     )
 
 
@@ -95,8 +95,8 @@ def jointed_stiffness(material, joint_sets):
         strain = strain - poisson * np.trace(stress) * np.eye(3)
         for normal, kn, ks, spacing in joint_sets:
             traction = stress @ normal
-            push = (traction @ normal) * normal
-            jump = push / kn + (traction - push) / ks
+            normal_part = (traction @ normal) * normal
+            jump = normal_part / kn + (traction - normal_part) / ks
             strain = strain + (np.outer(jump, normal) + np.outer(normal, jump)) / (2.0 * spacing)
         compliance[:, column] = np.einsum("bij,ij->b", _BASIS, strain)
     return np.einsum("aij,ab,bkl->ijkl", _BASIS, np.linalg.inv(compliance), _BASIS)
@@ -128,8 +128,8 @@ def jointed_face(group, material, joint_sets, direction):
     Notes
     -----
     Waves much longer than the spacing meet the impedance rho c' of the jointed rock. A face that is
-    driven and damped with rho c then moves by 2 c / (c + c') of what is wanted, and its dashpots
-    return (c - c') / (c + c'). theory.md section 4.2.
+    driven and damped with rho c then moves by 2 c / (c + c') times the wanted motion, and its
+    dashpots reflect (c - c') / (c + c'). theory.md section 4.2.
     """
     stiffness = jointed_stiffness(material, joint_sets)
     christoffel = np.einsum("ijkl,j,l->ik", stiffness, direction, direction)
@@ -142,12 +142,12 @@ def jointed_face(group, material, joint_sets, direction):
         return None
     return Finding(
         "D24",
-        f"Quiet faces see '{group}' without its joints",
+        f"Viscous faces ignore the joints of '{group}'",
         f"Waves much longer than the spacing run at {ratio_p:.2f} (P) and {ratio_s:.2f} (S) of the "
-        f"speed of the intact rock, but stress input and dashpots take that of the intact rock: "
+        f"speed of the intact rock, but stress input and dashpots use that of the intact rock: "
         f"the motion that enters is {100 * excess[0]:.0f} % (P) and up to {100 * excess[1]:.0f} % "
-        "(S) larger than asked for, and as much of the amplitude comes back from quiet faces; "
-        "boundaries.jointed_faces = true lets the faces know of the joints.",
+        "(S) too large, and viscous faces reflect the same share of the amplitude; set "
+        "boundaries.jointed_faces = true for the impedance of the jointed rock.",
         numbers={"speed_p": ratio_p, "speed_s": ratio_s, "excess_p": excess[0],
                  "excess_s": excess[1]},
     )  # fmt: skip
@@ -238,8 +238,8 @@ def fault_low_pass(name, stiffness, group, material, frequency, band):
         "D8",
         f"The fault {name} is itself a low-pass",
         f"In '{group}' its corner is {corners[0]:.1f} Hz (P) and {corners[1]:.1f} Hz (S); it "
-        f"passes {listed} (P/S). By amplitude alone its stiffness can't be told from damping, "
-        f"soil or mesh (by waveforms: backanalyse --design-survey); at {frequency:.3g} Hz +10 % "
+        f"passes {listed} (P/S). Amplitudes alone can't separate its stiffness from damping, "
+        f"soil or mesh (for waveforms: backanalyse --design-survey); at {frequency:.3g} Hz +10 % "
         f"of kn gives {100 * gain[0]:+.0f} % P, of ks {100 * gain[1]:+.0f} % S (D9).",
         numbers={"corner_p": corners[0], "corner_s": corners[1], "gain_p": gain[0],
                  "gain_s": gain[1]}
@@ -347,8 +347,8 @@ TRIAL_STEPS = 40
 
 
 @dataclass(frozen=True)
-class GroupCensus:
-    """Counts, sizes and share of added mass of one material in the mesh; SI."""
+class MaterialSummary:
+    """Summary of one material in the mesh: counts, sizes, share of added mass; SI."""
 
     name: str
     zones: int
@@ -361,12 +361,12 @@ class GroupCensus:
 
 
 @dataclass(frozen=True)
-class Census:
-    """Counts and sizes of a model, what limits its step and what the run will cost; SI.
+class ModelSummary:
+    """Summary of a model: counts, sizes, time step, and cost of the run; SI.
 
     Parameters
     ----------
-    groups : tuple of GroupCensus
+    groups : tuple of MaterialSummary
     zones, nodes, contacts, blocks : int
     dt, undamped_dt : float, s
         Time step, and the critical one without stiffness damping.
@@ -376,10 +376,10 @@ class Census:
     steps : int
     memory : float, bytes
     seconds : float or None
-        Estimate of the dynamic stage, measured on a few steps; None where not asked for.
+        Estimated time of the dynamic stage, from a few steps; None if not measured.
     """
 
-    groups: tuple[GroupCensus, ...]
+    groups: tuple[MaterialSummary, ...]
     zones: int
     nodes: int
     contacts: int
@@ -393,20 +393,20 @@ class Census:
     seconds: float | None
 
 
-def take_census(project, measure=False) -> Census:
-    """Count and measure the model of a project.
+def summarise_model(project, measure=False) -> ModelSummary:
+    """Summarise the model of a project.
 
     Parameters
     ----------
     project : Project
     measure : bool
-        Whether to march a few steps for an estimate of the time.
+        Whether to run a few steps to estimate the run time.
     """
     model = project.model
     geometry, limit = assembly.geometry_arrays(model)
     n_steps = int(np.ceil(project.duration / geometry["dt"]))
     mass = model.zone_values("density") * tetrahedra.volumes(model.mesh.points, model.mesh.zones)
-    return Census(
+    return ModelSummary(
         groups=_groups(model, mass, limit.added_share),
         zones=len(model.mesh.zones),
         nodes=len(model.nodes.points),
@@ -423,17 +423,17 @@ def take_census(project, measure=False) -> Census:
 
 
 def _groups(model, mass, added_share):
-    """Count each material."""
+    """Summarise each material."""
     mesh = model.mesh
     edges = model.mean_edges()
     quality = tetrahedra.mean_ratio(mesh.points, mesh.zones)
-    found = []
+    summaries = []
     for number, name in enumerate(mesh.groups):
         mine = mesh.zone_group == number
         if mine.any():
             material = model.materials[name]
-            found.append(
-                GroupCensus(
+            summaries.append(
+                MaterialSummary(
                     name,
                     int(mine.sum()),
                     float(mass[mine].sum() / material.density),
@@ -444,7 +444,7 @@ def _groups(model, mass, added_share):
                     float(added_share[name]),
                 )
             )
-    return tuple(found)
+    return tuple(summaries)
 
 
 def carried_frequency(speed, edge, edges_per_wavelength=10.0):
@@ -453,7 +453,7 @@ def carried_frequency(speed, edge, edges_per_wavelength=10.0):
 
 
 def _measured(model, dt, n_steps):
-    """March a few steps without the static stage and return the seconds that all would take."""
+    """Estimate the run time in s from a few steps without the static stage."""
     trial = replace(model, insitu=None)
     prepared = preparation.prepare(trial, TRIAL_STEPS * dt)
     began = time.perf_counter()
@@ -461,8 +461,8 @@ def _measured(model, dt, n_steps):
     return n_steps * (time.perf_counter() - began) / prepared.n_steps
 
 
-def quiet_defects(project):
-    """D23, D24: sides that drain a plane wave, quiet faces of jointed rock."""
+def boundary_defects(project):
+    """D23, D24: viscous sides along a plane wave, viscous faces of jointed rock."""
     if project.input is None:
         return
     model, face = project.model, project.config.input.face
@@ -473,11 +473,11 @@ def quiet_defects(project):
     sides = [n for n in sorted(blind) if abs(_mean_normal(model.mesh, n) @ direction) < 0.7]
     entry = sum(surface_impedance(model, face).values())
     drag = sum((sum(surface_impedance(model, n).values()) for n in sides), np.zeros((3, 3)))
-    way = model.mesh.points @ direction
+    path = model.mesh.points @ direction
     for receiver in project.receivers:
-        share = (direction @ receiver.position - way.min()) / np.ptp(way)
-        left = drained(entry, drag, share)
-        yield draining_sides(sides, left, receiver.name, direction[2] > 0.7)
+        share = (direction @ receiver.position - path.min()) / np.ptp(path)
+        transmitted = transmitted_share(entry, drag, share)
+        yield dissipating_sides(sides, transmitted, receiver.name, direction[2] > 0.7)
     if project.config.boundaries.jointed_faces:
         return
     stiffness = set_stiffness(project.config.mesh, project.joints, joint_pressures(model))

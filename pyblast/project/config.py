@@ -7,6 +7,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from ..errors import InputError
 from .config_ground import (
+    AbsorbingLayerConfig,
     AirBlastConfig,
     BoundariesConfig,
     DampingConfig,
@@ -19,7 +20,6 @@ from .config_ground import (
     MomentTensorConfig,
     PointForceConfig,
     PressureConfig,
-    RimConfig,
 )
 from .section import (
     Band,
@@ -40,11 +40,11 @@ from .section import (
     value_at,
 )
 
-DEFAULT_METHOD = "levenberg"  # won on twins: docs/decisions.md, "Least squares by default"
+DEFAULT_METHOD = "levenberg"  # docs/decisions.md, "Least squares by default"
 
 
 class ParameterConfig(Section):
-    """An unknown: the dotted path of a key and its range, in the unit of the key."""
+    """Parameter of a back-analysis: dotted path of a key and its range, in the unit of the key."""
 
     path: Name
     low: float
@@ -54,7 +54,7 @@ class ParameterConfig(Section):
 
 
 class BackAnalysisConfig(Section):
-    """What is to be found, from which records, how."""
+    """Back-analysis: parameters, records, method."""
 
     method: Name = DEFAULT_METHOD
     misfit: Name = "paper"
@@ -73,7 +73,7 @@ Ends = Annotated[list[NotNegative], Field(min_length=2, max_length=2)]
 
 
 class HouseConfig(Section):
-    """A house with its limit: a receiver, or a place where a single hole was recorded."""
+    """House with its vibration limit: a receiver, or a position with a recorded single hole."""
 
     name: Name
     limit_mm_per_s: Positive | None = None
@@ -89,7 +89,7 @@ class HouseConfig(Section):
 
 
 class DelaysConfig(Section):
-    """Between which delays the best are sought, and what is uncertain about holes."""
+    """Delay optimisation: range of delays, uncertainty of the holes, houses."""
 
     between_holes_ms: Ends
     between_rows_ms: Ends
@@ -134,7 +134,7 @@ class DelaysConfig(Section):
 
 
 class DiagnosisConfig(Section):
-    """Which records a diagnosis compares, and in which band."""
+    """Diagnosis: records, band and noise window."""
 
     blasts: list[Name] = Field([])
     band_hz: Band | None = None
@@ -154,7 +154,7 @@ class DiagnosisConfig(Section):
 
 
 class BlastConfig(Section):
-    """Rows of holes, or a hole table."""
+    """Blast: rows of holes, or a hole table."""
 
     rows: Count | None = None
     holes_per_row: Count | None = None
@@ -185,7 +185,7 @@ class BlastConfig(Section):
 
 
 class CavityConfig(Section):
-    """The closed form of a charged hole: a cavity under pressure in unbounded rock."""
+    """Closed form of a charged hole: a cavity under pressure in unbounded rock."""
 
     material: Name
     hole_m: Point
@@ -207,7 +207,7 @@ class CavityConfig(Section):
 
 
 class SignatureConfig(Section):
-    """Seismogram of a single hole: recorded, or the closed form."""
+    """Signature: seismogram of a single hole, recorded or in closed form."""
 
     recorded: RecordingConfig | None = None
     cavity: CavityConfig | None = None
@@ -221,7 +221,7 @@ class SignatureConfig(Section):
 
 
 class InputConfig(Section):
-    """Where and how the motion of a signature enters the model."""
+    """Input: where and how the motion of a signature enters the model."""
 
     face: Name = "west"
     enters_as: Literal["stress", "velocity", "plane_wave"] = "stress"
@@ -247,7 +247,7 @@ class InputConfig(Section):
 
 
 class ReceiverConfig(Section):
-    """A place where motion is wanted; without height it stands on the surface "top"."""
+    """Receiver; without height it stands on the surface "top"."""
 
     name: Annotated[str, Field(pattern=r"^[^/\x00]{1,60}$")]
     position_m: Place
@@ -256,7 +256,7 @@ class ReceiverConfig(Section):
 
 
 class RunConfig(Section):
-    """How long and how the model is marched."""
+    """Run: duration, time step, snapshots, comparison."""
 
     duration_s: Positive
     added_mass: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0025
@@ -278,7 +278,7 @@ class RunConfig(Section):
 
 
 class Config(Section):
-    """A whole project file."""
+    """Configuration: all tables of a project file."""
 
     title: Name
     assumed: list[Name] = Field([])
@@ -288,7 +288,7 @@ class Config(Section):
     ground: GroundConfig = GroundConfig()
     boundaries: BoundariesConfig = BoundariesConfig()
     damping: DampingConfig | None = None
-    rim: RimConfig | None = None
+    absorbing_layer: AbsorbingLayerConfig | None = None
     insitu: InSituConfig | None = None
     blast: BlastConfig | None = None
     signature: SignatureConfig | None = None

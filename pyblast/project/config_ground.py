@@ -263,8 +263,8 @@ class InSituConfig(Section):
     stress_mpa: Annotated[list[float], Field(min_length=6, max_length=6)] = Field([0.0] * 6)
 
 
-class RimConfig(Section):
-    """Ground outside a box that damps what leaves it."""
+class AbsorbingLayerConfig(Section):
+    """Absorbing layer: ground outside a box that damps outgoing waves."""
 
     box_m: Box
     width_m: Positive

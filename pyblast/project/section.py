@@ -1,4 +1,4 @@
-"""Tables of a project file: strict keys, dotted paths, mistakes in one sentence, CSV columns."""
+"""Sections of a project file: strict types, dotted paths, errors in one sentence, CSV columns."""
 
 import difflib
 import tomllib
@@ -147,7 +147,7 @@ def read_time_function(path, heads) -> TimeFunction:
 
 
 class RecordingConfig(Section):
-    """A recorded seismogram: a file and what it does not say itself."""
+    """Recorded seismogram: a file, and what its header lacks."""
 
     file: str
     format: str | None = None
@@ -160,7 +160,7 @@ class RecordingConfig(Section):
 
 
 def value_at(config, path):
-    """Return what a dotted path of a `Config` leads to, None where it leads nowhere.
+    """Return the value at a dotted path of a `Config`, None if there is none.
 
     Entries of a list go by their name or material: ``mesh.layers.soil.thickness_m``.
     """
@@ -183,7 +183,7 @@ def _names(entry):
 
 
 def number_paths(config):
-    """List the paths of all numbers of a `Config`, given or by default, that say what is run."""
+    """List the dotted paths of all numbers of a `Config` that define the run."""
     return [
         path
         for path, value in _leaves(config, "")
@@ -226,13 +226,13 @@ def changed_tables(config, changes):
     for path, value in changes.items():
         check_path(config, path)
         *sections, key = path.split(".")
-        there, entry = config, tables
+        here, entry = config, tables
         for part in sections:
-            if isinstance(there, list):
-                part = next(n for n, one in enumerate(there) if part in _names(one))
-                there, entry = there[part], entry[part]
+            if isinstance(here, list):
+                part = next(n for n, item in enumerate(here) if part in _names(item))
+                here, entry = here[part], entry[part]
             else:
-                there = there.get(part) if isinstance(there, dict) else getattr(there, part)
+                here = here.get(part) if isinstance(here, dict) else getattr(here, part)
                 entry = entry.setdefault(part, {})
         entry[key] = value
     return tables
@@ -279,12 +279,12 @@ def read_toml(path):
 
 
 def sentence_of(error, root) -> str:
-    """Return the first mistake that pydantic found in a table of a class, in one sentence."""
+    """Return the first validation error of pydantic in one sentence."""
     if isinstance(error, RecursionError):
         return "nested too deeply to be a project file"
-    found = error.errors(include_url=False)
-    first = min(found, key=lambda item: item["type"] != "extra_forbidden")
-    more = f" ({len(found) - 1} more)" if len(found) > 1 else ""
+    mistakes = error.errors(include_url=False)
+    first = min(mistakes, key=lambda item: item["type"] != "extra_forbidden")
+    more = f" ({len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
     where = f"{_path(first['loc'])}: " if first["loc"] else ""
     return f"{where}{_rule(first, root)}{more}"
 
@@ -298,7 +298,7 @@ def _path(location):
 
 
 def _rule(mistake, root):
-    """Say which rule is broken, the value, and what to do."""
+    """Return the broken rule, the value and the remedy."""
     kind, context, value = mistake["type"], mistake.get("ctx", {}), mistake["input"]
     got = f"got {_shown(value)}"
     if kind == "missing":
@@ -308,8 +308,8 @@ def _rule(mistake, root):
     if kind in ("greater_than", "greater_than_equal"):
         bound = context.get("gt", context.get("ge"))
         words = {("greater_than", 0): "be positive", ("greater_than_equal", 0): "not be negative"}
-        way = "exceed" if kind == "greater_than" else "be at least"
-        return f"must {words.get((kind, bound), f'{way} {bound:g}')}, {got}"
+        verb = "exceed" if kind == "greater_than" else "be at least"
+        return f"must {words.get((kind, bound), f'{verb} {bound:g}')}, {got}"
     if kind in ("less_than", "less_than_equal"):
         limit = context.get("lt", context.get("le"))
         return f"must be {'below' if kind == 'less_than' else 'at most'} {limit:g}, {got}"
@@ -352,7 +352,7 @@ def _shown(value):
 
 
 def _nearest(location, root):
-    """Propose the known key that is spelled most like the unknown one."""
+    """Propose the known key of the most similar spelling."""
     known = sorted(_fields_at(location[:-1], root))
     near = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.5)
     return f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
@@ -360,12 +360,12 @@ def _nearest(location, root):
 
 def _fields_at(location, root):
     """Return the keys that are known at a place of the file."""
-    found = root
+    section = root
     for part in location:
-        fields = getattr(found, "model_fields", None)
+        fields = getattr(section, "model_fields", None)
         if fields is not None and part in fields:
-            found = _section_in(fields[part].annotation)
-    return set(getattr(found, "model_fields", {}))
+            section = _section_in(fields[part].annotation)
+    return set(getattr(section, "model_fields", {}))
 
 
 def _section_in(annotation):

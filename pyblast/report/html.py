@@ -57,7 +57,7 @@ def _figures(result):
         *_source_figures(result, wide),
         (
             "Blocks",
-            f"{summary['census']['blocks']} blocks, each in a shade of its material, seen from the "
+            f"{summary['model']['blocks']} blocks, each in a shade of its material, seen from the "
             "south-west (as figure 3 of the paper).",
             ("mesh",),
             figures.blocks_figure(result),

@@ -298,7 +298,8 @@ def summary_lines(plan) -> list[str]:
     if not plan["gridded"]:
         lines.append(
             "no receiver was tried but those of the project: no place of "
-            "back_analysis.candidate_grid lies on the surface, outside of the rim and at least "
+            "back_analysis.candidate_grid lies on the surface, outside of the absorbing layer and "
+            "at least "
             f"{plan['apart']:.0f} m (half a wavelength of S) from every receiver"
         )
     if plan["mesh_doubt"]:

@@ -51,8 +51,8 @@ def test_d1_the_soil_fails_and_says_what_it_would_cost():
 def test_d1_asks_three_edges_of_zones_with_15_nodes(tmp_path):
     project = load_project(written(tmp_path, ("[[mesh.layers]]\nmaterial = \"soil\"",
                            "quadratic = true\n[[mesh.layers]]\nmaterial = \"soil\"")))  # fmt: skip
-    census = check(project, measure=False).census
-    carried = {group.name: group.highest_frequency for group in census.groups}
+    summary = check(project, measure=False).summary
+    carried = {group.name: group.highest_frequency for group in summary.groups}
 
     found = [f for f in check(project, measure=False).findings if f.code == "D1"]
 
@@ -264,19 +264,19 @@ def test_a_check_finds_both_readings_of_the_boundaries(tmp_path):
 
 
 def test_volumes_and_masses_of_the_materials_add_up(tmp_path):
-    census = check(load_project(written(tmp_path)), measure=False).census
+    summary = check(load_project(written(tmp_path)), measure=False).summary
 
-    volume = {g.name: g.volume for g in census.groups}
+    volume = {g.name: g.volume for g in summary.groups}
 
     assert volume == pytest.approx({"soil": 60 * 20 * 10.0, "rock": 60 * 20 * 20.0})
-    assert sum(g.mass for g in census.groups) == pytest.approx(12000 * 2000.0 + 24000 * 2660.0)
-    assert (census.zones, census.blocks) == (6 * 2 * 3 * 6, 2)
+    assert sum(g.mass for g in summary.groups) == pytest.approx(12000 * 2000.0 + 24000 * 2660.0)
+    assert (summary.zones, summary.blocks) == (6 * 2 * 3 * 6, 2)
 
 
 def test_the_time_is_estimated_by_marching_a_few_steps(tmp_path):
-    census = check(load_project(written(tmp_path))).census
+    summary = check(load_project(written(tmp_path))).summary
 
-    assert 0.0 < census.seconds < 60.0
+    assert 0.0 < summary.seconds < 60.0
 
 
 def test_the_distance_from_the_blast_to_the_face_comes_from_the_holes(tmp_path):

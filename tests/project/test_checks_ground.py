@@ -11,7 +11,12 @@ from pyblast.mesh.builder import structured_box
 from pyblast.model.anisotropy import jointed
 from pyblast.model.boundary import Fixed, Roller, StressInput, Viscous
 from pyblast.project.checks import check
-from pyblast.project.checks_ground import drained, draining_sides, jointed_face, jointed_stiffness
+from pyblast.project.checks_ground import (
+    dissipating_sides,
+    jointed_face,
+    jointed_stiffness,
+    transmitted_share,
+)
 from pyblast.project.project import load_project
 from pyblast.solver.loads import surface_impedance
 from pyblast.solver.run import simulate
@@ -43,13 +48,15 @@ def test_a_quiet_side_drains_a_long_wave_as_foretold():
 
     peaks = [s.ppv[0] for s in simulate(model, 0.75).seismograms.values()]
 
-    assert peaks[1] / peaks[0] == pytest.approx(drained(face, side, 100.0 / 300.0)[0], rel=0.05)
+    assert peaks[1] / peaks[0] == pytest.approx(
+        transmitted_share(face, side, 100.0 / 300.0)[0], rel=0.05
+    )
 
 
 def test_d23_is_said_only_where_sides_take_much():
-    assert draining_sides(("south",), np.array([0.9, 0.8, 0.8]), "R", True) is None
-    assert draining_sides((), np.array([1.0, 0.1, 0.1]), "R", False) is None
-    assert "north" in draining_sides(("north",), np.array([0.5, 0.1, 0.2]), "R", False).text
+    assert dissipating_sides(("south",), np.array([0.9, 0.8, 0.8]), "R", True) is None
+    assert dissipating_sides((), np.array([1.0, 0.1, 0.1]), "R", False) is None
+    assert "north" in dissipating_sides(("north",), np.array([0.5, 0.1, 0.2]), "R", False).text
 
 
 def test_rock_without_joints_keeps_its_stiffness():

@@ -8,7 +8,7 @@ from pyblast.errors import InputError
 from pyblast.model.material import ConstantQ
 from pyblast.project.case_folder import read_case_folder
 from pyblast.project.checks import check
-from pyblast.project.flat_box import Cut, flat_model, quality_of
+from pyblast.project.flat_box import Discretization, flat_model, quality_of
 from pyblast.project.project import load_project
 
 SOIL = "shear_mpa = 57.7"
@@ -94,7 +94,7 @@ def test_ground_that_fades_can_be_damped_as_well(tmp_path):
 def test_a_site_with_known_quality_fades_by_it_and_by_nothing_else(cases):
     site = read_case_folder(cases / "case-10")
 
-    model = flat_model(site, "S1", Cut(40.0))
+    model = flat_model(site, "S1", Discretization(40.0))
 
     laws = {material.law for material in model.materials.values()}
     assert {(law.qp, law.qs) for law in laws} == {quality_of(site)} == {(83.0, 54.0)}

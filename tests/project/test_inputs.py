@@ -1,4 +1,4 @@
-"""Sources, rim, damping and velocity in a project file, on the small column."""
+"""Sources, absorbing layer, damping and velocity in a project file, on the small column."""
 
 import math
 
@@ -33,7 +33,7 @@ INSIDE = (
 )  # fmt: skip
 FORCE = '[[point_forces]]\nposition_m = [20, 10]\ndirection = [0, 0, -2]\nfile = "hammer.csv"\n'
 ROCK = Material.from_young_poisson(2660.0, 18.72e9, 0.3)
-RIM = "[rim]\nbox_m = [[5, 50], [2, 18], [10, 30]]\nwidth_m = 10\n"
+LAYER = "[absorbing_layer]\nbox_m = [[5, 50], [2, 18], [10, 30]]\nwidth_m = 10\n"
 
 
 def inside(folder, *changes):
@@ -164,15 +164,16 @@ REFUSED = [
      "blast.wave_speed_m_per_s: waves cross the model"),
     ("zero force", ("[[receivers]]", f"{FORCE.replace('-2', '0')}[[receivers]]"),
      "point_forces[1]: direction must not be [0, 0, 0]"),
-    ("crooked rim", ("[[receivers]]", f"{RIM.replace('[5, 50]', '[50, 5]')}[[receivers]]"),
-     "rim: box_m needs low below high on each axis, got 50 and 5 for x"),
-    ("full rim", ("[[receivers]]",
-                  "[rim]\nbox_m = [[0, 60], [0, 20], [0, 30]]\nwidth_m = 5\n[[receivers]]"),
-     "rim.box_m: holds the whole ground"),
-    ("receiver in the rim", ("[[receivers]]", f"{RIM}[[receivers]]"),
-     "receivers.R1: lies in the rim, which damps motion"),
-    ("hole in the rim", ("[[receivers]]", f"{RIM.replace('[5, 50]', '[22, 59]')}[[receivers]]"),
-     "blast: hole 1-1: lies in the rim"),
+    ("crooked layer", ("[[receivers]]", f"{LAYER.replace('[5, 50]', '[50, 5]')}[[receivers]]"),
+     "absorbing_layer: box_m needs low below high on each axis, got 50 and 5 for x"),
+    ("full layer", ("[[receivers]]",
+                  "[absorbing_layer]\nbox_m = [[0, 60], [0, 20], [0, 30]]\nwidth_m = 5\n"
+                  "[[receivers]]"),
+     "absorbing_layer.box_m: holds the whole ground"),
+    ("receiver in the layer", ("[[receivers]]", f"{LAYER}[[receivers]]"),
+     "receivers.R1: lies in the absorbing layer, which damps motion"),
+    ("hole in the layer", ("[[receivers]]", f"{LAYER.replace('[5, 50]', '[22, 59]')}[[receivers]]"),
+     "blast: hole 1-1: lies in the absorbing layer"),
     ("hole outside", ("[20, 10, 30]", "[-39, 10, 30]"), "blast: hole 1-1: "),
     ("open side", ('"south", "north"', '"south"'), "boundaries.viscous: lacks 'north'"),
     ("unknown rock", ('material = "rock"\ncharge', 'material = "clay"\ncharge'),
@@ -208,7 +209,7 @@ def test_holes_without_a_blast_are_refused(tmp_path):
 
 
 def test_a_rim_damps_outside_of_its_box_only(tmp_path):
-    project = inside(tmp_path, ("[55, 10]", "[48, 10]"), ("[[receivers]]", f"{RIM}[[receivers]]"))
+    project = inside(tmp_path, ("[55, 10]", "[48, 10]"), ("[[receivers]]", f"{LAYER}[[receivers]]"))
     model = project.model
 
     plain = inside(tmp_path, ("[55, 10]", "[48, 10]")).model
@@ -219,7 +220,7 @@ def test_a_rim_damps_outside_of_its_box_only(tmp_path):
 
 
 def test_a_rim_may_be_told_the_lowest_frequency_that_shall_leave(tmp_path):
-    text = f"{RIM}lowest_hz = 6\n[[receivers]]"
+    text = f"{LAYER}lowest_hz = 6\n[[receivers]]"
 
     rim = inside(tmp_path, ("[55, 10]", "[48, 10]"), ("[[receivers]]", text)).model.rim
 

@@ -58,10 +58,10 @@ def test_source_and_receiver_may_change_places_across_the_fault(project):
 
 
 def test_the_padding_is_the_rim(project):
-    rim = project.rim
+    layer = project.absorbing_layer
 
-    assert rim.box == ((0.0, 90.0), (0.0, 40.0), (0.0, 30.0))
-    assert rim.width == 40.0
+    assert layer.box == ((0.0, 90.0), (0.0, 40.0), (0.0, 30.0))
+    assert layer.width == 40.0
 
 
 def test_the_example_holds_the_band_of_its_source():
