@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, ReadError
+from ..recordings.raw import decode_table
 from ..units import split_key, to_si
 from .blast import Blast
 
@@ -300,15 +301,11 @@ def _read_rows(path, options):
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise ReadError(f"{path.name}: larger than {LARGEST_FILE // 10**6} MB, no hole table")
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ReadError(f"{path.name}: byte {error.start} is not UTF-8; save it as UTF-8") from None
+        text = decode_table(path)
     except ReadError:
         raise
     except OSError as error:
         raise ReadError(f"{path}: can't be read: {error.strerror}") from None
-    if "\0" in text:
-        raise ReadError(f"{path.name}: holds zero bytes, expected a text file")
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=options.get("delimiter", ","))
     rows = []
     try:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from ..errors import InputError, ReadError
+from ..recordings.raw import decode_table
 from ..units import FACTORS, split_key
 
 FEWEST, NARROWEST, BEYOND = 6, 2.0, 1.5
@@ -289,7 +290,7 @@ def read_site_records(path: str | Path) -> SiteRecords:
     Raises
     ------
     ReadError
-        If a column is missing, twice there or without a unit, or a value is no number.
+        If a column is missing, duplicate or without a unit, or a value is no number.
     """
     path = Path(path)
     if not path.is_file():
@@ -297,10 +298,10 @@ def read_site_records(path: str | Path) -> SiteRecords:
     if path.stat().st_size > LARGEST_FILE:
         raise ReadError(f"{path.name}: larger than {LARGEST_FILE // 10**6} MB, no table of peaks")
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = decode_table(path).splitlines()
         rows = [(n, row) for n, row in enumerate(csv.reader(lines), 1) if any(map(str.strip, row))]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ReadError(f"{path.name}: no CSV in UTF-8, {error}") from None
+    except csv.Error as error:
+        raise ReadError(f"{path.name}: no CSV, {error}") from None
     if len(rows) < 2:
         raise ReadError(f"{path.name}: needs a header and records below it")
     columns = [_column(path, [name.strip() for name in rows[0][1]], stem) for stem in WANTED]

@@ -11,6 +11,7 @@ from ..mesh import quality
 from ..mesh.mesh import edge_lengths, surface_zones
 from ..model.boundary import Roller, Viscous
 from ..solver.initial_stress import joint_pressures
+from ..units import plain_number
 from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, summarise_model
 from .ground import joint_of_surface, set_stiffness
@@ -357,10 +358,10 @@ def load_energy(motion, face, charge, axis=0):
     return Finding(
         "D21",
         "The load carries too much energy",
-        f"The waves that enter carry {energy / 1e9:.3g} GJ, {100 * share:.0f} % of the heat of "
-        f"{charge:g} kg of explosive ({ANFO_HEAT / 1e6:g} MJ/kg, assumed); blasts send at most "
-        f"about {100 * PLAUSIBLE_SHARE:.0f} % into waves. One record on the whole face and all "
-        "holes of a row in phase put in what the blast can't give.",
+        f"The incident waves carry {plain_number(energy / 1e9)} GJ, {100 * share:.0f} % of the "
+        f"heat of {plain_number(charge, 6)} kg of explosive ({ANFO_HEAT / 1e6:g} MJ/kg, assumed); "
+        f"blasts radiate at most about {100 * PLAUSIBLE_SHARE:.0f} % as waves. One record on the "
+        "whole face and all holes of a row in phase give more than the blast can.",
         share > 1.0,
         {"energy": energy, "share": share},
     )
@@ -391,8 +392,8 @@ def short_air_waves(surface, edge, speed, band, per_wave=10.0):
         "D25",
         "The mesh does not carry the air blast",
         f"Edges of {edge:.3g} m at '{surface}' carry {carried:.3g} Hz at {speed:g} m/s, the pulse "
-        f"has {band:.3g} Hz; what the ground does under it is then too small or scattered. Edges "
-        f"there must be at most {speed / (per_wave * band):.2g} m.",
+        f"has {band:.3g} Hz: the motion of the ground below is too small or scattered. Edges there "
+        f"must be at most {speed / (per_wave * band):.2g} m.",
         True,
         {"carried": carried, "needed_edge": speed / (per_wave * band)},
     )
@@ -463,8 +464,8 @@ def unlikely_values(materials, joints):
     if not unlikely:
         return None
     words = "; ".join(
-        f"{key} is {factor * value:.3g} {unit}, ground has {factor * low:.3g} to "
-        f"{factor * high:.3g}"
+        f"{key} is {plain_number(factor * value)} {unit}, ground has "
+        f"{plain_number(factor * low)} to {plain_number(factor * high)}"
         for key, (value, (low, high, unit, factor)) in unlikely.items()
     )
     return Finding(

@@ -13,6 +13,7 @@ from ..solver import assembly, preparation, run
 from ..solver.edge_springs import marching_bytes
 from ..solver.initial_stress import joint_pressures
 from ..solver.loads import surface_impedance
+from ..units import plain_number
 from .ground import set_normal, set_stiffness
 from .places import face_materials
 
@@ -175,7 +176,7 @@ def coarse_zones(name, material, edge, volume, band, receivers=(), per_wave=10.0
         f"{edge:.{digits}g} m edges carry {carried:.{digits}g} Hz in '{name}' "
         f"({1.25 * carried:.3g} Hz with {0.8 * per_wave:.2g} edges per wavelength), the input has "
         f"{band:.{digits}g} Hz{on_it}; edges must be at most {needed:.{digits}g} m, which makes "
-        f"{zones[1] / zones[0]:.2g} times as many zones.",
+        f"{plain_number(zones[1] / zones[0], 2)} times as many zones.",
         True,
         {"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
          "zones_now": zones[0], "zones_needed": zones[1]},
@@ -315,7 +316,7 @@ def infill_as_layer(name, joint, thicknesses):
     ratio = kn / ks
     poisson = (ratio - 2.0) / (2.0 * (ratio - 1.0)) if ratio > 1.0 else math.nan
     moduli = [(kn * t, ks * t) for t in thicknesses]
-    listed = " to ".join(f"{m / 1e6:.3g}/{g / 1e6:.3g} MPa" for m, g in moduli)
+    listed = " to ".join(f"{plain_number(m / 1e6)}/{plain_number(g / 1e6)} MPa" for m, g in moduli)
     coherent = 0.0 <= poisson < 0.5
     return Finding(
         "D18",
@@ -336,8 +337,9 @@ def beyond_memory(needed, free):
     return Finding(
         "D30",
         "The run does not fit into memory",
-        f"It needs about {needed / 1e9:.3g} GB, the machine has {free / 1e9:.3g} GB left: take "
-        "longer edges, fewer receivers or a shorter run.duration_s.",
+        f"It needs about {plain_number(needed / 1e9)} GB, the machine has "
+        f"{plain_number(free / 1e9)} GB left: take longer edges, fewer receivers or a shorter "
+        "run.duration_s.",
         True,
         {"needed": needed, "free": free},
     )

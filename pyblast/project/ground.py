@@ -17,7 +17,7 @@ from ..model.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_
 from ..model.joint import POSITIVE, Joint, may_be_left_out, saturated
 from ..model.material import ConstantQ, Damping, Elastic, Material, MohrCoulomb
 from ..model.model import InSitu
-from ..units import split_key, to_si
+from ..units import plain_number, split_key, to_si
 from .section import read_columns
 
 
@@ -105,9 +105,9 @@ def make_joint(where, surface, config):
         if stem not in names or unit not in wanted:
             raise InputError(f"{where}.{key}: unknown key; {_proposal(key, names)}")
         if not value > 0.0 and stem in POSITIVE:
-            raise InputError(f"{where}.{key}: must be positive, got {value:g}")
+            raise InputError(f"{where}.{key}: must be positive, got {plain_number(value, 6)}")
         if value < 0.0:
-            raise InputError(f"{where}.{key}: must not be negative, got {value:g}")
+            raise InputError(f"{where}.{key}: must not be negative, got {plain_number(value, 6)}")
         with named_error(where):
             properties[stem] = to_si(key, value)[1]
     for name in names:

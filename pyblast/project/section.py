@@ -9,8 +9,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from ..errors import InputError, ReadError
 from ..model.source import TimeFunction
+from ..recordings.raw import decode_table
 from ..signals.comparison import load_limits
-from ..units import to_si
+from ..units import STEEPEST, plain_number, to_si
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -20,7 +21,7 @@ Count = Annotated[int, Field(ge=1)]
 Dip = Annotated[float, Field(ge=0.0, le=90.0)]
 Bearing = Annotated[float, Field(ge=-360.0, le=360.0)]
 Inclination = Annotated[float, Field(ge=0.0, le=180.0)]
-FrictionAngle = Annotated[float, Field(ge=0.0, lt=89.0)]
+FrictionAngle = Annotated[float, Field(ge=0.0, le=STEEPEST)]
 Point = Annotated[list[float], Field(min_length=3, max_length=3)]
 Place = Annotated[list[float], Field(min_length=2, max_length=3)]
 Size = Annotated[list[Positive], Field(min_length=3, max_length=3)]
@@ -88,9 +89,7 @@ def read_columns(path, heads):
     try:
         if path.stat().st_size > MAX_TABLE_BYTES:
             raise ReadError(f"{path}: a table has at most 100 MB, this one is larger")
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise ReadError(f"{path}: must be UTF-8 text; save it as CSV") from None
+        lines = decode_table(path).splitlines()
     except OSError as error:
         if isinstance(error, ReadError):
             raise
@@ -309,10 +308,11 @@ def _rule(mistake, root):
         bound = context.get("gt", context.get("ge"))
         words = {("greater_than", 0): "be positive", ("greater_than_equal", 0): "not be negative"}
         verb = "exceed" if kind == "greater_than" else "be at least"
-        return f"must {words.get((kind, bound), f'{verb} {bound:g}')}, {got}"
+        return f"must {words.get((kind, bound), f'{verb} {plain_number(bound, 6)}')}, {got}"
     if kind in ("less_than", "less_than_equal"):
         limit = context.get("lt", context.get("le"))
-        return f"must be {'below' if kind == 'less_than' else 'at most'} {limit:g}, {got}"
+        verb = "be below" if kind == "less_than" else "be at most"
+        return f"must {verb} {plain_number(limit, 6)}, {got}"
     if kind == "value_error":
         return str(context["error"])
     if kind in ("too_short", "too_long"):

@@ -74,10 +74,43 @@ def read_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
     return path.read_bytes()
 
 
+_OTHER_FILES = {
+    b"PK\x03\x04": "is an Excel workbook or a zip archive; save the sheet as CSV",
+    b"\xd0\xcf\x11\xe0": "is an Excel workbook; save the sheet as CSV",
+    b"%PDF": "is a PDF document; export the table as CSV",
+    b"\x55\x3a": "is a recording in SEG-2, no table; read it with read_gather",
+    b"\x3a\x55": "is a recording in SEG-2, no table; read it with read_gather",
+    b"\xff\xfe": "is UTF-16 text; save it as UTF-8",
+    b"\xfe\xff": "is UTF-16 text; save it as UTF-8",
+}
+
+
+def refuse_other_files(where: Path | str, content: bytes) -> None:
+    """Refuse files of another kind than text, with their kind and the remedy."""
+    for magic, sentence in _OTHER_FILES.items():
+        binary = magic != b":U" or b"\0" in content[:32]
+        if content.startswith(magic) and binary:
+            raise ReadError(f"{where}: {sentence}")
+
+
+def decode_table(path: Path) -> str:
+    """Read a table in UTF-8; refuse other files with their kind and the remedy."""
+    content = path.read_bytes()
+    refuse_other_files(path.name, content)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ReadError(
+            f"{path.name}: is not UTF-8 text (first at byte {error.start}); save it as CSV in UTF-8"
+        ) from None
+    if "\0" in text:
+        raise ReadError(f"{path.name}: holds zero bytes, so it is no text; save the table as CSV")
+    return text
+
+
 def decode_lines(path: Path, content: bytes) -> list[str]:
     """Decode text lines; drops a UTF-8 mark, refuses UTF-16 and binary content."""
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        raise ReadError(f"{path}: is UTF-16 text, save it as UTF-8")
+    refuse_other_files(path, content)
     if b"\0" in content:
         line = content[: content.index(b"\0")].count(b"\n") + 1
         raise ReadError(f"{path}, line {line}: expected text, found a NUL byte (binary or UTF-16)")

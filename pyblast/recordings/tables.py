@@ -231,7 +231,10 @@ def _channels(path, line, titles):
     for column, title in enumerate(titles):
         name = COMPONENT_NAMES.get(title.strip('"').lower())
         if name in names:
-            raise ReadError(f"{path}, line {line}: component {name} appears twice")
+            raise ReadError(
+                f"{path}, line {line}: columns {names[name] + 1} and {column + 1} are both "
+                f"{name}; remove one of them, or describe the table by a mapping"
+            )
         if name:
             names[name] = column
     if not names:

@@ -197,9 +197,25 @@ def test_a_broken_table_is_refused_with_file_and_place(table, text, message):
         read_blast(table(text))
 
 
-def test_a_table_in_another_encoding_is_refused(table):
-    with pytest.raises(ReadError, match="not UTF-8"):
-        read_blast(table(f"{CENTRES}\n", encoding="utf-16"))
+@pytest.mark.parametrize(("encoding", "message"), [
+    ("utf-16", "is UTF-16 text; save it as UTF-8"),
+    ("latin-1", "is not UTF-8 text .first at byte"),
+])  # fmt: skip
+def test_a_table_in_another_encoding_is_refused(table, encoding, message):
+    with pytest.raises(ReadError, match=message):
+        read_blast(table(f"{CENTRES}\n# Sprengung für §\n", encoding=encoding))
+
+
+@pytest.mark.parametrize(("content", "message"), [
+    (b"PK\x03\x04\x14\0", "is an Excel workbook or a zip archive; save the sheet as CSV"),
+    (b"\xd0\xcf\x11\xe0\xa1", "is an Excel workbook; save the sheet as CSV"),
+    (b"\x55\x3a\x01\0", "is a recording in SEG-2, no table"),
+])  # fmt: skip
+def test_another_kind_of_file_is_named_with_the_remedy(tmp_path, content, message):
+    (tmp_path / "holes.csv").write_bytes(content + bytes(40))
+
+    with pytest.raises(ReadError, match=message):
+        read_blast(tmp_path / "holes.csv")
 
 
 def test_an_absent_file_is_refused(tmp_path):

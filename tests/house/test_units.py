@@ -59,7 +59,7 @@ def test_a_list_is_turned_item_by_item():
 
 @pytest.mark.parametrize("angle", [-1.0, 89.0, 90.0, math.nan])
 def test_a_friction_angle_out_of_range_is_refused(angle):
-    with pytest.raises(InputError, match="friction_angle_deg: must lie between 0 and 89 degrees"):
+    with pytest.raises(InputError, match="friction_angle_deg: must lie between 0 and 84 degrees"):
         to_si("friction_angle_deg", angle)
 
 

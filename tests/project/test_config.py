@@ -37,7 +37,7 @@ MALFORMED = [
     ("negative cohesion", "cohesion_kpa = 20", "cohesion_kpa = -2",
      "joints.F1.cohesion_kpa: must not be negative, got -2"),
     ("steep friction", "friction_angle_deg = 25", "friction_angle_deg = 95",
-     "must lie between 0 and 89 degrees, got 95"),
+     "must lie between 0 and 84 degrees, got 95"),
     ("unknown law", 'law = "coulomb"', 'law = "columb"', "joints.F1.law: must be one of elastic"),
     ("fault without joint", 'name = "F1"', 'name = "F9"', "joints.F9: missing; the joint surface"),
     ("layer without material", 'material = "soil"', 'material = "clay"',

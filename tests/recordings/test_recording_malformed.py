@@ -85,7 +85,7 @@ TEXTS = {
     "ASCII unit of length": (files.instantel_ascii(changes={"Units": "mm"}), "unit of velocity"),
     "ASCII PPV of words": (files.instantel_ascii(changes={"Tran PPV": "high"}), "'Tran PPV'"),
     "ASCII range of zero": (files.instantel_ascii(changes={"Geo Range": "0 mm/s"}), "full scale"),
-    "ASCII channel twice": (replaced(ASCII, " Vert \t", " Tran \t"), "transverse appears twice"),
+    "ASCII channel twice": (replaced(ASCII, " Vert \t", " Tran \t"), "are both transverse"),
     "CSV without channels": (CSV[: CSV.index('"Tran",')], "row of channels|columns|rows"),
     "CSV nan": (replaced(CSV, '"0.0000"', '"NaN"'), "finite"),
     "CSV mixed marks": (
