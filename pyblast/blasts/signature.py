@@ -268,7 +268,9 @@ def pressure_for_peak(
     return replace(pulse, pressure=peak / float(np.max(np.abs(motion))))
 
 
-def cavity_moment(radius: float, pressure: float, cp: float, cs: float) -> float:
+def cavity_moment(
+    radius: float, pressure: float | np.ndarray, cp: float, cs: float
+) -> float | np.ndarray:
     """Return the isotropic moment ``M0 = pi a^3 p0 cp^2 / cs^2`` [N m] of a lasting pressure p0."""
     return math.pi * radius**3 * pressure * (cp / cs) ** 2
 

@@ -326,9 +326,9 @@ class Config(Section):
             )
         if "input" in self.model_fields_set and not face:
             raise ValueError("input: needs [signature]; nothing else enters through a face")
-        if holes and self.blast.reference_charge_kg is not None:
+        if holes and self.blast is not None and self.blast.reference_charge_kg is not None:
             raise ValueError("blast.reference_charge_kg: the moment rate is of 1 kg; leave it out")
-        if holes and self.blast.wave_speed_m_per_s is not None:
+        if holes and self.blast is not None and self.blast.wave_speed_m_per_s is not None:
             raise ValueError("blast.wave_speed_m_per_s: waves cross the model; leave it out")
         recorded = self.signature is not None and self.signature.recorded is not None
         if recorded and self.blast is not None and self.blast.wave_speed_m_per_s is not None:

@@ -234,11 +234,11 @@ class JointConfig(Section):
 class BoundariesConfig(Section):
     """Which outer surface has which condition."""
 
-    viscous: list[Name] = Field([])
-    free_field: list[Name] = Field([])
-    roller: list[Name] = Field([])
-    fixed: list[Name] = Field([])
-    free: list[Name] = Field([])
+    viscous: list[Name] = Field(default=[])
+    free_field: list[Name] = Field(default=[])
+    roller: list[Name] = Field(default=[])
+    fixed: list[Name] = Field(default=[])
+    free: list[Name] = Field(default=[])
     viscous_and_fixed: bool = False
     jointed_faces: bool = False
 

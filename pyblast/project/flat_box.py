@@ -14,7 +14,7 @@ from ..model.boundary import Viscous
 from ..model.material import ConstantQ, Elastic, Material
 from ..model.model import Model, Receiver, Rim
 from ..model.source import Hole
-from .places import make_absorbing_layer
+from .places import box_of, make_absorbing_layer
 from .project import Project
 from .section import value_at
 
@@ -252,7 +252,7 @@ def flat_mesh(ground: FlatBox, cut: Discretization) -> Mesh:
     planes = {axis: [plane.position for plane in every if plane.axis == axis] for axis in "xy"}
     extents = {axis: [joint.extent for joint in jointed if joint.axis != axis] for axis in "xy"}
     depths = [(-joint.depth[0], -joint.depth[1]) for joint in jointed]
-    heights = -np.cumsum([thickness for _, thickness in ground.layers[:-1]])
+    heights = -np.cumsum(np.array([thickness for _, thickness in ground.layers[:-1]], dtype=float))
     below = ground.box[2] - ground.top
     axes = [
         _axis(ground.box[0], planes["x"], extents["x"], cut, cut.padding),
@@ -323,7 +323,7 @@ def flat_model(
     names = [name for name, _ in ground.layers]
     materials = {name: _in_band(project.materials[name], band) for name in names}
     cut, rate = cut.of(materials), own.inside.moment_rate
-    holes, exponent = own.blast, own.config.blast.charge_exponent
+    holes, exponent = own.blast, _charge_exponent(own.config)
     sources = [
         Hole(centre, charge, time, rate, exponent, cut.spread)
         for centre, charge, time in zip(holes.centres, holes.charge, holes.times, strict=True)
@@ -333,14 +333,19 @@ def flat_model(
         flat_mesh(ground, cut) if mesh is None else mesh,
         materials,
         joints=project.joints,
-        boundaries=[Viscous(side) for side in OUTER],
-        rim=Rim(tuple(map(tuple, ground.box)), cut.padding, band[0]),
-        sources=sources,
+        boundaries=tuple(Viscous(side) for side in OUTER),
+        rim=Rim(box_of(ground.box), cut.padding, None if band is None else band[0]),
+        sources=tuple(sources),
         receivers=own.receivers,
         ground=project.fields,
         quadratic=cut.quadratic,
         single=cut.single,
     )
+
+
+def _charge_exponent(config):
+    """Return the charge exponent of the moment of the holes."""
+    return 1.0 if config.blast is None else config.blast.charge_exponent
 
 
 def _in_band(material, band):

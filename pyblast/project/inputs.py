@@ -95,7 +95,7 @@ def make_firing(config, blast, reference_charge=None) -> Firing:
         Charge that the scales refer to; without it the one of the file, else all scales are 1.
     """
     if blast is None:
-        return Firing(np.zeros(1), 1.0)
+        return Firing(np.zeros(1), np.ones(1))
     firing = blast.firing(reference_charge or config.reference_charge_kg, config.charge_exponent)
     if config.scatter_ms:
         sigma = to_si("scatter_ms", config.scatter_ms)[1]
@@ -135,7 +135,7 @@ def cavity_pulse(config, material):
     if config.pressure_mpa is not None:
         return replace(pulse, pressure=to_si("pressure_mpa", config.pressure_mpa)[1])
     distance = math.dist(config.hole_m, config.receiver_m)
-    peak = scaled_distance_ppv(distance, config.charge_kg)
+    peak = float(scaled_distance_ppv(distance, config.charge_kg))
     if config.peak_mm_per_s is not None:
         peak = to_si("peak_mm_per_s", config.peak_mm_per_s)[1]
     rock = material.density, material.cp, material.cs
@@ -381,7 +381,7 @@ def read_inside(config, firing, materials, folder) -> Inside:
             rate = make_moment_rate(config.holes_inside, exponent, materials, folder)
     if config.air_blast is not None:
         air = make_air_pulse(config.air_blast, folder)
-    several = (
+    forces, tensors, pressures = (
         tuple(read_time_function(folder / part.file, heads) for part in parts)
         for parts, heads in (
             (config.point_forces, FORCE_HEADS),
@@ -389,7 +389,7 @@ def read_inside(config, firing, materials, folder) -> Inside:
             (config.pressures, PRESSURE_HEADS),
         )
     )
-    return Inside(firing, rate, *several, air)
+    return Inside(firing, rate, forces, tensors, pressures, air)
 
 
 def radiated(function) -> Seismogram:

@@ -22,7 +22,7 @@ def place_receivers(parts, mesh) -> tuple[Receiver, ...]:
     receivers = []
     for part in parts:
         with named_error(f"receivers.{part.name}"):
-            position = tuple(on_ground(mesh, part.position_m))
+            position = on_ground(mesh, part.position_m)
         azimuth = None if part.azimuth_deg is None else float(np.radians(part.azimuth_deg))
         receivers.append(Receiver(part.name, position, azimuth))
     refuse_outside(
@@ -31,7 +31,7 @@ def place_receivers(parts, mesh) -> tuple[Receiver, ...]:
     return tuple(receivers)
 
 
-def on_ground(mesh, position):
+def on_ground(mesh, position) -> tuple[float, float, float]:
     """Return a position (3,) in m, on the surface "top" where no height is given.
 
     Raises
@@ -40,10 +40,12 @@ def on_ground(mesh, position):
         If the mesh has no surface "top", or the position lies outside of it.
     """
     if len(position) == 3:
-        return [float(value) for value in position]
+        x, y, z = map(float, position)
+        return x, y, z
     if "top" not in mesh.surfaces:
         raise InputError("position_m: needs a height, the mesh has no surface 'top'")
-    return [*map(float, position), _height(mesh, np.array(position, dtype=float))]
+    x, y = map(float, position)
+    return x, y, _height(mesh, np.array(position, dtype=float))
 
 
 def _height(mesh, position):
@@ -92,17 +94,23 @@ def refuse_outside(mesh, positions):
                 locate(mesh, position)
 
 
+def box_of(rows) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """Return the low and high ends of a box (3, 2) along x, y and z."""
+    x, y, z = ((low, high) for low, high in rows)
+    return x, y, z
+
+
 def make_absorbing_layer(config):
     """Return the absorbing layer of a `Config`: given, or the padding around sources, or None."""
     if config.absorbing_layer is not None:
         layer = config.absorbing_layer
-        return Rim(tuple(map(tuple, layer.box_m)), layer.width_m, layer.lowest_hz)
+        return Rim(box_of(layer.box_m), layer.width_m, layer.lowest_hz)
     mesh = config.mesh
     inside = config.holes_inside or config.point_forces or config.moment_tensors
     if mesh.padding_m is None or not inside:
         return None
     ends = zip(mesh.origin_m, mesh.size_m, strict=True)
-    return Rim(tuple((low, low + size) for low, size in ends), mesh.padding_m)
+    return Rim(box_of((low, low + size) for low, size in ends), mesh.padding_m)
 
 
 def check_absorbing_layer(layer, mesh, positions):

@@ -234,15 +234,15 @@ class Project:
     def model(self) -> Model:
         """Model with all that enters; its time 0 is `lead` before the first firing."""
         config, mesh = self.config, self.mesh
-        face = None if self.input is None else config.input.face
+        motion, face = self.input, None if self.input is None else config.input.face
         entries, waves = [], []
-        if face is not None:
+        if motion is not None:
             outer = [name for name in mesh.surfaces if name not in {j.surface for j in self.joints}]
             if face not in outer:
                 raise InputError(
                     f"{self.path.name}: input.face: must be one of {', '.join(outer)}, got {face!r}"
                 )
-            entries, waves = make_entry(config.input, self.input.motion.shifted(self.lead))
+            entries, waves = make_entry(config.input, motion.motion.shifted(self.lead))
         parts = {"sources": (*self.sources, *waves), "receivers": self.receivers,
                  "rim": self.absorbing_layer}  # fmt: skip
         with named_error(self.path.name):
@@ -252,7 +252,7 @@ class Project:
                 mesh=mesh,
                 materials=self.materials,
                 joints=self.joints,
-                boundaries=[*make_boundaries(config.boundaries, face), *entries],
+                boundaries=(*make_boundaries(config.boundaries, face), *entries),
                 damping=make_damping(config),
                 ground=(*make_fields(config.ground, self.blast, mesh), *self.fields),
                 insitu=make_insitu(config.insitu),
@@ -267,7 +267,7 @@ class Project:
             pressures = joint_pressures(model)  # joints that close are stiffer under them
             media = jointed_media(config.mesh, self.materials, self.joints, pressures)
             known = make_boundaries(config.boundaries, face, media)
-            return replace(model, boundaries=[*known, *entries])
+            return replace(model, boundaries=(*known, *entries))
 
     @property
     def blasts(self) -> dict[str, Blast]:

@@ -106,7 +106,11 @@ def test_d1_counts_zones_in_the_rim_only_where_there_are_no_others(tmp_path):
     ("old", "new", "place"),
     [
         ("density_kg_per_m3 = 2660", "density_kg_per_m3 = 266", "materials.rock density is 266"),
-        ("kn_gpa_per_m = 0.114", "kn_gpa_per_m = 114000000", "joint F1 kn is 1.14e"),
+        (
+            "kn_gpa_per_m = 0.114",
+            "kn_gpa_per_m = 114000000",
+            "joint F1 kn is 114000000 GPa/m, ground has 0.0001 to 100000",
+        ),
     ],
 )
 def test_d26_values_in_another_unit(tmp_path, old, new, place):

@@ -11,8 +11,8 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "pyblast"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FORTRAN = sorted((ROOT / "fortran").glob("*.f90"))
-MOST_MODULES = 152  # to become 110
-MOST_IN_A_PACKAGE = 17  # to become 12
+MOST_MODULES = 142  # to become 128, of which 18 only name a package
+MOST_IN_A_PACKAGE = 14  # to become 12
 MOST_LINES = 500
 MOST_LINES_OF_A_FUNCTION = 60
 # From the ground up: a package imports only itself and what stands before it.

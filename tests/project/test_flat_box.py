@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -77,6 +78,7 @@ file = "{blast}_{name}.csv"
 """
 
 
+@cache
 def believed():
     """Return the small site with a joint that ends within it, and records."""
     return recorded(reference(extent_m=[50.0, 30.0], through_m=[60.0, 45.0, -30.0])).project
@@ -93,6 +95,7 @@ def reference(**fault):
     )
 
 
+@cache
 def whole():
     """Return the small site with its whole joint, holes that are points, and records."""
     return recorded(reference()).project

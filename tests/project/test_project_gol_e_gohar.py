@@ -1,4 +1,4 @@
-"""The example of the paper: its numbers, without marching it."""
+"""The example of the paper: its numbers, without running it."""
 
 import math
 from pathlib import Path
@@ -51,7 +51,7 @@ def test_the_signature_is_measured_at_39_metres_and_called_assumed(project):
 
 
 def test_the_load_carries_no_more_energy_than_explosives_send_into_waves(project):
-    velocity, rock = project.input.motion, project.model.materials["magnetite"]
+    velocity, rock = project.input.motion, project.materials["magnetite"]
     speeds = [rock.cp, rock.cs, rock.cs]
     flux = rock.density * np.sum(speeds * velocity.velocity**2) * velocity.dt
     face = 200.0 * 150.0
