@@ -9,7 +9,7 @@ from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.calibration import unknowns_of, with_values
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.inference.records import band_functions
-from pyblast.project.flat_box import Cut, flat_box, flat_mesh, flat_model
+from pyblast.project.flat_box import Discretization, flat_box, flat_mesh, flat_model
 from pyblast.runs.parallel import cached_run
 from pyblast.workflows.diagnose import EDGE, FINE_EDGE, GROWTH, PADDING, cut_of
 
@@ -55,7 +55,7 @@ def cut(site, edge):
     return replace(known, edge=known.edge * edge / EDGE)
 
 
-def heard(sites, cut: Cut):
+def heard(sites, cut: Discretization):
     """Return motion (n_sites, n_receivers, 3, n_samples) in the band, and seconds a run."""
     mesh, found = flat_mesh(flat_box(sites[0]), cut), []
     began = time.process_time()

@@ -6,10 +6,14 @@ from pathlib import Path
 from matplotlib import pyplot as plt
 
 from pyblast import read_blast, superpose
-from pyblast.blasts.signature import SmoothPulse, cavity_seismogram, pressure_for_peak
+from pyblast.blasts.signature import (
+    SmoothPulse,
+    cavity_seismogram,
+    pressure_for_peak,
+    travel_shifts,
+)
 from pyblast.blasts.site_law import scaled_distance_ppv as ppv_law
-from pyblast.blasts.superposition import travel_shifts
-from pyblast.signals.limits import load_limits
+from pyblast.signals.comparison import load_limits
 from pyblast.signals.spectra import smoothed_spectrum, zero_crossing_frequency
 
 CURVES = ("usbm_plaster", "din_4150_dwelling", "bs_7385_residential")

@@ -10,9 +10,13 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from pyblast import Blast
-from pyblast.blasts.signature import SmoothPulse, cavity_seismogram, pressure_for_peak
+from pyblast.blasts.signature import (
+    SmoothPulse,
+    cavity_seismogram,
+    pressure_for_peak,
+    travel_shifts,
+)
 from pyblast.blasts.site_law import scaled_distance_ppv
-from pyblast.blasts.superposition import travel_shifts
 from pyblast.planning import FiringScatter, best_delays, gain, peak_bands, rows_pattern
 from pyblast.runs.blast_ensemble import signature_spectra
 

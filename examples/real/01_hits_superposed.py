@@ -13,7 +13,7 @@ from real_line import hits_by_place, keep_results, recordings_folder, seismogram
 
 from pyblast import Blast, compare, superpose
 from pyblast.blasts.blast import Firing
-from pyblast.blasts.superposition import travel_shifts
+from pyblast.blasts.signature import travel_shifts
 
 DELAY, BAND = 0.042, (10.0, 40.0)
 OCTAVES = [(5.0, 10.0), (10.0, 20.0), (20.0, 40.0), (40.0, 80.0), (80.0, 160.0)]

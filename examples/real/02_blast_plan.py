@@ -11,9 +11,13 @@ from matplotlib import pyplot as plt
 from real_line import FIGURES, hits_by_place, keep_results, recordings_folder, seismograms
 
 from pyblast import Seismogram, read_blast, superpose
-from pyblast.blasts.signature import SmoothPulse, cavity_seismogram, pressure_for_peak
+from pyblast.blasts.signature import (
+    SmoothPulse,
+    cavity_seismogram,
+    pressure_for_peak,
+    travel_shifts,
+)
 from pyblast.blasts.site_law import scaled_distance_ppv
-from pyblast.blasts.superposition import travel_shifts
 from pyblast.signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
 
 PLANS = ("KAB_BLAST_ALLCOL", "blastlogic_kirra_S4_226_401", "blastlogic_kirra_S4_226_414P")

@@ -4,12 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, named_error
 from ..inference.parameter import Parameter
 from ..project.config import BackAnalysisConfig
-from ..project.config_file import check_path
 from ..project.project import CHEAP, Project, load_project, vary
-from ..project.section import named_error
+from ..project.section import check_path
 from ..signals.seismogram import Seismogram
 from ..solver.assembly import time_step
 from ..solver.run import run_many

@@ -19,7 +19,7 @@ from ..inference.global_search import (
 from ..inference.likelihood import MISFITS, SIGNED
 from ..inference.parameter import Parameter, Search, Trace
 from ..inference.posterior import Posterior, emcee_library, posterior
-from ..project.census import input_band
+from ..project.inputs import input_band
 from ..project.project import Project
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import Seismogram

@@ -11,8 +11,8 @@ from ..inference.covariance import LEVELS
 from ..inference.gauss_newton import DIFFERENCE
 from ..inference.parameter import Parameter, Problem, problem_of
 from ..inference.records import band_functions
-from ..project.census import input_band
 from ..project.config import ReceiverConfig
+from ..project.inputs import input_band
 from ..project.places import on_ground
 from ..project.project import Project, make_project
 from .identifiability import (
@@ -101,7 +101,7 @@ def survey_receivers(projects, in_survey, apart) -> list[SurveyReceiver]:
 
 def _grid(project):
     """Return the points of the candidate grid on surface "top", outside the absorbing layer."""
-    mesh, layer = project.mesh, project.rim
+    mesh, layer = project.mesh, project.absorbing_layer
     if "top" not in mesh.surfaces:
         return []
     corners = mesh.points[np.unique(mesh.surfaces["top"])][:, :2]

@@ -9,9 +9,9 @@ from ..errors import InputError, PyblastError
 from ..inference.error_model import mesh_error
 from ..inference.likelihood import Gaussian, InferredLevels, Likelihood
 from ..inference.records import Noise, Records, band_functions, check_sampling, gather, noise_of
-from ..project.census import input_band
-from ..project.config_file import number_paths, value_at
+from ..project.inputs import input_band
 from ..project.project import Project, vary
+from ..project.section import number_paths, value_at
 from .parameters import simulate
 
 SAMPLES_PER_PERIOD = 8.0  # of the highest frequency of the band

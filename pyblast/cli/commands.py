@@ -180,7 +180,7 @@ def mesh(
         loaded = load_project(project, full)
         from ..workflows.run import write_mesh_files
 
-        console.show_census(write_mesh_files(loaded, out))
+        console.show_model_summary(write_mesh_files(loaded, out))
         console.say(f"written: {out / 'zones.vtu'}, {out / 'joints.vtu'}")
 
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from ..back_analysis.survey_design import SurveyDesign
     from ..blasts.site_law import SiteLaw
     from ..errors import Finding
-    from ..project.census import Census
     from ..project.checks import Check
+    from ..project.checks_ground import ModelSummary
     from ..project.inputs import InputMotion
     from ..signals.comparison import Comparison
     from ..workflows.run import Outcome
@@ -105,33 +105,33 @@ def _table(*heads: str) -> Table:
     return table
 
 
-def show_census(census: "Census") -> None:
+def show_model_summary(summary: "ModelSummary") -> None:
     """Print counts, sizes, frequencies, time step and cost of a model."""
     table = _table(
         "material", "zones", "volume m3", "mass t", "edge m", "quality", "carries Hz", "added %"
     )
-    for g in census.groups:
+    for g in summary.groups:
         table.add_row(
             g.name, f"{g.zones}", f"{g.volume:.4g}", f"{1e-3 * g.mass:.4g}", f"{g.mean_edge:.3g}",
             f"{g.smallest_quality:.2f}", f"{g.highest_frequency:.3g}", f"{100 * g.added_share:.2g}",
         )  # fmt: skip
     _out.print(table)
     say(
-        f"{census.elements}; "
-        f"{census.zones} zones, {census.nodes} nodes, {census.contacts} contacts, "
-        f"{census.blocks} blocks; memory about {census.memory / 2**20:.0f} MB"
+        f"{summary.elements}; "
+        f"{summary.zones} zones, {summary.nodes} nodes, {summary.contacts} contacts, "
+        f"{summary.blocks} blocks; memory about {summary.memory / 2**20:.0f} MB"
     )
     say(
-        f"time step {1e3 * census.dt:.3g} ms, limited by {census.limited_by}; added mass "
-        f"{100 * census.added_mass:.2g} %; {census.steps} steps"
+        f"time step {1e3 * summary.dt:.3g} ms, limited by {summary.limited_by}; added mass "
+        f"{100 * summary.added_mass:.2g} %; {summary.steps} steps"
     )
-    if census.seconds is not None:
-        say(f"estimated time {census.seconds:.0f} s, without the initial stress")
+    if summary.seconds is not None:
+        say(f"estimated time {summary.seconds:.0f} s, without the initial stress")
 
 
 def show_check(check: "Check") -> None:
     """Print the size of the model, the notes on the holes, and every finding."""
-    show_census(check.census)
+    show_model_summary(check.summary)
     for note in check.notes:
         say(f"- {note}")
     show_findings(check.findings)

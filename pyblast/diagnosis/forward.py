@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..mesh.mesh import locate
 from ..model.model import Model
 from ..project.flat_box import (
-    Cut,
+    Discretization,
     flat_box,
     flat_mesh,
     flat_model,
@@ -37,7 +37,7 @@ class Forward:
     Parameters
     ----------
     case : Case
-    cut : Cut or None
+    cut : Discretization or None
         Discretization of a flat box; None takes the mesh of the project.
     folder : path, optional
         Where runs are kept and found.
@@ -50,7 +50,7 @@ class Forward:
     """
 
     case: Case
-    cut: Cut | None
+    cut: Discretization | None
     folder: str | None = None
     executor: Executor | None = None
     runs: int = 0

@@ -39,7 +39,7 @@ def predict(case: Case, cut, blast: Blast, values, effects=(), folder=None) -> n
     Parameters
     ----------
     case : Case
-    cut : Cut or None
+    cut : Discretization or None
         Discretization of a flat box, None for the mesh of the project; one run is made.
     blast : Blast
     values : (n_unknowns,) float

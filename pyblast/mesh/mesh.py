@@ -490,19 +490,10 @@ def edge_lengths(mesh: Mesh) -> np.ndarray:
     return element.edge_lengths(mesh.points, mesh.zones)
 
 
-def altitudes(mesh: Mesh) -> np.ndarray:
-    """Return the smallest altitude (n_zones,) of each zone in m; it sets the time step."""
-    return tetrahedra.altitudes(mesh.points, mesh.zones)
-
-
 def locate(
     mesh: Mesh, points: ArrayLike, tolerance: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the zone (n,) of points (n, 3), and where they lie in it.
-
-    The latter are barycentric coordinates (n, 4) of tetrahedra or reference coordinates (n, 3) of
-    hexahedra: see the functions ``locate`` of these.
-    """
+    """Return the zone (n,) of points (n, 3), and barycentric (n, 4) or reference coordinates."""
     if mesh.hexahedral:
         return hexahedra.locate(mesh.node_places, mesh.order, points, tolerance)
     return tetrahedra.locate(mesh.points, mesh.zones, points, tolerance)

@@ -238,11 +238,11 @@ class JointConfig(Section):
 class BoundariesConfig(Section):
     """Which outer surface has which condition."""
 
-    viscous: list[Name] = Field([])
-    free_field: list[Name] = Field([])
-    roller: list[Name] = Field([])
-    fixed: list[Name] = Field([])
-    free: list[Name] = Field([])
+    viscous: list[Name] = Field(default=[])
+    free_field: list[Name] = Field(default=[])
+    roller: list[Name] = Field(default=[])
+    fixed: list[Name] = Field(default=[])
+    free: list[Name] = Field(default=[])
     viscous_and_fixed: bool = False
     jointed_faces: bool = False
 
@@ -267,8 +267,8 @@ class InSituConfig(Section):
     stress_mpa: Annotated[list[float], Field(min_length=6, max_length=6)] = Field([0.0] * 6)
 
 
-class RimConfig(Section):
-    """Ground outside a box that damps what leaves it."""
+class AbsorbingLayerConfig(Section):
+    """Absorbing layer: ground outside a box that damps outgoing waves."""
 
     box_m: Box
     width_m: Positive

@@ -4,12 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, named_error
 from ..mesh.grid import Layer
 from ..mesh.hexahedral_ground import SIDES, NotMapped, build_hexahedra
 from ..mesh.mesh import Mesh
 from .ground import joints_and_faults, make_mesh, mean_edge, read_surface
-from .section import named_error
 
 ORDER = 5
 # Nodes per shortest S wavelength for an error of 1 % over three wavelengths, by order; the error
@@ -47,27 +46,20 @@ def nodes_per_wavelength(order: int, accuracy: float, waves: float) -> float:
     return NODES_FOR_ONE_PER_CENT[order] * factor ** (1.0 / power)
 
 
-def make_ground(config, materials, folder, within) -> Ground:
+def make_ground(project) -> Ground:
     """Build or read the mesh of a project of the elements that it asks for.
-
-    Parameters
-    ----------
-    config : Config
-    materials : dict of str to Material
-    folder : Path
-    within : (n, 3) float64, m
-        Sources and receivers.
 
     Raises
     ------
     InputError
         If the project asks for hexahedra and its ground can't be a mapped grid.
     """
+    config, materials, folder = project.config, project.materials, project.folder
     kind = config.mesh.kind
     obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
     if kind != "tetrahedra" and obstacle is None:
         try:
-            return _hexahedra(config, materials, folder, within)
+            return _hexahedra(config, materials, folder, horizontal_positions(project))
         except NotMapped as reason:
             obstacle = str(reason).removeprefix("mesh: ")
     if kind == "hexahedra":
@@ -77,6 +69,16 @@ def make_ground(config, materials, folder, within) -> Ground:
         )
     reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
     return Ground(make_mesh(config.mesh, materials, folder), reason)
+
+
+def horizontal_positions(project) -> np.ndarray:
+    """Return the horizontal positions (n, 2) in m of receivers and sources of a project."""
+    config, blast = project.config, project.blast
+    parts = [*config.receivers, *config.point_forces, *config.moment_tensors]
+    positions = [part.position_m[:2] for part in parts]
+    if blast is not None and config.holes_inside is not None:
+        positions += [*blast.collar[:, :2], *blast.toe[:, :2]]
+    return np.array(positions, dtype=float).reshape(-1, 2)
 
 
 def _obstacle(config, materials):
@@ -94,8 +96,8 @@ def _obstacle(config, materials):
         return "free-field sides stand beside tetrahedra only"
     if config.ground.damaged_zone is not None and config.ground.damaged_zone.material is not None:
         return "a damaged zone has a material of its own"
-    if config.rim is not None:
-        return "the table [rim] damps ground of tetrahedra"
+    if config.absorbing_layer is not None:
+        return "the table [absorbing_layer] damps ground of tetrahedra"
     if config.signature is not None and config.input.enters_as == "plane_wave":
         return "a plane wave enters ground of tetrahedra only"
     if _frequency(config) is None and mesh.edge_m is None and mesh.edges_per_wavelength is None:

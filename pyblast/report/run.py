@@ -11,9 +11,9 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 from ..errors import ReadError
 from ..mesh.mesh import edge_lengths
-from ..project.census import carried_frequency
+from ..project.checks_ground import carried_frequency
 from ..project.result import Result, plain, write_text
-from ..signals.limits import load_limits
+from ..signals.comparison import load_limits
 from ..solver.initial_stress import yield_states
 from . import figures
 from .figures import limits_figure
@@ -63,7 +63,7 @@ def _figures(result):
         *_source_figures(result, wide),
         (
             "Blocks",
-            f"{summary['census']['blocks']} blocks, each in a shade of its material, seen from the "
+            f"{summary['model']['blocks']} blocks, each in a shade of its material, seen from the "
             "south-west (as figure 3 of the paper).",
             ("mesh",),
             figures.blocks_figure(result),

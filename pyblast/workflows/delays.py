@@ -9,19 +9,18 @@ from pathlib import Path
 import numpy as np
 
 from ..blasts.blast import Blast
-from ..blasts.superposition import travel_shifts
-from ..errors import InputError
+from ..blasts.signature import travel_shifts
+from ..errors import InputError, named_error
 from ..planning import DelayPlan, FiringScatter, plan_delays, rows_pattern
 from ..project.config import DelaysConfig
 from ..project.inputs import make_firing, read_hole
 from ..project.project import Project, load_project
 from ..project.result import write_summary
-from ..project.section import named_error
 from ..report.delays import write_delay_report
 from ..runs.blast_ensemble import BlastSpectra, blast_spectra, signature_spectra
 from ..runs.greens import greens_functions
 from ..runs.parallel import input_hash
-from ..signals.limits import load_limits
+from ..signals.comparison import load_limits
 from ..solver.preparation import versions
 from . import Progress, Say, new_folder, silent
 

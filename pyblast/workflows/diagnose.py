@@ -25,7 +25,7 @@ from ..diagnosis.search import Search, search
 from ..diagnosis.summary import summarise
 from ..errors import InputError, ReadError
 from ..project.case_folder import case_files, read_case_folder
-from ..project.flat_box import Cut, band_of, check_holes, extent_of, flat_box, not_flat
+from ..project.flat_box import Discretization, band_of, check_holes, extent_of, flat_box, not_flat
 from ..project.project import Project, load_project, with_further
 from ..project.result import plain, write_bytes, write_summary
 from ..recordings.seismic import channel_names, mseed_bytes
@@ -74,7 +74,7 @@ def diagnose(
     budget: int = BUDGET,
     seed: int = 1,
     executor: Executor | None = None,
-    cuts: tuple[Cut, Cut | None] | None = None,
+    cuts: tuple[Discretization, Discretization | None] | None = None,
     progress: Callable | None = None,
 ) -> Diagnosis:
     """Diagnose which physics a project lacks, as far as its records can tell.
@@ -91,7 +91,7 @@ def diagnose(
         Of the shuffled residuals.
     executor : Executor, optional
         As for `run_all`.
-    cuts : tuple of Cut and Cut or None, optional
+    cuts : tuple of Discretization and Discretization or None, optional
         Discretization of a flat box for the many runs, and for the few that correct them; by
         wavelengths if not given. Any other project is run on its own mesh, without correction.
     progress : callable, optional
@@ -134,7 +134,7 @@ def diagnose(
     return Diagnosis(scene, found, shuffled, verdict, plain(summary))
 
 
-def cut_of(project: Project, fine: bool = False) -> Cut | None:
+def cut_of(project: Project, fine: bool = False) -> Discretization | None:
     """Return the discretization of a flat box into quadratic zones for its band, else None.
 
     The slowest layer that is no thinner than half its shortest wavelength counts: thinner ones
@@ -149,7 +149,9 @@ def cut_of(project: Project, fine: bool = False) -> Cut | None:
         (FINE_EDGE, FINE_PADDING, FINE_GROWTH) if fine else (EDGE, PADDING, GROWTH)
     )
     slowest = min(speeds)
-    return Cut(edge * slowest / high, padding * slowest / low, growth, quadratic=True, single=True)
+    return Discretization(
+        edge * slowest / high, padding * slowest / low, growth, quadratic=True, single=True
+    )
 
 
 def read_case(path) -> Project:

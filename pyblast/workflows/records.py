@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..line_records.air_wave import NEAREST, air_wave
 from ..line_records.field_records import FieldRecord, read_folder
-from ..line_records.layering import Picks, phase_speeds, soft_layer
 from ..line_records.quality import odd_channels, sensor_response
-from ..line_records.shots import Shot, Verdict, shot_of
+from ..line_records.shots import Decision, Shot, shot_of
+from ..line_records.waves import NEAREST, Picks, air_wave, phase_speeds, soft_layer
 from ..project.result import plain, write_summary
 from ..report.records import LineView, write_records_report
 from ..solver.preparation import versions
@@ -230,29 +229,29 @@ def _of_line(line: Line, surface: tuple, air: tuple, seed: int) -> tuple[list[di
     return odd + air_waves + layers, view
 
 
-def _tried(analysis: str, line: str, analyse: Callable[[], list[Verdict]]) -> list[dict]:
+def _tried(analysis: str, line: str, analyse: Callable[[], list[Decision]]) -> list[dict]:
     """Return the outcomes of an analysis, or the reason for none."""
     try:
-        return [_outcome(analysis, line, verdict) for verdict in analyse()]
+        return [_outcome(analysis, line, decision) for decision in analyse()]
     except InputError as error:
         return [_refusal(analysis, line, str(error))]
 
 
-def _outcome(analysis: str, line: str, verdict: Verdict) -> dict:
+def _outcome(analysis: str, line: str, decision: Decision) -> dict:
     """Return a decision as plain numbers and words."""
-    target = [int(part) + 1 if isinstance(part, int) else part for part in verdict.target]
+    target = [int(part) + 1 if isinstance(part, int) else part for part in decision.target]
     return {
         "analysis": analysis,
         "line": line,
-        "outcome": verdict.outcome,
-        "label": verdict.label,
-        "reason": verdict.reason,
+        "outcome": decision.outcome,
+        "label": decision.label,
+        "reason": decision.reason,
         "target": [] if analysis == "air wave" else target,
-        "parameters": {k: list(v) for k, v in verdict.parameters.items()},
-        "band_hz": verdict.band,
-        "window_s": verdict.window,
-        "p_value": verdict.chance,
-        "held_out": verdict.held_out,
+        "parameters": {k: list(v) for k, v in decision.parameters.items()},
+        "band_hz": decision.band,
+        "window_s": decision.window,
+        "p_value": decision.p_value,
+        "held_out": decision.held_out,
     }
 
 
@@ -269,7 +268,7 @@ def _inside(band: tuple[float, float], dt: float) -> tuple[float, float]:
     return band[0], min(band[1], top)
 
 
-def _odd(line: Line, band: tuple[float, float], seed: int) -> list[Verdict]:
+def _odd(line: Line, band: tuple[float, float], seed: int) -> list[Decision]:
     """Look for odd channels with the shots that share most of the receivers."""
     shots = sorted(line.shots, key=lambda shot: -len(shot.channels))
     chosen: list[Shot] = []
@@ -285,15 +284,15 @@ def _odd(line: Line, band: tuple[float, float], seed: int) -> list[Verdict]:
     return [_unless_noise(verdict) for verdict in channels]
 
 
-def _unless_noise(verdict: Verdict) -> Verdict:
+def _unless_noise(decision: Decision) -> Decision:
     """Return a decision on an odd channel, unconfirmed where it shares nothing with neighbours."""
-    if verdict.outcome in ("NULL", "UNKNOWN") or (verdict.held_out or (0.0, 0.0))[1] > NOISE:
-        return verdict
+    if decision.outcome in ("NULL", "UNKNOWN") or (decision.held_out or (0.0, 0.0))[1] > NOISE:
+        return decision
     why = "; its neighbours explain nothing of it even when corrected: it may hold only noise"
-    return replace(verdict, outcome="UNKNOWN", reason=verdict.reason + why)
+    return replace(decision, outcome="UNKNOWN", reason=decision.reason + why)
 
 
-def _air(line: Line, band: tuple[float, float], seed: int) -> list[Verdict]:
+def _air(line: Line, band: tuple[float, float], seed: int) -> list[Decision]:
     """Look for the air wave with up to two shots of each source place."""
     far = [shot for shot in line.shots if (shot.offsets > NEAREST).sum() >= FEWEST]
     if not far:
@@ -320,7 +319,7 @@ def _sides(line: Line) -> tuple[list[Shot], list[Shot]]:
 
 def _layers(
     line: Line, sides: tuple[list[Shot], list[Shot]], band: tuple[float, float], seed: int
-) -> list[Verdict]:
+) -> list[Decision]:
     """Fit a layer over a half-space to the dispersion of surface waves."""
     if min(map(len, sides)) < 3:
         off = sum(map(len, sides))

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from ..errors import InputError, ReadError
 from ..model.model import Model
-from ..project.census import Census, take_census
 from ..project.checks import Check, check
-from ..project.checks_loads import record_findings
+from ..project.checks_ground import ModelSummary, summarise_model
 from ..project.project import Project, load_project
 from ..project.result import (
     Result,
     read_result,
+    record_findings,
     seismogram_heads,
     source_tables,
     summarise,
@@ -288,8 +288,8 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
     write_motion(folder, mesh.points, mesh.zones, snapshots)
 
 
-def write_mesh_files(project: Project, out: str | Path) -> Census:
-    """Write ``zones.vtu`` and ``joints.vtu`` of a project into a folder and return its census."""
+def write_mesh_files(project: Project, out: str | Path) -> ModelSummary:
+    """Write ``zones.vtu`` and ``joints.vtu`` of a project; return the summary of its model."""
     out = Path(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -300,7 +300,7 @@ def write_mesh_files(project: Project, out: str | Path) -> Census:
     fields = {name: values[shown.zone] for name, values in zone_fields(project.model).items()}
     write_zones(out / "zones.vtu", mesh.points, mesh.zones, fields)
     write_joints(out / "joints.vtu", mesh)
-    return take_census(project)
+    return summarise_model(project)
 
 
 def compare_files(

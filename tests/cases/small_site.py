@@ -11,14 +11,14 @@ from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import Forward
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
-from pyblast.project.config_file import check_config
-from pyblast.project.flat_box import Cut
+from pyblast.project.config import check_config
+from pyblast.project.flat_box import Discretization
 from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project
 from pyblast.recordings.recording import Recording
 from pyblast.signals.seismogram import Seismogram
 
-CUT = Cut(30.0, 60.0, 1.3, quadratic=True)
+CUT = Discretization(30.0, 60.0, 1.3, quadratic=True)
 DT, SAMPLES, BEFORE = 0.004, 100, 50
 BAND = (4.0, 25.0)
 
