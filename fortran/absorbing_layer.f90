@@ -25,33 +25,33 @@ contains
         real(dp), intent(inout) :: zone_force(3, n_nodes)          !! part of it, of zones and layer
         real(dp), intent(out) :: before(:, :)                      !! velocity of the layer's nodes
         real(dp), intent(inout) :: power                           !! that zones and layer take [W]
-        real(dp) :: pull(3), taken(size(layer%layer_node)), added(3)
+        real(dp) :: own(3), taken(size(layer%layer_node)), added(3)
         integer :: c, e, k, n, side
 
-        !$omp parallel do schedule(static) default(none) private(e, n, pull) &
+        !$omp parallel do schedule(static) default(none) private(e, n, own) &
         !$omp& shared(layer, state, velocity, force, zone_force, before, taken) &
         !$omp& if (n_nodes >= least_shared)
         do k = 1, size(layer%layer_node)
             n = layer%layer_node(k)
-            pull = 0.0_dp
+            own = 0.0_dp
             do e = layer%stretch_start(k), layer%stretch_start(k + 1) - 1
-                pull = at_once(layer%node_stretch(:, e))*pull &
+                own = at_once(layer%node_stretch(:, e))*own &
                     + layer%node_stretch(2, e)*state%node_memory(:, e)
             end do
-            pull = -layer%layer_mass(k)*pull
-            force(:, n) = force(:, n) + pull
-            zone_force(:, n) = zone_force(:, n) + pull
+            own = -layer%layer_mass(k)*own
+            force(:, n) = force(:, n) + own
+            zone_force(:, n) = zone_force(:, n) + own
             before(:, k) = velocity(:, n)
-            taken(k) = dot_product(pull, velocity(:, n))
+            taken(k) = dot_product(own, velocity(:, n))
         end do
         !$omp end parallel do
         power = power - sum(taken)
         do k = 1, size(layer%crossing_part)
             c = layer%crossing_part(k)
-            pull = part_force(:, n_slots + 2*c - 1)
-            added = pull
+            own = part_force(:, n_slots + 2*c - 1)
+            added = own
             call times_stretches(3, layer%crossing_stretch(:, :, k), state%crossing_memory(:, :, k), added)
-            added = added - pull
+            added = added - own
             do side = 1, 2
                 n = contacts%contact_node(side, c)
                 force(:, n) = force(:, n) + added

@@ -3,7 +3,7 @@ module pyblast_hex_forces
     !!
     !! Each node of each zone has a part of its own among the parts of the nodal forces, so that no
     !! sum depends on the number of threads. The parts of a pack stay as its kernel leaves them:
-    !! (lane, component, node) in a core of one model, (model, component, lane, node) in a batch.
+    !! (member, component, node) in a core of one model, (model, component, member, node) in a batch.
     use, intrinsic :: iso_c_binding, only : c_int
     use pyblast_kinds, only : dp, hex_width, least_shared
     use pyblast_batch, only : kernel_width, n_batch
@@ -150,26 +150,26 @@ contains
         type(domain_work), intent(inout) :: work
         real(dp), intent(inout) :: force(n_batch, 3, hex_width*n)
         real(dp) :: own(n_batch, 3, n), energy(n_batch)
-        integer :: lane
+        integer :: member
 
         if (n_batch == 1) then
-            call forces_of_lanes(model, p, 0, n, wide, nodes, with_energy, &
+            call forces_of_members(model, p, 0, n, wide, nodes, with_energy, &
                                  work%strain_energy(1, p), force)
             return
         end if
         energy = 0.0_dp
         if (with_energy) work%strain_energy(:, p) = 0.0_dp
-        do lane = 1, hex_width
-            call forces_of_lanes(model, p, lane, n, wide, nodes, with_energy, energy(1), own)
-            force(:, :, lane::hex_width) = own
+        do member = 1, hex_width
+            call forces_of_members(model, p, member, n, wide, nodes, with_energy, energy(1), own)
+            force(:, :, member::hex_width) = own
             if (with_energy) work%strain_energy(:, p) = work%strain_energy(:, p) + energy
         end do
     end subroutine pack_forces
 
-    pure subroutine forces_of_lanes(model, p, lane, n, wide, nodes, with_energy, energy, force)
+    pure subroutine forces_of_members(model, p, member, n, wide, nodes, with_energy, energy, force)
         !! Forces of the zones of a pack, or of one of its zones in the models of a batch.
         type(model_arrays), intent(in) :: model
-        integer, intent(in) :: p, lane, n
+        integer, intent(in) :: p, member, n
         logical, intent(in) :: wide, with_energy
         type(nodal_state), intent(in) :: nodes
         real(dp), intent(inout) :: energy(n_batch)                  !! [J]
@@ -180,26 +180,26 @@ contains
 
         associate (ground => model%ground, set => model%hexes%pack_set(p), &
                    node => model%hexes%pack_node(:, :, p))
-            call gather(n, lane, size(nodes%velocity, 3), node, nodes%displacement, u)
+            call gather(n, member, size(nodes%velocity, 3), node, nodes%displacement, u)
             if (.not. (any(ground%set_beta(:, set) > 0.0_dp) &
                        .or. any(ground%set_branch(:, :, :, set) > 0.0_dp))) then
-                call kernel(model%hexes, p, lane, n, wide, u, u, .false., force)
+                call kernel(model%hexes, p, member, n, wide, u, u, .false., force)
                 if (with_energy) energy = half_work(n, u, force)
                 return
             end if
             apart = any(abs(ground%set_branch(:, 1, :, set) - ground%set_branch(:, 2, :, set)) &
                         > 0.0_dp)
-            call damped_fields(n, lane, size(nodes%velocity, 3), size(nodes%memory, 3), node, &
+            call damped_fields(n, member, size(nodes%velocity, 3), size(nodes%memory, 3), node, &
                                ground%set_beta(:, set), ground%set_branch(:, :, :, set), u, &
                                nodes%velocity, nodes%memory, deviatoric, volumetric)
-            call kernel(model%hexes, p, lane, n, wide, deviatoric, volumetric, apart, force)
-            if (with_energy) call stored_energy(model, p, lane, n, wide, nodes, u, energy)
+            call kernel(model%hexes, p, member, n, wide, deviatoric, volumetric, apart, force)
+            if (with_energy) call stored_energy(model, p, member, n, wide, nodes, u, energy)
         end associate
-    end subroutine forces_of_lanes
+    end subroutine forces_of_members
 
-    pure subroutine gather(n, lane, n_nodes, node, field, u)
+    pure subroutine gather(n, member, n_nodes, node, field, u)
         !! Motion of the nodes of a pack, or of one of its zones.
-        integer, intent(in) :: n, lane, n_nodes, node(hex_width, n)
+        integer, intent(in) :: n, member, n_nodes, node(hex_width, n)
         real(dp), intent(in) :: field(n_batch, 3, n_nodes)
         real(dp), intent(out) :: u(kernel_width, 3, n)
         integer :: a, c, l
@@ -215,16 +215,16 @@ contains
         else
             do a = 1, n
                 do c = 1, 3
-                    u(:n_batch, c, a) = field(:, c, node(lane, a))
+                    u(:n_batch, c, a) = field(:, c, node(member, a))
                 end do
             end do
         end if
     end subroutine gather
 
-    pure subroutine damped_fields(n, lane, n_nodes, n_memories, node, beta, branch, u, velocity, &
+    pure subroutine damped_fields(n, member, n_nodes, n_memories, node, beta, branch, u, velocity, &
                                   memory, deviatoric, volumetric)
         !! Motion that shear and compression see, with damping and memory; theory.md (2.14).
-        integer, intent(in) :: n, lane, n_nodes, n_memories, node(hex_width, n)
+        integer, intent(in) :: n, member, n_nodes, n_memories, node(hex_width, n)
         real(dp), intent(in) :: beta(n_batch), branch(n_batch, 2, n_memories)
         real(dp), intent(in) :: u(kernel_width, 3, n), velocity(n_batch, 3, n_nodes)
         real(dp), intent(in) :: memory(n_batch, 3, n_memories, n_nodes)
@@ -235,7 +235,7 @@ contains
         do a = 1, n
             do l = 1, kernel_width
                 m = merge(l, 1, n_batch > 1)
-                own = node(merge(lane, l, n_batch > 1), a)
+                own = node(merge(member, l, n_batch > 1), a)
                 do c = 1, 3
                     deviatoric(l, c, a) = u(l, c, a) + beta(m)*velocity(m, c, own)
                     volumetric(l, c, a) = deviatoric(l, c, a)
@@ -249,10 +249,10 @@ contains
         end do
     end subroutine damped_fields
 
-    pure subroutine stored_energy(model, p, lane, n, wide, nodes, u, energy)
+    pure subroutine stored_energy(model, p, member, n, wide, nodes, u, energy)
         !! Energy in springs that stay and in those that relax; theory.md (2.17).
         type(model_arrays), intent(in) :: model
-        integer, intent(in) :: p, lane, n
+        integer, intent(in) :: p, member, n
         logical, intent(in) :: wide
         type(nodal_state), intent(in) :: nodes
         real(dp), intent(in) :: u(kernel_width, 3, n)
@@ -260,19 +260,19 @@ contains
         real(dp), dimension(kernel_width, 3, n) :: behind, of_shear, of_compression, force
         integer :: k, l
 
-        call kernel(model%hexes, p, lane, n, wide, u, u, .false., force)
+        call kernel(model%hexes, p, member, n, wide, u, u, .false., force)
         energy = half_work(n, u, force)
         associate (branch => model%ground%set_branch(:, :, :, model%hexes%pack_set(p)))
             do k = 1, size(branch, 3)
                 if (.not. any(branch(:, :, k) > 0.0_dp)) cycle
-                call gather(n, lane, size(nodes%velocity, 3), model%hexes%pack_node(:, :, p), &
+                call gather(n, member, size(nodes%velocity, 3), model%hexes%pack_node(:, :, p), &
                             nodes%memory(:, :, k, :), behind)
                 behind = u - behind
                 do l = 1, kernel_width
                     of_shear(l, :, :) = branch(merge(l, 1, n_batch > 1), 1, k)*behind(l, :, :)
                     of_compression(l, :, :) = branch(merge(l, 1, n_batch > 1), 2, k)*behind(l, :, :)
                 end do
-                call kernel(model%hexes, p, lane, n, wide, of_shear, of_compression, .true., force)
+                call kernel(model%hexes, p, member, n, wide, of_shear, of_compression, .true., force)
                 energy = energy + half_work(n, behind, force)
             end do
         end associate
@@ -282,26 +282,26 @@ contains
         !! Half of the work of forces on a motion, of each model: what the zones hold.
         integer, intent(in) :: n
         real(dp), intent(in) :: u(kernel_width, 3, n), force(kernel_width, 3, n)
-        real(dp) :: work(n_batch), by_lane(kernel_width)
+        real(dp) :: work(n_batch), by_member(kernel_width)
         integer :: a, c
 
-        by_lane = 0.0_dp
+        by_member = 0.0_dp
         do a = 1, n
             do c = 1, 3
-                by_lane = by_lane - 0.5_dp*u(:, c, a)*force(:, c, a)
+                by_member = by_member - 0.5_dp*u(:, c, a)*force(:, c, a)
             end do
         end do
         if (n_batch == 1) then
-            work = sum(by_lane)
+            work = sum(by_member)
         else
-            work = by_lane(:n_batch)
+            work = by_member(:n_batch)
         end if
     end function half_work
 
-    pure subroutine kernel(hexes, p, lane, n, wide, deviatoric, volumetric, apart, force)
+    pure subroutine kernel(hexes, p, member, n, wide, deviatoric, volumetric, apart, force)
         !! Call the kernel of the order of the zones, for the vectors of the processor.
         type(hex_arrays), intent(in) :: hexes
-        integer, intent(in) :: p, lane, n
+        integer, intent(in) :: p, member, n
         logical, intent(in) :: wide, apart
         real(dp), intent(in) :: deviatoric(kernel_width, 3, n), volumetric(kernel_width, 3, n)
         real(dp), intent(out) :: force(kernel_width, 3, n)
@@ -317,13 +317,13 @@ contains
         else if (p <= hexes%n_mapped) then
             do a = 1, n
                 do c = 1, 11
-                    metric(:, c, a) = hexes%pack_metric(lane, c, a, p)
+                    metric(:, c, a) = hexes%pack_metric(member, c, a, p)
                 end do
             end do
             call forces_of_mapped_zones(hexes, n, wide, metric, deviatoric, volumetric, apart, force)
         else
             do c = 1, 5
-                brick(:, c) = hexes%pack_brick(lane, c, p - hexes%n_mapped)
+                brick(:, c) = hexes%pack_brick(member, c, p - hexes%n_mapped)
             end do
             call forces_of_bricks(hexes, n, wide, brick, deviatoric, volumetric, apart, force)
         end if

@@ -82,7 +82,7 @@ contains
     pure subroutine gather_block_of_packs(first, last, n_nodes, n_parts, n_slots, n_own, damped, &
                                           node_start, node_part, part_force, node_load, velocity, &
                                           zone_force, force, power)
-        !! As gather_block, where the parts of hexahedra are (lane, component, node) of their pack.
+        !! As gather_block, where the parts of hexahedra are (zone, component, node) of their pack.
         integer, intent(in) :: first, last, n_nodes, n_parts, n_slots, n_own
         logical, intent(in) :: damped
         integer, intent(in) :: node_start(n_nodes + 1), node_part(n_own)

@@ -78,15 +78,15 @@ def shape_slopes(order: int, places: np.ndarray) -> np.ndarray:
     return np.stack(parts, axis=-1)
 
 
-def face_shapes(order: int, place: np.ndarray) -> np.ndarray:
+def face_shapes(order: int, at: np.ndarray) -> np.ndarray:
     """Return the shape functions ((order + 1)^2,) of a face at reference coordinates (2,)."""
-    x, y = line_values(order, place)
+    x, y = line_values(order, at)
     return np.outer(y, x).ravel()
 
 
-def face_slopes(order: int, place: np.ndarray) -> np.ndarray:
+def face_slopes(order: int, at: np.ndarray) -> np.ndarray:
     """Return the derivatives ((order + 1)^2, 2) of `face_shapes` by the reference coordinates."""
-    (x, y), (dx, dy) = line_values(order, place), line_slopes(order, place)
+    (x, y), (dx, dy) = line_values(order, at), line_slopes(order, at)
     return np.stack([np.outer(y, dx).ravel(), np.outer(dy, x).ravel()], axis=1)
 
 
@@ -194,26 +194,26 @@ def locate(
     low, high = places_of_zones.min(axis=1), places_of_zones.max(axis=1)
     tree = KDTree(places_of_zones.mean(axis=1))
     zone, coordinates = np.empty(len(places), dtype=np.int64), np.empty((len(places), 3))
-    for n, place in enumerate(places):
+    for n, point in enumerate(places):
         margin = 0.05 * (high - low)
-        inside = ((place >= low - margin) & (place <= high + margin)).all(axis=1)
+        inside = ((point >= low - margin) & (point <= high + margin)).all(axis=1)
         near = np.flatnonzero(inside)
         if not len(near):
-            near = np.atleast_1d(tree.query(place, k=min(8, len(low)))[1])
-        found, excess = _reference_coordinates(places_of_zones[near], order, place)
+            near = np.atleast_1d(tree.query(point, k=min(8, len(low)))[1])
+        local, excess = _reference_coordinates(places_of_zones[near], order, point)
         best = int(np.argmin(excess.round(9)))
-        zone[n], coordinates[n] = near[best], np.clip(found[best], -1.0, 1.0)
+        zone[n], coordinates[n] = near[best], np.clip(local[best], -1.0, 1.0)
     _refuse_outside(places_of_zones[zone], order, places, coordinates, tolerance)
     return zone, coordinates
 
 
-def _reference_coordinates(nodes, order, place):
+def _reference_coordinates(nodes, order, point):
     """Return the reference coordinates (n, 3) of a place in zones by Newton, and their excess."""
     x = np.zeros((len(nodes), 3))
     for _ in range(_NEWTON_STEPS):
         value = np.einsum("na,nac->nc", shape_values(order, x), nodes)
         slope = np.einsum("nar,nac->ncr", shape_slopes(order, x), nodes)
-        step = np.linalg.solve(slope, (place - value)[..., None])[..., 0]
+        step = np.linalg.solve(slope, (point - value)[..., None])[..., 0]
         x = np.clip(x + step, -1.5, 1.5)
         if np.abs(step).max() < 1e-13:
             break

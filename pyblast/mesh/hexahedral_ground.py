@@ -38,7 +38,7 @@ class _Plane:
 
     name: str
     axis: int
-    place: float
+    position: float
     low: np.ndarray  # limits (3,) in coordinates of the grid
     high: np.ndarray
     layers: tuple[str, ...] | None
@@ -186,8 +186,8 @@ def _planes(sets, faults, box, inner, frame, dip):
             point = frame @ (origin + k * part.spacing * normal)
             if axis == 2:
                 point = frame @ (origin + k * part.spacing * np.array([0.0, 0.0, 1.0]))
-            place = _at_top(point, axis, dip, inner)
-            planes.append(_Plane(part.name, axis, place, low, high, part.regions))
+            top = _at_top(point, axis, dip, inner)
+            planes.append(_Plane(part.name, axis, top, low, high, part.regions))
     return planes
 
 
@@ -228,7 +228,7 @@ class _Grid:
         height = inner[2, 1] - inner[2, 0]
         self.shift = slope * height
         places = [
-            sorted({round(p.place, 9) for p in planes if p.axis == axis}) for axis in range(3)
+            sorted({round(p.position, 9) for p in planes if p.axis == axis}) for axis in range(3)
         ]
         size = float(min(sizes))
         if self.shift and places[0]:
@@ -355,7 +355,7 @@ class _Grid:
         free = np.ones((len(zones), 3), dtype=bool)  # upper faces that no earlier plane has
         for plane in planes:
             tolerance = ROUND * np.ptp(self.axes[plane.axis])
-            on = np.abs(high[:, plane.axis] - plane.place) <= max(tolerance, 2e-9)
+            on = np.abs(high[:, plane.axis] - plane.position) <= max(tolerance, 2e-9)
             middle = 0.5 * (low + high)
             for axis in range(3):
                 if axis != plane.axis:

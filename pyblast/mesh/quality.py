@@ -153,8 +153,8 @@ def _refuse_coincident(mesh):
 def _refuse_parts(mesh):
     """Raise InputError for a disconnected mesh."""
     first, second, _, _ = pair_faces(_welded(mesh)[mesh.zones], len(mesh.points))
-    left, right = (zone_of_face(mesh.zones, side)[0] for side in (first, second))
-    count, label = components(left, right, len(mesh.zones))
+    pairs = [zone_of_face(mesh.zones, side)[0] for side in (first, second)]
+    count, label = components(pairs[0], pairs[1], len(mesh.zones))
     if count > 1:
         sizes = np.bincount(label)
         x, y, z = mesh.points[mesh.zones[np.argmax(label == np.argmin(sizes))]].mean(axis=0)

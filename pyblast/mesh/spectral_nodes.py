@@ -162,8 +162,8 @@ def _numbered(mesh: Mesh) -> tuple:
     label = _corner_labels(mesh)
     sides = [_in_common_order(mesh, label, faces, grids) for faces in (first, second)]
     welded = joint < 0
-    left, right = (side[welded].ravel() for side in sides)
-    count, number = components(left, right, size * len(mesh.zones))
+    ends = [side[welded].ravel() for side in sides]
+    count, number = components(ends[0], ends[1], size * len(mesh.zones))
     places = mesh.node_places.reshape(-1, 3)
     points = np.empty((count, 3))
     points[number[::-1]] = places[::-1]  # the first zone of a node places it
@@ -237,8 +237,8 @@ def _contacts(nodes, names, joint, minus, grid, pair):
     own = hexahedra.face_nodes(nodes.mesh.order).reshape(hexahedra.N_FACES, -1)[local]
     wanted = grid.reshape(len(minus), -1) - size * zone[:, None]
     order = np.argsort(own, axis=1)
-    place = np.take_along_axis(order, np.argsort(np.argsort(wanted, axis=1), axis=1), axis=1)
-    vectors = np.take_along_axis(vectors, place[..., None], axis=1).reshape(-1, 3)
+    rank = np.take_along_axis(order, np.argsort(np.argsort(wanted, axis=1), axis=1), axis=1)
+    vectors = np.take_along_axis(vectors, rank[..., None], axis=1).reshape(-1, 3)
     keys = np.column_stack([joint.repeat(own.shape[1]), *(side.ravel() for side in pair)])
     apart = keys[:, 1] != keys[:, 2]
     keys, area, normal = merge_pairs(keys[apart], vectors[apart])

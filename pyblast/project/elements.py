@@ -126,14 +126,14 @@ def _hexahedra(config, materials, folder, within):
     surface = None if mesh.surface_file is None else read_surface(folder / mesh.surface_file)
     sets, faults = joints_and_faults(mesh)
     with named_error("mesh"):
-        made = build_hexahedra(
+        built = build_hexahedra(
             np.column_stack([low, low + size]), layers, sets, faults, sizes=sizes, order=order,
             open_sides=open_sides, within=within, surface=surface,
         )  # fmt: skip
     ends = "an absorbing layer" if open_sides else "no absorbing layer"
-    zones = f"{len(made.zones)} zones"
+    zones = f"{len(built.zones)} zones"
     reason = f"hexahedra of order {order}, edges up to {max(sizes):.3g} m, {ends}: {zones}"
-    return Ground(made, reason)
+    return Ground(built, reason)
 
 
 def _longest_path(within):

@@ -85,7 +85,7 @@ def layer_arrays(model: Model, arrays: dict[str, Any], member: np.ndarray) -> di
     arrays : dict
         Kernel arrays of hexahedra and nodes.
     member : (n_packs, width) int64
-        Zone in each lane of each pack.
+        Zones of each pack.
     """
     n_line, layer = model.mesh.order + 1, model.mesh.layer
     if layer is None:

@@ -52,7 +52,7 @@ def pack_arrays(
     arrays : dict
         Packs of zones, the parts of nodal forces, and empty tables of tetrahedra.
     member : (n_packs, width) int64
-        Zone in each lane of each pack.
+        Zones of each pack.
     """
     mesh, nodes, width = model.mesh, model.spectral, core.HEX_WIDTH[model.single]
     order, size = mesh.order, nodes.zone_nodes.shape[1]
@@ -65,8 +65,8 @@ def pack_arrays(
     # Packs are of one form, stretched along the same axes, and of one group.
     kind = (layer @ [1, 2, 4] + 8 * brick) * len(mesh.groups) + mesh.zone_group
     packs, n_mapped = [], 0
-    for one in np.unique(kind):
-        zones = np.flatnonzero(kind == one)
+    for number in np.unique(kind):
+        zones = np.flatnonzero(kind == number)
         packs += [zones[k : k + width] for k in range(0, len(zones), width)]
         n_mapped = n_mapped if brick[zones[0]] else len(packs)
     member = np.array([np.resize(zones, width) for zones in packs])
@@ -129,10 +129,10 @@ def _parts(nodes, member, real, contact_node):
 def _no_tetrahedra(size, n_sets):
     """Return tables of one tetrahedron in one domain, which no kernel reads."""
     none = np.zeros(1, dtype=np.int32)
-    one = np.array([0, 1], dtype=np.int32)
+    single = np.array([0, 1], dtype=np.int32)
     return {
-        "domain_zone_start": one,
-        "domain_slot_start": one,
+        "domain_zone_start": single,
+        "domain_slot_start": single,
         "domain_set": none,
         "slot_node": none,
         "slot_place": np.zeros((1, 3)),
