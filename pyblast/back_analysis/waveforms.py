@@ -9,6 +9,7 @@ from ..errors import InputError, PyblastError
 from ..inference.error_model import mesh_error
 from ..inference.likelihood import Gaussian, InferredLevels, Likelihood
 from ..inference.records import Noise, Records, band_functions, check_sampling, gather, noise_of
+from ..project.elements import convergence
 from ..project.inputs import input_band
 from ..project.project import Project, vary
 from ..project.section import number_paths, value_at
@@ -293,10 +294,15 @@ def mesh_errors_of(projects, motion, receivers, window, prepare=lambda _, other:
     -----
     theory.md (7.15).
     """
-    motions = []
+    motions, order = [], 2.0
     for project in projects:
         try:
-            motions += simulate(prepare(project, coarser(project)), (), [()])
+            other = coarser(project)
+            if project.mesh.hexahedral:
+                order = convergence(project.mesh.order)
+                if len(other.mesh.zones) == len(project.mesh.zones):
+                    return (), "the mesh error is not estimated: the grid is too small to coarsen"
+            motions += simulate(prepare(project, other), (), [()])
         except PyblastError as error:
             return (), f"the mesh error is not estimated: {error}"
-    return (mesh_error(motion, sampled_motion(motions, receivers, window), COARSER),), ""
+    return (mesh_error(motion, sampled_motion(motions, receivers, window), COARSER, order),), ""

@@ -33,6 +33,11 @@ class Ground:
     reason: str
 
 
+def convergence(order: int) -> float:
+    """Return the power with which errors of hexahedra fall with the nodes per wavelength."""
+    return 1.3 * (order + 1)
+
+
 def nodes_per_wavelength(order: int, accuracy: float, waves: float) -> float:
     """Return the nodes per shortest S wavelength for an error after a path of some wavelengths.
 
@@ -41,9 +46,8 @@ def nodes_per_wavelength(order: int, accuracy: float, waves: float) -> float:
     >>> round(nodes_per_wavelength(4, 0.01, 3.0), 2), round(nodes_per_wavelength(4, 0.003, 3.0), 2)
     (4.6, 5.54)
     """
-    power = 1.3 * (order + 1)
     factor = 0.01 / accuracy * max(waves, WAVELENGTHS) / WAVELENGTHS
-    return NODES_FOR_ONE_PER_CENT[order] * factor ** (1.0 / power)
+    return NODES_FOR_ONE_PER_CENT[order] * factor ** (1.0 / convergence(order))
 
 
 def make_ground(project) -> Ground:

@@ -194,9 +194,25 @@ def test_a_mesh_that_can_not_be_made_coarser_is_said_not_dropped(found):
         assert "the mesh error is not estimated: project.toml: mesh.grid_cells" in doubt
 
 
-def test_the_error_of_a_mesh_is_extrapolated_from_a_coarser_one(tmp_path):
+EDGES = 'edge_m = 10\nkind = "tetrahedra"'
+
+
+def test_the_error_of_a_grid_that_can_not_be_coarsened_is_said(tmp_path):
     path = noisy(tmp_path)
     path.write_text(path.read_text().replace("grid_cells = [6, 2, 3]", "edge_m = 10"))
+    project = load_project(path)
+    window = window_of([project])
+    motion = np.zeros((1, 1, 3, 4))
+
+    none, why = mesh_errors_of([project], motion, ["R1"], window)
+
+    assert (none, project.mesh.hexahedral) == ((), True)
+    assert why.endswith("the grid is too small to coarsen")
+
+
+def test_the_error_of_a_mesh_is_extrapolated_from_a_coarser_one(tmp_path):
+    path = noisy(tmp_path)
+    path.write_text(path.read_text().replace("grid_cells = [6, 2, 3]", EDGES))
     project = load_project(path)
     window, other = window_of([project]), coarser(project)
     motion, coarse = (
@@ -212,7 +228,7 @@ def test_the_error_of_a_mesh_is_extrapolated_from_a_coarser_one(tmp_path):
 
 def test_an_error_of_the_mesh_widens_what_waveforms_leave(tmp_path):
     path = noisy(tmp_path)
-    path.write_text(path.read_text().replace("grid_cells = [6, 2, 3]", "edge_m = 10"))
+    path.write_text(path.read_text().replace("grid_cells = [6, 2, 3]", EDGES))
 
     found, _ = back_analyse(path)
 
