@@ -14,8 +14,8 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from ..errors import InputError
 from . import hexahedra
-from .absorbing_layer import AbsorbingLayer
 from .grid import Fault, JointSet, Layer, layer_limits
+from .hexahedra import AbsorbingLayer
 from .mesh import Mesh
 from .quality import refuse_beyond_memory
 

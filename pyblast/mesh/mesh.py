@@ -11,7 +11,6 @@ from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
 from . import hexahedra, tetrahedra
-from .absorbing_layer import AbsorbingLayer
 from .faces import (
     face_table,
     face_vectors,
@@ -20,6 +19,7 @@ from .faces import (
     zone_faces,
     zone_of_face,
 )
+from .hexahedra import AbsorbingLayer
 
 # Facets that meet at larger angles keep separate contacts with their own normals.
 _COSINE_MERGED = np.cos(np.radians(20.0))

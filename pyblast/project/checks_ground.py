@@ -368,7 +368,7 @@ class ModelSummary:
     Parameters
     ----------
     elements : str
-        Kind of zones, and why; one sentence.
+        Kind of zones, and why.
     groups : tuple of MaterialSummary
     zones, nodes, contacts, blocks : int
     dt, undamped_dt : float, s
@@ -459,10 +459,9 @@ def carried_frequency(speed, edge, edges_per_wavelength=10.0):
 
 def _measured(model, dt, n_steps):
     """Estimate the run time in s from a few steps without the static stage."""
-    trial = replace(model, insitu=None)
-    prepared = preparation.prepare(trial, TRIAL_STEPS * dt)
-    began = time.perf_counter()
-    run.simulate(trial, TRIAL_STEPS * dt, prepared=prepared)
+    trial, duration = replace(model, insitu=None), TRIAL_STEPS * dt
+    prepared, began = preparation.prepare(trial, duration), time.perf_counter()
+    run.simulate(trial, duration, prepared=prepared)
     return n_steps * (time.perf_counter() - began) / prepared.n_steps
 
 

@@ -208,9 +208,8 @@ class Project:
     @_part
     def sources(self) -> tuple:
         """All sources in the mesh; their time 0 is `lead` before the first firing."""
-        parts = self.inside, self.config, self.blast, self.mesh, self.lead
         with named_error(self.path.name):
-            return place_sources(*parts)
+            return place_sources(self.inside, self.config, self.blast, self.mesh, self.lead)
 
     @_part
     def absorbing_layer(self) -> Rim | None:
@@ -250,11 +249,11 @@ class Project:
         if motion is not None:
             outer = [name for name in mesh.surfaces if name not in {j.surface for j in self.joints}]
             if face not in outer:
-                where = f"{self.path.name}: input.face"
-                raise InputError(f"{where}: must be one of {', '.join(outer)}, got {face!r}")
+                names = ", ".join(outer)
+                raise InputError(
+                    f"{self.path.name}: input.face: must be one of {names}, got {face!r}"
+                )
             entries, waves = make_entry(config.input, motion.motion.shifted(self.lead))
-        parts = {"sources": (*self.sources, *waves), "receivers": self.receivers,
-                 "rim": self.absorbing_layer}  # fmt: skip
         with named_error(self.path.name):
             if config.holes_inside or config.moment_tensors:
                 refuse_open_sides(config.boundaries, mesh)
@@ -270,7 +269,9 @@ class Project:
                 step_factor=config.run.step_factor or STEP_FACTOR[mesh.hexahedral],
                 local_damping=config.run.local_damping,
                 quadratic=config.mesh.quadratic,
-                **parts,
+                sources=(*self.sources, *waves),
+                receivers=self.receivers,
+                rim=self.absorbing_layer,
             )
             if not config.boundaries.jointed_faces:
                 return model

@@ -6,7 +6,7 @@ import numpy as np
 
 from .. import core
 from ..errors import InputError
-from ..mesh.absorbing_layer import AbsorbingLayer
+from ..mesh.hexahedra import AbsorbingLayer
 from ..model.model import Model
 
 REFLECTION = 1e-7  # amplitude that a wave of normal incidence would keep

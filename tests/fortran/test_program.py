@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from pyblast import core
-from pyblast.mesh.absorbing_layer import AbsorbingLayer
 from pyblast.mesh.builder import Layer, structured_box
+from pyblast.mesh.hexahedra import AbsorbingLayer
 from pyblast.model.anisotropy import jointed
 from pyblast.model.boundary import StressInput, Viscous
 from pyblast.model.joint import Joint

@@ -67,7 +67,7 @@ def test_the_padding_is_the_rim(project):
 def test_hexahedra_have_a_matched_layer_instead_of_a_rim(tmp_path):
     project = coarse(kind="auto")
 
-    assert project.rim is None
+    assert project.absorbing_layer is None
     assert project.mesh.layer is not None
     assert "an absorbing layer" in project.elements
     outcome = run.run(project, tmp_path)

@@ -7,8 +7,8 @@ import pytest
 
 from pyblast import core
 from pyblast.errors import InputError, SolverError
-from pyblast.mesh.absorbing_layer import AbsorbingLayer
 from pyblast.mesh.builder import structured_box
+from pyblast.mesh.hexahedra import AbsorbingLayer
 from pyblast.model.boundary import Roller, Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.material import ConstantQ, Damping, Material, MohrCoulomb
