@@ -249,10 +249,8 @@ class Project:
         if motion is not None:
             outer = [name for name in mesh.surfaces if name not in {j.surface for j in self.joints}]
             if face not in outer:
-                names = ", ".join(outer)
-                raise InputError(
-                    f"{self.path.name}: input.face: must be one of {names}, got {face!r}"
-                )
+                what = f"must be one of {', '.join(outer)}, got {face!r}"
+                raise InputError(f"{self.path.name}: input.face: {what}")
             entries, waves = make_entry(config.input, motion.motion.shifted(self.lead))
         with named_error(self.path.name):
             if config.holes_inside or config.moment_tensors:
@@ -363,9 +361,10 @@ class Project:
 def _single_source(project):
     """Return a blast of one hole at time 0 at the mean position of the sources."""
     config = project.config
-    parts = [*config.point_forces, *config.moment_tensors]
-    positions = [[*part.position_m, 0.0][:3] for part in parts] or [[0.0, 0.0, 0.0]]
-    centre = np.mean(positions, axis=0, keepdims=True)
+    parts = (*config.point_forces, *config.moment_tensors)
+    centre = np.mean(
+        [[*p.position_m, 0.0][:3] for p in parts] or [[0.0] * 3], axis=0, keepdims=True
+    )
     return Blast("source", centre, centre, np.full(1, np.nan), np.zeros(1))
 
 
