@@ -13,11 +13,11 @@ from ..solver.edge_springs import run_bytes
 from ..solver.initial_stress import joint_pressures
 from ..solver.loads import surface_impedance
 from ..units import plain_number
+from .elements import elements_of
 from .ground import set_normal, set_stiffness
 from .places import face_materials
 
-LITTLE = 0.7
-MISMATCH = 0.1
+LITTLE, MISMATCH = 0.7, 0.1
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 
 
@@ -411,7 +411,7 @@ def summarise_model(project, measure=False) -> ModelSummary:
     n_steps = int(np.ceil(project.duration / geometry["dt"]))
     mass = model.zone_values("density") * volumes(model.mesh)
     return ModelSummary(
-        elements=project.elements,
+        elements=elements_of(project),
         groups=_groups(model, mass, limit.added_share),
         zones=len(model.mesh.zones),
         nodes=len(model.nodes.points),

@@ -33,6 +33,11 @@ class Ground:
     reason: str
 
 
+def elements_of(project) -> str:
+    """Return the kind of zones of a project, and why."""
+    return "those of the mesh given" if "mesh" in project.given else project.ground.reason
+
+
 def convergence(order: int) -> float:
     """Return the power with which errors of hexahedra fall with the nodes per wavelength."""
     return 1.3 * (order + 1)

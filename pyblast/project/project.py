@@ -186,11 +186,6 @@ class Project:
         with named_error(self.path.name):
             return make_ground(self)
 
-    @property
-    def elements(self) -> str:
-        """Kind of zones, and why."""
-        return "those of the mesh given" if "mesh" in self.given else self.ground.reason
-
     @_part
     def mesh(self) -> Mesh:
         """Mesh, split along its joints."""
