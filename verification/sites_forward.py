@@ -4,7 +4,8 @@
 
 For each site the blasts S1, B2 and H1 (B2's file with H1's hole table), as the project files
 believe them. The error of a receiver is the energy of the difference over that of the record, all
-components together, over the whole record and without a filter. Writes
+components together: in the band in which the project compares (3 to 30 Hz, below which the other
+program states its accuracy), and beside it without a filter. Writes
 ``verification/sites_forward.json``.
 """
 
@@ -41,12 +42,15 @@ def compared(path, record, holes=None):
         project.model, project.duration, prepared=prepare(project.model, project.duration)
     )
     seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - cpu
-    errors = misfits(run, project.lead, record)
+    in_band, unfiltered = misfits(run, project, record)
     return {
         "file": f"{path.parent.name}/{path.name}" if holes is None else f"{path.parent.name}/H1",
         "elements": project.ground.reason,
-        "error_median": float(np.median(errors)),
-        "error_worst": float(max(errors)),
+        "error_median": float(np.median(in_band)),
+        "error_worst": float(max(in_band)),
+        "band_hz": list(project.config.run.compare_band_hz),
+        "unfiltered_median": float(np.median(unfiltered)),
+        "unfiltered_worst": float(max(unfiltered)),
         "seconds": seconds,
         "cpu_seconds": cpu_seconds,
         "nodes": len(project.model.nodes.points),
@@ -54,9 +58,10 @@ def compared(path, record, holes=None):
     }
 
 
-def misfits(run, lead, record):
-    """Return the energy of the difference over that of the record, for each receiver."""
+def misfits(run, project, record):
+    """Return the energy of the difference over that of the record by receiver, in band and in all."""
     stream, errors = obspy.read(str(record), format="MSEED"), []
+    lead, band = project.lead, project.config.run.compare_band_hz
     for name, simulated in run.seismograms.items():
         traces = {t.stats.channel[-1]: t for t in stream if t.stats.station == name}
         if not traces:
@@ -66,9 +71,18 @@ def misfits(run, lead, record):
         own = simulated.start - lead + simulated.dt * np.arange(len(simulated.velocity))
         within = times <= own[-1]
         got = np.array([np.interp(times, own, column, left=0.0) for column in simulated.velocity.T])
-        difference = ((got - wanted)[:, within] ** 2).sum()
-        errors.append(float(difference / (wanted[:, within] ** 2).sum()))
-    return errors
+        power = [
+            np.abs(np.fft.rfft(motion[:, within], axis=1)) ** 2 for motion in (got - wanted, wanted)
+        ]
+        frequency = np.fft.rfftfreq(int(within.sum()), traces["E"].stats.delta)
+        inside = (frequency >= band[0]) & (frequency <= band[1])
+        errors.append(
+            [
+                float(power[0][:, part].sum() / power[1][:, part].sum())
+                for part in (inside, slice(None))
+            ]
+        )
+    return np.array(errors).T
 
 
 def main(arguments):

@@ -21,6 +21,8 @@ from .quality import refuse_beyond_memory
 
 SIDES = ("west", "east", "south", "north", "bottom", "top")
 LAYER_CELLS = 2  # of the absorbing layer
+SHRINKING = 2.0  # shears of the whole height: least distance of the last dipping plane to a side
+WIDE = 1.15  # largest cell at the wide end of a blended interval, over the wanted edge
 MARGIN = 0.3  # of a cell, between sources or receivers and the absorbing layer
 PARALLEL = 1e-6  # sine of the angle between planes or directions that count as parallel
 ROUND = 1e-9  # of the size: coordinates that count as equal
@@ -232,7 +234,8 @@ class _Grid:
         ]
         size = float(min(sizes))
         if self.shift and places[0]:
-            low, high = places[0][0] - size, places[0][-1] + self.shift + size
+            beside = max(self.shift + size, SHRINKING * self.shift)
+            low, high = places[0][0] - size, places[0][-1] + beside
             self.inner[0] = min(self.inner[0, 0], low), max(self.inner[0, 1], high)
         self.sheared = np.array(places[0]) if self.shift else np.zeros(0)
         ends = [
@@ -272,7 +275,7 @@ class _Grid:
         length = second - first
         if axis == 0 and len(self.sheared):  # the blended intervals grow or shrink downwards
             growth = self._share(second) - self._share(first)
-            length += 0.5 * growth * self.shift
+            length = max(length, length + growth * self.shift) / WIDE
         return max(1, int(np.ceil(length / min(sizes) - 0.05)))
 
     def _with_layer(self, axis, line, open_sides, size):

@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import InputError, named_error
 from ..mesh.grid import Layer
 from ..mesh.hexahedral_ground import SIDES, NotMapped, build_hexahedra
-from ..mesh.mesh import Mesh
+from ..mesh.mesh import Mesh, edge_lengths
 from .ground import joints_and_faults, make_mesh, mean_edge, read_surface
 
 ORDER = 5
@@ -139,9 +139,10 @@ def _hexahedra(config, materials, folder, within):
             np.column_stack([low, low + size]), layers, sets, faults, sizes=sizes, order=order,
             open_sides=open_sides, within=within, surface=surface,
         )  # fmt: skip
+    edge = edge_lengths(built).max()
     ends = "an absorbing layer" if open_sides else "no absorbing layer"
     zones = f"{len(built.zones)} zones"
-    reason = f"hexahedra of order {order}, edges up to {max(sizes):.3g} m, {ends}: {zones}"
+    reason = f"hexahedra of order {order}, edges up to {edge:.3g} m, {ends}: {zones}"
     return Ground(built, reason)
 
 
