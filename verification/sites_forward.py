@@ -59,7 +59,7 @@ def compared(path, record, holes=None):
 
 
 def misfits(run, project, record):
-    """Return the energy of the difference over that of the record by receiver, in band and in all."""
+    """Return energies of differences over those of records, by receiver: in band, in all."""
     stream, errors = obspy.read(str(record), format="MSEED"), []
     lead, band = project.lead, project.config.run.compare_band_hz
     for name, simulated in run.seismograms.items():
