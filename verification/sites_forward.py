@@ -1,12 +1,13 @@
 """Forward runs of sites with real geometry against noise-free records of an independent program.
 
-    python -m verification.sites_forward [FOLDER]
+    python -m verification.sites_forward [FOLDER] [--page]
 
 For each site the blasts S1, B2 and H1 (B2's file with H1's hole table), as the project files
 believe them. The error of a receiver is the energy of the difference over that of the record, all
 components together: in the band in which the project compares (3 to 30 Hz, below which the other
 program states its accuracy), and beside it without a filter. Writes
-``verification/sites_forward.json``.
+``verification/sites_forward.json`` and the table of docs/quality/verification.md; ``--page``
+writes the table alone.
 """
 
 import json
@@ -27,6 +28,8 @@ from pyblast.solver.run import simulate
 ROOT = Path(__file__).resolve().parents[1]
 SITES = Path(os.environ.get("PYBLAST_SITES", ROOT.parent / "shared" / "sites"))
 OUT = Path(__file__).with_suffix(".json")
+PAGE = ROOT / "docs" / "quality" / "verification.md"
+BEGIN, END = "<!-- sites: from verification/sites_forward.json -->", "<!-- end of sites -->"
 BEFORE = 0.25  # s, from the start of a record to the zero of its blast
 
 
@@ -85,9 +88,39 @@ def misfits(run, project, record):
     return np.array(errors).T
 
 
+def table(rows):
+    """Return the lines of the table of the page."""
+    median = 100.0 * np.median([row["error_median"] for row in rows])
+    worst = 100.0 * max(row["error_worst"] for row in rows)
+    return [
+        f"{len(rows)} blasts; in band: median of the medians {median:.2g} %, worst receiver "
+        f"{worst:.2g} %.",
+        "",
+        "| blast | zones | nodes | in band: median %, worst % | unfiltered: the same | CPU s |",
+        "|---|---|---|---|---|---|",
+        *(
+            f"| {row['file'].removesuffix('.toml')} | {row['elements'].split(', ')[0]} "
+            f"| {row['nodes']} | {100 * row['error_median']:.2g}, {100 * row['error_worst']:.2g} "
+            f"| {100 * row['unfiltered_median']:.2g}, {100 * row['unfiltered_worst']:.2g} "
+            f"| {row['cpu_seconds']:.0f} |"
+            for row in rows
+        ),
+    ]
+
+
+def paged(page, rows):
+    """Return the page with the table of some rows."""
+    before, rest = page.split(BEGIN)
+    return f"{before}{BEGIN}\n\n" + "\n".join(table(rows)) + f"\n\n{END}" + rest.split(END)[1]
+
+
 def main(arguments):
     """Run all sites and write the rows."""
-    folder = Path(arguments[0]) if arguments else SITES
+    folders = [a for a in arguments if a != "--page"]
+    folder = Path(folders[0]) if folders else SITES
+    if "--page" in arguments:
+        write_text(PAGE, paged(PAGE.read_text(), json.loads(OUT.read_text())))
+        return
     if not folder.is_dir():
         sys.exit(f"sites_forward: no folder {folder}")
     rows = []
@@ -99,6 +132,7 @@ def main(arguments):
             rows.append(compared(site / file, truth / f"{record}.mseed", holes))
             print(json.dumps(rows[-1]), flush=True)
             write_text(OUT, json.dumps(rows, indent=1) + "\n")
+    write_text(PAGE, paged(PAGE.read_text(), rows))
 
 
 if __name__ == "__main__":
