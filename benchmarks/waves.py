@@ -173,7 +173,7 @@ def joint_rows(rounds):
         mesh, {"rock": ROCK}, joints=[joint],
         boundaries=[Roller(side) for side in ("south", "north", "bottom", "top")],
         receivers=[Receiver(f"R{k}", (x, 17.0, 23.0)) for k, x in enumerate(PLACES)],
-        single=True, step_factor=0.8,
+        single=True, step_factor=0.9,
     )  # fmt: skip
     prepared = prepare(model, SPAN)
     dt = prepared.constants["dt"]
