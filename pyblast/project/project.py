@@ -247,6 +247,7 @@ class Project:
                 what = f"must be one of {', '.join(outer)}, got {face!r}"
                 raise InputError(f"{self.path.name}: input.face: {what}")
             entries, waves = make_entry(config.input, motion.motion.shifted(self.lead))
+        sources, receivers, layer = self.sources, self.receivers, self.absorbing_layer
         with named_error(self.path.name):
             if config.holes_inside or config.moment_tensors:
                 refuse_open_sides(config.boundaries, mesh)
@@ -262,9 +263,9 @@ class Project:
                 step_factor=config.run.step_factor or STEP_FACTOR[mesh.hexahedral],
                 local_damping=config.run.local_damping,
                 quadratic=config.mesh.quadratic,
-                sources=(*self.sources, *waves),
-                receivers=self.receivers,
-                rim=self.absorbing_layer,
+                sources=(*sources, *waves),
+                receivers=receivers,
+                rim=layer,
             )
             if not config.boundaries.jointed_faces:
                 return model
