@@ -55,8 +55,14 @@ def nodes_per_wavelength(order: int, accuracy: float, waves: float) -> float:
     return NODES_FOR_ONE_PER_CENT[order] * factor ** (1.0 / convergence(order))
 
 
-def make_ground(project) -> Ground:
+def make_ground(project, within) -> Ground:
     """Build or read the mesh of a project of the elements that it asks for.
+
+    Parameters
+    ----------
+    project : Project
+    within : (n, 2) float64, m
+        Horizontal positions of sources and receivers.
 
     Raises
     ------
@@ -68,7 +74,7 @@ def make_ground(project) -> Ground:
     obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
     if kind != "tetrahedra" and obstacle is None:
         try:
-            return _hexahedra(config, materials, folder, horizontal_positions(project))
+            return _hexahedra(config, materials, folder, within)
         except NotMapped as reason:
             obstacle = str(reason).removeprefix("mesh: ")
     if kind == "hexahedra":

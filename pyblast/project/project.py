@@ -19,7 +19,7 @@ from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
 from .config import Config, check_config, read_config
-from .elements import Ground, make_ground
+from .elements import Ground, horizontal_positions, make_ground
 from .ground import (
     joint_of_surface,
     jointed_media,
@@ -183,8 +183,9 @@ class Project:
     @_part
     def ground(self) -> Ground:
         """Mesh, not split, and why it has its elements."""
+        positions = horizontal_positions(self)
         with named_error(self.path.name):
-            return make_ground(self)
+            return make_ground(self, positions)
 
     @_part
     def mesh(self) -> Mesh:
@@ -203,8 +204,9 @@ class Project:
     @_part
     def sources(self) -> tuple:
         """All sources in the mesh; their time 0 is `lead` before the first firing."""
+        parts = self.inside, self.config, self.blast, self.mesh, self.lead
         with named_error(self.path.name):
-            return place_sources(self.inside, self.config, self.blast, self.mesh, self.lead)
+            return place_sources(*parts)
 
     @_part
     def absorbing_layer(self) -> Rim | None:
