@@ -33,6 +33,7 @@ from . import (
     step_sizes,
     superposition,
     timing,
+    waves,
 )
 from .peers import beside
 
@@ -52,6 +53,7 @@ PARTS = {
     "cuts": cuts,
     "single": single,
     "coverage": coverage,
+    "waves": waves,
 }
 FLAGS = ("--peers", "--quick", "--long")
 
@@ -83,10 +85,22 @@ def main(arguments):
             "machine": timing.machine(), "load": os.getloadavg()[0], "seconds": round(took, 1),
             "found": {**known, **found},
         }  # fmt: skip
-        ordered = {part: results[part] for part in PARTS if part in results}
+        if name == "waves":
+            _key_figures(results)
+        ordered = {part: results[part] for part in (*PARTS, "site") if part in results}
         write_text(RESULTS, json.dumps(ordered, indent=1) + "\n")
     if effort != "quick":
         page.write(PARTS, results)
+
+
+def _key_figures(results):
+    """Put the figures of correct waves where they are looked for, with machine and load."""
+    waves = results["waves"]
+    said = {"machine": waves["machine"], "load": waves["load"]}
+    results.setdefault("accuracy", {"found": {}}).update(waves["found"]["figures"])
+    results["accuracy"].update({f"waves_{name}": value for name, value in said.items()})
+    if waves["found"]["site"]:
+        results["site"] = {**said, **waves["found"]["site"]}
 
 
 if __name__ == "__main__":

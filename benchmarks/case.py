@@ -9,7 +9,7 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import Material
 from pyblast.model.model import Model, Receiver, Rim
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.project.flat_box import Cut
+from pyblast.project.flat_box import Discretization
 from pyblast.solver.assembly import time_step
 from pyblast.solver.preparation import prepare
 
@@ -54,7 +54,7 @@ def site(quadratic, highest):
     """Return the model of a blast whose box carries a frequency in Hz; the rim is coarser."""
     edges = 3.0 if quadratic else 10.0
     edge = ROCK.cs / (edges * highest) / MEAN_EDGE[quadratic]
-    return blast(Cut(edge, *RIM, quadratic))
+    return blast(Discretization(edge, *RIM, quadratic))
 
 
 def blast(cut):

@@ -28,7 +28,7 @@ def _filled(folder, path):
     if path.suffix != ".in":
         return path
     made = Path(folder) / path.stem
-    made.write_text(path.read_text().replace("@one@", "1.0d0"))
+    made.write_text(path.read_text().replace("@one@", "1.0d0").replace("@hex_width@", "4"))
     return made
 
 

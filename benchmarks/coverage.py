@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pyblast.core import LANES
+from pyblast.core import BATCH_SIZE
 from pyblast.inference.covariance import PRIORS, SCATTER, infer_levels, usual_whitener
 from pyblast.inference.error_model import mesh_error, nuisances, scattering
 from pyblast.inference.gauss_newton import levenberg_search
-from pyblast.inference.global_search import Problem
+from pyblast.inference.parameter import Problem
 from pyblast.inference.posterior import posterior
 from pyblast.inference.records import band_functions, noise_of
 from pyblast.solver.run import run_many
@@ -59,8 +59,8 @@ def measure(effort):
     rows, refused = [], []
     for number, case in enumerate(recorded(quick.family.ranges, TWINS[effort])):
         found, levels, away = inferred(quick, case, number)
-        if found.doubt:
-            refused.append(found.doubt)
+        if found.failure:
+            refused.append(found.failure)
         else:
             rows.append(_row(found, case.truth, levels) | away)
     return {"twins": len(rows) + len(refused), "refused": refused, "rows": rows,
@@ -69,10 +69,10 @@ def measure(effort):
 
 def _row(found, truth, levels):
     """Return what is kept of one twin."""
-    low, high = np.quantile(found.places, [0.05, 0.95], axis=0)
+    low, high = np.quantile(found.x, [0.05, 0.95], axis=0)
     checks = len(found.log_weights)
     return {
-        "rank": np.mean(found.places < truth, axis=0).tolist(), "width": (high - low).tolist(),
+        "rank": np.mean(found.x < truth, axis=0).tolist(), "width": (high - low).tolist(),
         "effective": found.effective / checks, "corrected": found.corrected / checks,
         "runs": found.runs, "levels": levels,
     }  # fmt: skip
@@ -167,8 +167,8 @@ def recorded(ranges, count):
     band = band_functions(SAMPLES, SAMPLING, BAND)
     ground, rng = faulted_rock(FINER, "centred"), np.random.default_rng(77)
     truths = rng.random((count, len(RANGES)))
-    for first in range(0, count, LANES):
-        some = truths[first : first + LANES]
+    for first in range(0, count, BATCH_SIZE):
+        some = truths[first : first + BATCH_SIZE]
         runs = run_many([ranges.model(ground, ranges.at(one)) for one in some], DURATION)
         for truth, run in zip(some, runs, strict=True):
             motion = _heard(run)

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from pyblast.diagnosis import library  # noqa: F401  fills the library
-from pyblast.diagnosis.calibration import unknowns_of, with_values
+from pyblast.diagnosis.calibration import calibrated_parameters, with_values
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.inference.records import band_functions
-from pyblast.project.flat_box import Cut, flat_box, flat_mesh, flat_model
-from pyblast.runs.cache import cached_run
+from pyblast.project.flat_box import Discretization, flat_box, flat_mesh, flat_model
+from pyblast.runs.parallel import cached_run
 from pyblast.workflows.diagnose import EDGE, FINE_EDGE, GROWTH, PADDING, cut_of
 
 from .blind.sites import AFTER, BAND, DT, draw_site, project_of
@@ -42,7 +42,7 @@ def measure(effort):
 
 def changed(site, rng):
     """Return a site as it is believed, with all its values off by their sigmas, one closing."""
-    unknowns = unknowns_of(site)
+    unknowns = calibrated_parameters(site)
     signs = rng.choice([-1.0, 1.0], len(unknowns)) * [one.sigma for one in unknowns]
     closure = LIBRARY["joint_nonlinear_closure"]
     closing = closure.apply(site, site.joints[0].surface, closed=CLOSED)
@@ -55,7 +55,7 @@ def cut(site, edge):
     return replace(known, edge=known.edge * edge / EDGE)
 
 
-def heard(sites, cut: Cut):
+def heard(sites, cut: Discretization):
     """Return motion (n_sites, n_receivers, 3, n_samples) in the band, and seconds a run."""
     mesh, found = flat_mesh(flat_box(sites[0]), cut), []
     began = time.process_time()

@@ -48,7 +48,7 @@ def cases(quick):
 
 def of_ground(model):
     """Return what one kind of ground gives, alone and in batches."""
-    n_zones, lanes = len(model.mesh.zones), core.LANES
+    n_zones, lanes = len(model.mesh.zones), core.BATCH_SIZE
     n_steps = rounds_of_ledger(n_zones, ZONE_STEPS)
     edges = prepared(model, n_steps)
     took = interleaved({
@@ -122,7 +122,7 @@ def lines(found):
     for name, one in found.items():
         rate = one["million_zone_steps_per_s"]
         pairs = [", ".join(f"{rate[f'{way}_{n}']:.0f}" for way in ("zones", "edges"))
-                 for n in (1, core.LANES)]  # fmt: skip
+                 for n in (1, core.BATCH_SIZE)]  # fmt: skip
         pairs += [", ".join(f"{gain:.2f}" for gain in one[way])
                   for way in ("edges_over_zones", "double_over_single")]  # fmt: skip
         told.append(

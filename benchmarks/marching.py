@@ -67,11 +67,11 @@ class March:
 
     def __init__(self, prepared, n_steps, lanes=False):
         self.n_steps, self.constants = n_steps, prepared.constants
-        self.advance = core.advance_all if lanes else core.advance
+        self.advance = core.advance_batch if lanes else core.advance
         if lanes:
-            every = ([one] * core.LANES for one in (prepared.constants, prepared.state))
+            every = ([one] * core.BATCH_SIZE for one in (prepared.constants, prepared.state))
             constants, self.state = stacked(*every)
-            self.views = core.side_by_side(constants)
+            self.views = core.to_fortran_batch(constants)
         else:
             self.views, self.state = prepared.begun()
         moving = np.random.default_rng(0).normal(size=self.state["velocity"].shape)

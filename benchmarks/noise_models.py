@@ -46,7 +46,7 @@ def white(windows, band):
     noise = levinson(1)(windows, band)
     variance = np.mean(np.var(windows, axis=-1), axis=0) * DT / noise.step
     return replace(
-        noise, coefficients=0.0 * noise.coefficients, variance=variance * noise.doubt,
+        noise, coefficients=0.0 * noise.coefficients, variance=variance * noise.inflation,
         correlation=np.tile(np.eye(3), (len(variance), 1, 1)),
     )  # fmt: skip
 
@@ -64,7 +64,7 @@ def burg(order):
             found = _burg(thin[(slice(None), *channel)], order)
             coefficients[channel], variance[channel] = found
         return replace(
-            noise, step=every * DT, coefficients=coefficients, variance=variance * noise.doubt,
+            noise, step=every * DT, coefficients=coefficients, variance=variance * noise.inflation,
             correlation=np.tile(np.eye(3), (len(variance), 1, 1)),
         )  # fmt: skip
 

@@ -6,7 +6,7 @@ import os
 import time
 from pathlib import Path
 
-from pyblast.solver.edge_springs import marching_bytes
+from pyblast.solver.edge_springs import run_bytes
 
 from .marching import March, cube, prepared, rock_model, rounds_of_ledger
 from .timing import Probes, interleaved, median, on, ratio
@@ -94,7 +94,7 @@ def by_zones(quick):
             "mesh_us_a_zone": 1e6 * meshed / n_zones,
             "prepare_us_a_zone": 1e6 * assembled / n_zones,
             "bytes_a_zone": (resident() - before) / n_zones,
-            "bytes_a_zone_foreseen": marching_bytes(model) / n_zones,
+            "bytes_a_zone_foreseen": run_bytes(model) / n_zones,
         } | ({"probes": probes.found(took)} if probes else {})  # fmt: skip
         del march, model, works, probes
 

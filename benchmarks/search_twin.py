@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.reduction.reduced_model import Reduced, reduced
-from pyblast.inference.global_search import Problem
-from pyblast.inference.misfits import misfit
+from pyblast.inference.likelihood import misfit
+from pyblast.inference.parameter import Problem
 from pyblast.mesh.grid import structured_box
 from pyblast.mesh.mesh import Mesh
 from pyblast.model.material import Material

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from pyblast.back_analysis.search import METHODS
-from pyblast.core import LANES
+from pyblast.core import BATCH_SIZE
 
 from .search_page import write_page
 from .search_twin import NOISE, RANGES, paper, problem, quick_model, twins, waveform
@@ -89,7 +89,7 @@ def _rounds(asked, budget):
     rounds, done = 0, 0
     for count in asked:
         here = min(count, budget - done)
-        rounds, done = rounds + math.ceil(here / LANES), done + here
+        rounds, done = rounds + math.ceil(here / BATCH_SIZE), done + here
     return rounds
 
 

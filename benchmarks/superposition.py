@@ -19,10 +19,8 @@ from pyblast.model.material import Damping, Material
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Hole, TimeFunction
 from pyblast.runs.blast_ensemble import blast_spectra
-from pyblast.runs.cache import cached_run, input_hash
-from pyblast.runs.greens import GreensFunctions
-from pyblast.runs.greens_bank import greens_functions
-from pyblast.runs.parallel import run_all, workers
+from pyblast.runs.greens import GreensFunctions, greens_functions
+from pyblast.runs.parallel import cached_run, input_hash, run_all, workers
 from pyblast.solver.run import simulate
 from verification.columns import ricker
 
@@ -124,7 +122,7 @@ def kept(model):
             pooled, _ = timed(lambda: run_all(models, DURATION, folder=folder, executor=pool), 1)
         hashing, _ = timed(lambda: input_hash(model, DURATION))
         reading, again = timed(lambda: cached_run(models[0], DURATION, folder))
-    assert again.found
+    assert again.from_cache
     one = alone / len(models)
     return {
         "hash_over_run": hashing / one, "read_over_run": reading / one,

@@ -13,14 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pyblast.diagnosis.effects import Effect
-from pyblast.diagnosis.prediction import diagnosed
-from pyblast.project.flat_box import Cut, flat_box, flat_model, place_in_box
+from pyblast.diagnosis.effects import Effect, diagnosed
+from pyblast.project.flat_box import Discretization, flat_box, flat_model, place_in_box
 from pyblast.project.project import Project, load_project, with_further
 from pyblast.solver.run import simulate
 
 PLACES = ((20, 70, 0), (80, 20, 0), (100, 60, 0), (110, 30, -20), (95, 85, 0), (35, 10, 0))
-CUT = Cut(20.0, 180.0, 1.1, quadratic=True)
+CUT = Discretization(20.0, 180.0, 1.1, quadratic=True)
 DT, SAMPLES, BEFORE = 0.004, 125, 62
 CLOSED = 0.6  # share of its largest closure at which the joint lies
 ERRORS = (0.02, -0.015, 0.15, -0.1)  # logarithms of factors on cp, cs, kn, ks

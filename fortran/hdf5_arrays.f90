@@ -15,7 +15,7 @@ module pyblast_hdf5_arrays
 
     interface read_array
         module procedure read_real_0, read_real_1, read_real_2, read_real_3, read_real_4
-        module procedure read_integer_0, read_integer_1, read_integer_2
+        module procedure read_integer_0, read_integer_1, read_integer_2, read_integer_3
     end interface read_array
 
     interface write_array
@@ -151,16 +151,18 @@ contains
         integer, intent(in) :: n(:)
         type(c_ptr), value :: place
         character(len=:), allocatable, intent(inout) :: message
-        integer, intent(in), optional :: batch_axis
+        integer, intent(in) :: batch_axis                  !! 0: the array has none
         integer(hid_t) :: array, space
         integer :: status, closed
 
         if (allocated(message)) return
-        if (present(batch_axis)) then
+        if (size(n) == 0) then
+            call h5screate_f(H5S_SCALAR_F, space, status)
+        else if (batch_axis == 0) then
+            call h5screate_simple_f(size(n), int(n, hsize_t), space, status)
+        else
             call h5screate_simple_f(size(n) - 1, int([n(:batch_axis - 1), n(batch_axis + 1:)], &
                                                      hsize_t), space, status)
-        else
-            call h5screate_f(H5S_SCALAR_F, space, status)
         end if
         call h5dcreate_f(file, name, kind, space, array, status)
         if (status == 0) then
@@ -278,6 +280,19 @@ contains
         call fill(file, name, status, H5T_NATIVE_INTEGER, c_loc(value), message)
     end subroutine read_integer_2
 
+    subroutine read_integer_3(file, name, value, message)
+        integer(hid_t), intent(in) :: file
+        character(len=*), intent(in) :: name
+        integer, contiguous, pointer, intent(out) :: value(:, :, :)
+        character(len=:), allocatable, intent(inout) :: message
+        integer(hsize_t) :: n(most_axes)
+        integer :: status
+
+        call get_lengths(file, name, 3, .true., n, message)
+        allocate (value(n(1), n(2), n(3)), stat=status)
+        call fill(file, name, status, H5T_NATIVE_INTEGER, c_loc(value), message)
+    end subroutine read_integer_3
+
     subroutine write_real_2(file, name, value, batch_axis, message)
         integer(hid_t), intent(in) :: file
         character(len=*), intent(in) :: name
@@ -314,7 +329,7 @@ contains
         integer, intent(in), target :: value
         character(len=:), allocatable, intent(inout) :: message
 
-        call put(file, name, H5T_NATIVE_INTEGER, [integer ::], c_loc(value), message)
+        call put(file, name, H5T_NATIVE_INTEGER, [integer ::], c_loc(value), message, 0)
     end subroutine write_integer_0
 
 end module pyblast_hdf5_arrays

@@ -14,6 +14,7 @@ module pyblast_internal_forces
     use pyblast_tet4_plastic, only : patch_forces, plastic_forces
     use pyblast_tet15, only : tet15_energy, tet15_forces
     use pyblast_edge_springs, only : edge_forces
+    use pyblast_hex_forces, only : hex_zone_forces
     use pyblast_zone_laws, only : has_memory, isotropic_law
     implicit none
     private
@@ -34,6 +35,10 @@ contains
         type(domain_range) :: domain
         integer :: d, n_nodes
 
+        if (model%hexes%order > 0) then
+            call hex_zone_forces(model, nodes, zones, with_energy, work, n_slots, slot_force)
+            return
+        end if
         n_nodes = size(nodes%velocity, 3)
         !$omp parallel do schedule(dynamic) default(none) private(domain) &
         !$omp& shared(model, nodes, zones, with_energy, work, slot_force) &

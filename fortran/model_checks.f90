@@ -1,9 +1,10 @@
 module pyblast_model_checks
     !! What the arrays of a model file must keep to, so that no kernel reads outside of them.
-    use pyblast_kinds, only : dp, n_joint_laws, n_joint_properties, n_joint_state, n_sums, &
+    use pyblast_kinds, only : dp, hex_width, n_joint_laws, n_joint_properties, n_joint_state, n_sums, &
         n_zone_laws, n_zone_properties, n_zone_state
     use pyblast_model_file, only : run_arrays
-    use pyblast_model_types, only : edge_arrays, mesh_arrays, model_arrays, model_state, patch_arrays
+    use pyblast_model_types, only : edge_arrays, hex_arrays, layer_arrays, layer_state, mesh_arrays, model_arrays, model_state, &
+        n_zone_parts, patch_arrays
     use pyblast_zone_laws, only : has_memory
     implicit none
     private
@@ -23,6 +24,9 @@ contains
         if (.not. (model%dt > 0.0_dp .and. model%dt < huge(model%dt))) &
             message = "'arrays/dt' must be positive"
         call check_mesh_sizes(model, message)
+        call check_layer(model%layer, state%layer, size(state%zones%slab_memory), model%hexes, &
+                         size(model%nodes%node_mass), size(model%contacts%contact_area), message)
+        call check_hexes(model%hexes, size(model%nodes%node_mass), size(model%ground%set_law), message)
         call check_node_sizes(model, run%n_steps, message)
         call check_state_sizes(model, state, message)
         call check_mesh_indices(model, message)
@@ -71,6 +75,69 @@ contains
         end associate
     end subroutine check_mesh_sizes
 
+    subroutine check_hexes(hexes, n_nodes, n_sets, message)
+        !! Sizes and indices of hexahedra.
+        type(hex_arrays), intent(in) :: hexes
+        integer, intent(in) :: n_nodes, n_sets
+        character(len=:), allocatable, intent(inout) :: message
+        integer :: n, packs
+
+        if (hexes%order == 0) return
+        n = hexes%order + 1
+        packs = size(hexes%pack_set)
+        if (hexes%order < 2 .or. hexes%order > 8) message = "'arrays/hex_order' must lie in 2 to 8"
+        if (hexes%n_mapped < 0 .or. hexes%n_mapped > packs) &
+            message = "'arrays/n_mapped' counts more packs than there are"
+        call require_size("hexahedra", [shape(hexes%hex_slope), shape(hexes%hex_weight), &
+                                        shape(hexes%pack_node), shape(hexes%pack_metric), &
+                                        shape(hexes%pack_brick)], &
+                          [n, n, n, hex_width, n**3, packs, hex_width, 11, n**3, &
+                           max(1, hexes%n_mapped), hex_width, 5, max(1, packs - hexes%n_mapped)], &
+                          message)
+        if (allocated(message)) return
+        call within("pack_node", reshape(hexes%pack_node, [size(hexes%pack_node)]), 1, n_nodes, &
+                    message)
+        call within("pack_set", hexes%pack_set, 1, n_sets, message)
+    end subroutine check_hexes
+
+    subroutine check_layer(layer, state, n_memory, hexes, n_nodes, n_contacts, message)
+        !! Sizes and indices of the absorbing layer.
+        type(layer_arrays), intent(in) :: layer
+        type(layer_state), intent(in) :: state
+        type(hex_arrays), intent(in) :: hexes
+        integer, intent(in) :: n_memory, n_nodes, n_contacts
+        character(len=:), allocatable, intent(inout) :: message
+        integer :: n, packs
+
+        if (layer%n_slabs == 0) return
+        n = (hexes%order + 1)**3
+        packs = size(hexes%pack_set)
+        associate (slabs => layer%n_slabs, nodes => size(layer%layer_node), &
+                   crossings => size(layer%crossing_part))
+            call require_size("absorbing layer", &
+                              [shape(layer%slab_start), shape(layer%slab_axis), &
+                               shape(layer%slab_stretch), shape(layer%slab_lag), &
+                               shape(layer%layer_frame), shape(layer%layer_mass), &
+                               shape(layer%stretch_start), shape(layer%crossing_stretch), &
+                               shape(state%node_memory), shape(state%crossing_memory), n_memory], &
+                              [packs + 1, slabs, hex_width, 5, hexes%order + 1, slabs, hex_width, slabs, 3, 3, &
+                               nodes, nodes + 1, 5, 3, crossings, 3, size(layer%node_stretch, 2), &
+                               3, 3, crossings, &
+                               hex_width*10*n*slabs], message)
+        end associate
+        if (allocated(message)) return
+        call within("slab_axis", layer%slab_axis, 1, 3, message)
+        call within("slab_start", layer%slab_start, 1, layer%n_slabs + 1, message)
+        call within("layer_node", layer%layer_node, 1, n_nodes, message)
+        call within("crossing_part", layer%crossing_part, 1, n_contacts, message)
+        call within("stretch_start", layer%stretch_start, 1, size(layer%node_stretch, 2) + 1, message)
+        if (any(layer%stretch_start(2:) < layer%stretch_start(:size(layer%layer_node)))) &
+            message = "'arrays/stretch_start' does not ascend"
+        if (any(layer%slab_start(2:) < layer%slab_start(:packs)) &
+            .or. any(layer%slab_start(2:) - layer%slab_start(:packs) > 3)) &
+            message = "'arrays/slab_start' does not ascend by up to three"
+    end subroutine check_layer
+
     subroutine check_node_sizes(model, n_steps, message)
         !! Sizes of nodes, contacts, loads, boundaries and receivers.
         type(model_arrays), intent(in) :: model
@@ -85,8 +152,8 @@ contains
             call require_size("nodes", [shape(own%node_alpha), shape(own%node_load), &
                                         shape(own%node_start)], &
                               [1, nodes, 1, 3, nodes, nodes + 1], message)
-            call require_size("parts", shape(own%node_part), &
-                              [size(model%mesh%slot_node) + 2*contacts], message)
+            if (model%hexes%order == 0) call require_size( &
+                "parts", shape(own%node_part), [n_zone_parts(model) + 2*contacts], message)
         end associate
         associate (own => model%contacts)
             call require_size("contacts", [shape(own%contact_node), shape(own%contact_normal), &
@@ -170,7 +237,8 @@ contains
         nodes = size(model%nodes%node_mass)
         histories = size(model%loads%history, 1)
         associate (own => model%nodes)
-            call within("node_part", own%node_part, 1, size(own%node_part), message)
+            call within("node_part", own%node_part, 1, &
+                        n_zone_parts(model) + 2*size(model%contacts%contact_area), message)
             call within("node_start", own%node_start, 1, size(own%node_part) + 1, message)
         end associate
         associate (own => model%contacts)

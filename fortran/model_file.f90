@@ -3,7 +3,7 @@ module pyblast_model_file
     use hdf5, only : hid_t
     use pyblast_kinds, only : dp
     use pyblast_hdf5_arrays
-    use pyblast_model_types, only : boundary_arrays, contact_arrays, edge_arrays, ground_arrays, &
+    use pyblast_model_types, only : boundary_arrays, contact_arrays, edge_arrays, ground_arrays, hex_arrays, layer_arrays, &
         load_arrays, mesh_arrays, model_arrays, model_state, node_arrays, patch_arrays, &
         receiver_arrays
     implicit none
@@ -38,6 +38,8 @@ contains
         call read_array(file, "arrays/dt", model%dt, message)
         call read_array(file, "arrays/local_damping", model%local_damping, message)
         call read_mesh(file, model%mesh, message)
+        call read_hexes(file, model%hexes, message)
+        call read_layer(file, model%layer, message)
         call read_edges(file, model%edges, message)
         call read_patches(file, model%patches, message)
         call read_ground(file, model%ground, message)
@@ -66,6 +68,40 @@ contains
         call read_array(file, "arrays/zone_row", mesh%zone_row, message)
         call read_array(file, "arrays/zone_patch", mesh%zone_patch, message)
     end subroutine read_mesh
+
+    subroutine read_hexes(file, hexes, message)
+        integer(hid_t), intent(in) :: file
+        type(hex_arrays), intent(inout) :: hexes
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "arrays/hex_order", hexes%order, message)
+        call read_array(file, "arrays/n_mapped", hexes%n_mapped, message)
+        call read_array(file, "arrays/hex_slope", hexes%hex_slope, message)
+        call read_array(file, "arrays/hex_weight", hexes%hex_weight, message)
+        call read_array(file, "arrays/pack_node", hexes%pack_node, message)
+        call read_array(file, "arrays/pack_set", hexes%pack_set, message)
+        call read_array(file, "arrays/pack_metric", hexes%pack_metric, message)
+        call read_array(file, "arrays/pack_brick", hexes%pack_brick, message)
+    end subroutine read_hexes
+
+    subroutine read_layer(file, layer, message)
+        integer(hid_t), intent(in) :: file
+        type(layer_arrays), intent(inout) :: layer
+        character(len=:), allocatable, intent(inout) :: message
+
+        call read_array(file, "arrays/n_slabs", layer%n_slabs, message)
+        call read_array(file, "arrays/slab_start", layer%slab_start, message)
+        call read_array(file, "arrays/slab_axis", layer%slab_axis, message)
+        call read_array(file, "arrays/slab_stretch", layer%slab_stretch, message)
+        call read_array(file, "arrays/slab_lag", layer%slab_lag, message)
+        call read_array(file, "arrays/layer_frame", layer%layer_frame, message)
+        call read_array(file, "arrays/layer_node", layer%layer_node, message)
+        call read_array(file, "arrays/layer_mass", layer%layer_mass, message)
+        call read_array(file, "arrays/stretch_start", layer%stretch_start, message)
+        call read_array(file, "arrays/node_stretch", layer%node_stretch, message)
+        call read_array(file, "arrays/crossing_part", layer%crossing_part, message)
+        call read_array(file, "arrays/crossing_stretch", layer%crossing_stretch, message)
+    end subroutine read_layer
 
     subroutine read_edges(file, edges, message)
         integer(hid_t), intent(in) :: file
@@ -177,6 +213,9 @@ contains
         call read_array(file, "state/memory", state%nodes%memory, message, 1)
         call read_array(file, "state/row_state", state%zones%row_state, message, 2)
         call read_array(file, "state/row_lost", state%zones%row_lost, message, 1)
+        call read_array(file, "state/slab_memory", state%zones%slab_memory, message)
+        call read_array(file, "state/node_memory", state%layer%node_memory, message)
+        call read_array(file, "state/crossing_memory", state%layer%crossing_memory, message)
         call read_array(file, "state/contact_traction", state%joints%contact_traction, message, 2)
         call read_array(file, "state/contact_state", state%joints%contact_state, message, 2)
         call read_array(file, "state/contact_stored", state%joints%contact_stored, message, 1)
@@ -205,6 +244,9 @@ contains
         call write_array(file, "state/memory", state%nodes%memory, 1, message)
         call write_array(file, "state/row_state", state%zones%row_state, 2, message)
         call write_array(file, "state/row_lost", state%zones%row_lost, 1, message)
+        call write_array(file, "state/slab_memory", state%zones%slab_memory, 0, message)
+        call write_array(file, "state/node_memory", state%layer%node_memory, 0, message)
+        call write_array(file, "state/crossing_memory", state%layer%crossing_memory, 0, message)
         call write_array(file, "state/contact_traction", state%joints%contact_traction, 2, message)
         call write_array(file, "state/contact_state", state%joints%contact_state, 2, message)
         call write_array(file, "state/contact_stored", state%joints%contact_stored, 1, message)

@@ -7,7 +7,7 @@ module pyblast_model_types
     use pyblast_batch, only : n_batch
     implicit none
     private
-    public :: allocate_domain_work
+    public :: allocate_domain_work, n_zone_parts
 
     type, public :: mesh_arrays
         !! Zones, and the domains that hold them: neighbouring zones of one set with slots for the
@@ -25,6 +25,48 @@ module pyblast_model_types
         integer, contiguous, pointer :: zone_row(:)              !! its memory; 0 has none
         integer, contiguous, pointer :: zone_patch(:)            !! shares its mean strain; or 0
     end type mesh_arrays
+
+    type, public :: hex_arrays
+        !! Spectral hexahedra in packs: zones of one set and form that are computed together. A model
+        !! has either hexahedra or the tetrahedra of `mesh_arrays`. A pack that is not full repeats
+        !! a zone without stiffness. Source: theory.md (2.44) to (2.47).
+        integer :: order                                         !! of the polynomials; 0: none
+        integer :: n_mapped                                      !! packs of mapped zones, the first
+        real(dp), contiguous, pointer :: hex_slope(:, :)         !! of function j at node i
+                                                                 !! (order + 1, order + 1)
+        real(dp), contiguous, pointer :: hex_weight(:)           !! of the quadrature (order + 1)
+        integer, contiguous, pointer :: pack_node(:, :, :)       !! (hex_width, (order + 1)^3,
+                                                                 !! n_packs)
+        integer, contiguous, pointer :: pack_set(:)              !! law and damping (n_packs)
+        real(dp), contiguous, pointer :: pack_metric(:, :, :, :)
+            !! of mapped zones: q d(reference)/dx, Lame moduli over q, where q is the volume of the
+            !! node (hex_width, 11, (order + 1)^3, n_mapped)
+        real(dp), contiguous, pointer :: pack_brick(:, :, :)
+            !! of bricks: d(reference)/dx of the axes [1/m], Lame moduli times an eighth of the
+            !! volume [J] (hex_width, 5, n_packs - n_mapped)
+    end type hex_arrays
+
+    type, public :: layer_arrays
+        !! Absorbing layer of hexahedra: stretches along up to three axes, as five numbers each: kappa,
+        !! d [1/s], z [s], b, 1/(kappa + d z). A slab is a pack that is stretched along one axis; a pack at an edge of
+        !! the model has two slabs, at a corner three. Source: theory.md (4.14) to (4.18).
+        integer :: n_slabs                                       !! 0: no layer
+        integer, contiguous, pointer :: slab_start(:)            !! of each pack (n_packs + 1)
+        integer, contiguous, pointer :: slab_axis(:)             !! (n_slabs)
+        real(dp), contiguous, pointer :: slab_stretch(:, :, :, :)
+            !! at the nodes along the axis, which is that of the reference zone, too
+            !! (hex_width, 5, order + 1, n_slabs)
+        real(dp), contiguous, pointer :: slab_lag(:, :)          !! of the viscosity of zones
+                                                                 !! (hex_width, n_slabs) [s]
+        real(dp), contiguous, pointer :: layer_frame(:, :)       !! unit vectors of the axes (3, 3)
+        integer, contiguous, pointer :: layer_node(:)            !! (n_layer_nodes)
+        real(dp), contiguous, pointer :: layer_mass(:)           !! without stretch [kg]
+        integer, contiguous, pointer :: stretch_start(:)         !! of each node (n_layer_nodes + 1)
+        real(dp), contiguous, pointer :: node_stretch(:, :)      !! of nodes along axes (5, n_stretches)
+        integer, contiguous, pointer :: crossing_part(:)         !! contacts in the layer (n_crossings)
+        real(dp), contiguous, pointer :: crossing_stretch(:, :, :)
+            !! (5, 3 axes, n_crossings)
+    end type layer_arrays
 
     type, public :: edge_arrays
         !! Springs along edges that stand for linear zones; theory.md (2.39), (2.40).
@@ -125,6 +167,8 @@ module pyblast_model_types
         real(dp) :: dt                                           !! time step [s]
         real(dp) :: local_damping                                !! share of the force; 0 in dynamics
         type(mesh_arrays) :: mesh
+        type(hex_arrays) :: hexes
+        type(layer_arrays) :: layer
         type(edge_arrays) :: edges
         type(patch_arrays) :: patches
         type(ground_arrays) :: ground
@@ -148,6 +192,8 @@ module pyblast_model_types
         real(dp), contiguous, pointer :: row_state(:, :, :)      !! (n_zone_state, n_batch, n_rows)
         real(dp), contiguous, pointer :: row_lost(:, :)          !! dissipated so far
                                                                  !! (n_batch, n_rows) [J/m3]
+        real(dp), contiguous, pointer :: slab_memory(:, :, :, :)
+            !! of the absorbing layer (hex_width, 10, (order + 1)^3, n_slabs)
     end type zone_state
 
     type, public :: joint_state
@@ -160,11 +206,18 @@ module pyblast_model_types
         real(dp), contiguous, pointer :: contact_dissipated(:, :)  !! (n_batch, n_contacts) [J/m2]
     end type joint_state
 
+    type, public :: layer_state
+        !! Memory of the absorbing layer.
+        real(dp), contiguous, pointer :: node_memory(:, :)       !! (3, n_stretches)
+        real(dp), contiguous, pointer :: crossing_memory(:, :, :)  !! (3, 3 axes, n_crossings)
+    end type layer_state
+
     type, public :: model_state
         !! All that a step changes.
         type(nodal_state) :: nodes
         type(zone_state) :: zones
         type(joint_state) :: joints
+        type(layer_state) :: layer
         real(dp), contiguous, pointer :: sums(:, :)              !! running sums of the energy
                                                                  !! balance (n_sums, n_batch)
     end type model_state
@@ -193,18 +246,32 @@ module pyblast_model_types
         real(dp), allocatable :: part_force(:, :, :)             !! (n_batch, 3, n_parts) [N]
         real(dp), allocatable :: block_energy(:, :, :)           !! (n_batch, 5, n_blocks) [J]
         real(dp), allocatable :: block_power(:, :)               !! (n_batch, n_blocks) [W]
+        real(dp), allocatable :: layer_velocity(:, :)            !! before the step (3, n_layer_nodes)
         real(dp), allocatable :: load_amplitude(:)               !! (n_loads)
+        real(dp), allocatable :: step_over_mass(:, :, :)         !! dt/m of each component
+                                                                 !! (n_batch, 3, n_nodes) [s/kg]
     end type nodal_work
 
 contains
 
-    pure subroutine allocate_domain_work(mesh, work)
-        !! Allocate the work of domains before the first check of any zone.
+    pure function n_zone_parts(model) result(n_parts)
+        !! Parts of the nodal forces that come from zones: slots, or nodes of packs.
+        type(model_arrays), intent(in) :: model
+        integer :: n_parts
+
+        n_parts = size(model%mesh%slot_node)
+        if (model%hexes%order > 0) n_parts = size(model%hexes%pack_node)
+    end function n_zone_parts
+
+    pure subroutine allocate_domain_work(mesh, hexes, work)
+        !! Allocate the work of domains or packs before the first check of any zone.
         type(mesh_arrays), intent(in) :: mesh
+        type(hex_arrays), intent(in) :: hexes
         type(domain_work), intent(out) :: work
         integer :: n_domains
 
         n_domains = size(mesh%domain_set)
+        if (hexes%order > 0) n_domains = size(hexes%pack_set)
         allocate (work%displacement_at_check(n_batch, 3, size(mesh%slot_node)))
         allocate (work%yield_margin(n_batch, n_domains), work%strain_energy(n_batch, n_domains))
         allocate (work%plastic_work(n_batch, n_domains), work%insitu_work(n_batch, n_domains))

@@ -6,8 +6,9 @@ module pyblast_solver
     use pyblast_kinds, only : dp, n_energies
     use pyblast_batch, only : n_batch
     use pyblast_model_types, only : allocate_domain_work, domain_work, model_arrays, model_state, &
-        nodal_work
+        n_zone_parts, nodal_work
     use pyblast_internal_forces, only : zone_forces
+    use pyblast_absorbing_layer, only : add_layer_forces, update_layer
     use pyblast_contacts, only : contact_forces
     use pyblast_boundaries, only : load_forces, load_power, reaction_forces, viscous_forces
     use pyblast_time_stepping, only : block_size, gather_forces, move_nodes, record_motion, &
@@ -70,11 +71,12 @@ contains
         logical :: alarm, damped, with_energy
         integer :: i, step, line
 
-        call allocate_domain_work(model%mesh, domains)
+        call allocate_domain_work(model%mesh, model%hexes, domains)
         call allocate_nodal_work(model, nodal)
         work%before = 0.0_dp
         work%after = 0.0_dp
-        damped = any(model%ground%set_beta > 0.0_dp) .or. any(model%ground%set_branch > 0.0_dp)
+        damped = any(model%ground%set_beta > 0.0_dp) .or. any(model%ground%set_branch > 0.0_dp) &
+            .or. model%layer%n_slabs > 0
         line = 0
         where = 0
         lane = 0
@@ -114,7 +116,7 @@ contains
         integer :: n_nodes, n_slots, n_contacts
 
         n_nodes = size(model%nodes%node_mass, 2)
-        n_slots = size(model%mesh%slot_node)
+        n_slots = n_zone_parts(model)
         n_contacts = size(model%contacts%contact_joint)
         associate (dt => model%dt, v => state%nodes%velocity, before => work%before, &
                    after => work%after)
@@ -122,7 +124,12 @@ contains
                              nodal%part_force)
             call contact_forces(model%contacts, dt, state%nodes, state%joints, n_contacts, &
                                 nodal%part_force(:, :, n_slots + 1:))
-            call gather_forces(model%nodes, state%nodes, n_slots, damped, nodal, before(:, 4))
+            call gather_forces(model%nodes, state%nodes, n_slots, model%hexes%order > 0, damped, nodal, &
+                               before(:, 4))
+            if (model%layer%n_slabs > 0) call add_layer_forces( &
+                model%layer, model%contacts, n_nodes, n_slots, n_slots + 2*n_contacts, &
+                nodal%part_force, v, state%layer, nodal%force, nodal%zone_force, &
+                nodal%layer_velocity, before(1, 4))
             call load_forces(model%loads, step, n_nodes, v, nodal%load_amplitude, nodal%force, &
                              before(:, 3))
             call viscous_forces(model%boundaries, model%nodes, dt, n_nodes, v, nodal%force, &
@@ -136,6 +143,8 @@ contains
                 model%contacts%contact_area, model%contacts%contact_initial, &
                 state%nodes%displacement)
             call move_nodes(model%nodes, dt, model%local_damping, with_energy, state%nodes, nodal)
+            if (model%layer%n_slabs > 0) call update_layer(model%layer, dt, n_nodes, v, &
+                                                           nodal%layer_velocity, state%layer)
             call load_power(model%loads, n_nodes, v, nodal%load_amplitude, after(:, 3))
             after(:, 3) = after(:, 1) + 0.5_dp*dt*after(:, 3)
             if (damped) call zone_power(state%nodes, nodal, after(:, 4))
@@ -155,9 +164,14 @@ contains
         n_nodes = size(model%nodes%node_mass, 2)
         n_blocks = (n_nodes + block_size - 1)/block_size
         allocate (work%force(n_batch, 3, n_nodes), work%zone_force(n_batch, 3, n_nodes))
-        allocate (work%part_force(n_batch, 3, size(model%nodes%node_part)))
+        allocate (work%part_force(n_batch, 3, n_zone_parts(model) &
+                                  + 2*size(model%contacts%contact_joint)))
         allocate (work%block_energy(n_batch, 5, n_blocks), work%block_power(n_batch, n_blocks))
         allocate (work%load_amplitude(size(model%loads%load_node)))
+        if (model%layer%n_slabs > 0) &
+            allocate (work%layer_velocity(3, size(model%layer%layer_node)))
+        allocate (work%step_over_mass(n_batch, 3, n_nodes))
+        work%step_over_mass = spread(model%dt/model%nodes%node_mass, 2, 3)
     end subroutine allocate_nodal_work
 
     pure function fastest(velocity) result(node)

@@ -1,6 +1,6 @@
 module pyblast_time_stepping
     !! Sum of the forces on a node in fixed order, and its step through time.
-    use pyblast_kinds, only : dp, least_shared
+    use pyblast_kinds, only : dp, hex_width, least_shared
     use pyblast_batch, only : n_batch
     use pyblast_model_types, only : nodal_state, nodal_work, node_arrays, receiver_arrays
     implicit none
@@ -11,38 +11,48 @@ module pyblast_time_stepping
 
 contains
 
-    subroutine gather_forces(nodes, state, n_slots, damped, work, power)
+    subroutine gather_forces(nodes, state, n_slots, in_packs, damped, work, power)
         !! Constant load of each node plus its parts, in the order of its list: slots, then sides.
         type(node_arrays), intent(in) :: nodes
         type(nodal_state), intent(in) :: state
         integer, intent(in) :: n_slots             !! parts that come from zones
+        logical, intent(in) :: in_packs            !! whether zones are hexahedra
         logical, intent(in) :: damped              !! whether the power of zones is wanted
         type(nodal_work), intent(inout) :: work
         real(dp), intent(out) :: power(n_batch)    !! as in zone_power [W]
         integer :: b, n_nodes, n_parts
 
         n_nodes = size(state%velocity, 3)
-        n_parts = size(nodes%node_part)
+        n_parts = size(work%part_force, 3)
         !$omp parallel do schedule(static) default(none) &
-        !$omp& shared(nodes, state, n_nodes, n_parts, n_slots, damped, work) &
+        !$omp& shared(nodes, state, n_nodes, n_parts, n_slots, in_packs, damped, work) &
         !$omp& if (n_batch*n_nodes >= least_shared)
         do b = 1, size(work%block_power, 2)
-            call gather_block((b - 1)*block_size + 1, min(b*block_size, n_nodes), n_nodes, n_parts, &
-                              n_slots, damped, nodes%node_start, nodes%node_part, work%part_force, &
-                              nodes%node_load, state%velocity, work%zone_force, work%force, &
-                              work%block_power(:, b))
+            if (in_packs .and. n_batch == 1) then
+                call gather_block_of_packs((b - 1)*block_size + 1, min(b*block_size, n_nodes), &
+                                           n_nodes, n_parts, n_slots, size(nodes%node_part), &
+                                           damped, nodes%node_start, nodes%node_part, &
+                                           work%part_force, nodes%node_load, state%velocity, &
+                                           work%zone_force, work%force, work%block_power(1, b))
+            else
+                call gather_block((b - 1)*block_size + 1, min(b*block_size, n_nodes), n_nodes, &
+                                  n_parts, n_slots, size(nodes%node_part), damped, &
+                                  nodes%node_start, nodes%node_part, work%part_force, &
+                                  nodes%node_load, state%velocity, work%zone_force, work%force, &
+                                  work%block_power(:, b))
+            end if
         end do
         !$omp end parallel do
         power = sum(work%block_power, 2)
     end subroutine gather_forces
 
-    pure subroutine gather_block(first, last, n_nodes, n_parts, n_slots, damped, node_start, &
+    pure subroutine gather_block(first, last, n_nodes, n_parts, n_slots, n_own, damped, node_start, &
                                  node_part, part_force, node_load, velocity, zone_force, force, &
                                  power)
         !! Forces of nodes first to last. Explicit shapes: through components it takes longer.
-        integer, intent(in) :: first, last, n_nodes, n_parts, n_slots
+        integer, intent(in) :: first, last, n_nodes, n_parts, n_slots, n_own
         logical, intent(in) :: damped
-        integer, intent(in) :: node_start(n_nodes + 1), node_part(n_parts)
+        integer, intent(in) :: node_start(n_nodes + 1), node_part(n_own)
         real(dp), intent(in) :: part_force(n_batch, 3, n_parts), node_load(n_batch, 3, n_nodes)
         real(dp), intent(in) :: velocity(n_batch, 3, n_nodes)
         real(dp), intent(inout) :: zone_force(n_batch, 3, n_nodes), force(n_batch, 3, n_nodes)
@@ -68,6 +78,47 @@ contains
         end do
         power = sum(part, 2)
     end subroutine gather_block
+
+    pure subroutine gather_block_of_packs(first, last, n_nodes, n_parts, n_slots, n_own, damped, &
+                                          node_start, node_part, part_force, node_load, velocity, &
+                                          zone_force, force, power)
+        !! As gather_block, where the parts of hexahedra are (zone, component, node) of their pack.
+        integer, intent(in) :: first, last, n_nodes, n_parts, n_slots, n_own
+        logical, intent(in) :: damped
+        integer, intent(in) :: node_start(n_nodes + 1), node_part(n_own)
+        real(dp), intent(in) :: part_force(3*n_parts), node_load(3, n_nodes), velocity(3, n_nodes)
+        real(dp), intent(inout) :: zone_force(3, n_nodes), force(3, n_nodes)
+        real(dp), intent(out) :: power
+        real(dp) :: x, y, z
+        integer :: n, k, at
+
+        power = 0.0_dp
+        do n = first, last
+            x = 0.0_dp
+            y = 0.0_dp
+            z = 0.0_dp
+            do k = node_start(n), node_start(n + 1) - 1
+                if (node_part(k) > n_slots) exit
+                at = node_part(k) + 2*(node_part(k) - 1 - iand(node_part(k) - 1, hex_width - 1))
+                x = x + part_force(at)
+                y = y + part_force(at + hex_width)
+                z = z + part_force(at + 2*hex_width)
+            end do
+            if (damped) then
+                zone_force(:, n) = [x, y, z]
+                power = power - (x*velocity(1, n) + y*velocity(2, n) + z*velocity(3, n))
+            end if
+            do k = k, node_start(n + 1) - 1
+                at = 3*(node_part(k) - 1)
+                x = x + part_force(at + 1)
+                y = y + part_force(at + 2)
+                z = z + part_force(at + 3)
+            end do
+            force(1, n) = node_load(1, n) + x
+            force(2, n) = node_load(2, n) + y
+            force(3, n) = node_load(3, n) + z
+        end do
+    end subroutine gather_block_of_packs
 
     pure function power_taken(n_nodes, force, velocity) result(power)
         !! Power that forces take from the motion of some nodes [W].
@@ -154,7 +205,7 @@ contains
                                         work%block_energy(:, :, b))
         else
             work%block_energy(:, :, b) = 0.0_dp
-            call move_free(n, dt, nodes%node_mass(:, first:last), work%force(:, :, first:last), &
+            call move_free(n, dt, work%step_over_mass(:, :, first:last), work%force(:, :, first:last), &
                            state%displacement(:, :, first:last), state%velocity(:, :, first:last))
         end if
     end subroutine move_block
@@ -168,20 +219,17 @@ contains
         yes = any(value > 0.0_dp)
     end function any_positive
 
-    pure subroutine move_free(n_nodes, dt, node_mass, force, displacement, velocity)
+    pure subroutine move_free(n_nodes, dt, step_over_mass, force, displacement, velocity)
         !! Move nodes that nothing damps: the bits of move_with_energies, without the energies.
         integer, intent(in) :: n_nodes
-        real(dp), intent(in) :: dt, node_mass(n_batch, n_nodes), force(n_batch, 3, n_nodes)
-        real(dp), intent(inout) :: displacement(n_batch, 3, n_nodes), velocity(n_batch, 3, n_nodes)
-        real(dp) :: step(n_batch)
-        integer :: n, k
+        real(dp), intent(in) :: dt
+        real(dp), dimension(3*n_batch*n_nodes), intent(in) :: step_over_mass, force
+        real(dp), dimension(3*n_batch*n_nodes), intent(inout) :: displacement, velocity
+        integer :: k
 
-        do n = 1, n_nodes
-            step = dt/node_mass(:, n)
-            do k = 1, 3
-                velocity(:, k, n) = velocity(:, k, n) + (step*force(:, k, n))
-                displacement(:, k, n) = displacement(:, k, n) + dt*velocity(:, k, n)
-            end do
+        do k = 1, 3*n_batch*n_nodes
+            velocity(k) = velocity(k) + (step_over_mass(k)*force(k))
+            displacement(k) = displacement(k) + dt*velocity(k)
         end do
     end subroutine move_free
 

@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from .signals.seismogram import Seismogram
     from .signals.comparison import compare
     from .recordings.recording import read_recording
-    from .recordings.gather import read_gather
+    from .recordings.recording import read_gather
     from .workflows.records import analyse_records
 
     # Blasts
     from .blasts.blast import Blast
     from .blasts.hole_tables import read_blast
-    from .blasts.superposition import superpose
+    from .blasts.signature import superpose
     from .blasts.site_law import fit_site_law
 
     # Mesh
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from .project.checks import check
     from .workflows.run import run
     from .project.result import read_result
-    from .report.html import write_report
+    from .report.run import write_report
 
     # Inverse problems: parameters, survey design, missing physics
     from .workflows.back_analysis import back_analyse, design_survey

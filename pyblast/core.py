@@ -1,12 +1,17 @@
-"""The border to Fortran: the only importer of its cores; indices, views, lanes, tables of laws."""
+"""Interface to Fortran: the only importer of its cores; indices, views, batches, laws."""
 
 import os
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-from . import _core, _core_batch, _core_single
+if TYPE_CHECKING:  # compiled, without type information
+    _core: Any = None
+    _core_batch: Any = None
+    _core_single: Any = None
+else:
+    from . import _core, _core_batch, _core_single
 
 ENERGIES = (
     "kinetic",
@@ -20,8 +25,12 @@ ENERGIES = (
     "insitu",
     "unbalanced",
 )
-LANES = int(_core_batch.pyblast_batch.n_batch)  # models that march side by side
-LEAST_SHARED = int(_core.pyblast_kinds.least_shared)  # nodes of a model whose steps threads share
+BATCH_SIZE = int(_core_batch.pyblast_batch.n_batch)  # runs in one batch
+HEX_WIDTH = {  # hexahedra side by side in memory, by single precision
+    False: int(_core.pyblast_kinds.hex_width),
+    True: int(_core_single.pyblast_kinds.hex_width),
+}
+LEAST_SHARED = int(_core.pyblast_kinds.least_shared)  # nodes from which threads share a time step
 N_SUMS = int(_core.pyblast_kinds.n_sums)
 N_JOINT_STATE = int(_core.pyblast_kinds.n_joint_state)
 N_JOINT_PROPERTIES = int(_core.pyblast_kinds.n_joint_properties)
@@ -29,10 +38,10 @@ N_ZONE_STATE = int(_core.pyblast_kinds.n_zone_state)
 N_ZONE_PROPERTIES = int(_core.pyblast_kinds.n_zone_properties)
 INDEX_ENDINGS = (
     "_node", "_slot", "_part", "_joint", "_law", "_history", "_start", "_set", "_row", "_patch",
-    "_lane", "_form",
+    "_lane", "_form", "_axis",
 )  # fmt: skip
-# Arrays that each lane has for itself, and at which axis the lanes are.
-LANE_AXIS = {
+# Arrays that differ between the members of a batch, and the axis of the members.
+BATCH_AXIS = {
     **dict.fromkeys(
         (
             "displacement", "velocity", "memory", "node_mass", "node_alpha", "node_load",
@@ -60,12 +69,15 @@ STATE = (
     "contact_state",
     "contact_stored",
     "contact_dissipated",
+    "slab_memory",
+    "node_memory",
+    "crossing_memory",
     "sums",
 )
 
 
 class Law(NamedTuple):
-    """Name, number (from 0), properties and state names of a law, as Fortran tells them."""
+    """Name, number (from 0), properties and state names of a law, as declared in Fortran."""
 
     name: str
     number: int
@@ -100,15 +112,15 @@ def joint_bound(law, row):
 
 
 def stored_at_rest(constants, state):
-    """Return the energy that the contacts hold before anything moves, (n_contacts,) J/m2."""
+    """Return the initial energy of the contacts, (n_contacts,) J/m2."""
     names = ("contact_normal", "contact_joint", "joint_law", "joint_property", "contact_initial")
     views = to_fortran({name: constants[name] for name in names})
-    found = _core.pyblast_border.stored_at_rest(**views, contact_state=state[:, None].T)
-    return found.T[..., 0]
+    energy = _core.pyblast_border.stored_at_rest(**views, contact_state=state[:, None].T)
+    return energy.T[..., 0]
 
 
 def numbered(arrays):
-    """Return arrays as the core and its files hold them, axes still in Python's order.
+    """Return arrays with the indices of Fortran, axes still in Python's order.
 
     Parameters
     ----------
@@ -118,8 +130,8 @@ def numbered(arrays):
     Returns
     -------
     dict
-        The same names; indices count from 1. An empty array becomes one row of zeros, which
-        loads, dashpots and the like can bear: f2py takes no empty arrays.
+        The same names; indices count from 1. An empty array becomes one row of zeros, which has
+        no effect in loads, dashpots and the like: f2py takes no empty arrays.
     """
     table = {}
     for name, value in arrays.items():
@@ -134,7 +146,7 @@ def numbered(arrays):
 
 
 def in_single(arrays):
-    """Return arrays with their real numbers in four bytes."""
+    """Return arrays in single precision."""
     return {
         name: value.astype(np.float32)
         if isinstance(value, np.ndarray) and value.dtype == np.float64
@@ -144,19 +156,19 @@ def in_single(arrays):
 
 
 def to_fortran(arrays):
-    """Return the views that the kernels take for one model: `numbered`, axes reversed, no copy."""
-    return _reversed(_one_lane(numbered(arrays)))
+    """Return the views of one model for the kernels: `numbered`, axes reversed, no copy."""
+    return _reversed(_with_batch_axis(numbered(arrays)))
 
 
-def side_by_side(arrays):
-    """Return the views that the kernels take for `LANES` models, lanes stacked already."""
+def to_fortran_batch(arrays):
+    """Return the views of `BATCH_SIZE` stacked models for the kernels."""
     return _reversed(numbered(arrays))
 
 
-def _one_lane(arrays):
-    """Give arrays that each lane has for itself the axis of the lanes."""
+def _with_batch_axis(arrays):
+    """Insert the batch axis into arrays that differ between members."""
     return {
-        name: np.expand_dims(value, LANE_AXIS[name]) if name in LANE_AXIS else value
+        name: np.expand_dims(value, BATCH_AXIS[name]) if name in BATCH_AXIS else value
         for name, value in arrays.items()
     }
 
@@ -169,7 +181,7 @@ def _reversed(arrays):
 
 
 def advance(constants, state, first_step, n_steps, ledger_every):
-    """March ``n_steps``; the arrays of ``state`` change in place.
+    """Integrate ``n_steps`` time steps; the arrays of ``state`` change in place.
 
     Parameters
     ----------
@@ -184,36 +196,36 @@ def advance(constants, state, first_step, n_steps, ledger_every):
     motion : (n_done, n_receivers, 3) float64, m/s
     energy : (n_lines, n_energies) float64, J
     failed : int or None
-        Node of the largest velocity, from 0, where the march stopped early.
+        Node of the largest velocity, from 0, if the integration stopped early.
     """
-    views = _reversed(_one_lane(state))
+    views = _reversed(_with_batch_axis(state))
     core = _core_single if state["velocity"].dtype == np.float32 else _core
-    motion, energy, failed = _march(core, constants, views, first_step, n_steps, ledger_every)
+    motion, energy, failed = _integrate(core, constants, views, first_step, n_steps, ledger_every)
     return motion[..., 0], energy[:, 0], None if failed is None else failed[0]
 
 
-def advance_all(constants, state, first_step, n_steps, ledger_every):
-    """March `LANES` models side by side; as `advance`, from `side_by_side` and with lanes.
+def advance_batch(constants, state, first_step, n_steps, ledger_every):
+    """Integrate `BATCH_SIZE` models in one batch; as `advance`, from `to_fortran_batch`.
 
     Returns
     -------
-    motion : (n_done, n_receivers, 3, LANES) float64, m/s
-    energy : (n_lines, LANES, n_energies) float64, J
+    motion : (n_done, n_receivers, 3, BATCH_SIZE) float64, m/s
+    energy : (n_lines, BATCH_SIZE, n_energies) float64, J
     failed : tuple of int or None
-        Node and lane where the march stopped early.
+        Node and batch member where the integration stopped early.
     """
-    return _march(_core_batch, constants, _reversed(state), first_step, n_steps, ledger_every)
+    return _integrate(_core_batch, constants, _reversed(state), first_step, n_steps, ledger_every)
 
 
-def _march(core, constants, state, first_step, n_steps, ledger_every):
-    """March in one of the cores, with arrays that have lanes; as `advance`, lanes kept."""
-    lanes = int(core.pyblast_batch.n_batch)
+def _integrate(core, constants, state, first_step, n_steps, ledger_every):
+    """Integrate in one of the cores; as `advance_batch`."""
+    n_batch = int(core.pyblast_batch.n_batch)
     last = first_step + n_steps
     n_lines = -(-last // ledger_every) - -(-first_step // ledger_every)
     real = state["velocity"].dtype
-    motion = np.zeros((n_steps, constants["receiver_node"].shape[1], 3, lanes), real)
-    energy = np.zeros((n_lines, lanes, len(ENERGIES)), real)
-    info, node, lane = core.pyblast_border.advance(
+    motion = np.zeros((n_steps, constants["receiver_node"].shape[1], 3, n_batch), real)
+    energy = np.zeros((n_lines, n_batch, len(ENERGIES)), real)
+    info, node, member = core.pyblast_border.advance(
         first_step=first_step,
         ledger_every=ledger_every,
         motion=motion.T,
@@ -221,5 +233,6 @@ def _march(core, constants, state, first_step, n_steps, ledger_every):
         **constants,
         **{name: state[name] for name in STATE},
     )
-    motion, energy = (one.astype(np.float64, copy=False) for one in (motion[: abs(info)], energy))
-    return motion, energy, (node - 1, lane - 1) if info < 0 else None
+    motion = motion[: abs(info)].astype(np.float64, copy=False)
+    energy = energy.astype(np.float64, copy=False)
+    return motion, energy, (node - 1, member - 1) if info < 0 else None

@@ -12,6 +12,7 @@ code  meaning
 """
 
 from collections.abc import Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 EXIT_CODES = {
@@ -41,12 +42,12 @@ class SolverError(PyblastError, RuntimeError):
 
 
 class PyblastWarning(UserWarning):
-    """Physics that is doubtful but can be computed."""
+    """Questionable physics or data that can still be computed."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """A doubtful point of a project or a result.
+    """Finding of a check: a questionable point of a project or a result.
 
     Parameters
     ----------
@@ -70,3 +71,12 @@ class Finding:
 def by_wave(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:
     """Name the numbers of P and S waves, ``{"rock": (1, 2)}`` as ``{"p_rock": 1, "s_rock": 2}``."""
     return {f"{w}_{n}": v for n, pair in pairs.items() for w, v in zip("ps", pair, strict=True)}
+
+
+@contextmanager
+def named_error(where):
+    """Put a place of the project file before the message of an error in it or in its files."""
+    try:
+        yield
+    except (InputError, ReadError) as error:
+        raise type(error)(f"{where}: {error}") from None

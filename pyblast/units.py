@@ -1,6 +1,7 @@
 """The only table of unit factors: the suffix of a key says the unit, everything inside is SI."""
 
 import math
+from typing import overload
 
 from .errors import InputError
 
@@ -42,10 +43,11 @@ FACTORS = {
     "mv": 1e-3,
     "v": 1.0,
 }
+STEEPEST = 84.0  # degrees, of friction and dilation; larger tangents are angles in degrees
 _LONGEST_FIRST = sorted([*FACTORS, "angle_deg", "deg"], key=len, reverse=True)
 
 
-def split_key(key):
+def split_key(key: str) -> tuple[str, str]:
     """Split a key into its stem and its unit suffix; the suffix is empty where there is none."""
     for suffix in _LONGEST_FIRST:
         if key.endswith("_" + suffix):
@@ -53,8 +55,12 @@ def split_key(key):
     return key, ""
 
 
+@overload
+def to_si(key: str, value: float) -> tuple[str, float]: ...
+@overload
+def to_si(key: str, value: list[float] | tuple[float, ...]) -> tuple[str, list[float]]: ...
 def to_si(key, value):
-    """Turn ``kn_gpa_per_m = 1.3`` into ``("kn", 1.3e9)``.
+    """Convert ``kn_gpa_per_m = 1.3`` into ``("kn", 1.3e9)``.
 
     Parameters
     ----------
@@ -71,14 +77,14 @@ def to_si(key, value):
     Raises
     ------
     InputError
-        If a friction or dilation angle lies outside 0 to 89 degrees.
+        If a friction or dilation angle lies outside 0 to 84 degrees.
     """
     stem, suffix = split_key(key)
     if isinstance(value, (list, tuple)):
         return stem, [to_si(key, item)[1] for item in value]
     if suffix == "angle_deg":
-        if not 0.0 <= value < 89.0:
-            raise InputError(f"{key}: must lie between 0 and 89 degrees, got {value:g}")
+        if not 0.0 <= value <= STEEPEST:
+            raise InputError(f"{key}: must lie between 0 and {STEEPEST:g} degrees, got {value:g}")
         return stem, math.tan(math.radians(value))
     if suffix == "deg":
         return stem, math.radians(value)
@@ -86,7 +92,7 @@ def to_si(key, value):
 
 
 LARGEST_ANGLE = 2.0 * math.pi * (1.0 + 1e-9)  # rad
-LARGEST_TANGENT = 10.0  # of 84 degrees
+LARGEST_TANGENT = math.tan(math.radians(STEEPEST)) * (1.0 + 1e-9)
 SMALLEST_DENSITY = 100.0  # kg/m3
 SMALLEST_MODULUS = 1e5  # Pa
 SMALLEST_SPEED = 20.0  # m/s
@@ -106,8 +112,9 @@ def check_tangent(where: str, tangent: float) -> None:
     """Raise InputError for the tangent of a friction or dilation angle above 84 degrees."""
     if LARGEST_TANGENT < tangent < math.inf:
         raise InputError(
-            f"{where}: must be the tangent of an angle, at most {LARGEST_TANGENT:g}, got "
-            f"{tangent:g}, which looks like degrees; use math.tan(math.radians({tangent:g}))"
+            f"{where}: must be the tangent of an angle up to {STEEPEST:g} degrees, "
+            f"{LARGEST_TANGENT:.4g}, got {tangent:g}, which looks like degrees; use "
+            f"math.tan(math.radians({tangent:g}))"
         )
 
 
@@ -146,3 +153,9 @@ def check_stiffness(where: str, stiffness: float) -> None:
             f"{where}: must be at least {SMALLEST_STIFFNESS:g} Pa/m, got {stiffness:g}, which "
             "looks like GPa/m; multiply by 1e9"
         )
+
+
+def plain_number(value: float, digits: int = 3) -> str:
+    """Write a number for a sentence: significant digits, no positive exponent."""
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+" in text else text

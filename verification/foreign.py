@@ -48,10 +48,10 @@ def judged(cases, name, keep, executor):
         "targets": [one["target"] for one in answer["effects"]],
         "class": answer["class"],
         "best": answer["evidence"]["best_labels"],
-        "worth": answer["evidence"]["best"],
-        "threshold": answer["evidence"]["threshold"],
+        "delta_ln_evidence": answer["evidence"]["delta_ln_evidence"],
+        "null_threshold": answer["evidence"]["null_threshold"],
         "explained": answer["evidence"]["explained_share"],
-        "foretold_misfit": misfits,
+        "further_blast_misfit": misfits,
         "runs": answer["runs"],
         "wall_s": answer["wall_s"],
         "kept_s": answer["kept_s"],
@@ -63,10 +63,10 @@ def _told(stage, done, total):
     print(f"  {stage} {done}/{total}", flush=True)
 
 
-def _misfit(recorded, foretold, folder):
+def _misfit(recorded, predicted, folder):
     """Return the median over receivers of the energy of the difference over that of the record."""
     table = tomllib.loads((folder / "site.toml").read_text())["recording"]
-    there, here = (read_stations(path) for path in (recorded, foretold))
+    there, here = (read_stations(path) for path in (recorded, predicted))
     found = []
     for name, one in there.items():
         record = one.seismogram
@@ -83,7 +83,9 @@ def table(rows):
     yield "|---|---|---|---|---|---|---|---|"
     for name, row in sorted(rows.items()):
         said = ", ".join(row["labels"]) or "–"
-        before, after = (100.0 * row["foretold_misfit"][k] for k in ("calibrated", "diagnosed"))
+        before, after = (
+            100.0 * row["further_blast_misfit"][k] for k in ("calibrated", "diagnosed")
+        )
         yield (
             f"| {name} | {', '.join(row['truth'])} | {row['outcome']} | {said} | "
             f"{row['explained']:.2f} | {before:.1f} → {after:.1f} % | {row['runs']} | "

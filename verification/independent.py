@@ -20,7 +20,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 from pyblast.project.case_folder import read_case_folder
-from pyblast.project.flat_box import Cut, band_of, flat_box, flat_mesh, flat_model
+from pyblast.project.flat_box import Discretization, band_of, flat_box, flat_mesh, flat_model
 from pyblast.project.result import write_text
 from pyblast.signals.comparison import compare
 from pyblast.solver.run import simulate
@@ -65,7 +65,7 @@ def site_of(cases, case, model):
 
 def measured(site, blast, edge, air=()):
     """Run one blast on one mesh, with air blasts; return a row of results and the seismograms."""
-    cut = Cut(edge)
+    cut = Discretization(edge)
     mesh = with_open_ground(flat_mesh(flat_box(site), cut), flat_box(site).box)
     model = flat_model(site, blast, cut, mesh)
     done = simulate(replace(model, sources=(*model.sources, *air)), DURATION)

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from pyblast.mesh.faces import zone_faces
 from pyblast.mesh.mesh import Mesh
-from pyblast.mesh.tetrahedra import volumes, zone_faces
+from pyblast.mesh.tetrahedra import volumes
 
 
 def ball_octant(n_edges, radii):

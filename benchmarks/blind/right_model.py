@@ -11,11 +11,11 @@ from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.fitting import fit, fit_partly
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY, blast_and_hole
-from pyblast.diagnosis.search import started
+from pyblast.diagnosis.search import starting_effects
 from pyblast.workflows.diagnose import cut_of
 
 from .case_files import read_asked
-from .running import case_in, foretold
+from .running import case_in, predictions
 from .sealing import data_of
 from .sites import BAND, BEFORE, DT, FURTHER
 
@@ -27,14 +27,14 @@ def right(store: Path, name: str, truth: dict) -> dict:
     -------
     dict
         ``length``: d', the length of the effects in units of errors after calibration has taken
-        what it can; ``foretold`` as of the answer, None where an effect is in no library.
+        what it can; ``predicted`` as of the answer, None where an effect is in no library.
     """
     case = case_in(store, name)
     runs = store / "runs" / name
     forward = Forward(case, cut_of(case.project), runs)
     baseline = calibrate(forward, Forward(case, cut_of(case.project, fine=True), runs))
     motion = motion_of(store, name, truth)
-    found = {"length": length(case, baseline, motion), "foretold": None}
+    found = {"length": length(case, baseline, motion), "predicted": None}
     scene = Scene(forward, baseline, forward.hole_motion(baseline.project))
     effects = [_best_start(scene, one) for one in truth["effects"]]
     if all(one is not None for one in effects):
@@ -42,7 +42,7 @@ def right(store: Path, name: str, truth: dict) -> dict:
         home = np.zeros(len(baseline.values)) if on_site else baseline.values
         fitted = fit(scene, effects, home)
         if fitted is not None:
-            found["foretold"] = foretold(
+            found["predicted"] = predictions(
                 case, read_asked(store / "asked" / name), fitted.values, fitted.effects, runs
             )
     return found
@@ -80,7 +80,7 @@ def _best_start(scene, hidden):
         if hypothesis.label != hidden["label"]:
             continue
         for target in _there(hypothesis.targets(scene.case), hidden["target"]):
-            for one in started(hypothesis, target, scene):
+            for one in starting_effects(hypothesis, target, scene):
                 on_site = hypothesis.on == "site"
                 home = np.zeros(len(scene.baseline.values)) if on_site else scene.baseline.values
                 squares, _, effects = fit_partly(scene, (one,), home, n_last=0 if on_site else 1)
@@ -98,14 +98,14 @@ def _there(targets, wanted):
 
 
 def reductions(motion, told) -> dict:
-    """Return the shares of the energy of unseen records that are foretold, means over records.
+    """Return the shares of the energy of unseen records that are predicted, means over records.
 
     Parameters
     ----------
     motion : dict
         As of `motion_of`.
     told : dict
-        As of `foretold`, with the names of its blasts and receivers.
+        As of `predicted`, with the names of its blasts and receivers.
     """
     band = signal.butter(3, BAND, "band", fs=1.0 / DT, output="sos")
 

@@ -33,7 +33,7 @@ def scored(name: str, store: Path, seals: dict) -> dict:
             kept.parent.mkdir(parents=True, exist_ok=True)
             write_text(kept, json.dumps(right(store, name, truth)) + "\n")
         known, motion = json.loads(kept.read_text()), motion_of(store, name, truth)
-        told = {**(said.get("foretold") or {}), "right": known["foretold"]}
+        told = {**(said.get("predicted") or {}), "right": known["predicted"]}
         measured = {key: reductions(motion, one) for key, one in told.items() if one}
         measured["length"] = known["length"]
     return row_of(truth, said, measured)
@@ -47,7 +47,7 @@ def row_of(truth: dict, answer: dict, measured: dict | None = None) -> dict:
     truth, answer : dict
         As sealed and as frozen.
     measured : dict, optional
-        ``length`` of the effects and shares of unseen energy that were foretold ``before``,
+        ``length`` of the effects and shares of unseen energy that were predicted ``before``,
         ``after`` and by the ``right`` model; each a dict by "blasts" and "receivers".
 
     Returns
@@ -71,7 +71,7 @@ def row_of(truth: dict, answer: dict, measured: dict | None = None) -> dict:
         "true": [one["label"] for one in truth["effects"]], "outcome": outcome, "said": said,
         "named": named, "length": length, "share": truth["share"],
         "alarm": outcome in CLAIMS,
-        "beyond": (evidence.get("at_twice_the_errors") or 0.0) >= MATERIAL,
+        "beyond": (evidence.get("chi_square_at_double_error") or 0.0) >= MATERIAL,
         "right_name": bool(named) and set(named) <= set(true),
         "some": any(label in true for label in named),
         "all": bool(true) and set(true) <= set(named) and set(named) <= set(true),
@@ -84,7 +84,7 @@ def row_of(truth: dict, answer: dict, measured: dict | None = None) -> dict:
         "gain": _gain(truth, true, measured), "brier": _brier(wanted, probability),
         "confidence": max(probability.values(), default=None),
         "sure_right": _sure_right(wanted, probability),
-        "worst": (answer.get("located") or {}).get("largest"),
+        "worst": (answer.get("located") or {}).get("largest_chi_square"),
         "lead": _lead(evidence), "leader_right": bool(judged) and set(judged) <= set(true),
         "runs": answer.get("runs"), "cpu_s": answer.get("cpu_s"),
         "code": answer.get("code"),
@@ -231,7 +231,7 @@ def _sure_right(wanted, probability):
 
 
 def _lead(evidence):
-    """Return by how much what was judged exceeds what it must, nats."""
-    if evidence.get("best") is None or evidence.get("threshold") is None:
+    """Return by how much what was judged exceeds what it must, difference of ln evidence."""
+    if evidence.get("delta_ln_evidence") is None or evidence.get("null_threshold") is None:
         return None
-    return float(evidence["best"] - max(evidence["threshold"], DECISIVE))
+    return float(evidence["delta_ln_evidence"] - max(evidence["null_threshold"], DECISIVE))

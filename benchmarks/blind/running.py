@@ -8,14 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from pyblast.diagnosis.case import case_of
-from pyblast.diagnosis.effects import with_motion_effects
+from pyblast.diagnosis.effects import (
+    PredictionScene,
+    diagnosed,
+    effects_of,
+    predict,
+    with_motion_effects,
+)
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import blast_and_hole
-from pyblast.diagnosis.prediction import Place, diagnosed, effects_of, predict
 from pyblast.model.model import Receiver
 from pyblast.project.case_folder import read_case_folder
 from pyblast.project.result import plain
-from pyblast.runs.cache import WHOLE, code_hash
+from pyblast.runs.parallel import WHOLE, code_hash
 from pyblast.workflows.diagnose import cut_of, diagnose
 
 from .case_files import read_asked
@@ -49,12 +54,12 @@ def _answered(store, name):
     made = diagnose(project, runs, budget=BUDGET, seed=DIAGNOSIS_SEED)
     summary = plain(made.summary)
     model, case, asked = summary["model"], made.scene.case, read_asked(store / "asked" / name)
-    after = foretold(case, asked, model["values"], effects_of(model), runs)
-    before = foretold(case, asked, model["baseline_values"], (), runs)
-    return {**summary, "foretold": {"before": before, "after": after}}
+    after = predictions(case, asked, model["values"], effects_of(model), runs)
+    before = predictions(case, asked, model["baseline_values"], (), runs)
+    return {**summary, "predicted": {"before": before, "after": after}}
 
 
-def foretold(case, asked, values, effects, folder) -> dict:
+def predictions(case, asked, values, effects, folder) -> dict:
     """Predict the further blast at the known receivers, all blasts at the further receiver.
 
     Returns
@@ -70,10 +75,10 @@ def foretold(case, asked, values, effects, folder) -> dict:
     project = diagnosed(there, values, effects)
     forward = Forward(replace(case, project=there, receivers=(HIDDEN,)), cut, folder)
     changed = [_fired(project, name, effects) for name in case.blasts]
-    heard = forward.heard([(one, b) for (one, _), b in zip(changed, case.blasts, strict=True)])
+    heard = forward.simulate([(one, b) for (one, _), b in zip(changed, case.blasts, strict=True)])
     hidden = np.stack([delayed(v, -lead) for v, (_, lead) in zip(heard, changed, strict=True)])
     everywhere = [effect for effect in effects if effect.target not in case.receivers]
-    hidden = with_motion_effects(Place(forward, project), hidden, everywhere)
+    hidden = with_motion_effects(PredictionScene(forward, project), hidden, everywhere)
     return {
         "blasts": list(case.blasts), "receivers": list(case.receivers),
         "blast": _short(further), "receiver": _short(hidden[:, 0]),

@@ -11,8 +11,8 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import Damping, Material
 from pyblast.model.model import Model, Receiver, Rim
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.project.config_file import check_config
-from pyblast.project.flat_box import OUTER, Cut, FlatBox, Plane, flat_mesh
+from pyblast.project.config import check_config
+from pyblast.project.flat_box import OUTER, Discretization, FlatBox, Plane, flat_mesh
 from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project
 
@@ -68,13 +68,15 @@ class Site:
     noise_window: tuple[float, float] = (-BEFORE * DT, 0.0)
     ground: tuple = ()
 
-    def mesh(self, cut: Cut) -> Mesh:
+    def mesh(self, cut: Discretization) -> Mesh:
         """Mesh the ground, with its joints split."""
         planes = tuple(Plane(j.joint.surface, j.axis, j.position) for j in self.joints)
         layers = tuple((name, thickness) for name, thickness, _ in self.layers)
         return flat_mesh(FlatBox(self.box, layers, planes), cut)
 
-    def model(self, blast: str, cut: Cut, mesh: Mesh, damping: Damping | None = None) -> Model:
+    def model(
+        self, blast: str, cut: Discretization, mesh: Mesh, damping: Damping | None = None
+    ) -> Model:
         """Model one blast, but for misfires, on a mesh of `mesh`."""
         holes = self.blasts[blast]
         sources = [

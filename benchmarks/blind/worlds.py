@@ -7,7 +7,7 @@ import numpy as np
 from scipy import fft
 
 from pyblast.model.material import Damping
-from pyblast.project.flat_box import Cut
+from pyblast.project.flat_box import Discretization
 from pyblast.solver.run import run_many
 
 from .noise import real_noise
@@ -61,7 +61,7 @@ def ground_motion(world: World) -> dict[str, np.ndarray]:
     """
     site = world.site
     cs = site.layers[-1][2].cs
-    cut = Cut(cs / BAND[1] / EDGES, PADDING * cs / BAND[0], GROWTH)
+    cut = Discretization(cs / BAND[1] / EDGES, PADDING * cs / BAND[0], GROWTH)
     mesh = site.mesh(cut)
     models = [site.model(blast, cut, mesh, world.damping) for blast in site.blasts]
     runs = run_many(models, LEAD + AFTER * DT)

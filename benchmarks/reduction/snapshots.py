@@ -7,7 +7,7 @@ import numpy as np
 
 from pyblast import core
 from pyblast.errors import SolverError
-from pyblast.runs.cache import Cache, input_hash
+from pyblast.runs.parallel import Cache, input_hash
 from pyblast.solver.preparation import LEDGER_EVERY
 from pyblast.solver.run import stacked
 
@@ -120,7 +120,7 @@ def samples(family: Family, values, store=None) -> list[Sample]:
         known = [cache.get(key) for key in keys]
     missing = [k for k, one in enumerate(known) if one is None]
     fitting = int(MOST_BYTES / (12 * len(family.mass) * -(-family.n_steps // family.every)))
-    batch = max(1, min(core.LANES, fitting))
+    batch = max(1, min(core.BATCH_SIZE, fitting))
     for first in range(0, len(missing), batch):
         members = missing[first : first + batch]
         for k, arrays in zip(members, _simulate(family, [values[k] for k in members]), strict=True):
@@ -152,7 +152,7 @@ def _integrate(family, prepared):
     count, n, every = len(prepared), family.n_steps, family.every
     if count > 1:
         constants, state = stacked([one.constants for one in prepared], [p.state for p in prepared])
-        views, advance = core.side_by_side(constants), core.advance_all
+        views, advance = core.to_fortran_batch(constants), core.advance_batch
     else:
         state = {name: value.copy() for name, value in prepared[0].state.items()}
         views, advance = core.to_fortran(prepared[0].constants), core.advance
@@ -165,7 +165,7 @@ def _integrate(family, prepared):
             raise SolverError(f"reduced: the run is unstable at step {first}")
         motion.append(velocity if count > 1 else velocity[..., None])
         moved = state["displacement"]
-        axis = core.LANE_AXIS["displacement"]
+        axis = core.BATCH_AXIS["displacement"]
         moved = np.moveaxis(moved, axis, -1) if count > 1 else moved[..., None]
         snapshots.append(moved.astype(np.float32).reshape(-1, moved.shape[-1])[:, :count])
     return np.concatenate(motion), np.array(snapshots), seconds

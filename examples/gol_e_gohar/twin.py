@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from pyblast import back_analyse, design_survey, read_gather
-from pyblast.back_analysis.trials import evaluate, simulate
-from pyblast.project.config_file import check_config
+from pyblast.back_analysis.parameters import simulate
+from pyblast.back_analysis.trials import evaluate
+from pyblast.project.config import check_config
 from pyblast.project.project import make_project
 from pyblast.project.result import write_csv
 from pyblast.workflows.back_analysis import RESULT, slip_summary
@@ -107,7 +108,7 @@ def search(folder, name, scale, real):
     numbers = json.loads((out / RESULT).read_text(encoding="utf-8"))
     fit = next(iter(numbers["blasts"].values()))["receivers"]["wall"]["comparison"]
     values = " | ".join(
-        "not identifiable" if path in found.insensitive else f"{value:.3g}"
+        "not identifiable" if path in found.unidentifiable else f"{value:.3g}"
         for path, value in found.best.items()
     )
     worst = [f"{100 * max(map(abs, fit[f'{name}_deviation'])):.0f} %"
@@ -119,7 +120,7 @@ def search(folder, name, scale, real):
         f"{min(ratios):.2f} to {max(ratios):.2f} | {numbers['accepted']} |"
     )
     true = evaluate(found.target, np.array([[value for *_, value in RANGES.values()]]))[0]
-    told = [*slip_summary(found), *(f"{path}: {why}" for path, why in found.insensitive.items())]
+    told = [*slip_summary(found), *(f"{path}: {why}" for path, why in found.unidentifiable.items())]
     if name == "waveforms":
         low, high = numbers["plan"]["band_hz"]
         told.append(
@@ -143,12 +144,12 @@ def kept_in(plan):
 def planned(folder, scale, real):
     """Return the lines of what the record can tell in the middle of the ranges."""
     plan, _ = design_survey(searched(folder, "levenberg", "waveform", scale, real), folder / "plan")
-    both = zip(RANGES, plan.other.shares, plan.knowledge.shares, strict=True)
+    both = zip(RANGES, plan.other.ratios, plan.information.ratios, strict=True)
     rows = [f"| {path} | {peaks:.2f} | {waves:.2f} |" for path, peaks, waves in both]
     names = list(RANGES)
     pairs = [
         f"{names[i]} and {names[j]} {rho:+.2f} by {by}"
-        for by, one in (("PPV and frequency", plan.other), ("waveforms", plan.knowledge))
+        for by, one in (("PPV and frequency", plan.other), ("waveforms", plan.information))
         for i, j, rho in one.trade_offs()
     ]
     return [

@@ -13,12 +13,12 @@ from real_line import hits_by_place, keep_results, recordings_folder, seismogram
 
 from pyblast import Blast, compare, superpose
 from pyblast.blasts.blast import Firing
-from pyblast.blasts.superposition import travel_shifts
+from pyblast.blasts.signature import travel_shifts
 
 DELAY, BAND = 0.042, (10.0, 40.0)
 OCTAVES = [(5.0, 10.0), (10.0, 20.0), (20.0, 40.0), (40.0, 80.0), (80.0, 160.0)]
 GROUND_WAVE, N_DRAWS = 195.0, 10
-FIRING = Firing(DELAY * np.arange(12), 1.0)
+FIRING = Firing(DELAY * np.arange(12), np.ones(12))
 
 
 def predictions(signatures, hits, channels):
@@ -56,7 +56,7 @@ def one_signature_for_all(records, hit):
     places = [place for place in (-5.0, -10.0, -20.0) for _ in (0, 1)]
     hits = [records[p][(hit + 1 + n % 2) % 5] for n, p in enumerate(places)]
     ground = np.column_stack([places, np.zeros((6, 2))])
-    blast = Blast("west", ground, ground, np.nan, DELAY * np.arange(6))
+    blast = Blast("west", ground, ground, np.full(6, np.nan), DELAY * np.arange(6))
     signature, misfits = records[-10.0][hit], []
     for c in range(24):
         place = (2.0 * c, 0.0, 0.0)

@@ -53,14 +53,14 @@ def ground(edge):
     return Model(
         mesh,
         {"dry": Material.from_speeds(1900.0, *DRY), "wet": Material.from_speeds(1900.0, *WET)},
-        boundaries=[Roller("south"), *map(Viscous, ("west", "east", "north", "bottom"))],
+        boundaries=(Roller("south"), *map(Viscous, ("west", "east", "north", "bottom"))),
         damping={
             "dry": Damping(0.1, 25.0, mass=False),
             "wet": Damping(0.06, 15.0, stiffness=False),
         },
         rim=Rim(((-2.0, 53.0), (0.0, 8.0), (-12.0, 0.0)), 14.0),
-        sources=[PointForce((0.0, 0.0, 0.0), (0.0, 0.0, -1.0), ricker)],
-        receivers=[Receiver(f"{x:g} m", (x, 0.0, 0.0)) for x in OFFSETS],
+        sources=(PointForce(np.zeros(3), np.array([0.0, 0.0, -1.0]), ricker),),
+        receivers=tuple(Receiver(f"{x:g} m", (x, 0.0, 0.0)) for x in OFFSETS),
     )
 
 

@@ -50,7 +50,7 @@ def one_draw(records, delay, sigma, generator):
     nominal = delay * np.arange(12)
     drawn = nominal + generator.normal(0.0, sigma, 12)
     lags = [scale_and_shift(s, h, range(24), BAND)[1] for s, h in zip(known, hits, strict=True)]
-    recorded, start = blast(hits, Firing(drawn, 1.0))
+    recorded, start = blast(hits, Firing(drawn, np.ones(12)))
     greens = np.array([[s.velocity[:, 2] for s in one] for one in known])
     begins = known[0][0].start - start
     found: dict = {"truth": drawn + lags, "nominal": nominal, "recorded": recorded, "start": start}
@@ -63,7 +63,7 @@ def one_draw(records, delay, sigma, generator):
         )  # fmt: skip
         times, scales = answer.times - begins, answer.scales
         guesses = [on_record(known, firing, recorded.shape[1], start)
-                   for firing in (Firing(nominal, 1.0), Firing(times, scales))]  # fmt: skip
+                   for firing in (Firing(nominal, np.ones(12)), Firing(times, scales))]  # fmt: skip
         found[half] = {
             "times": times, "scales": scales, "intervals": answer.intervals(0.9) - begins,
             "guesses": guesses, "held": held,

@@ -12,8 +12,7 @@ from line_analysis import scale_and_shift
 from real_figures import draw_plans
 from real_line import hits_by_place, keep_results, recordings_folder, seismograms
 
-from pyblast.planning.delays import best_delays, gain, rows_pattern
-from pyblast.planning.peak_distribution import FiringScatter, peak_bands
+from pyblast.planning import FiringScatter, best_delays, gain, peak_bands, rows_pattern
 from pyblast.runs.blast_ensemble import signature_spectra
 
 BAND, HOUSES, SHARES = (10.0, 40.0), (6, 12, 18), (0.5, 0.9, 0.95)

@@ -2,6 +2,7 @@
 
 import matplotlib
 import numpy as np
+from closure_law import fit_hyperbola, hyperbola
 from keeper import OUTCOMES, folder_of_recordings, refraction_line, wghs
 from real_line import FIGURES
 from scipy import signal
@@ -9,8 +10,7 @@ from t2_air_wave import BANDS
 from t4_soft_layer import BAND, FREQUENCIES
 from t7_closure_law import specimens
 
-from pyblast.line_records.layering import phase_speeds, rayleigh_speeds
-from pyblast.line_records.source import fit_hyperbola, hyperbola
+from pyblast.line_records.waves import phase_speeds, rayleigh_speeds
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

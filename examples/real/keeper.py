@@ -30,7 +30,7 @@ class Sealed:
         """Freeze what the tool says."""
         self.said = [asdict(v) for v in verdicts]
         for v in verdicts:
-            print(f"  said {v.outcome} {v.label} {v.target or ''}: {v.reason} [p {v.chance:.3f}]")
+            print(f"  said {v.outcome} {v.label} {v.target or ''}: {v.reason} [p {v.p_value:.3f}]")
 
     def opened(self):
         """Return the truth, once the tool has answered."""

@@ -12,8 +12,8 @@ import numpy as np
 from keeper import Sealed, crossed_lines, folder_of_recordings, keep, refraction_line, wghs
 from scipy import signal
 
-from pyblast.line_records.air_wave import air_wave
 from pyblast.line_records.shots import shifted
+from pyblast.line_records.waves import air_wave
 
 AIR = 345.0
 BANDS = {"refrapy_ex02": (120.0, 500.0), "soda_lakes": (120.0, 600.0), "wghs": (120.0, 400.0)}

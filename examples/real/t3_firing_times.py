@@ -8,11 +8,10 @@ Argument: the folder.
 """
 
 import numpy as np
+from blast_cause import blast_cause
 from keeper import Sealed, folder_of_recordings, keep
 from line_analysis import scale_and_shift
 from real_line import hits_by_place, seismograms
-
-from pyblast.line_records.source import blast_cause
 
 BAND, DT, JITTER = (10.0, 80.0), 1e-3, 1.5e-3
 LENGTH, EVERY = 1500, 3  # samples; of them the tool sees every third

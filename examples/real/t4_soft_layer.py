@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 from keeper import Sealed, folder_of_recordings, keep, wghs
 
-from pyblast.line_records.layering import phase_speeds, soft_layer
+from pyblast.line_records.waves import phase_speeds, soft_layer
 
 BAND = (10.0, 50.0)
 HAND = {"thickness": 2.4, "vs": (178.0, 231.0)}

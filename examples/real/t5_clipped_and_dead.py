@@ -9,14 +9,14 @@ import numpy as np
 import obspy
 from keeper import Sealed, folder_of_recordings, keep
 
-from pyblast.line_records.quality import unusable
+from pyblast.line_records.quality import dead_and_clipped
 
 FULL_SCALE, DEAD = 2.82, [47, 58, 59]
 
 
 def marks(data):
     """Let the tool judge; clipped samples as a set, dead channels as a list, and the verdicts."""
-    verdicts = unusable(data)
+    verdicts = dead_and_clipped(data)
     return {tuple(x) for x in verdicts[0].target}, list(verdicts[1].target), verdicts
 
 

@@ -6,9 +6,8 @@ beside the hyperbola. Argument: the folder.
 """
 
 import numpy as np
+from closure_law import closure_law, fit_hyperbola, hyperbola
 from keeper import Sealed, folder_of_recordings, keep
-
-from pyblast.line_records.source import closure_law, fit_hyperbola, hyperbola
 
 
 def specimens(folder):

@@ -7,75 +7,79 @@ from scipy import stats
 
 from ..errors import Finding
 from ..inference.covariance import PRIORS
-from ..inference.global_search import PAPER, Problem, paper, paper_eq15, random_search
+from ..inference.global_search import PAPER, paper, paper_eq15, random_search
+from ..inference.parameter import Problem
 from ..inference.records import band_functions
 from ..signals.comparison import in_common
 from .parameters import blasts_of, chosen_records
 from .trials import band_of
 from .waveforms import window_of
 
-MANY = 20  # numbers of waveforms for each unknown
+DATA_PER_PARAMETER = 20  # coefficients of waveforms, below which there is a finding
 NUMBERS = 6  # PPV and dominant frequency of three components
 REPEATS = 300
 RISES = (10.0, 50.0)  # % of misfit
 METHODS = {"temperature of 1000": paper, "equation 15": paper_eq15, "random": random_search}
+RARE = 0.01  # prior probability of a larger level
+FROM_THE_MIDDLE = ("levenberg", "paper")  # methods that start there
+REVERSED = -0.7  # correlation with the simulation that indicates reversed polarity
 
 
-def doubts(project) -> list[Finding]:
-    """Return the findings about the back-analysis of a project; none where it asks for none.
+def findings_of_table(project) -> list[Finding]:
+    """Return the findings before a back-analysis: its data and its method.
 
-    Data against unknowns, and annealing's own.
+    None where the project has no table ``[back_analysis]``.
     """
     table = project.config.back_analysis
     if table is None:
         return []
-    unknowns = len(table.parameters)
-    found = []
+    n_parameters, blasts = len(table.parameters), blasts_of(project)
+    findings = []
     if table.misfit == "paper":
-        found = [few_numbers(blasts_of(project), unknowns)]
+        findings = [few_peaks(blasts, n_parameters)]
     elif table.misfit == "waveform":
-        found = few_waves(blasts_of(project), unknowns)
-    found += late_records(blasts_of(project))
+        findings = few_coefficients(blasts, n_parameters)
+    findings += late_records(blasts)
     if table.method in ("paper", "paper_eq15"):
-        found += [cold_never(table.runs), worse_than_random(unknowns, table.runs)]
-    return found
+        findings += [hot_annealing(table.runs), annealing_against_random(n_parameters, table.runs)]
+    return findings
 
 
-def few_numbers(blasts, unknowns) -> Finding:
-    """D10: how many numbers the misfit has for how many unknowns."""
+def few_peaks(blasts, n_parameters) -> Finding:
+    """D10: the number of data of misfit ``paper``."""
     records = sum(len(chosen_records(blast, blasts[0])) for blast in blasts)
     return Finding(
         "D10",
-        "Few numbers for many unknowns",
+        "Few data for the number of parameters",
         f"{NUMBERS * records} numbers (PPV and dominant frequency of three components; records: "
-        f"{records}, blasts: {len(blasts)}) for {unknowns} unknowns; the misfit does not use the "
-        "rest of the records. Strengths of joints are not identifiable while no "
-        "contact slips; the result says the peak velocity at which the first one would.",
-        numbers={"numbers": float(NUMBERS * records), "unknowns": float(unknowns)},
+        f"{records}, blasts: {len(blasts)}) for {n_parameters} parameters; the misfit does not use "
+        "the rest of the records. Joint strengths are not identifiable while no contact slips; the "
+        "result states the peak velocity at which the first one would.",
+        numbers={"numbers": float(NUMBERS * records), "parameters": float(n_parameters)},
     )
 
 
-def few_waves(blasts, unknowns) -> list[Finding]:
-    """D10 of waveforms: how many independent numbers the band leaves of them; none if many."""
+def few_coefficients(blasts, n_parameters) -> list[Finding]:
+    """D10: the number of independent coefficients of the waveforms within the band, if small."""
     window = window_of(blasts)
     band = band_functions(window.n_samples, window.dt, window.band)
-    records = [one for blast in blasts for one in chosen_records(blast, blasts[0]).values()]
+    records = [record for blast in blasts for record in chosen_records(blast, blasts[0]).values()]
     components = int(sum(record.present.sum() for record in records))
     numbers = components * band.n_functions
-    if numbers >= MANY * unknowns:
+    if numbers >= DATA_PER_PARAMETER * n_parameters:
         return []
     low, high = window.band
-    told = Finding(
+    finding = Finding(
         "D10",
-        "Few numbers for many unknowns",
-        f"{low:g} to {high:g} Hz leave {band.n_functions} independent numbers of each recorded "
-        f"component, {numbers} in all (components: {components}, blasts: {len(blasts)}), for "
-        f"{unknowns} unknowns and the errors of the theory beside them; widen run.compare_band_hz "
-        "if mesh and records carry more, record longer, or add receivers or blasts. Strengths of "
-        "joints are not identifiable while no contact slips.",
-        numbers={"numbers": float(numbers), "unknowns": float(unknowns)},
+        "Few data for the number of parameters",
+        f"The band of {low:g} to {high:g} Hz holds {band.n_functions} independent coefficients of "
+        f"each recorded component, {numbers} in all (components: {components}, blasts: "
+        f"{len(blasts)}), for {n_parameters} parameters and the model error. Widen "
+        "run.compare_band_hz if mesh and records allow it, record longer, or add receivers or "
+        "blasts. Joint strengths are not identifiable while no contact slips.",
+        numbers={"numbers": float(numbers), "parameters": float(n_parameters)},
     )
-    return [told]
+    return [finding]
 
 
 def late_records(blasts) -> list[Finding]:
@@ -88,154 +92,153 @@ def late_records(blasts) -> list[Finding]:
     }
     if not late:
         return []
-    told = "; ".join(f"{name} by {start:.3g} s" for name, start in late.items())
+    listed = "; ".join(f"{name} by {start:.3g} s" for name, start in late.items())
     finding = Finding(
         "D35",
         "A record begins after the first firing",
-        f"{told}. What came before is not compared, and its peak may have been missed. If only its "
-        "clock is another one, set its start_s; else leave it out of back_analysis.receivers.",
+        f"{listed}. Earlier motion is not compared, and the peak may be missing. If only the clock "
+        "differs, set start_s of the record; else leave it out of back_analysis.receivers.",
         numbers=late,
     )
     return [finding]
 
 
-def cold_never(runs) -> Finding:
-    """D14: a temperature that never bites, and two values for it."""
+def hot_annealing(runs) -> Finding:
+    """D14: an annealing temperature that accepts nearly every move."""
     first, last = (PAPER.temperature_of(move) for move in (1, max(1, runs - 1)))
-    chances = {rise: [math.exp(-rise / t) for t in (first, last)] for rise in RISES}
-    told = ", ".join(
-        f"one that is worse by {rise:.0f} % with {a:.2f} at first and {b:.2f} at the end"
-        for rise, (a, b) in chances.items()
+    accepted = {rise: [math.exp(-rise / t) for t in (first, last)] for rise in RISES}
+    listed = ", ".join(
+        f"a rise of {rise:.0f} % with probability {a:.2f} at the start and {b:.2f} at the end"
+        for rise, (a, b) in accepted.items()
     )
     return Finding(
         "D14",
-        "The temperature of annealing never bites",
-        f"From T0 = {PAPER.temperature:g} with misfits below about 100 %, a point is accepted "
-        f"nearly always: {told}. Equation (15) of the paper, T0 = Fmax - Fmin, contradicts this "
-        "value; method = 'paper_eq15' takes it.",
+        "The annealing temperature accepts nearly every move",
+        f"T0 = {PAPER.temperature:g}, and misfits stay below about 100 %: the search accepts "
+        f"{listed}. Equation (15) of the paper, T0 = Fmax - Fmin, contradicts this value; "
+        "method = 'paper_eq15' uses it.",
         numbers={
-            f"accept_{rise:.0f}_{end}": chance
-            for rise, both in chances.items()
-            for end, chance in zip(("first", "last"), both, strict=True)
+            f"accept_{rise:.0f}_{end}": probability
+            for rise, both in accepted.items()
+            for end, probability in zip(("first", "last"), both, strict=True)
         },
     )
 
 
-def worse_than_random(unknowns, runs, repeats=REPEATS) -> Finding:
-    """D15: annealing against random search on a bowl with its bottom anywhere.
+def annealing_against_random(n_parameters, runs, repeats=REPEATS) -> Finding:
+    """D15: annealing compared with random search on a test function with a random minimum.
 
-    The misfit of the bowl is the mean distance to its bottom in per cent of the ranges.
+    The misfit of the test function is the mean distance to its minimum in per cent of the ranges.
     """
     mean = {name: 0.0 for name in METHODS}
     for repeat in range(repeats):
-        bottom = np.random.default_rng([repeat, 1]).random(unknowns)
-        bowl = Problem(
-            np.zeros(unknowns), np.ones(unknowns), np.zeros(unknowns, dtype=bool),
-            lambda points, at=bottom: 100.0 * np.mean(np.abs(points - at), axis=1),
+        minimum = np.random.default_rng([repeat, 1]).random(n_parameters)
+        problem = Problem(
+            np.zeros(n_parameters), np.ones(n_parameters), np.zeros(n_parameters, dtype=bool),
+            lambda points, at=minimum: 100.0 * np.mean(np.abs(points - at), axis=1),
         )  # fmt: skip
         for name, method in METHODS.items():
-            mean[name] += float(np.min(method(bowl, runs, repeat).misfits)) / repeats
+            mean[name] += float(np.min(method(problem, runs, repeat).misfits)) / repeats
     listed = ", ".join(f"{name} {value:.1f} %" for name, value in mean.items())
     worse = mean["temperature of 1000"] > mean["random"]
     return Finding(
         "D15",
         f"Annealing is {'worse' if worse else 'better'} than random search of the same length",
-        f"On a bowl of {unknowns} unknowns with its bottom anywhere, the mean best of {runs} runs "
-        f"in {repeats} repeats is: {listed}. Compare method = 'random'.",
+        f"Test function of {n_parameters} parameters with its minimum at random: the mean best "
+        f"misfit of {runs} runs in {repeats} repeats is {listed}. Compare method = 'random'.",
         numbers={name.replace(" ", "_"): value for name, value in mean.items()},
     )
 
 
-RARE = 0.01  # chance of a larger level, as far as is known before the records
-FROM_THE_MIDDLE = ("levenberg", "paper")  # methods that begin there
-AGAINST = 0.7  # correlation of a component with the simulation turned upside down
+def findings_of_fit(result) -> list[Finding]:
+    """Return the findings after a back-analysis: start, bounds, model error, polarity.
 
-
-def fit_doubts(found) -> list[Finding]:
-    """Return the findings about the values of a `BackAnalysis`.
-
-    A search that has not left its start, values at a bound, errors of the theory that are too large
-    to be small, and components that run against the simulation.
+    Parameters
+    ----------
+    result : BackAnalysis
     """
-    return [*_unmoved(found), *_at_bounds(found), *_large_errors(found), *_turned(found)]
+    return [*_unmoved(result), *_at_bounds(result), *_large_errors(result), *_reversed(result)]
 
 
-def _unmoved(found):
-    """D34: a search that ended before it had left its start."""
-    trace = found.trace
-    beside = len(found.target.parameters) if found.method == "levenberg" else 0  # derivatives
-    if found.method in FROM_THE_MIDDLE and trace.best <= beside:
+def _unmoved(result):
+    """D34: a search that ended before it left its start."""
+    trace = result.trace
+    differences = len(result.target.parameters) if result.method == "levenberg" else 0
+    if result.method in FROM_THE_MIDDLE and trace.best <= differences:
         yield Finding(
             "D34",
             "The search has not left its start",
             f"The best of {len(trace.misfits)} runs is number {trace.best + 1}, the start or a "
-            "step beside it, so values and intervals are those of the middle of the ranges. Give "
-            "more back_analysis.runs; if that does not help, records and model disagree.",
+            "finite-difference step beside it, so values and intervals are those of the middle of "
+            "the ranges. Increase back_analysis.runs; if that does not help, records and model "
+            "disagree.",
         )
 
 
-def _at_bounds(found):
-    """D31: values that end where their range does."""
-    ends = {one: found.at_bound(one) for one in found.target.parameters}
-    told = [
-        f"{one.name} at the {end} one, {getattr(one, end):g}"
-        for one, end in ends.items()
-        if end and one.name not in found.insensitive
+def _at_bounds(result):
+    """D31: values at a bound of their range."""
+    ends = {parameter: result.at_bound(parameter) for parameter in result.target.parameters}
+    listed = [
+        f"{parameter.name} at the {end} bound, {getattr(parameter, end):g}"
+        for parameter, end in ends.items()
+        if end and parameter.name not in result.unidentifiable
     ]
-    if told:
+    if listed:
         yield Finding(
             "D31",
             "A value lies at a bound",
-            f"{'; '.join(told)}. The range ends it and not the records: widen the range.",
+            f"{'; '.join(listed)}. The range limits the value, not the records: widen the range.",
         )
 
 
-def _large_errors(found):
-    """D32: errors of the theory that the residual makes larger than such errors are."""
-    if found.target.waveforms is None:
+def _large_errors(result):
+    """D32: inferred levels of the model error that are improbable under their prior."""
+    if result.target.waveforms is None:
         return
-    ratios = {name: level / PRIORS[name].level for name, level in found.plan.levels.items()}
-    large = {name: ratio for name, ratio in ratios.items() if ratio > _most(PRIORS[name].weight)}
+    ratios = {name: level / PRIORS[name].level for name, level in result.plan.levels.items()}
+    large = {name: ratio for name, ratio in ratios.items() if ratio > _highest(PRIORS[name].weight)}
     if large:
-        told = ", ".join(f"{name} {ratio:.1f}" for name, ratio in large.items())
+        listed = ", ".join(f"{name} {ratio:.1f}" for name, ratio in large.items())
         yield Finding(
             "D32",
-            "What is left is too large for small errors of the theory",
-            f"Times the usual size: {told}. Errors so large let nearly anything fit: a misfit near "
-            "1 says little, and values make up for what is wrong. Look for a component that is "
-            "turned or scaled, a clock, a place; `pyblast diagnose` tells them apart.",
+            "The residual needs an improbably large model error",
+            f"Inferred level over its reference: {listed}. With errors this large nearly any model "
+            "fits: a misfit near 1 proves little, and parameters compensate for what is wrong. "
+            "Check polarity, gain, clock and position of the receivers; `pyblast diagnose` "
+            "distinguishes these causes.",
             numbers=large,
         )
 
 
-def _most(weight):
-    """Return the ratio of a level to what was known of it that is `RARE`."""
+def _highest(weight):
+    """Return the ratio of a level to its reference that the prior exceeds with `RARE`."""
     return float(np.sqrt(weight / stats.chi2.ppf(RARE, weight)))
 
 
-def _turned(found):
-    """D33: components that run against the simulation."""
+def _reversed(result):
+    """D33: components that correlate negatively with the simulation."""
     numbers = {}
-    for project in found.target.projects:
-        one = found.confirmed[project.path.name]
-        for receiver, record in one.recorded.items():
-            together = _correlation(record, one.simulated[receiver], band_of(project))
-            for component, value in zip(record.components, together, strict=True):
-                if value < -AGAINST:
+    for project in result.target.projects:
+        confirmed = result.confirmed[project.path.name]
+        for receiver, record in confirmed.recorded.items():
+            values = _correlation(record, confirmed.simulated[receiver], band_of(project))
+            for component, value in zip(record.components, values, strict=True):
+                if value < REVERSED:
                     numbers[f"{project.path.name}, {receiver}, {component}"] = float(value)
     if numbers:
-        told = "; ".join(f"{name} {value:.2f}" for name, value in numbers.items())
+        listed = "; ".join(f"{name} {value:.2f}" for name, value in numbers.items())
         yield Finding(
             "D33",
-            "A component runs against the simulation",
-            f"Correlation at equal times: {told}. If the sensor was wired the other way round, "
-            "turn the component; else leave its receiver out (back_analysis.receivers).",
+            "A component has the opposite sign of the simulation",
+            f"Correlation at equal times: {listed}. If the polarity of the sensor is reversed, "
+            "change the sign of the component; else leave its receiver out "
+            "(back_analysis.receivers).",
             numbers=numbers,
         )
 
 
 def _correlation(record, simulated, band):
-    """Return the correlation of each component at equal times, (3,); NaN where one is silent."""
-    data, model = (one.velocity for one in in_common(record, simulated, band))
+    """Return the correlation of each component at equal times, (3,); NaN for a zero component."""
+    data, model = (motion.velocity for motion in in_common(record, simulated, band))
     size = np.sqrt(np.sum(data**2, axis=0) * np.sum(model**2, axis=0))
     return np.sum(data * model, axis=0) / np.where(size > 0.0, size, np.nan)

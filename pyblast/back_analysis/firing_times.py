@@ -16,8 +16,8 @@ from ..signals.seismogram import fast_length
 REACH = 4.0  # standard deviations of the prior, range of the grid search
 TURN = 0.5  # rad of the mean frequency, step of the grid search
 CONVERGED = 1e-4  # rad of the mean frequency: smaller changes end the rounds
-LEAST_STEP = 1e-7  # rad of the mean frequency, or of a scale, that is worth a step
-DAMPING = 1e-3  # of the largest curvature, at first
+LEAST_STEP = 1e-7  # rad of the mean frequency, or of a scale: smaller steps end the search
+DAMPING = 1e-3  # of the largest diagonal element of the Hessian, at first
 ROUNDS, SWEEPS, STEPS = 6, 12, 30  # at most
 BANDS = 4
 FAINTEST = 1e-20  # of the energy of the record: noise below this is rounding
@@ -75,8 +75,8 @@ class HoleFit:
         """Return the whitened residual."""
         n_holes = len(self.nominal)
         spectrum = sum(
-            scale * np.exp(-self.turns * (time + delay)) * one
-            for one, time, delay, scale in zip(
+            scale * np.exp(-self.turns * (time + delay)) * hole
+            for hole, time, delay, scale in zip(
                 self.spectra, self.nominal, values[:n_holes], values[n_holes:], strict=True
             )
         )
@@ -201,7 +201,8 @@ def noise_variance(fit: HoleFit, values: np.ndarray) -> tuple[float, float]:
         return float(np.sum(solved * spread) / np.sum(solved * known))
 
     receivers, bands, both = (
-        excess(one) for one in (parts.sum(axis=2), parts.sum(axis=1), parts.reshape(len(parts), -1))
+        excess(part)
+        for part in (parts.sum(axis=2), parts.sum(axis=1), parts.reshape(len(parts), -1))
     )
     inflation = max(1.0, receivers, receivers + bands - both)
     return float(variance * inflation), inflation
@@ -210,10 +211,10 @@ def noise_variance(fit: HoleFit, values: np.ndarray) -> tuple[float, float]:
 def _by_receiver_and_band(rows, residual):
     """Split the derivatives of the misfit, (n_values, n_receivers, BANDS) of equal weight."""
     size = fast_length(rows.shape[-1])
-    turned, left = (np.asarray(fft.rfft(each, size)) for each in (rows, residual))
-    power = np.cumsum(np.sum(np.abs(turned) ** 2, axis=(0, 1)))
+    derivative, spectrum = (np.asarray(fft.rfft(each, size)) for each in (rows, residual))
+    power = np.cumsum(np.sum(np.abs(derivative) ** 2, axis=(0, 1)))
     band = np.minimum((BANDS * power / power[-1]).astype(int), BANDS - 1)
-    product = np.real(turned.conj() * left) * (2.0 / size)
+    product = np.real(derivative.conj() * spectrum) * (2.0 / size)
     return np.stack([product[..., band == k].sum(axis=-1) for k in range(BANDS)], axis=-1)
 
 
@@ -335,11 +336,11 @@ def firing_times(
     rows = fit.derivatives(values).reshape(len(values), -1)
     covariance = np.linalg.inv(rows @ rows.T / variance + np.diag(fit.precision))
     planned = np.sum(fit.residual(fit.prior) ** 2)
-    left, total = np.sum(fit.residual(values) ** 2), np.sum(fit.whitened(fit.recorded) ** 2)
+    after, total = np.sum(fit.residual(values) ** 2), np.sum(fit.whitened(fit.recorded) ** 2)
     n_holes = len(fit.nominal)
     return FiringTimes(
         fit.nominal + values[:n_holes], values[n_holes:], covariance, fit.nominal,
-        float(planned / total), float(left / total), inflation,
+        float(planned / total), float(after / total), inflation,
     )  # fmt: skip
 
 
@@ -364,10 +365,10 @@ def _checked(greens, recorded, dt, nominal, sigma, scale_sigma):
             f"firing_times.nominal: motion must reach into the record of {length:g} s, got times "
             f"of {nominal.min():g} to {nominal.max():g} s for motion of {known:g} s"
         )
-    spreads = [np.broadcast_to(one, nominal.shape) for one in (sigma, scale_sigma)]
-    for name, one in zip(("sigma", "scale_sigma"), spreads, strict=True):
-        if not ((one > 0.0) & np.isfinite(one)).all():
-            raise InputError(f"firing_times.{name}: must be positive, got {one.min():g}")
+    spreads = [np.broadcast_to(spread, nominal.shape) for spread in (sigma, scale_sigma)]
+    for name, spread in zip(("sigma", "scale_sigma"), spreads, strict=True):
+        if not ((spread > 0.0) & np.isfinite(spread)).all():
+            raise InputError(f"firing_times.{name}: must be positive, got {spread.min():g}")
     silent = np.flatnonzero(~(greens**2).reshape(n_holes, -1).any(axis=1))
     if len(silent):
         raise InputError(f"firing_times.greens: hole {silent[0]} moves no receiver; leave it out")

@@ -1,80 +1,92 @@
-"""What data tell of unknowns whose ranges are known, from derivatives alone."""
+"""Identifiability of parameters: Fisher information, and slip of joints."""
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from .. import core
+from ..core import JOINT_LAWS
+from ..errors import SolverError
 from ..inference.covariance import SCATTER, error_columns, whitener
 from ..inference.error_model import scattering
-from ..inference.misfits import misfit
+from ..inference.likelihood import signed_residuals
 from ..inference.records import Band, Noise
+from ..project.ground import joint_of_surface
+from ..solver.linear_runs import FAILED, STICKING_JOINTS, by_number
+from ..solver.preparation import LEDGER_EVERY, prepare
+from ..solver.run import collect, failure
+from ..units import split_key
+from .parameters import with_values
 
-UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of a range, in shares of it
-INFLUENCE = 0.1  # of what noise and errors of the theory are, below which nothing is felt
+UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of a uniform prior, as a share of its range
+LEAST_SENSITIVITY = 0.1  # change of the data by a prior deviation, in units of their error
 NORMAL_95 = 1.6448536269514722
-PEAKS = (15.0, 10.0)  # %, errors of PPV and dominant frequency: what the paper calls a good fit
-MOVED = 0.002  # of a range, by which peaks are compared: further, frequencies jump between peaks
+PEAK_ERRORS = (15.0, 10.0)  # %, of PPV and dominant frequency: what the paper calls a good fit
+PEAK_STEP = 0.002  # of a range, for derivatives of peaks; with larger ones frequencies may jump
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge:
-    """What some data tell of n unknowns.
+class FisherInformation:
+    """Fisher information of data about n parameters with uniform priors.
 
     Parameters
     ----------
-    information : (n, n) float64
-        Of whitened changes of the data by one prior deviation of each unknown; theory.md (12.7).
+    matrix : (n, n) float64
+        ``J^T J`` of whitened changes of the data by one prior standard deviation of each
+        parameter; theory.md (12.7).
     """
 
-    information: np.ndarray
+    matrix: np.ndarray
 
     @property
     def covariance(self):
-        """Of the unknowns after the data, in prior deviations, (n, n)."""
-        return np.linalg.inv(np.eye(len(self.information)) + self.information)
+        """Posterior covariance of the parameters in prior standard deviations, (n, n)."""
+        return np.linalg.inv(np.eye(len(self.matrix)) + self.matrix)
 
     @property
-    def shares(self):
-        """Standard deviation after the data over the one before, (n,)."""
+    def ratios(self):
+        """Ratio of posterior to prior standard deviation of each parameter, (n,)."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def felt(self):
-        """Whether a change by a prior deviation would be noticed if it were alone, (n,) bool."""
-        return np.sqrt(np.maximum(np.diag(self.information), 0.0)) >= INFLUENCE
+    def sensitive(self):
+        """Whether the data are sensitive to each parameter alone, (n,) bool."""
+        return np.sqrt(np.maximum(np.diag(self.matrix), 0.0)) >= LEAST_SENSITIVITY
 
     @property
     def log_determinant(self):
-        """Of the covariance: how far the data shrink the volume of what is possible."""
-        return -float(np.linalg.slogdet(np.eye(len(self.information)) + self.information)[1])
+        """Log determinant of the posterior covariance: the criterion of D-optimal designs."""
+        return -float(np.linalg.slogdet(np.eye(len(self.matrix)) + self.matrix)[1])
 
     def trade_offs(self, least=0.5) -> list[tuple[int, int, float]]:
-        """Return pairs of unknowns whose errors go together, and how far, strongest first."""
-        share, covariance = self.shares, self.covariance
-        correlation = covariance / np.outer(share, share)
-        rows, columns = np.triu_indices(len(share), 1)
+        """Return pairs of parameters with their posterior correlation, strongest first."""
+        ratio, covariance = self.ratios, self.covariance
+        correlation = covariance / np.outer(ratio, ratio)
+        rows, columns = np.triu_indices(len(ratio), 1)
         pairs = [(int(i), int(j), float(correlation[i, j])) for i, j in zip(rows, columns,
                  strict=True)]  # fmt: skip
-        kept = [pair for pair in pairs if abs(pair[2]) >= least]
-        return sorted(kept, key=lambda pair: -abs(pair[2]))
+        strong = [pair for pair in pairs if abs(pair[2]) >= least]
+        return sorted(strong, key=lambda pair: -abs(pair[2]))
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivities:
-    """Motion at a point and how it changes with the unknowns.
+    """Sensitivity of the motion at a point to the parameters.
 
     Parameters
     ----------
     motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
     changes : (n, n_blasts, n_receivers, 3, n_samples) float64, m/s
-        By the whole range of each unknown.
+        By the whole range of each parameter.
     band : Band
     noise : Noise
         Of each receiver.
     levels : dict of str to float
-        Of the errors of the theory.
+        Of the model error.
     peaks_only : bool
-        Whether PPV and dominant frequency are all that is looked at.
+        Whether the data are PPV and dominant frequency instead of waveforms.
     mesh_errors : (n_errors, n_blasts, n_receivers, 3, n_samples) float64, m/s
         As of `usual_whitener`.
     """
@@ -85,43 +97,45 @@ class Sensitivities:
     noise: Noise
     levels: dict[str, float]
     peaks_only: bool = False
-    mesh_errors: np.ndarray | tuple = ()
+    mesh_errors: np.ndarray | Sequence[np.ndarray] = ()
 
-    def knowledge(self, blasts, receivers, scattered=None) -> Knowledge:
-        """Return what some blasts at some receivers tell.
+    def information(self, blasts, receivers, scattered=None) -> FisherInformation:
+        """Return the Fisher information of the records of some blasts at some receivers.
 
         Parameters
         ----------
         blasts, receivers : sequence of int
         scattered : array, optional
-            What `scattered` returns, where it is asked for often.
+            The result of `scattered`, to compute it only once.
 
         Notes
         -----
-        theory.md (12.7): errors of the theory are those of (7.13), independent between receivers
-        but for the spectrum of a blast and the gain of a receiver.
+        theory.md (12.7): the model error is that of (7.13), independent between receivers but for
+        the source spectrum of a blast and the gain of a receiver.
         """
         blasts, receivers = list(blasts), list(receivers)
         part = np.ix_(blasts, receivers)
         motion = self.motion[part]
         if not np.any(motion):
-            return Knowledge(np.zeros((len(self.changes), len(self.changes))))
+            return FisherInformation(np.zeros((len(self.changes), len(self.changes))))
         if self.peaks_only:
-            return self._by_peaks(receivers, motion, self.changes[:, *part])
+            return self._of_peaks(receivers, motion, self.changes[:, *part])
         spread = (self.scattered() if scattered is None else scattered)[part]
-        errors = error_columns(motion, self.band, [one[part] for one in self.mesh_errors])
+        errors = error_columns(motion, self.band, [error[part] for error in self.mesh_errors])
         used = {*errors.groups, SCATTER}
         white = whitener(
             _of_receivers(self.noise, receivers), self.band, len(blasts), nuisances=errors,
             scattering=spread, levels={n: v for n, v in self.levels.items() if n in used},
         )  # fmt: skip
         columns = UNIFORM * white.apply(self.changes[:, *part]).reshape(len(self.changes), -1)
-        return Knowledge(columns @ columns.T)
+        return FisherInformation(columns @ columns.T)
 
-    def _by_peaks(self, receivers, motion, changes):
-        """Return what PPV and dominant frequency tell, each with its error in `PEAKS` and noise."""
-        one = misfit("paper", motion, self.band.dt, band=(self.band.low, self.band.high))
-        columns = np.array([one.residuals(motion + MOVED * change) for change in changes]) / MOVED
+    def _of_peaks(self, receivers, motion, changes):
+        """Return the information of PPV and dominant frequency, with `PEAK_ERRORS` and noise."""
+        band = self.band.low, self.band.high
+        residuals = signed_residuals("paper", motion, self.band.dt, band=band)
+        columns = np.array([residuals(motion + PEAK_STEP * change) for change in changes])
+        columns /= PEAK_STEP
         frequency = np.linspace(self.band.low, self.band.high, 64)
         density = self.noise.density(frequency)[receivers].mean(axis=-1)
         noise = np.sqrt(2.0 * (self.band.high - self.band.low) * density)
@@ -131,10 +145,10 @@ class Sensitivities:
             np.hypot(error, 100.0 * noise[r][moves] / ppv[b, r][moves])
             for b, r in np.ndindex(ppv.shape[:2])
             for moves in [ppv[b, r] > 0.0]
-            for error in PEAKS
+            for error in PEAK_ERRORS
         ]
         columns *= UNIFORM / np.concatenate(errors)
-        return Knowledge(columns @ columns.T)
+        return FisherInformation(columns @ columns.T)
 
     def scattered(self):
         """Return the covariance of scattered motion of all blasts and receivers."""
@@ -145,20 +159,256 @@ def _of_receivers(noise, receivers):
     """Return the noise of some receivers."""
     return Noise(
         noise.step, noise.coefficients[receivers], noise.variance[receivers],
-        noise.correlation[receivers], noise.doubt[receivers], noise.resolved,
+        noise.correlation[receivers], noise.inflation[receivers], noise.resolved,
     )  # fmt: skip
 
 
-def centre(unit, knowledge):
-    """Return the likeliest place in the unit cube where data alone would say ``unit``, (n,).
+def centre(unit, information):
+    """Return the posterior mean in the unit cube where the data alone estimate ``unit``, (n,).
 
-    Ranges pull towards their middle what data hardly tell; theory.md (12.8).
+    Where the data constrain little, the uniform prior shrinks it to the middle; theory.md (12.8).
     """
-    pull = knowledge.covariance @ knowledge.information
-    return np.clip(0.5 + pull @ (np.asarray(unit) - 0.5), 0.0, 1.0)
+    shrinkage = information.covariance @ information.matrix
+    return np.clip(0.5 + shrinkage @ (np.asarray(unit) - 0.5), 0.0, 1.0)
 
 
-def intervals(unit, knowledge):
-    """Return where 90 % of what is left lies, (n, 2) in the unit cube, cut at its sides."""
-    reach, middle = NORMAL_95 * UNIFORM * knowledge.shares, centre(unit, knowledge)
-    return np.clip(np.stack([middle - reach, middle + reach], axis=-1), 0.0, 1.0)
+def intervals(unit, information):
+    """Return the 90 % posterior intervals, (n, 2) in the unit cube, clipped at its faces."""
+    half, middle = NORMAL_95 * UNIFORM * information.ratios, centre(unit, information)
+    return np.clip(np.stack([middle - half, middle + half], axis=-1), 0.0, 1.0)
+
+
+PER_PERIOD = 20  # checks of the tractions in the shortest period
+STRENGTH = ("cohesion", "friction", "tension")
+AT_YIELD = 1e-6  # remaining share of the strength that counts as none
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Strength:
+    """Slip of one joint surface in a blast, and how far it is from slipping.
+
+    Parameters
+    ----------
+    contacts : int
+    before : int
+        Contacts that slipped or opened before the blast.
+    failed : int
+        Contacts that slipped or opened in the blast.
+    factor : float
+        Factor on the blast at which the first of the others would slip or open; infinite if none
+        can. theory.md (11.5).
+    weakest_factor : float
+        The same with the lowest strength of the ranges.
+    """
+
+    contacts: int
+    before: int
+    failed: int
+    factor: float
+    weakest_factor: float
+
+
+@dataclass(frozen=True, eq=False)
+class Slip:
+    """Slip of all joints in a blast.
+
+    Parameters
+    ----------
+    strength : dict of str to Strength
+        By joint surface.
+    ppv : dict of str to (3,) float64, m/s
+        By receiver.
+    """
+
+    strength: dict[str, Strength]
+    ppv: dict[str, np.ndarray]
+
+
+def run_with_slip(model, duration, highest, weakest=None, progress=None):
+    """Run a model and compare the tractions on its joints with their strength.
+
+    Parameters
+    ----------
+    model : Model
+    duration : float, s
+    highest : float, Hz
+        Highest frequency of the motion.
+    weakest : sequence of Joint, optional
+        The same joints with other strengths.
+    progress : callable, optional
+        Called with (stage, done, total).
+
+    Returns
+    -------
+    Run
+    dict of str to Strength
+        By joint surface, of those whose law has a strength and sticks below it.
+
+    Raises
+    ------
+    SolverError
+        As `run`.
+    """
+    prepared = prepare(model, duration, progress)
+    joints = by_number(model)
+    other = {joint.surface: joint for joint in weakest or joints}
+    variants = [joints, [other[joint.surface] for joint in joints]]
+    strengths = [_strengths(variant, prepared.constants) for variant in variants]
+    initial, normal = (prepared.constants[f"contact_{n}"] for n in ("initial", "normal"))
+    least = np.full((2, len(initial)), np.inf)
+
+    def observe(state):
+        change = state["contact_traction"] - initial
+        for k, strength in enumerate(strengths):
+            np.minimum(least[k], slip_factors(initial, change, normal, *strength), out=least[k])
+
+    every = max(1, math.floor(1.0 / (PER_PERIOD * highest * prepared.constants["dt"])))
+    run = _run_observed(model, prepared, every, observe, progress)
+    return run, _by_surface(joints, run, least)
+
+
+def _run_observed(model, prepared, every, observe, progress):
+    """Run a model and call a function with its state every few steps."""
+    views = core.to_fortran(prepared.constants)
+    state = {name: value.copy() for name, value in prepared.state.items()}
+    motion, energy, step, total = [], [], 0, prepared.n_steps
+    while step < total:
+        chunk, ledger, failed = core.advance(
+            views, state, step, min(every, total - step), LEDGER_EVERY
+        )
+        motion.append(chunk)
+        energy.append(ledger)
+        step += len(chunk)
+        if failed is not None:
+            raise SolverError(failure(model, prepared, step, failed))
+        observe(state)
+        if progress is not None:
+            progress("dynamic", step, total)
+    return collect(model, prepared, np.concatenate(motion), np.concatenate(energy), state, 0.0, {})
+
+
+def _strengths(joints, constants):
+    """Return cohesion, friction and tension of every contact, infinite where none slips."""
+    rows = np.tile([np.inf, 0.0, np.inf], (max(1, len(joints)), 1))
+    for number, joint in enumerate(joints):
+        if joint.law in STICKING_JOINTS:
+            rows[number] = [joint.properties[name] for name in STRENGTH]
+    return rows[constants["contact_joint"]].T
+
+
+def slip_factors(initial, change, normal, cohesion, friction, tension):
+    """Return the factor on a blast at which each contact slips or opens, (n,).
+
+    Parameters
+    ----------
+    initial, change : (n, 3) float64, Pa
+        Traction before the blast, and its change in the blast.
+    normal : (n, 3) float64
+    cohesion, tension : (n,) float64, Pa
+    friction : (n,) float64
+        As a tangent.
+
+    Returns
+    -------
+    (n,) float64
+        Zero where no strength remains before the blast, infinite where no factor suffices.
+
+    Notes
+    -----
+    theory.md (11.5), its least root above zero.
+    """
+    rest, blast = (np.einsum("ci,ci->c", traction, normal) for traction in (initial, change))
+    shear = initial - rest[:, None] * normal
+    added = change - blast[:, None] * normal
+    with np.errstate(divide="ignore", invalid="ignore"):
+        opens = np.where(blast > 0.0, (tension - rest) / blast, np.inf)
+    pressed = _roots(shear, added, cohesion - rest * friction, friction * blast)
+    free = _roots(shear, added, cohesion, 0.0)
+    tolerance = ROUNDING * np.abs(rest)
+    with np.errstate(invalid="ignore"):
+        valid = np.stack([rest + pressed * blast <= tolerance, rest + free * blast >= -tolerance])
+    roots = np.where(valid, np.stack([pressed, free]), np.inf)
+    slips = np.where(np.isfinite(cohesion), roots.min(axis=(0, 1)), np.inf)
+    shear_strength = cohesion - np.minimum(0.0, rest) * friction
+    weak = np.linalg.norm(shear, axis=1) >= (1.0 - AT_YIELD) * shear_strength
+    return np.where(weak | (rest >= tension), 0.0, np.fmin(slips, opens))
+
+
+def _roots(shear, added, strength, loss):
+    """Return both m > 0 with ``|shear + m added| = |strength - m loss|``, (2, n); else infinite."""
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        a = np.sum(added**2, axis=1) - loss**2
+        b = np.sum(shear * added, axis=1) + loss * strength
+        q = np.sum(shear**2, axis=1) - strength**2
+        far = -b - np.copysign(np.sqrt(b**2 - a * q), b)
+        roots = np.stack([far / a, q / far])
+        return np.where(roots > 0.0, roots, np.inf)
+
+
+def _by_surface(joints, run, least):
+    """Return the `Strength` of each joint surface."""
+    constants, begun, ended = run.prepared.constants, run.prepared.state, run.state
+    sticking = [JOINT_LAWS[name].number for name in STICKING_JOINTS]
+    had = begun["contact_state"][:, FAILED] > 0.0
+    slip = slice(0, 3)
+    has = (ended["contact_state"][:, FAILED] > begun["contact_state"][:, FAILED]) | (
+        ended["contact_state"][:, slip] != begun["contact_state"][:, slip]
+    ).any(axis=1)
+    strengths = {}
+    for number, joint in enumerate(joints):
+        here = constants["contact_joint"] == number
+        if constants["joint_law"][number] in sticking:
+            whole = here & ~had
+            # Where nothing moves no factor is finite; contacts that failed before are left out.
+            first = [float(np.min(row[whole], initial=np.inf)) for row in least]
+            counts = (int(np.count_nonzero(chosen)) for chosen in (here, here & had, here & has))
+            strengths[joint.surface] = Strength(*counts, *first)
+    return strengths
+
+
+def is_strength(parameter) -> bool:
+    """Tell whether a parameter is a strength of a joint."""
+    table, *_, key = parameter.name.split(".")
+    return table == "joints" and split_key(key)[0].removesuffix("_residual") in STRENGTH
+
+
+def weakest(project, parameters, values):
+    """Return the joints with the lowest strengths of the ranges, the rest as given."""
+    lowest = [
+        parameter.low if is_strength(parameter) else value
+        for parameter, value in zip(parameters, values, strict=True)
+    ]
+    return with_values(project, parameters, lowest).joints
+
+
+def reason_without_slip(parameter, projects, strengths) -> str:
+    """Return why a strength is not identifiable: nothing slipped in any blast; else nothing.
+
+    Parameters
+    ----------
+    parameter : Parameter
+    projects : sequence of Project
+        One for each blast.
+    strengths : sequence of dict of str to Strength
+        For each blast by joint surface.
+    """
+    if not is_strength(parameter):
+        return ""
+    entry = parameter.name.split(".")[1]
+    chosen = [
+        strength[surface]
+        for project, strength in zip(projects, strengths, strict=True)
+        for surface in surfaces_of(project, entry)
+        if surface in strength
+    ]
+    if not chosen or any(strength.failed for strength in chosen):
+        return ""
+    least = min(strength.weakest_factor for strength in chosen)
+    over = "whatever its value in the range" if least > 1.0 else "though lower values would slip"
+    return f"no contact of '{entry}' slipped or opened, {over}"
+
+
+def surfaces_of(project, entry) -> list[str]:
+    """Return the joint surfaces of an entry of ``[joints]``."""
+    return [name for name, joint in joint_of_surface(project.config.mesh).items() if joint == entry]

@@ -4,23 +4,44 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, named_error
 from ..inference.parameter import Parameter
-from ..project.config_file import check_path
+from ..project.config import BackAnalysisConfig
 from ..project.project import CHEAP, Project, load_project, vary
-from ..project.section import named_error
+from ..project.section import check_path
 from ..signals.seismogram import Seismogram
+from ..solver.assembly import time_step
+from ..solver.run import run_many
+from ..units import split_key
+
+# Larger values of these keys never allow a longer time step, and no other cheap key affects it.
+STIFFENING = {"kn", "ks", "cohesion", "friction", "tension", "ratio"}
+LEAST_STEP = 0.5  # of a common time step, as a share of the longest one in the ranges
 
 
-def foreseen_blasts(project: Project) -> tuple[Project, ...]:
-    """Return a project and those that its back-analysis names beside it, recorded or not.
+def table_of(project: Project) -> tuple[BackAnalysisConfig, str]:
+    """Return table ``[back_analysis]`` of a project, and its place for messages.
 
     Raises
     ------
     InputError
-        If one is named twice.
+        If it is missing.
     """
     table, where = project.config.back_analysis, f"{project.path.name}: back_analysis"
+    if table is None:
+        raise InputError(f"{where}: missing; add the table with its parameters")
+    return table, where
+
+
+def all_blasts(project: Project) -> tuple[Project, ...]:
+    """Return the blasts of a back-analysis, recorded or planned: a project and those it names.
+
+    Raises
+    ------
+    InputError
+        If a blast is named twice.
+    """
+    table, where = table_of(project)
     blasts = (project, *(load_project(project.folder / name) for name in table.blasts))
     names = [blast.path.name for blast in blasts]
     for name in names:
@@ -29,24 +50,24 @@ def foreseen_blasts(project: Project) -> tuple[Project, ...]:
     return blasts
 
 
-def candidates_of(project: Project) -> tuple[Project, ...]:
-    """Return the blasts that could be fired and recorded too."""
-    names = project.config.back_analysis.candidate_blasts
+def candidate_blasts(project: Project) -> tuple[Project, ...]:
+    """Return the candidate blasts: those that could be fired and recorded too."""
+    names = table_of(project)[0].candidate_blasts
     return tuple(load_project(project.folder / name) for name in names)
 
 
-def foreseen_records(blast: Project, project: Project) -> dict[str, Seismogram | None]:
-    """Return the records of a blast that count, None where one is only foreseen.
+def survey_records(blast: Project, project: Project) -> dict[str, Seismogram | None]:
+    """Return the records of a blast in a survey by receiver, None where a record is only planned.
 
-    Those of the receivers that are asked for, else of those that have one, else of all.
+    Receivers are those of back_analysis.receivers, else those with a record, else all.
 
     Raises
     ------
     InputError
         If there is no such receiver.
     """
-    known = [one.name for one in blast.config.receivers]
-    names = project.config.back_analysis.receivers or list(blast.recorded) or known
+    known = [receiver.name for receiver in blast.config.receivers]
+    names = table_of(project)[0].receivers or list(blast.recorded) or known
     for name in names:
         if name not in known:
             raise InputError(
@@ -54,20 +75,20 @@ def foreseen_records(blast: Project, project: Project) -> dict[str, Seismogram |
                 f"{name!r}; it has {', '.join(known) or 'none'}"
             )
     if not names:
-        raise InputError(f"{blast.path.name}: receivers: missing; a plan needs at least one")
+        raise InputError(f"{blast.path.name}: receivers: missing; a survey needs at least one")
     return {name: blast.recorded.get(name) for name in names}
 
 
 def blasts_of(project: Project) -> tuple[Project, ...]:
-    """Return the blasts of a back-analysis, each with its records.
+    """Return the recorded blasts of a back-analysis.
 
     Raises
     ------
     InputError
-        If one is named twice, has no record, or lacks the record of a receiver that is asked for.
+        If a blast is named twice, has no record, or lacks that of a receiver in the table.
     """
-    table, where = project.config.back_analysis, f"{project.path.name}: back_analysis"
-    blasts = foreseen_blasts(project)
+    table, where = table_of(project)
+    blasts = all_blasts(project)
     for blast in blasts:
         for name in table.receivers:
             if name not in blast.recorded:
@@ -78,25 +99,25 @@ def blasts_of(project: Project) -> tuple[Project, ...]:
                 )
         if not blast.recorded:
             raise InputError(
-                f"{blast.path.name}: receivers: none has a record to meet; add "
-                "[receivers.recorded], or ask with backanalyse --design-survey, which needs none"
+                f"{blast.path.name}: receivers: none has a record to fit; add "
+                "[receivers.recorded], or use backanalyse --design-survey, which needs none"
             )
     return blasts
 
 
 def chosen_records(blast: Project, project: Project) -> dict[str, Seismogram]:
-    """Return the records of a blast that count in the back-analysis of a project."""
-    names = project.config.back_analysis.receivers or blast.recorded
+    """Return the records of a blast that the back-analysis of a project uses."""
+    names = table_of(project)[0].receivers or blast.recorded
     return {name: record for name, record in blast.recorded.items() if name in names}
 
 
 def is_cheap(parameter: Parameter) -> bool:
-    """Tell whether a change leaves mesh and ground as they are, so that runs form a batch."""
+    """Tell whether a change leaves mesh and ground unchanged, so that runs can form a batch."""
     return parameter.name.split(".")[0] in CHEAP
 
 
 def range_of(parameter: Parameter) -> dict:
-    """Return a parameter as result files show it: key, range, scale, range of the laboratory."""
+    """Return a parameter as in result files: key, range, scale, laboratory range."""
     return {
         "path": parameter.name, "low": parameter.low, "high": parameter.high,
         "log": parameter.log, "laboratory": parameter.laboratory,
@@ -104,25 +125,31 @@ def range_of(parameter: Parameter) -> dict:
 
 
 def parameters_of(project: Project) -> tuple[Parameter, ...]:
-    """Return the unknowns that table ``[back_analysis]`` of a project names.
+    """Return the parameters of table ``[back_analysis]`` of a project.
 
     Raises
     ------
     InputError
-        If the table is missing, or a range is none.
+        If the table is missing, or a range is not valid.
     """
-    table, where = project.config.back_analysis, f"{project.path.name}: back_analysis"
-    if table is None:
-        raise InputError(f"{where}: missing; add the table with its parameters")
+    table, where = table_of(project)
     with named_error(where):
         return tuple(
-            Parameter(one.path, one.low, one.high, one.log, laboratory=one.laboratory)
-            for one in table.parameters
+            Parameter(
+                row.path,
+                row.low,
+                row.high,
+                row.log,
+                laboratory=None
+                if row.laboratory is None
+                else (row.laboratory[0], row.laboratory[1]),
+            )
+            for row in table.parameters
         )
 
 
 def check_parameters(project: Project, parameters: Sequence[Parameter]):
-    """Refuse parameters that a project does not have, or that its rules forbid in the range.
+    """Check that a project has the parameters, and that its rules allow their ranges.
 
     Raises
     ------
@@ -130,7 +157,7 @@ def check_parameters(project: Project, parameters: Sequence[Parameter]):
         With the key.
     """
     if not parameters:
-        raise InputError("back_analysis.parameters: missing; name at least one key to find")
+        raise InputError("back_analysis.parameters: missing; name at least one key")
     paths = [parameter.name for parameter in parameters]
     for number, parameter in enumerate(parameters, start=1):
         with named_error(f"{project.path.name}: back_analysis.parameters[{number}].path"):
@@ -149,3 +176,39 @@ def with_values(project: Project, parameters: Sequence[Parameter], values) -> Pr
     """Return a project with the values (n,) of its parameters."""
     pairs = zip(parameters, np.asarray(values, dtype=np.float64).tolist(), strict=True)
     return vary(project, {parameter.name: value for parameter, value in pairs})
+
+
+def common_time_step(project: Project, parameters):
+    """Return the time step, with its limit, at which all models of the ranges are stable.
+
+    With a common step the result at a point does not depend on the others of its batch. None if
+    models differ in more than stiffness, strength and damping, or if the shortest step is at most
+    half of the longest (lagged damping).
+    """
+    stems = {split_key(parameter.name.split(".")[-1])[0] for parameter in parameters}
+    if not (stems <= STIFFENING and all(is_cheap(parameter) for parameter in parameters)):
+        return None
+    project.model  # noqa: B018  variants stand on the mesh of a model that is there
+    ends = np.array([[parameter.low, parameter.high] for parameter in parameters])
+    shortest = time_step(with_values(project, parameters, ends[:, 1]).model)
+    longest = time_step(with_values(project, parameters, ends[:, 0]).model)
+    return shortest if shortest[0] > LEAST_STEP * longest[0] else None
+
+
+def simulate(project: Project, parameters, points, step=None) -> list[dict[str, Seismogram]]:
+    """Simulate a project at points (m, n); return seismograms by receiver, 0 s the first firing.
+
+    Raises
+    ------
+    SolverError
+        If a model can't be run.
+    """
+    varied = [with_values(project, parameters, point) for point in points]
+    if step is not None:
+        runs = run_many([variant.model for variant in varied], project.duration, step=step)
+    else:
+        runs = [run_many([variant.model], variant.duration)[0] for variant in varied]
+    return [
+        {name: s.shifted(-variant.lead) for name, s in run.seismograms.items()}
+        for variant, run in zip(varied, runs, strict=True)
+    ]

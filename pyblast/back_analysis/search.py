@@ -7,72 +7,72 @@ import numpy as np
 
 from ..errors import InputError
 from ..inference.gauss_newton import levenberg_search
-from ..inference.gaussian_process import surrogate_search
 from ..inference.global_search import (
-    Search,
-    Trace,
     adaptive_annealing,
     evolution_search,
     paper,
     paper_eq15,
     random_search,
     sobol_search,
+    surrogate_search,
 )
-from ..inference.misfits import MISFITS, SIGNED
-from ..inference.parameter import Parameter
+from ..inference.likelihood import MISFITS, SIGNED
+from ..inference.parameter import Parameter, Search, Trace
 from ..inference.posterior import Posterior, emcee_library, posterior
-from ..project.census import input_band
+from ..project.inputs import input_band
 from ..project.project import Project
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import Seismogram
-from .identifiability import UNIFORM
-from .mesh_error import mesh_errors_of
+from .identifiability import UNIFORM, Slip, Strength, reason_without_slip, run_with_slip, weakest
 from .parameters import (
+    all_blasts,
     blasts_of,
-    candidates_of,
+    candidate_blasts,
     check_parameters,
     chosen_records,
-    foreseen_blasts,
+    common_time_step,
     parameters_of,
+    table_of,
     with_values,
 )
-from .slip import Strength, insensitive, watched_run, weakest
-from .survey_design import Plan, Slip, make_plan, problem_of
-from .trials import Target, Trials, band_of, held_step, misfit_of
-from .waveforms import make_waveforms
+from .survey_design import SurveyDesign, ranges_of, survey_design_at
+from .trials import Target, Trials, band_of, misfit_of, waveforms_of
+from .waveforms import make_waveforms, mesh_errors_of
 
-NEAREST = 3  # runs for each parameter from which the derivatives of the motion are estimated
+NEAREST = 3  # runs for each parameter in the regression for the derivatives of the motion
 
 
 def update_covariance(trials: Trials, point):
-    """Take the model error beside the simulation at a point from now on.
+    """Update the covariance: the model error takes the waveform of the simulation at a point.
 
     Parameters
     ----------
     trials : Trials
-        Of waveforms; all that was run gets its misfit anew.
+        Of waveforms; the misfits of all runs change.
     point : (n,) float64
         One that was run.
 
     Notes
     -----
-    theory.md (7.13) to (7.19), levels inferred from the residual there beside what the parameters
-    may have taken on themselves, the mesh error where another mesh can be made; else
-    `Waveforms.mesh_doubt` says why not.
+    theory.md (7.13) to (7.19). The levels are inferred from the residual there by a restricted
+    likelihood, since the parameters were fitted to the same records. The mesh error is included
+    where a coarser mesh is possible; `Waveforms.mesh_error_missing` states why not.
     """
     target = trials.target
-    waves, values = target.waveforms, np.asarray(point, dtype=np.float64).tolist()
+    waves, values = waveforms_of(target), np.asarray(point, dtype=np.float64).tolist()
     row = next(row for row in trials.log.rows if row["values"] == values)
     recorded = waves.records.in_band(waves.records.motion)
     simulated = recorded - waves.motion_of(row["residuals"])
     projects = [with_values(project, target.parameters, values) for project in target.projects]
-    errors, doubt = mesh_errors_of(projects, simulated, waves.records.receivers, waves.window)
-    updated = waves.with_model_error(row["residuals"], errors, _moved(trials, values), doubt)
+    errors, missing = mesh_errors_of(projects, simulated, waves.records.receivers, waves.window)
+    updated = waves.with_model_error(
+        row["residuals"], errors, _changes_nearby(trials, values), missing
+    )
     trials.target = replace(target, waveforms=updated)
 
 
-def _moved(trials, values):
-    """Return what one standard deviation of each range moves, (n, n_data), by the runs nearby."""
+def _changes_nearby(trials, values):
+    """Return changes (n, n_data) by a standard deviation of each range, regressed on near runs."""
     unit = trials.problem().unit
     rows = [row for row in trials.log.rows[: trials.count] if len(row["residuals"])]
     away = np.array([unit(np.array(row["values"])) for row in rows]) - unit(np.array(values))
@@ -81,7 +81,7 @@ def _moved(trials, values):
     return -UNIFORM * np.linalg.lstsq(away[near], residuals - residuals[0], rcond=None)[0]
 
 
-LAST = 3  # of so many runs one is kept for the covariance that the others taught
+SECOND_STAGE = 3  # one over the share of runs after the update of the covariance
 
 METHODS: dict[str, Search] = {
     "paper": paper,
@@ -96,11 +96,11 @@ METHODS: dict[str, Search] = {
 
 
 def search(trials: Trials, method: str, runs: int, seed: int) -> Trace:
-    """Search by a method; waveforms in two turns.
+    """Search by a method; for waveforms in two stages.
 
-    Of waveforms the best of the first two thirds tells how the errors of the theory look and how
-    large they are. By these all that was run is judged anew, least squares goes on from the best,
-    and what it finds shapes the errors by which the whole trace is judged at last.
+    After two thirds of the runs the model error is estimated at the best point. With it all
+    misfits are evaluated again, Gauss-Newton continues from the best point, and the model error at
+    its result gives the final misfits of the whole trace.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def search(trials: Trials, method: str, runs: int, seed: int) -> Trace:
     runs, seed : int
     """
     problem = trials.problem()
-    last = 0 if trials.target.waveforms is None else runs // LAST
+    last = 0 if trials.target.waveforms is None else runs // SECOND_STAGE
     first = METHODS[method](problem, runs - last, seed)
     if not last or not np.isfinite(first.misfits[first.best]):
         return first
@@ -127,11 +127,11 @@ def search(trials: Trials, method: str, runs: int, seed: int) -> Trace:
     )
 
 
-TURNS, RUNS = 2, 24  # searches, each from the last best, before draws begin
+ROUNDS, RUNS = 2, 24  # searches before sampling, each from the last best point
 
 
-def refuse_unready(table, where):
-    """Refuse a posterior that could not be drawn, before anything is run.
+def check_posterior_table(table, where):
+    """Check before the first run that a posterior can be sampled.
 
     Raises
     ------
@@ -148,13 +148,13 @@ def refuse_unready(table, where):
     emcee_library()
 
 
-def uncertain(trials: Trials, best, seed: int) -> Posterior:
-    """Draw from the posterior of a project's unknowns with full runs, all of them logged.
+def draw_posterior(trials: Trials, best, seed: int) -> Posterior:
+    """Draw samples from the posterior of the parameters by full runs, all of them logged.
 
     Parameters
     ----------
     trials : Trials
-        Of a search by waveforms that is done; its covariance becomes that beside the best point.
+        Of a finished search by waveforms; its covariance is updated at the best point.
     best : (n,) float64
         A point that was run.
     seed : int
@@ -170,16 +170,16 @@ def uncertain(trials: Trials, best, seed: int) -> Posterior:
 
     Notes
     -----
-    theory.md (12.9) to (12.12). The covariance is shaped by the best point, whose search goes on
-    with it, twice. Where the error of the mesh could not be foreseen, the result says so.
+    theory.md (12.9) to (12.12). Twice, the covariance is updated at the best point and the search
+    continues with it. If the mesh error is missing, the result states it.
     """
-    for _ in range(TURNS):
+    for _ in range(ROUNDS):
         update_covariance(trials, best)
         problem = trials.problem()
         trace = levenberg_search(problem, RUNS, seed, problem.unit(best))
         best = trace.points[trace.best]
     drawn = posterior(trials.problem(), best, seed)
-    return replace(drawn, mesh_doubt=trials.target.waveforms.mesh_doubt)
+    return replace(drawn, mesh_error_missing=waveforms_of(trials.target).mesh_error_missing)
 
 
 AT_BOUND = 0.01  # of the range, on its scale
@@ -205,13 +205,13 @@ class Confirmed:
 
     @property
     def factor(self) -> float:
-        """How many times stronger the blast would have to be for a first contact to slip."""
-        return min((one.factor for one in self.strength.values()), default=math.inf)
+        """Factor on the blast at which the first contact would slip."""
+        return min((strength.factor for strength in self.strength.values()), default=math.inf)
 
 
 @dataclass(frozen=True, eq=False)
 class BackAnalysis:
-    """What a back-analysis found.
+    """Result of a back-analysis.
 
     Parameters
     ----------
@@ -223,12 +223,12 @@ class BackAnalysis:
         By the file name of the blast's project.
     misfit : float
         Of the full runs at the best point, each with its own time step.
-    insensitive : dict of str to str
-        Parameters that the records can't tell because nothing slipped, and why.
-    plan : Plan
-        What the records can tell around the best point, and what more would.
+    unidentifiable : dict of str to str
+        Strengths that are not identifiable because nothing slipped, and why.
+    plan : SurveyDesign
+        Identifiability around the best point, and gains of further receivers and blasts.
     posterior : Posterior, optional
-        Draws from what records and ranges leave, where they were asked for.
+        Samples, if the table asks for them.
     """
 
     target: Target
@@ -237,8 +237,8 @@ class BackAnalysis:
     trace: Trace
     confirmed: dict[str, Confirmed]
     misfit: float
-    insensitive: dict[str, str]
-    plan: Plan
+    unidentifiable: dict[str, str]
+    plan: SurveyDesign
     posterior: Posterior | None = None
 
     @property
@@ -256,21 +256,21 @@ class BackAnalysis:
     def at_bound(self, parameter: Parameter) -> str:
         """Return "low" or "high" where the best value lies at a bound, else nothing."""
         parameters = self.target.parameters
-        unit = problem_of(parameters).unit(self.trace.points[self.trace.best])
+        unit = ranges_of(parameters).unit(self.trace.points[self.trace.best])
         share = unit[parameters.index(parameter)]
         return "low" if share < AT_BOUND else "high" if share > 1.0 - AT_BOUND else ""
 
 
 def make_target(project: Project) -> Target:
-    """Return what table ``[back_analysis]`` of a project asks for.
+    """Return the target of table ``[back_analysis]`` of a project: records, parameters, misfit.
 
     Raises
     ------
     InputError
-        If it is missing, or names what is not there.
+        If it is missing, or a name in it is unknown.
     """
     parameters = parameters_of(project)
-    table, where = project.config.back_analysis, f"{project.path.name}: back_analysis"
+    table, where = table_of(project)
     for key, known in (("method", METHODS), ("misfit", MISFITS)):
         if getattr(table, key) not in known:
             raise InputError(
@@ -278,13 +278,13 @@ def make_target(project: Project) -> Target:
             )
     if table.method == "levenberg" and table.misfit not in SIGNED:
         raise InputError(
-            f"{where}.method: 'levenberg' needs residuals, which misfit '{table.misfit}' has none "
-            "of; take 'surrogate'"
+            f"{where}.method: 'levenberg' needs residuals, and misfit '{table.misfit}' has "
+            "none; take 'surrogate'"
         )
     blasts = blasts_of(project)
     for blast in blasts:
         check_parameters(blast, parameters)
-    steps = tuple(held_step(blast, parameters) for blast in blasts)
+    steps = tuple(common_time_step(blast, parameters) for blast in blasts)
     waveforms = None
     if table.misfit == "waveform":
         rms = None if table.noise_mm_per_s is None else 1e-3 * table.noise_mm_per_s
@@ -299,19 +299,19 @@ def is_recorded(project: Project) -> bool:
     Raises
     ------
     InputError
-        If its table could not be searched, with records or without.
+        If its table is not valid.
     """
     if project.recorded:
         make_target(project)
         return True
     parameters = parameters_of(project)
-    for blast in foreseen_blasts(project):
+    for blast in all_blasts(project):
         check_parameters(blast, parameters)
     return False
 
 
 def confirm(target: Target, method, seed, trace: Trace, progress=None) -> BackAnalysis:
-    """Run the best point in full, with its own time step, and see whether strength mattered.
+    """Confirm the best point by a full run with its own time step, with slip and survey design.
 
     Raises
     ------
@@ -322,7 +322,7 @@ def confirm(target: Target, method, seed, trace: Trace, progress=None) -> BackAn
     for project in target.projects:
         varied = with_values(project, target.parameters, best)
         weak = weakest(project, target.parameters, best)
-        run, strength = watched_run(
+        run, strength = run_with_slip(
             varied.model, varied.duration, input_band(varied), weak, progress
         )
         simulated = {name: s.shifted(-varied.lead) for name, s in run.seismograms.items()}
@@ -332,27 +332,27 @@ def confirm(target: Target, method, seed, trace: Trace, progress=None) -> BackAn
             for name, record in recorded.items()
         }
         confirmed[project.path.name] = Confirmed(simulated, recorded, comparisons, strength)
-    misfit, _ = misfit_of(target, [one.simulated for one in confirmed.values()])
-    strengths = [one.strength for one in confirmed.values()]
-    told = {
+    misfit, _ = misfit_of(target, [blast.simulated for blast in confirmed.values()])
+    strengths = [blast.strength for blast in confirmed.values()]
+    reasons = {
         parameter.name: text
         for parameter in target.parameters
-        if (text := insensitive(parameter, target.projects, strengths))
+        if (text := reason_without_slip(parameter, target.projects, strengths))
     }
     plan = _plan_at(target, best, confirmed, progress)
-    return BackAnalysis(target, method, seed, trace, confirmed, misfit, told, plan)
+    return BackAnalysis(target, method, seed, trace, confirmed, misfit, reasons, plan)
 
 
 def _plan_at(target, best, confirmed, progress):
-    """Return what the records can tell around the best point."""
+    """Return the survey design around the best point."""
     waves = target.waveforms
     slip = {
-        name: Slip(one.strength, {n: s.ppv for n, s in one.simulated.items()})
-        for name, one in confirmed.items()
+        name: Slip(blast.strength, {n: s.ppv for n, s in blast.simulated.items()})
+        for name, blast in confirmed.items()
     }
-    return make_plan(
-        target.projects, target.parameters, problem_of(target.parameters).unit(best),
+    return survey_design_at(
+        target.projects, target.parameters, ranges_of(target.parameters).unit(best),
         records=[target.recorded(project) for project in target.projects],
-        candidates=candidates_of(target.projects[0]), slip=slip, progress=progress,
+        candidates=candidate_blasts(target.projects[0]), slip=slip, progress=progress,
         levels=None if waves is None else waves.likelihood.covariance.levels,
     )  # fmt: skip

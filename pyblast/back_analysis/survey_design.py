@@ -5,31 +5,152 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..core import LANES
+from ..core import BATCH_SIZE
+from ..errors import InputError
 from ..inference.covariance import LEVELS
 from ..inference.gauss_newton import DIFFERENCE
-from ..inference.global_search import Problem
-from ..inference.parameter import Parameter
+from ..inference.parameter import Parameter, Problem, problem_of
 from ..inference.records import band_functions
-from ..project.census import input_band
-from .identifiability import Knowledge, Sensitivities, intervals
-from .mesh_error import Place, listening, mesh_errors_of, places_of
+from ..project.config import ReceiverConfig
+from ..project.inputs import input_band
+from ..project.places import on_ground
+from ..project.project import Project, make_project
+from .identifiability import (
+    FisherInformation,
+    Sensitivities,
+    Slip,
+    intervals,
+    is_strength,
+    reason_without_slip,
+    run_with_slip,
+    weakest,
+)
 from .parameters import (
-    candidates_of,
+    all_blasts,
+    candidate_blasts,
     check_parameters,
-    foreseen_blasts,
-    foreseen_records,
+    common_time_step,
     parameters_of,
+    simulate,
+    survey_records,
     with_values,
 )
-from .slip import Slip, insensitive, is_strength, watched_run, weakest
-from .trials import held_step, simulate
-from .waveforms import Window, gathered, has_quiet, recorded_noise, white_noise, window_of
+from .waveforms import (
+    Window,
+    has_noise_window,
+    mesh_errors_of,
+    recorded_noise,
+    sampled_motion,
+    white_noise,
+    window_of,
+)
+
+NOISE = 5e-5  # m/s, rms of a component in the band, where nothing is known
+WELL, PARTLY = 0.3, 0.8  # ratio of posterior to prior standard deviation, below
+NOT_SENSITIVE = {
+    "paper": "PPV and dominant frequency hardly depend on it",
+    "waveform": "the motion hardly depends on it",
+}
 
 
 @dataclass(frozen=True)
-class Extra:
-    """What one more receiver or blast would bring, or one less would cost.
+class SurveyReceiver:
+    """A receiver of the survey, or a candidate.
+
+    Parameters
+    ----------
+    name : str
+    position : tuple of 3 float, m
+    in_survey : bool
+        Whether it is recorded or planned; else it is a candidate.
+    gridded : bool
+        Whether it is a point of the candidate grid.
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    in_survey: bool
+    gridded: bool = False
+
+
+def survey_receivers(projects, in_survey, apart) -> list[SurveyReceiver]:
+    """Return the receivers of projects, those of the survey first, and a grid of candidates.
+
+    Parameters
+    ----------
+    projects : sequence of Project
+        The first one has the size of the grid.
+    in_survey : sequence of str
+        Names of the receivers of the survey.
+    apart : float, m
+        Smallest distance of a grid point from the receivers.
+    """
+    known = {r.name: r for project in projects[::-1] for r in project.receivers}
+    receivers = [
+        SurveyReceiver(receiver.name, receiver.position, receiver.name in in_survey)
+        for receiver in known.values()
+    ]
+    receivers.sort(key=lambda receiver: not receiver.in_survey)
+    positions = np.array([receiver.position for receiver in receivers])
+    for point in _grid(projects[0]):
+        if np.min(np.linalg.norm(positions - point, axis=1)) >= apart:
+            name = f"{point[0]:.0f}, {point[1]:.0f} m"
+            receivers.append(SurveyReceiver(name, tuple(point), False, True))
+    return receivers
+
+
+def _grid(project):
+    """Return the points of the candidate grid on surface "top", outside the absorbing layer."""
+    mesh, layer = project.mesh, project.absorbing_layer
+    if "top" not in mesh.surfaces:
+        return []
+    corners = mesh.points[np.unique(mesh.surfaces["top"])][:, :2]
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    counts = project.config.back_analysis.candidate_grid
+    axes = [low[k] + (np.arange(n) + 0.5) / n * (high[k] - low[k]) for k, n in enumerate(counts)]
+    points = []
+    for x in axes[0]:
+        for y in axes[1]:
+            try:
+                point = on_ground(mesh, (float(x), float(y)))
+            except InputError:  # the surface does not fill its rectangle
+                continue
+            if layer is None or not layer.alpha(np.array([point]), 1.0).any():
+                points.append(point)
+    return points
+
+
+def with_receivers(project: Project, receivers) -> Project:
+    """Return a project with the receivers of a survey; its mesh and own axes stay."""
+    own = {receiver.name: receiver for receiver in project.config.receivers}
+    configs = [
+        own[receiver.name].model_copy(update={"recorded": None})
+        if receiver.name in own
+        else ReceiverConfig(name=receiver.name, position_m=[float(x) for x in receiver.position])
+        for receiver in receivers
+    ]
+    config = project.config.model_copy(update={"receivers": configs})
+    return make_project(config, project.path, {"mesh": project.mesh})
+
+
+def _on_other_mesh(project, other, receivers):
+    """Return a project of another mesh with the receivers of a survey, on its own surface."""
+    own = {receiver.name for receiver in project.config.receivers}
+    moved = [
+        receiver
+        if receiver.name in own
+        else replace(
+            receiver,
+            position=tuple(np.array(on_ground(other.mesh, receiver.position[:2]))),
+        )
+        for receiver in receivers
+    ]
+    return with_receivers(other, moved)
+
+
+@dataclass(frozen=True)
+class CandidateGain:
+    """Gain of information by one more receiver or blast, or its loss without a receiver.
 
     Parameters
     ----------
@@ -38,9 +159,9 @@ class Extra:
     name : str
     position : tuple of 3 float, m, or None
     gain : float
-        By which it lowers the logarithm of the determinant of the covariance of the unknowns.
+        Decrease of the log determinant of the posterior covariance: D-optimality.
     worst : float
-        Largest standard deviation after over before, of unknowns that are felt at all.
+        Largest ratio of posterior to prior standard deviation, of sensitive parameters.
     worst_path : str
     """
 
@@ -52,122 +173,113 @@ class Extra:
     worst_path: str
 
 
-def extras_of(sensitivities, parameters, places, blasts, candidates):
-    """Return what is known as it is, and what extras would bring, best first."""
+def gains_of_candidates(sensitivities, parameters, receivers, blasts, candidates):
+    """Return the information of the survey, its `CandidateGain`, and the sorted candidates."""
     scattered = sensitivities.scattered()
-    count, fired = sum(place.counts for place in places), range(len(blasts))
+    count, fired = sum(receiver.in_survey for receiver in receivers), range(len(blasts))
 
-    def known(some_blasts, some_receivers):
-        return sensitivities.knowledge(some_blasts, some_receivers, scattered)
+    def information(chosen_blasts, chosen_receivers):
+        return sensitivities.information(chosen_blasts, chosen_receivers, scattered)
 
-    now = known(fired, range(count))
+    survey = information(fired, range(count))
 
-    def extra(kind, name, position, then):
-        felt = now.felt | then.felt
-        shares = np.where(felt, then.shares, 0.0)
-        worst = int(np.argmax(shares))
-        path = parameters[worst].name if felt.any() else ""
-        gain = now.log_determinant - then.log_determinant
-        return Extra(kind, name, position, gain, float(shares[worst]), path)
+    def gain(kind, name, position, changed):
+        sensitive = survey.sensitive | changed.sensitive
+        ratios = np.where(sensitive, changed.ratios, 0.0)
+        worst = int(np.argmax(ratios))
+        path = parameters[worst].name if sensitive.any() else ""
+        decrease = survey.log_determinant - changed.log_determinant
+        return CandidateGain(kind, name, position, decrease, float(ratios[worst]), path)
 
-    found = [
-        extra("receiver", place.name, place.position, known(fired, [*range(count), number]))
-        for number, place in enumerate(places)
-        if not place.counts
+    gains = [
+        gain("receiver", receiver.name, receiver.position, information(fired, [*range(count), n]))
+        for n, receiver in enumerate(receivers)
+        if not receiver.in_survey
     ]
-    found += [
-        extra("blast", one.path.name, None, known([*fired, len(blasts) + number], range(count)))
-        for number, one in enumerate(candidates)
+    gains += [
+        gain("blast", blast.path.name, None, information([*fired, len(blasts) + n], range(count)))
+        for n, blast in enumerate(candidates)
     ]
     if count > 1:
-        found += [
-            extra("without", place.name, place.position,
-                  known(fired, [r for r in range(count) if r != number]))
-            for number, place in enumerate(places[:count])
+        gains += [
+            gain("without", receiver.name, receiver.position,
+                 information(fired, [r for r in range(count) if r != n]))
+            for n, receiver in enumerate(receivers[:count])
         ]  # fmt: skip
-    found.sort(key=lambda one: -one.gain)
-    return now, extra("as it is", "", None, now), tuple(found)
-
-
-NOISE = 5e-5  # m/s, rms of a component in the band, where nothing is known
-FIXED, HARDLY = 0.3, 0.8  # standard deviation after over before
-UNFELT = {
-    "paper": "PPV and dominant frequency hardly depend on it",
-    "waveform": "the motion hardly depends on it",
-}
+    gains.sort(key=lambda candidate: -candidate.gain)
+    return survey, gain("survey", "", None, survey), tuple(gains)
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
-    """What receivers and blasts can tell of unknowns.
+class SurveyDesign:
+    """How well receivers and blasts constrain the parameters.
 
     Parameters
     ----------
     parameters : tuple of Parameter
     values : (n,) float64
-        Where the sensitivities were taken, in the units of the parameters.
+        Where the sensitivities are taken, in the units of the parameters.
     misfit : str
-        By which `knowledge` counts: ``paper`` or ``waveform``.
-    knowledge : Knowledge
-    other : Knowledge
-        By the other of the two.
+        Data of `information`: ``paper`` or ``waveform``.
+    information : FisherInformation
+    other : FisherInformation
+        Of the other data of the two.
     within : (n, 2) float64
-        Where 90 % of what is left lies.
+        90 % intervals.
     why : dict of str to str
-        Parameters that can't be told at all, and why.
-    extras : tuple of Extra
-    worst : Extra
-        As it is, with no extra.
-    places : tuple of Place
+        Parameters that are not identifiable, and why.
+    gains : tuple of CandidateGain
+    worst : CandidateGain
+        Of the survey as it is.
+    receivers : tuple of SurveyReceiver
     apart : float, m
-        How far new receivers stand from those that there are, at least: nearer ones have the
-        errors of the theory in common.
+        Smallest distance of candidates from receivers: nearer ones share the model error.
     window : Window
     noise : str
-        Where its level is from.
+        Source of its level.
     levels : dict of str to float
-        Of the errors of the theory.
+        Of the model error.
     slip : dict of str to Slip
-        By blast; empty where no strength is asked for.
-    mesh_doubt : str
-        Why errors of the mesh are not counted; nothing where they are.
+        By blast; empty if no parameter is a strength.
+    mesh_error_missing : str
+        Why the mesh error is not included; empty where it is.
     """
 
     parameters: tuple[Parameter, ...]
     values: np.ndarray
     misfit: str
-    knowledge: Knowledge
-    other: Knowledge
+    information: FisherInformation
+    other: FisherInformation
     within: np.ndarray
     why: dict[str, str]
-    extras: tuple[Extra, ...]
-    worst: Extra
-    places: tuple[Place, ...]
+    gains: tuple[CandidateGain, ...]
+    worst: CandidateGain
+    receivers: tuple[SurveyReceiver, ...]
     apart: float
     window: Window
     noise: str
     levels: dict[str, float]
     slip: dict[str, Slip]
-    mesh_doubt: str
+    mesh_error_missing: str
 
-    def verdict(self, number) -> str:
-        """Say of a parameter whether it is fixed, partly or hardly told, or not at all."""
+    def constraint(self, number) -> str:
+        """Return how well a parameter is constrained: well, partly, hardly, or not identifiable."""
         if self.parameters[number].name in self.why:
             return "not identifiable"
-        share = self.knowledge.shares[number]
-        return "fixed" if share < FIXED else "partly" if share < HARDLY else "hardly"
+        ratio = self.information.ratios[number]
+        return "well" if ratio < WELL else "partly" if ratio < PARTLY else "hardly"
 
     @property
     def trade_offs(self) -> list[tuple[str, str, float]]:
-        """Pairs of parameters whose errors go together, by path, with their correlation."""
-        path = [one.name for one in self.parameters]
-        return [(path[i], path[j], rho) for i, j, rho in self.knowledge.trade_offs()]
+        """Pairs of parameters with a strong posterior correlation, by path."""
+        path = [parameter.name for parameter in self.parameters]
+        return [(path[i], path[j], rho) for i, j, rho in self.information.trade_offs()]
 
 
-def make_plan(
+def survey_design_at(
     blasts, parameters, unit, *, records, candidates=(), levels=None, slip=None, progress=None
-) -> Plan:
-    """Work out what receivers and blasts can tell of parameters around a point.
+) -> SurveyDesign:
+    """Evaluate how well receivers and blasts constrain the parameters around a point.
 
     Parameters
     ----------
@@ -177,172 +289,181 @@ def make_plan(
     unit : (n,) float64
         The point in the unit cube of the ranges.
     records : sequence of dict of str to Seismogram or None
-        For each blast by receiver that counts; None where a record is only foreseen.
+        For each blast by receiver of the survey; None where a record is only planned.
     candidates : sequence of Project
         Blasts that could be fired and recorded.
     levels : dict of str to float, optional
-        Of the errors of the theory; the usual ones if not given.
+        Of the model error; those of reference by default.
     slip : dict of str to Slip, optional
-        What slipped in each blast, where that is known; else it is looked for.
+        Of each blast, if known; else it is simulated.
     progress : callable, optional
         Called with (stage, done, total).
 
     Returns
     -------
-    Plan
+    SurveyDesign
 
     Raises
     ------
     InputError
-        If there is nothing to hear, or a project or its window is wrong.
+        If there is no receiver, or a project or its window is wrong.
     SolverError
         If a model can't be run.
     """
-    tell = progress or (lambda *_: None)
+    report = progress or (lambda *_: None)
     everything = [*blasts, *candidates]
     window = window_of(everything)
-    counting = list(dict.fromkeys(name for one in records for name in one))
-    slowest = min(one.cs for one in blasts[0].materials.values())
+    in_survey = list(dict.fromkeys(name for blast in records for name in blast))
+    slowest = min(material.cs for material in blasts[0].materials.values())
     apart = 0.5 * slowest / math.sqrt(window.band[0] * window.band[1])
-    places = places_of(everything, counting, apart)
-    names = [place.name for place in places]
-    noise, told = _noise(blasts, records, names, window)
-    heard = np.array([[_heard(n, one, counting) for n in names] for one in records])
-    heard = np.concatenate([heard, np.ones((len(candidates), len(names), 3), dtype=bool)])
-    heard = heard[..., None]
-    motion, changes = _changes(everything, parameters, unit, places, window, tell)
-    values = problem_of(parameters).points(unit)
-    varied = [with_values(one, parameters, values) for one in everything]
-    errors, doubt = mesh_errors_of(varied, motion, names, window, places)
+    receivers = survey_receivers(everything, in_survey, apart)
+    names = [receiver.name for receiver in receivers]
+    noise, source = _noise(blasts, records, names, window)
+    used = np.array([[_used(name, blast, in_survey) for name in names] for blast in records])
+    used = np.concatenate([used, np.ones((len(candidates), len(names), 3), dtype=bool)])
+    used = used[..., None]
+    motion, changes = _changes(everything, parameters, unit, receivers, window, report)
+    values = ranges_of(parameters).points(unit)
+    varied = [with_values(project, parameters, values) for project in everything]
+    errors, missing = mesh_errors_of(
+        varied, motion, names, window,
+        lambda project, other: _on_other_mesh(project, other, receivers),
+    )  # fmt: skip
     sensitivities = Sensitivities(
-        motion * heard, changes * heard,
+        motion * used, changes * used,
         band_functions(window.n_samples, window.dt, window.band), noise,
         {**LEVELS, **(levels or {})}, blasts[0].config.back_analysis.misfit == "paper",
-        [one * heard for one in errors],
+        [error * used for error in errors],
     )  # fmt: skip
-    found, worst, extras = extras_of(sensitivities, parameters, places, blasts, candidates)
+    information, worst, gains = gains_of_candidates(
+        sensitivities, parameters, receivers, blasts, candidates
+    )
     kind = "paper" if sensitivities.peaks_only else "waveform"
-    slip = _watched(blasts, parameters, values, tell) if slip is None else slip
-    return Plan(
-        tuple(parameters), values, kind, found,
-        _by_other(sensitivities, len(blasts), counting), _within(parameters, unit, found),
-        _why(parameters, blasts, found, slip, kind), extras, worst, tuple(places), apart, window,
-        told, levels or {name: level for name, level in LEVELS.items() if errors or name != "mesh"},
-        slip, doubt,
+    slip = _slip(blasts, parameters, values, report) if slip is None else slip
+    return SurveyDesign(
+        tuple(parameters), values, kind, information,
+        _of_other_data(sensitivities, len(blasts), in_survey),
+        _intervals(parameters, unit, information), _reasons(parameters, blasts, information, slip,
+        kind), gains, worst, tuple(receivers), apart, window, source,
+        levels or {name: level for name, level in LEVELS.items() if errors or name != "mesh"},
+        slip, missing,
     )  # fmt: skip
 
 
-def foreseen_plan(project, progress=None) -> Plan:
-    """Return what the blasts and receivers of a project can tell, in the middle of the ranges.
+def survey_design_of(project, progress=None) -> SurveyDesign:
+    """Evaluate the survey of a project in the middle of the ranges.
 
     Raises
     ------
     InputError
-        If the project has no table ``[back_analysis]``, or it names what is not there.
+        If the project has no table ``[back_analysis]``, or a name in it is unknown.
     SolverError
         If a model can't be run.
     """
     parameters = parameters_of(project)
-    blasts, candidates = foreseen_blasts(project), candidates_of(project)
+    blasts, candidates = all_blasts(project), candidate_blasts(project)
     for blast in (*blasts, *candidates):
         check_parameters(blast, parameters)
-    records = [foreseen_records(blast, project) for blast in blasts]
+    records = [survey_records(blast, project) for blast in blasts]
     middle = np.full(len(parameters), 0.5)
-    return make_plan(
+    return survey_design_at(
         blasts, parameters, middle, records=records, candidates=candidates, progress=progress
     )
 
 
-def problem_of(parameters) -> Problem:
-    """Return the ranges of parameters as a search sees them."""
-    parts = [(one.low, one.high, one.log) for one in parameters]
-    return Problem(*zip(*parts, strict=True), lambda points: np.zeros(len(points)))
+def ranges_of(parameters) -> Problem:
+    """Return the ranges of parameters as a search problem without a misfit."""
+    return problem_of(parameters, lambda points: np.zeros(len(points)))
 
 
-def _heard(name, records, counting):
-    """Tell which components count at a place in a blast, (3,): those recorded, or all foreseen."""
-    if name not in counting:
+def _used(name, records, in_survey):
+    """Return the components of a receiver that count in a blast, (3,): recorded or planned."""
+    if name not in in_survey:
         return np.ones(3, dtype=bool)
     if name not in records:
         return np.zeros(3, dtype=bool)
     return np.ones(3, dtype=bool) if records[name] is None else records[name].present
 
 
-def _by_other(sensitivities, n_blasts, counting):
-    """Return what the other kind of misfit knows of the same motions."""
+def _of_other_data(sensitivities, n_blasts, in_survey):
+    """Return the information of peaks instead of waveforms, or the reverse."""
     other = replace(sensitivities, peaks_only=not sensitivities.peaks_only)
-    return other.knowledge(range(n_blasts), range(len(counting)))
+    return other.information(range(n_blasts), range(len(in_survey)))
 
 
-def _within(parameters, unit, found):
-    """Return the 90 % intervals in the units of the parameters, (n, 2); they reach to the point."""
-    ends = intervals(unit, found)
+def _intervals(parameters, unit, information):
+    """Return the 90 % intervals in the units of the parameters, (n, 2), extended to the point."""
+    ends = intervals(unit, information)
     ends = np.stack([np.minimum(ends[:, 0], unit), np.maximum(ends[:, 1], unit)], axis=-1)
-    problem = problem_of(parameters)
+    problem = ranges_of(parameters)
     return np.stack([problem.points(ends[:, 0]), problem.points(ends[:, 1])], axis=-1)
 
 
-def _changes(projects, parameters, unit, places, window, tell):
-    """Return motion and its changes by whole ranges: differences inwards, eight side by side."""
+def _changes(projects, parameters, unit, receivers, window, report):
+    """Return motion and its changes by whole ranges: inward differences, run in batches."""
     unit = np.asarray(unit, dtype=np.float64)
     sides = np.where(unit > 0.5, -DIFFERENCE, DIFFERENCE)
-    points = problem_of(parameters).points(np.vstack([unit, unit + np.diag(sides)]))
-    total, found = len(projects) * len(points), []
+    points = ranges_of(parameters).points(np.vstack([unit, unit + np.diag(sides)]))
+    total, results = len(projects) * len(points), []
     for number, project in enumerate(projects):
-        heard = listening(project, places)
-        step = held_step(heard, parameters)
-        side = LANES if step else 1
+        surveyed = with_receivers(project, receivers)
+        step = common_time_step(surveyed, parameters)
+        size = BATCH_SIZE if step else 1
         motions = []
-        for first in range(0, len(points), side):
-            tell("plan", number * len(points) + first, total)
-            motions += simulate(heard, parameters, points[first : first + side], step)
-        found.append(gathered(motions, [place.name for place in places], window))
-    found = np.stack(found, axis=1)
-    tell("plan", total, total)
-    return found[0], (found[1:] - found[0]) / sides[:, None, None, None, None]
+        for first in range(0, len(points), size):
+            report("plan", number * len(points) + first, total)
+            motions += simulate(surveyed, parameters, points[first : first + size], step)
+        results.append(sampled_motion(motions, [receiver.name for receiver in receivers], window))
+    motion = np.stack(results, axis=1)
+    report("plan", total, total)
+    return motion[0], (motion[1:] - motion[0]) / sides[:, None, None, None, None]
 
 
 def _noise(blasts, records, names, window):
-    """Return the noise of all receivers, and where it is from."""
+    """Return the noise of all receivers, and its source."""
     rms = blasts[0].config.back_analysis.noise_mm_per_s
-    there = all(
-        record is not None and has_quiet(record, window) for o in records for record in o.values()
+    measured = all(
+        record is not None and has_noise_window(record, window)
+        for blast in records
+        for record in blast.values()
     )
-    if rms is not None or not there:
-        told = "as given" if rms is not None else "assumed"
+    if rms is not None or not measured:
+        source = "as given" if rms is not None else "assumed"
         rms = NOISE if rms is None else 1e-3 * rms
-        return white_noise(rms, len(names), window), f"{1e3 * rms:g} mm/s rms in the band, {told}"
-    counting = list(dict.fromkeys(name for one in records for name in one))
-    noise = recorded_noise(blasts, records, counting, window)
-    level = noise.density(np.linspace(*window.band, 50)).sum(axis=(1, 2))
-    take = [counting.index(name) if name in counting else int(np.argmax(level)) for name in names]
+        return white_noise(rms, len(names), window), f"{1e3 * rms:g} mm/s rms in the band, {source}"
+    in_survey = list(dict.fromkeys(name for blast in records for name in blast))
+    noise = recorded_noise(blasts, records, in_survey, window)
+    level = noise.density(np.linspace(window.band[0], window.band[1], 50)).sum(axis=(1, 2))
+    take = [in_survey.index(name) if name in in_survey else int(np.argmax(level)) for name in names]
     noise = replace(
         noise,
         **{part: getattr(noise, part)[take]
-           for part in ("coefficients", "variance", "correlation", "doubt")},
+           for part in ("coefficients", "variance", "correlation", "inflation")},
     )  # fmt: skip
     return noise, "of the records before the first firing; new receivers as the noisiest one"
 
 
-def _watched(blasts, parameters, values, tell):
-    """Return what the joints of each blast did, where a strength is asked for."""
-    if not any(is_strength(one) for one in parameters):
+def _slip(blasts, parameters, values, report):
+    """Return the slip of joints in each blast, if a parameter is a strength."""
+    if not any(is_strength(parameter) for parameter in parameters):
         return {}
-    found = {}
+    slips = {}
     for project in blasts:
         varied = with_values(project, parameters, values)
         weak = weakest(project, parameters, values)
-        run, strength = watched_run(varied.model, varied.duration, input_band(varied), weak, tell)
-        ppv = {name: one.ppv for name, one in run.seismograms.items()}
-        found[project.path.name] = Slip(strength, ppv)
-    return found
+        run, strength = run_with_slip(
+            varied.model, varied.duration, input_band(varied), weak, report
+        )
+        ppv = {name: seismogram.ppv for name, seismogram in run.seismograms.items()}
+        slips[project.path.name] = Slip(strength, ppv)
+    return slips
 
 
-def _why(parameters, blasts, found, slip, kind):
-    """Say which parameters can't be told at all, and why."""
-    why, strengths = {}, [one.strength for one in slip.values()]
-    for one, felt in zip(parameters, found.felt, strict=True):
-        text = insensitive(one, blasts, strengths) if slip else ""
-        if text or not felt:
-            why[one.name] = text or UNFELT[kind]
-    return why
+def _reasons(parameters, blasts, information, slip, kind):
+    """Return the parameters that are not identifiable, and why."""
+    reasons, strengths = {}, [blast.strength for blast in slip.values()]
+    for parameter, sensitive in zip(parameters, information.sensitive, strict=True):
+        text = reason_without_slip(parameter, blasts, strengths) if slip else ""
+        if text or not sensitive:
+            reasons[parameter.name] = text or NOT_SENSITIVE[kind]
+    return reasons

@@ -1,4 +1,4 @@
-"""Evaluations of a back-analysis: projects with trial values simulated and compared, logged."""
+"""Trials of a back-analysis: simulations with trial values, their misfits, and their log."""
 
 import json
 import logging
@@ -13,30 +13,22 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core import LANES
+from ..core import BATCH_SIZE
 from ..errors import InputError, ReadError, SolverError
-from ..inference.global_search import Problem
-from ..inference.misfits import SIGNED, misfit_to
-from ..inference.parameter import Parameter
+from ..inference.likelihood import SIGNED, misfit_to
+from ..inference.parameter import Parameter, Problem, problem_of
 from ..project.project import Project
 from ..project.result import plain
-from ..runs.cache import input_hash
+from ..runs.parallel import input_hash
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency
-from ..solver.assembly import time_step
-from ..solver.run import run_many
-from ..units import split_key
-from .parameters import is_cheap, with_values
+from .parameters import simulate
 from .waveforms import Waveforms
-
-# Larger values of these never allow a longer time step, and no other key matters to it.
-HELD = {"kn", "ks", "cohesion", "friction", "tension", "ratio"}
-WORTH_HOLDING = 0.5  # share of the longest step in the ranges
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What a search shall meet: blasts, the unknowns of their ground, records, misfit.
+    """Target of a search: blasts with their records, parameters of the ground, misfit.
 
     Parameters
     ----------
@@ -44,13 +36,13 @@ class Target:
         One for each blast, with its records.
     parameters : tuple of Parameter
     receivers : tuple of str
-        Whose records count; all that have one if empty.
+        Whose records are used; all that have one if empty.
     misfit : str
         Of `MISFITS`.
     steps : tuple
-        For each project the time step that all its models march in, None where each has its own.
+        For each project the common time step of all its models, None where each has its own.
     waveforms : Waveforms, optional
-        The records as misfit ``waveform`` takes them.
+        The data of misfit ``waveform``.
     """
 
     projects: tuple[Project, ...]
@@ -62,85 +54,62 @@ class Target:
 
     @property
     def batch(self) -> int:
-        """Points that are evaluated in one go."""
-        return LANES if all(self.steps) else 1
+        """Number of points in one batch of runs."""
+        return BATCH_SIZE if all(self.steps) else 1
 
     def recorded(self, project) -> dict[str, Seismogram]:
-        """Return the records of a project that count."""
+        """Return the records of a project that are used."""
         names = self.receivers or project.recorded
         return {name: record for name, record in project.recorded.items() if name in names}
 
 
-def held_step(project: Project, parameters):
-    """Return the time step, with its limit, that all models of the ranges can march in.
-
-    With it the answer to a point does not depend on those that march beside it. None where models
-    differ in more than stiffness, strength and damping, or where the shortest step would be half
-    of the longest or less: lagged damping.
-    """
-    stems = {split_key(parameter.name.split(".")[-1])[0] for parameter in parameters}
-    if not (stems <= HELD and all(is_cheap(parameter) for parameter in parameters)):
-        return None
-    project.model  # noqa: B018  variants stand on the mesh of a model that is there
-    ends = np.array([[one.low, one.high] for one in parameters])
-    shortest = time_step(with_values(project, parameters, ends[:, 1]).model)
-    longest = time_step(with_values(project, parameters, ends[:, 0]).model)
-    return shortest if shortest[0] > WORTH_HOLDING * longest[0] else None
-
-
-def simulate(project: Project, parameters, points, step=None) -> list[dict[str, Seismogram]]:
-    """Return the seismograms of a project at points (m, n) by receiver, 0 s at the first firing.
+def waveforms_of(target: Target) -> Waveforms:
+    """Return the waveform data of a target.
 
     Raises
     ------
-    SolverError
-        If a model can't be run.
+    InputError
+        If its misfit is another.
     """
-    varied = [with_values(project, parameters, point) for point in points]
-    if step is not None:
-        runs = run_many([one.model for one in varied], project.duration, step=step)
-    else:
-        runs = [run_many([one.model], one.duration)[0] for one in varied]
-    return [
-        {name: s.shifted(-one.lead) for name, s in run.seismograms.items()}
-        for one, run in zip(varied, runs, strict=True)
-    ]
+    if target.waveforms is None:
+        raise InputError(f"back_analysis.misfit: must be 'waveform', got {target.misfit!r}")
+    return target.waveforms
 
 
 def evaluate(target: Target, points) -> list[dict]:
-    """Return what is worth keeping of the evaluation of points (m, n).
+    """Simulate points (m, n) and return their misfits, as rows of the log.
 
     Returns
     -------
     list of dict
-        ``misfit``, infinite where a model could not be run and ``error`` says why; its
-        ``residuals``, none where it failed or where the misfit has none, of waveforms before they
-        are whitened; ``simulated``
-        with ``ppv`` in m/s and ``frequency`` in Hz by blast and receiver; ``wall_seconds``.
+        ``misfit``, infinite where a run failed, with the reason in ``error``; its ``residuals``,
+        of waveforms before whitening, none where a run failed or the misfit has none;
+        ``simulated`` with ``ppv`` in m/s and ``frequency`` in Hz by blast and receiver;
+        ``wall_seconds``.
     """
     began = time.perf_counter()
     try:
-        found = [
+        simulated = [
             simulate(project, target.parameters, points, step)
             for project, step in zip(target.projects, target.steps, strict=True)
         ]
     except SolverError as error:
-        if len(points) > 1:  # one of them, and the others are fine
+        if len(points) > 1:  # run each alone: only one of them fails
             return [row for point in points for row in evaluate(target, point[None])]
         failed = _row((math.inf, np.zeros(0)), {}, time.perf_counter() - began)
         return [failed | {"error": str(error)}]
     seconds = (time.perf_counter() - began) / len(points)
     return [
         _row(misfit_of(target, motions), _numbers(target, motions), seconds)
-        for motions in zip(*found, strict=True)
+        for motions in zip(*simulated, strict=True)
     ]
 
 
 def misfit_of(target: Target, motions) -> tuple[float, np.ndarray]:
     """Return the mean misfit over blasts and receivers of simulated motions, one dict a blast.
 
-    And the residuals of all of them, (n,), none where the misfit has none; of waveforms as they
-    are before they are whitened.
+    Also the residuals of all of them, (n,), none where the misfit has none; of waveforms before
+    whitening.
     """
     if target.waveforms is not None:
         residuals = target.waveforms.residuals(motions)
@@ -156,10 +125,10 @@ def misfit_of(target: Target, motions) -> tuple[float, np.ndarray]:
     return float(np.mean(misfits)), np.concatenate(residuals)
 
 
-def band_of(project):
+def band_of(project) -> tuple[float, float] | None:
     """Return the band in Hz in which records are compared, or None for all."""
     band = project.config.run.compare_band_hz
-    return None if band is None else tuple(band)
+    return None if band is None else (band[0], band[1])
 
 
 def _numbers(target, motions):
@@ -192,15 +161,15 @@ log = logging.getLogger(__name__)
 
 
 class TrialLog:
-    """A file of JSON lines: what is searched, then one line for each evaluation.
+    """Log of trials in JSON lines: the identity of the search, then one line for each trial.
 
     Parameters
     ----------
     path : path
     identity : dict
-        What the trials belong to; ``hash`` must agree when they are resumed.
+        Identity of the search; ``hash`` must agree when it is resumed.
     resume : bool
-        Whether to read what is there. What a kill left of a line is cut off.
+        Whether to read an existing file. An incomplete last line is cut off.
 
     Attributes
     ----------
@@ -216,7 +185,7 @@ class TrialLog:
             self._write("w", [{"kind": KIND, **identity}])
 
     def add(self, rows):
-        """Append rows and see them on the disk."""
+        """Append rows and flush them to the disk."""
         self._write("a", rows)
         self.rows += rows
 
@@ -239,14 +208,14 @@ class TrialLog:
         whole = data[: data.rfind(b"\n") + 1]
         try:
             head, *rows = [json.loads(line) for line in whole.splitlines()]
-            found = head["hash"], head["kind"]
+            identity_read = head["hash"], head["kind"]
             rows = [{**row, "misfit": _number(row["misfit"])} for row in rows]
             numbers = [row["number"] for row in rows]
         except (ValueError, KeyError, TypeError):
             raise ReadError(f"{self.path}: is no log of trials; give another folder") from None
         if numbers != list(range(1, len(rows) + 1)):
             raise ReadError(f"{self.path}: its trials are not numbered from 1; lines are missing")
-        if found != (identity["hash"], KIND):
+        if identity_read != (identity["hash"], KIND):
             raise InputError(
                 f"{self.path}: belongs to another project, record, parameter or method; "
                 "start anew with --fresh"
@@ -265,9 +234,9 @@ class Trials:
     target : Target
     trial_log : TrialLog
     budget : int
-        Evaluations to come, for the progress.
+        Expected evaluations, for the progress.
     executor : concurrent.futures.Executor, optional
-        None evaluates here, one batch after the other.
+        None evaluates in this process, one batch after the other.
     progress : callable, optional
         Called with ("trials", done, total).
     """
@@ -279,36 +248,35 @@ class Trials:
         self.count = 0
 
     def problem(self) -> Problem:
-        """Return the problem that a search is given."""
-        parts = [(one.low, one.high, one.log) for one in self.target.parameters]
+        """Return the search problem of the target."""
         vectors = self.vectors if self.target.misfit in SIGNED else None
-        return Problem(*zip(*parts, strict=True), self, vectors)
+        return problem_of(self.target.parameters, self, vectors)
 
     def __call__(self, points) -> np.ndarray:
-        """Return the misfits (m,) of points (m, n): from the log where they are, else from runs."""
+        """Return the misfits (m,) of points (m, n), from the log or from runs."""
         return np.array([self._measured(row)[0] for row in self._rows(points)])
 
     def vectors(self, points) -> tuple[np.ndarray, np.ndarray]:
-        """Return misfits (m,) and residuals (m, k), infinite where a model could not be run."""
+        """Return misfits (m,) and residuals (m, k), infinite where a run failed."""
         rows = self._rows(points)
         failed = np.full(max(1, *(len(row["residuals"]) for row in self.log.rows)), math.inf)
-        found = [self._measured(row) for row in rows]
-        residuals = np.array([one if len(one) else failed for _, one in found])
-        return np.array([misfit for misfit, _ in found]), residuals
+        measured = [self._measured(row) for row in rows]
+        residuals = np.array([vector if len(vector) else failed for _, vector in measured])
+        return np.array([misfit for misfit, _ in measured]), residuals
 
     def misfits(self) -> np.ndarray:
-        """Return the misfits of all that was asked for, by the errors of the theory known now."""
+        """Return the misfits of all evaluations with the present covariance."""
         return np.array([self._measured(row)[0] for row in self.log.rows[: self.count]])
 
     def _measured(self, row):
-        """Return misfit and residuals of a row; waveforms by the errors known now."""
+        """Return misfit and residuals of a row; waveforms with the present covariance."""
         waves = self.target.waveforms
         if waves is None or not len(row["residuals"]):
             return row["misfit"], row["residuals"]
         return waves.whitened(np.array(row["residuals"]))
 
     def _rows(self, points):
-        """Return the rows of points (m, n), made and logged where they are not in the log."""
+        """Return the rows of points (m, n), evaluated and logged if they are not in the log."""
         points = np.atleast_2d(np.asarray(points, dtype=np.float64))
         side = self.target.batch
         jobs = [points[first : first + side] for first in range(0, len(points), side)]
@@ -323,50 +291,50 @@ class Trials:
                 for rows, job in zip(ready, jobs, strict=True)
             ]
         answers = []
-        for begin, job, found in zip(begins, jobs, ready, strict=True):
-            rows = self._numbered(begin, job, self._finished(found, job))
+        for begin, job, state in zip(begins, jobs, ready, strict=True):
+            rows = self._numbered(begin, job, self._finished(state, job))
             self.log.add(rows[max(0, len(self.log.rows) - begin) :])
             self.count += len(job)
             self.progress("trials", self.count, max(self.budget, self.count))
             answers += rows
         return answers
 
-    def _finished(self, found, job):
-        """Return the rows of a job: known, of a future, or made here."""
-        if found is None:
+    def _finished(self, state, job):
+        """Return the rows of a job: known, of a future, or evaluated in this process."""
+        if state is None:
             return evaluate(self.target, job)
-        if isinstance(found, list):
-            return found
+        if isinstance(state, list):
+            return state
         try:
-            return found.result()
+            return state.result()
         except BrokenProcessPool:
             raise SolverError(
                 f"a worker was killed; {len(self.log.rows)} evaluations are kept in "
-                f"{self.log.path}; the same command goes on from there"
+                f"{self.log.path}; the same command continues them"
             ) from None
 
     def _known(self, begin, job):
         """Return the rows of a job if all are in the log.
 
-        A batch that a kill cut in two is made again as a whole, so its bits are the same.
+        An incomplete batch is evaluated again as a whole, so its bits are the same.
         """
         rows = self.log.rows[begin : begin + len(job)]
         for row, point in zip(rows, job, strict=False):
             if row["values"] != point.tolist():
                 raise InputError(
-                    f"{self.log.path}: trial {row['number']} is not what this search asks for; it "
-                    "had another number of runs or version; start anew with --fresh"
+                    f"{self.log.path}: trial {row['number']} is not the next one of this search, "
+                    "which had another number of runs or version; start anew with --fresh"
                 )
         return rows if len(rows) == len(job) else None
 
     def _repeated(self, job):
-        """Return the rows of a job whose points were all run before; they are not run again."""
+        """Return the rows of a job whose points were all run before."""
         before = {tuple(row["values"]): row for row in self.log.rows}
-        rows = [before.get(tuple(point)) for point in job.tolist()]
-        if None in rows:
+        rows = [before[tuple(point)] for point in job.tolist() if tuple(point) in before]
+        if len(rows) < len(job):
             return None
-        kept = ("misfit", "residuals", "simulated", "error")
-        again = [{name: row[name] for name in kept if name in row} for row in rows]
+        copied = ("misfit", "residuals", "simulated", "error")
+        again = [{name: row[name] for name in copied if name in row} for row in rows]
         return [row | {"wall_seconds": 0.0} for row in again]
 
     @staticmethod
@@ -379,16 +347,16 @@ class Trials:
 
 
 def identity(target: Target, method: str, seed: int) -> dict:
-    """Return what trials belong to: hash of project, records, parameters, method and seed.
+    """Return the identity of a search: hash of project, records, parameters, method and seed.
 
-    The number of runs is left out, so a search can be resumed for more.
+    The number of runs is left out, so a search can be resumed with more.
     """
     blasts = []
     for project in target.projects:
         config = project.config.model_dump(exclude={"back_analysis", "delays"})
         files = {k: v for k, v in project.input_files.items() if k != project.path.name}
         blasts.append([json.dumps(config, sort_keys=True), files])
-    parts = [[one.name, one.low, one.high, one.log] for one in target.parameters]
+    parts = [[row.name, row.low, row.high, row.log] for row in target.parameters]
     about = {"method": method, "seed": seed, "misfit": target.misfit, "parameters": parts}
     if target.waveforms is not None:
         about["noise"] = target.waveforms.records.noise.variance.tolist()

@@ -1,21 +1,27 @@
-"""Records of a back-analysis on one sampling, and the likelihood of their residuals."""
+"""Records of a back-analysis on one sampling, and the covariance of their residuals."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, PyblastError
+from ..inference.error_model import mesh_error
 from ..inference.likelihood import Gaussian, InferredLevels, Likelihood
 from ..inference.records import Noise, Records, band_functions, check_sampling, gather, noise_of
-from ..project.census import input_band
+from ..project.elements import convergence
+from ..project.inputs import input_band
+from ..project.project import Project, vary
+from ..project.section import number_paths, value_at
+from .parameters import simulate
 
-FINE = 8.0  # samples to the shortest period of the band
-QUIET = 2.0  # of these periods that the noise is learnt from, at least
+SAMPLES_PER_PERIOD = 8.0  # of the highest frequency of the band
+NOISE_PERIODS = 2.0  # shortest noise window, in periods of the highest frequency
 
 
 @dataclass(frozen=True)
 class Window:
-    """The time from the first firing and the band in which motions are looked at.
+    """Time window from the first firing, and band, in which motion is compared.
 
     Parameters
     ----------
@@ -29,27 +35,27 @@ class Window:
     n_samples: int
 
     @property
-    def quiet(self) -> int:
-        """Samples before the first firing that the noise needs."""
-        return int(np.ceil(QUIET * FINE))
+    def noise_samples(self) -> int:
+        """Samples before the first firing that the noise estimate needs."""
+        return int(np.ceil(NOISE_PERIODS * SAMPLES_PER_PERIOD))
 
 
 @dataclass(frozen=True, eq=False)
 class Waveforms:
-    """Records that simulated waveforms are compared with.
+    """Waveform data of a back-analysis: records and the likelihood of their residuals.
 
     Parameters
     ----------
     window : Window
     likelihood : Likelihood
         Gaussian, of noise and model error.
-    mesh_doubt : str
-        Why the mesh error is not part of the covariance; nothing where it is.
+    mesh_error_missing : str
+        Why the mesh error is not part of the covariance; empty where it is.
     """
 
     window: Window
     likelihood: Likelihood
-    mesh_doubt: str = ""
+    mesh_error_missing: str = ""
 
     @property
     def records(self) -> Records:
@@ -58,7 +64,7 @@ class Waveforms:
 
     def residuals(self, motions) -> np.ndarray:
         """Return records less simulated motions, one dict a blast, in the band, (n,)."""
-        simulated = gathered(motions, self.records.receivers, self.window)
+        simulated = sampled_motion(motions, self.records.receivers, self.window)
         return self.records.band.project(self.records.motion - simulated).ravel()
 
     def motion_of(self, residuals) -> np.ndarray:
@@ -72,14 +78,14 @@ class Waveforms:
 
         Notes
         -----
-        theory.md (7.17): the sum of squares of what is whitened for each number of data.
+        theory.md (7.17): the sum of squares of the whitened residuals over the number of data.
         """
         white = self.likelihood.whiten(self.motion_of(residuals))
         n_data = self.likelihood.covariance.n_data
         return float(self.likelihood.misfit(white)) / n_data, white.ravel()
 
-    def with_model_error(self, residuals, mesh_errors=(), fitted=(), doubt="") -> "Waveforms":
-        """Return the waveforms with the covariance beside a simulation.
+    def with_model_error(self, residuals, mesh_errors=(), fitted=(), missing="") -> "Waveforms":
+        """Return the waveforms with the covariance of noise and model error at a simulation.
 
         Parameters
         ----------
@@ -88,7 +94,7 @@ class Waveforms:
         mesh_errors : sequence of (n_blasts, n_receivers, 3, n_samples) float64, m/s
         fitted : (n_parameters, n) float64
             Change of the residuals by one prior standard deviation of each parameter.
-        doubt : str
+        missing : str
             Why there is no mesh error.
 
         Notes
@@ -101,11 +107,11 @@ class Waveforms:
         error = InferredLevels(self.motion_of(fitted) if len(fitted) else ())
         covariance = error.covariance(recorded, simulated, mesh_errors)
         likelihood = replace(self.likelihood, covariance=covariance)
-        return replace(self, likelihood=likelihood, mesh_doubt=doubt)
+        return replace(self, likelihood=likelihood, mesh_error_missing=missing)
 
 
 def make_waveforms(projects, records, rms=None) -> Waveforms:
-    """Bring records to one sampling, with the likelihood of their residuals.
+    """Resample records to one sampling, and build the likelihood of their residuals.
 
     Parameters
     ----------
@@ -124,19 +130,19 @@ def make_waveforms(projects, records, rms=None) -> Waveforms:
 
     Notes
     -----
-    Before anything is run, the model error can only be shaped as the records are, at the levels
-    of reference of theory.md (7.19). That finds the valley; within it, it favours too much
-    damping, so `update_covariance` takes the shape of a simulation as soon as there is a good one.
+    Before the first run the model error has the waveform of the records, with the reference levels
+    of theory.md (7.19). This suffices to find the region of the minimum; within it, it favours too
+    much damping, so `update_covariance` takes the waveform of the best simulation later.
     """
     window = window_of(projects)
-    names = tuple(dict.fromkeys(name for some in records for name in some))
-    for project, some in zip(projects, records, strict=True):
-        for name, record in some.items():
+    names = tuple(dict.fromkeys(name for blast in records for name in blast))
+    for project, blast in zip(projects, records, strict=True):
+        for name, record in blast.items():
             where = f"{project.path.name}: receivers.{name}.recorded"
             check_sampling(where, record, window.band)
     recordings = [
-        {name: replace(project.records[name], seismogram=one) for name, one in some.items()}
-        for project, some in zip(projects, records, strict=True)
+        {name: replace(project.records[name], seismogram=record) for name, record in blast.items()}
+        for project, blast in zip(projects, records, strict=True)
     ]
     motion, valid = gather(recordings, names, 0.0, window.dt, window.n_samples)
     _refuse_empty(projects, records, names, valid)
@@ -146,24 +152,24 @@ def make_waveforms(projects, records, rms=None) -> Waveforms:
         noise = recorded_noise(projects, records, names, window)
     band = band_functions(window.n_samples, window.dt, window.band, valid)
     blasts = tuple(project.path.name for project in projects)
-    every = Records(blasts, names, window.dt, motion, valid, band, noise)
-    return Waveforms(window, Likelihood(every, InferredLevels().covariance(every), Gaussian()))
+    data = Records(blasts, names, window.dt, motion, valid, band, noise)
+    return Waveforms(window, Likelihood(data, InferredLevels().covariance(data), Gaussian()))
 
 
 def _refuse_empty(projects, records, names, valid):
-    """Refuse a record none of whose samples can be compared."""
-    for b, (project, some) in enumerate(zip(projects, records, strict=True)):
-        for name in some:
+    """Refuse a record without a valid sample."""
+    for b, (project, blast) in enumerate(zip(projects, records, strict=True)):
+        for name in blast:
             if not valid[b, names.index(name)].any():
                 raise InputError(
                     f"{project.path.name}: receivers.{name}.recorded: no sample after the first "
-                    "firing is there and below full scale; take another record, or leave it out "
+                    "firing is present and below full scale; take another record, or leave it out "
                     "of back_analysis.receivers"
                 )
 
 
 def window_of(projects) -> Window:
-    """Return the window of blasts: the band of comparison, or all that enters, in common time."""
+    """Return the window of blasts: band of comparison or of the input, shortest duration."""
     duration = min(project.config.run.duration_s for project in projects)
     band = projects[0].config.run.compare_band_hz
     if band is None:
@@ -172,25 +178,25 @@ def window_of(projects) -> Window:
     if not low < high:
         raise InputError(
             f"{projects[0].path.name}: run.duration_s: {duration:g} s is shorter than a period of "
-            f"what enters, {high:g} Hz; run longer"
+            f"the input, {high:g} Hz; run longer"
         )
-    dt = 1.0 / (FINE * high)
+    dt = 1.0 / (SAMPLES_PER_PERIOD * high)
     return Window((low, high), dt, int(duration / dt + 1e-9))
 
 
-def gathered(motions, receivers, window) -> np.ndarray:
-    """Return motions, one dict a blast, as (n_blasts, n_receivers, 3, n_samples), zero if none."""
-    found = np.zeros((len(motions), len(receivers), 3, window.n_samples))
-    for b, one in enumerate(motions):
+def sampled_motion(motions, receivers, window) -> np.ndarray:
+    """Sample motions, one dict a blast, (n_blasts, n_receivers, 3, n_samples); zero if none."""
+    sampled = np.zeros((len(motions), len(receivers), 3, window.n_samples))
+    for b, motion in enumerate(motions):
         for r, name in enumerate(receivers):
-            if name in one:
-                read = one[name].sampled(0.0, window.dt, window.n_samples)
-                found[b, r] = np.nan_to_num(read.velocity).T
-    return found
+            if name in motion:
+                seismogram = motion[name].sampled(0.0, window.dt, window.n_samples)
+                sampled[b, r] = np.nan_to_num(seismogram.velocity).T
+    return sampled
 
 
 def white_noise(rms, n_receivers, window) -> Noise:
-    """Return noise of one density with an rms in m/s within the band of a window."""
+    """Return white noise with an rms in m/s within the band of a window."""
     low, high = window.band
     step = max(window.dt, 0.25 / high)
     variance = np.full((n_receivers, 3), rms**2 / (2.0 * (high - low)) / step)
@@ -200,38 +206,103 @@ def white_noise(rms, n_receivers, window) -> Noise:
     )  # fmt: skip
 
 
-def has_quiet(record, window) -> bool:
-    """Tell whether a record begins early enough before the first firing to know its noise."""
-    return -record.start >= (window.quiet - 1e-6) * window.dt
+def has_noise_window(record, window) -> bool:
+    """Tell whether a record begins early enough before the first firing to estimate its noise."""
+    return -record.start >= (window.noise_samples - 1e-6) * window.dt
 
 
 def recorded_noise(projects, records, receivers, window) -> Noise:
-    """Learn the noise of receivers from their records before the first firing.
+    """Estimate the noise of receivers from their records before the first firing.
 
     Raises
     ------
     InputError
-        If a record begins too late; the sentence says what to do.
+        If a record begins too late.
     """
-    for project, one in zip(projects, records, strict=True):
-        for name, record in one.items():
-            if not has_quiet(record, window):
+    for project, blast in zip(projects, records, strict=True):
+        for name, record in blast.items():
+            if not has_noise_window(record, window):
                 raise InputError(
                     f"{project.path.name}: receivers.{name}.recorded: begins at {record.start:g} s"
-                    f", but waveforms need {window.quiet * window.dt:.2g} s of quiet before the "
-                    "first firing (0 s) to know the noise; take a record with more pre-trigger, "
-                    "set its start_s, or give back_analysis.noise_mm_per_s"
+                    f", but waveforms need {window.noise_samples * window.dt:.2g} s of noise "
+                    "before the first firing (0 s); take a record with more pre-trigger, set its "
+                    "start_s, or give back_analysis.noise_mm_per_s"
                 )
-    shortest = min(-record.start for one in records for record in one.values())
+    shortest = min(-record.start for blast in records for record in blast.values())
     n = int(shortest / window.dt + 1e-6)
     windows = np.full((len(records), len(receivers), 3, n), np.nan)
-    for b, one in enumerate(records):
-        for name, record in one.items():
-            quiet = record.sampled(-n * window.dt, window.dt, n).velocity.T
-            windows[b, receivers.index(name)] = np.where(record.present[:, None], quiet, np.nan)
+    for b, blast in enumerate(records):
+        for name, record in blast.items():
+            samples = record.sampled(-n * window.dt, window.dt, n).velocity.T
+            windows[b, receivers.index(name)] = np.where(record.present[:, None], samples, np.nan)
     for each in windows.transpose(1, 2, 0, 3):
-        # A component that no blast has needs some noise: that of another, backwards, so that the
-        # two are not one.
-        there = np.isfinite(each).any(axis=(1, 2))
-        each[~there] = each[int(np.flatnonzero(there)[0]), :, ::-1]
+        # A component that no blast recorded takes the noise of another, reversed in time, so that
+        # the two are independent.
+        recorded = np.isfinite(each).any(axis=(1, 2))
+        each[~recorded] = each[int(np.flatnonzero(recorded)[0]), :, ::-1]
     return noise_of(windows, window.dt, window.band)
+
+
+COARSER = 1.5  # ratio of the edges of the coarser mesh to those of the working mesh
+EDGES = {"edge_m": COARSER, "edges_per_wavelength": 1.0 / COARSER}
+
+
+def coarser(project: Project) -> Project:
+    """Return a project whose mesh has edges 1.5 times as long.
+
+    Raises
+    ------
+    InputError
+        If its mesh is a file or a regular grid.
+    """
+    mesh, name = project.config.mesh, project.path.name
+    for key in ("file", "grid_cells"):
+        if getattr(mesh, key) is not None:
+            raise InputError(
+                f"{name}: mesh.{key}: such a mesh can't be made coarser; give mesh.edge_m"
+            )
+    factors = {
+        path: EDGES[path.rpartition(".")[-1]]
+        for path in number_paths(project.config)
+        if path.startswith("mesh.") and path.rpartition(".")[-1] in EDGES
+    }
+    edges: dict[str, Any] = {path: value_at(project.config, path) for path in factors}
+    return vary(project, {path: edges[path] * factor for path, factor in factors.items()})
+
+
+def mesh_errors_of(projects, motion, receivers, window, prepare=lambda _, other: other):
+    """Estimate the mesh error of the motion of projects from runs on a coarser mesh.
+
+    Parameters
+    ----------
+    projects : sequence of Project
+        One for each blast, with the values of the simulated motion.
+    motion : (n_blasts, n_receivers, 3, n_samples) float, m/s
+    receivers : sequence of str
+    window : Window
+    prepare : callable, optional
+        ``(project, coarser project) -> project`` that is run, such as one with other receivers.
+
+    Returns
+    -------
+    tuple of (n_blasts, n_receivers, 3, n_samples) float64, m/s
+        One error, or none.
+    str
+        Why there is none; else empty.
+
+    Notes
+    -----
+    theory.md (7.15).
+    """
+    motions, order = [], 2.0
+    for project in projects:
+        try:
+            other = coarser(project)
+            if project.mesh.hexahedral:
+                order = convergence(project.mesh.order)
+                if len(other.mesh.zones) == len(project.mesh.zones):
+                    return (), "the mesh error is not estimated: the grid is too small to coarsen"
+            motions += simulate(prepare(project, other), (), [()])
+        except PyblastError as error:
+            return (), f"the mesh error is not estimated: {error}"
+    return (mesh_error(motion, sampled_motion(motions, receivers, window), COARSER, order),), ""

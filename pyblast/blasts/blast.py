@@ -418,7 +418,7 @@ class Blast:
         Returns
         -------
         list of str
-            Notes of the reader, times, charge per 8 ms window, doubtful entries.
+            Notes of the reader, times, charge per 8 ms window, implausible entries.
         """
         return [*self.notes, *hole_sentences(self)]
 

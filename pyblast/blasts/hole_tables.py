@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, ReadError
+from ..recordings.raw import decode_table
 from ..units import split_key, to_si
 from .blast import Blast
 
@@ -175,9 +176,9 @@ def recognise(first_row: Sequence[str]) -> tuple[Layout | None, bool]:
     """
     headers = [plain(name) for name in first_row]
     for layout in WITH_HEADER:
-        found = {k: headers.index(name) for k, name in layout.columns.items() if name in headers}
-        if all(key in found for key in layout.needs):
-            return replace(layout, columns=found), True
+        columns = {k: headers.index(name) for k, name in layout.columns.items() if name in headers}
+        if all(key in columns for key in layout.needs):
+            return replace(layout, columns=columns), True
     columns = WITHOUT_HEADER.get(len(first_row))
     if columns is None or not _is_number(first_row[columns["x_m"]]):
         return None, False
@@ -244,8 +245,10 @@ def read_blast(path: str | Path, mapping: str | Path | dict | None = None) -> Bl
         has_header = options.get("header", True)
         layout = _locate(path, asked, names, has_header)
     if layout is None:
-        some = ", ".join(names[:12])
-        raise ReadError(f"{path.name}: the columns {some} are no known hole table; give a mapping")
+        listed = ", ".join(names[:12])
+        raise ReadError(
+            f"{path.name}: the columns {listed} are no known hole table; give a mapping"
+        )
     rows = rows[1:] if has_header else rows
     if not rows:
         raise ReadError(f"{path.name}: a header but no holes")
@@ -274,7 +277,7 @@ def absolute_times(names: Sequence[str], origins: Sequence[str], delays: np.ndar
     ReadError
         If a tie leads to an unknown hole or the ties run in a circle.
     """
-    place = {name: n for n, name in enumerate(names)}
+    index = {name: n for n, name in enumerate(names)}
     times = np.full(len(names), np.nan)
     for start in range(len(names)):
         chain, n = [], start
@@ -284,9 +287,9 @@ def absolute_times(names: Sequence[str], origins: Sequence[str], delays: np.ndar
                 raise ReadError(f"hole ties run in a circle: {' <- '.join(circle[:6])}")
             chain.append(n)
             origin = origins[n]
-            if origin not in place and origin != "":
+            if origin not in index and origin != "":
                 raise ReadError(f"hole {names[n]} is tied from {origin}, which is not in the table")
-            n = None if origin in ("", names[n]) else place[origin]
+            n = None if origin in ("", names[n]) else index[origin]
         for k in reversed(chain):
             times[k] = delays[k] + (0.0 if n is None else times[n])
             n = k
@@ -298,15 +301,11 @@ def _read_rows(path, options):
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise ReadError(f"{path.name}: larger than {LARGEST_FILE // 10**6} MB, no hole table")
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ReadError(f"{path.name}: byte {error.start} is not UTF-8; save it as UTF-8") from None
+        text = decode_table(path)
     except ReadError:
         raise
     except OSError as error:
         raise ReadError(f"{path}: can't be read: {error.strerror}") from None
-    if "\0" in text:
-        raise ReadError(f"{path.name}: holds zero bytes, expected a text file")
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=options.get("delimiter", ","))
     rows = []
     try:
@@ -332,8 +331,8 @@ def _read_mapping(mapping):
     columns, options = mapping.get("columns"), mapping.get("table", {})
     if not (isinstance(columns, dict) and isinstance(options, dict)):
         raise ReadError("mapping: needs a table [columns] and may have a table [table]")
-    if unknown := (set(mapping) - {"columns", "table"}) | (set(options) - set(OPTIONS)):
-        raise ReadError(f"mapping: unknown {min(unknown)}; [table] takes {', '.join(OPTIONS)}")
+    if unexpected := (set(mapping) - {"columns", "table"}) | (set(options) - set(OPTIONS)):
+        raise ReadError(f"mapping: unknown {min(unexpected)}; [table] takes {', '.join(OPTIONS)}")
     for key in columns:
         stem, unit = split_key(key)
         if unit not in UNITS.get(stem, ()):
@@ -358,28 +357,28 @@ def _read_mapping(mapping):
 def _locate(path, layout, first_row, has_header):
     """Turn the header names of a mapping into numbers from 0."""
     headers = [plain(name) for name in first_row]
-    found = {}
+    columns = {}
     for key, name in layout.columns.items():
         if isinstance(name, str) and has_header and plain(name) in headers:
-            found[key] = headers.index(plain(name))
+            columns[key] = headers.index(plain(name))
         elif type(name) is int and 1 <= name <= len(first_row):
-            found[key] = name - 1
+            columns[key] = name - 1
         else:
             raise ReadError(f"{path.name}: mapping asks for column {name!r} ({key}); not there")
-    return replace(layout, columns=found)
+    return replace(layout, columns=columns)
 
 
 def _read_columns(path, layout, rows, decimal):
     """Read every column: text for names, SI numbers (NaN where absent) for the rest."""
     columns = {}
-    for key, place in layout.columns.items():
+    for key, index in layout.columns.items():
         stem = split_key(key)[0]
         is_name, values = stem in NAMES, []
         for line, fields in rows:
-            where = f"{path.name} line {line}, column {place + 1} ({key})"
-            if place >= len(fields):
+            where = f"{path.name} line {line}, column {index + 1} ({key})"
+            if index >= len(fields):
                 raise ReadError(f"{where}: the line has only {len(fields)} columns")
-            text = fields[place]
+            text = fields[index]
             values.append(text if is_name else to_si(key, _number(text, decimal, where)))
         columns[stem] = values if is_name else np.array([value for _, value in values])
         if stem in {"x", "y", "z"} and np.any(np.isnan(columns[stem])):
@@ -404,26 +403,26 @@ def _number(text, decimal, where):
 def _assemble(layout, columns):
     """Build the blast from columns in SI."""
     n = len(columns["x"])
-    unknown = np.full(n, math.nan)
+    missing = np.full(n, math.nan)
     ids = columns.get("id", [str(k + 1) for k in range(n)])
     notes = []
     collar = np.column_stack([columns[name] for name in ("x", "y", "z")])
     toe = _toes(layout, columns, collar, notes)
     if layout.axes == "north_east":
         collar, toe = collar[:, [1, 0, 2]], toe[:, [1, 0, 2]]
-    diameter = columns.get("diameter", unknown)
+    diameter = columns.get("diameter", missing)
     blasts = list(dict.fromkeys(map(str, columns.get("blast", []))))
     return Blast(
         name=", ".join(blasts[:3]) or layout.name,
         collar=collar,
         toe=toe,
-        charge=columns.get("charge", unknown),
+        charge=columns.get("charge", missing),
         times=_times(columns, ids, notes),
         diameter=np.where(diameter == 0.0, math.nan, diameter),
         hole_ids=tuple(ids),
-        deck=np.column_stack([columns.get(k, unknown) for k in ("deck_top", "deck_base")]),
-        stated_length=columns.get("length", unknown),
-        stated_inclination=columns.get("inclination", unknown),
+        deck=np.column_stack([columns.get(k, missing) for k in ("deck_top", "deck_base")]),
+        stated_length=columns.get("length", missing),
+        stated_inclination=columns.get("inclination", missing),
         notes=(f"Read as {layout.name}.", *notes),
     )
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from ..errors import InputError, ReadError
+from ..recordings.raw import decode_table
 from ..units import FACTORS, split_key
 
 FEWEST, NARROWEST, BEYOND = 6, 2.0, 1.5
@@ -37,7 +38,7 @@ class SiteLaw:
     reach : (2,) float64, m/kg^charge_exponent
         Smallest and largest scaled distance of the records.
     notes : tuple of str
-        Doubts about the fit.
+        Findings about the fit.
     """
 
     k: float
@@ -180,7 +181,7 @@ def fit_site_law(
     InputError
         If a value is not positive; if there are fewer than 6 records; if their scaled distances,
         any one record left out, span less than a factor of 2; or if the peaks do not fall with
-        scaled distance beyond doubt (95 %).
+        scaled distance significantly (95 %).
 
     Notes
     -----
@@ -214,10 +215,10 @@ def fit_site_law(
     middle = x.mean()
     breadth = float(np.sum((x - middle) ** 2))
     slope = float(np.sum((x - middle) * y) / breadth)
-    left = y - y.mean() - slope * (x - middle)
-    s = math.sqrt(np.sum(left**2) / (len(x) - 2))
+    residual = y - y.mean() - slope * (x - middle)
+    s = math.sqrt(np.sum(residual**2) / (len(x) - 2))
     _refuse_no_fall(slope, s / math.sqrt(breadth), len(x))
-    r2 = float(1.0 - np.sum(left**2) / np.sum((y - y.mean()) ** 2))
+    r2 = float(1.0 - np.sum(residual**2) / np.sum((y - y.mean()) ** 2))
     return SiteLaw(
         float(10.0 ** (y.mean() - slope * middle)), -slope, charge_exponent, s, len(x), r2,
         float(middle), breadth, np.array([scaled.min(), scaled.max()]), _notes(x, y, r2),
@@ -247,16 +248,16 @@ def _refuse_no_fall(slope, error, n):
 
 
 def _notes(x, y, r2):
-    """Return sentences on doubts about the fit."""
+    """Return findings about the fit, one sentence each."""
     notes = []
     if len(x) < WANTED_RECORDS:
         notes.append(f"{len(x)} records; {WANTED_RECORDS} or more make a law to rely on")
     if r2 < WANTED_R2:
         notes.append(f"the law explains {100 * r2:.0f} % of the scatter, less than half")
     columns = np.vander(x - x.mean(), 3)
-    bent, left = np.linalg.lstsq(columns, y, rcond=None)[:2]
-    if len(left) and left[0] > 0.0:
-        error = math.sqrt(left[0] / (len(x) - 3) * np.linalg.inv(columns.T @ columns)[0, 0])
+    bent, residual = np.linalg.lstsq(columns, y, rcond=None)[:2]
+    if len(residual) and residual[0] > 0.0:
+        error = math.sqrt(residual[0] / (len(x) - 3) * np.linalg.inv(columns.T @ columns)[0, 0])
         if 2.0 * stats.t.sf(abs(bent[0]) / error, len(x) - 3) < CURVED:
             notes.append("the records bend away from a straight line; fit near and far apart")
     return tuple(notes)
@@ -289,7 +290,7 @@ def read_site_records(path: str | Path) -> SiteRecords:
     Raises
     ------
     ReadError
-        If a column is missing, twice there or without a unit, or a value is no number.
+        If a column is missing, duplicate or without a unit, or a value is no number.
     """
     path = Path(path)
     if not path.is_file():
@@ -297,10 +298,10 @@ def read_site_records(path: str | Path) -> SiteRecords:
     if path.stat().st_size > LARGEST_FILE:
         raise ReadError(f"{path.name}: larger than {LARGEST_FILE // 10**6} MB, no table of peaks")
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = decode_table(path).splitlines()
         rows = [(n, row) for n, row in enumerate(csv.reader(lines), 1) if any(map(str.strip, row))]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ReadError(f"{path.name}: no CSV in UTF-8, {error}") from None
+    except csv.Error as error:
+        raise ReadError(f"{path.name}: no CSV, {error}") from None
     if len(rows) < 2:
         raise ReadError(f"{path.name}: needs a header and records below it")
     columns = [_column(path, [name.strip() for name in rows[0][1]], stem) for stem in WANTED]
@@ -309,19 +310,21 @@ def read_site_records(path: str | Path) -> SiteRecords:
 
 
 def _column(path, names, stem):
-    """Return name, place and factor of the column of a quantity."""
-    found = [name for name in names if split_key(name)[0] == stem and split_key(name)[1] in FACTORS]
-    if len(found) != 1:
+    """Return name, index and factor of the column of a quantity."""
+    titles = [
+        name for name in names if split_key(name)[0] == stem and split_key(name)[1] in FACTORS
+    ]
+    if len(titles) != 1:
         raise ReadError(
             f"{path.name}: needs one column {stem} with its unit, such as distance_m, charge_kg, "
             f"ppv_mm_per_s; got {', '.join(names[:12])}"
         )
-    return found[0], names.index(found[0]), FACTORS[split_key(found[0])[1]]
+    return titles[0], names.index(titles[0]), FACTORS[split_key(titles[0])[1]]
 
 
-def _number(path, line, row, name, place, factor):
+def _number(path, line, row, name, index, factor):
     """Return one value in SI."""
-    text = row[place].strip() if place < len(row) else ""
+    text = row[index].strip() if index < len(row) else ""
     try:
         return factor * float(text)
     except ValueError:

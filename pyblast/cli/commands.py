@@ -141,14 +141,14 @@ def run(
 
 @app.command()
 def check(project: ProjectFile, full: Full = False):
-    """Check a project: what a run will do, and what is doubtful about it.
+    """Check a project: size and cost of its run, and findings about its model and data.
 
     Shows volumes and masses, zones, the highest frequency that the mesh carries in each material,
-    time step, memory and cost, and the findings on model, input, records and back-analysis. Ends
-    with 3 if a check fails.
+    time step, memory and cost, and the findings about model, input, records and back-analysis.
+    Exits with 3 if a check fails.
     """
     with exit_codes():
-        from ..back_analysis.findings import doubts
+        from ..back_analysis.findings import findings_of_table
         from ..back_analysis.search import is_recorded
         from ..project.checks import check as check_project
         from ..project.project import load_project
@@ -157,9 +157,9 @@ def check(project: ProjectFile, full: Full = False):
         result = check_project(loaded)
         console.show_check(result)
         if loaded.config.back_analysis is not None and not is_recorded(loaded):
-            console.say("[back_analysis]: no record yet; ask with backanalyse --design-survey")
+            console.say("[back_analysis]: no record yet; use backanalyse --design-survey")
         else:
-            console.show_findings(doubts(loaded))
+            console.show_findings(findings_of_table(loaded))
         if result.failed:
             raise typer.Exit(NOT_TRUSTED)
 
@@ -180,7 +180,7 @@ def mesh(
         loaded = load_project(project, full)
         from ..workflows.run import write_mesh_files
 
-        console.show_census(write_mesh_files(loaded, out))
+        console.show_model_summary(write_mesh_files(loaded, out))
         console.say(f"written: {out / 'zones.vtu'}, {out / 'joints.vtu'}")
 
 
@@ -247,7 +247,7 @@ def report(
 
         path = result / "result.h5" if result.is_dir() else result
         stored = read_result(path)
-        from ..report.html import write_report
+        from ..report.run import write_report
 
         page = out or path.with_name("report.html")
         write_report(page, stored)
@@ -292,7 +292,7 @@ def delays(
 
     Searches between the delays of table [delays], and compares the present and the best plan in a
     Monte Carlo simulation with firing-time scatter. Writes delays.json and report.html. The same
-    command goes on with the responses of holes that are kept.
+    command reuses the stored responses of the holes.
     """
     with exit_codes():
         from ..project.project import load_project
@@ -355,7 +355,7 @@ def backanalyse(
                 plan, folder = workflow.design_survey(loaded, out, progress=progress)
             console.show_survey(plan, folder)
             return
-        from ..back_analysis.findings import fit_doubts
+        from ..back_analysis.findings import findings_of_fit
         from ..runs.parallel import executor_of
 
         before = workflow.findings_before(loaded)
@@ -365,7 +365,7 @@ def backanalyse(
                 loaded, out, fresh=fresh, executor=executor, progress=progress, before=before,
                 say=console.say,
             )  # fmt: skip
-        console.show_search(result, folder, workflow.slip_summary(result), fit_doubts(result))
+        console.show_search(result, folder, workflow.slip_summary(result), findings_of_fit(result))
 
 
 @app.command()
@@ -471,13 +471,13 @@ def records(
         from ..workflows.records import analyse_records
 
         with console.Progress() as progress:
-            summary, place = analyse_records(
+            summary, results = analyse_records(
                 folder, out, geometry=geometry, surface_band=surface_band, air_band=air_band,
                 sensor_band=sensor_band, reference=reference, seed=seed, progress=progress,
             )  # fmt: skip
-        for line in [*summary_lines(summary), f"results: {place}"]:
+        for line in [*summary_lines(summary), f"results: {results}"]:
             console.say(line)
-        console.say(f"report:  {place / 'report.html'}")
+        console.say(f"report:  {results / 'report.html'}")
 
 
 def standalone() -> None:

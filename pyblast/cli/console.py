@@ -17,11 +17,11 @@ from rich.table import Table
 
 if TYPE_CHECKING:
     from ..back_analysis.search import BackAnalysis
-    from ..back_analysis.survey_design import Plan
+    from ..back_analysis.survey_design import SurveyDesign
     from ..blasts.site_law import SiteLaw
     from ..errors import Finding
-    from ..project.census import Census
     from ..project.checks import Check
+    from ..project.checks_ground import ModelSummary
     from ..project.inputs import InputMotion
     from ..signals.comparison import Comparison
     from ..workflows.run import Outcome
@@ -105,32 +105,33 @@ def _table(*heads: str) -> Table:
     return table
 
 
-def show_census(census: "Census") -> None:
+def show_model_summary(summary: "ModelSummary") -> None:
     """Print counts, sizes, frequencies, time step and cost of a model."""
     table = _table(
         "material", "zones", "volume m3", "mass t", "edge m", "quality", "carries Hz", "added %"
     )
-    for g in census.groups:
+    for g in summary.groups:
         table.add_row(
             g.name, f"{g.zones}", f"{g.volume:.4g}", f"{1e-3 * g.mass:.4g}", f"{g.mean_edge:.3g}",
             f"{g.smallest_quality:.2f}", f"{g.highest_frequency:.3g}", f"{100 * g.added_share:.2g}",
         )  # fmt: skip
     _out.print(table)
     say(
-        f"{census.zones} zones, {census.nodes} nodes, {census.contacts} contacts, "
-        f"{census.blocks} blocks; memory about {census.memory / 2**20:.0f} MB"
+        f"{summary.elements}; "
+        f"{summary.zones} zones, {summary.nodes} nodes, {summary.contacts} contacts, "
+        f"{summary.blocks} blocks; memory about {summary.memory / 2**20:.0f} MB"
     )
     say(
-        f"time step {1e3 * census.dt:.3g} ms, limited by {census.limited_by}; added mass "
-        f"{100 * census.added_mass:.2g} %; {census.steps} steps"
+        f"time step {1e3 * summary.dt:.3g} ms, limited by {summary.limited_by}; added mass "
+        f"{100 * summary.added_mass:.2g} %; {summary.steps} steps"
     )
-    if census.seconds is not None:
-        say(f"estimated time {census.seconds:.0f} s, without the initial stress")
+    if summary.seconds is not None:
+        say(f"estimated time {summary.seconds:.0f} s, without the initial stress")
 
 
 def show_check(check: "Check") -> None:
     """Print the size of the model, the notes on the holes, and every finding."""
-    show_census(check.census)
+    show_model_summary(check.summary)
     for note in check.notes:
         say(f"- {note}")
     show_findings(check.findings)
@@ -235,22 +236,22 @@ def show_search(
 ) -> None:
     """Print the values of a back-analysis, their fit and uncertainty, and its findings."""
     from ..report.back_analysis import posterior_lines, summarise_posterior
-    from ..report.survey_design import summarise_plan
+    from ..report.survey_design import summarise_survey
 
     table = _table("parameter", "from", "to", "best")
-    for one in result.target.parameters:
-        value = f"{result.best[one.name]:.4g}"
+    for parameter in result.target.parameters:
+        value = f"{result.best[parameter.name]:.4g}"
         table.add_row(
-            one.name, f"{one.low:g}", f"{one.high:g}",
-            "-" if one.name in result.insensitive else value,
+            parameter.name, f"{parameter.low:g}", f"{parameter.high:g}",
+            "-" if parameter.name in result.unidentifiable else value,
         )  # fmt: skip
     _out.print(table)
-    show_identifiability(summarise_plan(result.plan))
+    show_identifiability(summarise_survey(result.plan))
     posterior = summarise_posterior(result.posterior, result.target.parameters)
     for line in [*posterior_lines(posterior), *slip]:
         say(line)
-    for blast, one in result.confirmed.items():
-        for name, comparison in one.comparisons.items():
+    for blast, confirmed in result.confirmed.items():
+        for name, comparison in confirmed.comparisons.items():
             say(f"{blast}, {name}, recorded and simulated:")
             show_comparison(comparison, result.target.misfit == "paper")
     show_findings(findings)
@@ -260,18 +261,18 @@ def show_search(
         f"of {len(trace.misfits)} of the search, {result.misfit:.3g} in the full run that "
         "confirmed it"
     )
-    if posterior is not None and not posterior["doubt"]:
-        say("the medians and intervals of the posterior replace those of the search")
+    if posterior is not None and not posterior["failure"]:
+        say("use the medians and intervals of the posterior instead of those of the search")
     say(f"results: {folder}")
     say(f"report:  {folder / 'report.html'}")
 
 
-def show_survey(plan: "Plan", folder: Path) -> None:
+def show_survey(plan: "SurveyDesign", folder: Path) -> None:
     """Print how well receivers and blasts would constrain the parameters, and what would help."""
-    from ..report.survey_design import summarise_plan
+    from ..report.survey_design import summarise_survey
 
-    summary = summarise_plan(plan)
-    say("sensitivity at the middle of the ranges; no record was used for the values:")
+    summary = summarise_survey(plan)
+    say("sensitivity at the middle of the ranges; the values are not estimates:")
     show_identifiability(summary)
     for line in summary["slip"]:
         say(line)
@@ -281,24 +282,24 @@ def show_survey(plan: "Plan", folder: Path) -> None:
 
 
 def show_identifiability(summary: dict) -> None:
-    """Print how well each parameter is constrained, from a `summarise_plan`."""
-    from ..report.survey_design import best_extras, summary_lines
+    """Print how well each parameter is constrained, from a `summarise_survey`."""
+    from ..report.survey_design import best_candidates, summary_lines
 
-    table = _table("parameter", "at", "90 % within", "posterior/prior", "", "other")
-    for one in summary["parameters"]:
-        within = "-" if one["why"] else "{:.3g} to {:.3g}".format(*one["within"])
-        share = "-" if one["why"] else f"{one['share']:.2f}"
-        other = f"{one['share_other']:.2f}"
-        table.add_row(one["path"], _short(one["value"]), within, share, one["verdict"], other)
+    table = _table("parameter", "at", "90 % interval", "posterior/prior", "constrained", "other")
+    for row in summary["parameters"]:
+        within = "-" if row["why"] else "{:.3g} to {:.3g}".format(*row["within"])
+        ratio = "-" if row["why"] else f"{row['ratio']:.2f}"
+        other = f"{row['ratio_other']:.2f}"
+        table.add_row(row["path"], _short(row["value"]), within, ratio, row["constraint"], other)
     _out.print(table)
     say(
         "posterior/prior: ratio of standard deviations; below 0.3 well constrained, 0.3 to 0.8 "
         f"partly, above hardly. By {summary['by']}; other: by {summary['by_other']}"
     )
-    table = _table("one more, or one less", "ln det falls by", "largest ratio then", "of")
-    for one in best_extras(summary):
-        name = one["name"] if one["kind"] == "receiver" else f"{one['kind']} {one['name']}"
-        table.add_row(name, f"{one['gain']:.2g}", f"{one['worst']:.2f}", one["worst_path"])
+    table = _table("one more, or one less", "decrease of ln det", "largest ratio", "parameter")
+    for row in best_candidates(summary):
+        name = row["name"] if row["kind"] == "receiver" else f"{row['kind']} {row['name']}"
+        table.add_row(name, f"{row['gain']:.2g}", f"{row['worst']:.2f}", row["worst_path"])
     _out.print(table)
     for line in summary_lines(summary):
         say(line)

@@ -4,12 +4,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, named_error
 from ..inference.records import COMPONENTS, Records, band_functions, gather, noise_of
 from ..model.model import Receiver
 from ..project.flat_box import band_of, check_flat, flat_box, not_flat, place_in_box
 from ..project.project import Project
-from ..project.section import named_error
 from ..signals.seismogram import GEOGRAPHIC, PASS_BAND
 from .thresholds import SHORTEST_RECORD
 

@@ -10,7 +10,7 @@ from scipy import fft
 
 from ..blasts.blast import Blast
 from ..errors import InputError
-from ..project.flat_box import Cut, quality_of
+from ..project.flat_box import Discretization, quality_of
 from ..project.project import Project
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated, calibrated_parameters, with_values
@@ -274,14 +274,19 @@ def diagnosed(project: Project, values, effects: Sequence[Effect]) -> Project:
 
 
 def predict(
-    case: Case, cut: Cut | None, blast: Blast, values, effects: Sequence[Effect] = (), folder=None
+    case: Case,
+    cut: Discretization | None,
+    blast: Blast,
+    values,
+    effects: Sequence[Effect] = (),
+    folder=None,
 ) -> np.ndarray:
     """Predict the motion of a further blast at the receivers of a case, by one run.
 
     Parameters
     ----------
     case : Case
-    cut : Cut or None
+    cut : Discretization or None
         Discretization of a flat box, None for the mesh of the project.
     blast : Blast
     values : (n_calibrated,) float

@@ -12,7 +12,7 @@ from ..errors import InputError
 from ..mesh.mesh import locate
 from ..model.model import Model, Receiver
 from ..project.flat_box import (
-    Cut,
+    Discretization,
     flat_box,
     flat_mesh,
     flat_model,
@@ -23,8 +23,7 @@ from ..project.flat_box import (
 from ..project.inputs import make_input
 from ..project.places import on_ground, refuse_outside
 from ..project.project import Project
-from ..runs.greens import LINEAR_ZONES as LINEAR_LAWS
-from ..runs.greens_bank import greens_functions
+from ..runs.greens import LINEAR_ZONE_LAWS, greens_functions
 from ..runs.parallel import run_all
 from ..signals.seismogram import Seismogram
 from ..solver.run import Run
@@ -40,8 +39,8 @@ class Forward:
     Parameters
     ----------
     case : Case
-    cut : Cut or None
-        Discretization of a flat box; None for the mesh of the project.
+    cut : Discretization or None
+        Discretization of a flat box; None takes the mesh of the project.
     folder : path, optional
         Folder of stored runs.
     executor : Executor, optional
@@ -53,7 +52,7 @@ class Forward:
     """
 
     case: Case
-    cut: Cut | None
+    cut: Discretization | None
     folder: str | None = None
     executor: Executor | None = None
     runs: int = 0
@@ -100,7 +99,7 @@ class Forward:
         self.runs += len(done)
         for run in done:
             key = run.provenance["input_sha256"], *run.seismograms
-            if run.found and key not in self._known:
+            if run.from_cache and key not in self._known:
                 self.cached, self.cached_s = self.cached + 1, self.cached_s + run.wall_seconds
             self._known.add(key)
         return done
@@ -259,7 +258,7 @@ def not_superposed(case: Case) -> str:
                 "give the joints the law 'elastic'"
             )
     for name in ground_materials(project):
-        if project.materials[name].law.name not in LINEAR_LAWS:
+        if project.materials[name].law.name not in LINEAR_ZONE_LAWS:
             return f"holes do not superpose in material {name!r}, which yields: make it elastic"
     return ""
 

@@ -26,27 +26,26 @@ LEVELS = {
 
 @dataclass(frozen=True, eq=False)
 class Whitener:
-    """Covariance of the residuals of a case, made by `whitener`.
+    """Covariance of residuals: noise, scattering and nuisance columns; built by `whitener`.
 
     Parameters
     ----------
     band : Band
     turns : (n_blasts, n_receivers, 3 n_functions, 3 n_functions) float64, s/m
-        From the coefficients of a blast and receiver to numbers whose noise is white and whose
-        scattering is independent.
+        From the coefficients of a blast and receiver to a basis with white noise and uncorrelated
+        scattering.
     backs : the same shape
-        Orthogonal, from these numbers back to where and when they belong.
+        Orthogonal, from this basis back to the coefficients.
     spread : (n_blasts, n_receivers, 3 n_functions) float64
         Variances of scattering at level one.
     columns : (n_columns, n_data) float64
-        Of the nuisances at level one, turned.
+        Of the nuisances at level one, in the turned basis.
     groups : tuple of n_columns str
     levels : dict of str to float
         Standard deviation of each group, and of ``scatter``.
     noise_log_determinant : float
     n_data_each : (n_blasts, n_receivers) int
-        Coefficients of each record that carry data; fewer than there are where samples are
-        invalid.
+        Coefficients of each record that carry data; fewer where samples are invalid.
     """
 
     band: Band
@@ -73,12 +72,12 @@ class Whitener:
 
     @property
     def n_data(self) -> int:
-        """Numbers that carry data."""
+        """Number of coefficients that carry data."""
         return int(np.sum(self.n_data_each))
 
     @property
     def deviation(self):
-        """Standard deviation of noise and scattering in turned numbers, (n_data,)."""
+        """Standard deviation of noise and scattering in the turned basis, (n_data,)."""
         return np.sqrt(1.0 + self.levels.get(SCATTER, 0.0) ** 2 * self.spread.ravel())
 
     @cached_property
@@ -100,7 +99,7 @@ class Whitener:
 
     @cached_property
     def _directions(self):
-        """Orthogonal directions of the nuisances, their strengths, and what they are made of."""
+        """Eigenvectors of the nuisance columns, their eigenvalues, and the mixing matrix."""
         scale = np.array([self.levels[group] for group in self.groups])
         columns = self.columns * scale[:, None] / self.deviation
         strength, mixture = linalg.eigh(columns @ columns.T)
@@ -116,9 +115,9 @@ class Whitener:
         )
 
     def turned(self, residual):
-        """Return a residual (..., n_blasts, n_receivers, 3, n_samples) as (..., n_data) numbers.
+        """Return a residual (..., n_blasts, n_receivers, 3, n_samples) in the turned basis.
 
-        Their noise is white; scattering is independent among them, nuisances are still in.
+        (..., n_data): noise is white, scattering uncorrelated; nuisances are still included.
         """
         held = self.band.project(residual)
         held = held.reshape(*held.shape[:-2], -1)
@@ -134,13 +133,13 @@ class Whitener:
         Returns
         -------
         (..., n_blasts, n_receivers, 3, n_functions) float64
-            Independent, of unit variance if the covariance is right; the sum of their squares is
-            ``r^T C^-1 r``. `Band.restore` tells when they happened.
+            Independent, of unit variance if the covariance is right; their sum of squares is
+            ``r^T C^-1 r``. `Band.restore` returns them as a time series.
 
         Notes
         -----
-        ``(I + U U^T)^(-1/2)`` on what noise and scattering have been divided out of, each root
-        the symmetric one, so that nothing is moved in time more than it must; theory.md (7.17).
+        ``(I + U U^T)^(-1/2)`` after whitening noise and scattering, with symmetric roots, which
+        shift the data least in time; theory.md (7.17).
         """
         if not len(self.columns):
             held = self.band.project(residual)
@@ -156,7 +155,7 @@ class Whitener:
         return plain.reshape(*shape[:-1], 3, -1)
 
     def chi_square(self, residual):
-        """Return ``r^T C^-1 r``, (...) float64; ``n_data`` in the mean."""
+        """Return chi-square ``r^T C^-1 r``, (...) float64; its mean is ``n_data``."""
         plain = self.turned(residual) / self.deviation
         direction, strength, _ = self._directions
         along = plain @ direction.T
@@ -168,9 +167,9 @@ class Whitener:
         return -0.5 * (self.chi_square(residual) + constant)
 
     def scores(self, residual):
-        """Return the likely size of each nuisance over its level, (..., n_columns) float64.
+        """Return the posterior mean of each nuisance over its level, (..., n_columns) float64.
 
-        With right levels they have the covariance ``I - (I + U U^T)^-1``; theory.md (7.18).
+        With right levels the scores have the covariance ``I - (I + U U^T)^-1``; theory.md (7.18).
         """
         plain = self.turned(residual) / self.deviation
         direction, strength, mixture = self._directions
@@ -182,7 +181,13 @@ class Whitener:
 
 
 def whitener(
-    noise: Noise, band: Band, n_blasts, *, nuisances: Nuisances = None, scattering=None, levels=None
+    noise: Noise,
+    band: Band,
+    n_blasts: int,
+    *,
+    nuisances: Nuisances | None = None,
+    scattering: np.ndarray | None = None,
+    levels: dict[str, float] | None = None,
 ) -> Whitener:
     """Build the covariance of residuals from its parts.
 
@@ -195,13 +200,13 @@ def whitener(
     scattering : (n_blasts, n_receivers, 3, n_functions, n_functions) float, optional
         As of `scattering`.
     levels : dict of str to float, optional
-        Standard deviation of each group of nuisances, and ``scatter``; those of ``LEVELS`` where
-        they are not given: 1 ms, 5 % and 0.05 rad, 10 % scattered, the whole error of the mesh.
+        Standard deviation of each group of nuisances, and ``scatter``; default ``LEVELS``: 1 ms,
+        5 % and 0.05 rad, 10 % scattered, the whole mesh error.
 
     Raises
     ------
     InputError
-        If a level is missing, not known or negative.
+        If a level is missing, unknown or negative.
     """
     n_receivers, size = len(noise.variance), 3 * band.n_functions
     turns = np.empty((n_blasts, n_receivers, size, size))
@@ -236,9 +241,9 @@ def whitener(
 
 def _whitening_root(block):
     """Return the inverse root of a covariance, the logarithm of its determinant and its rank."""
-    kept = np.flatnonzero(np.diag(block) > 0.0)
-    logarithm = float(np.linalg.slogdet(block[np.ix_(kept, kept)])[1])
-    return symmetric_root(block, -0.5), logarithm, len(kept)
+    rows = np.flatnonzero(np.diag(block) > 0.0)
+    logarithm = float(np.linalg.slogdet(block[np.ix_(rows, rows)])[1])
+    return symmetric_root(block, -0.5), logarithm, len(rows)
 
 
 def _each(blocks, numbers):
@@ -253,15 +258,15 @@ STEP = 1e-3
 
 
 class Prior(NamedTuple):
-    """What is known of a level before the residual is looked at.
+    """Prior of a level: a scaled inverse chi-square density of its square.
 
     Parameters
     ----------
     level : float
         Standard deviation, in the unit of its group.
     weight : float
-        How many observed errors that knowledge is worth. The square of the level has the
-        inverse-gamma density of shape ``weight / 2`` and scale ``weight level^2 / 2``.
+        Degrees of freedom. The square of the level has the inverse-gamma density of shape
+        ``weight / 2`` and scale ``weight level^2 / 2``.
     """
 
     level: float
@@ -280,7 +285,7 @@ class Levels(NamedTuple):
     whitener : Whitener
         With the most probable levels.
     intervals : dict of str to (low, high)
-        Of 90 %, from the curvature in the logarithm of each level.
+        Of 90 %, from the Hessian in the logarithm of each level.
     converged : bool
     """
 
@@ -290,31 +295,31 @@ class Levels(NamedTuple):
 
 
 def infer_levels(whitener: Whitener, residual, priors=None, fitted=()) -> Levels:
-    """Find the levels of nuisances and scattering that make a residual most probable.
+    """Infer the levels of nuisances and scattering from a residual: variance components.
 
     Parameters
     ----------
     whitener : Whitener
-        Its levels do not matter, only its groups.
+        Only its groups matter, not its levels.
     residual : (n_blasts, n_receivers, 3, n_samples) float, m/s
     priors : dict of str to Prior, optional
-        Instead of those of ``PRIORS``: 1 ms, 5 % and 0.05 rad, 10 % scattered, each worth four
-        observations.
+        Instead of those of ``PRIORS``: 1 ms, 5 % and 0.05 rad, 10 % scattered, each with four
+        degrees of freedom.
     fitted : (n, n_blasts, n_receivers, 3, n_samples) float, m/s, optional
-        What each unknown that was fitted to these records moves, by one standard deviation of what
-        was known of it: so much of the errors it may have taken on itself.
+        Change by one prior standard deviation of each parameter that was fitted to these records
+        and may have absorbed part of the errors.
 
     Raises
     ------
     InputError
-        If a group has no prior, or one that is not positive.
+        If a group has no prior, or its prior is not positive.
 
     Notes
     -----
-    Largest marginal likelihood times inverse-gamma priors, in the logarithm of the levels, by its
-    derivatives. Where they vanish, the scores of each group have the sum of squares that their
-    covariance foresees, but for the prior; theory.md (7.18), (7.19). Fitted unknowns count as
-    nuisances of level one, which makes the likelihood a restricted one.
+    Maximum of the marginal likelihood times inverse-gamma priors, over the logarithms of the
+    levels. There the scores of each group have the sum of squares predicted by their covariance,
+    up to the prior; theory.md (7.18), (7.19). Fitted parameters count as nuisances of level one,
+    which makes the likelihood a restricted one (REML).
     """
     priors = {**PRIORS, **(priors or {})}
     names = list(whitener.levels)
@@ -325,39 +330,39 @@ def infer_levels(whitener: Whitener, residual, priors=None, fitted=()) -> Levels
         return Levels(whitener, {}, True)
     members = np.array([names.index(group) for group in whitener.groups], dtype=int)
     turned = whitener.turned(residual)
-    taken = np.array([whitener.turned(one) for one in fitted]).reshape(-1, len(turned))
+    absorbed = np.array([whitener.turned(change) for change in fitted]).reshape(-1, len(turned))
     weight, prior = np.array([(priors[n].weight, priors[n].level ** 2) for n in names]).T
 
     def cost(log_variance):
-        value, slope = _evidence(whitener, turned, taken, members, names, log_variance)
-        pull = prior / np.exp(log_variance)
-        value -= 0.5 * np.sum(weight * (log_variance + pull))
-        return -value, -(slope - 0.5 * weight * (1.0 - pull))
+        value, slope = _evidence(whitener, turned, absorbed, members, names, log_variance)
+        ratio = prior / np.exp(log_variance)
+        value -= 0.5 * np.sum(weight * (log_variance + ratio))
+        return -value, -(slope - 0.5 * weight * (1.0 - ratio))
 
     start = np.log(prior)
     bounds = [(each - FARTHEST, each + FARTHEST) for each in start]
     best = optimize.minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds)
-    curvature = np.empty((len(names), len(names)))
+    hessian = np.empty((len(names), len(names)))
     for n, step in enumerate(STEP * np.eye(len(names))):
-        curvature[n] = (cost(best.x + step)[1] - cost(best.x - step)[1]) / (2.0 * STEP)
-    value, vector = linalg.eigh(0.5 * (curvature + curvature.T))
+        hessian[n] = (cost(best.x + step)[1] - cost(best.x - step)[1]) / (2.0 * STEP)
+    value, vector = linalg.eigh(0.5 * (hessian + hessian.T))
     spread = np.sqrt(np.diag((vector / np.maximum(value, 1e-3)) @ vector.T))
-    found = dict(zip(names, map(float, np.exp(0.5 * best.x)), strict=True))
+    levels = dict(zip(names, map(float, np.exp(0.5 * best.x)), strict=True))
     reach = map(float, np.exp(0.5 * NORMAL_95 * spread))
     intervals = {
-        n: (level / r, level * r) for (n, level), r in zip(found.items(), reach, strict=True)
+        n: (level / r, level * r) for (n, level), r in zip(levels.items(), reach, strict=True)
     }
-    return Levels(whitener.with_levels(**found), intervals, bool(best.success))
+    return Levels(whitener.with_levels(**levels), intervals, bool(best.success))
 
 
-def _evidence(whitener, turned, taken, members, names, log_variance):
-    """Return the log likelihood, but for a constant, and its slopes by log variances."""
+def _evidence(whitener, turned, absorbed, members, names, log_variance):
+    """Return the log likelihood, up to a constant, and its gradient by log variances."""
     variance = np.exp(log_variance)
     scatter = variance[names.index(SCATTER)] if SCATTER in names else 0.0
     scattered = scatter * whitener.spread.ravel()
     deviation = np.sqrt(1.0 + scattered)
     plain = turned / deviation
-    columns = np.vstack([whitener.columns * np.sqrt(variance[members])[:, None], taken])
+    columns = np.vstack([whitener.columns * np.sqrt(variance[members])[:, None], absorbed])
     columns = columns / deviation
     factor = linalg.cholesky(np.eye(len(columns)) + columns @ columns.T, lower=True)
     half = linalg.solve_triangular(factor, columns, lower=True)
@@ -369,15 +374,15 @@ def _evidence(whitener, turned, taken, members, names, log_variance):
     excess = scores**2 - 1.0 + np.sum(inverse**2, axis=0)
     slope = 0.5 * np.bincount(members, excess[: len(members)], minlength=len(names))
     if SCATTER in names:
-        left = (plain - scores @ columns) ** 2 - 1.0 + np.sum(half**2, axis=0)
-        slope[names.index(SCATTER)] = 0.5 * np.sum(scattered / deviation**2 * left)
+        excess = (plain - scores @ columns) ** 2 - 1.0 + np.sum(half**2, axis=0)
+        slope[names.index(SCATTER)] = 0.5 * np.sum(scattered / deviation**2 * excess)
     if not math.isfinite(value):
         raise InputError("infer_levels: the residual is not finite")
     return float(value), slope
 
 
 def usual_whitener(motion, noise: Noise, band: Band, mesh_errors=()) -> Whitener:
-    """Return the covariance of residuals with errors shaped as some motion, at the usual levels.
+    """Return the covariance of residuals with the model error of a motion, at reference levels.
 
     Parameters
     ----------
@@ -385,14 +390,14 @@ def usual_whitener(motion, noise: Noise, band: Band, mesh_errors=()) -> Whitener
     noise : Noise
     band : Band
     mesh_errors : sequence of the same shape as the motion, m/s
-        What meshes may do to the simulation, as of `mesh_error`; of each receiver on their own.
+        Errors of the mesh, as of `mesh_error`; independent between receivers.
     """
     parts, spread = error_columns(motion, band, mesh_errors), scattering(motion, band)
     return whitener(noise, band, len(motion), nuisances=parts, scattering=spread)
 
 
 def error_columns(motion, band: Band, mesh_errors=()) -> Nuisances:
-    """Return the small errors of a motion, those of its mesh included; as `usual_whitener`."""
+    """Return the nuisance columns of a motion, mesh error included; as `usual_whitener`."""
     parts = nuisances(motion, band)
     if len(mesh_errors):
         errors = np.asarray(mesh_errors, dtype=np.float64)

@@ -9,17 +9,16 @@ from ..errors import InputError
 from .records import Band
 
 N_MODES = 3
-RAMP = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Nuisances:
-    """Changes of all seismograms by small errors that every model shares.
+    """Nuisance columns: changes of all seismograms by small errors of a model.
 
     Parameters
     ----------
     columns : (n_columns, n_blasts, n_receivers, 3, n_functions) float64
-        In the band, for an error of one unit: delays in s, all others relative, rotations in rad.
+        In the band, for a unit error: delays in s, rotations in rad, others relative.
     groups : tuple of n_columns str
         Columns of one group have one level, their standard deviation.
     """
@@ -40,20 +39,18 @@ class Nuisances:
         return Nuisances(np.concatenate([self.columns, other.columns]), self.groups + other.groups)
 
 
-def nuisances(simulated, band: Band, phases=None) -> Nuisances:
+def nuisances(simulated, band: Band) -> Nuisances:
     """Build the columns of a simulation: delays, gains, rotations and source spectra.
 
     Parameters
     ----------
     simulated : (n_blasts, n_receivers, 3, n_samples) float, m/s
     band : Band
-    phases : (n_phases, n_blasts, n_receivers, n_samples) float, optional
-        Share of each phase in the motion, as of `phase_shares`; one phase if not given.
 
     Returns
     -------
     Nuisances
-        Groups ``delay`` (each path and phase, common to the three components), ``gain`` (each
+        Groups ``delay`` (each path, common to the three components), ``gain`` (each
         channel of each blast), ``receiver`` (gain of a receiver in all blasts), ``rotation``
         (of its horizontal components in all blasts) and ``source`` (four shapes of the spectrum
         of a blast, from flat to two waves over the logarithm of frequency).
@@ -65,14 +62,13 @@ def nuisances(simulated, band: Band, phases=None) -> Nuisances:
     simulated = np.asarray(simulated, dtype=float)
     n_blasts, n_receivers = simulated.shape[:2]
     rate = np.gradient(simulated, band.dt, axis=-1)
-    phases = np.ones((1, n_blasts, n_receivers, 1)) if phases is None else np.asarray(phases)
-    moved = band.project(-rate * phases[:, :, :, None, :])
+    moved = band.project(-rate)
     held = band.project(simulated)
     turned = np.stack([held[:, :, 1], -held[:, :, 0], 0.0 * held[:, :, 2]], axis=2)
     shaped = band.project(_shaped(simulated, band))
     shape = held.shape
     parts = {
-        "delay": [_only(part, np.s_[b, r]) for part in moved for b, r in np.ndindex(shape[:2])],
+        "delay": [_only(moved, channels) for channels in np.ndindex(shape[:2])],
         "gain": [_only(held, channel) for channel in np.ndindex(shape[:3])],
         "receiver": [_only(held, np.s_[:, r]) for r in range(n_receivers)],
         "rotation": [_only(turned, np.s_[:, r]) for r in range(n_receivers)],
@@ -82,14 +78,15 @@ def nuisances(simulated, band: Band, phases=None) -> Nuisances:
     moving = [np.any(column != 0.0) for column in columns]
     groups = [group for group, each in parts.items() for _ in each]
     return Nuisances(
-        np.array(columns)[moving], tuple(g for g, kept in zip(groups, moving, strict=True) if kept)
+        np.array(columns)[moving],
+        tuple(g for g, moves in zip(groups, moving, strict=True) if moves),
     )
 
 
-def _only(motion, place):
-    """Return the motion at a place and zero elsewhere."""
+def _only(motion, index):
+    """Return the motion at an index and zero elsewhere."""
     column = np.zeros_like(motion)
-    column[place] = motion[place]
+    column[index] = motion[index]
     return column
 
 
@@ -99,41 +96,14 @@ def _shaped(simulated, band):
     n_padded = fft.next_fast_len(2 * n, real=True)
     frequency = fft.rfftfreq(n_padded, band.dt)
     low = max(band.low, 1.0 / (n * band.dt))
-    place = np.log(np.clip(frequency, low, band.high) / low) / np.log(band.high / low)
+    octave = np.log(np.clip(frequency, low, band.high) / low) / np.log(band.high / low)
     spectrum = fft.rfft(simulated, n_padded, axis=-1)
     return np.array(
         [
-            fft.irfft(spectrum * np.cos(np.pi * mode * place), n_padded, axis=-1)[..., :n]
+            fft.irfft(spectrum * np.cos(np.pi * mode * octave), n_padded, axis=-1)[..., :n]
             for mode in range(N_MODES + 1)
         ]
     )
-
-
-def phase_shares(times, arrivals) -> np.ndarray:
-    """Divide time between phases, each from its arrival to that of the next one.
-
-    Parameters
-    ----------
-    times : (n_samples,) float, s
-    arrivals : (n_phases, n_blasts, n_receivers) float, s
-        Later phases later; the first phase has all before its arrival too.
-
-    Returns
-    -------
-    (n_phases, n_blasts, n_receivers, n_samples) float64
-        Sums to one; each change takes half the time between the two arrivals, before the later.
-    """
-    arrivals = np.asarray(arrivals, dtype=float)
-    if np.any(np.diff(arrivals, axis=0) <= 0.0):
-        raise InputError("phase_shares.arrivals: each phase must arrive after the one before it")
-    begun = np.ones((*arrivals.shape, len(times)))
-    for n in range(1, len(arrivals)):
-        ramp = RAMP * (arrivals[n] - arrivals[n - 1])[..., None]
-        part = np.clip((times - arrivals[n][..., None]) / ramp + 1.0, 0.0, 1.0)
-        begun[n] = 0.5 - 0.5 * np.cos(np.pi * part)
-    shares = begun.copy()
-    shares[:-1] -= begun[1:]
-    return shares
 
 
 def mesh_error(simulated, other, ratio, order=2.0) -> np.ndarray:
@@ -146,12 +116,12 @@ def mesh_error(simulated, other, ratio, order=2.0) -> np.ndarray:
     ratio : float
         Above 1 for a coarser, below 1 for a finer other mesh.
     order : float
-        With which errors fall.
+        Order of convergence.
 
     Raises
     ------
     InputError
-        If the ratio is one or not positive.
+        If the ratio is 1 or not positive.
 
     Notes
     -----

@@ -10,9 +10,10 @@ from scipy import linalg
 from scipy.optimize import lsq_linear
 
 from ..errors import InputError
-from .global_search import Evaluations, Problem, Spent, Trace, spread
+from .global_search import sobol_points
+from .parameter import Evaluations, Problem, Spent, Trace
 
-SHORTER = 0.4  # of a step that did not descend
+SHORTER = 0.4  # factor on a step that does not decrease the objective
 LESS, MORE = 0.2, 10.0  # factors on the damping after a good step, and after one that failed
 GOOD = 0.5  # share of the predicted decrease above which the damping falls
 
@@ -24,17 +25,17 @@ def _squares(residual):
 
 @dataclass(frozen=True, eq=False)
 class LeastSquares:
-    """A misfit of residuals with a Gaussian prior within bounds.
+    """Least-squares problem: misfit of residuals, Gaussian prior, bounds.
 
     The objective is ``misfit(r) + sum precision (x - mean)^2`` with ``r = residual(simulate(x))``.
 
     Parameters
     ----------
     simulate : callable
-        ``(n,) -> array``, or None where the parameters have no simulation.
+        ``(n,) -> array``, or None where the simulation fails.
     jacobian : callable, optional
         ``(n,), array -> (n, ...)``: derivatives of the residual, or of the simulation if
-        ``whiten`` is given. None where the first Jacobian is all there is.
+        ``whiten`` is given. None if only the first Jacobian is available.
     residual : callable, optional
         Residual of a simulation; the simulation itself by default.
     whiten : callable, optional
@@ -80,7 +81,13 @@ class LeastSquares:
         )  # fmt: skip
 
 
-def normal_equations(rows, residual, weights, precision=1.0, slope=0.0):
+def normal_equations(
+    rows: np.ndarray,
+    residual: np.ndarray,
+    weights: np.ndarray,
+    precision: np.ndarray | float = 1.0,
+    slope: np.ndarray | float = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
     """Return half the gradient and half the Gauss-Newton Hessian of weighted least squares.
 
     Parameters
@@ -107,7 +114,7 @@ def normal_equations(rows, residual, weights, precision=1.0, slope=0.0):
 
 @dataclass(eq=False)
 class Minimum:
-    """The state of a minimisation.
+    """State of a minimisation.
 
     Parameters
     ----------
@@ -115,11 +122,11 @@ class Minimum:
     simulated : array
     objective : float
     jacobian : (n, ...) float64
-        The last one; ``fresh`` where it belongs to ``x`` and was not updated.
+        The last one; ``fresh`` if it is evaluated at ``x`` and not updated.
     hessian : (n, n) float64
         Half the Gauss-Newton Hessian of the last step, the prior included.
     decrease : float
-        Of the objective, as the last step predicted.
+        Of the objective, predicted for the last step.
     """
 
     x: np.ndarray
@@ -146,7 +153,7 @@ def gauss_newton(
     least_gain: float = 0.0,
     accepted: Callable = lambda: None,
 ) -> Minimum:
-    """Minimise by damped Gauss-Newton steps.
+    """Minimise by damped Gauss-Newton steps (Levenberg-Marquardt).
 
     Parameters
     ----------
@@ -157,25 +164,25 @@ def gauss_newton(
         The simulation there.
     converged : callable
         ``(step, decrease, now)``: whether a step (n,) with this predicted decrease of the
-        objective is not worth a simulation; ``now`` is a `Minimum`.
+        objective ends the minimisation; ``now`` is a `Minimum`.
     rounds : int, optional
         Steps at most.
     jacobian : (n, ...) float64, optional
-        At the start; asked for if not given.
+        At the start; evaluated if not given.
     broyden : bool
-        Whether each simulation updates the Jacobian by Broyden's rule. It is asked for again only
-        when the updated one is of no more use.
+        Whether each simulation updates the Jacobian by Broyden's rule. It is evaluated again only
+        when a step with the updated one fails or converges.
     damping : float
         Levenberg's, in shares of the largest diagonal element of the Hessian; adapted by the gain
         of each step. Zero for none.
     backtracks : int
-        How often a step that does not descend is shortened, where there is no damping.
+        How often a step that does not decrease the objective is shortened; without damping.
     longest : (n,) float64 or float
         A step is scaled so that no parameter moves further.
     least_gain : float
-        A step that gains less is the last one.
+        A smaller decrease of the objective ends the minimisation.
     accepted : callable
-        Called after each step that is taken.
+        Called after each accepted step.
 
     Returns
     -------
@@ -201,7 +208,7 @@ def gauss_newton(
         for shortening in SHORTER ** np.arange(1 + backtracks):
             trial = problem.simulate(now.x + shortening * step)
             gain = before - problem.objective(now.x + shortening * step, trial)
-            if broyden and np.isfinite(gain):
+            if broyden and now.jacobian is not None and np.isfinite(gain):
                 missed = trial - now.simulated - np.tensordot(step, now.jacobian, 1)
                 now.jacobian = now.jacobian + np.multiply.outer(step / (step @ step), missed)
             if gain > 0.0:
@@ -255,23 +262,23 @@ def _bounded_minimum(hessian, gradient, low, high):
 
 
 DIFFERENCE = 0.01  # of each range, for derivatives
-DAMPING = 1e-3  # of the largest curvature, at first
-LEAST_DECREASE = 1e-6  # predicted, in shares of the sum of squares: below, a minimum is reached
+DAMPING = 1e-3  # of the largest diagonal element of the Hessian, at first
+LEAST_DECREASE = 1e-6  # predicted, as a share of the sum of squares: smaller is convergence
 LEAST_STEP = 1e-5  # in shares of the ranges
 
 
 def levenberg_search(problem: Problem, budget: int, seed: int, start=None) -> Trace:
-    """Search by damped Gauss-Newton steps; start again elsewhere when a minimum is reached.
+    """Gauss-Newton search with Broyden updates, from several starts.
 
     Parameters
     ----------
     problem : Problem
-        With residuals (``vectors``); derivatives are its ``tangents``, or else differences whose
-        n points are evaluated at once.
+        With residuals (``vectors``); derivatives are differences, whose n points are evaluated at
+        once.
     budget : int
     seed : int
     start : (n,) float64, optional
-        First place in the unit cube, instead of its middle.
+        First start in the unit cube, instead of its middle.
 
     Returns
     -------
@@ -285,23 +292,23 @@ def levenberg_search(problem: Problem, budget: int, seed: int, start=None) -> Tr
 
     Notes
     -----
-    theory.md (12.1), (12.2). Further starts follow a Sobol sequence.
+    theory.md (12.1), (12.2). After convergence it starts again at points of a Sobol sequence.
     """
     if problem.vectors is None:
         raise InputError("method 'levenberg': needs a misfit that has residuals; take surrogate")
-    asked, n = Evaluations(problem, budget), problem.n_parameters
-    asked.steps = set()
+    evaluations, n = Evaluations(problem, budget), problem.n_parameters
+    steps = evaluations.steps = set[int]()
     first = np.full(n, 0.5) if start is None else np.asarray(start, dtype=np.float64)
 
     def simulate(x):
-        return asked.vectors(x[None])[1][0]
+        return evaluations.vectors(x[None])[1][0]
 
     def accepted():
-        asked.steps.add(len(asked.misfits) - 1)
+        steps.add(len(evaluations.misfits) - 1)
 
-    squares = LeastSquares(simulate, lambda x, r: _derivatives(asked, x, r), low=0.0, high=1.0)
+    squares = LeastSquares(simulate, lambda x, r: _jacobian(evaluations, x, r), low=0.0, high=1.0)
     with suppress(Spent):
-        for x in [first, *spread(n, budget, seed)]:
+        for x in [first, *sobol_points(n, budget, seed)]:
             residual = simulate(x)
             accepted()
             if np.all(np.isfinite(residual)):
@@ -309,18 +316,16 @@ def levenberg_search(problem: Problem, budget: int, seed: int, start=None) -> Tr
                     squares, x, residual, converged=_is_minimum, broyden=True, damping=DAMPING,
                     accepted=accepted,
                 )  # fmt: skip
-    return asked.trace()
+    return evaluations.trace()
 
 
 def _is_minimum(step, decrease, now):
-    """Tell whether a step is not worth a run."""
+    """Tell whether a step is too small for another run."""
     return decrease < LEAST_DECREASE * now.objective or np.max(np.abs(step)) < LEAST_STEP
 
 
-def _derivatives(asked, x, residual):
-    """Return the derivatives (n, k) of residuals: tangents, or differences inwards."""
-    if asked.problem.tangents is not None:
-        return asked.tangents(x).T
+def _jacobian(evaluations, x, residual):
+    """Return the Jacobian (n, k) of the residuals by inward differences."""
     sides = np.where(x > 0.5, -DIFFERENCE, DIFFERENCE)
-    moved = (asked.vectors(x + np.diag(sides))[1] - residual) / sides[:, None]
-    return np.where(np.isfinite(moved), moved, 0.0)
+    slopes = (evaluations.vectors(x + np.diag(sides))[1] - residual) / sides[:, None]
+    return np.where(np.isfinite(slopes), slopes, 0.0)

@@ -1,210 +1,22 @@
-"""Search problems and global searches: annealing, differential evolution, random sampling."""
+"""Global searches: annealing, differential evolution, random sampling, Gaussian process."""
 
 import math
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
+from scipy import linalg, optimize
 from scipy.optimize import differential_evolution
-from scipy.stats import qmc
+from scipy.stats import norm, qmc
 
-from ..errors import InputError
+from .parameter import Evaluations, Problem, Spent, Trace
 
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """A misfit over a box, without a word about what the numbers mean.
-
-    Parameters
-    ----------
-    low, high : (n,) float64
-        Bounds, in the units of the parameters.
-    log : (n,) bool
-        Whether a parameter is searched on a logarithmic scale.
-    evaluate : callable
-        ``(m, n) -> (m,)`` misfits of points within the bounds, in their order. The m evaluations
-        run side by side, so ask for many at once where a method allows it. Infinite where a point
-        can't be evaluated. The same point always has the same misfit.
-    vectors : callable, optional
-        ``(m, n) -> (m,), (m, k)``: misfits as before and residuals, whose sum of squares falls as
-        the misfit does. Costs what misfits cost.
-    tangents : callable, optional
-        ``(n,) -> (k, n)``: derivatives of the residuals at a point by its n parameters. Costs n
-        evaluations.
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-    log: np.ndarray
-    evaluate: Callable[[np.ndarray], np.ndarray]
-    vectors: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]] | None = None
-    tangents: Callable[[np.ndarray], np.ndarray] | None = None
-
-    def __post_init__(self):
-        for name, kind in (("low", np.float64), ("high", np.float64), ("log", bool)):
-            object.__setattr__(self, name, np.array(getattr(self, name), kind, ndmin=1))
-        if not self.low.shape == self.high.shape == self.log.shape:
-            raise InputError("problem: low, high and log must have one value for each parameter")
-        if not np.all(self.low < self.high):
-            raise InputError(f"problem.low: must be below high, got {self.low} and {self.high}")
-        if np.any(self.log & (self.low <= 0.0)):
-            raise InputError(f"problem.low: must be positive where log is set, got {self.low}")
-
-    @property
-    def n_parameters(self) -> int:
-        """Number of parameters."""
-        return len(self.low)
-
-    def points(self, unit) -> np.ndarray:
-        """Return the points (..., n) of places in the unit cube (..., n)."""
-        unit = np.asarray(unit, dtype=np.float64)
-        low, high = self._scaled(self.low), self._scaled(self.high)
-        values = low + np.clip(unit, 0.0, 1.0) * (high - low)
-        values = np.where(self.log, np.exp(np.where(self.log, values, 0.0)), values)
-        values = np.where(unit <= 0.0, self.low, np.where(unit >= 1.0, self.high, values))
-        return np.clip(values, self.low, self.high)
-
-    def unit(self, points) -> np.ndarray:
-        """Return the places in the unit cube (..., n) of points (..., n)."""
-        low, high = self._scaled(self.low), self._scaled(self.high)
-        return (self._scaled(np.asarray(points, dtype=np.float64)) - low) / (high - low)
-
-    def _scaled(self, values):
-        """Return values, logarithms of those that are searched so."""
-        return np.where(self.log, np.log(np.where(self.log, values, 1.0)), values)
-
-
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """Everything that a search asked for, in its order.
-
-    Parameters
-    ----------
-    points : (m, n) float64
-    misfits : (m,) float64
-    accepted : (m,) bool
-        Whether the search went on from this point; for methods without such a step, whether it
-        was the best until then.
-    """
-
-    points: np.ndarray
-    misfits: np.ndarray
-    accepted: np.ndarray
-
-    @property
-    def best(self) -> int:
-        """Row of the lowest misfit, the first of several."""
-        return int(np.argmin(self.misfits))
-
-
-class Search(Protocol):
-    """A method: a function of a problem, a number of evaluations and a seed."""
-
-    def __call__(self, problem: Problem, budget: int, seed: int) -> Trace:
-        """Evaluate at most ``budget`` points; the same seed gives the same trace."""
-        ...
-
-
-class Spent(Exception):
-    """The budget is used up."""
-
-
-class Evaluations:
-    """Evaluations of one search, asked for by places in the unit cube.
-
-    Parameters
-    ----------
-    problem : Problem
-    budget : int
-        Evaluations allowed.
-
-    Attributes
-    ----------
-    left : int
-        Evaluations that are still allowed.
-    misfits : list of float
-        In the order of the trace.
-    steps : set of int or None
-        Rows that the search went on from; None for a method without such steps.
-
-    Raises
-    ------
-    InputError
-        If nothing may be evaluated.
-    """
-
-    def __init__(self, problem: Problem, budget: int):
-        if budget < 1:
-            raise InputError(f"search.budget: must be at least 1 evaluation, got {budget}")
-        self.problem, self.left = problem, budget
-        self.points, self.misfits, self.steps = [], [], None
-
-    def at(self, unit) -> np.ndarray:
-        """Return the misfits (m,) of places (m, n) in the unit cube.
-
-        Raises
-        ------
-        Spent
-            After as many of the first places as the budget allows.
-        """
-        return self._asked(unit, lambda points: (self.problem.evaluate(points),))[0]
-
-    def vectors(self, unit) -> tuple[np.ndarray, np.ndarray]:
-        """Return misfits (m,) and residuals (m, k) of places (m, n); raises as `at`."""
-        return self._asked(unit, self.problem.vectors)
-
-    def tangents(self, place) -> np.ndarray:
-        """Return the derivatives (k, n) of residuals along the axes of the unit cube.
-
-        They count as n evaluations, which have no row in the trace.
-
-        Raises
-        ------
-        Spent
-            If fewer than n are left.
-        """
-        if self.left < len(place):
-            raise Spent
-        self.left -= len(place)
-        problem, point = self.problem, self.problem.points(place)
-        ratio = np.log(np.where(problem.log, problem.high, 1.0)) - np.log(
-            np.where(problem.log, problem.low, 1.0)
-        )
-        stretch = np.where(problem.log, point * ratio, problem.high - problem.low)
-        return problem.tangents(point) * stretch
-
-    def trace(self) -> Trace:
-        """Return everything that was asked for."""
-        misfits = np.array(self.misfits)
-        if self.steps is None:
-            before = np.minimum.accumulate(np.concatenate([[np.inf], misfits[:-1]]))
-            accepted = misfits < before
-        else:
-            accepted = np.isin(np.arange(len(misfits)), list(self.steps))
-        return Trace(np.array(self.points), misfits, accepted)
-
-    def _asked(self, unit, ask):
-        """Ask for as many of some places as are allowed, and keep them."""
-        points = self.problem.points(unit)
-        allowed = points[: self.left]
-        if len(allowed):
-            answer = ask(allowed)
-            self.left -= len(allowed)
-            self.points.extend(allowed)
-            self.misfits.extend(answer[0].tolist())
-        if len(allowed) < len(points):
-            raise Spent
-        return answer
-
-
-SAMPLES = 5  # random points that tell the largest and smallest misfit of eq. (15)
+SAMPLES = 5  # random points for the largest and smallest misfit of eq. (15)
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """How temperature and step length fall; theory.md (11.3), (11.4).
+    """Annealing schedule: decrease of temperature and step length; theory.md (11.3), (11.4).
 
     Parameters
     ----------
@@ -236,7 +48,7 @@ PAPER = Schedule()
 
 
 def accepts(rise, temperature, draw):
-    """Tell whether the Metropolis rule takes a point.
+    """Tell whether the Metropolis rule accepts a point.
 
     Parameters
     ----------
@@ -244,25 +56,25 @@ def accepts(rise, temperature, draw):
         Misfit of the new point less that of the current one.
     temperature : float
     draw : float
-        Even in 0 to 1.
+        Uniform in 0 to 1.
 
     Notes
     -----
-    A fall is taken; a rise where ``draw < exp(-rise / temperature)``; theory.md (11.2). So is
-    any step between two points that could not be evaluated.
+    A decrease is accepted, a rise if ``draw < exp(-rise / temperature)``; theory.md (11.2). A
+    step between two failed points is accepted, too.
     """
     return not rise > 0.0 or draw < math.exp(-rise / temperature)
 
 
 def paper(problem: Problem, budget: int, seed: int) -> Trace:
-    """Anneal as the paper says: T0 = 1000, aT = 0.9, Dr0 = 20 % of each range, ar = 0.85."""
+    """Anneal with the schedule of the paper: T0 = 1000, aT = 0.9, Dr0 = 20 %, ar = 0.85."""
     return anneal(problem, budget, np.random.default_rng(seed), PAPER)
 
 
 def paper_eq15(problem: Problem, budget: int, seed: int) -> Trace:
-    """Anneal as the paper says, but from T0 = Fmax - Fmin of its equation (15).
+    """Anneal with the schedule of the paper, but T0 = Fmax - Fmin of its equation (15).
 
-    Both are those of five random points, or of half the budget where that is less; these count.
+    Both from five random points, or half the budget if that is less; these count as evaluations.
     """
     rng = np.random.default_rng(seed)
     count = min(SAMPLES, budget // 2)
@@ -271,9 +83,9 @@ def paper_eq15(problem: Problem, budget: int, seed: int) -> Trace:
     points = problem.points(rng.random((count, problem.n_parameters)))
     misfits = problem.evaluate(points)
     finite = misfits[np.isfinite(misfits)]
-    spread = float(np.ptp(finite)) if len(finite) else 0.0
+    rise = float(np.ptp(finite)) if len(finite) else 0.0
     first = Trace(points, misfits, np.zeros(count, dtype=bool))
-    schedule = Schedule(spread or PAPER.temperature)
+    schedule = Schedule(rise or PAPER.temperature)
     then = anneal(problem, budget - count, rng, schedule)
     return Trace(
         *(np.concatenate([getattr(t, name) for t in (first, then)])
@@ -282,7 +94,7 @@ def paper_eq15(problem: Problem, budget: int, seed: int) -> Trace:
 
 
 def anneal(problem: Problem, budget: int, rng: np.random.Generator, schedule: Schedule) -> Trace:
-    """Walk from the centre of the ranges, one move at each temperature.
+    """Anneal from the centre of the ranges, with one move at each temperature.
 
     Parameters
     ----------
@@ -294,26 +106,26 @@ def anneal(problem: Problem, budget: int, rng: np.random.Generator, schedule: Sc
 
     Notes
     -----
-    A move is even in plus and minus the step of each parameter, all at once, clipped at the
-    bounds (assumed: the paper does not say).
+    A move is uniform within plus and minus the step of each parameter, all at once, clipped at the
+    bounds (assumed: the paper does not state it).
     """
-    here = np.full(problem.n_parameters, 0.5)
-    points = [problem.points(here)]
+    x = np.full(problem.n_parameters, 0.5)
+    points = [problem.points(x)]
     misfits = [float(problem.evaluate(points[0][None])[0])]
     accepted, current = [True], misfits[0]
     for move in range(1, budget):
         step = schedule.step_of(move) * rng.uniform(-1.0, 1.0, problem.n_parameters)
-        there = np.clip(here + step, 0.0, 1.0)
-        points.append(problem.points(there))
+        trial = np.clip(x + step, 0.0, 1.0)
+        points.append(problem.points(trial))
         misfits.append(float(problem.evaluate(points[-1][None])[0]))
         accepted.append(accepts(misfits[-1] - current, schedule.temperature_of(move), rng.random()))
         if accepted[-1]:
-            here, current = there, misfits[-1]
+            x, current = trial, misfits[-1]
     return Trace(np.array(points), np.array(misfits), np.array(accepted))
 
 
 def random_search(problem: Problem, budget: int, seed: int) -> Trace:
-    """Evaluate random places, even over the ranges.
+    """Evaluate random points, uniform over the ranges.
 
     Parameters
     ----------
@@ -326,39 +138,38 @@ def random_search(problem: Problem, budget: int, seed: int) -> Trace:
     Trace
         That of a smaller budget is its beginning.
     """
-    kept = Evaluations(problem, budget)
-    kept.at(np.random.default_rng(seed).random((budget, problem.n_parameters)))
-    return kept.trace()
+    evaluations = Evaluations(problem, budget)
+    evaluations.at(np.random.default_rng(seed).random((budget, problem.n_parameters)))
+    return evaluations.trace()
 
 
 def sobol_search(problem: Problem, budget: int, seed: int) -> Trace:
     """Evaluate a scrambled Sobol sequence; parameters and result as `random_search`."""
-    kept = Evaluations(problem, budget)
-    kept.at(spread(problem.n_parameters, budget, seed))
-    return kept.trace()
+    evaluations = Evaluations(problem, budget)
+    evaluations.at(sobol_points(problem.n_parameters, budget, seed))
+    return evaluations.trace()
 
 
-def spread(n_parameters, count, seed) -> np.ndarray:
-    """Return evenly spread places (count, n_parameters): a scrambled Sobol sequence.
+def sobol_points(n_parameters, count, seed) -> np.ndarray:
+    """Return points (count, n_parameters) of a scrambled Sobol sequence.
 
-    The first places of a longer sequence are those of a shorter one, which Latin hypercubes do
-    not give.
+    The first points of a longer sequence are those of a shorter one, unlike in Latin hypercubes.
     """
     sobol = qmc.Sobol(n_parameters, rng=np.random.default_rng(seed))
     return sobol.random(2 ** math.ceil(math.log2(max(2, count))))[:count]
 
 
-FIRST = 8  # evenly spread places, one batch; the best of them is the start
+FIRST = 8  # points of a Sobol sequence, one batch; the best of them is the start
 STEP = 0.2  # of each range, at first
-SHARE = 0.2  # of steps that are accepted while the step is kept
-GROWTH = 1.5  # of the step by one that is accepted
-HEAT = 0.5  # temperature over the usual drop of the misfit, at first
-COOLING = 0.9  # of the temperature by each evaluation
+ACCEPTED = 0.2  # share of accepted moves at which the step stays
+GROWTH = 1.5  # factor on the step after an accepted move
+HEAT = 0.5  # first temperature over the median excess of the misfit
+COOLING = 0.9  # factor on the temperature at each evaluation
 SMALLEST = 1e-3  # step at which a chain ends
 
 
 def adaptive_annealing(problem: Problem, budget: int, seed: int) -> Trace:
-    """Search by Metropolis steps whose size keeps one in five accepted.
+    """Adaptive annealing: Metropolis steps whose size keeps one in five accepted.
 
     Parameters
     ----------
@@ -373,47 +184,47 @@ def adaptive_annealing(problem: Problem, budget: int, seed: int) -> Trace:
 
     Notes
     -----
-    The temperature starts at half the median distance of the first misfits to their least, so
-    that it suits misfits of any size; a step grows or shrinks by what is accepted (Rechenberg's
-    rule). A chain ends when its step is small; the next starts at a random place.
+    The temperature starts at half the median excess of the first misfits over their least, so
+    that it suits misfits of any size. The step follows Rechenberg's 1/5 success rule. A chain ends
+    when its step is small; the next starts at a random point.
     """
-    kept, rng = Evaluations(problem, budget), np.random.default_rng(seed)
-    kept.steps = set()
+    evaluations, rng = Evaluations(problem, budget), np.random.default_rng(seed)
+    steps = evaluations.steps = set[int]()
     with suppress(Spent):
-        places = spread(problem.n_parameters, FIRST, rng)
-        misfits = kept.at(places)
+        points = sobol_points(problem.n_parameters, FIRST, rng)
+        misfits = evaluations.at(points)
         finite = misfits[np.isfinite(misfits)]
         heat = HEAT * float(np.median(finite) - finite.min()) if len(finite) else 0.0
         start = int(np.argmin(misfits))
-        kept.steps.add(start)
-        _chain(kept, rng, places[start], misfits[start], heat)
+        steps.add(start)
+        _chain(evaluations, steps, rng, points[start], misfits[start], heat)
         while True:
-            place = rng.random(problem.n_parameters)
-            misfit = kept.at(place[None])[0]
-            kept.steps.add(len(kept.misfits) - 1)
-            _chain(kept, rng, place, misfit, heat)
-    return kept.trace()
+            x = rng.random(problem.n_parameters)
+            misfit = evaluations.at(x[None])[0]
+            steps.add(len(evaluations.misfits) - 1)
+            _chain(evaluations, steps, rng, x, misfit, heat)
+    return evaluations.trace()
 
 
-def _chain(kept, rng, place, misfit, temperature):
-    """March one chain until its step is small."""
+def _chain(evaluations, steps, rng, x, misfit, temperature):
+    """Run one chain until its step is small."""
     step = STEP
     while step > SMALLEST:
-        trial = _mirrored(place + step * rng.standard_normal(len(place)))
-        found = kept.at(trial[None])[0]
-        rise = found - misfit
+        trial = _mirrored(x + step * rng.standard_normal(len(x)))
+        trial_misfit = evaluations.at(trial[None])[0]
+        rise = trial_misfit - misfit
         if rise <= 0.0 or (temperature > 0.0 and rng.random() < math.exp(-rise / temperature)):
-            kept.steps.add(len(kept.misfits) - 1)
-            place, misfit = trial, found
+            steps.add(len(evaluations.misfits) - 1)
+            x, misfit = trial, trial_misfit
             step = min(STEP, step * GROWTH)
         else:
-            step *= GROWTH ** (-SHARE / (1.0 - SHARE))
+            step *= GROWTH ** (-ACCEPTED / (1.0 - ACCEPTED))
         temperature *= COOLING
 
 
-def _mirrored(place):
-    """Return a place mirrored at the faces of the unit cube."""
-    return 1.0 - np.abs(1.0 - np.mod(place, 2.0))
+def _mirrored(x):
+    """Return a point reflected at the faces of the unit cube."""
+    return 1.0 - np.abs(1.0 - np.mod(x, 2.0))
 
 
 POPULATION = 16  # two batches of eight
@@ -421,7 +232,7 @@ GENERATIONS = 10**6  # more than any budget
 
 
 def evolution_search(problem: Problem, budget: int, seed: int) -> Trace:
-    """Search by scipy's differential evolution, from a Sobol sequence, without polishing.
+    """Differential evolution of SciPy, from a Sobol sequence, without polishing.
 
     Parameters
     ----------
@@ -438,13 +249,216 @@ def evolution_search(problem: Problem, budget: int, seed: int) -> Trace:
     -----
     Storn & Price (1997); each generation is evaluated at once (updating deferred).
     """
-    kept, n = Evaluations(problem, budget), problem.n_parameters
+    evaluations, n = Evaluations(problem, budget), problem.n_parameters
     with suppress(Spent):
         while True:
-            rng = np.random.default_rng([seed, budget - kept.left])
+            rng = np.random.default_rng([seed, budget - evaluations.remaining])
             differential_evolution(
-                lambda unit: kept.at(unit.T), [(0.0, 1.0)] * n, init=spread(n, POPULATION, rng),
-                rng=rng, maxiter=GENERATIONS, tol=0.0, polish=False, updating="deferred",
-                vectorized=True,
+                lambda unit: evaluations.at(unit.T), [(0.0, 1.0)] * n,
+                init=sobol_points(n, POPULATION, rng), rng=rng, maxiter=GENERATIONS, tol=0.0,
+                polish=False, updating="deferred", vectorized=True,
             )  # fmt: skip
-    return kept.trace()
+    return evaluations.trace()
+
+
+LENGTHS = (0.05, 10.0)  # bounds of correlation lengths in the unit cube
+NOISE = (1e-8, 1e-1)  # bounds of the noise, in shares of the variance
+ROOT = np.sqrt(5.0)
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianProcess:
+    """Gaussian process conditioned on values at points, theory.md (12.3).
+
+    Parameters
+    ----------
+    x : (m, n) float64
+        Points in the unit cube.
+    lengths : (n,) float64
+        Correlation lengths.
+    mean, variance : float64, or (k,) for k quantities
+        Of all values.
+    noise : float
+        In shares of the variance.
+    root : (m, m) float64
+        Lower Cholesky factor of the correlations, noise included.
+    weights : (m,) or (m, k) float64
+        Inverse of the correlations times the values less their mean.
+    """
+
+    x: np.ndarray
+    lengths: np.ndarray
+    mean: np.ndarray
+    variance: np.ndarray
+    noise: float
+    root: np.ndarray
+    weights: np.ndarray
+
+    def at(self, x) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mean (l,) or (l, k) at points (l, n), and rows (m, l) of the variance.
+
+        The variance is ``variance (1 - sum rows^2)``.
+        """
+        shared = correlation(self.x, x, self.lengths)
+        rows = linalg.solve_triangular(self.root, shared, lower=True)
+        return self.mean + shared.T @ self.weights, rows
+
+
+def correlation(x, others, lengths) -> np.ndarray:
+    """Return Matern's correlation of order 5/2 between points (m, n) and (k, n), (m, k)."""
+    distance = np.sqrt(_squares(x, others, lengths).sum(axis=-1))
+    return _matern(distance)
+
+
+def fit_gaussian_process(x, values, start) -> GaussianProcess:
+    """Fit a Gaussian process to values at points by maximum likelihood.
+
+    Parameters
+    ----------
+    x : (m, n) float64
+        In the unit cube.
+    values : (m,) or (m, k) float64
+        Of one quantity, or of several that share lengths and noise.
+    start : (n + 1,) float64
+        Initial logarithms of lengths and noise, such as `hyperparameters` of an earlier process.
+
+    Returns
+    -------
+    GaussianProcess
+
+    Notes
+    -----
+    theory.md (12.4); Rasmussen & Williams (2006), chapter 5.
+    """
+    limits = [np.log(LENGTHS)] * x.shape[1] + [np.log(NOISE)]
+    best = optimize.minimize(
+        _negative_log_likelihood, start, (x, values), jac=True, method="L-BFGS-B", bounds=limits,
+        options={"maxiter": 60},
+    )  # fmt: skip
+    lengths, noise = np.exp(best.x[:-1]), float(np.exp(best.x[-1]))
+    correlated = correlation(x, x, lengths) + noise * np.eye(len(x))
+    root, mean, variance, weights = _fitted(correlated, values)
+    return GaussianProcess(x, lengths, mean, variance, noise, root, weights)
+
+
+def hyperparameters(process) -> np.ndarray:
+    """Return the logarithms of lengths and noise of a process, (n + 1,)."""
+    return np.log(np.append(process.lengths, process.noise))
+
+
+def _negative_log_likelihood(logs, x, values):
+    """Return the negative log likelihood, maximised over mean and variance, and its gradient."""
+    lengths, noise, m = np.exp(logs[:-1]), np.exp(logs[-1]), len(values)
+    squares = _squares(x, x, lengths)
+    distance = np.sqrt(squares.sum(axis=-1))
+    root, _, variance, weights = _fitted(_matern(distance) + noise * np.eye(m), values)
+    inverse = linalg.cho_solve((root, True), np.eye(m))
+    several = np.size(variance)
+    weights = weights.reshape(m, several)
+    change = 0.5 * (several * inverse - (weights / variance) @ weights.T)
+    slope = 5.0 / 3.0 * (1.0 + ROOT * distance) * np.exp(-ROOT * distance)
+    gradient = np.append(
+        np.tensordot(change * slope, squares, ([0, 1], [0, 1])), noise * np.trace(change)
+    )
+    size = 0.5 * m * np.sum(np.log(variance)) + several * np.sum(np.log(np.diag(root)))
+    return size, gradient
+
+
+def _fitted(correlated, values):
+    """Return Cholesky factor, mean and variance of maximum likelihood, and weights."""
+    root = linalg.cholesky(correlated, lower=True)
+    row_sums = linalg.cho_solve((root, True), np.ones(len(values)))
+    mean = row_sums @ values / row_sums.sum()
+    weights = linalg.cho_solve((root, True), values - mean)
+    variance = np.maximum(np.sum((values - mean) * weights, axis=0) / len(values), 1e-300)
+    return root, mean, variance, weights
+
+
+def _squares(x, others, lengths):
+    """Return the squared distances along each axis over its length, (m, k, n)."""
+    return ((x[:, None, :] - others[None, :, :]) / lengths) ** 2
+
+
+def _matern(distance):
+    """Return the correlation at some distances."""
+    return (1.0 + ROOT * distance + 5.0 / 3.0 * distance**2) * np.exp(-ROOT * distance)
+
+
+BATCH = 8  # runs in one batch
+SPREAD = 512  # candidates over the whole unit cube
+NEAR = 64  # candidates around the best point, for each distance
+DISTANCES = (0.1, 0.03, 0.01, 0.003, 0.001)
+LENGTH_START, NOISE_START = 0.5, 1e-4  # initial hyperparameters
+
+
+def surrogate_search(problem: Problem, budget: int, seed: int) -> Trace:
+    """Bayesian optimisation: expected improvement of a Gaussian process of the log misfit.
+
+    Parameters
+    ----------
+    problem : Problem
+    budget : int
+    seed : int
+
+    Returns
+    -------
+    Trace
+        That of a smaller budget is its beginning.
+
+    Notes
+    -----
+    theory.md (12.3) to (12.6). Batches of eight by the constant liar: each point is chosen as if
+    those before it had reached the best misfit (Ginsbourger et al. 2010).
+    """
+    evaluations, rng = Evaluations(problem, budget), np.random.default_rng(seed)
+    n = problem.n_parameters
+    x = sobol_points(n, BATCH, rng)
+    start = np.log(np.append(np.full(n, LENGTH_START), NOISE_START))
+    with suppress(Spent):
+        evaluations.at(x)
+        while True:
+            values = _log_misfits(np.array(evaluations.misfits))
+            process = fit_gaussian_process(x, values, start)
+            start = hyperparameters(process)
+            chosen = _batch(process, values, _candidates(x[np.argmin(values)], rng))
+            x = np.vstack([x, chosen])
+            evaluations.at(chosen)
+    return evaluations.trace()
+
+
+def _log_misfits(misfits):
+    """Return logarithms of misfits over their median; infinite ones become the largest."""
+    finite = misfits[np.isfinite(misfits)]
+    if not len(finite) or np.median(finite) <= 0.0:
+        return np.zeros(len(misfits))
+    ratios = np.minimum(misfits, finite.max()) / np.median(finite)
+    return np.log(np.maximum(ratios, 1e-12))
+
+
+def _candidates(best, rng):
+    """Return candidate points: over the unit cube, and at decreasing distances of the best one."""
+    n = len(best)
+    steps = np.repeat(DISTANCES, NEAR)[:, None] * rng.standard_normal((NEAR * len(DISTANCES), n))
+    return np.vstack([sobol_points(n, SPREAD, rng), np.clip(best + steps, 0.0, 1.0)])
+
+
+def _batch(process, values, candidates):
+    """Return a batch of points, each chosen as if those before had the best misfit."""
+    lie, chosen = values.min(), []
+    mean, rows = process.at(candidates)
+    for _ in range(BATCH):
+        share = np.maximum(1.0 - np.sum(rows**2, axis=0), 1e-12)
+        improvement = _expected_improvement(lie, mean, np.sqrt(process.variance * share))
+        k = int(np.argmax(improvement))
+        chosen.append(candidates[k])
+        shared = correlation(candidates[k : k + 1], candidates, process.lengths)[0]
+        row = (shared - rows[:, k] @ rows) / np.sqrt(share[k] + process.noise)
+        mean = mean + row * (lie - mean[k]) / np.sqrt(share[k] + process.noise)
+        rows = np.vstack([rows, row])
+    return np.array(chosen)
+
+
+def _expected_improvement(best, mean, deviation):
+    """Return the expected improvement on the best value, theory.md (12.6)."""
+    z = (best - mean) / deviation
+    return deviation * (z * norm.cdf(z) + norm.pdf(z))

@@ -13,7 +13,7 @@ MARGIN = 6
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """Orthonormal functions on a time window whose energy lies within a band.
+    """Band: orthonormal functions on a time window with their energy within a frequency band.
 
     Parameters
     ----------
@@ -22,8 +22,8 @@ class Band:
     basis : (n_samples, n_functions) float64
         Each column of unit length, with at least 0.9 of its energy between ``low`` and ``high``.
     gapped : dict of (blast, receiver, component) to (n_samples, n_functions) float64
-        Functions of channels with invalid samples, zero there; fewer of them, and columns of
-        zeros in place of those that are lost.
+        Functions of channels with invalid samples, zero there; lost functions are columns of
+        zeros.
     """
 
     dt: float
@@ -34,7 +34,7 @@ class Band:
 
     @property
     def n_functions(self):
-        """Numbers to a channel."""
+        """Number of functions of a channel."""
         return self.basis.shape[1]
 
     def functions(self, channel):
@@ -42,7 +42,7 @@ class Band:
         return self.gapped.get(channel, self.basis)
 
     def project(self, motion):
-        """Return what motion holds in the band.
+        """Return the coefficients of motion in the band.
 
         Parameters
         ----------
@@ -51,7 +51,7 @@ class Band:
         Returns
         -------
         (..., n_blasts, n_receivers, 3, n_functions) float64
-            Invalid samples have no part in it, whatever they hold.
+            Invalid samples do not contribute.
 
         Raises
         ------
@@ -61,20 +61,20 @@ class Band:
         motion = np.asarray(motion, dtype=float)
         held = motion @ self.basis
         for channel, functions in self.gapped.items():
-            heard = np.any(functions != 0.0, axis=1)
+            used = np.any(functions != 0.0, axis=1)
             held[(..., *channel, slice(None))] = (
-                motion[(..., *channel, slice(None))][..., heard] @ functions[heard]
+                motion[(..., *channel, slice(None))][..., used] @ functions[used]
             )
         if not np.all(np.isfinite(held)):
-            place = np.argwhere(~np.isfinite(held))[0][-4:-1]
+            b, r, c = np.argwhere(~np.isfinite(held))[0][-4:-1]
             raise InputError(
-                f"seismograms: blast {place[0]}, receiver {place[1]}, component {place[2]} has a "
-                "sample that is not finite; mark it invalid"
+                f"seismograms: blast {b}, receiver {r}, component {c} has a sample that is not "
+                "finite; mark it invalid"
             )
         return held
 
     def restore(self, coefficients):
-        """Return the motion (..., n_samples) that coefficients describe; zero where invalid."""
+        """Return the motion (..., n_samples) of coefficients; zero where invalid."""
         motion = coefficients @ self.basis.T
         for channel, functions in self.gapped.items():
             held = coefficients[(..., *channel, slice(None))]
@@ -125,13 +125,13 @@ def band_functions(n_samples, dt, band, valid=None) -> Band:
     lag = np.arange(n_samples)
     above, below = (2.0 * edge * dt * np.sinc(2.0 * edge * dt * lag) for edge in (high, low))
     share, mixture = linalg.eigh(cosines.T @ linalg.matmul_toeplitz(above - below, cosines))
-    kept = share >= CONCENTRATION
-    if not np.any(kept):
+    concentrated = share >= CONCENTRATION
+    if not np.any(concentrated):
         raise InputError(
             f"band: {low:g} to {high:g} Hz is too narrow for a window of {duration:g} s; "
             f"make it longer than about {1.0 / (high - low):.2g} s"
         )
-    basis = cosines @ mixture[:, kept]
+    basis = cosines @ mixture[:, concentrated]
     return Band(float(dt), low, high, basis, {} if valid is None else _gapped(basis, valid))
 
 
@@ -143,10 +143,10 @@ def _gapped(basis, valid):
             f"valid: must have shape (n_blasts, n_receivers, 3, {len(basis)}), got {valid.shape}"
         )
     gapped = {}
-    for place in np.argwhere(~valid.all(axis=-1)):
-        channel = tuple(map(int, place))
-        left, length, _ = linalg.svd(basis * valid[channel][:, None], full_matrices=False)
-        gapped[channel] = left * (length**2 >= CONCENTRATION)
+    for index in np.argwhere(~valid.all(axis=-1)):
+        channel = tuple(map(int, index))
+        vectors, length, _ = linalg.svd(basis * valid[channel][:, None], full_matrices=False)
+        gapped[channel] = vectors * (length**2 >= CONCENTRATION)
     return gapped
 
 
@@ -161,7 +161,7 @@ PADDING = 8
 
 @dataclass(frozen=True, eq=False)
 class Noise:
-    """Stationary noise of each channel as an autoregression.
+    """Noise of each channel: a stationary autoregressive process.
 
     Parameters
     ----------
@@ -169,20 +169,20 @@ class Noise:
         Of the autoregression: half a period of twice the top of the band.
     coefficients : (n_receivers, 3, order) float64
     variance : (n_receivers, 3) float64, (m/s)2
-        Of what the autoregression does not foresee, with ``doubt`` in it.
+        Innovation variance, ``inflation`` included.
     correlation : (n_receivers, 3, 3) float64
-        Between the components; the unit matrix where the windows do not speak against it.
-    doubt : (n_receivers, 3) float64
-        By which the variance was raised because few windows tell it.
+        Between the components; the unit matrix where a test does not reject it.
+    inflation : (n_receivers, 3) float64
+        Factor in the variance for the few degrees of freedom of its estimate.
     resolved : float, Hz
-        One period to a window. Below, the density is held at what it is here.
+        One period to a window. Below, the density is constant.
     """
 
     step: float
     coefficients: np.ndarray
     variance: np.ndarray
     correlation: np.ndarray
-    doubt: np.ndarray
+    inflation: np.ndarray
     resolved: float
 
     def density(self, frequency):
@@ -218,37 +218,37 @@ class Noise:
         power[:, 0] /= 2.0
         for c in range(3):
             functions = band.functions((blast, receiver, c))
-            kept = np.any(functions != 0.0, axis=0)
+            present = np.any(functions != 0.0, axis=0)
             waves = fft.rfft(functions, n_padded, axis=0)[: len(frequency)]
             toeplitz = np.real((waves.conj() * power[c][:, None]).T @ waves)
-            level = np.trace(toeplitz) / max(1, np.count_nonzero(kept))
-            root[c] = symmetric_root(toeplitz + FLOOR * level * np.diag(kept))
+            level = np.trace(toeplitz) / max(1, np.count_nonzero(present))
+            root[c] = symmetric_root(toeplitz + FLOOR * level * np.diag(present))
         block = np.einsum("cij,cd,dkj->cidk", root, self.correlation[receiver], root)
         return block.reshape(3 * n, 3 * n)
 
 
 def noise_of(windows, dt, band) -> Noise:
-    """Learn the noise of each channel from its windows before the blasts.
+    """Estimate the noise of each channel from its windows before the blasts.
 
     Parameters
     ----------
     windows : (n_blasts, n_receivers, 3, n_samples) float, m/s
-        Samples before anything arrives. A window that is not finite throughout is left out.
+        Samples before the first arrival. A window with a sample that is not finite is left out.
     dt : float, s
     band : tuple of 2 float, Hz
 
     Raises
     ------
     InputError
-        If a channel has no window, or one that never moves, or windows are shorter than 16
+        If a channel has no window, or only zeros, or windows are shorter than 16
         samples or than a period at the top of the band.
 
     Notes
     -----
     The multitaper spectra of all blasts are pooled and Levinson's recursion finds the
     autoregression of order 8 with their autocovariance at 4 times the top of the band;
-    theory.md (7.10). A level from nu degrees of freedom is raised by ``nu / (nu - 2)``, so that
-    what it whitens has unit variance in the mean.
+    theory.md (7.10). A variance from nu degrees of freedom is multiplied by ``nu / (nu - 2)``, so
+    that whitened noise has unit variance in the mean.
     """
     windows = np.asarray(windows, dtype=float)
     if windows.ndim != 4 or windows.shape[2] != 3:
@@ -267,16 +267,16 @@ def noise_of(windows, dt, band) -> Noise:
     if not np.all(moving.any(axis=0)):
         receiver, component = np.argwhere(~moving.any(axis=0))[0]
         raise InputError(
-            f"noise windows: receiver {receiver}, component {component} has none that moves; "
+            f"noise windows: receiver {receiver}, component {component} has only zeros; "
             "leave the channel out"
         )
     windows = np.where(moving[..., None], windows, 0.0)
-    freedom = 2.0 * N_TAPERS * np.count_nonzero(moving, axis=0)
-    doubt = freedom / (freedom - 2.0)
+    degrees = 2.0 * N_TAPERS * np.count_nonzero(moving, axis=0)
+    inflation = degrees / (degrees - 2.0)
     step = max(dt, 0.5 / (REACH * band[1]))
     coefficients, variance = _autoregression(windows, np.count_nonzero(moving, axis=0), dt, step)
     unmixed = np.broadcast_to(np.eye(3), (*variance.shape[:1], 3, 3))
-    noise = Noise(step, coefficients, variance * doubt, unmixed, doubt, 1.0 / (n * dt))
+    noise = Noise(step, coefficients, variance * inflation, unmixed, inflation, 1.0 / (n * dt))
     return _correlated(noise, windows, moving, band_functions(n, dt, band))
 
 
@@ -306,7 +306,7 @@ def _autoregression(windows, n_windows, dt, step):
 
 
 def _correlated(noise, windows, moving, band: Band):
-    """Keep the correlation between components where chance alone seldom makes it."""
+    """Return the noise with those correlations between components that a test confirms."""
     n = band.n_functions
     held = band.project(windows)
     correlation = np.array(noise.correlation)
@@ -317,26 +317,26 @@ def _correlated(noise, windows, moving, band: Band):
             continue
         block = noise.covariance(band, 0, receiver)
         white = held[whole, receiver].reshape(-1, 3 * n) @ symmetric_root(block, -0.5)
-        found = np.corrcoef(white.reshape(-1, 3, n).transpose(1, 0, 2).reshape(3, -1))
-        spread = -(count - 1.0 - 11.0 / 6.0) * np.linalg.slogdet(found)[1]
+        estimate = np.corrcoef(white.reshape(-1, 3, n).transpose(1, 0, 2).reshape(3, -1))
+        spread = -(count - 1.0 - 11.0 / 6.0) * np.linalg.slogdet(estimate)[1]
         if stats.chi2.sf(spread, 3) < SURE:
-            correlation[receiver] = found
+            correlation[receiver] = estimate
     return Noise(
-        noise.step, noise.coefficients, noise.variance, correlation, noise.doubt, noise.resolved
+        noise.step, noise.coefficients, noise.variance, correlation, noise.inflation, noise.resolved
     )
 
 
 def symmetric_root(matrix, power=0.5):
-    """Return a power of a matrix that is positive definite but for rows and columns of zeros."""
-    kept = np.flatnonzero(np.diag(matrix) > 0.0)
-    value, vector = linalg.eigh(matrix[np.ix_(kept, kept)])
+    """Return a power of a positive definite matrix, rows and columns of zeros left out."""
+    rows = np.flatnonzero(np.diag(matrix) > 0.0)
+    value, vector = linalg.eigh(matrix[np.ix_(rows, rows)])
     root = np.zeros_like(matrix)
-    root[np.ix_(kept, kept)] = (vector * value**power) @ vector.T
+    root[np.ix_(rows, rows)] = (vector * value**power) @ vector.T
     return root
 
 
 COMPONENTS = ("east", "north", "up")
-ALIGNED = 0.01  # of a sample, by which records may be off the instants that are compared
+ALIGNED = 0.01  # of a sample: largest offset of a record that is copied
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,7 +356,7 @@ class Records:
     noise : Noise
         Of each receiver.
     dead : tuple of str
-        Channels that never move, such as ``R3 north``; none of their samples is valid.
+        Channels of zeros, such as ``R3 north``; none of their samples is valid.
     """
 
     blasts: tuple[str, ...]
@@ -375,11 +375,11 @@ class Records:
 
     @property
     def duration(self) -> float:
-        """How long a simulation has to last, s."""
+        """Duration of the records and of a simulation, s."""
         return self.n_samples * self.dt
 
     def in_band(self, motion) -> np.ndarray:
-        """Return the part of a motion that is compared, as motion of the same shape."""
+        """Return a motion filtered to the band, of the same shape."""
         return self.band.restore(self.band.project(motion))
 
     def residual(self, motion) -> np.ndarray:
@@ -412,22 +412,22 @@ def gather(recordings, receivers, start, dt, n_samples) -> tuple[np.ndarray, np.
     """
     shape = len(recordings), len(receivers), 3, n_samples
     motion, valid = np.zeros(shape), np.zeros(shape, dtype=bool)
-    for b, some in enumerate(recordings):
+    for b, blast in enumerate(recordings):
         for r, name in enumerate(receivers):
-            if name not in some:
+            if name not in blast:
                 continue
-            record = some[name].seismogram
+            record = blast[name].seismogram
             if abs(record.dt - dt) > 1e-9 * dt:
-                velocity, good, at = _resampled(some[name], start, dt, n_samples)
+                velocity, good, at = _resampled(blast[name], start, dt, n_samples)
             else:
-                velocity, good, at = _copied(some[name], start, n_samples)
+                velocity, good, at = _copied(blast[name], start, n_samples)
             motion[b, r, :, at] = np.where(np.isfinite(velocity), velocity, 0.0).T
             valid[b, r, :, at] = (np.isfinite(velocity) & good).T
     return motion, valid
 
 
 def _copied(recording, start, n_samples):
-    """Return samples of a recording that has the sampling, whether they count, and their place."""
+    """Return samples of a recording of this sampling, which are valid, and their slice."""
     record = recording.seismogram
     first = round((start - record.start) / record.dt)
     taken = slice(max(first, 0), max(first + n_samples, 0))
@@ -461,12 +461,12 @@ def _apart(times, others, distance):
 
 
 def check_sampling(where: str, record, band):
-    """Refuse a seismogram whose samples do not carry a band in Hz.
+    """Check that the sampling of a seismogram carries a band in Hz.
 
     Raises
     ------
     InputError
-        With the place that is given as ``where``.
+        With ``where`` as its place.
     """
     if not 0.5 / record.dt > band[1]:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Field records of a folder: every file of channels, with the geometry of headers or of a table."""
+"""Field records: all record files of a folder, with geometry from headers or a table."""
 
 import csv
 import math
@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, PyblastError, ReadError
-from ..recordings.gather import Gather, read_gather
 from ..recordings.raw import (
     at_level,
     decode_lines,
@@ -21,7 +20,7 @@ from ..recordings.raw import (
     split_line,
     uniform_step,
 )
-from ..recordings.recording import read_recording
+from ..recordings.recording import Gather, read_gather, read_recording
 from ..recordings.seismic import read_traces, sniff_seismic
 from ..units import FACTORS, split_key
 
@@ -33,7 +32,7 @@ NEEDED = ("kind", "name", "x_m", "y_m")
 
 @dataclass(frozen=True, eq=False)
 class FieldRecord:
-    """Channels that one file, or several one-channel files of one event, recorded together.
+    """Field record: channels of one file, or of several one-channel files of one event.
 
     Parameters
     ----------
@@ -43,9 +42,9 @@ class FieldRecord:
     gather : Gather
         Samples, times, positions, and marks of dead channels and clipped samples.
     channels : tuple of str
-        Their names: the number from 1, or what the file says.
+        Channel names of the file; numbers from 1 where it has none.
     line, sensor : tuple of str
-        Of each channel, from the geometry table; empty where it does not say.
+        Line and sensor of each channel from the geometry table; empty where not given.
     checks : tuple of (name, printed value, recomputed value, within), SI
         Values that the instrument printed beside the samples.
     notes : tuple of str
@@ -63,7 +62,7 @@ class FieldRecord:
 
     @property
     def stem(self) -> str:
-        """Name of the file without folder and ending, by which a geometry table calls it."""
+        """Name of the file without folder and extension, as used in a geometry table."""
         return Path(self.file).stem
 
 
@@ -78,7 +77,7 @@ def read_folder(
         Its files in SEG-2, SEG-Y, miniSEED, SAC, GSE2, formats of blast seismographs, or CSV
         (``time_s`` and one column a channel, with its unit); subfolders are not read.
     geometry : path, optional
-        Table of places, see `read_geometry`. Without it places are those of the headers.
+        Geometry table, see `read_geometry`; positions come from the headers otherwise.
 
     Returns
     -------
@@ -88,12 +87,12 @@ def read_folder(
     Raises
     ------
     ReadError, InputError
-        If the folder is absent or holds no record, or the table of places is wrong.
+        If the folder is absent or holds no record, or the geometry table is wrong.
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise ReadError(f"{folder}: is no folder; give the folder that holds the records")
-    places = [] if geometry is None else read_geometry(geometry)
+    table = [] if geometry is None else read_geometry(geometry)
     skip = set() if geometry is None else {Path(geometry).resolve()}
     records, single, skipped = [], [], []
     for path in sorted(folder.iterdir(), key=_natural):
@@ -109,9 +108,9 @@ def read_folder(
          records).append(read)  # fmt: skip
     records += _joined(single)
     if not records:
-        told = "; ".join(f"{name}: {reason}" for name, reason in skipped[:3]) or "it is empty"
-        raise InputError(f"{folder}: holds no record that can be read ({told})")
-    return [_placed(_in_metres(record), places) for record in records], skipped
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in skipped[:3]) or "it is empty"
+        raise InputError(f"{folder}: holds no record that can be read ({reasons})")
+    return [_placed(_in_metres(record), table) for record in records], skipped
 
 
 def _natural(path: Path) -> tuple:
@@ -138,7 +137,7 @@ def _read_file(path: Path) -> FieldRecord:
             checks = ()
         else:
             gather, names, checks, format = _from_recording(path)
-    notes = tuple(str(one.message).removeprefix(f"{path}").lstrip(":, ") for one in caught)
+    notes = tuple(str(warning.message).removeprefix(f"{path}").lstrip(":, ") for warning in caught)
     blank = ("",) * len(names)
     return FieldRecord(path.name, format, gather, tuple(names), blank, blank, checks, notes)
 
@@ -189,7 +188,7 @@ def _in_metres(record: FieldRecord) -> FieldRecord:
 
 
 def _is_channel_table(path: Path, content: bytes) -> bool:
-    """Tell whether a CSV file has channels that are no components of motion."""
+    """Return whether a CSV file has channels other than components of motion."""
     if b"\0" in content[:2000]:
         return False
     head = content[:4000].decode("latin-1").splitlines()
@@ -218,9 +217,9 @@ def _from_table(path: Path, lines: list[str]) -> tuple[Gather, list[str]]:
     names = [stem for stem, _ in keys] if known else list(columns)
     factor = FACTORS[next(iter(units))] if known else 1.0
     data = factor * np.array(list(columns.values()))
-    unknown = np.full((len(data), 3), np.nan)
+    positions = np.full((len(data), 3), np.nan)
     unit = "V" if known and next(iter(units)) in ("v", "mv") else "units of the file"
-    return _gather(path, data, dt, float(times[0]), unit, "", unknown, unknown[0]), names
+    return _gather(path, data, dt, float(times[0]), unit, "", positions, positions[0]), names
 
 
 def _from_recording(path: Path) -> tuple[Gather, list[str], tuple, str]:
@@ -228,10 +227,10 @@ def _from_recording(path: Path) -> tuple[Gather, list[str], tuple, str]:
     recording = read_recording(path)[0]
     motion = recording.seismogram
     present = np.flatnonzero(motion.present)
-    unknown = np.full((len(present), 3), np.nan)
+    positions = np.full((len(present), 3), np.nan)
     gather = Gather(
         data=motion.velocity.T[present], dt=motion.dt, start=motion.start,
-        source_position=unknown[0], receiver_positions=unknown, unit="m/s",
+        source_position=positions[0], receiver_positions=positions, unit="m/s",
         dead=np.array([motion.components[n] in recording.dead for n in present]),
         clipped=recording.clipped.T[present], full_scale=recording.full_scale, label=path.stem,
         time=recording.time,
@@ -258,19 +257,19 @@ def _joined(single: list[FieldRecord]) -> list[FieldRecord]:
     from obspy import UTCDateTime
 
     groups: list[list[FieldRecord]] = []
-    for one in single:
-        begin = UTCDateTime(one.gather.time)
+    for record in single:
+        begin = UTCDateTime(record.gather.time)
         for group in groups:
             other = group[0].gather
             if (
                 abs(UTCDateTime(other.time) - begin) < 1.0
-                and other.dt == one.gather.dt
-                and one.channels[0] not in [each.channels[0] for each in group]
+                and other.dt == record.gather.dt
+                and record.channels[0] not in [member.channels[0] for member in group]
             ):
-                group.append(one)
+                group.append(record)
                 break
         else:
-            groups.append([one])
+            groups.append([record])
     return [_merged(group) for group in groups]
 
 
@@ -279,8 +278,8 @@ def _merged(group: list[FieldRecord]) -> FieldRecord:
     first = group[0]
     if len(group) == 1:
         return first
-    length = min(one.gather.data.shape[1] for one in group)
-    parts = [one.gather for one in group]
+    length = min(record.gather.data.shape[1] for record in group)
+    parts = [record.gather for record in group]
     gather = replace(
         first.gather,
         data=np.concatenate([part.data[:, :length] for part in parts]),
@@ -289,13 +288,13 @@ def _merged(group: list[FieldRecord]) -> FieldRecord:
         clipped=np.concatenate([part.clipped[:, :length] for part in parts]),
     )
     blank = ("",) * len(group)
-    names = tuple(one.channels[0] for one in group)
-    notes = tuple(dict.fromkeys(note for one in group for note in one.notes))
+    names = tuple(record.channels[0] for record in group)
+    notes = tuple(dict.fromkeys(note for record in group for note in record.notes))
     return FieldRecord(first.file, first.format, gather, names, blank, blank, notes=notes)
 
 
 def read_geometry(path: str | Path) -> list[dict[str, str]]:
-    """Read a table of places.
+    """Read a geometry table: positions of receivers and sources.
 
     Parameters
     ----------
@@ -321,9 +320,9 @@ def read_geometry(path: str | Path) -> list[dict[str, str]]:
     reader = csv.DictReader(lines, skipinitialspace=True)
     heads = [head.strip() for head in reader.fieldnames or ()]
     reader.fieldnames = heads
-    unknown = [head for head in heads if head not in COLUMNS]
+    unexpected = [head for head in heads if head not in COLUMNS]
     missing = [name for name in NEEDED if name not in heads]
-    if unknown or missing:
+    if unexpected or missing:
         raise InputError(
             f"{path}, line 1: needs the columns {', '.join(NEEDED)} and takes "
             f"{', '.join(COLUMNS[4:])}; got {', '.join(heads)[:200]}"
@@ -349,7 +348,7 @@ def read_geometry(path: str | Path) -> list[dict[str, str]]:
 
 
 def _placed(record: FieldRecord, table: list[dict[str, str]]) -> FieldRecord:
-    """Return a record with the places, lines and sensors of a geometry table."""
+    """Return a record with the positions, lines and sensors of a geometry table."""
     if not table:
         return record
     places = record.gather.receiver_positions.copy()
@@ -371,7 +370,7 @@ def _placed(record: FieldRecord, table: list[dict[str, str]]) -> FieldRecord:
 
 def _named(record: FieldRecord, name: str) -> Iterable[int]:
     """Return the channels of a record with a name, or with a number from 1."""
-    by_name = [n for n, one in enumerate(record.channels) if one == name]
+    by_name = [n for n, channel in enumerate(record.channels) if channel == name]
     if by_name or not name.isdigit():
         return by_name
     number = int(name) - 1

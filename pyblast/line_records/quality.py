@@ -1,4 +1,4 @@
-"""Quality of channels: dead, clipped, odd by sign, clock or place; response of sensors."""
+"""Data quality: dead and clipped channels, polarity, timing, geometry, sensor response."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,18 +10,18 @@ from scipy import fft, signal
 from ..errors import InputError
 from ..recordings.raw import at_level, is_dead, plateau_level
 from .shots import (
-    SURE,
+    SIGNIFICANCE,
+    Decision,
     Shot,
-    Verdict,
     correlation,
+    permutation_p,
     phase_randomised,
-    share_as_large,
     shifted,
 )
 
 
-def unusable(data: ArrayLike) -> tuple[Verdict, Verdict]:
-    """Find what must be masked before anything is diagnosed.
+def dead_and_clipped(data: ArrayLike) -> tuple[Decision, Decision]:
+    """Detect dead channels and clipped samples, which must be masked before any analysis.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def unusable(data: ArrayLike) -> tuple[Verdict, Verdict]:
 
     Returns
     -------
-    tuple of two Verdict
+    tuple of two Decision
         "saturation" (``target`` holds pairs of channel and sample) and "dead_channel" (channels).
 
     Notes
@@ -45,12 +45,12 @@ def unusable(data: ArrayLike) -> tuple[Verdict, Verdict]:
     samples = tuple((int(c), int(n)) for c, n in np.argwhere(marks))
     level = {"full_scale": (max(levels), min(levels), max(levels))} if levels else {}
     return (
-        Verdict(
+        Decision(
             "NAMED" if samples else "NULL", "saturation",
             f"{len(samples)} samples stand at full scale" if samples else "no plateau at the ends",
             samples, level,
         ),
-        Verdict(
+        Decision(
             "NAMED" if dead else "NULL", "dead_channel",
             f"{len(dead)} channels never move" if dead else "all channels move", dead,
         ),
@@ -58,8 +58,8 @@ def unusable(data: ArrayLike) -> tuple[Verdict, Verdict]:
 
 
 def masked(data: ArrayLike) -> np.ndarray:
-    """Return data with what is unusable as NaN."""
-    clipped, dead = unusable(data)
+    """Return data with dead channels and clipped samples as NaN."""
+    clipped, dead = dead_and_clipped(data)
     data = np.array(data, dtype=float)
     for channel, sample in clipped.target:
         data[channel, sample] = np.nan
@@ -68,22 +68,24 @@ def masked(data: ArrayLike) -> np.ndarray:
 
 
 N_DRAWS, MOST = 4000, 3
-FINER, LIKELY = 8, 0.01  # lags to a sample; correlations that differ by less are alike
+FINER, RESOLVED = 8, 0.01  # lags per sample; smallest difference of two correlations
+N_NOISE_DRAWS = 99
 LABELS = ("polarity", "clock_error", "wrong_coordinates")
+NO_SIGNAL = "no_signal"
 
 
 @dataclass(frozen=True, eq=False)
 class Misfits:
-    """How each inner receiver lies between its neighbours, (n_shots, n_inner).
+    """Misfits of each inner receiver to its neighbours, (n_shots, n_inner).
 
     Parameters
     ----------
-    sign : correlation where it is largest, negative where the neighbours' negative fits better
-    lag : s, by which it is late
-    slowness : s/m, of the motion from left to right across it
+    sign : correlation of largest magnitude; negative where the inverted waveform fits better
+    lag : s, positive where the receiver is late
+    slowness : s/m, of the wave in the direction of the line
     channels : (n_inner,) int
     finest : float, s
-        Between two lags that are tried.
+        Step of the trial lags.
     """
 
     sign: np.ndarray
@@ -95,50 +97,55 @@ class Misfits:
 
 def odd_channels(
     shots: Sequence[Shot], band: tuple[float, float], *, reach: float = 0.04, seed: int = 0
-) -> list[Verdict]:
-    """Find receivers of wrong polarity, clock or coordinate, the oddest first.
+) -> list[Decision]:
+    """Find receivers with reversed polarity, timing or geometry errors, or without signal.
 
     Parameters
     ----------
     shots : list of Shot
-        At least 4, of the same receivers; from both ends, or clock and place are one class.
+        At least 4 with the same receivers. Shots from one end only can't separate timing from
+        geometry errors.
     band : tuple of 2 float, Hz
-        Of a wave that neighbours share; its shortest wave longer than twice their spacing.
+        Band in which neighbours record the same wave: wavelengths above twice their spacing.
     reach : float, s
-        Largest shift that is looked for.
+        Largest time shift tried.
     seed : int
 
     Returns
     -------
-    list of Verdict
-        One for each odd receiver; a single NULL where none is. Positive "shift" [s] is late,
-        positive "move" [m] says that it stands farther along the line than its coordinate.
-        ``held_out`` is the share of energy explained by the neighbours in every other shot.
+    list of Decision
+        One per anomalous receiver, the most significant first; a single NULL if there is none. A
+        positive "shift" [s] is late; a positive "move" [m] is a true position farther along the
+        line than the coordinate. ``held_out``: share of energy that the neighbours predict in
+        held-out shots, as recorded and corrected. "no_signal" is an anomalous receiver that
+        correlates with its neighbours no better than phase-randomised noise.
 
     Notes
     -----
-    Lag of shot s: ``shift + move * slowness_s``, medians over shots; an odd receiver exceeds what
-    the largest of as many draws of the others' spread exceeds in 5 %; theory.md (15.1).
+    Lag of shot s: ``shift + move * slowness_s``, medians over shots. The largest robust z-score is
+    compared with the maximum of as many normal draws at the 5 % level; theory.md (15.1).
     """
     if len(shots) < 4 or any(len(s.channels) != len(shots[0].channels) for s in shots):
         raise InputError("odd_channels: needs at least 4 shots at the same receivers")
-    shots, found = [shot.banded(band) for shot in shots], []
-    while len(found) < MOST:
-        verdict = _oddest(shots, band, reach, seed)
-        if verdict.outcome == "NULL":
+    shots, decisions = [shot.banded(band) for shot in shots], []
+    while len(decisions) < MOST:
+        decision = _most_anomalous(shots, band, reach, seed)
+        if decision.outcome == "NULL":
             break
-        found.append(verdict)
-        if verdict.outcome == "UNKNOWN":
+        decisions.append(decision)
+        if decision.outcome == "UNKNOWN":
             break
-        shots = [_corrected(shot, verdict) for shot in shots]
-    return found or [verdict]
+        shots = [_corrected(shot, decision) for shot in shots]
+    return decisions or [decision]
 
 
-def _corrected(shot, verdict):
-    """Correct a receiver by a decision."""
-    n = int(np.flatnonzero(shot.channels == verdict.target[0])[0])
+def _corrected(shot, decision):
+    """Return a shot with one receiver corrected, or left out if it carries no signal."""
+    n = int(np.flatnonzero(shot.channels == decision.target[0])[0])
+    if decision.label == NO_SIGNAL:
+        return shot.only(np.arange(len(shot.channels)) != n)
     motion, places = shot.motion.copy(), shot.places.copy()
-    ((name, (value, _, _)),) = verdict.parameters.items()
+    ((name, (value, _, _)),) = decision.parameters.items()
     if name == "factor":
         motion[n] *= value
     elif name == "shift":
@@ -149,7 +156,7 @@ def _corrected(shot, verdict):
 
 
 def between_neighbours(shot: Shot, reach: float) -> Misfits:
-    """Compare each inner receiver of a shot with the mean of its neighbours after moveout."""
+    """Correlate each inner receiver with the mean of its neighbours after moveout correction."""
     sign, lag, slowness = [], [], []
     for predicted, n, slow in _predicted(shot, reach):
         lags, like = correlation(predicted, shot.motion[n], reach, shot.dt, FINER)
@@ -162,61 +169,90 @@ def between_neighbours(shot: Shot, reach: float) -> Misfits:
 
 
 def _predicted(shot, reach):
-    """Yield the prediction by the neighbours of each inner receiver, its number and slowness."""
+    """Yield the waveform that the neighbours predict at each inner receiver, index and slowness."""
     for n in range(1, len(shot.places) - 1):
-        left, right = shot.motion[n - 1], shot.motion[n + 1]
+        before, after = shot.motion[n - 1], shot.motion[n + 1]
         gap = shot.places[n + 1] - shot.places[n - 1]
-        lags, like = correlation(left, right, reach, shot.dt, FINER)
+        lags, like = correlation(before, after, reach, shot.dt, FINER)
         moveout = lags[int(np.argmax(like))]
         share = (shot.places[n] - shot.places[n - 1]) / gap
-        both = shifted(np.stack([left, right]), np.array([share, share - 1.0]) * moveout, shot.dt)
+        both = shifted(np.stack([before, after]), np.array([share, share - 1.0]) * moveout, shot.dt)
         yield both.mean(axis=0), n, moveout / gap
 
 
-def _oddest(shots, band, reach, seed):
-    """Judge the oddest receiver by half of the shots, and test it on the other half."""
+def _most_anomalous(shots, band, reach, seed):
+    """Test the most anomalous receiver on half of the shots, and validate it on the others."""
     each = [between_neighbours(shot, reach) for shot in shots]
     fitted, held = _halves(shots)
     misfits = _stacked([each[n] for n in fitted])
     scores, values = _scores(misfits)
-    threshold, chance = _largest_of(scores.shape[1], N_DRAWS, seed)
+    threshold, p_value_of = _null_maximum(scores.shape[1], N_DRAWS, seed)
     kind, where = np.unravel_index(np.argmax(scores), scores.shape)
-    if scores[0].max() > threshold:  # a wrong sign spoils the lags of its neighbours
+    if scores[0].max() > threshold:  # reversed polarity biases the lags of the neighbours
         kind, where = 0, int(np.argmax(scores[0]))
-    share = chance(scores[kind, where])
+    p_value = p_value_of(scores[kind, where])
     if scores[kind, where] <= threshold:
-        return Verdict(
+        return Decision(
             "NULL", " | ".join(LABELS),
-            f"the oddest receiver deviates by {scores[kind, where]:.1f} robust standard "
-            f"deviations, and 5 % of null draws exceed {threshold:.1f}", band=band, chance=share,
+            f"the most anomalous receiver deviates by {scores[kind, where]:.1f} robust standard "
+            f"deviations; the 5 % level of the null distribution is {threshold:.1f}",
+            band=band, p_value=p_value,
+        )  # fmt: skip
+    # a receiver without signal biases the lags of its neighbours, too
+    near = range(max(0, where - 1), min(where + 2, scores.shape[1]))
+    weakest = min(near, key=lambda n: np.median(np.abs(misfits.sign[:, n])))
+    size, noise = _coherence([shots[n] for n in held], weakest + 1, reach, seed)
+    if size <= noise:
+        return Decision(
+            "NAMED", NO_SIGNAL,
+            f"its correlation with the neighbours is {size:.2f}, and {100 * SIGNIFICANCE:.0f} % of "
+            f"noises with its spectrum exceed {noise:.2f}",
+            (int(misfits.channels[weakest]),), band=band, p_value=p_value,
         )  # fmt: skip
     value = float(values[kind][where])
     before, after = _explained([shots[n] for n in held], where, kind, value, reach)
-    spread = _spread_of(misfits, kind, where, values[kind])
+    half_width = _half_width(misfits, kind, where, values[kind])
     label, outcome = LABELS[kind], "NAMED"
-    place = shots[0].places[where + 1]
-    if kind and len({shots[n].source < place for n in fitted}) == 1:
+    position = shots[0].places[where + 1]
+    if kind and len({shots[n].source < position for n in fitted}) == 1:
         label, outcome = " | ".join(LABELS[1:]), "CLASS"
     if after <= before:
         outcome = "UNKNOWN"
-    return Verdict(
+    return Decision(
         outcome, label,
-        f"deviates by {scores[kind, where]:.1f} robust standard deviations of the others, and "
-        f"{100 * SURE:.0f} % of null draws exceed {threshold:.1f}",
+        f"deviates by {scores[kind, where]:.1f} robust standard deviations of the others; the "
+        f"{100 * SIGNIFICANCE:.0f} % level of the null distribution is {threshold:.1f}",
         (int(misfits.channels[where]),),
-        {("factor", "shift", "move")[kind]: (value, value - spread, value + spread)},
-        band=band, chance=share, held_out=(before, after),
+        {("factor", "shift", "move")[kind]: (value, value - half_width, value + half_width)},
+        band=band, p_value=p_value, held_out=(before, after),
     )  # fmt: skip
 
 
+def _coherence(shots, n, reach, seed):
+    """Return the correlation of a receiver with its neighbours, and the 5 % level of noise."""
+    rng, motions, drawn = np.random.default_rng(seed), [], []
+    for shot in shots:
+        three = shot.only(slice(n - 1, n + 2))
+        motions.append((next(_predicted(three, reach))[0], shot.motion[n], shot.dt))
+    for k in range(1 + N_NOISE_DRAWS):
+        largest = [
+            np.abs(correlation(
+                predicted, phase_randomised(own, rng) if k else own, reach, dt, 1
+            )[1]).max()
+            for predicted, own, dt in motions
+        ]  # fmt: skip
+        drawn.append(np.median(largest))
+    return drawn[0], float(np.quantile(drawn[1:], 1.0 - SIGNIFICANCE))
+
+
 def _halves(shots):
-    """Split shots in two, each side of the line in both."""
+    """Split shots into two halves with both ends of the line in each."""
     order = np.lexsort((np.arange(len(shots)), [shot.source for shot in shots]))
     return order[::2], order[1::2]
 
 
 def _stacked(parts):
-    """Put shots on top of each other."""
+    """Return the misfits of several shots as one."""
     sign, lag, slowness = (
         np.concatenate([getattr(p, name) for p in parts]) for name in ("sign", "lag", "slowness")
     )
@@ -224,7 +260,7 @@ def _stacked(parts):
 
 
 def _scores(misfits):
-    """Return how far each receiver stands out by sign, shift and move, and their values."""
+    """Return robust z-scores of each receiver for sign, shift and move, and their values."""
     sign = np.median(misfits.sign, axis=0)
     mean_slow = np.median(np.abs(misfits.slowness))
     shift, move = _shift_and_move(misfits)
@@ -232,40 +268,40 @@ def _scores(misfits):
         np.abs(misfits.lag - shift).mean(axis=0),
         np.abs(misfits.lag - move * misfits.slowness).mean(axis=0),
     ])  # fmt: skip
-    out = [np.maximum(-_standing_out(sign, LIKELY), 0.0) * (sign < 0.0)]
+    out = [np.maximum(-_robust_z(sign, RESOLVED), 0.0) * (sign < 0.0)]
     for n, value in enumerate((shift, move * mean_slow)):
         better = fits[n] <= fits[1 - n]
-        out.append(np.abs(_standing_out(value, misfits.finest)) * better)
+        out.append(np.abs(_robust_z(value, misfits.finest)) * better)
     factor = np.where(sign < 0.0, -1.0, 1.0)
     return np.array(out), (factor, shift, move)
 
 
 def _shift_and_move(misfits):
-    """Return the lag common to shots, and the move that explains the lags alone."""
+    """Return the time shift, and the displacement, that each alone explains the lags."""
     shift = np.median(misfits.lag, axis=0)
     slow = np.where(np.abs(misfits.slowness) > 0.0, misfits.slowness, np.nan)
     move = np.nan_to_num(np.nanmedian(misfits.lag / slow, axis=0))
     return shift, move
 
 
-def _standing_out(values, finest):
-    """Return distances from the median in robust standard deviations, at least the finest step."""
+def _robust_z(values, finest):
+    """Return robust z-scores: distance from the median over the scaled MAD, at least a step."""
     away = values - np.median(values)
     return away / max(1.4826 * np.median(np.abs(away)), finest)
 
 
-def _largest_of(n, n_draws, seed):
-    """Return what the largest of n normal draws stands out by in 5 %, and the chance of more."""
+def _null_maximum(n, n_draws, seed):
+    """Return the 5 % level of the largest z-score of n normal draws, and its p-value function."""
     drawn = np.random.default_rng(seed).normal(size=(n_draws, len(LABELS), n))
     away = np.abs(drawn - np.median(drawn, axis=2, keepdims=True))
     most = (away / (1.4826 * np.median(away, axis=2, keepdims=True))).max(axis=(1, 2))
-    return float(np.quantile(most, 1.0 - SURE)), lambda x: float(
+    return float(np.quantile(most, 1.0 - SIGNIFICANCE)), lambda x: float(
         (1 + np.count_nonzero(most >= x)) / (1 + n_draws)
     )
 
 
-def _spread_of(misfits, kind, where, values):
-    """Return the half width of the 90 % interval: over shots, and as others stray; of a sign 0."""
+def _half_width(misfits, kind, where, values):
+    """Return the half width of the 90 % interval: scatter over shots and over receivers."""
     if kind == 0:
         return 0.0
     each = misfits.lag[:, where]
@@ -278,7 +314,7 @@ def _spread_of(misfits, kind, where, values):
 
 
 def _explained(shots, where, kind, value, reach):
-    """Return the share of energy neighbours explain of a receiver, as it is and put right."""
+    """Return the share of energy that the neighbours predict, as recorded and corrected."""
     residual, total = np.zeros(2), 0.0
     for shot in shots:
         n = where + 1
@@ -310,8 +346,8 @@ def sensor_response(
     names: tuple[str, str],
     reference: str | None = None,
     seed: int = 0,
-) -> Verdict:
-    """Learn the ratio of two sensors' spectra at one place and predict the other place.
+) -> Decision:
+    """Test for a sensor response: spectral ratio of two sensors side by side, at two places.
 
     Parameters
     ----------
@@ -321,20 +357,20 @@ def sensor_response(
     band : tuple of 2 float, Hz
     names : tuple of 2 str
     reference : str, optional
-        Sensor that is known to be flat. Without it the two can't be told apart.
+        Sensor with a known flat response; without it the result is a class of both.
     seed : int
 
     Returns
     -------
-    Verdict
-        "instrument_response" of the other sensor, or a class of both; "span" is the ratio between
-        its largest and least reply in the band. ``held_out`` is the root mean square of the log
-        ratio at a place, after one gain and after the curve of the other place.
+    Decision
+        "instrument_response" of the other sensor, or a class of both; "span" is the ratio of its
+        largest to its smallest response in the band. ``held_out``: rms of the log ratio at a
+        place, after a constant gain and after the curve of the other place.
 
     Notes
     -----
-    Source and path are in both records of a place and fall out of the ratio, so neither Q nor
-    site can be blamed. Surrogates: the training curve with drawn phases, theory.md (15.3).
+    Source, path and site cancel in the ratio of two records at one place. Surrogates: the training
+    curve, phase-randomised, theory.md (15.3).
     """
     first, second = np.asarray(first, float), np.asarray(second, float)
     if first.shape != second.shape or first.shape[0] != 2:
@@ -349,26 +385,26 @@ def sensor_response(
     rng = np.random.default_rng(seed)
     pairs = (log_misfits(curves, phase_randomised(curves, rng)) for _ in range(N_CURVES))
     drawn = [flat - bent for flat, bent in pairs]
-    chance = share_as_large(before - after, drawn)
-    reply = curves.mean(axis=0)
+    p_value = permutation_p(before - after, drawn)
+    response = curves.mean(axis=0)
     if reference == names[0]:
-        reply = -reply
-    named = after < before and chance <= SURE
+        response = -response
+    named = after < before and p_value <= SIGNIFICANCE
     target = tuple(name for name in names if name != reference)
     outcome = ("NAMED" if reference else "CLASS") if named else "NULL"
-    why = f"natural log of the ratio of {names[0]} to {names[1]}: {before:.2f} left after one "
+    why = f"natural log of the ratio of {names[0]} to {names[1]}: rms {before:.2f} after one "
     why += f"gain, {after:.2f} after the curve of the other place"
     if outcome == "CLASS":
         why += "; which of the two is not flat needs a reference"
-    return Verdict(
+    return Decision(
         outcome, "instrument_response", why, target if named else (),
-        _span(curves, edges, reply) if named else {}, band=band, chance=chance,
+        _span(curves, edges, response) if named else {}, band=band, p_value=p_value,
         held_out=(before, after),
     )  # fmt: skip
 
 
 def log_misfits(curves: np.ndarray, trained: np.ndarray | None = None) -> tuple[float, float]:
-    """Return the log misfit of each place after a gain, and after a curve, of the other."""
+    """Return the rms log misfit of each place to a gain, and to a curve, of the other place."""
     trained = curves if trained is None else trained
     flat = curves - curves[::-1].mean(axis=1, keepdims=True)
     bent = curves - trained[::-1]
@@ -376,23 +412,23 @@ def log_misfits(curves: np.ndarray, trained: np.ndarray | None = None) -> tuple[
 
 
 def _levels(records, dt, edges):
-    """Return amplitudes in bands (2, N_BANDS), by Slepian tapers."""
+    """Return multitaper amplitudes in bands (2, N_BANDS)."""
     n = records.shape[1]
     frequency = fft.rfftfreq(n, dt)
     tapers = signal.windows.dpss(n, WIDTH, TAPERS)
     power = np.mean(np.abs(fft.rfft(records[:, None] * tapers)) ** 2, axis=1)
-    place = np.digitize(frequency, edges) - 1
-    if len(np.unique(place[(place >= 0) & (place < N_BANDS)])) < N_BANDS:
+    index = np.digitize(frequency, edges) - 1
+    if len(np.unique(index[(index >= 0) & (index < N_BANDS)])) < N_BANDS:
         raise InputError(f"sensor_response.band: {n} samples are too few for {N_BANDS} bands")
-    return np.sqrt(np.stack([power[:, place == k].mean(axis=1) for k in range(N_BANDS)], axis=1))
+    return np.sqrt(np.stack([power[:, index == k].mean(axis=1) for k in range(N_BANDS)], axis=1))
 
 
-def _span(curves, edges, reply):
-    """Return the ratio of largest to least reply, by the places, and the loudest frequency."""
+def _span(curves, edges, response):
+    """Return the ratio of largest to smallest response and the frequency of the largest."""
     spans = np.exp(np.ptp(curves, axis=1))
-    loudest = int(np.argmax(reply))
+    loudest = int(np.argmax(response))
     return {
-        "span": (float(np.exp(np.ptp(reply))), float(spans.min()), float(spans.max())),
+        "span": (float(np.exp(np.ptp(response))), float(spans.min()), float(spans.max())),
         "loudest": (float(np.sqrt(edges[loudest] * edges[loudest + 1])),
                     float(edges[loudest]), float(edges[loudest + 1])),
     }  # fmt: skip

@@ -11,6 +11,7 @@ import numpy as np
 from ..errors import InputError
 from ..units import check_angle
 from . import tetrahedra
+from .faces import face_vectors, zone_faces
 from .mesh import Mesh
 from .quality import GRID_BYTES, refuse_beyond_memory
 
@@ -194,8 +195,9 @@ def structured_box(
     layers: Sequence[Layer] | None = None,
     planes: dict[str, tuple[str, Any]] | None = None,
     pattern: str = "kuhn",
+    order: int = 1,
 ) -> Mesh:
-    """Generate a structured mesh: a grid of boxes cut into tetrahedra.
+    """Generate a structured mesh: a grid of boxes, cut into tetrahedra or spectral hexahedra.
 
     Parameters
     ----------
@@ -211,6 +213,8 @@ def structured_box(
     pattern : {"kuhn", "alternating", "centred"}
         Six tetrahedra around one diagonal of every box; five, mirrored from box to box; or twelve
         around a node at the centre, shared with neighbouring boxes and the closest to regular.
+    order : int
+        2 to 8: the boxes are spectral hexahedra of this order; 1: tetrahedra.
 
     Returns
     -------
@@ -232,7 +236,7 @@ def structured_box(
     axes = _grid_axes(grid)
     if pattern not in _PER_BOX:
         raise InputError(f"pattern: must be 'kuhn', 'alternating' or 'centred', got {pattern!r}")
-    count = prod(len(axis) - 1 for axis in axes) * _PER_BOX[pattern]
+    count = prod(len(axis) - 1 for axis in axes) * (_PER_BOX[pattern] if order == 1 else 1)
     refuse_beyond_memory(f"structured_box: a grid of {count} zones", count * GRID_BYTES)
     layers = layers or [Layer(group)]
     limits = layer_limits(layers, axes[2][-1], axes[2][0])
@@ -240,12 +244,14 @@ def structured_box(
         _on_grid(axes[2], limit, layer.name)
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     points = np.swapaxes(points, 0, 2).reshape(-1, 3)
-    if pattern == "centred":
+    if order > 1:
+        zones = _boxes([len(axis) for axis in axes])
+    elif pattern == "centred":
         cuts = [*(planes or {}).values(), ("z", limits)]
         points, zones = _centred_zones(axes, points, cuts)
     else:
         zones = _grid_zones([len(axis) for axis in axes], pattern)
-    faces = tetrahedra.zone_faces(zones)
+    faces = zone_faces(zones)
     surfaces = {
         name: _plane_faces(points, faces, axis, axes[axis][end], end == 0)
         for name, (axis, end) in _SIDES.items()
@@ -259,7 +265,8 @@ def structured_box(
         surfaces[name] = np.concatenate(parts)
     height = points[zones].mean(axis=1)[:, 2]
     zone_group = np.searchsorted(-limits[1:-1], -height)
-    return Mesh(points, zones, zone_group, tuple(layer.name for layer in layers), surfaces)
+    names = tuple(layer.name for layer in layers)
+    return Mesh(points, zones, zone_group, names, surfaces, order=order)
 
 
 def _grid_axes(grid):
@@ -294,20 +301,16 @@ def _plane_faces(points, faces, axis, place, low):
     """Return the faces on a grid plane of the zones below it, or above if ``low``."""
     on_plane = points[:, axis] == place
     flat = on_plane[faces].all(axis=1)
-    normals = tetrahedra.triangle_vectors(points, faces[flat])[:, axis]
+    normals = face_vectors(points, faces[flat])[:, axis]
     return faces[flat][(normals < 0.0) if low else (normals > 0.0)]
 
 
 def _grid_zones(counts, pattern):
-    """Return the zones of a grid with ``counts`` nodes along each axis."""
-    nx, ny, _ = counts
-    cells = np.stack(np.meshgrid(*(np.arange(n - 1) for n in counts), indexing="ij"), axis=-1)
-    cells = np.swapaxes(cells, 0, 2).reshape(-1, 3)
-    first = cells[:, 0] + nx * (cells[:, 1] + ny * cells[:, 2])
-    steps = np.array([x + nx * (y + ny * z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])
-    corners = first[:, None] + steps
+    """Return the tetrahedra of a grid with ``counts`` nodes along each axis."""
+    corners = _boxes(counts)
+    cells = _cells(counts)
     if pattern == "kuhn":
-        return corners[:, _kuhn_zones()].reshape(-1, 4)
+        return corners[:, kuhn_zones()].reshape(-1, 4)
     even = np.array([[1, 2, 4, 7], [0, 1, 2, 4], [3, 2, 1, 7], [5, 4, 7, 1], [6, 7, 4, 2]])
     odd = (even ^ 1)[:, [0, 2, 1, 3]]
     mirrored = cells.sum(axis=1) % 2 == 1
@@ -315,7 +318,22 @@ def _grid_zones(counts, pattern):
     return zones.reshape(-1, 4)
 
 
-def _kuhn_zones():
+def _cells(counts):
+    """Return the indices (n, 3) along the axes of the boxes of a grid."""
+    cells = np.stack(np.meshgrid(*(np.arange(n - 1) for n in counts), indexing="ij"), axis=-1)
+    return np.swapaxes(cells, 0, 2).reshape(-1, 3)
+
+
+def _boxes(counts):
+    """Return the corners (n, 8) of the boxes of a grid, in the order of `hexahedra`."""
+    nx, ny, _ = counts
+    cells = _cells(counts)
+    first = cells[:, 0] + nx * (cells[:, 1] + ny * cells[:, 2])
+    steps = np.array([x + nx * (y + ny * z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])
+    return first[:, None] + steps
+
+
+def kuhn_zones():
     """Return the six tetrahedra (6, 4) around the diagonal 0-7 of a box; corner bits are z y x."""
     zones = []
     for a, b, _ in permutations(range(3)):

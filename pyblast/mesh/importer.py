@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InputError, ReadError
 from . import tetrahedra
+from .faces import face_keys, zone_faces
 from .mesh import Mesh
 from .quality import validate
 
@@ -217,12 +218,12 @@ def _renamed(named, groups):
 def _refuse_outer(mesh, joints):
     """Raise InputError for joints that are not internal surfaces."""
     first = mesh.paired_faces[0]
-    internal = tetrahedra.face_keys(tetrahedra.zone_faces(mesh.zones)[first], len(mesh.points))
+    internal = face_keys(zone_faces(mesh.zones)[first], len(mesh.points))
     for name in joints:
         if name not in mesh.surfaces:
             there = ", ".join(mesh.surfaces) or "none"
             raise InputError(f"no surface is tagged {name!r}; there are {there}")
-        keys = tetrahedra.face_keys(mesh.surfaces[name], len(mesh.points))
+        keys = face_keys(mesh.surfaces[name], len(mesh.points))
         outer = np.count_nonzero(~np.isin(keys, internal))
         if outer:
             raise InputError(

@@ -1,4 +1,4 @@
-"""Tetrahedral mesh with named surfaces, and its splitting along joints."""
+"""Mesh of tetrahedra or hexahedra with named surfaces, and its splitting along joints."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +10,16 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
-from . import tetrahedra
+from . import hexahedra, tetrahedra
+from .faces import (
+    face_table,
+    face_vectors,
+    find_faces,
+    pair_faces,
+    zone_faces,
+    zone_of_face,
+)
+from .hexahedra import AbsorbingLayer
 
 # Facets that meet at larger angles keep separate contacts with their own normals.
 _COSINE_MERGED = np.cos(np.radians(20.0))
@@ -29,14 +38,14 @@ def double_nodes(
 
     Parameters
     ----------
-    zones : (n_zones, 4) int32
+    zones : (n_zones, 4 or 8) int32
     n_nodes : int
-    facets : (n, 3) int32, triangles of all joints
-    first, second : (n_welded,) int64, shared faces ``4 zone + local`` that are not joints
+    facets : (n, 3 or 4) int32, faces of all joints
+    first, second : (n_welded,) int64, shared faces that are not joints
 
     Returns
     -------
-    zones : (n_zones, 4) int32, new
+    zones : (n_zones, 4 or 8) int32, new
     origin : (n_new_nodes,) int64, old node of each new one
     """
     on_joint = np.zeros(n_nodes, dtype=bool)
@@ -61,12 +70,13 @@ def double_nodes(
     part_node[rank] = new_node
     doubled = corner_node.copy()
     doubled[corners] = part_node[label]
-    return doubled.reshape(-1, 4), np.concatenate([np.arange(n_nodes), node[leader][~keeps]])
+    return doubled.reshape(zones.shape), np.concatenate([np.arange(n_nodes), node[leader][~keeps]])
 
 
 def _sorted_corners(zones, faces):
-    """Return the corners ``4 zone + local`` of faces (n, 3), in the order of their nodes."""
-    corners = 4 * (faces // 4)[:, None] + tetrahedra.FACES[faces % 4]
+    """Return the corners ``n_corners zone + local`` of faces, in the order of their nodes."""
+    zone, local = zone_of_face(zones, faces)
+    corners = zones.shape[1] * zone[:, None] + face_table(zones)[local]
     return np.take_along_axis(corners, np.argsort(zones.ravel()[corners], axis=1), axis=1)
 
 
@@ -74,17 +84,19 @@ def orient(
     points: np.ndarray, zones: np.ndarray, joint: np.ndarray, first: np.ndarray, second: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the faces of the minus and plus sides, consistently oriented over each joint."""
-    outward = tetrahedra.zone_faces(zones)[first]
-    vectors = tetrahedra.triangle_vectors(points, outward)
+    outward = zone_faces(zones)[first]
+    vectors = face_vectors(points, outward)
     upward = np.einsum("ij,ij->i", vectors, _main_normals(vectors, joint)[joint])
     n = len(joint)
-    edges = outward[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2).astype(np.int64)
+    sides = outward.shape[1]
+    ends = np.stack([np.arange(sides), np.roll(np.arange(sides), -1)], axis=1)
+    edges = outward[:, ends].reshape(-1, 2).astype(np.int64)
     low, high = edges.min(axis=1), edges.max(axis=1)
-    owner = np.repeat(np.arange(n), 3)
+    owner = np.repeat(np.arange(n), sides)
     order = np.lexsort((owner, high, low, joint[owner]))
     key = np.column_stack([joint[owner], low, high])[order]
-    starts = np.flatnonzero(np.r_[True, (np.diff(key, axis=0) != 0).any(axis=1)][: 3 * n])
-    starts = starts[np.diff(starts, append=3 * n) == 2]
+    starts = np.flatnonzero(np.r_[True, (np.diff(key, axis=0) != 0).any(axis=1)][: sides * n])
+    starts = starts[np.diff(starts, append=sides * n) == 2]
     left, right = order[starts], order[starts + 1]
     consistent = edges[left, 0] != edges[right, 0]
     # Vertices are facets with both signs: a component of this graph is one orientation.
@@ -118,14 +130,14 @@ def pair_nodes(
     minus: np.ndarray,
     plus: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return contacts: pairs of nodes of facing facets, each with a third of the area.
+    """Return contacts: pairs of corners of facing facets, each with its share of the area.
 
     Parameters
     ----------
     points : (n_nodes, 3) float64, m
-    zones, doubled : (n_zones, 4) int32, before and after the nodes were doubled
+    zones, doubled : (n_zones, 4 or 8) int32, before and after the nodes were doubled
     joint : (n,) int64, joint of each facet
-    minus, plus : (n,) int64, its faces ``4 zone + local``
+    minus, plus : (n,) int64, its faces
 
     Returns
     -------
@@ -135,10 +147,11 @@ def pair_nodes(
     """
     minus_node = doubled.ravel()[_sorted_corners(zones, minus)].ravel()
     plus_node = doubled.ravel()[_sorted_corners(zones, plus)].ravel()
-    vectors = tetrahedra.triangle_vectors(points, tetrahedra.zone_faces(zones)[minus])
-    keys = np.column_stack([joint.repeat(3), minus_node, plus_node])
+    vectors = face_vectors(points, zone_faces(zones)[minus])
+    sides = face_table(zones).shape[1]
+    keys = np.column_stack([joint.repeat(sides), minus_node, plus_node])
     apart = minus_node != plus_node
-    keys, area, normal = merge_pairs(keys[apart], vectors.repeat(3, axis=0)[apart] / 3.0)
+    keys, area, normal = merge_pairs(keys[apart], vectors.repeat(sides, axis=0)[apart] / sides)
     return keys[:, 0], keys[:, 1], keys[:, 2], normal, area
 
 
@@ -185,17 +198,24 @@ class Contacts:
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Tetrahedral mesh: nodes, zones in groups, named surfaces and contacts.
+    """Mesh of tetrahedra or hexahedra: nodes, zones in groups, named surfaces and contacts.
 
     Parameters
     ----------
     points : (n_nodes, 3) float64, m
-    zones : (n_zones, 4) int32, of positive volume
+    zones : (n_zones, 4 or 8) int32, of positive volume
+        Corners of tetrahedra, or of hexahedra in the order of `hexahedra`.
     zone_group : (n_zones,) int32, index into ``groups``
     groups : tuple of str
-    surfaces : dict of str to (n, 3) int32
+    surfaces : dict of str to (n, 3 or 4) int32
     contacts : Contacts or None
         None before ``split``.
+    order : int
+        Of the polynomials of spectral hexahedra, 2 to 8; 1 for tetrahedra.
+    places : (n_zones, (order + 1)^3, 3) float64 or None, m
+        Nodes of curved hexahedra; None: straight edges.
+    layer : AbsorbingLayer or None
+        Of hexahedra at the sides where the ground goes on.
 
     Raises
     ------
@@ -216,12 +236,18 @@ class Mesh:
     groups: tuple[str, ...]
     surfaces: dict[str, np.ndarray]
     contacts: Contacts | None = None
+    order: int = 1
+    places: np.ndarray | None = None
+    layer: AbsorbingLayer | None = None
 
     def __post_init__(self) -> None:
         """Convert the types; check shapes and indices."""
-        surfaces = {name: _indices(faces, 3) for name, faces in self.surfaces.items()}
+        if self.order != 1 and self.order not in hexahedra.ORDERS:
+            raise InputError(f"mesh.order: must be 2 to 8 for hexahedra, got {self.order}")
+        sides = 4 if self.order > 1 else 3
+        surfaces = {name: _indices(faces, sides) for name, faces in self.surfaces.items()}
         object.__setattr__(self, "points", np.ascontiguousarray(self.points, dtype=np.float64))
-        object.__setattr__(self, "zones", _indices(self.zones, 4))
+        object.__setattr__(self, "zones", _indices(self.zones, 8 if self.order > 1 else 4))
         object.__setattr__(self, "zone_group", np.asarray(self.zone_group, dtype=np.int32))
         object.__setattr__(self, "groups", tuple(self.groups))
         object.__setattr__(self, "surfaces", surfaces)
@@ -235,6 +261,18 @@ class Mesh:
         for name, faces in surfaces.items():
             _refuse_indices(f"surfaces[{name!r}]", faces, len(self.points), "nodes")
 
+    @property
+    def hexahedral(self) -> bool:
+        """Whether the zones are hexahedra."""
+        return self.order > 1
+
+    @cached_property
+    def node_places(self) -> np.ndarray:
+        """Positions (n_zones, (order + 1)^3, 3) in m of the nodes of hexahedra."""
+        if self.places is not None:
+            return self.places
+        return hexahedra.zone_nodes_places(self.points, self.zones, self.order)
+
     @cached_property
     def surface_places(self) -> dict[str, np.ndarray]:
         """Results of `surface_faces`, by surface."""
@@ -242,8 +280,8 @@ class Mesh:
 
     @cached_property
     def paired_faces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Faces shared by zones, see ``tetrahedra.pair_faces``; computed once."""
-        return tetrahedra.pair_faces(self.zones, len(self.points))
+        """Faces shared by zones, see ``pair_faces``; computed once."""
+        return pair_faces(self.zones, len(self.points))
 
     def split(self, names: Sequence[str]) -> "Mesh":
         """Return the mesh split along named internal surfaces; see ``split_mesh``."""
@@ -258,7 +296,7 @@ class Mesh:
         number = np.full(len(self.zones), -1)
         number[among] = np.arange(len(among))
         first, second, _, _ = self.paired_faces
-        pairs = number[np.stack([first, second]) // 4]
+        pairs = number[zone_of_face(self.zones, np.stack([first, second]))[0]]
         left, right = pairs[:, (pairs >= 0).all(axis=0)]
         return components(left, right, len(among))[1]
 
@@ -314,7 +352,8 @@ def split_mesh(mesh: Mesh, names: Sequence[str]) -> Mesh:
             raise InputError(
                 f"mesh.split: no surface named {name!r}; there are {', '.join(mesh.surfaces)}"
             )
-    facets = np.concatenate([mesh.surfaces[name] for name in names] or [np.empty((0, 3), int)])
+    none = np.empty((0, face_table(mesh.zones).shape[1]), int)
+    facets = np.concatenate([none, *(mesh.surfaces[name] for name in names)])
     joint = np.repeat(np.arange(len(names)), [len(mesh.surfaces[name]) for name in names])
     first, second, single, _ = mesh.paired_faces
     at = _facet_places(mesh, facets, joint, names, first)
@@ -330,7 +369,7 @@ def split_mesh(mesh: Mesh, names: Sequence[str]) -> Mesh:
     for name in mesh.surfaces:
         if name in names:
             face = minus[joint == names.index(name)]
-            surfaces[name] = tetrahedra.zone_faces(zones)[face]
+            surfaces[name] = zone_faces(zones)[face]
         else:
             surfaces[name] = _moved(mesh, zones, name, outer)
     contacts = Contacts(owner.astype(np.int32), names, *pairs)
@@ -341,7 +380,7 @@ def split_mesh(mesh: Mesh, names: Sequence[str]) -> Mesh:
 
 def _facet_places(mesh, facets, joint, names, first):
     """Return the position of each joint facet in the list of shared faces."""
-    at = tetrahedra.find_faces(mesh.zones, len(mesh.points), facets, first)
+    at = find_faces(mesh.zones, len(mesh.points), facets, first)
     lost = np.flatnonzero(at < 0)
     if len(lost):
         x, y, z = mesh.points[facets[lost[0]]].mean(axis=0)
@@ -360,35 +399,35 @@ def _facet_places(mesh, facets, joint, names, first):
 
 
 def _moved(mesh, zones, name, faces):
-    """Return the triangles of an outer surface after splitting."""
-    triangles = mesh.surfaces[name]
-    face = _surface_faces(mesh, name, faces)
-    same = mesh.zones[face // 4][:, None, :] == triangles[:, :, None]
-    return np.take_along_axis(zones[face // 4], same.argmax(axis=2), axis=1)
+    """Return the faces of an outer surface after splitting."""
+    corners = mesh.surfaces[name]
+    zone, _ = zone_of_face(zones, _surface_faces(mesh, name, faces))
+    same = mesh.zones[zone][:, None, :] == corners[:, :, None]
+    return np.take_along_axis(zones[zone], same.argmax(axis=2), axis=1)
 
 
 def _surface_faces(mesh, name, faces):
-    """Return the face ``4 zone + local`` of each triangle of a surface."""
-    at = tetrahedra.find_faces(mesh.zones, len(mesh.points), mesh.surfaces[name], faces)
+    """Return the number of each face of a surface."""
+    at = find_faces(mesh.zones, len(mesh.points), mesh.surfaces[name], faces)
     if (at < 0).any():
         raise InputError(
-            f"mesh.surfaces[{name!r}]: {np.count_nonzero(at < 0)} triangles are not faces of "
+            f"mesh.surfaces[{name!r}]: {np.count_nonzero(at < 0)} facets are not faces of "
             "zones; the surface must conform to the mesh"
         )
     return faces[at]
 
 
 def outer_faces(mesh: Mesh) -> np.ndarray:
-    """Return the outward triangles (n, 3) of the boundary of the mesh, without joints."""
+    """Return the outward faces (n, 3 or 4) of the boundary of the mesh, without joints."""
     welded = np.arange(len(mesh.points))
     if mesh.contacts is not None:
         welded = components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
-    single = tetrahedra.pair_faces(welded[mesh.zones], len(mesh.points))[2]
-    return tetrahedra.zone_faces(mesh.zones)[np.sort(single)]
+    single = pair_faces(welded[mesh.zones], len(mesh.points))[2]
+    return zone_faces(mesh.zones)[np.sort(single)]
 
 
 def surface_faces(mesh: Mesh, name: str) -> np.ndarray:
-    """Return the face ``4 zone + local`` (n,) of each triangle of a surface.
+    """Return the number (n,) of each face of a surface, see ``faces``.
 
     For joints, that of the minus side.
     """
@@ -402,8 +441,8 @@ def surface_faces(mesh: Mesh, name: str) -> np.ndarray:
 
 
 def surface_zones(mesh: Mesh, name: str) -> np.ndarray:
-    """Return the zone (n,) behind each triangle of a surface; for joints, of the minus side."""
-    return surface_faces(mesh, name) // 4
+    """Return the zone (n,) behind each face of a surface; for joints, of the minus side."""
+    return zone_of_face(mesh.zones, surface_faces(mesh, name))[0]
 
 
 def surface_areas(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -417,7 +456,7 @@ def surface_areas(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray, np.nda
     """
     zone = surface_zones(mesh, name)
     triangles = mesh.surfaces[name]
-    vectors = tetrahedra.triangle_vectors(mesh.points, triangles)
+    vectors = face_vectors(mesh.points, triangles)
     inward = mesh.points[mesh.zones[zone]].mean(axis=1) - mesh.points[triangles[:, 0]]
     vectors *= -np.sign(np.einsum("ij,ij->i", vectors, inward))[:, None]
     length = np.linalg.norm(vectors, axis=1)
@@ -427,26 +466,34 @@ def surface_areas(mesh: Mesh, name: str) -> tuple[np.ndarray, np.ndarray, np.nda
 
 def volumes(mesh: Mesh) -> np.ndarray:
     """Return the volume (n_zones,) of each zone in m3."""
-    return tetrahedra.volumes(mesh.points, mesh.zones)
+    if not mesh.hexahedral:
+        return tetrahedra.volumes(mesh.points, mesh.zones)
+    jacobian = hexahedra.jacobians(mesh.node_places, mesh.order)
+    return np.linalg.det(jacobian) @ hexahedra.node_weights(mesh.order)
 
 
 def quality(mesh: Mesh) -> np.ndarray:
-    """Return the mean ratio (n_zones,): 1 for a regular tetrahedron, 0 for a flat one."""
+    """Return the quality (n_zones,): 1 for a regular zone, 0 for a flat one.
+
+    Of tetrahedra the mean ratio, of hexahedra the smallest scaled Jacobian at their nodes.
+    """
+    if mesh.hexahedral:
+        jacobian = hexahedra.jacobians(mesh.node_places, mesh.order)
+        lengths = np.linalg.norm(jacobian, axis=2).prod(axis=2)
+        return (np.linalg.det(jacobian) / lengths).min(axis=1)
     return tetrahedra.mean_ratio(mesh.points, mesh.zones)
 
 
 def edge_lengths(mesh: Mesh) -> np.ndarray:
-    """Return the six edge lengths of each zone, (n_zones, 6) in m."""
-    return tetrahedra.edge_lengths(mesh.points, mesh.zones)
-
-
-def altitudes(mesh: Mesh) -> np.ndarray:
-    """Return the smallest altitude (n_zones,) of each zone in m; it sets the time step."""
-    return tetrahedra.altitudes(mesh.points, mesh.zones)
+    """Return the edge lengths of each zone, (n_zones, 6 or 12) in m."""
+    element = hexahedra if mesh.hexahedral else tetrahedra
+    return element.edge_lengths(mesh.points, mesh.zones)
 
 
 def locate(
     mesh: Mesh, points: ArrayLike, tolerance: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the zone (n,) and the weights (n, 4) of points (n, 3); see ``tetrahedra.locate``."""
+    """Return the zone (n,) of points (n, 3), and barycentric (n, 4) or reference coordinates."""
+    if mesh.hexahedral:
+        return hexahedra.locate(mesh.node_places, mesh.order, points, tolerance)
     return tetrahedra.locate(mesh.points, mesh.zones, points, tolerance)

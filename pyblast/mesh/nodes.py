@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InputError
 from . import tetrahedra
+from .faces import face_keys, pair_faces, zone_faces
 from .mesh import Contacts, Mesh, components, merge_pairs, surface_areas, surface_faces
 from .tetrahedra import (
     AREA_SHARE,
@@ -153,11 +154,11 @@ def _shared_faces(mesh):
         first, second, _, _ = mesh.paired_faces
         return first, second, np.full(len(first), -1), ()
     label = components(contacts.minus, contacts.plus, n_nodes)[1]
-    first, second, _, _ = tetrahedra.pair_faces(label[mesh.zones], n_nodes)
-    keys = tetrahedra.face_keys(tetrahedra.zone_faces(mesh.zones), n_nodes)
+    first, second, _, _ = pair_faces(label[mesh.zones], n_nodes)
+    keys = face_keys(zone_faces(mesh.zones), n_nodes)
     joint = np.full(len(first), -1)
     for number, name in enumerate(contacts.names):
-        minus = tetrahedra.face_keys(mesh.surfaces[name], n_nodes)
+        minus = face_keys(mesh.surfaces[name], n_nodes)
         turned = np.isin(keys[second], minus) & (keys[second] != keys[first])
         first, second = np.where(turned, second, first), np.where(turned, first, second)
         joint[np.isin(keys[first], minus)] = number
@@ -181,7 +182,7 @@ def _edge_nodes(zones, first, second):
 def _contacts(mesh, faces, names, joint, minus, plus):
     """Return the contacts of the seven nodes of facing facets, with their tributary areas."""
     label = components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1]
-    vectors = tetrahedra.triangle_vectors(mesh.points, tetrahedra.zone_faces(mesh.zones)[minus])
+    vectors = tetrahedra.triangle_vectors(mesh.points, zone_faces(mesh.zones)[minus])
     sides = []
     for side in (faces[minus], faces[plus]):
         order = np.argsort(label[side[:, :3]], axis=1)

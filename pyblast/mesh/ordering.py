@@ -138,6 +138,7 @@ def renumbered(mesh: Mesh, patch: np.ndarray | None = None) -> Mesh:
         points=mesh.points[node_order],
         zones=new[mesh.zones[zone_order]],
         zone_group=mesh.zone_group[zone_order],
+        places=None if mesh.places is None else mesh.places[zone_order],
         surfaces={name: new[faces] for name, faces in mesh.surfaces.items()},
         contacts=contacts,
     )

@@ -10,8 +10,8 @@ from scipy.optimize import linprog
 from scipy.spatial import KDTree
 
 from ..errors import InputError
-from . import tetrahedra
-from .mesh import Mesh, components, volumes
+from .faces import face_keys, face_vectors, pair_faces, zone_faces, zone_of_face
+from .mesh import Mesh, components, edge_lengths, volumes
 
 # Measured memory per zone: gmsh with its mesh, and a structured grid.
 MESHING_BYTES, GRID_BYTES = 1900.0, 300.0
@@ -108,11 +108,11 @@ def validate(mesh: Mesh) -> None:
     doubled = np.zeros(len(mesh.zones), dtype=bool)
     doubled[first[counts > 1]] = True
     _refuse(mesh, doubled, "stand in the mesh twice")
-    share = volumes(mesh) / tetrahedra.edge_lengths(mesh.points, mesh.zones).max(axis=1) ** 3
+    share = volumes(mesh) / edge_lengths(mesh).max(axis=1) ** 3
     _refuse(mesh, np.abs(share) < _FLAT, "are flat")
     _refuse(mesh, share < 0.0, "are inverted (negative volume)")
     excess = np.zeros(len(mesh.zones), dtype=bool)
-    excess[mesh.paired_faces[3] // 4] = True
+    excess[zone_of_face(mesh.zones, mesh.paired_faces[3])[0]] = True
     _refuse(mesh, excess, "share a face that two others share already (not manifold)")
     _refuse_coincident(mesh)
     _refuse_parts(mesh)
@@ -152,8 +152,9 @@ def _refuse_coincident(mesh):
 
 def _refuse_parts(mesh):
     """Raise InputError for a disconnected mesh."""
-    first, second, _, _ = tetrahedra.pair_faces(_welded(mesh)[mesh.zones], len(mesh.points))
-    count, label = components(first // 4, second // 4, len(mesh.zones))
+    first, second, _, _ = pair_faces(_welded(mesh)[mesh.zones], len(mesh.points))
+    pairs = [zone_of_face(mesh.zones, side)[0] for side in (first, second)]
+    count, label = components(pairs[0], pairs[1], len(mesh.zones))
     if count > 1:
         sizes = np.bincount(label)
         x, y, z = mesh.points[mesh.zones[np.argmax(label == np.argmin(sizes))]].mean(axis=0)
@@ -241,16 +242,16 @@ def block_census(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCensus:
     """
     block = mesh.blocks()
     count = block.max() + 1
-    faces = tetrahedra.zone_faces(mesh.zones)
+    faces = zone_faces(mesh.zones)
     single = mesh.paired_faces[2]
-    owner = block[single // 4]
-    keys = tetrahedra.face_keys(faces[single], len(mesh.points))
+    owner = block[zone_of_face(mesh.zones, single)[0]]
+    keys = face_keys(faces[single], len(mesh.points))
     on_free = np.zeros(len(single), dtype=bool)
     on_held = np.zeros(len(single), dtype=bool)
     joints = () if mesh.contacts is None else mesh.contacts.names
     for name, triangles in mesh.surfaces.items():
         if name not in joints:
-            members = np.isin(keys, tetrahedra.face_keys(triangles, len(mesh.points)))
+            members = np.isin(keys, face_keys(triangles, len(mesh.points)))
             if name in free:
                 on_free |= members
             else:
@@ -258,7 +259,7 @@ def block_census(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCensus:
     is_free = np.bincount(owner[on_free], minlength=count) > 0
     is_held = np.bincount(owner[on_held], minlength=count) > 0
     removable = np.zeros(count, dtype=bool)
-    outward = tetrahedra.triangle_vectors(mesh.points, faces[single])
+    outward = face_vectors(mesh.points, faces[single])
     for number in np.flatnonzero(is_free & ~is_held):
         mine = owner == number
         removable[number] = _can_leave(outward[mine & ~on_free], outward[mine & on_free])

@@ -12,60 +12,6 @@ from ..errors import InputError
 # Local nodes of the face opposite to each local node; outward for a positive volume.
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
-_LARGEST_CUBE = 2_000_000
-
-
-def face_keys(triangles: np.ndarray, n_nodes: int) -> np.ndarray:
-    """Return keys (n,) int64 of triangles, independent of the order of their nodes."""
-    low, middle, high = np.sort(np.asarray(triangles, dtype=np.int64), axis=1).T
-    pair = low * n_nodes + middle
-    if n_nodes > _LARGEST_CUBE:
-        raise InputError(f"mesh: at most {_LARGEST_CUBE} nodes can be indexed, got {n_nodes}")
-    return pair * n_nodes + high
-
-
-def zone_faces(zones: np.ndarray) -> np.ndarray:
-    """Return the four outward faces of every zone, (4 n_zones, 3), face ``4 zone + local``."""
-    return zones[:, FACES].reshape(-1, 3)
-
-
-def pair_faces(
-    zones: np.ndarray, n_nodes: int
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Pair the faces that two zones share.
-
-    Returns
-    -------
-    first, second : (n_shared,) int64, faces ``4 zone + local`` of the two sides, first < second
-    single : (n_single,) int64, faces of one zone only
-    excess : (n_excess,) int64, third and further faces with the same nodes
-    """
-    keys = face_keys(zone_faces(zones), n_nodes)
-    order = np.argsort(keys, kind="stable")
-    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
-    counts = np.diff(starts, append=len(order))
-    shared = starts[counts >= 2]
-    excess = np.ones(len(order), dtype=bool)
-    excess[starts] = excess[shared + 1] = False
-    return order[shared], order[shared + 1], order[starts[counts == 1]], order[excess]
-
-
-def find_faces(
-    zones: np.ndarray, n_nodes: int, triangles: np.ndarray, faces: np.ndarray
-) -> np.ndarray:
-    """Return the position (n,) in ``faces`` (``4 zone + local``) of each triangle, -1 if none."""
-    on = np.zeros(n_nodes, dtype=bool)
-    on[triangles] = True
-    marked = on[zones]
-    zone, local = np.divmod(faces, 4)
-    near = np.flatnonzero(marked.sum(axis=1)[zone] - marked[zone, local] == 3)
-    if not len(near):
-        return np.full(len(triangles), -1)
-    keys = face_keys(zones[zone[near, None], FACES[local[near]]], n_nodes)
-    wanted = face_keys(triangles, n_nodes)
-    order = np.argsort(keys, kind="stable")
-    at = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(near) - 1)]
-    return np.where(keys[at] == wanted, near[at], -1)
 
 
 def volumes(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
@@ -88,7 +34,7 @@ def edge_lengths(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
 
 def altitudes(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     """Return the smallest altitude of every zone, (n_zones,) in m."""
-    vectors = triangle_vectors(points, zone_faces(zones))
+    vectors = triangle_vectors(points, zones[:, FACES].reshape(-1, 3))
     largest = np.linalg.norm(vectors, axis=1).reshape(-1, 4).max(axis=1)
     return 3.0 * np.abs(volumes(points, zones)) / largest
 

@@ -9,12 +9,15 @@ from ..errors import InputError
 from ..mesh.mesh import Mesh, edge_lengths, volumes
 from ..mesh.nodes import Nodes, nodes_of
 from ..mesh.ordering import make_patches, renumbered
+from ..mesh.spectral_nodes import SpectralNodes, View, spectral_nodes, view
 from ..units import check_angle
 from .boundary import Boundary, Rim, StressInput, Viscous, check_boundaries
 from .ground_fields import GroundField
 from .joint import Joint
 from .material import Branch, Damping, Material, ZoneLaw
 from .source import Source
+
+HEX_NODES = 5.0  # of hexahedra per S wavelength, for an error of about one per cent
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ class Model:
         `Hole`, `Column`, `PointForce`, `MomentTensor`, `Pressure`, `AirBlast` or `PlaneWave`.
     receivers : sequence of Receiver
     rim : Rim, optional
-        Absorbing layer.
+        Damped ground around a model of tetrahedra.
     ground : sequence of Gradient, DamagedZone or Heterogeneity
         Fields of factors on the wave speeds.
     insitu : InSitu, optional
@@ -167,10 +170,25 @@ class Model:
             object.__setattr__(self, "mesh", renumbered(self.mesh, patch))
             object.__setattr__(self, "_ordered", True)
 
+    @property
+    def nodes(self) -> Nodes | SpectralNodes:
+        """Nodes of the zones: linear or quadratic tetrahedra, or spectral hexahedra."""
+        return self.spectral if self.mesh.hexahedral else self.tetrahedral
+
     @cached_property
-    def nodes(self) -> Nodes:
-        """Nodes of the linear or quadratic zones."""
+    def spectral(self) -> SpectralNodes:
+        """Nodes of a mesh of hexahedra."""
+        return spectral_nodes(self.mesh)
+
+    @cached_property
+    def tetrahedral(self) -> Nodes:
+        """Nodes of a mesh of tetrahedra, linear or quadratic."""
         return nodes_of(self.mesh, self.quadratic)
+
+    @cached_property
+    def shown(self) -> View:
+        """Tetrahedra that show the model in figures and files."""
+        return view(self.mesh, self.nodes.zone_nodes)
 
     def _check_materials(self):
         """Check that every group has a material valid for its law, and its damping."""
@@ -180,6 +198,11 @@ class Model:
             if isinstance(self.damping, dict) and group not in self.damping:
                 raise InputError(f"damping.{group}: missing; the mesh has a group of that name")
             self.law(group).properties(self.materials[group])
+            if self.mesh.hexahedral and self.law(group).name != "elastic":
+                raise InputError(
+                    f"mesh: zones of '{group}' follow the law '{self.law(group).name}', which "
+                    "hexahedra do not have; use a mesh of tetrahedra"
+                )
             if self.quadratic and self.law(group).name != "elastic":
                 raise InputError(
                     f"model.quadratic: zones of '{group}' follow the law '{self.law(group).name}', "
@@ -246,6 +269,19 @@ class Model:
         pairs = [self.law(group).moduli(self.materials[group]) for group in self.mesh.groups]
         return tuple(np.array(pairs)[self.mesh.zone_group].T * self.speed_factor**2)
 
+    def node_moduli(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the relaxed Lame moduli at the nodes of hexahedra, (n_zones, n) Pa."""
+        pairs = [self.law(group).moduli(self.materials[group]) for group in self.mesh.groups]
+        lame, shear = np.array(pairs)[self.mesh.zone_group].T
+        places, factor = self.mesh.node_places, np.ones(self.mesh.node_places.shape[:2])
+        if self.ground:
+            edges = edge_lengths(self.mesh).mean(axis=1) / self.mesh.order
+            edges = np.repeat(edges, places.shape[1])
+            flat = places.reshape(-1, 3)
+            values = [field.factor(flat, edges) for field in self.ground]
+            factor = np.prod(values, axis=0).reshape(factor.shape)
+        return lame[:, None] * factor**2, shear[:, None] * factor**2
+
     def stiffest_moduli(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the unrelaxed Lame moduli of each zone, (n_zones,) Pa."""
         lame, shear = self.zone_moduli()
@@ -290,6 +326,8 @@ class Model:
     @property
     def edges_per_wavelength(self) -> float:
         """Edges per S wavelength for an error of a few per cent: eq. (1), or a third of it."""
+        if self.mesh.hexahedral:
+            return HEX_NODES / self.mesh.order
         return 3.0 if self.quadratic else 10.0
 
     def highest_frequency(self) -> dict[str, float]:

@@ -8,20 +8,20 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from ..blasts.hole_tables import read_blast
-from ..errors import InputError, ReadError
+from ..errors import InputError, ReadError, named_error
 from ..model.joint import Joint
 from ..model.material import Material
 from ..model.source import TimeFunction
 from ..recordings.recording import read_stations
-from .config_file import check_config, sentence_of
+from .config import check_config
 from .flat_box import OUTER, check_flat, constant_q, flat_box, moment_begins, place_in_box
 from .inputs import Inside
 from .project import Project, make_project
-from .section import Name, Section, Span, named_error
+from .section import Name, Section, Span, sentence_of
 
 TABLE = "site.toml"
-PADDING = 0.5  # of the longest S wave of the band, beside the box
-PADDING_EDGES = 3.0  # edges in the padding over those in the box
+PADDING = 0.5  # of the longest S wavelength of the band
+PADDING_EDGES = 3.0  # ratio of edges in the padding to those in the box
 
 
 class _Layer(Section):
@@ -45,7 +45,7 @@ class _Receiver(Section):
 
 
 class _Channel(Section):
-    """How a component was installed; channels go by their last letter."""
+    """Orientation of a component; channels are identified by their last letter."""
 
     code: Name
     azimuth: float
@@ -53,7 +53,7 @@ class _Channel(Section):
 
 
 class _Box(Section):
-    """The box that holds all holes and receivers."""
+    """Box around all holes and receivers."""
 
     x: Span
     y: Span
@@ -63,7 +63,7 @@ class _Box(Section):
 
 
 class _Attenuation(Section):
-    """Whether quality factors are known."""
+    """Attenuation: quality factors, if known."""
 
     known: bool
     Qp: float | None = None
@@ -71,7 +71,7 @@ class _Attenuation(Section):
 
 
 class _Joint(Section):
-    """An upright joint across x or y; what a fit may say of strength is not read."""
+    """Vertical joint normal to x or y; its strength, if given, is not read."""
 
     id: Name
     axis: str
@@ -112,7 +112,7 @@ class _Blast(Section):
 
 
 class _Recording(Section):
-    """What is compared."""
+    """Recording: band and noise window of the comparison."""
 
     band_hz: Span
     noise_window_s: Span
@@ -126,7 +126,7 @@ class _Recording(Section):
 
 
 class _Case(Section):
-    """A whole ``site.toml``; what only describes is known and not read."""
+    """All tables of ``site.toml``; descriptive keys are accepted and not used."""
 
     case: Name
     units: str | None = None
@@ -179,7 +179,10 @@ def case_files(folder) -> list[Path]:
     """
     folder = Path(folder)
     case = _case_of(folder)
-    names = [case.source.file, *(name for one in case.blasts for name in (one.holes, one.records))]
+    names = [
+        case.source.file,
+        *(name for blast in case.blasts for name in (blast.holes, blast.records)),
+    ]
     return sorted({folder / TABLE, *(folder / name for name in names)})
 
 
@@ -199,7 +202,7 @@ def _case_of(folder):
 
 
 def _check(case):
-    """Refuse what no project can be made of."""
+    """Refuse values that no project can have."""
     for axis in "xyz":
         low, high = getattr(case.box, axis)
         if not low < high:
@@ -215,70 +218,71 @@ def _check(case):
             f"got {first:g}, {last:g}"
         )
     for part, names in (
-        ("layers", [one.name for one in case.layers]),
-        ("joints", [one.id for one in case.joints]),
-        ("blasts", [one.id for one in case.blasts]),
-        ("receivers", [one.id for one in case.receivers]),
+        ("layers", [layer.name for layer in case.layers]),
+        ("joints", [joint.id for joint in case.joints]),
+        ("blasts", [blast.id for blast in case.blasts]),
+        ("receivers", [receiver.id for receiver in case.receivers]),
     ):
         _check_names(part, names)
     if case.layers[-1].thickness_m is not None:
         raise InputError(
             f"layers.{case.layers[-1].name}.thickness_m: the last layer has no end; leave it out"
         )
-    for one in case.layers[:-1]:
-        if one.thickness_m is None or not one.thickness_m > 0.0:
-            raise InputError(f"layers.{one.name}.thickness_m: must be positive, "
-                             f"got {one.thickness_m}")  # fmt: skip
+    for layer in case.layers[:-1]:
+        if layer.thickness_m is None or not layer.thickness_m > 0.0:
+            raise InputError(f"layers.{layer.name}.thickness_m: must be positive, "
+                             f"got {layer.thickness_m}")  # fmt: skip
     known = case.attenuation
     if known.known and (known.Qp is None or known.Qs is None):
         raise InputError("attenuation.Qp: missing; give Qp and Qs, or known = false")
-    for one in case.joints:
-        if one.axis not in ("x", "y"):
-            raise InputError(f"joints.{one.id}.axis: must be x or y, got {one.axis}")
-        if one.law != "linear":
-            raise InputError(f"joints.{one.id}.law: only 'linear' is known, got {one.law}")
-        if not one.whole_box and (one.extent is None or one.depth is None):
-            raise InputError(f"joints.{one.id}.extent: missing; whole_box = false needs extent and "
-                             "depth")  # fmt: skip
+    for joint in case.joints:
+        if joint.axis not in ("x", "y"):
+            raise InputError(f"joints.{joint.id}.axis: must be x or y, got {joint.axis}")
+        if joint.law != "linear":
+            raise InputError(f"joints.{joint.id}.law: only 'linear' is known, got {joint.law}")
+        if not joint.whole_box and (joint.extent is None or joint.depth is None):
+            raise InputError(
+                f"joints.{joint.id}.extent: missing; whole_box = false needs extent and depth"
+            )
         for key in ("extent", "depth"):
-            ends = getattr(one, key)
-            if not one.whole_box and not ends[0] < ends[1]:
-                room = getattr(case.box, "y" if one.axis == "x" else "x")
-                room = room if key == "extent" else [0.0, case.box.z[1] - case.box.z[0]]
+            ends = getattr(joint, key)
+            if not joint.whole_box and not ends[0] < ends[1]:
+                limits = getattr(case.box, "y" if joint.axis == "x" else "x")
+                limits = limits if key == "extent" else [0.0, case.box.z[1] - case.box.z[0]]
                 raise InputError(
-                    f"joints.{one.id}.{key}: must go from low to high and reach into the box, "
-                    f"{room[0]:g} to {room[1]:g} m, got {ends[0]:g} to {ends[1]:g}"
+                    f"joints.{joint.id}.{key}: must go from low to high and reach into the box, "
+                    f"{limits[0]:g} to {limits[1]:g} m, got {ends[0]:g} to {ends[1]:g}"
                 )
 
 
 def _check_names(part, names):
-    """Refuse a missing list, and a name that stands for two."""
+    """Refuse an empty list and duplicate names."""
     if not names and part != "joints":
         raise InputError(f"{part}: empty; give at least one")
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f"{part}: {name!r} is there twice; each needs a name of its own")
+            raise InputError(f"{part}: {name!r} appears twice; give each a different name")
 
 
 def _check_source(rate):
-    """Refuse a moment rate that begins before its hole fires: no run has begun there."""
+    """Refuse a moment rate that begins before its hole fires."""
     begins = moment_begins(rate)
     if begins < 0.0:
         raise InputError(
-            f"source: its moment rate begins at {begins:g} s, but no hole sends anything before it "
+            f"source: its moment rate begins at {begins:g} s, but no hole radiates before it "
             f"fires at 0; shift the table, and all records with it, by {-begins:g} s to later"
         )
 
 
 def _check_stations(project):
-    """Refuse records of stations that are no receivers, which nothing would be compared with."""
-    known = {one.name for one in project.receivers}
-    for one in (project, *project.further):
-        for name in one.records:
+    """Refuse records of stations that are no receivers."""
+    known = {receiver.name for receiver in project.receivers}
+    for each in (project, *project.further):
+        for name in each.records:
             if name not in known:
                 raise InputError(
-                    f"{one.name}: station {name!r} of its records is no receiver; list it, or take "
-                    "it out of the file"
+                    f"{each.name}: station {name!r} of its records is no receiver; list it, or "
+                    "take it out of the file"
                 )
 
 
@@ -292,14 +296,16 @@ def _project(folder, case, blast):
         "time_zero": blast.time_zero,
     }
     project = make_project(config, folder / TABLE, given)
-    materials = {one.name: Material.from_speeds(one.density, one.vp, one.vs) for one in case.layers}
+    materials = {
+        layer.name: Material.from_speeds(layer.density, layer.vp, layer.vs) for layer in case.layers
+    }
     if case.attenuation.known:
         law = constant_q(case.attenuation.Qp, case.attenuation.Qs, case.recording.band_hz)
-        materials = {name: replace(one, law=law) for name, one in materials.items()}
+        materials = {name: replace(rock, law=law) for name, rock in materials.items()}
     joints = tuple(
-        Joint(one.id, "elastic", {"kn": one.kn, "ks": one.ks},
-              insitu_pressure=one.insitu_normal_stress)
-        for one in case.joints
+        Joint(joint.id, "elastic", {"kn": joint.kn, "ks": joint.ks},
+              insitu_pressure=joint.insitu_normal_stress)
+        for joint in case.joints
     )  # fmt: skip
     inside = Inside(project.firing, _moment_rate(folder / case.source.file), (), (), (), None)
     given |= {"inside": inside, "receivers": place_in_box(config.receivers, flat_box(project))}
@@ -309,13 +315,13 @@ def _project(folder, case, blast):
 def _tables(case, blast, records):
     """Return the tables of the project file of one blast."""
     low, high = case.recording.band_hz
-    slowest = min(one.vs for one in case.layers)
+    slowest = min(layer.vs for layer in case.layers)
     box = case.box
     quality = {}
     if case.attenuation.known:
         law = constant_q(case.attenuation.Qp, case.attenuation.Qs, (low, high))
         quality = {"qp": law.qp, "qs": law.qs, "quality_band_hz": list(law.band)}
-    last = min(float(one.seismogram.times[-1]) for one in records.values())
+    last = min(float(record.seismogram.times[-1]) for record in records.values())
     names = list(records)
     return {
         "title": case.case,
@@ -326,49 +332,50 @@ def _tables(case, blast, records):
             "padding_m": PADDING * slowest / low,
             "padding_edge_m": PADDING_EDGES * slowest / (10.0 * high),
             "layers": [
-                {"material": one.name}
-                | ({} if one.thickness_m is None else {"thickness_m": one.thickness_m})
-                for one in case.layers
+                {"material": layer.name}
+                | ({} if layer.thickness_m is None else {"thickness_m": layer.thickness_m})
+                for layer in case.layers
             ],
-            "faults": [_fault(one, box) for one in case.joints],
+            "faults": [_fault(joint, box) for joint in case.joints],
         },
         "materials": {
-            one.name: {"density_kg_per_m3": one.density, "cp_m_per_s": one.vp,
-                       "cs_m_per_s": one.vs, **quality}
-            for one in case.layers
+            layer.name: {"density_kg_per_m3": layer.density, "cp_m_per_s": layer.vp,
+                         "cs_m_per_s": layer.vs, **quality}
+            for layer in case.layers
         },
         "joints": {
-            one.id: {"law": "elastic", "kn_gpa_per_m": 1e-9 * one.kn, "ks_gpa_per_m": 1e-9 * one.ks,
-                     "insitu_pressure_kpa": 1e-3 * one.insitu_normal_stress}
-            for one in case.joints
+            joint.id: {"law": "elastic", "kn_gpa_per_m": 1e-9 * joint.kn,
+                       "ks_gpa_per_m": 1e-9 * joint.ks,
+                       "insitu_pressure_kpa": 1e-3 * joint.insitu_normal_stress}
+            for joint in case.joints
         },
         "boundaries": {"viscous": list(OUTER), "free": ["top"]},
         "blast": {"file": blast.holes, "charge_exponent": case.source.charge_exponent},
         "holes_inside": {"moment_rate_file": case.source.file},
         "receivers": [
-            {"name": one.id, "position_m": [one.x, one.y, one.z]}
-            | ({} if one.id not in records else {"recorded": {
-                "file": blast.records, "record": 1 + names.index(one.id),
-                "unit": "m_per_s", "start_s": float(records[one.id].seismogram.start),
+            {"name": receiver.id, "position_m": [receiver.x, receiver.y, receiver.z]}
+            | ({} if receiver.id not in records else {"recorded": {
+                "file": blast.records, "record": 1 + names.index(receiver.id),
+                "unit": "m_per_s", "start_s": float(records[receiver.id].seismogram.start),
             }})
-            for one in case.receivers
+            for receiver in case.receivers
         ],
         "run": {"duration_s": max(last, 1e-3), "compare_band_hz": [low, high]},
         "diagnosis": {"noise_window_s": list(case.recording.noise_window_s)},
     }  # fmt: skip
 
 
-def _fault(one, box):
+def _fault(joint, box):
     """Return the table of a joint as a fault."""
-    across = {"name": one.id, "dip_deg": 90, "dip_direction_deg": 90 if one.axis == "x" else 0}
-    along = box.y if one.axis == "x" else box.x
+    across = {"name": joint.id, "dip_deg": 90, "dip_direction_deg": 90 if joint.axis == "x" else 0}
+    along = box.y if joint.axis == "x" else box.x
     middle, down, sizes = 0.5 * (along[0] + along[1]), 0.0, {}
-    if not one.whole_box:
-        (low, high), (upper, lower) = one.extent, one.depth
+    if not joint.whole_box:
+        (low, high), (upper, lower) = joint.extent, joint.depth
         middle, down = 0.5 * (low + high), 0.5 * (upper + lower)
         sizes = {"extent_m": [high - low, lower - upper]}
-    place = [one.position, middle] if one.axis == "x" else [middle, one.position]
-    return {**across, "through_m": [*place, box.z[1] - down], **sizes}
+    position = [joint.position, middle] if joint.axis == "x" else [middle, joint.position]
+    return {**across, "through_m": [*position, box.z[1] - down], **sizes}
 
 
 def _moment_rate(path):

@@ -1,58 +1,61 @@
-"""Checks before a run: the census of a project and every defect that its numbers show."""
+"""Checks before a run: the summary of the model and the findings that its numbers show."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import Finding
-from ..mesh import quality, tetrahedra
-from ..mesh.mesh import edge_lengths, surface_areas, surface_zones
+from ..blasts.blast import ANFO_DENSITY
+from ..errors import Finding, by_wave
+from ..mesh import quality
+from ..mesh.mesh import edge_lengths, surface_zones
 from ..model.boundary import Roller, Viscous
 from ..solver.initial_stress import joint_pressures
-from ..solver.loads import surface_impedance
-from . import checks_ground, checks_loads
-from .census import (
-    Census,
-    central_frequency,
-    highest_frequency,
-    input_band,
+from ..units import plain_number
+from . import checks_ground
+from .checks_ground import ModelSummary, boundary_defects, summarise_model
+from .ground import joint_of_surface, set_stiffness
+from .inputs import central_frequency, highest_frequency, input_band, shape
+from .places import (
+    face_areas,
+    face_distance,
+    face_materials,
+    normal_axis,
     receiver_groups,
-    take_census,
+    source_material,
 )
-from .ground import joint_of_surface, set_normal, set_stiffness
-from .inputs import shape
 
 
 @dataclass(frozen=True)
 class Check:
-    """What a project is about to do and what is doubtful about it.
+    """Check of a project before its run: summary of the model, and findings.
 
     Parameters
     ----------
-    census : Census
+    summary : ModelSummary
     findings : tuple of Finding
     notes : tuple of str
-        What the hole table says about itself.
+        Plausibility of the hole table, records to compare with.
     """
 
-    census: Census
+    summary: ModelSummary
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]
 
     @property
     def failed(self) -> bool:
-        """Whether a finding makes the result untrustworthy."""
+        """Whether a finding forbids trust in the result."""
         return any(finding.failed for finding in self.findings)
 
 
 def check(project, measure=True) -> Check:
-    """Take the census of a project and look for defects before a run.
+    """Check a project before a run: summarise its model and report findings.
 
     Parameters
     ----------
     project : Project
     measure : bool
-        Whether to march a few steps for an estimate of the time.
+        Whether to run a few steps to estimate the run time.
 
     Returns
     -------
@@ -61,34 +64,34 @@ def check(project, measure=True) -> Check:
     notes = () if project.blast is None else tuple(project.blast.checks())
     if project.recorded:
         notes += (f"Records to compare with: {', '.join(project.recorded)}.",)
-    census = take_census(project, measure)
-    found = [
-        *_mesh_defects(project, census),
+    summary = summarise_model(project, measure)
+    candidates = [
+        *_mesh_defects(project, summary),
         *_load_defects(project),
-        *_joint_defects(project, census),
-        *_record_defects(project, census),
-        *_quiet_defects(project),
+        *_joint_defects(project, summary),
+        *_record_defects(project, summary),
+        *boundary_defects(project),
     ]
     findings = sorted(
-        (finding for finding in found if finding is not None), key=lambda f: int(f.code[1:])
+        (finding for finding in candidates if finding is not None), key=lambda f: int(f.code[1:])
     )
-    return Check(census, tuple(findings), notes)
+    return Check(summary, tuple(findings), notes)
 
 
-def _mesh_defects(project, census):
+def _mesh_defects(project, summary):
     """D1, D2, D5, D12, D26, D30: zones, size, boundaries, layers, units, memory."""
-    yield checks_ground.beyond_memory(census.memory, quality.available())
-    yield checks_ground.unlikely_values(project.materials, project.joints)
+    yield checks_ground.beyond_memory(summary.memory, quality.available())
+    yield unlikely_values(project.materials, project.joints)
     band, centre = input_band(project), central_frequency(project)
     stands = receiver_groups(project)
-    for group in census.groups:
+    for group in summary.groups:
         yield checks_ground.coarse_zones(
             group.name, project.materials[group.name], group.mean_edge, group.volume, band,
             [name for name, under in stands.items() if under == group.name],
             project.model.edges_per_wavelength,
         )  # fmt: skip
     points = project.mesh.points
-    rocks = _stiff(project, census)
+    rocks = _stiff(project, summary)
     yield checks_ground.short_model(float(np.ptp(points[:, 0])), rocks, centre)
     boundaries = project.model.boundaries
     viscous = {b.surface for b in boundaries if isinstance(b, Viscous)}
@@ -102,58 +105,32 @@ def _mesh_defects(project, census):
         )
 
 
-def _stiff(project, census):
-    """Return the materials that waves cross fast: at least half the fastest P wave speed."""
-    present = {group.name: project.materials[group.name] for group in census.groups}
+def _stiff(project, summary):
+    """Return the stiff materials: P-wave speed at least half the largest."""
+    present = {group.name: project.materials[group.name] for group in summary.groups}
     fastest = max(material.cp for material in present.values())
     return {name: m for name, m in present.items() if m.cp >= 0.5 * fastest}
 
 
-def face_materials(project):
-    """Return the materials on the input face, dict of str to Material."""
-    mesh = project.model.mesh
-    numbers = np.unique(mesh.zone_group[surface_zones(mesh, project.config.input.face)])
-    return {mesh.groups[n]: project.materials[mesh.groups[n]] for n in numbers}
-
-
-def _face_areas(project):
-    """Return area in m2 and material of each part of the input face."""
-    mesh, face = project.model.mesh, project.config.input.face
-    group = mesh.zone_group[surface_zones(mesh, face)]
-    area = np.linalg.norm(tetrahedra.triangle_vectors(mesh.points, mesh.surfaces[face]), axis=1)
-    return [
-        (float(area[group == n].sum()), project.materials[mesh.groups[n]]) for n in np.unique(group)
-    ]
-
-
-def source_material(project):
-    """Return name and material that the signature comes through."""
-    cavity = project.config.signature.cavity
-    if cavity is not None:
-        return cavity.material, project.materials[cavity.material]
-    present = face_materials(project)
-    return max(present.items(), key=lambda item: item[1].density * item[1].cp)
-
-
 def _load_defects(project):
-    """D3, D4, D6, D7, D17, D20 to D22, D25: firing, filter, face, strength, charge, rim, air."""
+    """D3, D4, D6, D7, D17, D20 to D22, D25: firing, load, charge, absorbing layer, air."""
     blast, band = project.config.blast, input_band(project)
     if blast is not None:
-        yield checks_loads.firing_comb(project.firing, central_frequency(project), band)
+        yield firing_comb(project.firing, central_frequency(project), band)
     if blast is not None and blast.charge_kg is not None:
-        yield checks_loads.charge_fits(
+        yield charge_fits(
             blast.charge_kg, 1e-3 * blast.diameter_mm, blast.depth_m, blast.explosive_kg_per_m3
         )
     if project.input is not None:
         yield from _face_defects(project, band)
     if project.inside.moment_rate is not None:
-        yield checks_loads.nothing_damps(project.rim)
+        yield no_absorbing_layer(project.absorbing_layer)
     air, pulse = project.config.air_blast, project.inside.air_pulse
     if air is not None:
         mesh = project.mesh
         edge = edge_lengths(mesh)[surface_zones(mesh, air.surface)].mean()
         top = highest_frequency(shape(pulse, pulse.values))
-        yield checks_loads.short_air_waves(
+        yield short_air_waves(
             air.surface, float(edge), air.speed_m_per_s, top, project.model.edges_per_wavelength
         )
 
@@ -161,96 +138,30 @@ def _load_defects(project):
 def _face_defects(project, band):
     """D4, D6, D7, D17, D21, D27: filter, face, strength, energy, holes inside."""
     config, firing, motion = project.config, project.firing, project.input
-    yield checks_loads.comb_return(firing, central_frequency(project), motion.low_passed)
+    yield comb_return(firing, central_frequency(project), motion.low_passed)
     name, material = source_material(project)
-    yield checks_loads.layered_face(config.input.face, face_materials(project))
-    yield checks_loads.yielding_rock(project.signature.pvs, firing, name, material)
+    yield layered_face(config.input.face, face_materials(project))
+    yield yielding_rock(project.signature.pvs, firing, name, material)
     distance, reach = face_distance(project)
     if distance is not None:
-        yield checks_loads.plane_load(distance, reach, material, band)
+        yield plane_load(distance, reach, material, band)
     if project.blast is not None:
         points = project.mesh.points
         ends = points.min(axis=0), points.max(axis=0)
-        yield checks_loads.holes_within(project.blast.centres, config.input.face, *ends)
+        yield holes_within(project.blast.centres, config.input.face, *ends)
     if project.blast is not None and np.isfinite(project.blast.charge).all():
         charge = float(project.blast.charge.sum())
-        yield checks_loads.load_energy(
-            motion.motion, _face_areas(project), charge, _across(project)
-        )
+        yield load_energy(motion.motion, face_areas(project), charge, normal_axis(project))
 
 
-def _across(project):
-    """Return the axis along the normal of the input face."""
-    mesh = project.mesh
-    corners = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
-    return int(np.argmin(np.ptp(corners, axis=0)))
-
-
-def face_distance(project):
-    """Return how far the source is from the input face, and from its foot to the far edge, m.
-
-    The distance is the one of the file, else that from the middle of the first row; None where
-    neither is known.
-    """
-    mesh = project.mesh
-    corners = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
-    across = _across(project)
-    along = int(np.argmax(np.ptp(corners, axis=0) * [1.0, 1.0, 0.0]))
-    distance, middle = project.config.input.distance_m, float(corners[:, along].mean())
-    if project.blast is not None:
-        first = project.blast.centres[project.blast.times == project.blast.times.min()].mean(axis=0)
-        middle = float(first[along])
-        if distance is None:
-            distance = float(abs(first[across] - corners[:, across].mean()))
-    if not distance:
-        return None, 0.0
-    reach = max(abs(corners[:, along].max() - middle), abs(middle - corners[:, along].min()))
-    return distance, float(reach)
-
-
-def _quiet_defects(project):
-    """D23, D24: sides that drain a plane wave, quiet faces of jointed rock."""
-    if project.input is None:
-        return
-    model, face = project.model, project.config.input.face
-    direction = -_mean_normal(model.mesh, face)
-    blind = {*project.config.boundaries.viscous} - {face}
-    if project.config.input.enters_as == "plane_wave":
-        blind = set()
-    sides = [n for n in sorted(blind) if abs(_mean_normal(model.mesh, n) @ direction) < 0.7]
-    entry = sum(surface_impedance(model, face).values())
-    drag = sum((sum(surface_impedance(model, n).values()) for n in sides), np.zeros((3, 3)))
-    way = model.mesh.points @ direction
-    for receiver in project.receivers:
-        share = (direction @ receiver.position - way.min()) / np.ptp(way)
-        left = checks_ground.drained(entry, drag, share)
-        yield checks_ground.draining_sides(sides, left, receiver.name, direction[2] > 0.7)
-    if project.config.boundaries.jointed_faces:
-        return
-    stiffness = set_stiffness(project.config.mesh, project.joints, joint_pressures(model))
-    for group, material in face_materials(project).items():
-        sets = [
-            (set_normal(part), *stiffness[part.name], part.spacing_m)
-            for part in project.config.mesh.joint_sets if group in (part.regions or [group])
-        ]  # fmt: skip
-        if sets:
-            yield checks_ground.jointed_face(group, material, sets, direction)
-
-
-def _mean_normal(mesh, surface):
-    """Return the mean outward normal (3,) of a surface."""
-    _, area, normal = surface_areas(mesh, surface)
-    return area @ normal / np.linalg.norm(area @ normal)
-
-
-def _joint_defects(project, census):
+def _joint_defects(project, summary):
     """D8, D11, D18: faults and joint sets."""
     centre, band = central_frequency(project), input_band(project)
     by_surface = {joint.surface: joint for joint in project.joints}
     pressures = joint_pressures(project.model)
-    stiffness = {name: one.tangents(pressures[name]) for name, one in by_surface.items()}
+    stiffness = {name: joint.tangents(pressures[name]) for name, joint in by_surface.items()}
     stiffness |= set_stiffness(project.config.mesh, project.joints, pressures)
-    rocks, entries, alike = _stiff(project, census), joint_of_surface(project.config.mesh), {}
+    rocks, entries, alike = _stiff(project, summary), joint_of_surface(project.config.mesh), {}
     for name in project.faults:
         alike.setdefault(entries[name], []).append(name)
     for entry, faults in alike.items():
@@ -271,17 +182,296 @@ def _joint_defects(project, census):
             )  # fmt: skip
 
 
-def _record_defects(project, census):
+def _record_defects(project, summary):
     """D13, D16: late arrivals and damping."""
     if project.blast is not None:
         source = project.blast.centres.mean(axis=0)
         for receiver in project.receivers:
             distance = float(np.linalg.norm(source - receiver.position))
-            yield checks_loads.air_blast(
+            yield air_blast(
                 receiver.name, distance, float(project.blast.times.max()),
                 project.config.run.duration_s,
             )  # fmt: skip
     damping = project.model.damping
     by_group = damping if isinstance(damping, dict) else {"": damping}
     for name, part in by_group.items():
-        yield checks_ground.rayleigh_price(part, census.undamped_dt, name)
+        yield checks_ground.rayleigh_price(part, summary.undamped_dt, name)
+
+
+SOUND_SPEED = 340.0
+SAME_INSTANT = 1e-3
+ANFO_HEAT = 3.8e6
+PLAUSIBLE_SHARE = 0.1
+
+
+def comb_numbers(firing, frequency, band):
+    """Return the comb spectrum of the firing times in numbers.
+
+    Returns
+    -------
+    dict
+        ``zeros``, ``lobes`` (list of frequency, height) below the band, ``corner`` (-3 dB),
+        ``level`` at ``frequency``, ``band_level`` at the band, ``returns`` (first frequency above
+        the band where all holes add up again, None where there is none below ten times the band).
+    """
+    step = min(0.001 * band, 0.005)
+    axis = np.arange(0.0, 10.0 * band, step)
+    level = firing.comb_spectrum(axis)
+    inner = np.flatnonzero((level[1:-1] < level[:-2]) & (level[1:-1] <= level[2:])) + 1
+    outer = np.flatnonzero((level[1:-1] > level[:-2]) & (level[1:-1] >= level[2:])) + 1
+    below = np.flatnonzero(level < math.sqrt(0.5))
+    whole = [k for k in outer if axis[k] > band and level[k] > 0.99]
+    return {
+        "zeros": [float(axis[k]) for k in inner if axis[k] <= band and level[k] < 0.01],
+        "lobes": [(float(axis[k]), float(level[k])) for k in outer if axis[k] <= band],
+        "corner": float(axis[below[0]]) if len(below) else None,
+        "level": float(firing.comb_spectrum(frequency)[0]),
+        "band_level": float(firing.comb_spectrum(band)[0]),
+        "returns": float(axis[whole[0]]) if whole else None,
+    }
+
+
+def firing_comb(firing, frequency, band):
+    """D3: the firing times fix the spectrum; None where they hardly change it."""
+    comb = comb_numbers(firing, frequency, band)
+    if comb["corner"] is None or comb["corner"] > band:
+        return None
+    zeros = ", ".join(f"{f:.4g}" for f in comb["zeros"][:6])
+    zeros = f"zeros at {zeros} Hz" if zeros else "no zeros"
+    lobes = ", ".join(f"{h:.2f} at {f:.2f} Hz" for f, h in comb["lobes"][:4])
+    lobes = f"side lobes {lobes}" if lobes else "no side lobes"
+    return Finding(
+        "D3",
+        "The firing times fix the spectrum",
+        f"They multiply it by a comb with {zeros}, -3 dB at {comb['corner']:.2f} Hz, "
+        f"{comb['level']:.2f} at {frequency:.3g} Hz and {lobes}: a dominant frequency "
+        "that fits says little about the ground.",
+        numbers={"corner": comb["corner"], "level": comb["level"]}
+        | {f"zero_{n + 1}": f for n, f in enumerate(comb["zeros"])}
+        | {f"lobe_{n + 1}": h for n, (_, h) in enumerate(comb["lobes"])},
+    )
+
+
+def comb_return(firing, frequency, low_passed):
+    """D4: the comb returns above the low-pass; None where nothing is filtered or returns."""
+    if low_passed is None:
+        return None
+    band = low_passed.corner
+    comb = comb_numbers(firing, frequency, band)
+    if comb["returns"] is None:
+        return None
+    removed = float(np.nanmax(low_passed.removed_energy))
+    change = float(np.nanmin(low_passed.ppv_change))
+    return Finding(
+        "D4",
+        "The low-pass cuts where the holes add up again",
+        f"The comb is {comb['band_level']:.2f} at the {band:.3g} Hz filter and 1 again at "
+        f"{comb['returns']:.3g} Hz; the filter takes up to {100 * removed:.3g} % of a component's "
+        f"energy and changes its PPV by up to {100 * change:.3g} %.",
+        removed > 0.5,
+        {"returns": comb["returns"], "band_level": comb["band_level"], "removed_energy": removed,
+         "ppv_change": change},
+    )  # fmt: skip
+
+
+def plane_load(distance, reach, material, band):
+    """D6: a plane load from a source so near that its front is curved over the face."""
+    edge = math.hypot(distance, reach)
+    lag = (edge - distance) * band / material.cp
+    if edge / distance < 1.2 and lag < 0.1:
+        return None
+    return Finding(
+        "D6",
+        "A plane load stands for a near source",
+        f"The source is {distance:g} m from the input face, {edge:.0f} m from its edge: over the "
+        f"face the amplitude falls {edge / distance:.1f} times (1/r) and lags {lag:.2f} P "
+        f"wavelengths at {band:.3g} Hz, but the load is the same everywhere.",
+        numbers={"edge": edge, "ratio": edge / distance, "lag": lag},
+    )
+
+
+def layered_face(face, materials):
+    """D7: one velocity on a face of several materials."""
+    if len(materials) < 2:
+        return None
+    factors = {n: (2.0 * m.density * m.cp, 2.0 * m.density * m.cs) for n, m in materials.items()}
+    listed = ", ".join(f"{n} {p / 1e6:.2f}/{s / 1e6:.2f}" for n, (p, s) in factors.items())
+    return Finding(
+        "D7",
+        "One velocity enters through a layered face",
+        f"On '{face}' the same velocity becomes different stresses, in MPa per m/s (normal/shear): "
+        f"{listed}; the record was made in one material only.",
+        numbers=by_wave(factors),
+    )  # fmt: skip
+
+
+def air_blast(receiver, distance, last_firing, duration):
+    """D13: the air blast arrives within the record."""
+    first = distance / SOUND_SPEED
+    if first > duration:
+        return None
+    return Finding(
+        "D13",
+        f"The air blast reaches {receiver} within the record",
+        f"{distance:.0f} m at {SOUND_SPEED:g} m/s (assumed) are {first:.2f} s, the last hole "
+        f"{first + last_firing:.2f} s: late waves in a record need not be reflections.",
+        numbers={"first": first, "last": first + last_firing},
+    )
+
+
+def yielding_rock(peak, firing, name, material):
+    """D17: the superposed motion may exceed the strength of the rock it comes through."""
+    order = np.sort(firing.times)
+    together = int(max(np.searchsorted(order, order + SAME_INSTANT) - np.arange(len(order))))
+    single = material.density * material.cp * peak
+    if not together * single > material.cohesion:
+        return None
+    return Finding(
+        "D17",
+        "Superposition may pass through yielding rock",
+        f"{1e3 * peak:.0f} mm/s of one hole are {single / 1e6:.1f} MPa in '{name}', {together} "
+        f"holes in phase {together * peak:.1f} m/s or {together * single / 1e6:.0f} MPa against a "
+        f"cohesion of {material.cohesion / 1e6:.1f} MPa: linear superposition then over-estimates.",
+        numbers={"single": single, "together": together * single, "velocity": together * peak},
+    )
+
+
+def load_energy(motion, face, charge, axis=0):
+    """D21: whether the load carries more energy than the explosive; None where far less.
+
+    Parameters
+    ----------
+    motion : Seismogram
+        Of the incident wave.
+    face : sequence of (area m2, Material)
+    charge : float, kg
+        Of the whole blast.
+    axis : int
+        Component along the normal of the face.
+    """
+    work = motion.dt * np.sum(np.nan_to_num(motion.velocity) ** 2, axis=0)
+    normal, shear = float(work[axis]), float(work.sum() - work[axis])
+    energy = sum(a * m.density * (m.cp * normal + m.cs * shear) for a, m in face)
+    share = energy / (charge * ANFO_HEAT)
+    if share < PLAUSIBLE_SHARE:
+        return None
+    return Finding(
+        "D21",
+        "The load carries too much energy",
+        f"The incident waves carry {plain_number(energy / 1e9)} GJ, {100 * share:.0f} % of the "
+        f"heat of {plain_number(charge, 6)} kg of explosive ({ANFO_HEAT / 1e6:g} MJ/kg, assumed); "
+        f"blasts radiate at most about {100 * PLAUSIBLE_SHARE:.0f} % as waves. One record on the "
+        "whole face and all holes of a row in phase give more than the blast can.",
+        share > 1.0,
+        {"energy": energy, "share": share},
+    )
+
+
+def no_absorbing_layer(layer):
+    """D22: holes inside a model without an absorbing layer; None where there is one."""
+    if layer is not None:
+        return None
+    return Finding(
+        "D22",
+        "Only dashpots absorb the waves of holes inside",
+        "They absorb well only what comes above about 30 degrees of incidence, and waves from a "
+        "hole graze the sides; give mesh.padding_m, or [absorbing_layer] with a box and a width.",
+    )
+
+
+def short_air_waves(surface, edge, speed, band, per_wave=10.0):
+    """D25: zones under an air blast that are too long for its waves; None where they are not.
+
+    With ten edges per wavelength, three where zones have 15 nodes, the motion under it is about
+    6 % too small where S waves are faster than sound, half that elsewhere: verification case L2.
+    """
+    carried = speed / (per_wave * edge)
+    if carried >= band:
+        return None
+    return Finding(
+        "D25",
+        "The mesh does not carry the air blast",
+        f"Edges of {edge:.3g} m at '{surface}' carry {carried:.3g} Hz at {speed:g} m/s, the pulse "
+        f"has {band:.3g} Hz: the motion of the ground below is too small or scattered. Edges there "
+        f"must be at most {speed / (per_wave * band):.2g} m.",
+        True,
+        {"carried": carried, "needed_edge": speed / (per_wave * band)},
+    )
+
+
+def charge_fits(charge, diameter, depth, density=ANFO_DENSITY):
+    """D20: whether the charge fits into its hole."""
+    length = charge / (density * math.pi / 4.0 * diameter**2)
+    fits = length < depth
+    return Finding(
+        "D20",
+        "The charge fits its hole" if fits else "The charge does not fit its hole",
+        f"{charge:g} kg at {density:g} kg/m3 (assumed) in {1e3 * diameter:g} mm fill "
+        f"{length:.1f} m of {depth:g} m.",
+        not fits,
+        {"length": length},
+    )
+
+
+def holes_within(centres, face, low, high):
+    """D27: holes inside the model while their motion enters through a face; None where beyond.
+
+    Parameters
+    ----------
+    centres : (n_holes, 3) float64, m
+    face : str
+    low, high : (3,) float64, m
+        Corners of the box around the mesh.
+    """
+    within = int(((centres > low) & (centres < high)).all(axis=1).sum())
+    if not within:
+        return None
+    return Finding(
+        "D27",
+        "Holes lie inside the model, their motion enters from outside",
+        f"{within} of {len(centres)} holes of [blast] lie inside the model, yet the motion enters "
+        f"through '{face}' as if they lay beyond it: move blast.position_m, or give "
+        "[holes_inside] in place of [signature].",
+        numbers={"within": float(within)},
+    )
+
+
+# Smallest and largest value that ground has, in SI: what lies beyond is likely in another unit.
+LIKELY = {
+    "density": (300.0, 9000.0, "kg/m3", 1.0),
+    "cp": (50.0, 12000.0, "m/s", 1.0),
+    "kn": (1e5, 1e14, "GPa/m", 1e-9),
+    "ks": (1e4, 1e14, "GPa/m", 1e-9),
+}
+
+
+def unlikely_values(materials, joints):
+    """D26: densities, speeds and stiffnesses that no ground has; None where all are likely.
+
+    Parameters
+    ----------
+    materials : dict of str to Material
+    joints : sequence of Joint
+    """
+    listed = {f"materials.{name}": vars(rock) | {"cp": rock.cp} for name, rock in materials.items()}
+    listed |= {f"joint {joint.surface}": joint.properties for joint in joints}
+    unlikely = {
+        f"{part} {key}": (values[key], LIKELY[key])
+        for part, values in listed.items()
+        for key in LIKELY
+        if key in values and not LIKELY[key][0] <= values[key] <= LIKELY[key][1]
+    }
+    if not unlikely:
+        return None
+    words = "; ".join(
+        f"{key} is {plain_number(factor * value)} {unit}, ground has "
+        f"{plain_number(factor * low)} to {plain_number(factor * high)}"
+        for key, (value, (low, high, unit, factor)) in unlikely.items()
+    )
+    return Finding(
+        "D26",
+        "A value of the ground looks like one in another unit",
+        f"{words}; units are in the keys.",
+        True,
+        {key: value for key, (value, _) in unlikely.items()},
+    )

@@ -1,66 +1,76 @@
-"""Findings before a run about mesh, ground, joints, damping and boundaries."""
+"""Summary of a model, and findings about its mesh, ground, joints, damping and boundaries."""
 
 import math
+import time
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..errors import Finding, by_wave
+from ..mesh.mesh import quality, surface_areas, volumes
+from ..solver import assembly, preparation, run
+from ..solver.edge_springs import run_bytes
+from ..solver.initial_stress import joint_pressures
+from ..solver.loads import surface_impedance
+from ..units import plain_number
+from .elements import elements_of
+from .ground import set_normal, set_stiffness
+from .places import face_materials
 
-LITTLE = 0.7
-MISMATCH = 0.1
+LITTLE, MISMATCH = 0.7, 0.1
 _PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 
 
-def drained(face, sides, share):
-    """Return what quiet sides leave of a long plane wave that runs along them, (3,).
+def transmitted_share(face, sides, share):
+    """Return the share of a long plane wave that viscous sides along its path transmit, (3,).
 
     Parameters
     ----------
     face : (3, 3) float64, N s/m
         Impedance of the whole input face.
     sides : (3, 3) float64, N s/m
-        Impedance of all dashpots on surfaces along the way.
+        Impedance of all dashpots on surfaces along the path.
     share : float
-        Of the way along the sides that the wave has gone.
+        Of the path along the sides that the wave has covered.
 
     Notes
     -----
-    The wave carries the power v Z v through the face, the dashpots take v D v, spread along the
-    way: amplitude falls about as ``exp(-share D / (2 Z))`` where the wave is longer than the model
-    is wide; shorter waves keep more in the middle. theory.md section 4.1.
+    The wave carries the power v Z v through the face and the dashpots dissipate v D v, spread
+    along the path: the amplitude decays about as ``exp(-share D / (2 Z))`` where the wavelength
+    exceeds the width of the model; shorter waves lose less in the middle. theory.md section 4.1.
     """
     return np.exp(-0.5 * share * np.diag(sides) / np.diag(face))
 
 
-def draining_sides(surfaces, left, receiver, from_below):
-    """D23: quiet sides along the way of a plane wave; None where they take little.
+def dissipating_sides(surfaces, transmitted, receiver, from_below):
+    """D23: viscous sides along the path of a plane wave; None where they absorb little.
 
     Parameters
     ----------
     surfaces : sequence of str
-    left : (3,) float64
-        Of `drained`, east, north, vertical.
+    transmitted : (3,) float64
+        Of `transmitted_share`, east, north, vertical.
     receiver : str
         Where.
     from_below : bool
         Whether the wave runs up: free-field sides are then the cure.
     """
-    if not len(surfaces) or min(left) > LITTLE:
+    if not len(surfaces) or min(transmitted) > LITTLE:
         return None
-    listed = "/".join(f"{100.0 * value:.2g}" for value in left)
+    listed = "/".join(f"{100.0 * value:.2g}" for value in transmitted)
     cure = (
         "make it wider, compare with rollers on these sides, or let the wave come from below, "
         "where boundaries.free_field keeps it"
     )
     if from_below:
-        cure = "name these sides in boundaries.free_field, so that they see the ground beside move"
+        cure = "name these sides in boundaries.free_field, so that they move with the ground beside"
     return Finding(
         "D23",
-        "Quiet sides drain the wave that runs along them",
-        f"The dashpots on {', '.join(surfaces)} leave as little as {listed} % of a long wave "
-        f"(east/north/vertical) on its way to {receiver}, where the width of the model then sets "
-        f"the amplitude; {cure}.",
-        numbers=dict(zip(("east", "north", "vertical"), map(float, left), strict=True)),
+        "Viscous sides absorb the wave that runs along them",
+        f"The dashpots on {', '.join(surfaces)} transmit only {listed} % of a long wave "
+        f"(east/north/vertical) to {receiver}, so that the width of the model sets the amplitude "
+        f"there; {cure}.",
+        numbers=dict(zip(("east", "north", "vertical"), map(float, transmitted), strict=True)),
     )
 
 
@@ -85,8 +95,8 @@ def jointed_stiffness(material, joint_sets):
         strain = strain - poisson * np.trace(stress) * np.eye(3)
         for normal, kn, ks, spacing in joint_sets:
             traction = stress @ normal
-            push = (traction @ normal) * normal
-            jump = push / kn + (traction - push) / ks
+            normal_part = (traction @ normal) * normal
+            jump = normal_part / kn + (traction - normal_part) / ks
             strain = strain + (np.outer(jump, normal) + np.outer(normal, jump)) / (2.0 * spacing)
         compliance[:, column] = np.einsum("bij,ij->b", _BASIS, strain)
     return np.einsum("aij,ab,bkl->ijkl", _BASIS, np.linalg.inv(compliance), _BASIS)
@@ -118,8 +128,8 @@ def jointed_face(group, material, joint_sets, direction):
     Notes
     -----
     Waves much longer than the spacing meet the impedance rho c' of the jointed rock. A face that is
-    driven and damped with rho c then moves by 2 c / (c + c') of what is wanted, and its dashpots
-    return (c - c') / (c + c'). theory.md section 4.2.
+    driven and damped with rho c then moves by 2 c / (c + c') times the wanted motion, and its
+    dashpots reflect (c - c') / (c + c'). theory.md section 4.2.
     """
     stiffness = jointed_stiffness(material, joint_sets)
     christoffel = np.einsum("ijkl,j,l->ik", stiffness, direction, direction)
@@ -132,24 +142,17 @@ def jointed_face(group, material, joint_sets, direction):
         return None
     return Finding(
         "D24",
-        f"Quiet faces see '{group}' without its joints",
+        f"Viscous faces ignore the joints of '{group}'",
         f"Waves much longer than the spacing run at {ratio_p:.2f} (P) and {ratio_s:.2f} (S) of the "
-        f"speed of the intact rock, but stress input and dashpots take that of the intact rock: "
+        f"speed of the intact rock, but stress input and dashpots use that of the intact rock: "
         f"the motion that enters is {100 * excess[0]:.0f} % (P) and up to {100 * excess[1]:.0f} % "
-        "(S) larger than asked for, and as much of the amplitude comes back from quiet faces; "
-        "boundaries.jointed_faces = true lets the faces know of the joints.",
+        "(S) too large, and viscous faces reflect the same share of the amplitude; set "
+        "boundaries.jointed_faces = true for the impedance of the jointed rock.",
         numbers={"speed_p": ratio_p, "speed_s": ratio_s, "excess_p": excess[0],
                  "excess_s": excess[1]},
     )  # fmt: skip
 
 
-# Smallest and largest value that ground has, in SI: what lies beyond is likely in another unit.
-LIKELY = {
-    "density": (300.0, 9000.0, "kg/m3", 1.0),
-    "cp": (50.0, 12000.0, "m/s", 1.0),
-    "kn": (1e5, 1e14, "GPa/m", 1e-9),
-    "ks": (1e4, 1e14, "GPa/m", 1e-9),
-}
 TET_VOLUME = 1.0 / (6.0 * math.sqrt(2.0))
 
 
@@ -172,7 +175,7 @@ def coarse_zones(name, material, edge, volume, band, receivers=(), per_wave=10.0
         f"{edge:.{digits}g} m edges carry {carried:.{digits}g} Hz in '{name}' "
         f"({1.25 * carried:.3g} Hz with {0.8 * per_wave:.2g} edges per wavelength), the input has "
         f"{band:.{digits}g} Hz{on_it}; edges must be at most {needed:.{digits}g} m, which makes "
-        f"{zones[1] / zones[0]:.2g} times as many zones.",
+        f"{plain_number(zones[1] / zones[0], 2)} times as many zones.",
         True,
         {"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
          "zones_now": zones[0], "zones_needed": zones[1]},
@@ -235,8 +238,8 @@ def fault_low_pass(name, stiffness, group, material, frequency, band):
         "D8",
         f"The fault {name} is itself a low-pass",
         f"In '{group}' its corner is {corners[0]:.1f} Hz (P) and {corners[1]:.1f} Hz (S); it "
-        f"passes {listed} (P/S). By amplitude alone its stiffness can't be told from damping, "
-        f"soil or mesh (by waveforms: backanalyse --design-survey); at {frequency:.3g} Hz +10 % "
+        f"passes {listed} (P/S). Amplitudes alone can't separate its stiffness from damping, "
+        f"soil or mesh (for waveforms: backanalyse --design-survey); at {frequency:.3g} Hz +10 % "
         f"of kn gives {100 * gain[0]:+.0f} % P, of ks {100 * gain[1]:+.0f} % S (D9).",
         numbers={"corner_p": corners[0], "corner_s": corners[1], "gain_p": gain[0],
                  "gain_s": gain[1]}
@@ -312,7 +315,7 @@ def infill_as_layer(name, joint, thicknesses):
     ratio = kn / ks
     poisson = (ratio - 2.0) / (2.0 * (ratio - 1.0)) if ratio > 1.0 else math.nan
     moduli = [(kn * t, ks * t) for t in thicknesses]
-    listed = " to ".join(f"{m / 1e6:.3g}/{g / 1e6:.3g} MPa" for m, g in moduli)
+    listed = " to ".join(f"{plain_number(m / 1e6)}/{plain_number(g / 1e6)} MPa" for m, g in moduli)
     coherent = 0.0 <= poisson < 0.5
     return Finding(
         "D18",
@@ -326,38 +329,6 @@ def infill_as_layer(name, joint, thicknesses):
     )
 
 
-def unlikely_values(materials, joints):
-    """D26: densities, speeds and stiffnesses that no ground has; None where all are likely.
-
-    Parameters
-    ----------
-    materials : dict of str to Material
-    joints : sequence of Joint
-    """
-    listed = {f"materials.{name}": vars(one) | {"cp": one.cp} for name, one in materials.items()}
-    listed |= {f"joint {one.surface}": one.properties for one in joints}
-    found = {
-        f"{place} {key}": (values[key], LIKELY[key])
-        for place, values in listed.items()
-        for key in LIKELY
-        if key in values and not LIKELY[key][0] <= values[key] <= LIKELY[key][1]
-    }
-    if not found:
-        return None
-    words = "; ".join(
-        f"{place} is {factor * value:.3g} {unit}, ground has {factor * low:.3g} to "
-        f"{factor * high:.3g}"
-        for place, (value, (low, high, unit, factor)) in found.items()
-    )
-    return Finding(
-        "D26",
-        "A value of the ground looks like one in another unit",
-        f"{words}; units are in the keys.",
-        True,
-        {place: value for place, (value, _) in found.items()},
-    )
-
-
 def beyond_memory(needed, free):
     """D30: a run that needs more bytes than the machine has left, and will be refused."""
     if needed <= free:
@@ -365,8 +336,165 @@ def beyond_memory(needed, free):
     return Finding(
         "D30",
         "The run does not fit into memory",
-        f"It needs about {needed / 1e9:.3g} GB, the machine has {free / 1e9:.3g} GB left: take "
-        "longer edges, fewer receivers or a shorter run.duration_s.",
+        f"It needs about {plain_number(needed / 1e9)} GB, the machine has "
+        f"{plain_number(free / 1e9)} GB left: take longer edges, fewer receivers or a shorter "
+        "run.duration_s.",
         True,
         {"needed": needed, "free": free},
     )
+
+
+TRIAL_STEPS = 40
+
+
+@dataclass(frozen=True)
+class MaterialSummary:
+    """Summary of one material in the mesh: counts, sizes, share of added mass; SI."""
+
+    name: str
+    zones: int
+    volume: float
+    mass: float
+    mean_edge: float
+    smallest_quality: float
+    highest_frequency: float
+    added_share: float
+
+
+@dataclass(frozen=True)
+class ModelSummary:
+    """Summary of a model: counts, sizes, time step, and cost of the run; SI.
+
+    Parameters
+    ----------
+    elements : str
+        Kind of zones, and why.
+    groups : tuple of MaterialSummary
+    zones, nodes, contacts, blocks : int
+    dt, undamped_dt : float, s
+        Time step, and the critical one without stiffness damping.
+    limited_by : str
+    added_mass : float
+        Share of the mass that selective mass scaling adds.
+    steps : int
+    memory : float, bytes
+    seconds : float or None
+        Estimated time of the dynamic stage, from a few steps; None if not measured.
+    """
+
+    elements: str
+    groups: tuple[MaterialSummary, ...]
+    zones: int
+    nodes: int
+    contacts: int
+    blocks: int
+    dt: float
+    undamped_dt: float
+    limited_by: str
+    added_mass: float
+    steps: int
+    memory: float
+    seconds: float | None
+
+
+def summarise_model(project, measure=False) -> ModelSummary:
+    """Summarise the model of a project.
+
+    Parameters
+    ----------
+    project : Project
+    measure : bool
+        Whether to run a few steps to estimate the run time.
+    """
+    model = project.model
+    geometry, limit = assembly.geometry_arrays(model)
+    n_steps = int(np.ceil(project.duration / geometry["dt"]))
+    mass = model.zone_values("density") * volumes(model.mesh)
+    return ModelSummary(
+        elements=elements_of(project),
+        groups=_groups(model, mass, limit.added_share),
+        zones=len(model.mesh.zones),
+        nodes=len(model.nodes.points),
+        contacts=len(geometry["contact_area"]),
+        blocks=int(model.mesh.blocks().max()) + 1,
+        dt=float(geometry["dt"]),
+        undamped_dt=limit.undamped,
+        limited_by=limit.limited_by,
+        added_mass=float(limit.added_mass.sum() / mass.sum()),
+        steps=n_steps,
+        memory=run_bytes(model, n_steps * (1 + len(model.receivers))),
+        seconds=_measured(model, float(geometry["dt"]), n_steps) if measure else None,
+    )
+
+
+def _groups(model, mass, added_share):
+    """Summarise each material."""
+    mesh = model.mesh
+    edges = model.mean_edges()
+    worst = quality(mesh)
+    summaries = []
+    for number, name in enumerate(mesh.groups):
+        mine = mesh.zone_group == number
+        if mine.any():
+            material = model.materials[name]
+            summaries.append(
+                MaterialSummary(
+                    name,
+                    int(mine.sum()),
+                    float(mass[mine].sum() / material.density),
+                    float(mass[mine].sum()),
+                    float(edges[name]),
+                    float(worst[mine].min()),
+                    carried_frequency(material.cs, float(edges[name]), model.edges_per_wavelength),
+                    float(added_share[name]),
+                )
+            )
+    return tuple(summaries)
+
+
+def carried_frequency(speed, edge, edges_per_wavelength=10.0):
+    """Return the highest frequency in Hz that zones of an edge in m carry; eq. (1) of the paper."""
+    return speed / (edges_per_wavelength * edge)
+
+
+def _measured(model, dt, n_steps):
+    """Estimate the run time in s from a few steps without the static stage."""
+    trial, duration = replace(model, insitu=None), TRIAL_STEPS * dt
+    prepared, began = preparation.prepare(trial, duration), time.perf_counter()
+    run.simulate(trial, duration, prepared=prepared)
+    return n_steps * (time.perf_counter() - began) / prepared.n_steps
+
+
+def boundary_defects(project):
+    """D23, D24: viscous sides along a plane wave, viscous faces of jointed rock."""
+    if project.input is None:
+        return
+    model, face = project.model, project.config.input.face
+    direction = -_mean_normal(model.mesh, face)
+    blind = {*project.config.boundaries.viscous} - {face}
+    if project.config.input.enters_as == "plane_wave":
+        blind = set()
+    sides = [n for n in sorted(blind) if abs(_mean_normal(model.mesh, n) @ direction) < 0.7]
+    entry = sum(surface_impedance(model, face).values())
+    drag = sum((sum(surface_impedance(model, n).values()) for n in sides), np.zeros((3, 3)))
+    path = model.mesh.points @ direction
+    for receiver in project.receivers:
+        share = (direction @ receiver.position - path.min()) / np.ptp(path)
+        transmitted = transmitted_share(entry, drag, share)
+        yield dissipating_sides(sides, transmitted, receiver.name, direction[2] > 0.7)
+    if project.config.boundaries.jointed_faces:
+        return
+    stiffness = set_stiffness(project.config.mesh, project.joints, joint_pressures(model))
+    for group, material in face_materials(project).items():
+        sets = [
+            (set_normal(part), *stiffness[part.name], part.spacing_m)
+            for part in project.config.mesh.joint_sets if group in (part.regions or [group])
+        ]  # fmt: skip
+        if sets:
+            yield jointed_face(group, material, sets, direction)
+
+
+def _mean_normal(mesh, surface):
+    """Return the mean outward normal (3,) of a surface."""
+    _, area, normal = surface_areas(mesh, surface)
+    return area @ normal / np.linalg.norm(area @ normal)

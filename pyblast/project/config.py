@@ -1,10 +1,13 @@
-"""Tables of a project file: names, units, ranges of run, back-analysis, delays, diagnosis."""
+"""Configuration: the tables of a project file about blast, input, run and analyses; its reader."""
 
+from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from ..errors import InputError
 from .config_ground import (
+    AbsorbingLayerConfig,
     AirBlastConfig,
     BoundariesConfig,
     DampingConfig,
@@ -17,7 +20,6 @@ from .config_ground import (
     MomentTensorConfig,
     PointForceConfig,
     PressureConfig,
-    RimConfig,
 )
 from .section import (
     Band,
@@ -33,13 +35,16 @@ from .section import (
     RecordingConfig,
     Section,
     Span,
+    read_toml,
+    sentence_of,
+    value_at,
 )
 
-DEFAULT_METHOD = "levenberg"  # won on twins: docs/decisions.md, "Least squares by default"
+DEFAULT_METHOD = "levenberg"  # docs/decisions.md, "Least squares by default"
 
 
 class ParameterConfig(Section):
-    """An unknown: the dotted path of a key and its range, in the unit of the key."""
+    """Parameter of a back-analysis: dotted path of a key and its range, in the unit of the key."""
 
     path: Name
     low: float
@@ -49,7 +54,7 @@ class ParameterConfig(Section):
 
 
 class BackAnalysisConfig(Section):
-    """What is to be found, from which records, how."""
+    """Back-analysis: parameters, records, method."""
 
     method: Name = DEFAULT_METHOD
     misfit: Name = "paper"
@@ -68,7 +73,7 @@ Ends = Annotated[list[NotNegative], Field(min_length=2, max_length=2)]
 
 
 class HouseConfig(Section):
-    """A house with its limit: a receiver, or a place where a single hole was recorded."""
+    """House with its vibration limit: a receiver, or a position with a recorded single hole."""
 
     name: Name
     limit_mm_per_s: Positive | None = None
@@ -84,7 +89,7 @@ class HouseConfig(Section):
 
 
 class DelaysConfig(Section):
-    """Between which delays the best are sought, and what is uncertain about holes."""
+    """Delay optimisation: range of delays, uncertainty of the holes, houses."""
 
     between_holes_ms: Ends
     between_rows_ms: Ends
@@ -129,7 +134,7 @@ class DelaysConfig(Section):
 
 
 class DiagnosisConfig(Section):
-    """Which records a diagnosis compares, and in which band."""
+    """Diagnosis: records, band and noise window."""
 
     blasts: list[Name] = Field([])
     band_hz: Band | None = None
@@ -149,7 +154,7 @@ class DiagnosisConfig(Section):
 
 
 class BlastConfig(Section):
-    """Rows of holes, or a hole table."""
+    """Blast: rows of holes, or a hole table."""
 
     rows: Count | None = None
     holes_per_row: Count | None = None
@@ -180,7 +185,7 @@ class BlastConfig(Section):
 
 
 class CavityConfig(Section):
-    """The closed form of a charged hole: a cavity under pressure in unbounded rock."""
+    """Closed form of a charged hole: a cavity under pressure in unbounded rock."""
 
     material: Name
     hole_m: Point
@@ -202,7 +207,7 @@ class CavityConfig(Section):
 
 
 class SignatureConfig(Section):
-    """Seismogram of a single hole: recorded, or the closed form."""
+    """Signature: seismogram of a single hole, recorded or in closed form."""
 
     recorded: RecordingConfig | None = None
     cavity: CavityConfig | None = None
@@ -216,7 +221,7 @@ class SignatureConfig(Section):
 
 
 class InputConfig(Section):
-    """Where and how the motion of a signature enters the model."""
+    """Input: where and how the motion of a signature enters the model."""
 
     face: Name = "west"
     enters_as: Literal["stress", "velocity", "plane_wave"] = "stress"
@@ -242,7 +247,7 @@ class InputConfig(Section):
 
 
 class ReceiverConfig(Section):
-    """A place where motion is wanted; without height it stands on the surface "top"."""
+    """Receiver; without height it stands on the surface "top"."""
 
     name: Annotated[str, Field(pattern=r"^[^/\x00]{1,60}$")]
     position_m: Place
@@ -251,11 +256,11 @@ class ReceiverConfig(Section):
 
 
 class RunConfig(Section):
-    """How long and how the model is marched."""
+    """Run: duration, time step, snapshots, comparison."""
 
     duration_s: Positive
     added_mass: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0025
-    step_factor: Annotated[float, Field(gt=0.0, le=1.0)] = 0.8
+    step_factor: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     local_damping: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.0
     snapshots_s: list[NotNegative] = Field([])
     compare_band_hz: Band | None = None
@@ -273,7 +278,7 @@ class RunConfig(Section):
 
 
 class Config(Section):
-    """A whole project file."""
+    """Configuration: all tables of a project file."""
 
     title: Name
     assumed: list[Name] = Field([])
@@ -283,7 +288,7 @@ class Config(Section):
     ground: GroundConfig = GroundConfig()
     boundaries: BoundariesConfig = BoundariesConfig()
     damping: DampingConfig | None = None
-    rim: RimConfig | None = None
+    absorbing_layer: AbsorbingLayerConfig | None = None
     insitu: InSituConfig | None = None
     blast: BlastConfig | None = None
     signature: SignatureConfig | None = None
@@ -321,9 +326,9 @@ class Config(Section):
             )
         if "input" in self.model_fields_set and not face:
             raise ValueError("input: needs [signature]; nothing else enters through a face")
-        if holes and self.blast.reference_charge_kg is not None:
+        if holes and self.blast is not None and self.blast.reference_charge_kg is not None:
             raise ValueError("blast.reference_charge_kg: the moment rate is of 1 kg; leave it out")
-        if holes and self.blast.wave_speed_m_per_s is not None:
+        if holes and self.blast is not None and self.blast.wave_speed_m_per_s is not None:
             raise ValueError("blast.wave_speed_m_per_s: waves cross the model; leave it out")
         recorded = self.signature is not None and self.signature.recorded is not None
         if recorded and self.blast is not None and self.blast.wave_speed_m_per_s is not None:
@@ -379,3 +384,58 @@ class Config(Section):
                         f"({', '.join(layers)}), got {region!r}"
                     )
         return self
+
+
+VARIANT = "full"
+
+
+def read_config(path, full=False) -> Config:
+    """Read and check a project file.
+
+    Parameters
+    ----------
+    path : path
+    full : bool
+        Whether the table ``[full]`` of the file overrides the rest.
+
+    Returns
+    -------
+    Config
+
+    Raises
+    ------
+    ReadError
+        If the file can't be read.
+    InputError
+        If it is no TOML or breaks a rule; one sentence with file, key, rule and value.
+    """
+    path = Path(path)
+    return check_config(read_toml(path), path.name, full)
+
+
+def check_config(table, name="project.toml", full=False) -> Config:
+    """Turn the tables of a project file, as nested dicts, into a `Config`."""
+    table = dict(table)
+    variant = table.pop(VARIANT, None)
+    if full and variant is None:
+        raise InputError(f"{name}: {VARIANT}: missing; the file has no table [{VARIANT}]")
+    if full:
+        table = _merged(table, variant)
+    try:
+        config = Config.model_validate(table)
+    except (ValidationError, RecursionError) as error:
+        raise InputError(f"{name}: {sentence_of(error, Config)}") from None
+    for key in config.assumed:
+        if value_at(config, key) is None:
+            raise InputError(f"{name}: assumed: {key!r} must name a key of this file")
+    return config
+
+
+def _merged(table, variant):
+    """Return a table with the values of a variant in place of its own, table by table."""
+    merged = dict(table)
+    for key, value in variant.items():
+        if isinstance(value, dict) and isinstance(merged.get(key), dict):
+            value = _merged(merged[key], value)
+        merged[key] = value
+    return merged

@@ -71,6 +71,9 @@ class MeshConfig(Section):
     joint_sets: list[JointSetConfig] = Field([])
     faults: list[FaultConfig] = Field([])
     tolerance_m: Positive | None = None
+    kind: Literal["auto", "hexahedra", "tetrahedra"] = "auto"
+    order: Annotated[int, Field(ge=2, le=8)] | None = None
+    accuracy: Annotated[float, Field(ge=1e-4, le=0.1)] = 0.01
     quadratic: bool = False
     padding_m: Positive | None = None
     padding_edge_m: Positive | None = None
@@ -90,7 +93,8 @@ class MeshConfig(Section):
         wanted = any(part.edges_per_wavelength is not None for part in [self, *self.layers])
         if wanted and self.frequency_hz is None:
             raise ValueError("frequency_hz is missing beside edges_per_wavelength")
-        if self.grid_cells is None and self.edge_m is None and self.edges_per_wavelength is None:
+        sized = self.grid_cells, self.edge_m, self.edges_per_wavelength
+        if self.kind == "tetrahedra" and not any(sized):
             raise ValueError("give one of edge_m; edges_per_wavelength; grid_cells")
         if (self.padding_m is None) != (self.padding_edge_m is None):
             raise ValueError("padding_m and padding_edge_m go together")
@@ -234,11 +238,11 @@ class JointConfig(Section):
 class BoundariesConfig(Section):
     """Which outer surface has which condition."""
 
-    viscous: list[Name] = Field([])
-    free_field: list[Name] = Field([])
-    roller: list[Name] = Field([])
-    fixed: list[Name] = Field([])
-    free: list[Name] = Field([])
+    viscous: list[Name] = Field(default=[])
+    free_field: list[Name] = Field(default=[])
+    roller: list[Name] = Field(default=[])
+    fixed: list[Name] = Field(default=[])
+    free: list[Name] = Field(default=[])
     viscous_and_fixed: bool = False
     jointed_faces: bool = False
 
@@ -263,8 +267,8 @@ class InSituConfig(Section):
     stress_mpa: Annotated[list[float], Field(min_length=6, max_length=6)] = Field([0.0] * 6)
 
 
-class RimConfig(Section):
-    """Ground outside a box that damps what leaves it."""
+class AbsorbingLayerConfig(Section):
+    """Absorbing layer: ground outside a box that damps outgoing waves."""
 
     box_m: Box
     width_m: Positive

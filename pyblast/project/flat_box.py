@@ -1,4 +1,4 @@
-"""Flat boxes: ground of flat layers with upright joints, cut into zones that fit them."""
+"""Flat boxes: ground of flat layers with vertical joints, its mesh and its models."""
 
 from dataclasses import dataclass, replace
 
@@ -14,16 +14,17 @@ from ..model.boundary import Viscous
 from ..model.material import ConstantQ, Elastic, Material
 from ..model.model import Model, Receiver, Rim
 from ..model.source import Hole
-from .places import make_rim
+from .places import box_of, make_absorbing_layer
 from .project import Project
+from .section import value_at
 
-BEYOND_BAND = 3.0  # how far beyond the band of the records, both ways, a quality factor holds
+BEYOND_BAND = 3.0  # factor by which the band of constant Q exceeds that of the records, both ways
 SPEEDS = 30.0, 10_000.0  # m/s, of waves in ground
-EARLY = 1e-3  # of its peak that a moment rate may reach before its hole fires
-NEAR = 1e-6  # m that a place may lie outside of the box
+EARLY = 1e-3  # share of its peak that a moment rate may reach before its hole fires
+NEAR = 1e-6  # m, tolerance for positions outside of the box
 OUTER = "west", "east", "south", "north", "bottom"
 
-# Tables that make a project something else than a flat box: key path, and what it is.
+# Keys that a flat box excludes, with the reason.
 OTHER = {
     "mesh.file": "is an imported mesh",
     "mesh.surface_file": "is a surveyed surface",
@@ -53,7 +54,7 @@ OF_MATERIALS = {
 
 @dataclass(frozen=True)
 class Plane:
-    """An upright plane ``axis`` = ``position`` on which zones end, whole or a rectangle of it.
+    """Vertical plane ``axis`` = ``position`` between zones, unbounded or a rectangle.
 
     Parameters
     ----------
@@ -66,7 +67,7 @@ class Plane:
     depth : tuple of 2 float, m
         Below the ground, positive down.
     jointed : bool
-        Whether a joint lies there; otherwise the zones end on it and nothing else.
+        Whether the plane is a joint; otherwise it only aligns the mesh.
     """
 
     name: str
@@ -79,12 +80,12 @@ class Plane:
 
 @dataclass(frozen=True, eq=False)
 class FlatBox:
-    """Geometry of ground of flat layers with upright joints.
+    """Flat box: geometry of flat layers with vertical joints.
 
     Parameters
     ----------
     box : (3, 2) float64, m
-        Its top is the ground, free; it goes on beyond sides and bottom.
+        The top is the free surface; padding continues beyond sides and bottom.
     layers : tuple of (name, thickness m or None)
         From the top down.
     planes : tuple of Plane
@@ -101,17 +102,17 @@ class FlatBox:
 
 
 @dataclass(frozen=True)
-class Cut:
-    """Discretization of a flat box.
+class Discretization:
+    """Discretization of a flat box: edge length, padding, element.
 
     Parameters
     ----------
     edge : float, m
         Of the cells inside the box.
     padding : float, m
-        How far the ground goes on beyond the sides and the bottom.
+        Width of the ground beyond the sides and the bottom.
     growth : float
-        Of each cell over the one before it, out there.
+        Ratio of neighbouring cells in the padding.
     quadratic : bool
         Zones of 15 nodes, in cells cut around their centres.
     single : bool
@@ -130,7 +131,7 @@ class Cut:
     single: bool = False
 
     def __post_init__(self):
-        """Refuse what cuts nothing."""
+        """Refuse lengths and growth out of range."""
         for name, unit in (("edge", " m"), ("padding", " m")):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise InputError(f"cut.{name}: must be positive, got {getattr(self, name):g}{unit}")
@@ -139,18 +140,18 @@ class Cut:
 
     @property
     def pattern(self):
-        """How cells are cut, as of `structured_box`."""
+        """Pattern of tetrahedra in a cell, as in `structured_box`."""
         return "centred" if self.quadratic else "alternating"
 
     @property
     def spread(self):
-        """Radius in m over which each hole is spread: the distance of nodes."""
+        """Radius in m over which each hole is spread: the spacing of the nodes."""
         return 0.5 * self.edge if self.quadratic else self.edge
 
     def of(self, materials):
-        """Return the discretization for materials: anisotropic ones need constant strain.
+        """Return the discretization for materials.
 
-        Of a third of the length, which costs about as much.
+        Anisotropic materials need constant-strain zones: edges of a third cost about as much.
         """
         if not (self.quadratic and is_anisotropic(materials)):
             return self
@@ -158,25 +159,25 @@ class Cut:
 
 
 def is_anisotropic(materials: dict[str, Material]) -> bool:
-    """Tell whether a material has a stiffness of directions."""
-    return any(one.law.name == "anisotropic" for one in materials.values())
+    """Return whether a material is anisotropic."""
+    return any(material.law.name == "anisotropic" for material in materials.values())
 
 
 def not_flat(project: Project) -> str:
     """Return why the ground of a project is not a flat box with holes inside; empty if it is.
 
-    A flat box has flat layers of isotropic elastic materials of their own, with or without quality
-    factors, elastic joints on upright planes along x or y, holes as points inside, and viscous
+    A flat box has flat layers of different isotropic elastic materials, with or without quality
+    factors, elastic joints on vertical planes along x or y, holes as points inside, and viscous
     sides and bottom.
     """
-    every = (project, *project.further)
-    return next(filter(None, (_not_flat(one.config, project) for one in every)), "")
+    configs = (each.config for each in (project, *project.further))
+    return next(filter(None, (_not_flat(config, project) for config in configs)), "")
 
 
 def _not_flat(config, project):
     """Return why one project is not a flat box."""
     for key, what in OTHER.items():
-        if _entry(config, key):
+        if value_at(config, key):
             return f"{key} {what}"
     if config.holes_inside is None:
         return "holes_inside is missing"
@@ -208,13 +209,6 @@ def _not_flat(config, project):
     return ""
 
 
-def _entry(config, key):
-    """Return what a path of keys such as ``ground.gradient`` leads to, or None."""
-    for name in key.split("."):
-        config = None if config is None else getattr(config, name)
-    return config
-
-
 def band_of(config) -> tuple[float, float] | None:
     """Return the band in Hz that a `Config` compares, None where it gives none."""
     band = (config.diagnosis and config.diagnosis.band_hz) or config.run.compare_band_hz
@@ -226,9 +220,9 @@ def flat_box(project: Project) -> FlatBox:
     mesh = project.config.mesh
     low = np.array(mesh.origin_m)
     box = np.column_stack([low, low + mesh.size_m])
-    top, rim = box[2, 1], make_rim(project.config)
-    if rim is not None:
-        box = np.array(rim.box, dtype=float)
+    top, layer = box[2, 1], make_absorbing_layer(project.config)
+    if layer is not None:
+        box = np.array(layer.box, dtype=float)
     box[2, 1] = top
     thicknesses = [*(layer.thickness_m for layer in mesh.layers[:-1]), None]
     names = [layer.material for layer in mesh.layers]
@@ -238,136 +232,142 @@ def flat_box(project: Project) -> FlatBox:
 
 
 def _plane(fault, top, jointed):
-    """Return an upright fault as a plane."""
+    """Return a vertical fault as a plane."""
     axis, (x, y, z) = ("y" if fault.dip_direction_deg % 180.0 == 0.0 else "x"), fault.through_m
-    place, middle = (x, y) if axis == "x" else (y, x)
+    position, middle = (x, y) if axis == "x" else (y, x)
     if fault.extent_m is None:
-        return Plane(fault.name, axis, float(place), jointed=jointed)
+        return Plane(fault.name, axis, float(position), jointed=jointed)
     along, down = (0.5 * length for length in fault.extent_m)
     depth = top - z
     return Plane(
-        fault.name, axis, float(place), (middle - along, middle + along),
+        fault.name, axis, float(position), (middle - along, middle + along),
         (depth - down, depth + down), jointed,
     )  # fmt: skip
 
 
-def flat_mesh(ground: FlatBox, cut: Cut) -> Mesh:
-    """Mesh a flat box, with its joints split; cells grow outside of the box."""
-    jointed = [one for one in ground.planes if one.jointed]
-    every = [*jointed, *(one for one in ground.planes if not one.jointed)]
-    planes = {axis: [one.position for one in every if one.axis == axis] for axis in "xy"}
-    rims = {axis: [one.extent for one in jointed if one.axis != axis] for axis in "xy"}
-    depths = [(-one.depth[0], -one.depth[1]) for one in jointed]
-    heights = -np.cumsum([thickness for _, thickness in ground.layers[:-1]])
+def flat_mesh(ground: FlatBox, cut: Discretization) -> Mesh:
+    """Mesh a flat box and split it along its joints; cells grow outside of the box."""
+    jointed = [plane for plane in ground.planes if plane.jointed]
+    every = [*jointed, *(plane for plane in ground.planes if not plane.jointed)]
+    planes = {axis: [plane.position for plane in every if plane.axis == axis] for axis in "xy"}
+    extents = {axis: [joint.extent for joint in jointed if joint.axis != axis] for axis in "xy"}
+    depths = [(-joint.depth[0], -joint.depth[1]) for joint in jointed]
+    heights = -np.cumsum(np.array([thickness for _, thickness in ground.layers[:-1]], dtype=float))
     below = ground.box[2] - ground.top
     axes = [
-        _axis(ground.box[0], planes["x"], rims["x"], cut, cut.padding),
-        _axis(ground.box[1], planes["y"], rims["y"], cut, cut.padding),
+        _axis(ground.box[0], planes["x"], extents["x"], cut, cut.padding),
+        _axis(ground.box[1], planes["y"], extents["y"], cut, cut.padding),
         _axis(below, heights, depths, cut, 0.0),
     ]
     layers = [Layer(name, thickness) for name, thickness in ground.layers]
-    joints = {one.name: (one.axis, one.position) for one in jointed}
+    joints = {joint.name: (joint.axis, joint.position) for joint in jointed}
     mesh = structured_box(*axes, layers=layers, planes=joints, pattern=cut.pattern)
     surfaces = dict(mesh.surfaces)
-    for one in jointed:
-        faces = surfaces[one.name]
+    for joint in jointed:
+        faces = surfaces[joint.name]
         centre = mesh.points[faces].mean(axis=1)
-        along = centre[:, 1 if one.axis == "x" else 0]
-        inside = (along > one.extent[0]) & (along < one.extent[1])
-        inside &= (-centre[:, 2] > one.depth[0]) & (-centre[:, 2] < one.depth[1])
+        along = centre[:, 1 if joint.axis == "x" else 0]
+        inside = (along > joint.extent[0]) & (along < joint.extent[1])
+        inside &= (-centre[:, 2] > joint.depth[0]) & (-centre[:, 2] < joint.depth[1])
         if not np.any(inside):
             raise InputError(
-                f"joints.{one.name}: is too small for cells of {cut.edge:.3g} m; extend it, or "
+                f"joints.{joint.name}: is too small for cells of {cut.edge:.3g} m; extend it, or "
                 "leave it out"
             )
-        surfaces[one.name] = faces[inside]
+        surfaces[joint.name] = faces[inside]
     points = mesh.points
     if ground.top:
         points = points + np.array([0.0, 0.0, ground.top])
-    return replace(mesh, points=points, surfaces=surfaces).split([one.name for one in jointed])
+    return replace(mesh, points=points, surfaces=surfaces).split([joint.name for joint in jointed])
 
 
-def _axis(limits, planes, rims, cut, after):
-    """Return the grid along an axis; ends of joints and of the box give way to what is near.
+def _axis(limits, planes, extents, cut, after):
+    """Return the grid along an axis that aligns with planes, joint ends and box ends.
 
-    Planes are kept. Rims, the two ends of each joint, are left out where something else is nearer
-    than half a cell and half the shortest joint, so that the joint ends there, and ends of the box
-    likewise.
+    Planes are always aligned. The two ends of a joint, and the ends of the box, are left out where
+    something else is nearer than half a cell and half the shortest joint, which they then join.
     """
-    kept = sorted({float(p) for p in planes if limits[0] < p < limits[1]})
+    stops = sorted({float(p) for p in planes if limits[0] < p < limits[1]})
     ends = list(limits)
-    lengths = [float(np.ptp(np.clip(pair, *limits))) for pair in rims]
+    lengths = [float(np.ptp(np.clip(pair, *limits))) for pair in extents]
     near = 0.5 * min([cut.edge, *(length for length in lengths if length > 0.0)])
     if not after:
-        kept.append(float(ends.pop()))
-    for rim in (end for pair in rims for end in pair):
-        if limits[0] < rim < limits[1] and _apart(rim, kept, near):
-            kept.append(float(rim))
-    stops = sorted(kept + [float(end) for end in ends if _apart(end, kept, near)])
+        stops.append(float(ends.pop()))
+    for end in (end for pair in extents for end in pair):
+        if limits[0] < end < limits[1] and _apart(end, stops, near):
+            stops.append(float(end))
+    stops = sorted(stops + [float(end) for end in ends if _apart(end, stops, near)])
     return graded_axis((stops[0], stops[-1]), stops, cut.edge, cut.padding, after, cut.growth)
 
 
-def _apart(place, others, near):
-    """Tell whether a place is at least so far in m away from others."""
-    return all(abs(place - other) >= near for other in others)
+def _apart(position, others, near):
+    """Return whether a position is at least a distance in m away from others."""
+    return all(abs(position - other) >= near for other in others)
 
 
-def flat_model(project: Project, blast: str, cut: Cut, mesh: Mesh | None = None) -> Model:
-    """Model one blast in a flat box with its holes as isotropic sources, but for misfires.
+def flat_model(
+    project: Project, blast: str, cut: Discretization, mesh: Mesh | None = None
+) -> Model:
+    """Make the model of one blast in a flat box: its charged holes are isotropic sources.
 
     Parameters
     ----------
     project : Project
-        A flat box, with changes to its ground or without.
+        A flat box.
     blast : str
-    cut : Cut
+    cut : Discretization
     mesh : Mesh, optional
-        That of `flat_mesh`, if it is there already.
+        That of `flat_mesh`, made if not given.
     """
-    ground, one, band = flat_box(project), project.of(blast), band_of(project.config)
+    ground, own, band = flat_box(project), project.of(blast), band_of(project.config)
     names = [name for name, _ in ground.layers]
     materials = {name: _in_band(project.materials[name], band) for name in names}
-    cut, rate = cut.of(materials), one.inside.moment_rate
-    holes, exponent = one.blast, one.config.blast.charge_exponent
+    cut, rate = cut.of(materials), own.inside.moment_rate
+    holes, exponent = own.blast, _charge_exponent(own.config)
     sources = [
-        Hole(place, charge, time, rate, exponent, cut.spread)
-        for place, charge, time in zip(holes.centres, holes.charge, holes.times, strict=True)
+        Hole(centre, charge, time, rate, exponent, cut.spread)
+        for centre, charge, time in zip(holes.centres, holes.charge, holes.times, strict=True)
         if charge > 0.0
     ]
     return Model(
         flat_mesh(ground, cut) if mesh is None else mesh,
         materials,
         joints=project.joints,
-        boundaries=[Viscous(side) for side in OUTER],
-        rim=Rim(tuple(map(tuple, ground.box)), cut.padding, band[0]),
-        sources=sources,
-        receivers=one.receivers,
+        boundaries=tuple(Viscous(side) for side in OUTER),
+        rim=Rim(box_of(ground.box), cut.padding, None if band is None else band[0]),
+        sources=tuple(sources),
+        receivers=own.receivers,
         ground=project.fields,
         quadratic=cut.quadratic,
         single=cut.single,
     )
 
 
+def _charge_exponent(config):
+    """Return the charge exponent of the moment of the holes."""
+    return 1.0 if config.blast is None else config.blast.charge_exponent
+
+
 def _in_band(material, band):
-    """Return a material whose quality factors hold around a band in Hz."""
+    """Return a material whose quality factors cover a band in Hz."""
     if not isinstance(material.law, ConstantQ):
         return material
     return replace(material, law=constant_q(material.law.qp, material.law.qs, band))
 
 
 def constant_q(qp, qs, band) -> ConstantQ:
-    """Return quality factors that hold three times beyond a band in Hz."""
+    """Return quality factors that are constant from a third to three times a band in Hz."""
     return ConstantQ(qp, qs, (band[0] / BEYOND_BAND, band[1] * BEYOND_BAND))
 
 
 def quality_of(project: Project) -> tuple[float, float] | None:
     """Return the first pair Qp, Qs of the materials of a project, None where none has one."""
-    laws = [one.law for one in project.materials.values()]
+    laws = [material.law for material in project.materials.values()]
     return next(((law.qp, law.qs) for law in laws if isinstance(law, ConstantQ)), None)
 
 
 def is_elastic(material: Material) -> bool:
-    """Tell whether a material is isotropic, elastic and without loss."""
+    """Return whether a material is isotropic, elastic and lossless."""
     return isinstance(material.law, Elastic)
 
 
@@ -379,18 +379,18 @@ def moment_begins(rate) -> float:
 
 def place_in_box(parts, ground: FlatBox) -> tuple[Receiver, ...]:
     """Turn a list of `ReceiverConfig` into receivers; those without height stand on the ground."""
-    places = [(*part.position_m, ground.top)[:3] for part in parts]
+    positions = [(*part.position_m, ground.top)[:3] for part in parts]
     return tuple(
         Receiver(
             part.name, (float(x), float(y), float(z)),
             None if part.azimuth_deg is None else float(np.radians(part.azimuth_deg)),
         )
-        for part, (x, y, z) in zip(parts, places, strict=True)
+        for part, (x, y, z) in zip(parts, positions, strict=True)
     )  # fmt: skip
 
 
 def check_flat(project: Project):
-    """Refuse a flat box that can't be as it is described, with the part that is to blame.
+    """Refuse an inconsistent flat box; the message names the part.
 
     Raises
     ------
@@ -407,24 +407,24 @@ def check_flat(project: Project):
                 f"layers.{name}: speeds must lie in {SPEEDS[0]:g} to {SPEEDS[1]:g} m/s, "
                 f"got vp {rock.cp:g}, vs {rock.cs:g}"
             )
-    for one in ground.planes:
-        if one.name in SIDES:
-            raise InputError(f"joints.{one.name}: is a side of the box; take another name")
-        start, end = ground.box["xy".index(one.axis)]
-        if not start < one.position < end:
+    for plane in ground.planes:
+        if plane.name in SIDES:
+            raise InputError(f"joints.{plane.name}: is a side of the box; take another name")
+        start, end = ground.box["xy".index(plane.axis)]
+        if not start < plane.position < end:
             raise InputError(
-                f"joints.{one.name}.position: must lie within the box, {start:g} to {end:g} m, "
-                f"got {one.position:g}"
+                f"joints.{plane.name}.position: must lie within the box, {start:g} to {end:g} m, "
+                f"got {plane.position:g}"
             )
-        _check_rims(ground, one)
-    for one in project.receivers:
-        refuse_outside_box(ground.box, f"receivers.{one.name}", one.position)
+        _check_extents(ground, plane)
+    for receiver in project.receivers:
+        refuse_outside_box(ground.box, f"receivers.{receiver.name}", receiver.position)
     for name, blast in project.blasts.items():
         check_holes(ground.box, name, blast)
 
 
 def _check_thicknesses(ground):
-    """Refuse layers that do not share out the height of the box, the last taking the rest."""
+    """Refuse layers that do not fit the height of the box; the last fills the rest."""
     top, bottom = 0.0, ground.box[2, 0] - ground.box[2, 1]
     for name, thickness in ground.layers[:-1]:
         if thickness is None or not thickness > 0.0:
@@ -437,43 +437,43 @@ def _check_thicknesses(ground):
             )
 
 
-def _check_rims(ground, one):
+def _check_extents(ground, plane):
     """Refuse a `Plane` no part of which lies in the box."""
     box = ground.box
-    along, down = box["yx".index(one.axis)], ground.top - box[2, ::-1]
-    for name, part, room in (("extent", one.extent, along), ("depth", one.depth, down)):
-        low, high = np.clip(part, *room)
+    along, down = box["yx".index(plane.axis)], ground.top - box[2, ::-1]
+    for name, part, limits in (("extent", plane.extent, along), ("depth", plane.depth, down)):
+        low, high = np.clip(part, *limits)
         if not low < high:
             raise InputError(
-                f"joints.{one.name}.{name}: must go from low to high and reach into the box, "
-                f"{room[0]:g} to {room[1]:g} m, got {part[0]:g} to {part[1]:g}"
+                f"joints.{plane.name}.{name}: must go from low to high and reach into the box, "
+                f"{limits[0]:g} to {limits[1]:g} m, got {part[0]:g} to {part[1]:g}"
             )
 
 
 def check_holes(box, name, blast: Blast):
-    """Refuse a blast of which a hole lies outside of a box (3, 2) m, or has an unknown charge."""
-    for hole, place, charge in zip(blast.hole_ids, blast.centres, blast.charge, strict=True):
-        refuse_outside_box(box, f"{name}: hole {hole}", place)
+    """Refuse a blast with a hole outside of a box (3, 2) m or of unknown charge."""
+    for hole, centre, charge in zip(blast.hole_ids, blast.centres, blast.charge, strict=True):
+        refuse_outside_box(box, f"{name}: hole {hole}", centre)
         if np.isnan(charge):
             raise InputError(f"{name}: hole {hole}: its charge is missing; give kg, 0 for a dud")
     if not np.any(blast.charge > 0.0):
         raise InputError(f"{name}: no hole has a charge")
 
 
-def refuse_outside_box(box, name, place):
-    """Refuse a place in m, of something of a name, that is not in a box (3, 2) m."""
+def refuse_outside_box(box, name, position):
+    """Refuse a position in m outside of a box (3, 2) m; the message begins with a name."""
     low, high = np.array(box).T
-    if not (np.all(np.array(place) >= low - NEAR) and np.all(np.array(place) <= high + NEAR)):
+    if not (np.all(np.array(position) >= low - NEAR) and np.all(np.array(position) <= high + NEAR)):
         raise InputError(f"{name}: lies outside of the box of the ground; move it into it")
 
 
 def extent_of(project: Project) -> np.ndarray:
-    """Return the box (3, 2) in m that holds the ground of a project inside its padding or rim."""
+    """Return the box (3, 2) in m of the ground of a project without padding or absorbing layer."""
     if not not_flat(project):
         return flat_box(project).box
-    mesh, rim = project.config.mesh, make_rim(project.config)
-    if rim is not None:
-        return np.array(rim.box, dtype=float)
+    mesh, layer = project.config.mesh, make_absorbing_layer(project.config)
+    if layer is not None:
+        return np.array(layer.box, dtype=float)
     if mesh.size_m is not None:
         low = np.array(mesh.origin_m)
         return np.column_stack([low, low + mesh.size_m])
@@ -482,6 +482,6 @@ def extent_of(project: Project) -> np.ndarray:
 
 
 def ground_materials(project: Project) -> list[str]:
-    """Return the names of the materials in the ground, of layers from the top down."""
+    """Return the names of the materials in the ground, layers from the top down."""
     layers = [layer.material for layer in project.config.mesh.layers]
     return list(dict.fromkeys(layers or project.mesh.groups))

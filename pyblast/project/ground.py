@@ -6,7 +6,7 @@ from difflib import get_close_matches
 import numpy as np
 
 from ..core import JOINT_LAWS
-from ..errors import InputError
+from ..errors import InputError, named_error
 from ..mesh.builder import Fault, JointSet, Layer, build_mesh, structured_box
 from ..mesh.grid import upward_normal
 from ..mesh.importer import read_mesh
@@ -17,8 +17,8 @@ from ..model.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_
 from ..model.joint import POSITIVE, Joint, may_be_left_out, saturated
 from ..model.material import ConstantQ, Damping, Elastic, Material, MohrCoulomb
 from ..model.model import InSitu
-from ..units import split_key, to_si
-from .section import named_error, read_columns
+from ..units import plain_number, split_key, to_si
+from .section import read_columns
 
 
 def make_fields(config, blast, mesh) -> tuple:
@@ -105,9 +105,9 @@ def make_joint(where, surface, config):
         if stem not in names or unit not in wanted:
             raise InputError(f"{where}.{key}: unknown key; {_proposal(key, names)}")
         if not value > 0.0 and stem in POSITIVE:
-            raise InputError(f"{where}.{key}: must be positive, got {value:g}")
+            raise InputError(f"{where}.{key}: must be positive, got {plain_number(value, 6)}")
         if value < 0.0:
-            raise InputError(f"{where}.{key}: must not be negative, got {value:g}")
+            raise InputError(f"{where}.{key}: must not be negative, got {plain_number(value, 6)}")
         with named_error(where):
             properties[stem] = to_si(key, value)[1]
     for name in names:
@@ -130,7 +130,7 @@ def _key(name):
 
 
 def _proposal(key, names):
-    """Propose the key that was probably meant."""
+    """Propose a known key."""
     known = {name: _key(name) for name in names}
     stems = sorted((name for name in names if key.startswith(f"{name}_")), key=len)
     near = [known[stems[-1]]] if stems else get_close_matches(key, known.values(), n=1)
@@ -144,7 +144,7 @@ def set_normal(part):
 
 
 def set_stiffness(config, joints, pressures):
-    """Return what the joint sets of a `MeshConfig` oppose to small long waves.
+    """Return the tangent stiffness of the joint sets of a `MeshConfig`.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def set_stiffness(config, joints, pressures):
 
 
 def jointed_media(config, materials, joints, pressures):
-    """Return the medium that each layer with joint sets is for long waves.
+    """Return the effective medium for long waves of each layer with joint sets.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def jointed_media(config, materials, joints, pressures):
     Returns
     -------
     dict of str to Material
-        By layer; rock bridges take their share of the area off the compliance.
+        By layer; rock bridges reduce the compliance by their share of the area.
     """
     stiffness, media = set_stiffness(config, joints, pressures), {}
     for part in config.joint_sets:
@@ -228,7 +228,7 @@ def _elastic(config, values):
 
 
 def _planes(part):
-    """Return the normal of dipping planes and the rest of what is said about them, in SI."""
+    """Return the normal of dipping planes and their other values, in SI."""
     values = dict(to_si(key, value) for key, value in part.model_dump().items())
     return upward_normal(values.pop("dip"), values.pop("dip_direction")), values
 
@@ -273,7 +273,7 @@ def make_boundaries(config, face=None, media=None):
     face : str, optional
         Input face; the literal "viscous and fixed" leaves it free to move.
     media : dict of str to Material, optional
-        Of `jointed_media`, for faces that shall know of joints.
+        Of `jointed_media`, for faces with the impedance of jointed rock.
     """
     media = media if config.jointed_faces else None
     boundaries = [Viscous(name, media or {}) for name in (*config.viscous, *config.free_field)]
@@ -286,7 +286,7 @@ def make_boundaries(config, face=None, media=None):
 
 
 def refuse_open_sides(config, mesh):
-    """Refuse sides that would send the waves of holes inside back without anyone wanting it.
+    """Refuse sides without a condition, which would reflect the waves of holes inside.
 
     Parameters
     ----------
@@ -370,8 +370,8 @@ def _grid(config, layers):
     planes = {}
     for fault in config.faults:
         axis = _axis_of(fault)
-        place = fault.through_m["xyz".index(axis)] - config.origin_m["xyz".index(axis)]
-        planes[fault.name] = (axis, place)
+        position = fault.through_m["xyz".index(axis)] - config.origin_m["xyz".index(axis)]
+        planes[fault.name] = (axis, position)
     mesh = structured_box(config.grid_cells, config.size_m, layers=layers, planes=planes)
     return Mesh(
         mesh.points + config.origin_m, mesh.zones, mesh.zone_group, mesh.groups, mesh.surfaces
@@ -395,6 +395,22 @@ def _axis_of(fault):
 def _jointed_rock(config, layers, folder):
     """Build jointed rock through gmsh."""
     low, size = np.array(config.origin_m), np.array(config.size_m)
+    sets, faults = joints_and_faults(config)
+    padding = None
+    if config.padding_m is not None:
+        padding = config.padding_m, config.padding_edge_m
+    surface = None
+    if config.surface_file is not None:
+        surface = read_surface(folder / config.surface_file)
+    with named_error("mesh"):
+        return build_mesh(
+            np.column_stack([low, low + size]), layers, sets, faults, edge=config.edge_m,
+            surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
+        )  # fmt: skip
+
+
+def joints_and_faults(config):
+    """Return the `JointSet` and `Fault` lists of a `MeshConfig`."""
     sets = [
         JointSet(
             part.name, *_angles(part), part.spacing_m,
@@ -410,17 +426,7 @@ def _jointed_rock(config, layers, folder):
         )
         for part in config.faults
     ]  # fmt: skip
-    padding = None
-    if config.padding_m is not None:
-        padding = config.padding_m, config.padding_edge_m
-    surface = None
-    if config.surface_file is not None:
-        surface = read_surface(folder / config.surface_file)
-    with named_error("mesh"):
-        return build_mesh(
-            np.column_stack([low, low + size]), layers, sets, faults, edge=config.edge_m,
-            surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
-        )  # fmt: skip
+    return sets, faults
 
 
 def _angles(part):

@@ -1,4 +1,4 @@
-"""The input motion of a project: signature, superposed blast, histories of sources, in SI units."""
+"""Input of a project in SI units: blast, signature, superposed motion, source time functions."""
 
 import math
 from dataclasses import dataclass, replace
@@ -7,24 +7,30 @@ import numpy as np
 
 from ..blasts.blast import Blast, Firing
 from ..blasts.hole_tables import read_blast
-from ..blasts.signature import SmoothPulse, cavity_moment, cavity_seismogram, pressure_for_peak
+from ..blasts.signature import (
+    SmoothPulse,
+    cavity_moment,
+    cavity_seismogram,
+    pressure_for_peak,
+    superpose,
+    travel_shifts,
+)
 from ..blasts.site_law import scaled_distance_ppv
-from ..blasts.superposition import superpose, travel_shifts
-from ..errors import InputError
+from ..errors import InputError, named_error
 from ..model.boundary import StressInput, VelocityInput
 from ..model.source import PlaneWave, TimeFunction, polarisation
 from ..recordings.recording import Recording, read_recording
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
-from ..signals.spectra import LowPassed, lowpass
+from ..signals.spectra import LowPassed, dominant_frequency, lowpass
 from ..units import to_si
-from .section import named_error, read_time_function
+from .section import read_time_function
 
 QUIET_CYCLES = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class InputMotion:
-    """What enters the model and what it came from; zero time is the first firing.
+    """Input motion and the stages of its making; zero time is the first firing.
 
     Parameters
     ----------
@@ -89,7 +95,7 @@ def make_firing(config, blast, reference_charge=None) -> Firing:
         Charge that the scales refer to; without it the one of the file, else all scales are 1.
     """
     if blast is None:
-        return Firing(np.zeros(1), 1.0)
+        return Firing(np.zeros(1), np.ones(1))
     firing = blast.firing(reference_charge or config.reference_charge_kg, config.charge_exponent)
     if config.scatter_ms:
         sigma = to_si("scatter_ms", config.scatter_ms)[1]
@@ -99,7 +105,7 @@ def make_firing(config, blast, reference_charge=None) -> Firing:
 
 def read_record(config, folder) -> Recording:
     """Read the record that a `RecordingConfig` names."""
-    found = read_recording(
+    records = read_recording(
         folder / config.file,
         config.format,
         bearing=None if config.bearing_deg is None else math.radians(config.bearing_deg),
@@ -109,16 +115,16 @@ def read_record(config, folder) -> Recording:
         mapping=None if config.mapping is None else folder / config.mapping,
         unit=config.unit,
     )
-    if config.record > len(found):
-        raise InputError(f"record: {config.file} has {len(found)} records, got {config.record}")
-    record = found[config.record - 1]
+    if config.record > len(records):
+        raise InputError(f"record: {config.file} has {len(records)} records, got {config.record}")
+    record = records[config.record - 1]
     if config.start_s is None:
         return record
     return replace(record, seismogram=replace(record.seismogram, start=config.start_s))
 
 
 def read_hole(config, folder) -> Seismogram:
-    """Read a single hole without the recorder's offset, which would be added up over the holes."""
+    """Read a single-hole record and remove its mean, which superposition would multiply."""
     seismogram = read_record(config, folder).seismogram
     return replace(seismogram, velocity=seismogram.velocity - seismogram.velocity.mean(axis=0))
 
@@ -129,7 +135,7 @@ def cavity_pulse(config, material):
     if config.pressure_mpa is not None:
         return replace(pulse, pressure=to_si("pressure_mpa", config.pressure_mpa)[1])
     distance = math.dist(config.hole_m, config.receiver_m)
-    peak = scaled_distance_ppv(distance, config.charge_kg)
+    peak = float(scaled_distance_ppv(distance, config.charge_kg))
     if config.peak_mm_per_s is not None:
         peak = to_si("peak_mm_per_s", config.peak_mm_per_s)[1]
     rock = material.density, material.cp, material.cs
@@ -165,7 +171,7 @@ def _single_hole(config, materials, folder):
 
 
 def _refuse_gaps(file, seismogram):
-    """Refuse a single hole without one of its components, or one that never moves."""
+    """Refuse a single-hole record that lacks a component or never moves."""
     if not seismogram.present.all():
         missing = seismogram.components[int(seismogram.present.argmin())]
         raise InputError(
@@ -200,9 +206,9 @@ def make_input(signature, firing, low_pass, shifts=None) -> InputMotion:
 
 
 def make_entry(config, motion):
-    """Return the boundaries and the sources by which a motion enters through a face.
+    """Return the boundaries and plane waves by which a motion enters through a face.
 
-    A plane wave is what the motion does along its polarisation.
+    A plane wave carries the component of the motion along its polarisation.
 
     Parameters
     ----------
@@ -299,7 +305,7 @@ def make_air_pulse(config, folder) -> TimeFunction:
 
 @dataclass(frozen=True, eq=False)
 class Inside:
-    """What shakes a project beside a motion on a face; zero time is the first firing.
+    """Sources inside or on the model, beside the input face; zero time is the first firing.
 
     Parameters
     ----------
@@ -326,18 +332,25 @@ class Inside:
 
     @property
     def named(self) -> dict[str, TimeFunction]:
-        """Every history by a name."""
+        """Time functions of all sources by name."""
         several = {"force": self.forces, "tensor": self.tensors, "pressure": self.pressures}
         single = {"moment_rate": self.moment_rate, "air_blast": self.air_pulse}
         return {
-            **{f"{name}_{n + 1}": one for name in several for n, one in enumerate(several[name])},
-            **{name: one for name, one in single.items() if one is not None},
+            **{
+                f"{name}_{n + 1}": function
+                for name in several
+                for n, function in enumerate(several[name])
+            },
+            **{name: function for name, function in single.items() if function is not None},
         }
 
     @property
     def start(self) -> float:
-        """Time of whatever begins first [s], at most 0."""
-        starts = [0.0, *(one.start for one in (*self.forces, *self.tensors, *self.pressures))]
+        """Earliest start of a source [s], at most 0."""
+        starts = [
+            0.0,
+            *(function.start for function in (*self.forces, *self.tensors, *self.pressures)),
+        ]
         first = float(self.firing.times.min())
         for history in (self.moment_rate, self.air_pulse):
             if history is not None:
@@ -346,21 +359,21 @@ class Inside:
 
     @property
     def motions(self) -> tuple[Seismogram, ...]:
-        """Shapes of the far motion, to see its frequencies: of all holes, of each other source."""
+        """Far-field wave shapes of all holes and of each other source, for their spectra."""
         fired = []
         if self.moment_rate is not None:
             fired.append(radiated(self.moment_rate))
         if self.air_pulse is not None:
             fired.append(shape(self.air_pulse, self.air_pulse.values))
         return (
-            *(superpose(one, self.firing) for one in fired),
-            *(radiated(one) for one in (*self.forces, *self.tensors)),
-            *(shape(one, one.values) for one in self.pressures),
+            *(superpose(function, self.firing) for function in fired),
+            *(radiated(function) for function in (*self.forces, *self.tensors)),
+            *(shape(function, function.values) for function in self.pressures),
         )
 
 
 def read_inside(config, firing, materials, folder) -> Inside:
-    """Read the histories of all sources of the `Config` of a project."""
+    """Read the time functions of all sources of a `Config`."""
     rate = air = None
     if config.holes_inside is not None:
         exponent = config.blast.charge_exponent
@@ -368,7 +381,7 @@ def read_inside(config, firing, materials, folder) -> Inside:
             rate = make_moment_rate(config.holes_inside, exponent, materials, folder)
     if config.air_blast is not None:
         air = make_air_pulse(config.air_blast, folder)
-    several = (
+    forces, tensors, pressures = (
         tuple(read_time_function(folder / part.file, heads) for part in parts)
         for parts, heads in (
             (config.point_forces, FORCE_HEADS),
@@ -376,15 +389,38 @@ def read_inside(config, firing, materials, folder) -> Inside:
             (config.pressures, PRESSURE_HEADS),
         )
     )
-    return Inside(firing, rate, *several, air)
+    return Inside(firing, rate, forces, tensors, pressures, air)
 
 
 def radiated(function) -> Seismogram:
-    """Return the shape of the far motion of a source: the slope of its moment rate or force."""
+    """Return the far-field wave shape: the time derivative of a moment rate or force."""
     return shape(function, np.gradient(function.values, function.dt))
 
 
 def shape(function, values) -> Seismogram:
-    """Return values (n,) at the times of a function as a motion of one column without a scale."""
+    """Return values (n,) at the times of a function as a seismogram of one component."""
     missing = np.full_like(values, np.nan)
     return Seismogram(np.column_stack([values, missing, missing]), function.dt, function.start)
+
+
+def central_frequency(project):
+    """Return the frequency in Hz that damping is set to, else the dominant one of the input."""
+    if project.config.damping is not None:
+        return project.config.damping.frequency_hz
+    motion = project.motions[0]
+    return float(dominant_frequency(motion).hz[int(np.nanargmax(motion.ppv))])
+
+
+def input_band(project):
+    """Return the highest frequency in Hz of what enters: the low-pass, or 95 % of the energy."""
+    low_pass = None if project.input is None else project.config.input.low_pass_hz
+    tops = [] if low_pass is None else [low_pass]
+    return max(tops + [highest_frequency(motion) for motion in project.motions[len(tops) :]])
+
+
+def highest_frequency(motion):
+    """Return the frequency in Hz below which 95 % of the energy of a motion lies."""
+    velocity = np.nan_to_num(motion.velocity)
+    power = (np.abs(np.fft.rfft(velocity, axis=0)) ** 2).sum(axis=1)
+    frequency = np.fft.rfftfreq(len(velocity), motion.dt)
+    return float(frequency[np.searchsorted(np.cumsum(power), 0.95 * power.sum())])

@@ -1,14 +1,15 @@
-"""Receivers and sources of a project, placed in its mesh."""
+"""Places in the mesh of a project: receivers, sources, absorbing layer, input face."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from ..errors import InputError
-from ..mesh.mesh import edge_lengths, locate
+from ..errors import InputError, named_error
+from ..mesh.faces import face_vectors
+from ..mesh.hexahedra import face_shapes, face_slopes
+from ..mesh.mesh import edge_lengths, locate, surface_zones
 from ..model.model import Receiver, Rim
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
-from .section import named_error
 
 
 def place_receivers(parts, mesh) -> tuple[Receiver, ...]:
@@ -17,46 +18,78 @@ def place_receivers(parts, mesh) -> tuple[Receiver, ...]:
     Raises
     ------
     InputError
-        If one lies outside of the mesh; it is named.
+        If a receiver lies outside of the mesh.
     """
-    found = []
+    receivers = []
     for part in parts:
         with named_error(f"receivers.{part.name}"):
-            place = tuple(on_ground(mesh, part.position_m))
+            position = on_ground(mesh, part.position_m)
         azimuth = None if part.azimuth_deg is None else float(np.radians(part.azimuth_deg))
-        found.append(Receiver(part.name, place, azimuth))
-    refuse_outside(mesh, {f"receivers.{part.name}": part.position for part in found})
-    return tuple(found)
+        receivers.append(Receiver(part.name, position, azimuth))
+    refuse_outside(
+        mesh, {f"receivers.{receiver.name}": receiver.position for receiver in receivers}
+    )
+    return tuple(receivers)
 
 
-def on_ground(mesh, place):
-    """Return a place (3,) in m, on the surface "top" where no height is given.
+def on_ground(mesh, position) -> tuple[float, float, float]:
+    """Return a position (3,) in m, on the surface "top" where no height is given.
 
     Raises
     ------
     InputError
-        If the mesh has no surface "top", or the place lies outside of it.
+        If the mesh has no surface "top", or the position lies outside of it.
     """
-    if len(place) == 3:
-        return [float(value) for value in place]
+    if len(position) == 3:
+        x, y, z = map(float, position)
+        return x, y, z
     if "top" not in mesh.surfaces:
         raise InputError("position_m: needs a height, the mesh has no surface 'top'")
-    return [float(place[0]), float(place[1]), _height(mesh, np.array(place, dtype=float))]
+    x, y = map(float, position)
+    return x, y, _height(mesh, np.array(position, dtype=float))
 
 
-def _height(mesh, place):
-    """Return the height of the surface "top" at a place (2,)."""
+def _height(mesh, position):
+    """Return the height of the surface "top" at a position (2,)."""
+    if mesh.hexahedral:
+        return _height_of_hexahedra(mesh, position)
     corners = mesh.points[mesh.surfaces["top"]]
     a, b, c = (corners[:, k, :2] for k in range(3))
     area = _cross(b - a, c - a)
-    u = _cross(place - a, c - a) / area
-    v = _cross(b - a, place - a) / area
+    u = _cross(position - a, c - a) / area
+    v = _cross(b - a, position - a) / area
     inside = np.flatnonzero((u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9))
     if not len(inside):
-        raise InputError(f"position_m: ({place[0]:g}, {place[1]:g}) m lies outside of the ground")
+        raise InputError(
+            f"position_m: ({position[0]:g}, {position[1]:g}) m lies outside of the ground"
+        )
     k = inside[0]
     heights = corners[k, :, 2]
     return float(heights @ [1.0 - u[k] - v[k], u[k], v[k]])
+
+
+def _height_of_hexahedra(mesh, place):
+    """Return the height of the surface "top" of hexahedra at a place (2,)."""
+    nodes = mesh.node_places[surface_zones(mesh, "top")]
+    top = nodes.reshape(len(nodes), -1, (mesh.order + 1) ** 2, 3)[:, -1]
+    inside = (place >= top[:, :, :2].min(axis=1)) & (place <= top[:, :, :2].max(axis=1))
+    for face in top[inside.all(axis=1)]:
+        coordinates = _on_face(face, mesh.order, place)
+        if np.abs(coordinates).max() <= 1.0 + 1e-9:
+            return float(face_shapes(mesh.order, coordinates) @ face[:, 2])
+    raise InputError(f"position_m: ({place[0]:g}, {place[1]:g}) m lies outside of the ground")
+
+
+def _on_face(face, order, place):
+    """Return the reference coordinates (2,) of a place on a face, by Newton."""
+    at = np.zeros(2)
+    for _ in range(50):
+        slope = face_slopes(order, at).T @ face[:, :2]
+        step = np.linalg.solve(slope.T, place - face_shapes(order, at) @ face[:, :2])
+        at = np.clip(at + step, -1.5, 1.5)
+        if np.abs(step).max() < 1e-13:
+            break
+    return at
 
 
 def _cross(a, b):
@@ -64,124 +97,151 @@ def _cross(a, b):
     return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
 
 
-def refuse_outside(mesh, places):
-    """Refuse places that lie outside of the mesh.
+def refuse_outside(mesh, positions):
+    """Refuse positions outside of the mesh.
 
     Parameters
     ----------
     mesh : Mesh
-    places : dict of str to (3,) float, m
-        By the name that the message gives.
+    positions : dict of str to (3,) float, m
+        By the name for the message.
 
     Raises
     ------
     InputError
-        It names the first place.
+        It names the first position.
     """
-    if not places:
+    if not positions:
         return
     try:
-        locate(mesh, np.reshape(list(places.values()), (-1, 3)))
+        _locate(mesh, np.reshape(list(positions.values()), (-1, 3)))
     except InputError:
-        for name, place in places.items():
+        for name, position in positions.items():
             with named_error(name):
-                locate(mesh, place)
+                _locate(mesh, np.reshape(position, (-1, 3)))
 
 
-def make_rim(config):
-    """Return the rim of a `Config`: its own, or the padding around sources inside, or None."""
-    if config.rim is not None:
-        rim = config.rim
-        return Rim(tuple(map(tuple, rim.box_m)), rim.width_m, rim.lowest_hz)
+def _locate(mesh, positions):
+    """Refuse positions (n, 3) outside of a mesh or in its absorbing layer."""
+    locate(mesh, positions)
+    if mesh.layer is None:
+        return
+    inside = mesh.layer.depths(positions).max(axis=1) > 0.0
+    if inside.any():
+        x, y, z = positions[inside][0]
+        raise InputError(
+            f"point ({x:g}, {y:g}, {z:g}): lies in the absorbing layer; enlarge the model"
+        )
+
+
+def box_of(rows) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """Return the low and high ends of a box (3, 2) along x, y and z."""
+    x, y, z = ((low, high) for low, high in rows)
+    return x, y, z
+
+
+def make_absorbing_layer(config):
+    """Return the absorbing layer of a `Config`: given, or the padding around sources, or None."""
+    if config.absorbing_layer is not None:
+        layer = config.absorbing_layer
+        return Rim(box_of(layer.box_m), layer.width_m, layer.lowest_hz)
     mesh = config.mesh
     inside = config.holes_inside or config.point_forces or config.moment_tensors
     if mesh.padding_m is None or not inside:
         return None
     ends = zip(mesh.origin_m, mesh.size_m, strict=True)
-    return Rim(tuple((low, low + size) for low, size in ends), mesh.padding_m)
+    return Rim(box_of((low, low + size) for low, size in ends), mesh.padding_m)
 
 
-def check_rim(rim, mesh, places):
-    """Refuse a rim that holds nothing, or places (dict of str to (3,) m) inside of it.
+def check_absorbing_layer(layer, mesh, positions):
+    """Refuse an absorbing layer without zones, or positions (dict of str to (3,) m) inside it.
 
     Raises
     ------
     InputError
     """
     centres = mesh.points[mesh.zones].mean(axis=1)
-    if not rim.alpha(centres, 1.0).any():
-        raise InputError("rim.box_m: holds the whole ground; leave some of it to the rim")
-    for name, place in places.items():
-        if rim.alpha(np.array([place], dtype=float), 1.0).any():
-            raise InputError(f"{name}: lies in the rim, which damps motion; move it into the box")
+    if not layer.alpha(centres, 1.0).any():
+        raise InputError(
+            "absorbing_layer.box_m: holds the whole ground; leave some of it to the layer"
+        )
+    for name, position in positions.items():
+        if layer.alpha(np.array([position], dtype=float), 1.0).any():
+            raise InputError(
+                f"{name}: lies in the absorbing layer, which damps motion; move it into the box"
+            )
 
 
-def hole_places(blast):
+def hole_positions(blast):
     """Return the centres of the charges by the names of their holes."""
     names = (f"blast: hole {name}" for name in blast.hole_ids)
     return dict(zip(names, blast.centres, strict=True))
 
 
 def place_sources(inside, config, blast, mesh, lead) -> tuple:
-    """Put all sources into the mesh; their time 0 is ``lead`` s before the first firing.
+    """Place all sources in the mesh; their time 0 is ``lead`` s before the first firing.
 
     Raises
     ------
     InputError
-        If one lies outside of the mesh, a hole has no charge or a surface is none; it is named.
+        If a source lies outside of the mesh, no hole has a charge, or a surface is unknown.
     """
     sources = []
     if inside.moment_rate is not None:
         if not blast.charge.any():
             raise InputError("blast: no hole has a charge; give one a charge_kg above 0")
-        refuse_outside(mesh, hole_places(blast))
-        place = _place_columns if config.holes_inside.detonation_m_per_s else _place_holes
-        sources += place(inside, config, blast, mesh, lead)
+        refuse_outside(mesh, hole_positions(blast))
+        place_blast = _place_columns if config.holes_inside.detonation_m_per_s else _place_holes
+        sources += place_blast(inside, config, blast, mesh, lead)
     sources += _place_forces(inside, config, mesh, lead)
     sources += _place_tensors(inside, config, mesh, lead)
     for number, (part, history) in enumerate(zip(config.pressures, inside.pressures, strict=True)):
         _check_surface(f"pressures[{number + 1}]", part.surface, mesh)
-        run = (part.start_m, part.speed_m_per_s) if part.start_m is not None else ()
-        sources.append(Pressure(part.surface, _later(history, lead), *run))
+        moving = (part.start_m, part.speed_m_per_s) if part.start_m is not None else ()
+        sources.append(Pressure(part.surface, _later(history, lead), *moving))
     if inside.air_pulse is not None:
         sources += _place_air(inside, config.air_blast, blast, mesh, lead)
     return tuple(sources)
 
 
 def _later(history, lead):
-    """Return a history whose time 0 is a lead in s after the start of the run."""
+    """Delay a time function by the lead in s."""
     return replace(history, start=history.start + lead)
 
 
 def _place_holes(inside, config, blast, mesh, lead):
     """Return the holes of a blast as points, without those that misfire (charge 0)."""
     spread, exponent = config.holes_inside.spread_m, config.blast.charge_exponent
-    if spread is None:
+    if spread is None and mesh.hexahedral:
+        spread = 0.0  # they resolve a point source
+    elif spread is None:
         zone, _ = locate(mesh, blast.centres)
         spread = float(edge_lengths(mesh)[zone].mean())
-    charges = zip(hole_places(blast).items(), blast.charge, inside.firing.times + lead, strict=True)
-    for (name, place), charge, time in charges:
+    charges = zip(
+        hole_positions(blast).items(), blast.charge, inside.firing.times + lead, strict=True
+    )
+    for (name, position), charge, time in charges:
         if charge == 0.0:
             continue
         with named_error(name):
-            yield Hole(place, charge, time, inside.moment_rate, exponent, spread)
+            yield Hole(position, charge, time, inside.moment_rate, exponent, spread)
 
 
 def _place_columns(inside, config, blast, mesh, lead):
     """Return the holes that have a charge as columns that detonate from one end."""
     part, exponent = config.holes_inside, config.blast.charge_exponent
-    names, ends = list(hole_places(blast)), blast.columns
+    names, ends = list(hole_positions(blast)), blast.columns
     for end in (0, 1):
         refuse_outside(mesh, dict(zip(names, ends[:, end], strict=True)))
     primed, other = (0, 1) if part.primed_at == "collar" else (1, 0)
-    for name, way, charge, time in zip(
+    for name, column, charge, time in zip(
         names, ends, blast.charge, inside.firing.times + lead, strict=True
     ):
         if charge == 0.0:
             continue
         with named_error(name):
             yield Column(
-                way[primed], way[other], charge, time, inside.moment_rate, exponent,
+                column[primed], column[other], charge, time, inside.moment_rate, exponent,
                 part.detonation_m_per_s,
             )  # fmt: skip
 
@@ -190,10 +250,10 @@ def _place_forces(inside, config, mesh, lead):
     """Return the point forces."""
     for number, (part, history) in enumerate(zip(config.point_forces, inside.forces, strict=True)):
         with named_error(f"point_forces[{number + 1}]"):
-            place = np.array(on_ground(mesh, part.position_m))
-        refuse_outside(mesh, {f"point_forces[{number + 1}]": place})
+            position = np.array(on_ground(mesh, part.position_m))
+        refuse_outside(mesh, {f"point_forces[{number + 1}]": position})
         along = np.array(part.direction) / np.linalg.norm(part.direction)
-        yield PointForce(place, along, _later(history, lead))
+        yield PointForce(position, along, _later(history, lead))
 
 
 def _place_tensors(inside, config, mesh, lead):
@@ -223,8 +283,73 @@ def _place_air(inside, part, blast, mesh, lead):
 
 
 def _check_surface(where, surface, mesh):
-    """Refuse a surface that is none, or a joint."""
+    """Refuse an unknown surface, or a joint."""
     joints = () if mesh.contacts is None else mesh.contacts.names
     outer = [name for name in mesh.surfaces if name not in joints]
     if surface not in outer:
         raise InputError(f"{where}.surface: must be one of {', '.join(outer)}, got {surface!r}")
+
+
+def face_areas(project):
+    """Return area in m2 and material of each part of the input face."""
+    mesh, face = project.model.mesh, project.config.input.face
+    group = mesh.zone_group[surface_zones(mesh, face)]
+    area = np.linalg.norm(face_vectors(mesh.points, mesh.surfaces[face]), axis=1)
+    return [
+        (float(area[group == n].sum()), project.materials[mesh.groups[n]]) for n in np.unique(group)
+    ]
+
+
+def source_material(project):
+    """Return name and material that the signature comes through."""
+    cavity = project.config.signature.cavity
+    if cavity is not None:
+        return cavity.material, project.materials[cavity.material]
+    present = face_materials(project)
+    return max(present.items(), key=lambda item: item[1].density * item[1].cp)
+
+
+def normal_axis(project):
+    """Return the axis along the normal of the input face."""
+    mesh = project.mesh
+    corners = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
+    return int(np.argmin(np.ptp(corners, axis=0)))
+
+
+def face_distance(project):
+    """Return how far the source is from the input face, and from its foot to the far edge, m.
+
+    The distance is the one of the file, else that from the middle of the first row; None where
+    neither is known.
+    """
+    mesh = project.mesh
+    corners = mesh.points[np.unique(mesh.surfaces[project.config.input.face])]
+    across = normal_axis(project)
+    along = int(np.argmax(np.ptp(corners, axis=0) * [1.0, 1.0, 0.0]))
+    distance, middle = project.config.input.distance_m, float(corners[:, along].mean())
+    if project.blast is not None:
+        first = project.blast.centres[project.blast.times == project.blast.times.min()].mean(axis=0)
+        middle = float(first[along])
+        if distance is None:
+            distance = float(abs(first[across] - corners[:, across].mean()))
+    if not distance:
+        return None, 0.0
+    reach = max(abs(corners[:, along].max() - middle), abs(middle - corners[:, along].min()))
+    return distance, float(reach)
+
+
+def receiver_groups(project):
+    """Return the material under each receiver, dict of str to str."""
+    mesh = project.model.mesh
+    if not project.receivers:
+        return {}
+    zone, _ = locate(mesh, [receiver.position for receiver in project.receivers])
+    names = [mesh.groups[group] for group in mesh.zone_group[zone]]
+    return {r.name: name for r, name in zip(project.receivers, names, strict=True)}
+
+
+def face_materials(project):
+    """Return the materials on the input face, dict of str to Material."""
+    mesh = project.model.mesh
+    numbers = np.unique(mesh.zone_group[surface_zones(mesh, project.config.input.face)])
+    return {mesh.groups[n]: project.materials[mesh.groups[n]] for n in numbers}

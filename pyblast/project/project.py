@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..blasts.blast import Blast, Firing
-from ..errors import InputError
+from ..errors import InputError, named_error
 from ..mesh.mesh import Mesh
 from ..model.joint import Joint
 from ..model.material import Material
@@ -18,8 +18,8 @@ from ..model.model import Model, Receiver, Rim
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
-from .config import Config
-from .config_file import changed_tables, check_config, read_config
+from .config import Config, check_config, read_config
+from .elements import Ground, horizontal_positions, make_ground
 from .ground import (
     joint_of_surface,
     jointed_media,
@@ -29,7 +29,6 @@ from .ground import (
     make_insitu,
     make_joint,
     make_material,
-    make_mesh,
     refuse_open_sides,
     with_damaged_material,
 )
@@ -46,15 +45,23 @@ from .inputs import (
     read_record,
     shifts_of,
 )
-from .places import check_rim, hole_places, make_rim, place_receivers, place_sources
-from .section import named_error
+from .places import (
+    check_absorbing_layer,
+    hole_positions,
+    make_absorbing_layer,
+    place_receivers,
+    place_sources,
+)
+from .section import changed_tables, value_at
+
+STEP_FACTOR = {False: 0.8, True: 0.95}  # over a bound of tetrahedra, over the limit of hexahedra
 
 
 class _part(cached_property):
-    """A part of a project that is made when it is first wanted, unless it was given."""
+    """Cached property of a project, unless the value was given."""
 
     def __get__(self, instance, owner=None) -> Any:
-        """Return the part: given, made before, or made now."""
+        """Return the value: given, cached or computed."""
         if instance is not None and self.attrname in instance.given:
             return instance.given[self.attrname]
         return super().__get__(instance, owner)
@@ -62,7 +69,7 @@ class _part(cached_property):
 
 @dataclass(frozen=True, eq=False)
 class Project:
-    """A checked project file and the objects it stands for.
+    """Project: a checked project file and the objects that it describes.
 
     Parameters
     ----------
@@ -72,13 +79,13 @@ class Project:
     joints : tuple of Joint
         One for each joint surface of the mesh.
     name : str
-        Of its blast among others in the same ground; the stem of the file.
+        Name of the blast; by default the stem of the file.
     further : tuple of Project
         Further blasts in the same ground, of `with_further`.
     fields : tuple of Gradient, DamagedZone or Heterogeneity
         Factors on the wave speeds beside those of the table [ground].
     given : dict of str to object
-        Parts, such as ``mesh`` or ``records``, that are not made from the file.
+        Parts, such as ``mesh`` or ``records``, that replace those of the file.
     """
 
     path: Path
@@ -101,12 +108,12 @@ class Project:
         return self.config.title
 
     def is_assumed(self, key) -> bool:
-        """Tell whether a key path, or one it lies under, is marked as assumed."""
+        """Return whether a key path or a parent of it is marked as assumed."""
         return any(key == name or key.startswith(f"{name}.") for name in self.config.assumed)
 
     @property
     def time_zero(self) -> str | None:
-        """Instant at which the firing times have 0, None where it is not known."""
+        """ISO time of firing time 0, None where unknown."""
         return self.given.get("time_zero")
 
     @property
@@ -158,7 +165,7 @@ class Project:
 
     @_part
     def motions(self) -> tuple[Seismogram, ...]:
-        """Return what enters, for its frequencies: through a face, from each kind of source."""
+        """Input motions for their frequency content: of the face, of each kind of source."""
         face = () if self.input is None else (self.input.motion,)
         return (*face, *self.inside.motions)
 
@@ -170,16 +177,21 @@ class Project:
 
     @property
     def duration(self) -> float:
-        """Time to march [s]: the duration asked for after the first firing, and the lead."""
+        """Duration of the run [s]: the lead and the given duration after the first firing."""
         return self.lead + self.config.run.duration_s
+
+    @_part
+    def ground(self) -> Ground:
+        """Mesh, not split, and why it has its elements."""
+        positions = horizontal_positions(self)
+        with named_error(self.path.name):
+            return make_ground(self, positions)
 
     @_part
     def mesh(self) -> Mesh:
         """Mesh, split along its joints."""
         with named_error(self.path.name):
-            mesh = make_mesh(self.config.mesh, self.materials, self.folder).split(
-                [joint.surface for joint in self.joints]
-            )
+            mesh = self.ground.mesh.split([joint.surface for joint in self.joints])
             return with_damaged_material(self.config.ground, self.blast, mesh)
 
     @_part
@@ -197,26 +209,28 @@ class Project:
             return place_sources(*parts)
 
     @_part
-    def rim(self) -> Rim | None:
-        """Ground that damps what leaves; no receiver and no hole stands in it."""
-        rim = make_rim(self.config)
-        places = {f"receivers.{part.name}": part.position for part in self.receivers}
+    def absorbing_layer(self) -> Rim | None:
+        """Damped ground around tetrahedra; no receiver and no hole stands in it."""
+        layer = None if self.mesh.hexahedral else make_absorbing_layer(self.config)
+        positions = {f"receivers.{part.name}": part.position for part in self.receivers}
         if self.inside.moment_rate is not None:
-            places |= hole_places(self.blast)
-        if rim is not None:
+            positions |= hole_positions(self.blast)
+        if layer is not None:
             with named_error(self.path.name):
-                check_rim(rim, self.mesh, places)
-        return rim
+                check_absorbing_layer(layer, self.mesh, positions)
+        return layer
 
     @_part
     def records(self) -> dict[str, Recording]:
         """Return the records by receiver, in the components of the simulated seismograms."""
-        found = {}
+        records = {}
         for part in self.config.receivers:
             if part.recorded is not None:
                 with named_error(f"{self.path.name}: receivers.{part.name}.recorded"):
-                    found[part.name] = like_simulated(part, read_record(part.recorded, self.folder))
-        return found
+                    records[part.name] = like_simulated(
+                        part, read_record(part.recorded, self.folder)
+                    )
+        return records
 
     @property
     def recorded(self) -> dict[str, Seismogram]:
@@ -227,16 +241,15 @@ class Project:
     def model(self) -> Model:
         """Model with all that enters; its time 0 is `lead` before the first firing."""
         config, mesh = self.config, self.mesh
-        face = None if self.input is None else config.input.face
+        motion, face = self.input, None if self.input is None else config.input.face
         entries, waves = [], []
-        if face is not None:
+        if motion is not None:
             outer = [name for name in mesh.surfaces if name not in {j.surface for j in self.joints}]
             if face not in outer:
-                raise InputError(
-                    f"{self.path.name}: input.face: must be one of {', '.join(outer)}, got {face!r}"
-                )
-            entries, waves = make_entry(config.input, self.input.motion.shifted(self.lead))
-        parts = {"sources": (*self.sources, *waves), "receivers": self.receivers, "rim": self.rim}
+                what = f"must be one of {', '.join(outer)}, got {face!r}"
+                raise InputError(f"{self.path.name}: input.face: {what}")
+            entries, waves = make_entry(config.input, motion.motion.shifted(self.lead))
+        sources, receivers, layer = self.sources, self.receivers, self.absorbing_layer
         with named_error(self.path.name):
             if config.holes_inside or config.moment_tensors:
                 refuse_open_sides(config.boundaries, mesh)
@@ -244,34 +257,39 @@ class Project:
                 mesh=mesh,
                 materials=self.materials,
                 joints=self.joints,
-                boundaries=[*make_boundaries(config.boundaries, face), *entries],
+                boundaries=(*make_boundaries(config.boundaries, face), *entries),
                 damping=make_damping(config),
                 ground=(*make_fields(config.ground, self.blast, mesh), *self.fields),
                 insitu=make_insitu(config.insitu),
                 added_mass=config.run.added_mass,
-                step_factor=config.run.step_factor,
+                step_factor=config.run.step_factor or STEP_FACTOR[mesh.hexahedral],
                 local_damping=config.run.local_damping,
                 quadratic=config.mesh.quadratic,
-                **parts,
+                sources=(*sources, *waves),
+                receivers=receivers,
+                rim=layer,
             )
             if not config.boundaries.jointed_faces:
                 return model
             pressures = joint_pressures(model)  # joints that close are stiffer under them
             media = jointed_media(config.mesh, self.materials, self.joints, pressures)
             known = make_boundaries(config.boundaries, face, media)
-            return replace(model, boundaries=[*known, *entries])
+            return replace(model, boundaries=(*known, *entries))
 
     @property
     def blasts(self) -> dict[str, Blast]:
         """Holes of this blast and of further ones by name; one hole stands for other sources."""
-        return {one.name: one.blast or _single_source(one) for one in (self, *self.further)}
+        return {
+            project.name: project.blast or _single_source(project)
+            for project in (self, *self.further)
+        }
 
     def of(self, name: str) -> "Project":
         """Return the project of one of the blasts alone, in the ground of this project."""
-        one = next(one for one in (self, *self.further) if one.name == name)
-        config = one.config.model_copy(update={"mesh": self.config.mesh})
+        own = next(project for project in (self, *self.further) if project.name == name)
+        config = own.config.model_copy(update={"mesh": self.config.mesh})
         ground = {"materials": self.materials, "joints": self.joints, "fields": self.fields}
-        return replace(one, config=config, further=(), **ground)
+        return replace(own, config=config, further=(), **ground)
 
     def changed(
         self,
@@ -305,16 +323,16 @@ class Project:
             ground["config"] = self.config.model_copy(update={"mesh": mesh})
         every = [self, *self.further]
         if blasts is not None:
-            every = [replace(one, given={**one.given, "blast": blasts[one.name]})
-                     for one in every if one.name in blasts]  # fmt: skip
+            every = [replace(each, given={**each.given, "blast": blasts[each.name]})
+                     for each in every if each.name in blasts]  # fmt: skip
         if receivers is not None:
-            every = [replace(one, given={**one.given, "receivers": tuple(receivers)})
-                     for one in every]  # fmt: skip
+            every = [replace(each, given={**each.given, "receivers": tuple(receivers)})
+                     for each in every]  # fmt: skip
         if records is not None:
-            every = [replace(one, given={**one.given, "records": records.get(one.name, {})})
-                     for one in every]  # fmt: skip
+            every = [replace(each, given={**each.given, "records": records.get(each.name, {})})
+                     for each in every]  # fmt: skip
         if materials is not None:
-            every = [replace(one, given={**one.given, "inside": one.inside}) for one in every]
+            every = [replace(each, given={**each.given, "inside": each.inside}) for each in every]
         first, *further = every
         shared = {"materials": self.materials, "joints": self.joints, "fields": self.fields}
         return replace(first, further=tuple(further), **{**shared, **ground})
@@ -334,21 +352,22 @@ class Project:
         names += [part.file for parts in several for part in parts]
         records = [part.recorded for part in (config.signature, *config.receivers) if part]
         names += [name for r in records if r is not None for name in (r.file, r.mapping)]
-        contents = {name: (self.folder / name).read_bytes() for name in names if name is not None}
-        return {name: hashlib.sha256(data).hexdigest() for name, data in contents.items()}
+        files = {name: (self.folder / name).read_bytes() for name in names if name is not None}
+        return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
 
 
 def _single_source(project):
-    """Return one hole at time 0 in the place of the sources of a project without a blast."""
+    """Return a blast of one hole at time 0 at the mean position of the sources."""
     config = project.config
-    parts = [*config.point_forces, *config.moment_tensors]
-    places = [[*part.position_m, 0.0][:3] for part in parts] or [[0.0, 0.0, 0.0]]
-    place = np.mean(places, axis=0, keepdims=True)
-    return Blast("source", place, place, np.full(1, np.nan), np.zeros(1))
+    parts = (*config.point_forces, *config.moment_tensors)
+    centre = np.mean(
+        [[*p.position_m, 0.0][:3] for p in parts] or [[0.0] * 3], axis=0, keepdims=True
+    )
+    return Blast("source", centre, centre, np.full(1, np.nan), np.zeros(1))
 
 
 SHARED = (
-    "mesh", "materials", "joints", "boundaries", "rim", "ground", "damping", "insitu",
+    "mesh", "materials", "joints", "boundaries", "absorbing_layer", "ground", "damping", "insitu",
     "holes_inside", "blast.charge_exponent",
 )  # fmt: skip
 
@@ -359,32 +378,25 @@ def with_further(project: Project) -> Project:
     Raises
     ------
     InputError
-        If a name is there twice, or the ground or the source of a hole is not the same.
+        If a name appears twice, or the ground or the moment rate of a hole differs.
     """
     table, folder = project.config.diagnosis, project.folder
     every = (project, *(load_project(folder / name) for name in (table.blasts if table else ())))
-    names = [one.name for one in every]
-    for one, name in zip(every, names, strict=True):
+    names = [each.name for each in every]
+    for each, name in zip(every, names, strict=True):
         if names.count(name) > 1:
             raise InputError(f"{project.path.name}: diagnosis.blasts: {name!r} is named twice")
         for key in SHARED:
-            if _entry(one.config, key) != _entry(project.config, key):
+            if value_at(each.config, key) != value_at(project.config, key):
                 raise InputError(
-                    f"{one.path.name}: {key}: differs from {project.path.name}; blasts that are "
+                    f"{each.path.name}: {key}: differs from {project.path.name}; blasts that are "
                     "diagnosed together share their ground and the moment rate of 1 kg"
                 )
     return replace(project, further=every[1:])
 
 
-def _entry(config, key):
-    """Return what a path of keys such as ``blast.charge_exponent`` leads to, or None."""
-    for name in key.split("."):
-        config = None if config is None else getattr(config, name)
-    return config
-
-
 def load_project(path, full=False) -> Project:
-    """Read a project file and make what does not take long: materials and joints.
+    """Load a project file; mesh, records and model are built when first used.
 
     Parameters
     ----------
@@ -408,14 +420,14 @@ def load_project(path, full=False) -> Project:
 
 
 def make_project(config, path, given=None) -> Project:
-    """Make a `Project` from a checked `Config`; other files are looked for beside ``path``.
+    """Make a `Project` from a checked `Config`; other files are relative to ``path``.
 
     Parameters
     ----------
     config : Config
     path : path
     given : dict of str to object, optional
-        Parts that are not made from the file.
+        Parts that replace those of the file.
     """
     path = Path(path)
     materials = {}
@@ -435,11 +447,11 @@ def make_project(config, path, given=None) -> Project:
 
 
 CHEAP = {"joints", "damping"}
-PARTS = {name for name, one in vars(Project).items() if isinstance(one, _part)}
+PARTS = {name for name, value in vars(Project).items() if isinstance(value, _part)}
 
 
 def vary(project: Project, changes: dict[str, float]) -> Project:
-    """Return a project with other values at some keys.
+    """Return a project with changed values of some keys.
 
     Parameters
     ----------
@@ -450,8 +462,8 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
     Returns
     -------
     Project
-        Where only joints and damping differ, its model stands on the same mesh, so that `run_many`
-        marches it beside others. Where nothing moves the mesh, it is not built again.
+        If only joints and damping differ, the model shares the mesh, so that `run_many` can run
+        several at once. The mesh is rebuilt only if a change affects it.
 
     Raises
     ------
@@ -465,11 +477,11 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
         for table in Config.model_fields
         if getattr(config, table) != getattr(project.config, table)
     }
-    kept = {name for name, needs in _needs(config).items() if not tables & needs}
+    reused = {name for name, needs in _needs(config).items() if not tables & needs}
     cheap = tables <= CHEAP and "model" in known and not config.boundaries.jointed_faces
     if cheap:
-        kept |= {"blast", "firing", "signature", "input", "inside", "sources", "rim"}
-    given = {name: known[name] for name in kept if name in known}
+        reused |= {"blast", "firing", "signature", "input", "inside", "sources", "absorbing_layer"}
+    given = {name: known[name] for name in reused if name in known}
     varied = make_project(config, project.path, given)
     if not cheap:
         return varied
@@ -478,7 +490,7 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
 
 
 def _needs(config):
-    """Return which tables decide what takes long to make."""
+    """Return the tables on which mesh, receivers and records depend."""
     mesh = {"mesh", "ground"}
     parts = [config.mesh, *config.mesh.layers]
     if any(part.edges_per_wavelength is not None for part in parts):

@@ -9,22 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import ReadError
+from ..errors import Finding, ReadError
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
 from ..solver.model_file import read_arrays, write_arrays
 from ..solver.preparation import versions
-from .census import input_band
 from .ground import joint_of_surface
+from .inputs import input_band
 
 KIND = "result"
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a run leaves: arrays by group and name, and a summary of plain numbers and words.
+    """Result of a run: arrays by group and name, and a summary that JSON can hold.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Result:
         ``recorded``, ``snapshots``; seismograms (n_samples, 3) in m/s. ``sources`` (n, 2): time in
         s, and moment rate of 1 kg in N m/s or force in N.
     summary : dict
-        Holds only what JSON knows.
+        Plain numbers, text, lists and dicts.
     """
 
     arrays: dict[str, dict[str, np.ndarray]]
@@ -63,7 +63,7 @@ def seismogram_heads(groups):
 
 
 def write_result(path, result):
-    """Write a result file, whole or not at all.
+    """Write a result file atomically.
 
     Parameters
     ----------
@@ -73,12 +73,12 @@ def write_result(path, result):
     Raises
     ------
     ReadError
-        If the place can't be written.
+        If the file can't be written.
     """
     text = np.frombuffer(json.dumps(plain(result.summary)).encode(), dtype=np.uint8)
     provenance = result.summary.get("provenance", {})
     attributes = {"kind": KIND, "title": result.summary["title"], **provenance}
-    told = {
+    units = {
         f"{group}/{name}": {
             "unit": "m/s", "dt_s": head["dt"], "start_s": head["start"],
             "components": head["components"],
@@ -86,7 +86,7 @@ def write_result(path, result):
         for group, heads in result.summary.get("seismograms", {}).items()
         for name, head in heads.items()
     }  # fmt: skip
-    write_arrays(path, {**result.arrays, "summary": {"json": text}}, attributes, told)
+    write_arrays(path, {**result.arrays, "summary": {"json": text}}, attributes, units)
 
 
 def read_result(path) -> Result:
@@ -110,12 +110,12 @@ def read_result(path) -> Result:
 
 
 def write_text(path, text):
-    """Write a text file beside its place, flush it and rename it."""
+    """Write a text file atomically."""
     write_bytes(path, text.encode("utf-8"))
 
 
 def write_bytes(path, content):
-    """Write a file beside its place, flush it and rename it."""
+    """Write a file atomically: to a temporary file, flushed and renamed."""
     path = Path(path)
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -131,7 +131,7 @@ def write_bytes(path, content):
 
 
 def write_summary(path, summary):
-    """Write the summary as JSON that a person can read."""
+    """Write the summary as indented JSON."""
     write_text(path, json.dumps(plain(summary), indent=1) + "\n")
 
 
@@ -144,7 +144,7 @@ def write_csv(path, seismogram):
 
 
 def plain(value) -> Any:
-    """Turn numpy numbers and arrays into what JSON knows; numbers that are none become null."""
+    """Convert numpy numbers and arrays for JSON; NaN and infinity become null."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple, np.ndarray)):
@@ -174,7 +174,7 @@ def summarise(project, checked, run, simulated, comparisons):
         "title": project.title,
         "assumed": list(project.config.assumed),
         "materials": {
-            n: material_table(m) | {"fading": fading_words(project.model, n)}
+            n: material_table(m) | {"attenuation": attenuation_text(project.model, n)}
             for n, m in project.materials.items()
         },
         "joints": joint_tables(project),
@@ -186,7 +186,7 @@ def summarise(project, checked, run, simulated, comparisons):
         "comparisons": {n: comparison_table(c) for n, c in comparisons.items()},
         "findings": [asdict(finding) for finding in checked.findings],
         "notes": list(checked.notes),
-        "census": asdict(checked.census),
+        "model": asdict(checked.summary),
         "run": {
             "dt": run.dt,
             "steps": run.prepared.n_steps,
@@ -197,7 +197,7 @@ def summarise(project, checked, run, simulated, comparisons):
             "balance_error": run.balance_error,
             "limited_by": run.prepared.limit.limited_by,
             "static": run.prepared.static,
-            "added_mass": checked.census.added_mass,
+            "added_mass": checked.summary.added_mass,
         },
         "energy": {
             n: float(v[-1]) for n, v in run.energy.items() if n not in ("time", "unbalanced")
@@ -222,8 +222,8 @@ def material_table(material):
     return {name: getattr(material, name) for name in names}
 
 
-def fading_words(model, name):
-    """Say how waves fade in a material, an empty text where they do not."""
+def attenuation_text(model, name):
+    """Describe the attenuation of a material; empty text if it has none."""
     law = model.materials[name].law
     words = []
     if isinstance(law, ConstantQ):
@@ -236,7 +236,7 @@ def fading_words(model, name):
 
 
 def joint_tables(project):
-    """Return law, properties, place in the mesh and assumptions of each joint surface."""
+    """Return law, properties, geometry and assumptions of each joint surface."""
     config = project.config.mesh
     parts = {part.name: part for part in (*config.joint_sets, *config.faults)}
     entry = joint_of_surface(config)
@@ -294,14 +294,15 @@ def source_tables(project):
 
 
 def source_summary(project):
-    """Return place, charge and time of holes, place of other sources, the air blast, the rim."""
+    """Return position, charge and time of holes, other sources, the absorbing layer."""
     holes = [source for source in project.sources if isinstance(source, (Hole, Column))]
-    config, rim, air = project.config.holes_inside, project.rim, project.config.air_blast
+    config, air = project.config.holes_inside, project.config.air_blast
+    layer = project.absorbing_layer
     centres = [] if not holes else project.blast.centres[project.blast.charge != 0.0]
     return {
         "holes": [
-            {"position": place, "charge": s.charge, "time": s.time - project.lead}
-            for place, s in zip(centres, holes, strict=True)
+            {"position": centre, "charge": s.charge, "time": s.time - project.lead}
+            for centre, s in zip(centres, holes, strict=True)
         ],
         "moment_rate": config and (config.moment_rate_file or "closed form of a charged hole"),
         "exponent": holes[0].exponent if holes else None,
@@ -317,7 +318,7 @@ def source_summary(project):
         ],
         "pressures": [part.surface for part in project.config.pressures],
         "air_blast": air and {"surface": air.surface, "speed": air.speed_m_per_s},
-        "rim": None if rim is None else vars(rim),
+        "absorbing_layer": None if layer is None else vars(layer),
     }  # fmt: skip
 
 
@@ -337,7 +338,7 @@ def motion_table(seismogram, band=None):
 
 
 def receiver_tables(project, simulated):
-    """Return place and motion, simulated and recorded, of each receiver."""
+    """Return position and motion, simulated and recorded, of each receiver."""
     tables = {}
     for receiver in project.receivers:
         name = receiver.name
@@ -361,3 +362,66 @@ def comparison_table(comparison):
         "frequency_method": comparison.frequency_method,
         **{name: getattr(comparison, name) for name in names},
     }
+
+
+END_SHARE = 0.05
+STILL = 0.2
+LEAST_CYCLES = 2.0
+
+
+def record_findings(simulated) -> tuple[Finding, ...]:
+    """Return findings about the records of a run.
+
+    Parameters
+    ----------
+    simulated : dict of str to Seismogram
+        By receiver; zero time is the first firing.
+    """
+    candidates = cut_short(simulated), low_frequencies(simulated)
+    return tuple(finding for finding in candidates if finding is not None)
+
+
+def cut_short(simulated):
+    """D28: records that end while the ground still moves; None where all are quiet by then."""
+    remaining, late = {}, []
+    for name, record in simulated.items():
+        size = np.linalg.norm(record.velocity, axis=1)
+        last = record.times > record.times[-1] - END_SHARE * (
+            record.times[-1] - min(0, record.start)
+        )
+        share = float(size[last].max() / size.max()) if size.any() else 0.0
+        if share > STILL:
+            remaining[name] = share
+            late += [name] if last[int(size.argmax())] else []
+    if not remaining:
+        return None
+    listed = ", ".join(f"{100 * share:.0f} % at {name}" for name, share in remaining.items())
+    peak = f"; the peak at {', '.join(late)} comes that late" if late else ""
+    return Finding(
+        "D28",
+        "The record ends while the ground still moves",
+        f"In its last twentieth the motion still reaches {listed} of its peak{peak}: peaks, "
+        "durations and low frequencies may change with a longer run.duration_s.",
+        numbers=remaining,
+    )
+
+
+def low_frequencies(simulated):
+    """D29: dominant frequencies of which fewer than two cycles fit into the record; else None."""
+    low, shortest = {}, np.inf
+    for name, record in simulated.items():
+        lasts = record.times[-1] - max(0.0, record.start)
+        for component, hz in zip(record.components, dominant_frequency(record).hz, strict=True):
+            if hz * lasts < LEAST_CYCLES:
+                low[f"{name} {component}"] = float(hz)
+                shortest = min(shortest, lasts)
+    if not low:
+        return None
+    listed = ", ".join(f"{hz:.3g} Hz at {name}" for name, hz in low.items())
+    return Finding(
+        "D29",
+        "Dominant frequencies are as low as the record is short",
+        f"{listed}: fewer than two cycles fit into {shortest:.3g} s, so the length of the record "
+        "sets them as much as the ground does; lengthen run.duration_s before you use them.",
+        numbers=low,
+    )

@@ -1,6 +1,7 @@
-"""Strictness and ranges shared by all tables of a project file; plain tables with units."""
+"""Sections of a project file: strict types, dotted paths, errors in one sentence, CSV columns."""
 
-from contextlib import contextmanager
+import difflib
+import tomllib
 from typing import Annotated
 
 import numpy as np
@@ -8,8 +9,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from ..errors import InputError, ReadError
 from ..model.source import TimeFunction
-from ..signals.limits import load_limits
-from ..units import to_si
+from ..recordings.raw import decode_table
+from ..signals.comparison import load_limits
+from ..units import STEEPEST, plain_number, to_si
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
@@ -19,7 +21,7 @@ Count = Annotated[int, Field(ge=1)]
 Dip = Annotated[float, Field(ge=0.0, le=90.0)]
 Bearing = Annotated[float, Field(ge=-360.0, le=360.0)]
 Inclination = Annotated[float, Field(ge=0.0, le=180.0)]
-FrictionAngle = Annotated[float, Field(ge=0.0, lt=89.0)]
+FrictionAngle = Annotated[float, Field(ge=0.0, le=STEEPEST)]
 Point = Annotated[list[float], Field(min_length=3, max_length=3)]
 Place = Annotated[list[float], Field(min_length=2, max_length=3)]
 Size = Annotated[list[Positive], Field(min_length=3, max_length=3)]
@@ -48,15 +50,6 @@ class Section(BaseModel):
             raise ValueError(f"{missing[0]} is missing beside {begun[0][0]}")
 
 
-@contextmanager
-def named_error(where):
-    """Put a place of the project file before the message of an error in it or in its files."""
-    try:
-        yield
-    except (InputError, ReadError) as error:
-        raise type(error)(f"{where}: {error}") from None
-
-
 def _known(key):
     """Refuse a limit curve that does not come with pyblast."""
     if key not in load_limits():
@@ -71,7 +64,7 @@ def _rising(band):
     return band
 
 
-MAX_BYTES = 100_000_000
+MAX_TABLE_BYTES = 100_000_000
 LEAST_SAMPLES = 4
 
 
@@ -94,11 +87,9 @@ def read_columns(path, heads):
         If the file can't be read, begins otherwise, or a line holds something else than numbers.
     """
     try:
-        if path.stat().st_size > MAX_BYTES:
+        if path.stat().st_size > MAX_TABLE_BYTES:
             raise ReadError(f"{path}: a table has at most 100 MB, this one is larger")
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise ReadError(f"{path}: must be UTF-8 text; save it as CSV") from None
+        lines = decode_table(path).splitlines()
     except OSError as error:
         if isinstance(error, ReadError):
             raise
@@ -155,7 +146,7 @@ def read_time_function(path, heads) -> TimeFunction:
 
 
 class RecordingConfig(Section):
-    """A recorded seismogram: a file and what it does not say itself."""
+    """Recorded seismogram: a file, and what its header lacks."""
 
     file: str
     format: str | None = None
@@ -165,3 +156,224 @@ class RecordingConfig(Section):
     full_scale_mm_per_s: Positive | None = None
     unit: str | None = None
     start_s: float | None = None
+
+
+def value_at(config, path):
+    """Return the value at a dotted path of a `Config`, None if there is none.
+
+    Entries of a list go by their name or material: ``mesh.layers.soil.thickness_m``.
+    """
+    here = config
+    for part in path.split("."):
+        if isinstance(here, list):
+            here = next((entry for entry in here if part in _names(entry)), None)
+        elif isinstance(here, dict):
+            here = here.get(part)
+        else:
+            here = getattr(here, part, None) if isinstance(here, BaseModel) else None
+        if here is None:
+            return None
+    return here
+
+
+def _names(entry):
+    """Return the names that an entry of a list goes by."""
+    return getattr(entry, "name", ""), getattr(entry, "material", "")
+
+
+def number_paths(config):
+    """List the dotted paths of all numbers of a `Config` that define the run."""
+    return [
+        path
+        for path, value in _leaves(config, "")
+        if type(value) in (int, float) and not path.startswith("back_analysis.")
+    ]
+
+
+def _leaves(here, path):
+    """Yield paths and values under a section, a dict or a list of named entries."""
+    if isinstance(here, BaseModel):
+        fields = {name: getattr(here, name) for name in type(here).model_fields}
+        pairs = (fields | (here.model_extra or {})).items()
+    elif isinstance(here, dict):
+        pairs = here.items()
+    elif isinstance(here, list):
+        pairs = [(next(filter(None, _names(entry)), ""), entry) for entry in here]
+    else:
+        yield path, here
+        return
+    for name, value in pairs:
+        if name:
+            yield from _leaves(value, f"{path}.{name}" if path else name)
+
+
+def changed_tables(config, changes):
+    """Return the tables of a `Config` as nested dicts, with other values at some paths.
+
+    Parameters
+    ----------
+    config : Config
+    changes : dict of str to float
+        By path, in the units of the keys.
+
+    Raises
+    ------
+    InputError
+        If a path names no number of the file.
+    """
+    tables = config.model_dump(exclude_unset=True)
+    for path, value in changes.items():
+        check_path(config, path)
+        *sections, key = path.split(".")
+        here, entry = config, tables
+        for part in sections:
+            if isinstance(here, list):
+                part = next(n for n, item in enumerate(here) if part in _names(item))
+                here, entry = here[part], entry[part]
+            else:
+                here = here.get(part) if isinstance(here, dict) else getattr(here, part)
+                entry = entry.setdefault(part, {})
+        entry[key] = value
+    return tables
+
+
+def check_path(config, path):
+    """Refuse a path that names no number of a `Config`.
+
+    Raises
+    ------
+    InputError
+        With the path that was probably meant.
+    """
+    known = number_paths(config)
+    if path in known:
+        return
+    near = difflib.get_close_matches(path, known, n=1, cutoff=0.5)
+    hint = f"did you mean {near[0]!r}?" if near else f"such as {known[0]!r}"
+    raise InputError(f"{path!r} must name one number of the project file; {hint}")
+
+
+MAX_PROJECT_BYTES = 1_000_000
+
+
+def read_toml(path):
+    """Return the tables of a TOML file."""
+    try:
+        size = path.stat().st_size
+        if size > MAX_PROJECT_BYTES:
+            raise ReadError(f"{path.name}: a project file has at most 1 MB, this one {size} bytes")
+        text = path.read_text(encoding="utf-8-sig")
+    except UnicodeDecodeError:
+        raise ReadError(f"{path.name}: must be UTF-8 text; save it as UTF-8") from None
+    except OSError as error:
+        if isinstance(error, ReadError):
+            raise
+        raise ReadError(f"{path}: can't be read ({error.strerror or error})") from None
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path.name}: not valid TOML: {_lowered(str(error))}") from None
+    except (RecursionError, ValueError):
+        raise InputError(f"{path.name}: nested too deeply to be a project file") from None
+
+
+def sentence_of(error, root) -> str:
+    """Return the first validation error of pydantic in one sentence."""
+    if isinstance(error, RecursionError):
+        return "nested too deeply to be a project file"
+    mistakes = error.errors(include_url=False)
+    first = min(mistakes, key=lambda item: item["type"] != "extra_forbidden")
+    more = f" ({len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
+    where = f"{_path(first['loc'])}: " if first["loc"] else ""
+    return f"{where}{_rule(first, root)}{more}"
+
+
+def _path(location):
+    """Write a location as ``mesh.faults[1].dip_deg``, counted from 1."""
+    text = ""
+    for part in location:
+        text += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if text else str(part)
+    return text
+
+
+def _rule(mistake, root):
+    """Return the broken rule, the value and the remedy."""
+    kind, context, value = mistake["type"], mistake.get("ctx", {}), mistake["input"]
+    got = f"got {_shown(value)}"
+    if kind == "missing":
+        return "missing; add it"
+    if kind == "extra_forbidden":
+        return f"unknown key; {_nearest(mistake['loc'], root)}"
+    if kind in ("greater_than", "greater_than_equal"):
+        bound = context.get("gt", context.get("ge"))
+        words = {("greater_than", 0): "be positive", ("greater_than_equal", 0): "not be negative"}
+        verb = "exceed" if kind == "greater_than" else "be at least"
+        return f"must {words.get((kind, bound), f'{verb} {plain_number(bound, 6)}')}, {got}"
+    if kind in ("less_than", "less_than_equal"):
+        limit = context.get("lt", context.get("le"))
+        verb = "be below" if kind == "less_than" else "be at most"
+        return f"must {verb} {plain_number(limit, 6)}, {got}"
+    if kind == "value_error":
+        return str(context["error"])
+    if kind in ("too_short", "too_long"):
+        limit = context.get("min_length", context.get("max_length"))
+        return f"must have {'at least' if kind == 'too_short' else 'at most'} {limit} values, {got}"
+    if kind == "literal_error":
+        return f"must be {context['expected']}, {got}"
+    return f"{_lowered(_PLAIN.get(kind, mistake['msg']))}, {got}"
+
+
+_PLAIN = {
+    "float_type": "must be a number",
+    "int_type": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "string_type": "must be text in quotes",
+    "bool_type": "must be true or false",
+    "list_type": "must be a list in brackets",
+    "dict_type": "must be a table",
+    "model_type": "must be a table",
+    "model_attributes_type": "must be a table",
+    "finite_number": "must be finite",
+    "string_pattern_mismatch": "must be 1 to 60 characters without '/'",
+    "string_too_short": "must not be empty",
+    "string_too_long": "must be shorter",
+}
+
+
+def _lowered(text):
+    """Begin with a small letter."""
+    return text[:1].lower() + text[1:]
+
+
+def _shown(value):
+    """Show a value in at most 40 characters."""
+    text = repr(value) if not isinstance(value, dict) else "a table"
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def _nearest(location, root):
+    """Propose the known key of the most similar spelling."""
+    known = sorted(_fields_at(location[:-1], root))
+    near = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.5)
+    return f"did you mean {near[0]!r}?" if near else f"known are {', '.join(known)}"
+
+
+def _fields_at(location, root):
+    """Return the keys that are known at a place of the file."""
+    section = root
+    for part in location:
+        fields = getattr(section, "model_fields", None)
+        if fields is not None and part in fields:
+            section = _section_in(fields[part].annotation)
+    return set(getattr(section, "model_fields", {}))
+
+
+def _section_in(annotation):
+    """Return the section class inside an annotation such as ``dict[str, X]`` or ``X | None``."""
+    if hasattr(annotation, "model_fields"):
+        return annotation
+    for part in getattr(annotation, "__args__", ()):
+        section = _section_in(part)
+        if section is not None:
+            return section
+    return None

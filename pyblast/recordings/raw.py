@@ -74,10 +74,43 @@ def read_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
     return path.read_bytes()
 
 
+_OTHER_FILES = {
+    b"PK\x03\x04": "is an Excel workbook or a zip archive; save the sheet as CSV",
+    b"\xd0\xcf\x11\xe0": "is an Excel workbook; save the sheet as CSV",
+    b"%PDF": "is a PDF document; export the table as CSV",
+    b"\x55\x3a": "is a recording in SEG-2, no table; read it with read_gather",
+    b"\x3a\x55": "is a recording in SEG-2, no table; read it with read_gather",
+    b"\xff\xfe": "is UTF-16 text; save it as UTF-8",
+    b"\xfe\xff": "is UTF-16 text; save it as UTF-8",
+}
+
+
+def refuse_other_files(where: Path | str, content: bytes) -> None:
+    """Refuse files of another kind than text, with their kind and the remedy."""
+    for magic, sentence in _OTHER_FILES.items():
+        binary = magic != b":U" or b"\0" in content[:32]
+        if content.startswith(magic) and binary:
+            raise ReadError(f"{where}: {sentence}")
+
+
+def decode_table(path: Path) -> str:
+    """Read a table in UTF-8; refuse other files with their kind and the remedy."""
+    content = path.read_bytes()
+    refuse_other_files(path.name, content)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ReadError(
+            f"{path.name}: is not UTF-8 text (first at byte {error.start}); save it as CSV in UTF-8"
+        ) from None
+    if "\0" in text:
+        raise ReadError(f"{path.name}: holds zero bytes, so it is no text; save the table as CSV")
+    return text
+
+
 def decode_lines(path: Path, content: bytes) -> list[str]:
     """Decode text lines; drops a UTF-8 mark, refuses UTF-16 and binary content."""
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        raise ReadError(f"{path}: is UTF-16 text, save it as UTF-8")
+    refuse_other_files(path, content)
     if b"\0" in content:
         line = content[: content.index(b"\0")].count(b"\n") + 1
         raise ReadError(f"{path}, line {line}: expected text, found a NUL byte (binary or UTF-16)")
@@ -106,60 +139,60 @@ def split_line(path: Path, number: int, line: str, delimiter: str = ",") -> list
     return [cell.strip() for cell in cells]
 
 
-def unit_factor(symbol: str, place: str) -> float:
+def unit_factor(symbol: str, where: str) -> float:
     """Return the SI factor of a printed unit such as ``mm/s`` or of a suffix like ``mm_per_s``."""
     suffix = symbol.strip().lower().replace("/", "_per_").replace("µ", "u").replace("μ", "u")
     suffix = _ALIASES.get(suffix, suffix)
     if suffix not in FACTORS:
-        raise ReadError(f"{place}: unknown unit '{symbol[:40]}', expected one such as mm/s or in/s")
+        raise ReadError(f"{where}: unknown unit '{symbol[:40]}', expected one such as mm/s or in/s")
     return FACTORS[suffix]
 
 
-def velocity_factor(symbol: str, place: str) -> float:
+def velocity_factor(symbol: str, where: str) -> float:
     """Return the factor to m/s; raise ReadError unless the unit is one of velocity."""
     suffix = symbol.strip().lower().replace("/", "_per_")
     if not suffix.endswith(("_per_s", "_per_sec")):
-        raise ReadError(f"{place}: expected a unit of velocity such as mm/s, got '{symbol[:40]}'")
-    return unit_factor(symbol, place)
+        raise ReadError(f"{where}: expected a unit of velocity such as mm/s, got '{symbol[:40]}'")
+    return unit_factor(symbol, where)
 
 
-def number(text: str, place: str, decimal: str = ".") -> float:
+def number(text: str, where: str, decimal: str = ".") -> float:
     """Parse a finite number."""
     cleaned = text.strip()
     if decimal == ",":
         if "." in cleaned:
-            raise ReadError(f"{place}: '{cleaned[:40]}' mixes decimal point and decimal comma")
+            raise ReadError(f"{where}: '{cleaned[:40]}' mixes decimal point and decimal comma")
         cleaned = cleaned.replace(",", ".")
     try:
         value = float(cleaned.replace("_", "?"))
     except ValueError:
-        raise ReadError(f"{place}: expected a number, got '{text.strip()[:40]}'") from None
+        raise ReadError(f"{where}: expected a number, got '{text.strip()[:40]}'") from None
     if not math.isfinite(value):
-        raise ReadError(f"{place}: expected a finite number, got '{text.strip()[:40]}'")
+        raise ReadError(f"{where}: expected a finite number, got '{text.strip()[:40]}'")
     return value
 
 
-def quantity(text: str, place: str, unit: str = "") -> Printed | None:
+def quantity(text: str, where: str, unit: str = "") -> Printed | None:
     """Parse a quantity such as ``12.5 mm/s`` or ``>100 Hz`` into SI; None if not measured."""
     if text.strip().lower() in ("", "n/a", "na", "-", "--", "---", "oorange"):
         return None
     match = _QUANTITY.fullmatch(text.strip())
     if match is None:
-        raise ReadError(f"{place}: expected a number with a unit, got '{text.strip()[:40]}'")
+        raise ReadError(f"{where}: expected a number with a unit, got '{text.strip()[:40]}'")
     bound, digits, symbol = match.groups()
     decimal = "," if "," in digits else "."
     symbol = symbol or unit
-    factor = unit_factor(symbol, place) if symbol else 1.0
+    factor = unit_factor(symbol, where) if symbol else 1.0
     mantissa = re.split("[eE]", digits)[0]
     decimals = len(mantissa.partition(decimal)[2])
-    return Printed(number(digits, place, decimal) * factor, 10.0**-decimals * factor, bound)
+    return Printed(number(digits, where, decimal) * factor, 10.0**-decimals * factor, bound)
 
 
-def sampling_step(rate: float, place: str) -> float:
+def sampling_step(rate: float, where: str) -> float:
     """Return the sampling interval of a plausible sampling rate."""
     if not SLOWEST_RATE <= rate <= FASTEST_RATE:
         raise ReadError(
-            f"{place}: sampling rate must lie between {SLOWEST_RATE:g} and "
+            f"{where}: sampling rate must lie between {SLOWEST_RATE:g} and "
             f"{FASTEST_RATE:g} Hz, got {rate:g}"
         )
     return 1.0 / rate
@@ -224,11 +257,11 @@ def uniform_step(
     return sampling_step(rate, f"{path}, sampling rate")
 
 
-def common_velocity_factor(symbols: list[str], place: str) -> float:
+def common_velocity_factor(symbols: list[str], where: str) -> float:
     """Return the factor to m/s of columns that share one unit."""
     if len({symbol.lower() for symbol in symbols}) > 1:
-        raise InputError(f"{place}: components must share one unit, got {', '.join(symbols)}")
-    return velocity_factor(symbols[0], place)
+        raise InputError(f"{where}: components must share one unit, got {', '.join(symbols)}")
+    return velocity_factor(symbols[0], where)
 
 
 def _column(path, rows, name, column):
@@ -367,14 +400,14 @@ def is_dead(samples: np.ndarray) -> bool:
     return bool(np.all(samples == samples[0]))
 
 
-def _within(name, printed: Printed, found, dt):
+def _within(name, printed: Printed, value, dt):
     """Return whether a printed value agrees with that of the samples."""
     if "time of" in name:
-        return bool(abs(found - printed.value) <= printed.step + dt)
+        return bool(abs(value - printed.value) <= printed.step + dt)
     share = FREQUENCY_TOLERANCE if "frequency" in name else TOLERANCE
     slack = share * abs(printed.value) + printed.step
     if printed.bound == ">":
-        return bool(found >= printed.value - slack)
+        return bool(value >= printed.value - slack)
     if printed.bound == "<":
-        return bool(found <= printed.value + slack)
-    return bool(abs(found - printed.value) <= slack)
+        return bool(value <= printed.value + slack)
+    return bool(abs(value - printed.value) <= slack)

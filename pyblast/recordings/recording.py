@@ -1,4 +1,4 @@
-"""Recordings: reading of all formats by content, in SI, with checks and rotation."""
+"""Recordings and shot gathers: all formats read by content, in SI, checked and rotated."""
 
 import warnings
 from collections.abc import Sequence
@@ -11,24 +11,24 @@ from obspy import UTCDateTime
 
 from ..errors import InputError, PyblastWarning, ReadError
 from ..signals.seismogram import BLAST_AXES, GEOGRAPHIC, Seismogram
-from .gather import Gather, read_gather
 from .raw import (
     MAX_FILE_BYTES,
     RawRecord,
+    at_level,
     check_printed,
     clipped_samples,
     decode_lines,
     is_dead,
+    plateau_level,
     read_bytes,
 )
-from .seismic import deconvolve, read_traces, sniff_seismic, station_records
+from .seismic import GATHER_HEADERS, deconvolve, read_traces, sniff_seismic, station_records
 from .tables import TEXT_FORMATS, TextFormat, read_generic, read_mapped, recognises_generic
 
 __all__ = [
     "FORMATS", "Gather", "Recording", "read_gather", "read_recording", "read_stations",
     "remove_response",
 ]  # fmt: skip
-
 FASTEST_GROUND = 1e3
 _TEXT_ROWS = {**TEXT_FORMATS, "CSV": TextFormat(recognises_generic, read_generic)}
 _STATION_FORMATS = ("MSEED", "SAC", "GSE2")
@@ -132,12 +132,12 @@ def read_recording(
     >>> recording.seismogram.ppv  # doctest: +SKIP
     """
     paths = [Path(path)] if isinstance(path, (str, Path)) else [Path(item) for item in path]
-    contents = [read_bytes(item, max_bytes) for item in paths]
-    format = _choose_format(paths[0], contents[0], format, mapping)
+    data = [read_bytes(item, max_bytes) for item in paths]
+    format = _choose_format(paths[0], data[0], format, mapping)
     if format in _STATION_FORMATS:
         traces = [
             trace
-            for item, content in zip(paths, contents, strict=True)
+            for item, content in zip(paths, data, strict=True)
             for trace in read_traces(item, content, format)
         ]
         raws = station_records(
@@ -148,7 +148,7 @@ def read_recording(
     elif len(paths) > 1:
         raise InputError(f"{paths[1]}: only one-channel files can be read together")
     else:
-        lines = decode_lines(paths[0], contents[0])
+        lines = decode_lines(paths[0], data[0])
         reader = _TEXT_ROWS.get(format)
         if reader is not None:
             raws = [reader.read(paths[0], lines)]
@@ -290,18 +290,18 @@ def _refuse_nonsense(path, raw, full_scale):
 
 def _report(path, raw, dead, clipped, checks):
     """Warn of dead channels, clipping and differences from the printed values."""
-    place = f"{path}, {raw.label}"
+    where = f"{path}, {raw.label}"
     if dead:
-        _warn(f"{place}: {', '.join(dead)} never moves, the channel is dead")
+        _warn(f"{where}: {', '.join(dead)} never moves, the channel is dead")
     if np.any(clipped):
-        _warn(f"{place}: {np.count_nonzero(clipped)} samples are clipped at full scale")
+        _warn(f"{where}: {np.count_nonzero(clipped)} samples are clipped at full scale")
     wrong = [
-        f"{name} printed {printed:.4g}, found {found:.4g}"
-        for name, printed, found, within in checks
+        f"{name} printed {printed:.4g}, computed {value:.4g}"
+        for name, printed, value, within in checks
         if not within
     ]
     if wrong:
-        _warn(f"{place}: samples differ from the device's own values (SI): {'; '.join(wrong)}")
+        _warn(f"{where}: samples differ from the device's own values (SI): {'; '.join(wrong)}")
 
 
 def _columns(channels, axes, n_samples):
@@ -313,3 +313,133 @@ def _columns(channels, axes, n_samples):
 def _warn(message):
     """Warn with the stack level of the caller of the reader."""
     warnings.warn(message, PyblastWarning, stacklevel=4)
+
+
+@dataclass(frozen=True, eq=False)
+class Gather:
+    """Shot gather: the channels of a geophone line for one shot.
+
+    Parameters
+    ----------
+    data : (n_channels, n_samples) float64, ``unit``
+    dt : float, s
+    start : float, s
+        Time of the first sample from the trigger; negative with a pre-trigger.
+    source_position : (3,) float64, m
+        NaN where the header has none.
+    receiver_positions : (n_channels, 3) float64, m
+        NaN where the headers have none, or the same for every channel.
+    unit : str
+        "V" where the header scales the samples, otherwise "counts".
+    dead : (n_channels,) bool
+        Channels with constant samples.
+    clipped : (n_channels, n_samples) bool
+        Samples at the converter's full scale.
+    full_scale : float or None, ``unit``
+        As given, or detected as a plateau in one of the channels; None where nothing clips.
+    header : dict
+        Header values; a tuple where they differ between channels.
+    """
+
+    data: np.ndarray
+    dt: float
+    start: float
+    source_position: np.ndarray
+    receiver_positions: np.ndarray
+    unit: str
+    dead: np.ndarray
+    clipped: np.ndarray
+    full_scale: float | None = None
+    label: str = ""
+    time: str = ""
+    header: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        n_channels, n_samples = np.shape(self.data)
+        expected = {
+            "receiver_positions": (n_channels, 3), "source_position": (3,),
+            "dead": (n_channels,), "clipped": (n_channels, n_samples),
+        }  # fmt: skip
+        for name, shape in expected.items():
+            if np.shape(getattr(self, name)) != shape:
+                raise InputError(
+                    f"gather.{name}: must have shape {shape}, got {np.shape(getattr(self, name))}"
+                )
+
+    @property
+    def times(self) -> np.ndarray:
+        """Time of each sample, (n_samples,) s."""
+        return self.start + self.dt * np.arange(self.data.shape[1])
+
+    @property
+    def offsets(self) -> np.ndarray:
+        """Distance of each receiver from the source, (n_channels,) m."""
+        return np.linalg.norm(self.receiver_positions - self.source_position, axis=1)
+
+
+def read_gather(
+    path: str | Path,
+    format: str | None = None,
+    *,
+    full_scale: float | None = None,
+    max_bytes: int = MAX_FILE_BYTES,
+) -> Gather:
+    """Read a shot gather from SEG-2 or SEG-Y.
+
+    Parameters
+    ----------
+    path : str or Path
+    format : str, optional
+        "SEG2" or "SEGY"; detected from the content if not given.
+    full_scale : float, optional
+        Level of clipping in the unit of the file; detected as a plateau if not given.
+    max_bytes : int
+        Largest size of the file.
+
+    Raises
+    ------
+    InputError
+        If ``format`` is unknown.
+    ReadError
+        If the file has another format, is cut short, or its channels differ in sampling.
+
+    Notes
+    -----
+    The SEG-2 header DESCALING_FACTOR turns counts into millivolts; SEG-2 positions are in the
+    header's UNITS. A full scale detected in one channel holds for all: they share a converter.
+
+    Examples
+    --------
+    >>> gather = read_gather("shot_012.sg2")  # doctest: +SKIP
+    >>> gather.offsets.max()  # doctest: +SKIP
+    """
+    path = Path(path)
+    content = read_bytes(path, max_bytes)
+    format = format or sniff_seismic(content)
+    if format not in GATHER_HEADERS:
+        raise (ReadError if format is None else InputError)(
+            f"{path}: expected a gather in SEG2 or SEGY, got {format or 'neither'}"
+        )
+    traces = read_traces(path, content, format)
+    if len({(trace.stats.npts, trace.stats.delta) for trace in traces}) > 1:
+        raise ReadError(f"{path}: channels differ in number of samples or sampling rate")
+    values = GATHER_HEADERS[format](path, traces)
+    data = np.array([trace.data for trace in traces], dtype=np.float64)
+    data *= np.reshape(values.pop("factor"), (-1, 1))
+    dead = np.array([is_dead(samples) for samples in data])
+    clipped, full_scale = _clipped(data, full_scale)
+    return Gather(
+        data=data, dt=float(traces[0].stats.delta), dead=dead, clipped=clipped,
+        full_scale=full_scale, label=path.stem, time=str(traces[0].stats.starttime), **values,
+    )  # fmt: skip
+
+
+def _clipped(data, full_scale):
+    """Return the clipped samples and the full scale, given or detected in any channel."""
+    if full_scale is not None:
+        return np.abs(data) >= full_scale * (1.0 - 1e-6), full_scale
+    levels = [level for level in map(plateau_level, data) if level is not None]
+    if not levels:
+        return np.zeros(data.shape, bool), None
+    return np.any([at_level(np.abs(data), level) for level in levels], axis=0), max(levels)

@@ -55,17 +55,17 @@ def _is_mseed(content):
 
 def _mseed_bytes(content):
     """Return where the last miniSEED record should end, from the record lengths."""
-    place = 0
-    while place + 48 <= len(content) and _is_mseed(content[place : place + 48]):
-        (year,) = struct.unpack_from(">H", content, place + 20)
+    offset = 0
+    while offset + 48 <= len(content) and _is_mseed(content[offset : offset + 48]):
+        (year,) = struct.unpack_from(">H", content, offset + 20)
         order = ">" if 1900 <= year <= 2500 else "<"
-        at = place + struct.unpack_from(order + "H", content, place + 46)[0]
+        at = offset + struct.unpack_from(order + "H", content, offset + 46)[0]
         if at + 8 > len(content):
             return at + 8
         if struct.unpack_from(order + "H", content, at)[0] != 1000:
             return 0
-        place += 1 << min(content[at + 6], 62)
-    return place
+        offset += 1 << min(content[at + 6], 62)
+    return offset
 
 
 def _is_sac(content):
@@ -138,11 +138,11 @@ def _refuse_broken_gse2(path, content):
         payload = b"".join(lines[ends[0] + 1 : ends[1]])
         if payload.translate(None, _CM6_LETTERS):
             raise ReadError(f"{path}, window {n}: expected letters of CM6 only")
-        found = len(payload.translate(None, _CM6_LETTERS[32:]))
-        if not count.isdigit() or int(count) != found:
+        length = len(payload.translate(None, _CM6_LETTERS[32:]))
+        if not count.isdigit() or int(count) != length:
             raise ReadError(
                 f"{path}, window {n}: header promises {count.decode('latin-1')} "
-                f"samples, found {found}"
+                f"samples, found {length}"
             )
 
 
@@ -157,8 +157,6 @@ _PROMISED = {
     "MSEED": _mseed_bytes, "SAC": _sac_bytes, "SEG2": _seg2_bytes, "SEGY": _segy_bytes,
 }  # fmt: skip
 _REFUSALS = {"SAC": _refuse_wild_places, "GSE2": _refuse_broken_gse2}
-
-
 SEED_COMPONENTS = {"E": "east", "N": "north", "Z": "vertical"}
 _MAX_METADATA_BYTES = 50_000_000
 _PAZ_KEYS = {"poles", "zeros", "gain", "sensitivity"}
@@ -180,18 +178,18 @@ def read_traces(path: Path, content: bytes, name: str) -> list[obspy.Trace]:
         reason = _first_sentence(error)
         raise ReadError(f"{path}: is not a readable {name} file ({reason})") from error
     for n, trace in enumerate(traces, 1):
-        place = f"{path}, trace {n} ({trace.id})"
+        where = f"{path}, trace {n} ({trace.id})"
         if trace.data.dtype.kind not in "if":
-            raise ReadError(f"{place}: expected numbers, found {trace.data.dtype} samples")
+            raise ReadError(f"{where}: expected numbers, found {trace.data.dtype} samples")
         wrong = np.flatnonzero(~np.isfinite(trace.data))
         if len(wrong):
             raise ReadError(
-                f"{place}, sample {wrong[0]}: expected a finite number, "
+                f"{where}, sample {wrong[0]}: expected a finite number, "
                 f"got {trace.data[wrong[0]]:g}"
             )
         if trace.stats.npts < 2 or not 0.0 < trace.stats.delta < 1e4:
             raise ReadError(
-                f"{place}: expected at least 2 samples at a positive step, "
+                f"{where}: expected at least 2 samples at a positive step, "
                 f"got {trace.stats.npts} at {trace.stats.delta:g} s"
             )
     return traces
@@ -228,12 +226,12 @@ def station_records(
     return [_station(path, group, unit, zero, orientations) for group in stations.values()]
 
 
-def deconvolve(record: RawRecord, response: str | Path | dict, place: str) -> dict:
+def deconvolve(record: RawRecord, response: str | Path | dict, where: str) -> dict:
     """Return each component in m/s after removal of the instrument response."""
     inventory = None if isinstance(response, dict) else read_inventory(Path(response))
     if isinstance(response, dict) and set(response) != _PAZ_KEYS:
         raise InputError(
-            f"{place}: response must have {', '.join(sorted(_PAZ_KEYS))}, "
+            f"{where}: response must have {', '.join(sorted(_PAZ_KEYS))}, "
             f"got {', '.join(map(str, response))}"
         )
     cleaned = {}
@@ -250,7 +248,7 @@ def deconvolve(record: RawRecord, response: str | Path | dict, place: str) -> di
                 trace.remove_response(inventory, output="VEL", taper_fraction=0.02)
         except Exception as error:
             reason = _first_sentence(error)
-            raise InputError(f"{place}: no response for {trace.id} ({reason})") from error
+            raise InputError(f"{where}: no response for {trace.id} ({reason})") from error
         cleaned[name] = np.asarray(trace.data, dtype=np.float64)
     return cleaned
 
@@ -295,17 +293,17 @@ def _joined(path, traces):
 def _station(path, group, unit, zero, orientations):
     """Return the record of one station: channels in their common time window."""
     first = group[0].stats
-    place = f"{path}, station {first.station or '(unnamed)'}"
+    where = f"{path}, station {first.station or '(unnamed)'}"
     if any(abs(trace.stats.delta - first.delta) > 1e-9 * first.delta for trace in group):
-        raise ReadError(f"{place}: channels differ in sampling rate")
+        raise ReadError(f"{where}: channels differ in sampling rate")
     begin = max(trace.stats.starttime for trace in group)
     skip = [round((begin - trace.stats.starttime) / first.delta) for trace in group]
     length = min(trace.stats.npts - n for trace, n in zip(group, skip, strict=True))
     if length < 2:
-        raise ReadError(f"{place}: channels have no time in common")
+        raise ReadError(f"{where}: channels have no time in common")
     if unit is None and any(trace.data.dtype.kind == "i" for trace in group):
         raise InputError(
-            f"{place}: samples are integer counts, pass unit='counts' and remove "
+            f"{where}: samples are integer counts, pass unit='counts' and remove "
             "the response, or the unit of one count such as 'um_per_s'"
         )
     if unit is None:
@@ -317,7 +315,7 @@ def _station(path, group, unit, zero, orientations):
         trace.stats.channel: factor * trace.data[n : n + length].astype(np.float64)
         for trace, n in zip(group, skip, strict=True)
     }
-    channels = {str(name): x for name, x in _oriented(place, samples, orientations).items()}
+    channels = {str(name): x for name, x in _oriented(where, samples, orientations).items()}
     names = {} if orientations else dict(zip(channels, (t.id for t in group), strict=True))
     return RawRecord(
         channels, first.delta, 0.0 if zero is None else begin - zero, first.station,
@@ -326,24 +324,24 @@ def _station(path, group, unit, zero, orientations):
     )  # fmt: skip
 
 
-def _oriented(place, samples, orientations):
+def _oriented(where, samples, orientations):
     """Return east, north, vertical by the channel codes or by given orientations."""
     if orientations is None:
         names = {code: SEED_COMPONENTS.get(code[-1:].upper()) for code in samples}
         if None in names.values() or len(set(names.values())) < len(names):
             raise InputError(
-                f"{place}: channels {', '.join(samples)} must end in E, N, Z once "
+                f"{where}: channels {', '.join(samples)} must end in E, N, Z once "
                 "each, otherwise pass orientations (azimuth, dip)"
             )
         return {str(names[code]): values for code, values in samples.items()}
     if len(samples) != 3 or not set(samples) <= set(orientations):
-        raise InputError(f"{place}: orientations need the three channels {', '.join(samples)}")
+        raise InputError(f"{where}: orientations need the three channels {', '.join(samples)}")
     azimuth, dip = np.array([orientations[code] for code in samples], dtype=np.float64).T
     axes = np.column_stack(
         [np.cos(dip) * np.sin(azimuth), np.cos(dip) * np.cos(azimuth), -np.sin(dip)]
     )
     if abs(np.linalg.det(axes)) < 0.1:
-        raise InputError(f"{place}: orientations must span three directions")
+        raise InputError(f"{where}: orientations must span three directions")
     return dict(
         zip(
             ("east", "north", "vertical"),
@@ -409,3 +407,84 @@ def channel_names(station: str, known: dict[str, str], dt: float) -> list[str]:
     band = next(letter for least, letter in BANDS if round(1.0 / dt, 6) >= least)
     stem = next(iter(known.values()), f".{station}..{band}P?")[:-1]
     return [known.get(name, stem + letter) for letter, name in SEED_COMPONENTS.items()]
+
+
+_LENGTH_UNITS = {"METERS": "m", "CENTIMETERS": "cm", "FEET": "ft", "MILLIMETERS": "mm"}
+
+
+def _seg2_header(path, traces):
+    """Read scale, delay and positions from SEG-2 headers."""
+    headers = [dict(trace.stats.seg2) for trace in traces]
+    scaled = [header.get("DESCALING_FACTOR") for header in headers]
+    factor = 1.0
+    if all(scaled):
+        factor = FACTORS["mv"] * np.array(
+            [_number(path, n, "DESCALING_FACTOR", text) for n, text in enumerate(scaled)]
+        )
+    delays = {_number(path, n, "DELAY", h.get("DELAY", "0")) for n, h in enumerate(headers)}
+    if len(delays) > 1:
+        raise ReadError(f"{path}: channels start at different times: {sorted(delays)} s")
+    symbol = _LENGTH_UNITS.get(str(headers[0].get("UNITS", "METERS")).upper(), "m")
+    receivers = FACTORS[symbol] * np.array(
+        [_place(path, n, "RECEIVER_LOCATION", header) for n, header in enumerate(headers)]
+    )
+    if len(traces) > 1 and np.all(receivers == receivers[0]):
+        receivers = np.full((len(traces), 3), np.nan)
+    return {
+        "factor": factor, "unit": "V" if all(scaled) else "counts", "start": delays.pop(),
+        "receiver_positions": receivers, "header": _summary(headers),
+        "source_position": FACTORS[symbol] * _place(path, 0, "SOURCE_LOCATION", headers[0]),
+    }  # fmt: skip
+
+
+def _segy_header(path, traces):
+    """Read delay and positions from SEG-Y trace headers."""
+    headers = [trace.stats.segy.trace_header for trace in traces]
+    delays = {header.delay_recording_time for header in headers}
+    if len(delays) > 1:
+        raise ReadError(f"{path}: channels start at different times: {sorted(delays)} ms")
+    places = {}
+    for side in ("source_coordinate", "group_coordinate"):
+        scale = [float(h.scalar_to_be_applied_to_all_coordinates or 1) for h in headers]
+        scale = np.array([s if s > 0 else -1.0 / s for s in scale])
+        xy = np.array([[getattr(h, f"{side}_x"), getattr(h, f"{side}_y")] for h in headers])
+        places[side] = np.column_stack([scale[:, None] * xy, np.zeros(len(headers))])
+    receivers = places["group_coordinate"]
+    if len(traces) > 1 and np.all(receivers == receivers[0]):
+        receivers = np.full((len(traces), 3), np.nan)
+    return {
+        "factor": 1.0, "unit": "counts", "start": FACTORS["ms"] * delays.pop(),
+        "receiver_positions": receivers, "source_position": places["source_coordinate"][0],
+        "header": {"textual": "SEGY"},
+    }  # fmt: skip
+
+
+def _place(path, channel, key, header):
+    """Read one to three coordinates; NaN if absent."""
+    texts = str(header.get(key, "")).split()[:3]
+    values = [_number(path, channel, key, text) for text in texts]
+    return np.array(values + [0.0] * (3 - len(values))) if values else np.full(3, np.nan)
+
+
+def _number(path, channel, key, text):
+    """Read a number of a channel's header."""
+    try:
+        value = float(str(text).split()[0])
+    except (ValueError, IndexError):
+        value = np.nan
+    if not np.isfinite(value):
+        raise ReadError(f"{path}, channel {channel + 1}, {key}: expected a number, got '{text}'")
+    return value
+
+
+def _summary(headers):
+    """Return one value per key where all channels agree, a tuple where they differ."""
+    keys = dict.fromkeys(key for header in headers for key in header)
+    columns = {key: [header.get(key, "") for header in headers] for key in keys}
+    return {
+        key: column[0] if all(value == column[0] for value in column) else tuple(column)
+        for key, column in columns.items()
+    }
+
+
+GATHER_HEADERS = {"SEG2": _seg2_header, "SEGY": _segy_header}

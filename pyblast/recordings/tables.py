@@ -57,8 +57,8 @@ def read_instantel_ascii(path: Path, lines: list[str]) -> RawRecord:
     titles = next((n for n, line in enumerate(lines) if _is_channel_row(line)), len(lines) - 1)
     header = {}
     for line in lines[:titles]:
-        key, found, value = line.strip().strip('"').partition(" :")
-        if found:
+        key, separator, value = line.strip().strip('"').partition(" :")
+        if separator:
             header.setdefault(" ".join(key.split()).rstrip(":"), value.strip())
     names = _channels(path, titles + 1, lines[titles].split())
     rows = [(n + 1, lines[n].split()) for n in range(titles + 1, len(lines))]
@@ -123,12 +123,12 @@ def read_vibracord(path: Path, lines: list[str]) -> RawRecord:
         match = re.fullmatch(r"(Channel [123]|Vector sum 1) \((.+)\)", title)
         if match:
             units[match[1]] = column, match[2]
-    place = f"{path}, line {titles + 1}"
+    where = f"{path}, line {titles + 1}"
     order = {"Channel 1": "vertical", "Channel 2": "longitudinal", "Channel 3": "transverse"}
     wanted = {order.get(key, str(key)): column for key, (column, _) in units.items()}
     if "vertical" not in wanted:
-        raise ReadError(f"{place}: expected columns such as 'Channel 1 (mm/s)', found none")
-    factor = common_velocity_factor([symbol for _, symbol in units.values()], place)
+        raise ReadError(f"{where}: expected columns such as 'Channel 1 (mm/s)', found none")
+    factor = common_velocity_factor([symbol for _, symbol in units.values()], where)
     rows = [(n + 1, split_line(path, n + 1, lines[n])) for n in range(titles + 1, len(lines))]
     columns = read_columns(path, rows, {"Time": 0, **wanted}, len(cells))
     times, sums = columns.pop("Time"), columns.pop("Vector sum 1", None)
@@ -231,7 +231,10 @@ def _channels(path, line, titles):
     for column, title in enumerate(titles):
         name = COMPONENT_NAMES.get(title.strip('"').lower())
         if name in names:
-            raise ReadError(f"{path}, line {line}: component {name} appears twice")
+            raise ReadError(
+                f"{path}, line {line}: columns {names[name] + 1} and {column + 1} are both "
+                f"{name}; remove one of them, or describe the table by a mapping"
+            )
         if name:
             names[name] = column
     if not names:
@@ -290,18 +293,18 @@ def read_generic(path: Path, lines: list[str]) -> RawRecord:
     first = next(n for n, line in enumerate(lines) if not line.startswith("#"))
     delimiter = max(",;\t", key=lines[first].count)
     titles = split_line(path, first + 1, lines[first], delimiter)
-    place = f"{path}, line {first + 1}"
+    where = f"{path}, line {first + 1}"
     columns, factors = {}, {}
     for column, title in enumerate(titles):
         stem, suffix = split_key(title.strip())
         name = "time" if stem == "time" else COMPONENT_NAMES.get(stem.lower(), "")
         if not name or name in columns:
             raise InputError(
-                f"{place}: column '{title[:40]}' must be time or one component, "
+                f"{where}: column '{title[:40]}' must be time or one component, "
                 "once, such as east_mm_per_s"
             )
         columns[name] = column
-        factors[name] = FACTORS[suffix] if name == "time" else velocity_factor(suffix, place)
+        factors[name] = FACTORS[suffix] if name == "time" else velocity_factor(suffix, where)
     rows = [
         (n + 1, split_line(path, n + 1, lines[n], delimiter)) for n in range(first + 1, len(lines))
     ]
@@ -310,7 +313,7 @@ def read_generic(path: Path, lines: list[str]) -> RawRecord:
     dt = uniform_step(path, times, [line for line, _ in rows])
     channels = {name: factors[name] * column for name, column in values.items()}
     if not channels:
-        raise InputError(f"{place}: expected at least one component such as vertical_m_per_s")
+        raise InputError(f"{where}: expected at least one component such as vertical_m_per_s")
     return RawRecord(channels, dt, float(times[0]), path.stem, "CSV")
 
 
@@ -328,22 +331,22 @@ def read_mapped(path: Path, lines: list[str], mapping: str | Path) -> RawRecord:
         if 0 < skipped <= len(lines)
         else []
     )
-    place = f"{mapping}"
+    where = f"{mapping}"
     wanted = {
-        COMPONENT_NAMES[key]: _column_index(place, key, column, titles)
+        COMPONENT_NAMES[key]: _column_index(where, key, column, titles)
         for key, column in rules["columns"].items()
     }
     if "time_column" in rules:
-        wanted["time"] = _column_index(place, "time_column", rules["time_column"], titles)
+        wanted["time"] = _column_index(where, "time_column", rules["time_column"], titles)
     values = read_columns(path, rows, wanted)
     rate, start = rules.get("sampling_rate"), -abs(rules.get("pretrigger", 0.0))
     if "time" in wanted:
-        times = unit_factor(rules.get("time_unit", "s"), f"{place}, time_unit") * values.pop("time")
+        times = unit_factor(rules.get("time_unit", "s"), f"{where}, time_unit") * values.pop("time")
         dt = uniform_step(path, times, [line for line, _ in rows], rate)
         start = start if "pretrigger" in rules else float(times[0])
     else:
-        dt = sampling_step(rules["sampling_rate"], f"{place}, sampling_rate_hz")
-    factor = velocity_factor(rules["unit"], f"{place}, unit")
+        dt = sampling_step(rules["sampling_rate"], f"{where}, sampling_rate_hz")
+    factor = velocity_factor(rules["unit"], f"{where}, unit")
     return RawRecord(
         {name: factor * column for name, column in values.items()}, dt, start,
         rules.get("label", path.stem), rules.get("instrument", "mapped CSV"),
@@ -393,16 +396,16 @@ def _check_mapping(path, rules):
             raise InputError(f"{path}: columns.{key} must be a component such as transverse")
 
 
-def _column_index(place, key, column, titles):
+def _column_index(where, key, column, titles):
     """Return the index from 0 of a column given by title or by number from 1."""
     if isinstance(column, str):
         if column not in titles:
             raise InputError(
-                f"{place}: {key} names column '{column}', the table has {', '.join(titles)[:120]}"
+                f"{where}: {key} names column '{column}', the table has {', '.join(titles)[:120]}"
             )
         return titles.index(column)
     if isinstance(column, bool) or not isinstance(column, int) or not 1 <= column <= 1000:
-        raise InputError(f"{place}: {key} must be a title or a column from 1, got {column!r}")
+        raise InputError(f"{where}: {key} must be a title or a column from 1, got {column!r}")
     return column - 1
 
 

@@ -9,75 +9,78 @@ from scipy import ndimage
 from ..project.result import plain, write_text
 from . import figures
 from .figures import INK, SIMULATED, _figure, _tidy, _uri
-from .html import page
-from .survey_design import best_extras, found_figures, plan_figure, slip_lines, summary_lines
+from .run import page
+from .survey_design import best_candidates, result_figures, slip_lines, summary_lines, survey_figure
 
-SHOWN = 0.5  # correlations below are not told
+SHOWN = 0.5  # least correlation that is listed
 
 
-def summarise_posterior(found, parameters):
-    """Return a posterior as plain numbers, None where none was asked for.
+def summarise_posterior(posterior, parameters):
+    """Return the plain numbers of a posterior, None without one.
 
     Parameters
     ----------
-    found : Posterior or None
+    posterior : Posterior or None
     parameters : sequence of Parameter
     """
-    if found is None:
+    if posterior is None:
         return None
-    intervals = [None] * len(parameters) if found.doubt else found.intervals.tolist()
+    intervals = [None] * len(parameters) if posterior.failure else posterior.intervals.tolist()
     return {
-        "doubt": found.doubt,
-        "mesh_doubt": found.mesh_doubt,
-        "seed": found.seed,
-        "runs": found.runs,
-        "checks": len(found.log_weights),
-        "effective_checks": found.effective,
-        "effective_checks_corrected": found.corrected,
-        "autocorrelation_steps": found.chains.autocorrelation,
-        "steps": found.chains.places.shape[1],
-        "split_r_hat": found.chains.r_hat,
-        "accepted": found.chains.accepted,
-        "independent_draws": found.chains.independent,
+        "failure": posterior.failure,
+        "mesh_error_missing": posterior.mesh_error_missing,
+        "seed": posterior.seed,
+        "runs": posterior.runs,
+        "checks": len(posterior.log_weights),
+        "effective_checks": posterior.effective,
+        "effective_checks_corrected": posterior.corrected,
+        "autocorrelation_steps": posterior.chains.autocorrelation,
+        "steps": posterior.chains.x.shape[1],
+        "split_r_hat": posterior.chains.r_hat,
+        "accepted": posterior.chains.accepted,
+        "independent_draws": posterior.chains.independent,
         "parameters": [
-            {"path": one.name, "low": one.low, "high": one.high, "log": one.log,
-             "median": None if found.doubt else float(np.median(column)), "interval_90": interval}
-            for one, column, interval in zip(parameters, found.samples.T, intervals, strict=True)
+            {"path": row.name, "low": row.low, "high": row.high, "log": row.log,
+             "median": None if posterior.failure else float(np.median(samples)),
+             "interval_90": interval}
+            for row, samples, interval
+            in zip(parameters, posterior.samples.T, intervals, strict=True)
         ],
-        "correlation": found.correlation,
-        "samples": found.samples,
+        "correlation": posterior.correlation,
+        "samples": posterior.samples,
     }  # fmt: skip
 
 
 def posterior_lines(table) -> list[str]:
-    """Say what a summarised posterior tells and what it rests on; nothing without one."""
+    """Return sentences on a summarised posterior and its checks; none without one."""
     if table is None:
         return []
     worst, slowest = (float(np.max(table[key])) for key in ("split_r_hat", "autocorrelation_steps"))
     checks = (
-        f"{table['runs']} runs; the last {table['checks']} check the emulator on which the walks "
-        f"went, and agree with it as well as {table['effective_checks']:.1f} that agree wholly, "
-        f"after their correction {table['effective_checks_corrected']:.1f}; split R-hat "
+        f"{table['runs']} runs; the last {table['checks']} check the emulator of the chains: "
+        f"effective sample size {table['effective_checks']:.1f}, after the correction "
+        f"{table['effective_checks_corrected']:.1f}; split R-hat "
         f"{worst:.4f}, autocorrelation {slowest:.0f} of {table['steps']} steps, seed "
         f"{table['seed']}"
     )
-    doubt = [f"{table['mesh_doubt']}; it is not in the intervals"] * bool(table["mesh_doubt"])
-    if table["doubt"]:
-        return [f"no intervals: {table['doubt']}", checks]
+    missing = table["mesh_error_missing"]
+    missing = [f"{missing}; the intervals do not include it"] if missing else []
+    if table["failure"]:
+        return [f"no intervals: {table['failure']}", checks]
     rows = table["parameters"]
-    told = [
-        f"{one['path']}: {one['median']:.4g}, 90 % between {one['interval_90'][0]:.4g} and "
-        f"{one['interval_90'][1]:.4g}"
-        for one in rows
+    lines = [
+        f"{row['path']}: {row['median']:.4g}, 90 % interval {row['interval_90'][0]:.4g} to "
+        f"{row['interval_90'][1]:.4g}"
+        for row in rows
     ]
     correlation = np.asarray(table["correlation"])
     for i, j in zip(*np.triu_indices(len(rows), 1), strict=True):
         if abs(correlation[i, j]) >= SHOWN:
-            told.append(
-                f"{rows[i]['path']} and {rows[j]['path']}: correlation {correlation[i, j]:+.2f}, "
-                "one makes up for the other"
+            lines.append(
+                f"{rows[i]['path']} and {rows[j]['path']} trade off: correlation "
+                f"{correlation[i, j]:+.2f}"
             )
-    return [*told, *doubt, checks]
+    return [*lines, *missing, checks]
 
 
 BINS, FINE = 30, 60
@@ -87,7 +90,7 @@ DRAWN = 600
 
 
 def corner_figure(parameters, samples):
-    """Draw samples of all unknowns, each alone and in pairs.
+    """Draw the marginal posterior of each parameter and of each pair: a corner plot.
 
     Parameters
     ----------
@@ -98,14 +101,14 @@ def corner_figure(parameters, samples):
     n = len(parameters)
     figure = _figure(min(9.6, 2.0 + 1.9 * n), min(9.6, 1.4 + 1.7 * n))
     axes = figure.subplots(n, n, squeeze=False)
-    limits = [_limits(one, column) for one, column in zip(parameters, samples.T, strict=True)]
+    limits = [_limits(row, column) for row, column in zip(parameters, samples.T, strict=True)]
     for i, j in np.ndindex(n, n):
         axis: Any = axes[i, j]
         if j > i:
             axis.set_visible(False)
             continue
         if i == j:
-            _alone(axis, parameters[i], samples[:, i], limits[i])
+            _marginal(axis, parameters[i], samples[:, i], limits[i])
         else:
             _pair(axis, samples[:, j], samples[:, i], (limits[j], limits[i]),
                   (parameters[j]["log"], parameters[i]["log"]))  # fmt: skip
@@ -113,14 +116,14 @@ def corner_figure(parameters, samples):
     return _uri(figure)
 
 
-def _limits(one, column):
-    """Return the part of a range that samples fill, with a margin."""
+def _limits(row, column):
+    """Return the part of a range that the samples cover, with a margin."""
     low, high = np.quantile(column, [0.002, 0.998])
-    if one["log"]:
+    if row["log"]:
         margin = (high / low) ** 0.15
-        return max(one["low"], low / margin), min(one["high"], high * margin)
+        return max(row["low"], low / margin), min(row["high"], high * margin)
     margin = 0.15 * (high - low)
-    return max(one["low"], low - margin), min(one["high"], high + margin)
+    return max(row["low"], low - margin), min(row["high"], high + margin)
 
 
 def _edges(limits, log, count):
@@ -128,12 +131,12 @@ def _edges(limits, log, count):
     return (np.geomspace if log else np.linspace)(limits[0], limits[1], count + 1)
 
 
-def _alone(axis, one, column, limits):
-    """Draw how often an unknown has which value; the interval is dark."""
-    edges = _edges(limits, one["log"], BINS)
+def _marginal(axis, row, column, limits):
+    """Draw the histogram of a parameter; the interval is dark."""
+    edges = _edges(limits, row["log"], BINS)
     count, _ = np.histogram(column, edges)
-    low, high = one["interval_90"]
-    middle = np.sqrt(edges[1:] * edges[:-1]) if one["log"] else 0.5 * (edges[1:] + edges[:-1])
+    low, high = row["interval_90"]
+    middle = np.sqrt(edges[1:] * edges[:-1]) if row["log"] else 0.5 * (edges[1:] + edges[:-1])
     shade = np.where((middle >= low) & (middle <= high), SIMULATED, "#d8dde3")
     axis.bar(edges[:-1], count, np.diff(edges), align="edge", color=shade)
     axis.set_title(f"{low:.3g} to {high:.3g}", fontsize=8, color=INK)
@@ -141,7 +144,7 @@ def _alone(axis, one, column, limits):
 
 
 def _pair(axis, across, up, limits, logs):
-    """Draw two unknowns against each other, with the regions that hold 50 and 90 %."""
+    """Draw two parameters against each other, with their 50 and 90 % regions."""
     axis.plot(across[:DRAWN], up[:DRAWN], ".", color="#9aa5b1", ms=1.5, alpha=0.6)
     edges = [_edges(limit, log, FINE) for limit, log in zip(limits, logs, strict=True)]
     density = ndimage.gaussian_filter(np.histogram2d(across, up, edges)[0], BLUR)
@@ -154,7 +157,7 @@ def _pair(axis, across, up, limits, logs):
 
 
 def _ends(axis, parameters, limits, i, j):
-    """Scale an axis and name it where it stands at the edge."""
+    """Scale an axis, and label it at the edge of the figure."""
     n = len(parameters)
     for k, part, log in ((j, "x", parameters[j]["log"]), (i, "y", parameters[i]["log"])):
         if part == "y" and i == j:
@@ -179,16 +182,16 @@ def _name(path):
     return f"{table}\n{rest}"
 
 
-REFUSED = "#9aa5b1"
+REJECTED = "#9aa5b1"
 
 
 def misfit_figure(misfits, accepted, unit):
-    """Draw the misfit of every run, whether the search went on from it, and the best so far.
+    """Draw the misfit of every run, accepted or rejected, and the best so far.
 
     Parameters
     ----------
     misfits : (n,) float64
-        Not finite where a run failed; these are left out.
+        Not finite where a run failed; not drawn.
     accepted : (n,) bool
     unit : str
     """
@@ -196,7 +199,7 @@ def misfit_figure(misfits, accepted, unit):
     axes, run = figure.subplots(), np.arange(1, len(misfits) + 1)
     best = np.minimum.accumulate(np.where(np.isfinite(misfits), misfits, np.inf))
     axes.step(run, best, where="post", color=SIMULATED, lw=1.4, label="best so far")
-    for shown, colour, label in ((accepted, INK, "accepted"), (~accepted, REFUSED, "refused")):
+    for shown, colour, label in ((accepted, INK, "accepted"), (~accepted, REJECTED, "rejected")):
         axes.plot(run[shown], misfits[shown], "o", color=colour, ms=4, label=label)
     axes.set_xlabel("run")
     axes.set_ylabel(f"misfit  {unit}")
@@ -207,7 +210,7 @@ def misfit_figure(misfits, accepted, unit):
     return _uri(figure)
 
 
-def places_figure(parameters, points, misfits, unit):
+def points_figure(parameters, points, misfits, unit):
     """Draw misfit against each parameter over its range; the best point is marked.
 
     Parameters
@@ -224,20 +227,20 @@ def places_figure(parameters, points, misfits, unit):
     axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
     best = int(np.argmin(misfits))
     top = 1.1 * np.max(misfits, where=np.isfinite(misfits), initial=0.0)
-    for number, (one, axis) in enumerate(zip(parameters, axes.flat, strict=False)):
-        place = points[:, number]
-        shades = np.linspace(0.25, 1.0, len(place))
-        axis.scatter(place, misfits, c=shades, cmap="Greys", vmin=0.0, s=14, zorder=3)
-        axis.plot(place[best], misfits[best], "o", color=SIMULATED, ms=6, zorder=4)
-        if one["log"]:
+    for number, (row, axis) in enumerate(zip(parameters, axes.flat, strict=False)):
+        values = points[:, number]
+        shades = np.linspace(0.25, 1.0, len(values))
+        axis.scatter(values, misfits, c=shades, cmap="Greys", vmin=0.0, s=14, zorder=3)
+        axis.plot(values[best], misfits[best], "o", color=SIMULATED, ms=6, zorder=4)
+        if row["log"]:
             axis.set_xscale("log")
-            ticks = np.geomspace(one["low"], one["high"], 3)
+            ticks = np.geomspace(row["low"], row["high"], 3)
             axis.set_xticks(ticks, [f"{tick:.2g}" for tick in ticks])
             axis.set_xticks([], minor=True)
-        margin = 0.0 if one["log"] else 0.03 * (one["high"] - one["low"])
-        axis.set_xlim(one["low"] - margin, one["high"] + margin)
+        margin = 0.0 if row["log"] else 0.03 * (row["high"] - row["low"])
+        axis.set_xlim(row["low"] - margin, row["high"] + margin)
         axis.set_ylim(0.0, top)
-        axis.set_xlabel(one["path"], fontsize=8)
+        axis.set_xlabel(row["path"], fontsize=8)
         _tidy(axis)
     for axis in axes[:, 0]:
         axis.set_ylabel(f"misfit  {unit}")
@@ -247,9 +250,9 @@ def places_figure(parameters, points, misfits, unit):
 
 
 SPECTRUM_TOP = 40.0
-JUDGED_ANEW = (
-    " All runs are judged by the errors of the theory that stood at the end; trials.jsonl has what "
-    "each was worth when it was run."
+FINAL_COVARIANCE = (
+    " The misfits of all runs use the final covariance; trials.jsonl holds those at the time of "
+    "each run."
 )
 
 
@@ -267,65 +270,66 @@ def write_search_report(path, summary, confirmed):
     plan, trace = summary["plan"], summary["trace"]
     points, misfits = (np.array(trace[name]) for name in ("points", "misfits"))
     drawn = [
-        *found_figures(plan, points, misfits),
+        *result_figures(plan, points, misfits),
         *_posterior_figures(summary["posterior"]),
-        plan_figure(plan),
+        survey_figure(plan),
         *_search_figures(summary),
         *_motion_figures(confirmed),
     ]
     text = page("back_analysis.html").render(
         s=plain(summary),
-        laboratory=any(one["laboratory"] is not None for one in summary["parameters"]),
-        extras=plain(best_extras(plan)),
+        laboratory=any(row["laboratory"] is not None for row in summary["parameters"]),
+        candidates=plain(best_candidates(plan)),
         lines=summary_lines(plan),
-        sure=posterior_lines(summary["posterior"]),
-        slip=[line for name, one in summary["blasts"].items() for line in slip_lines(name, one)],
+        posterior=posterior_lines(summary["posterior"]),
+        slip=[
+            line for name, blast in summary["blasts"].items() for line in slip_lines(name, blast)
+        ],
         figures=[dict(zip(("title", "caption", "image"), row, strict=True)) for row in drawn],
     )
     write_text(path, text)
 
 
 def _posterior_figures(table):
-    """Draw the posterior of the unknowns, where there is one that can be told."""
-    if table is not None and not table["doubt"]:
+    """Yield the figure of the posterior, if it has intervals."""
+    if table is not None and not table["failure"]:
         yield (
-            "What records and ranges leave",
-            f"{len(table['samples'])} draws from the posterior: of each unknown over its range, "
-            "with the interval that holds 90 %, and of each pair with the regions that hold 50 "
-            "and 90 %.",
+            "Posterior",
+            f"{len(table['samples'])} samples of the posterior: histogram of each parameter with "
+            "its 90 % interval, and each pair with its 50 and 90 % regions.",
             corner_figure(table["parameters"], np.asarray(table["samples"])),
         )
 
 
 def _search_figures(summary):
-    """Draw how the search went."""
+    """Yield the figures of the search."""
     trace = {name: np.array(value) for name, value in summary["trace"].items()}
     unit = summary["misfit_unit"]
     yield (
         "Misfit",
         f"Misfit of each run; method '{summary['method']}', seed {summary['seed']}. The search "
-        f"went on from {summary['accepted']} of {summary['runs']}, starts elsewhere included."
-        f"{JUDGED_ANEW if summary['misfit_name'] == 'waveform' else ''}",
+        f"accepted {summary['accepted']} of {summary['runs']}, further starts included."
+        f"{FINAL_COVARIANCE if summary['misfit_name'] == 'waveform' else ''}",
         misfit_figure(trace["misfits"], trace["accepted"], unit),
     )
     yield (
-        "Where the search has been",
-        "Misfit against each unknown over its range, later runs darker, the best in colour.",
-        places_figure(summary["parameters"], trace["points"], trace["misfits"], unit),
+        "Search",
+        "Misfit against each parameter over its range; later runs darker, the best coloured.",
+        points_figure(summary["parameters"], trace["points"], trace["misfits"], unit),
     )
 
 
 def _motion_figures(confirmed):
-    """Draw recorded and simulated motion at the best point (figures 7 to 9)."""
-    for blast, one in confirmed.items():
-        for name, record in one.recorded.items():
-            both = {"recorded": record, "simulated": one.simulated[name]}
+    """Yield recorded and simulated motion at the best point (figures 7 to 9 of the paper)."""
+    for blast, run in confirmed.items():
+        for name, record in run.recorded.items():
+            both = {"recorded": record, "simulated": run.simulated[name]}
             yield (
                 f"Receiver {name}",
                 f"{blast}, {name}: recorded against simulated at the best point; particle velocity "
                 "and smoothed amplitude spectrum.",
                 figures.motion_figure(
                     both, [figures.RECORDED, figures.SIMULATED], SPECTRUM_TOP,
-                    float(one.simulated[name].times[-1]),
+                    float(run.simulated[name].times[-1]),
                 ),
             )  # fmt: skip

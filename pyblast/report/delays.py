@@ -1,14 +1,14 @@
-"""Report of a plan of delays: candidates, peaks at houses, firing times."""
+"""Report of a delay optimisation: peaks at houses, evaluated delays, firing times."""
 
 import numpy as np
 
 from ..project.result import plain, write_text
 from .figures import INK, SIMULATED, _figure, _tidy, _uri
-from .html import page
+from .run import page
 
 
 def delay_lines(table) -> list[str]:
-    """Say which delays are best, what they are worth and what houses feel.
+    """Return sentences on the best delays, their gain and the peaks at the houses.
 
     Parameters
     ----------
@@ -20,30 +20,30 @@ def delay_lines(table) -> list[str]:
         *table["band_hz"]
     )  # fmt: skip
     low, high = gained["reduction_90"]
-    told = [
+    lines = [
         f"best of {len(table['tried'])} plans at {band}: {1e3 * best['between_holes']:.3g} ms "
         f"between holes, {1e3 * best['between_rows']:.3g} ms between rows",
-        f"largest PPV over its limit that {100 * table['share']:.3g} % of blasts stay below: "
-        f"{gained['after']:.3g}, as planned {gained['before']:.3g}; {100 * gained['reduction']:.3g}"
-        f" % less, by the number of draws between {100 * low:.3g} and {100 * high:.3g} %",
+        f"{100 * table['share']:.3g} % quantile of the largest PPV over its limit: "
+        f"{gained['after']:.3g}, as planned {gained['before']:.3g}; reduction "
+        f"{100 * gained['reduction']:.3g} %, 90 % interval {100 * low:.3g} to {100 * high:.3g} %",
     ]
     for house in table["houses"]:
-        told.append(f"{house['name']}: limit {1e3 * house['limit']:.3g} mm/s{_curve(house)}")
+        lines.append(f"{house['name']}: limit {1e3 * house['limit']:.3g} mm/s{_curve(house)}")
         for name, words in (("before", "as planned"), ("after", "best delays")):
-            one = house[name]
-            levels = " ".join(f"{1e3 * level:.3g}" for level in one["levels"].values())
+            peaks = house[name]
+            levels = " ".join(f"{1e3 * level:.3g}" for level in peaks["levels"].values())
             bands = ", ".join(
-                f"{1e3 * least:.3g} to {1e3 * most:.3g}" for least, most in one["bands"].values()
+                f"{1e3 * least:.3g} to {1e3 * most:.3g}" for least, most in peaks["bands"].values()
             )
-            told.append(
-                f"  {words}: PPV that 50, 90, 95 % stay below {levels} mm/s; 50, 90, 95 % within "
-                f"{bands} mm/s; {100 * one['kept']:.3g} % keep the limit"
+            lines.append(
+                f"  {words}: 50, 90, 95 % quantiles of PPV {levels} mm/s; central 50, 90, 95 % of "
+                f"blasts {bands} mm/s; {100 * peaks['within_limit']:.3g} % within the limit"
             )
-    return told
+    return lines
 
 
 def _curve(house):
-    """Say which curve a limit is of, and whether anybody compared it with the standard."""
+    """Return the curve of a limit, and whether it was verified against the standard."""
     if house["curve"] is None:
         return ""
     verified = "" if house["curve_verified"] else ", not verified"
@@ -51,11 +51,11 @@ def _curve(house):
 
 
 PLANNED, LIMIT, SEVERITY = "#5b6570", "#b91c1c", "viridis"
-WIDTHS = {"0.95": 3.0, "0.9": 7.0, "0.5": 12.0}  # of the bars that hold so many blasts
+WIDTHS = {"0.95": 3.0, "0.9": 7.0, "0.5": 12.0}  # of the bars of these shares of blasts
 
 
 def write_delay_report(path, summary):
-    """Write the page of a plan of delays, of `summarise_delays`."""
+    """Write the page of a delay optimisation, from `summarise_delays`."""
     summary = plain(summary)
     text = page("delays.html").render(
         s=summary, lines=delay_lines(summary),
@@ -71,15 +71,15 @@ def _figures(summary):
     """Yield title, caption and image of each figure."""
     yield (
         "Peaks at the houses",
-        "What 50, 90 and 95 % of drawn blasts lie within, the thinner the more; the dot is the "
-        "median, the red line the limit. These draws were not used by the search.",
+        "Central 50, 90 and 95 % of the simulated blasts, thick to thin; the dot is the median, "
+        "the red line the limit. The search did not use these draws.",
         houses_figure(summary),
     )
     yield (
-        "What was tried",
-        f"Each dot is a plan, coloured by the largest PPV over its limit that "
-        f"{100 * summary['share']:.3g} % of a few drawn blasts stay below; the best one is ringed. "
-        "A broad dark valley forgives detonators that scatter, a narrow one does not.",
+        "Evaluated delays",
+        f"Each dot is a plan, coloured by the {100 * summary['share']:.3g} % quantile of the "
+        "largest PPV over its limit, from few draws; the circle marks the best. In a broad dark "
+        "region the result is robust to firing-time scatter, in a narrow one it is not.",
         tried_figure(summary),
     )
 
@@ -109,7 +109,7 @@ def houses_figure(summary):
 
 
 def tried_figure(summary):
-    """Draw all plans that were tried, over their delays."""
+    """Draw all evaluated plans over their delays."""
     holes, rows, severity = np.array(summary["tried"]).T
     figure = _figure(7.4, 4.2)
     axis = figure.subplots()

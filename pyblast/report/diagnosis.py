@@ -37,7 +37,7 @@ from .diagnosis_figures import (
     ranking_figure,
     time_frequency_figure,
 )
-from .html import page
+from .run import page
 
 COMPONENTS = ("east", "north", "up")
 MEANINGS = {

@@ -13,20 +13,21 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..mesh import tetrahedra
+from ..mesh.faces import face_keys, zone_faces
 from ..signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
 
 _TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 NUDGE = 1.2345e-5
 
 
-def section_of_zones(points, zones, place):
-    """Cut zones with the plane ``y = place``.
+def section_of_zones(points, zones, north):
+    """Cut zones with the plane ``y = north``.
 
     Parameters
     ----------
     points : (n_nodes, 3) float64, m
     zones : (n_zones, 4) int32
-    place : float, m
+    north : float, m
 
     Returns
     -------
@@ -34,7 +35,7 @@ def section_of_zones(points, zones, place):
         East and up, in turn around the polygon.
     zone : (n_polygons,) int64
     """
-    height = _heights(points, place)
+    height = _heights(points, north)
     below = height[zones] < 0.0
     cut = np.flatnonzero(below.any(axis=1) & ~below.all(axis=1))
     corners, crossed = _crossings(points, height, zones[cut], tetrahedra.EDGES)
@@ -46,18 +47,18 @@ def section_of_zones(points, zones, place):
     return polygons, cut
 
 
-def section_of_surface(points, triangles, place):
-    """Cut triangles with the plane ``y = place``; return segments (n, 2, 2) m, east and up."""
-    height = _heights(points, place)
+def section_of_surface(points, triangles, north):
+    """Cut triangles with the plane ``y = north``; return segments (n, 2, 2) m, east and up."""
+    height = _heights(points, north)
     below = height[triangles] < 0.0
     cut = np.flatnonzero(below.any(axis=1) & ~below.all(axis=1))
     corners, crossed = _crossings(points, height, triangles[cut], _TRIANGLE_EDGES)
     return corners[crossed].reshape(-1, 2, 2)
 
 
-def _heights(points, place):
+def _heights(points, north):
     """Return the distance of nodes from the plane, which is moved a little off grid planes."""
-    return points[:, 1] - place - NUDGE * max(float(np.ptp(points[:, 1])), 1.0)
+    return points[:, 1] - north - NUDGE * max(float(np.ptp(points[:, 1])), 1.0)
 
 
 def _crossings(points, height, cells, edges):
@@ -85,10 +86,10 @@ def outer_triangles(zones, n_nodes, surfaces):
     zone : (n,) int64
     """
     triangles = np.concatenate([np.empty((0, 3), np.int32), *surfaces])
-    faces = tetrahedra.zone_faces(zones)
-    keys = tetrahedra.face_keys(faces, n_nodes)
+    faces = zone_faces(zones)
+    keys = face_keys(faces, n_nodes)
     order = np.argsort(keys)
-    wanted = tetrahedra.face_keys(triangles, n_nodes)
+    wanted = face_keys(triangles, n_nodes)
     at = np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)
     return triangles, order[at] // 4
 
@@ -108,7 +109,7 @@ _ABOVE = {
 
 
 def motion_figure(seismograms, colours, top=None, t_max=None):
-    """Draw seismograms of one place: rows T, V, L; columns time and frequency.
+    """Draw the seismograms of a receiver: rows T, V, L; columns time and frequency.
 
     Parameters
     ----------
@@ -132,10 +133,10 @@ def motion_figure(seismograms, colours, top=None, t_max=None):
     for (name, record), colour in zip(seismograms.items(), colours, strict=False):
         spectrum = smoothed_spectrum(record)
         dominant = dominant_frequency(record).hz
-        for place, row in zip(rows, axes, strict=True):
-            if not record.present[place]:
+        for component, row in zip(rows, axes, strict=True):
+            if not record.present[component]:
                 continue
-            motion = 1e3 * record.velocity[:, place]
+            motion = 1e3 * record.velocity[:, component]
             row[0].plot(
                 record.times,
                 motion,
@@ -145,15 +146,15 @@ def motion_figure(seismograms, colours, top=None, t_max=None):
             )
             row[1].plot(
                 spectrum.frequency,
-                1e3 * spectrum.amplitude[:, place],
+                1e3 * spectrum.amplitude[:, component],
                 color=colour,
                 lw=1.1,
                 label="silent"
-                if np.isnan(dominant[place])
-                else f"peak at {_short(dominant[place])} Hz",
+                if np.isnan(dominant[component])
+                else f"peak at {_short(dominant[component])} Hz",
             )
-    for place, row in zip(rows, axes, strict=True):
-        row[0].set_ylabel(f"{LETTERS[first.components[place]]}  mm/s")
+    for component, row in zip(rows, axes, strict=True):
+        row[0].set_ylabel(f"{LETTERS[first.components[component]]}  mm/s")
         row[1].set_ylabel("mm/s/Hz")
         for axis in row:
             axis.legend(**_ABOVE)
@@ -193,19 +194,19 @@ def source_figure(histories, top):
     return _uri(figure)
 
 
-def section_figure(result, place, field="group"):
+def section_figure(result, north, field="group"):
     """Draw a vertical section: materials or highest frequency, joints, faults, receivers.
 
     Parameters
     ----------
     result : Result
-    place : float, m
+    north : float, m
         North coordinate of the section.
     field : str
         "group" or "f_max".
     """
     mesh, summary = result.arrays["mesh"], result.summary
-    polygons, zone = section_of_zones(mesh["points"], mesh["zones"], place)
+    polygons, zone = section_of_zones(mesh["points"], mesh["zones"], north)
     width, height = np.ptp(mesh["points"][:, 0]), np.ptp(mesh["points"][:, 2])
     figure = _figure(9.6, float(np.clip(8.4 * height / width + 1.0, 2.6, 7.0)))
     axes = figure.subplots()
@@ -224,7 +225,7 @@ def section_figure(result, place, field="group"):
         for which in ("major", "minor"):
             getattr(bar.ax.yaxis, f"set_{which}_formatter")("{x:g}")
     axes.add_collection(patches)
-    _draw_joints(axes, result, place)
+    _draw_joints(axes, result, north)
     _draw_receivers(axes, summary, mesh["points"])
     axes.set_aspect("equal")
     axes.autoscale_view()
@@ -234,13 +235,13 @@ def section_figure(result, place, field="group"):
     return _uri(figure)
 
 
-def _draw_joints(axes, result, place):
+def _draw_joints(axes, result, north):
     """Draw the traces of joints, faults stronger."""
     names = result.summary["mesh_names"]
     points = result.arrays["mesh"]["points"]
     labelled = set()
     for name in names["joints"]:
-        segments = section_of_surface(points, result.arrays["surfaces"][name], place)
+        segments = section_of_surface(points, result.arrays["surfaces"][name], north)
         fault = name in names["faults"]
         colour, kind = (FAULT, "fault") if fault else (INK, "joint")
         lines = LineCollection(segments, colors=colour, linewidths=1.6 if fault else 0.5)
@@ -329,7 +330,7 @@ def energy_figure(energy, lead):
     axes = figure.subplots()
     names = {
         "input": "put in", "kinetic": "kinetic", "strain": "strain",
-        "dashpots": "left through dashpots",
+        "dashpots": "absorbed by dashpots",
         "damping": "material damping", "joint_stored": "stored in joints",
         "joint_dissipated": "slip in joints",
     }  # fmt: skip
@@ -397,18 +398,18 @@ def limits_figure(motions, curves):
     summed = any(curve.quantity == SUM for curve in curves)
     peaks = [
         (kind, f"{name} {what}", size, hz)
-        for kind, some in motions.items()
-        for name, motion in some.items()
+        for kind, at_receivers in motions.items()
+        for name, motion in at_receivers.items()
         for what, size, hz in peaks_of(motion, summed)
     ]
-    drawn = [one for one in peaks if np.isfinite(one[-1])]
+    drawn = [row for row in peaks if np.isfinite(row[-1])]
     span = [*LEAST_SPAN, *(hz for *_, hz in drawn)]
     frequency = np.geomspace(min(span), 1.2 * max(span), 2000)
     figure = _figure(9.6, 5.0)
     axes = figure.subplots()
     for curve in curves:
-        doubt = "" if curve.verified else ", unverified"
-        label = f"{curve.name} ({curve.quantity}{doubt})"
+        status = "" if curve.verified else ", unverified"
+        label = f"{curve.name} ({curve.quantity}{status})"
         axes.loglog(frequency, 1e3 * curve.limit(frequency), lw=1.1, label=label)
     for kind, colour in zip(motions, (SIMULATED, RECORDED), strict=False):
         of_kind = [(text, 1e3 * size, hz) for k, text, size, hz in drawn if k == kind]

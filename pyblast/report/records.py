@@ -1,4 +1,4 @@
-"""Report of field records: quality, odd channels, air wave, dispersion and layers, sensors."""
+"""Report of field records: data quality, odd channels, air wave, dispersion, sensor response."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,22 +6,23 @@ from pathlib import Path
 
 import numpy as np
 
-from ..line_records.layering import Picks, rayleigh_speeds
 from ..line_records.shots import Shot
+from ..line_records.waves import Picks, rayleigh_speeds
 from ..project.result import write_text
 from .figures import FAULT, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
-from .html import page
+from .run import page
 
 FOUND = {
     "NAMED": "found",
     "CLASS": "found, one of several causes",
-    "UNKNOWN": "something is there, and no cause is confirmed",
+    "UNKNOWN": "significant, but no cause is confirmed",
     "NULL": "nothing found",
 }
 LABELS = {
-    "polarity": "wrong polarity",
-    "clock_error": "wrong clock",
-    "wrong_coordinates": "wrong place",
+    "polarity": "reversed polarity",
+    "clock_error": "timing error",
+    "wrong_coordinates": "geometry error",
+    "no_signal": "no signal",
     "air_blast": "air wave",
     "soft_surface_layer": "soft surface layer",
     "instrument_response": "sensor response that is not flat",
@@ -29,7 +30,7 @@ LABELS = {
 VALUES = {  # name and unit of a parameter
     "factor": ("factor", ""),
     "shift": ("late by", "ms"),
-    "move": ("stands farther along the line by", "m"),
+    "move": ("true position farther along the line by", "m"),
     "speed": ("speed", "m/s"),
     "delay": ("delay of the source time", "ms"),
     "thickness": ("thickness", "m"),
@@ -40,19 +41,20 @@ VALUES = {  # name and unit of a parameter
     "loudest": ("frequency of the largest response", "Hz"),
 }
 HELD_OUT = {
-    "odd channels": "energy that the neighbours explain in shots not used, as it is and corrected",
-    "air wave": "energy explained at receivers not used, without and with the air wave",
-    "layering": "misfit of phase speeds of shots not used, in standard deviations, by one speed "
-    "and by the layer",
-    "sensor response": "log ratio left at the place not used, by one gain and by the curve",
+    "odd channels": "share of energy that the neighbours predict in held-out shots, as recorded "
+    "and corrected",
+    "air wave": "share of energy predicted at held-out receivers, without and with the air wave",
+    "layering": "rms misfit of the phase speeds of held-out shots, in standard deviations, by one "
+    "speed and by the layer",
+    "sensor response": "rms log ratio at the held-out place, by one gain and by the curve",
 }
-EARLY = 0.6  # share of a record that the picture of a shot shows at most
-OFFSET_SPEED = 90.0  # m/s, of the slowest wave that the picture of a shot shows whole
+EARLY = 0.6  # largest share of a record that the figure of a shot shows
+OFFSET_SPEED = 90.0  # m/s, slowest wave that the figure of a shot shows completely
 
 
 @dataclass(frozen=True, eq=False)
 class LineView:
-    """Content of the figures of one line of receivers.
+    """Line of receivers: content of its figures.
 
     Parameters
     ----------
@@ -60,7 +62,7 @@ class LineView:
     shot : Shot
         The shot to draw.
     file : str
-        Where it comes from.
+        File of the shot.
     picks : dict of str to Picks
         Phase speeds of the shots that were fitted and of those that were held out.
     outcomes : list of dict
@@ -83,45 +85,45 @@ def summary_lines(summary: dict) -> list[str]:
         Content of ``records.json``.
     """
     files = summary["files"]
-    dead = sum(len(one["dead"]) for one in files)
-    clipped = [one for one in files if one["clipped"]]
-    wrong = [one["file"] for one in files if one["printed_values_wrong"]]
+    dead = sum(len(row["dead"]) for row in files)
+    clipped = [row for row in files if row["clipped"]]
+    wrong = [row["file"] for row in files if row["printed_values_wrong"]]
     lines = [
-        f"{len(files)} records, {sum(one['channels'] for one in files)} channels: {dead} dead, "
-        f"{sum(len(one['clipped']) for one in files)} clipped in {len(clipped)} files"
+        f"{len(files)} records, {sum(row['channels'] for row in files)} channels: {dead} dead, "
+        f"{sum(len(row['clipped']) for row in files)} clipped in {len(clipped)} files"
     ]
-    if any(one["printed_values_checked"] for one in files):
+    if any(row["printed_values_checked"] for row in files):
         lines.append(
             f"values that the instrument printed differ from the samples in {', '.join(wrong)}"
             if wrong
             else "the samples give the values that the instruments printed"
         )
-    lines += [outcome_text(one) for one in summary["analyses"]]
+    lines += [outcome_text(row) for row in summary["analyses"]]
     lines += [
-        f"{one['analysis']}{_of(one)}: not analysed: {one['reason']}"
-        for one in summary["not_analysed"]
+        f"{row['analysis']}{_of(row)}: not analysed: {row['reason']}"
+        for row in summary["not_analysed"]
     ]
     if summary["skipped"]:
         lines.append(f"{len(summary['skipped'])} files are no records or can't be read")
     return lines
 
 
-def outcome_text(one: dict) -> str:
+def outcome_text(row: dict) -> str:
     """Return the sentence of one analysis, with its values and 90 % intervals."""
-    labels = " or ".join(LABELS.get(str(label), str(label)) for label in one["label"].split(" | "))
-    head = f"{one['analysis']}{_of(one)}: {FOUND[one['outcome']]}"
-    target = f" at {', '.join(map(str, one['target']))}" if one["target"] else ""
-    values = "".join(f"; {text}" for text in values_of(one))
-    if one["outcome"] == "NULL":
-        return f"{head} ({one['reason']}; p = {one['p_value']:.2g})"
-    nearest = "nearest is " if one["outcome"] == "UNKNOWN" else ""
-    return f"{head}: {nearest}{labels}{target}{values} ({one['reason']}; p = {one['p_value']:.2g})"
+    labels = " or ".join(LABELS.get(str(label), str(label)) for label in row["label"].split(" | "))
+    head = f"{row['analysis']}{_of(row)}: {FOUND[row['outcome']]}"
+    target = f" at {', '.join(map(str, row['target']))}" if row["target"] else ""
+    values = "".join(f"; {text}" for text in values_of(row))
+    if row["outcome"] == "NULL":
+        return f"{head} ({row['reason']}; p = {row['p_value']:.2g})"
+    nearest = "nearest is " if row["outcome"] == "UNKNOWN" else ""
+    return f"{head}: {nearest}{labels}{target}{values} ({row['reason']}; p = {row['p_value']:.2g})"
 
 
-def values_of(one: dict) -> list[str]:
+def values_of(row: dict) -> list[str]:
     """Return the parameters of an analysis with units and 90 % intervals."""
     texts = []
-    for name, (value, low, high) in one["parameters"].items():
+    for name, (value, low, high) in row["parameters"].items():
         words, unit = VALUES.get(name, (name, ""))
         scale = 1e3 if unit == "ms" else 1.0
         symbol = f" {unit}" if unit else ""
@@ -130,9 +132,9 @@ def values_of(one: dict) -> list[str]:
     return texts
 
 
-def _of(one: dict) -> str:
+def _of(row: dict) -> str:
     """Return which line an analysis belongs to."""
-    return f" of line {one['line']}" if one["line"] else ""
+    return f" of line {row['line']}" if row["line"] else ""
 
 
 def write_records_report(path: str | Path, summary: dict, views: Sequence[LineView]) -> None:
@@ -155,24 +157,24 @@ def write_records_report(path: str | Path, summary: dict, views: Sequence[LineVi
             caption += "; the line is the fitted layer." if _layer(view) else "."
             figures.append((f"{name}: dispersion", caption, dispersion_figure(view)))
     rows = [
-        {**one, "found": FOUND[one["outcome"]], "values": values_of(one),
-         "labels": " or ".join(LABELS.get(str(x), str(x)) for x in one["label"].split(" | ")),
-         "held_out_is": HELD_OUT[one["analysis"]]}
-        for one in summary["analyses"]
+        {**row, "found": FOUND[row["outcome"]], "values": values_of(row),
+         "labels": " or ".join(LABELS.get(str(x), str(x)) for x in row["label"].split(" | ")),
+         "held_out_is": HELD_OUT[row["analysis"]]}
+        for row in summary["analyses"]
     ]  # fmt: skip
     heads = ("title", "caption", "image")
     text = page("records.html").render(
         s=summary,
         lines=summary_lines(summary),
         rows=rows,
-        figures=[dict(zip(heads, one, strict=True)) for one in figures],
+        figures=[dict(zip(heads, row, strict=True)) for row in figures],
     )
     write_text(path, text)
 
 
 def _shot_caption(view: LineView) -> str:
-    """Return what the picture of a shot shows."""
-    text = "Each usable channel over its largest value, by its place along the line."
+    """Return the caption of the figure of a shot."""
+    text = "Each usable channel, normalised, at its position along the line."
     if _odd(view):
         text += " Red: odd channels."
     if _speed(view):
@@ -184,30 +186,30 @@ def _odd(view: LineView) -> set[int]:
     """Return the channels, from 0, that are odd."""
     return {
         number - 1
-        for one in view.outcomes
-        if one["analysis"] == "odd channels" and one.get("outcome", "NULL") != "NULL"
-        for number in one["target"]
+        for row in view.outcomes
+        if row["analysis"] == "odd channels" and row.get("outcome", "NULL") != "NULL"
+        for number in row["target"]
     }
 
 
 def _speed(view: LineView) -> float | None:
     """Return the speed of the air wave in m/s where one was found."""
-    for one in view.outcomes:
-        if one["analysis"] == "air wave" and one.get("outcome") == "NAMED":
-            return one["parameters"]["speed"][0]
+    for row in view.outcomes:
+        if row["analysis"] == "air wave" and row.get("outcome") == "NAMED":
+            return row["parameters"]["speed"][0]
     return None
 
 
 def _layer(view: LineView) -> dict | None:
     """Return the parameters of the layer that was fitted."""
-    for one in view.outcomes:
-        if one["analysis"] == "layering" and one.get("parameters"):
-            return one["parameters"]
+    for row in view.outcomes:
+        if row["analysis"] == "layering" and row.get("parameters"):
+            return row["parameters"]
     return None
 
 
 def shot_figure(view: LineView) -> str:
-    """Draw the channels of a shot against time, by their place along the line.
+    """Draw the channels of a shot against time, by their position along the line.
 
     Returns
     -------
@@ -220,17 +222,17 @@ def shot_figure(view: LineView) -> str:
     last = min(shot.times[-1], max(shot.offsets.max() / OFFSET_SPEED, EARLY * shot.times[-1] / 2))
     shown = (shot.times <= last) & (shot.times >= min(0.0, -0.1 * last))
     gap = float(np.median(np.diff(shot.places)))
-    for place, row, channel in zip(shot.places, shot.motion, shot.channels, strict=True):
+    for position, row, channel in zip(shot.places, shot.motion, shot.channels, strict=True):
         row = row - row.mean()
         size = np.abs(row[shown]).max() or 1.0
         odd = int(channel) in _odd(view)
-        axes.plot(shot.times[shown], place + 0.9 * gap * row[shown] / size,
+        axes.plot(shot.times[shown], position + 0.9 * gap * row[shown] / size,
                   color=FAULT if odd else INK, lw=0.9 if odd else 0.45)  # fmt: skip
     if _speed(view):
         axes.plot(shot.offsets / _speed(view), shot.places, "--", color=SIMULATED, lw=1.2)
     axes.set_xlim(shot.times[shown][0], last)
     axes.set_xlabel("time  s")
-    axes.set_ylabel("place along the line  m")
+    axes.set_ylabel("position along the line  m")
     _tidy(axes)
     return _uri(figure)
 

@@ -212,28 +212,34 @@ def trimmed(spectra: np.ndarray) -> tuple[np.ndarray, int]:
     """
     power = np.sum(np.abs(spectra) ** 2, axis=(1, 2))
     above = np.cumsum(power[::-1])[::-1]
-    kept = max(2, int(np.count_nonzero(above > DROPPED * above[0])))
-    n_samples = fast_length(max(SAMPLES_PER_PERIOD * kept, 4))
-    return np.ascontiguousarray(spectra[:kept]) * n_samples, n_samples
+    n_frequencies = max(2, int(np.count_nonzero(above > DROPPED * above[0])))
+    n_samples = fast_length(max(SAMPLES_PER_PERIOD * n_frequencies, 4))
+    return np.ascontiguousarray(spectra[:n_frequencies]) * n_samples, n_samples
 
 
 def _top(values):
     """Return the largest of positive values (..., n), interpolated by a parabola."""
     at = np.clip(values.argmax(axis=-1), 1, values.shape[-1] - 2)[..., None]
-    left, middle, right = (np.take_along_axis(values, at + k, axis=-1)[..., 0] for k in (-1, 0, 1))
-    bend = np.maximum(2.0 * middle - left - right, 1e-300)
-    above = (right - left) ** 2 / (8.0 * bend)
-    return np.where(middle >= np.maximum(left, right), middle + above, np.maximum(left, right))
+    before, top, after = (np.take_along_axis(values, at + k, axis=-1)[..., 0] for k in (-1, 0, 1))
+    bend = np.maximum(2.0 * top - before - after, 1e-300)
+    above = (after - before) ** 2 / (8.0 * bend)
+    return np.where(top >= np.maximum(before, after), top + above, np.maximum(before, after))
 
 
 def _drives(bank, sources):
     """Return moment increments (n_sources, n) for firing at 0 s, and the number before 0 s."""
-    functions = [one.history if isinstance(one, PointForce) else one.moment_rate for one in sources]
+    functions = [
+        source.history if isinstance(source, PointForce) else source.moment_rate
+        for source in sources
+    ]
     lead = max(0, int(np.ceil(-min(each.start for each in functions) / bank.dt)))
     last = max(each.start + each.dt * len(each.values) for each in functions)
     times = bank.dt * np.arange(-lead, min(bank.response.shape[-1], np.ceil(last / bank.dt) + 2))
-    still = [one if isinstance(one, PointForce) else replace(one, time=0.0) for one in sources]
-    return np.stack([np.diff(history(one, times), prepend=0.0) for one in still]), lead
+    still = [
+        source if isinstance(source, PointForce) else replace(source, time=0.0)
+        for source in sources
+    ]
+    return np.stack([np.diff(history(source, times), prepend=0.0) for source in still]), lead
 
 
 def _turned(bank, number, size):
@@ -286,8 +292,9 @@ def signature_spectra(
     table = [_own(name, each, n_holes) for name, each in signatures.items()]
     first = table[0][0]
     for name, row in zip(signatures, table, strict=True):
-        for one in row:
-            if abs(one.dt - first.dt) > 1e-9 * first.dt or one.components != row[0].components:
+        for seismogram in row:
+            resampled = abs(seismogram.dt - first.dt) > 1e-9 * first.dt
+            if resampled or seismogram.components != row[0].components:
                 raise InputError(
                     f"signatures[{name!r}]: need dt = {first.dt:g} s and one set of axes; resample "
                     "or rotate first"
@@ -298,21 +305,21 @@ def signature_spectra(
         raise InputError(
             f"travel_shifts: need ({len(table)}, {n_holes}) finite values, got {shifts.shape}"
         )
-    begins = shifts + [[one.start for one in row] for row in table]
-    longest = max(len(one.velocity) for row in table for one in row)
+    begins = shifts + [[seismogram.start for seismogram in row] for row in table]
+    longest = max(len(seismogram.velocity) for row in table for seismogram in row)
     n = longest + ceil((np.ptp(begins) + latest - earliest) / first.dt) + 1
     size = fast_length(n)
     turns = -2j * np.pi * fft.rfftfreq(size, first.dt)[:, None]
     spectra = np.empty((len(turns), n_holes, len(table), 3), dtype=complex)
     for number, row in enumerate(table):
-        known = {id(one): fft.rfft(np.nan_to_num(one.velocity), size, axis=0) for one in row}
-        for hole, one in enumerate(row):
+        known = {id(s): fft.rfft(np.nan_to_num(s.velocity), size, axis=0) for s in row}
+        for hole, seismogram in enumerate(row):
             late = np.exp(turns * (begins[number, hole] - begins.min()))
-            spectra[:, hole, number] = known[id(one)] * late
-    kept, n_samples = trimmed(spectra.reshape(len(turns), n_holes, -1) / size)
+            spectra[:, hole, number] = known[id(seismogram)] * late
+    spectra, n_samples = trimmed(spectra.reshape(len(turns), n_holes, -1) / size)
     receivers = tuple(Receiver(name, (0.0, 0.0, 0.0)) for name in signatures)
     return BlastSpectra(
-        kept, receivers, 1.0 / (size * first.dt), n_samples,
+        spectra, receivers, 1.0 / (size * first.dt), n_samples,
         earliest + float(begins.min()), earliest, latest,
     )  # fmt: skip
 

@@ -1,24 +1,33 @@
-"""Green's functions: superposition of a blast from stored unit responses."""
+"""Green's functions: stored unit responses of holes, and blasts superposed from them."""
 
+import logging
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy import fft
 
+from ..core import BATCH_SIZE
 from ..errors import InputError
+from ..mesh.mesh import locate
 from ..model.boundary import StressInput, VelocityInput
 from ..model.model import Model, Receiver
 from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
 from ..signals.seismogram import Seismogram, fast_length
-from ..solver.linear_runs import STICKING_JOINTS
+from ..solver.linear_runs import STICKING_JOINTS, refuse_slip
 from ..solver.loads import ADDERS, Loads
+from ..solver.preparation import prepare
+from ..solver.run import simulate
+from .parallel import Cache, input_hash, run_loads
 
 PointSource = Hole | Column | MomentTensor | PointForce
 CHARGES = (Hole, Column)
 KINDS = (*CHARGES, MomentTensor, PointForce)
-LINEAR_JOINTS = ("elastic", "kelvin", "maxwell", *STICKING_JOINTS)
-LINEAR_ZONES = ("elastic", "anisotropic")
+LINEAR_JOINT_LAWS = ("elastic", "kelvin", "maxwell", *STICKING_JOINTS)
+LINEAR_ZONE_LAWS = ("elastic", "anisotropic")
 NONE = TimeFunction(np.zeros(1), 1.0)
 
 
@@ -47,7 +56,7 @@ def history(source: PointSource, times: np.ndarray) -> np.ndarray:
     return size(source) * source.moment_rate.integral()(times - source.time)
 
 
-def place(source: PointSource) -> np.ndarray:
+def position_of(source: PointSource) -> np.ndarray:
     """Return the position of a source, (3,) m; the centre of a column."""
     if isinstance(source, Column):
         return 0.5 * np.add(source.primed, source.end)
@@ -57,8 +66,8 @@ def place(source: PointSource) -> np.ndarray:
 def likeness(source: PointSource) -> tuple:
     """Return the properties that sources at one place must share to have one response."""
     if isinstance(source, Column):
-        way = np.round(np.subtract(source.end, source.primed), 9)
-        return Column, *way, source.detonation_speed, source.sources
+        direction = np.round(np.subtract(source.end, source.primed), 9)
+        return Column, *direction, source.detonation_speed, source.sources
     if isinstance(source, PointForce):
         return PointForce, *np.round(np.asarray(source.direction) / size(source), 9)
     if isinstance(source, MomentTensor):
@@ -84,13 +93,13 @@ def refuse_what_does_not_superpose(model: Model) -> None:
         Naming the part.
     """
     for joint in model.joints:
-        if joint.law not in LINEAR_JOINTS:
+        if joint.law not in LINEAR_JOINT_LAWS:
             raise InputError(
                 f"joints.{joint.surface}.law: holes do not superpose across '{joint.law}'; take "
-                f"one of {', '.join(LINEAR_JOINTS)}, or run each blast as a whole"
+                f"one of {', '.join(LINEAR_JOINT_LAWS)}, or run each blast as a whole"
             )
     for group in model.mesh.groups:
-        if model.law(group).name not in LINEAR_ZONES:
+        if model.law(group).name not in LINEAR_ZONE_LAWS:
             raise InputError(
                 f"materials.{group}: holes do not superpose in ground of the law "
                 f"'{model.law(group).name}'; take elastic ground, or run each blast as a whole"
@@ -173,12 +182,12 @@ class GreensFunctions:
         InputError
             If there is no place of its kind within reach.
         """
-        places = np.array([place(unit) for unit in self.sources])
+        places = np.array([position_of(unit) for unit in self.sources])
         kinds = [likeness(unit) for unit in self.sources]
         numbers = np.zeros(len(sources), dtype=int)
         for n, source in enumerate(sources):
             kind = likeness(source)
-            away = np.linalg.norm(places - place(source), axis=1)
+            away = np.linalg.norm(places - position_of(source), axis=1)
             away[[other != kind for other in kinds]] = np.inf
             numbers[n] = away.argmin()
             if np.isinf(away[numbers[n]]):
@@ -238,3 +247,206 @@ class GreensFunctions:
             turned = record if receiver.azimuth is None else record.rotated(receiver.azimuth)
             records[receiver.name] = turned
         return records
+
+
+log = logging.getLogger(__name__)
+
+
+def greens_functions(
+    model: Model,
+    duration: float,
+    *,
+    within: float = 0.0,
+    side: str | None = None,
+    folder: str | Path | None = None,
+    executor: Executor | None = None,
+) -> GreensFunctions:
+    """Compute the Green's functions of a linear model, for the superposition of blasts.
+
+    Parameters
+    ----------
+    model : Model
+        Its sources define the places; charges, times and histories are used only to check that no
+        contact slips.
+    duration : float, s
+    within : float, m
+        Holes within this distance share a response; see `cluster_error`.
+    side : str, optional
+        "source": one run per place; "receiver": three per receiver, by reciprocity. None: the side
+        with fewer runs.
+    folder : path, optional
+        Cache folder.
+    executor : Executor, optional
+        As for `run_all`.
+
+    Returns
+    -------
+    GreensFunctions
+
+    Raises
+    ------
+    InputError
+        If superposition does not apply: plastic ground, closing joints, other sources than holes,
+        or contacts that slip or open in a run of the blast of the model. A stronger blast may
+        still slip.
+
+    Notes
+    -----
+    The moment is a step within one time step, which contains all frequencies of a run, so there is
+    no division by a spectrum; theory.md (9.1) to (9.3).
+    """
+    refuse_what_does_not_superpose(model)
+    if side not in (None, "source", "receiver"):
+        raise InputError(f'side: must be "source" or "receiver", got {side!r}')
+    units = tuple(unit_source(source) for source in _places(model.sources, within))
+    chosen, summary = _choose(side, units, model.receivers)
+    checked = _check_no_slip(model, duration, folder)
+    summary = f"{summary}; {checked}" if checked else summary
+    log.info("stored responses: %s", summary)
+    numbers = list(range(len(units) if chosen == "source" else 3 * len(model.receivers)))
+    unloaded = replace(model, sources=units, insitu=None)
+    results = _collect(unloaded, duration, chosen, numbers, folder, executor)
+    response = np.stack([arrays["response"] for arrays in results])
+    if chosen == "receiver":
+        response = response.reshape(len(model.receivers), 3, len(units), -1).transpose(2, 0, 1, 3)
+    dt = float(results[0]["dt"])
+    return GreensFunctions(
+        units, model.receivers, np.ascontiguousarray(response), dt, within, chosen, len(numbers),
+        summary,
+    )  # fmt: skip
+
+
+def cluster_error(model: Model, within: float, highest: float) -> float:
+    """Return the phase error of a source moved by ``within`` m: 2 pi f d/cs, in rad.
+
+    At the highest frequency in Hz and the smallest cs at a source; about the largest relative error
+    of the motion.
+    """
+    zones, _ = locate(model.mesh, [position_of(source) for source in _point_sources(model)])
+    slowest = np.broadcast_to(model.zone_values("cs"), len(model.mesh.zones))[zones].min()
+    return float(2.0 * np.pi * highest * within / slowest)
+
+
+def _point_sources(model) -> list[PointSource]:
+    """Return the sources that have a place."""
+    return [source for source in model.sources if isinstance(source, PointSource)]
+
+
+def _places(sources, within):
+    """Return one source for each place and kind; sources within reach of another are left out."""
+    chosen = []
+    for source in sources:
+        reached = [
+            likeness(other) == likeness(source)
+            and np.linalg.norm(position_of(other) - position_of(source)) <= within + NEAR
+            for other in chosen
+        ]
+        if not any(reached):
+            chosen.append(source)
+    return chosen
+
+
+def _choose(side, units, receivers):
+    """Return the side with fewer runs, or the requested one, and a sentence about it."""
+    n_source, n_receiver = len(units), 3 * len(receivers)
+    columns = any(isinstance(unit, Column) for unit in units)
+    if columns and side == "receiver":
+        raise InputError(
+            "side: columns are stored from their own side, points of theirs fire one after "
+            'another; take "source"'
+        )
+    fewer = "source" if columns or n_source <= n_receiver else "receiver"
+    chosen = side or fewer
+    reason = "wanted" if side else "columns need it" if columns else "fewer"
+    return chosen, (
+        f"{chosen} side ({reason}): {n_source} runs for {n_source} places, or {n_receiver} for "
+        f"{len(receivers)} receivers"
+    )
+
+
+def _check_no_slip(model, duration, folder):
+    """Run the blast of a model with frictional joints; raise InputError if a contact slips."""
+    if not any(joint.law in STICKING_JOINTS for joint in model.joints):
+        return ""
+    key = input_hash("no slip", model, duration) if folder is not None else ""
+    cache = Cache(folder) if folder is not None else None
+    if cache is None or cache.get(key) is None:
+        run = simulate(model, duration)
+        refuse_slip(model, run.prepared, run.state)
+        if cache is not None:
+            cache.put(key, {"slipped": np.zeros(1, dtype=np.int32)})
+    return "no contact slips or opens in the run of the whole blast"
+
+
+def _collect(model, duration, side, numbers, folder, executor):
+    """Return the arrays of every run, from the cache where possible."""
+    results: dict[int, Any] = {}
+    if folder is not None:
+        cache = Cache(folder)
+        results = {n: cache.get(_key(model, duration, side, n)) for n in numbers}
+    missing = [n for n in numbers if results.get(n) is None]
+    batch = 1 if model.nodes.quadratic else BATCH_SIZE  # does not speed up higher orders
+    groups = [missing[n : n + batch] for n in range(0, len(missing), batch)]
+    if executor is None:
+        computed = [_run_group(model, duration, side, group, folder) for group in groups]
+    else:
+        tasks = [executor.submit(_run_group, model, duration, side, g, folder) for g in groups]
+        computed = [task.result() for task in tasks]
+    for group, arrays in zip(groups, computed, strict=True):
+        results |= dict(zip(group, arrays, strict=True))
+    return [results[n] for n in numbers]
+
+
+def _key(model, duration, side, number):
+    """Return the content hash of the input of one run."""
+    if side == "source":
+        return input_hash(side, replace(model, sources=[model.sources[number]]), duration)
+    receiver = model.receivers[number // 3]
+    at = np.asarray(receiver.position, dtype=float)
+    return input_hash(side, replace(model, receivers=()), at, number % 3, duration)
+
+
+def _run_group(model, duration, side, numbers, folder):
+    """Compute one batch of responses; store each in the cache."""
+    prepared = prepare(model, duration)
+    respond = _from_sources if side == "source" else _from_receivers
+    dt = np.array(prepared.constants["dt"])
+    results = [{"response": each, "dt": dt} for each in respond(model, prepared, numbers)]
+    if folder is not None:
+        for number, arrays in zip(numbers, results, strict=True):
+            Cache(folder).put(_key(model, duration, side, number), arrays)
+    return results
+
+
+def _from_sources(model, prepared, numbers):
+    """Return the motion (n_receivers, 3, n_steps) for a unit step of each source."""
+    motion = np.concatenate(
+        list(_unit_step_runs(model, prepared, [model.sources[n] for n in numbers], []))
+    )
+    return [np.ascontiguousarray(response) for response in motion[1:].transpose(3, 1, 2, 0)]
+
+
+def _from_receivers(model, prepared, numbers):
+    """Return the responses (n_sources, n_steps) of receiver components, by reciprocity.
+
+    Motion of the loaded nodes for a force at the receiver, times the loads; theory.md (9.3).
+    """
+    each = [loads(model, source, 2, prepared.constants["dt"]) for source in model.sources]
+    nodes = np.unique(np.concatenate([load["load_node"] for load in each]))
+    table = np.zeros((len(each), len(nodes), 3))
+    for row, load in zip(table, each, strict=True):
+        np.add.at(row, np.searchsorted(nodes, load["load_node"]), load["load_vector"])
+    forces = [PointForce(model.receivers[n // 3].position, np.eye(3)[n % 3], NONE) for n in numbers]
+    pieces = [
+        np.tensordot(motion[:, len(model.receivers) :], table, axes=([1, 2], [1, 2]))
+        for motion in _unit_step_runs(model, prepared, forces, nodes)
+    ]
+    responses = np.concatenate(pieces)[1:].transpose(1, 2, 0)
+    return [np.ascontiguousarray(response) for response in responses]
+
+
+def _unit_step_runs(model, prepared, sources, nodes):
+    """Run unit steps of sources from the second step, for one step more than a run."""
+    n_steps = prepared.n_steps + 1
+    each = [loads(model, source, n_steps, prepared.constants["dt"]) for source in sources]
+    return run_loads(prepared, each, n_steps, np.array(nodes, dtype=int))

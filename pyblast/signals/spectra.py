@@ -283,9 +283,9 @@ def _peak(frequency, amplitude, inside):
     top = inside[np.argmax(amplitude[inside])]
     if not 0 < top < len(amplitude) - 1:
         return float(frequency[top])
-    left, middle, right = amplitude[top - 1 : top + 2]
-    bend = left - 2.0 * middle + right
-    move = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+    before, middle, after = amplitude[top - 1 : top + 2]
+    bend = before - 2.0 * middle + after
+    move = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
     step = frequency[top + 1] if move > 0.0 else frequency[top - 1]
     return float(frequency[top] + abs(np.clip(move, -0.5, 0.5)) * (step - frequency[top]))
 
@@ -297,9 +297,9 @@ def _crossing(column, dt):
     before, after = np.flatnonzero(side[:top] <= 0.0), np.flatnonzero(side[top:] <= 0.0)
     if len(before) == 0 or len(after) == 0 or not side[top] > 0.0:
         return math.nan
-    left, right = before[-1], top + after[0]
-    start = left + side[left] / (side[left] - side[left + 1])
-    stop = right - side[right] / (side[right] - side[right - 1])
+    first, last = before[-1], top + after[0]
+    start = first + side[first] / (side[first] - side[first + 1])
+    stop = last - side[last] / (side[last] - side[last - 1])
     return 1.0 / (2.0 * dt * (stop - start))
 
 
@@ -354,7 +354,7 @@ def lag(data: np.ndarray, model: np.ndarray, dt: float) -> tuple[float, float]:
     top = int(np.argmax(correlation))
     move = 0.0
     if 0 < top < len(correlation) - 1:
-        left, middle, right = correlation[top - 1 : top + 2]
-        bend = left - 2.0 * middle + right
-        move = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
+        before, middle, after = correlation[top - 1 : top + 2]
+        bend = before - 2.0 * middle + after
+        move = 0.5 * (before - after) / bend if bend < 0.0 else 0.0
     return (top + move - (len(data) - 1)) * dt, float(correlation[top])

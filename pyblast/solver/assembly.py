@@ -1,6 +1,8 @@
 """Assembly of a model into kernel arrays, named as the arguments of the kernels."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -14,18 +16,22 @@ from ..core import (
     N_ZONE_PROPERTIES,
     N_ZONE_STATE,
     ZONE_LAWS,
+    advance,
     property_row,
     stored_at_rest,
+    to_fortran,
 )
-from ..mesh import tetrahedra
-from ..mesh.mesh import locate
+from ..mesh.mesh import locate, volumes
 from ..mesh.nodes import Nodes
 from ..mesh.ordering import MOST
-from ..mesh.tetrahedra import shape_gradients, volumes
+from ..mesh.tetrahedra import shape_gradients
+from ..mesh.tetrahedra import volumes as tetrahedron_volumes
 from ..model.model import Model
 from ..model.source import TimeFunction
+from .absorbing_layer import layer_arrays, no_layer
 from .edge_springs import edge_arrays
-from .loads import Loads, dynamic_conditions, model_loads, surface_impedance
+from .hexahedra import critical_step_of_hexahedra, no_packs, pack_arrays
+from .loads import Loads, dynamic_conditions, model_loads, no_conditions, surface_impedance
 from .time_step import CriticalStep, critical_step
 
 Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
@@ -121,7 +127,7 @@ def patch_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
     )  # fmt: skip
     count = max(1, len(first))
     corners = nodes.zone_nodes[zones][:, :4]
-    volume = volumes(nodes.points, corners)
+    volume = tetrahedron_volumes(nodes.points, corners)
     slot = arrays["zone_slot"].T[zones][:, :4]
     n_slots = np.int64(slot.max(initial=0) + 1)
     keys, end = np.unique(patch[:, None] * n_slots + slot, return_inverse=True)
@@ -148,8 +154,51 @@ def patch_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
 
 def time_step(model: Model) -> Step:
     """Return the time step of a model in s, and the `CriticalStep` that limits it."""
-    limit = critical_step(model)
+    if model.mesh.hexahedral:
+        mass = model.nodes.sums(model.zone_values("density") * volumes(model.mesh))
+        limit = critical_step_of_hexahedra(model, mass, partial(zone_product, model, mass))
+    else:
+        limit = critical_step(model)
     return model.step_factor * limit.dt * _local_damping_factor(model), limit
+
+
+def zone_product(
+    model: Model, mass: np.ndarray, active: np.ndarray | None = None
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a function that multiplies a motion (n_nodes, 3) by M^-1 K of hexahedra, in 1/s2.
+
+    Of all zones, or of the ``active`` ones (n_zones,) bool.
+
+    It is one step of the core from rest, without joints, loads and boundaries; springs that relax
+    act in full.
+    """
+    alone = _no_contact()
+    plain = replace(model, single=False, mesh=replace(model.mesh, layer=None))
+    packs, _ = pack_arrays(plain, alone["contact_node"], active)
+    constants = {
+        "dt": 1.0,
+        "node_mass": mass,
+        "node_alpha": np.zeros(len(mass)),
+        "local_damping": 0.0,
+        "node_load": np.zeros((len(mass), 3)),
+        **alone,
+        **zone_laws(model),
+        **packs,
+        **no_layer(False, len(packs["pack_set"]), model.mesh.order + 1),
+        **zero_loads(2),
+        **no_conditions(),
+        "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),
+        "receiver_weight": np.zeros((0, model.nodes.zone_nodes.shape[1])),
+    }
+    views, rest = to_fortran(constants), initial_state(constants)
+
+    def product(motion):
+        state = {name: value.copy() for name, value in rest.items()}
+        state["displacement"][:] = motion
+        advance(views, state, 0, 1, 1)
+        return -state["velocity"]
+
+    return product
 
 
 def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, Any], CriticalStep]:
@@ -159,23 +208,26 @@ def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, A
     """
     mesh, nodes = model.mesh, model.nodes
     dt, limit = step or time_step(model)
-    volume = tetrahedra.volumes(mesh.points, mesh.zones)
+    volume = volumes(mesh)
     mass = model.zone_values("density") * volume
     node_mass = nodes.sums(mass + limit.added_mass)
     node_mass += _fill_mass(model)
     drag = nodes.sums(model.zone_damping("alpha") * mass)
     contacts = _contacts(model)
+    common = {"dt": dt, "node_mass": node_mass, "node_alpha": drag / node_mass, **contacts}
+    if mesh.hexahedral:
+        packs, member = pack_arrays(model, contacts["contact_node"])
+        arrays = {**common, **zone_laws(model), **packs}
+        return {**arrays, **layer_arrays(model, arrays, member)}, limit
     patch = model.patches() if model.yielding().any() else np.full(len(mesh.zones), -1)
     arrays = {
-        "dt": dt,
-        **domain_arrays(nodes, patch, contacts["contact_node"]),
+        **common,
+        **no_packs(model.single),
+        **domain_arrays(model.tetrahedral, patch, contacts["contact_node"]),
         **dict(zip(("zone_lambda", "zone_shear"), model.zone_moduli(), strict=True)),
         **zone_laws(model),
-        "node_mass": node_mass,
-        "node_alpha": drag / node_mass,
-        **contacts,
     }
-    return {**arrays, **stiffness_arrays(nodes, arrays)}, limit
+    return {**arrays, **stiffness_arrays(model.tetrahedral, arrays)}, limit
 
 
 def stiffness_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
@@ -314,6 +366,7 @@ def initial_state(
     n_rows = len(constants["row_initial"])
     if contact_state is None:
         contact_state = np.zeros((n_contacts, N_JOINT_STATE))
+    size, width = constants["pack_node"].shape[1:]
     return {
         "displacement": np.zeros((n_nodes, 3)),
         "velocity": np.zeros((n_nodes, 3)),
@@ -324,5 +377,8 @@ def initial_state(
         "contact_state": contact_state,
         "contact_stored": stored_at_rest(constants, contact_state),
         "contact_dissipated": np.zeros(n_contacts),
+        "slab_memory": np.zeros((len(constants["slab_axis"]), size, 10, width)),
+        "node_memory": np.zeros((len(constants["node_stretch"]), 3)),
+        "crossing_memory": np.zeros((len(constants["crossing_part"]), 3, 3)),
         "sums": np.zeros(N_SUMS),
     }

@@ -175,7 +175,7 @@ SAMPLE_BYTES = 100.0  # per receiver and step
 HISTORY_BYTES = 25.0  # per load history and step
 
 
-def marching_bytes(model: Model, n_samples: int = 0, n_loaded: int = 0) -> float:
+def run_bytes(model: Model, n_samples: int = 0, n_loaded: int = 0) -> float:
     """Return the memory estimate of a run, without its mesh, in bytes.
 
     Parameters

@@ -7,10 +7,12 @@ from scipy.spatial import KDTree
 
 from ..core import JOINT_LAWS, ZONE_LAWS
 from ..errors import InputError
-from ..mesh import tetrahedra
+from ..mesh.mesh import volumes
+from ..mesh.spectral_nodes import SpectralNodes
 from ..mesh.tetrahedra import shape_gradients
 from ..model.joint import carried_over
 from ..model.model import InSitu, Model
+from .absorbing_layer import without_layer
 from .assembly import initial_state, stiffness_arrays
 from .loads import static_conditions
 
@@ -35,7 +37,7 @@ def overburden_stress(model: Model, places: np.ndarray | None = None) -> np.ndar
     mesh, insitu = model.mesh, _insitu(model)
     centres = mesh.points[mesh.zones].mean(axis=1)
     at = centres if places is None else places
-    volume = tetrahedra.volumes(mesh.points, mesh.zones)
+    volume = volumes(mesh)
     low, high = mesh.points[:, 2].min(), mesh.points[:, 2].max()
     levels = np.linspace(low, high, BINS + 1)
     weight = np.histogram(centres[:, 2], levels, weights=volume * model.zone_values("density"))[0]
@@ -76,7 +78,10 @@ def corner_forces(model: Model) -> np.ndarray:
     The stress is that at the centre of a zone; in quadratic zones it is linear between corners.
     """
     nodes, mesh = model.nodes, model.mesh
-    volume = tetrahedra.volumes(mesh.points, mesh.zones)
+    if isinstance(nodes, SpectralNodes):
+        stress = insitu_stress(model, nodes.points)[nodes.zone_nodes]
+        return nodes.stress_forces(stress[:, :, TENSOR])
+    volume = volumes(mesh)
     zones = np.arange(len(volume))
     if model.quadratic:
         at = insitu_stress(model, mesh.points)[mesh.zones]
@@ -95,11 +100,11 @@ def joint_tractions(model: Model) -> np.ndarray:
     nodes, contacts = model.nodes, model.nodes.contacts
     if contacts is None:
         return np.zeros((0, 3))
-    if model.quadratic:
+    if nodes.quadratic:
         at = insitu_stress(model, nodes.points[contacts.minus])
         return np.einsum("cij,cj->ci", at[:, TENSOR], contacts.normal)
     stress = insitu_stress(model)
-    volume = tetrahedra.volumes(nodes.mesh.points, nodes.mesh.zones)
+    volume = volumes(nodes.mesh)
     mean = np.stack([nodes.sums(volume * stress[:, k]) for k in range(6)], axis=1)
     both = mean[contacts.minus] + mean[contacts.plus]
     space = nodes.sums(volume)
@@ -134,7 +139,7 @@ def static_loads(model: Model, geometry: dict[str, Any]) -> tuple[np.ndarray, np
     corner = corner_forces(model)
     load = np.zeros_like(nodes.points)
     np.add.at(load, nodes.zone_nodes, corner)
-    mass = model.zone_values("density") * tetrahedra.volumes(model.mesh.points, model.mesh.zones)
+    mass = model.zone_values("density") * volumes(model.mesh)
     load[:, 2] -= _insitu(model).gravity * nodes.sums(mass)
     traction = geometry["contact_initial"]
     if nodes.contacts is not None:
@@ -157,14 +162,11 @@ def static_arrays(model: Model, geometry: dict[str, Any]) -> tuple[dict[str, Any
     node_load, contact_initial, scale = static_loads(model, geometry)
     joint_law = geometry["joint_law"]
     flows = joint_law == JOINT_LAWS["maxwell"].number  # would never reach equilibrium
-    moduli = (model.zone_values("first_lame"), model.zone_values("shear"))
     arrays = {
         "dt": geometry["dt"] * min(1.0, STATIC_STEP_FACTOR / model.step_factor),
         "set_beta": np.zeros_like(geometry["set_beta"]),
         "set_branch": np.zeros_like(geometry["set_branch"]),
         "memory_rate": np.zeros_like(geometry["memory_rate"]),
-        **dict(zip(("zone_lambda", "zone_shear"), moduli, strict=True)),
-        "row_initial": stressed_rows(geometry, insitu_stress(model)),
         "joint_law": np.where(flows, JOINT_LAWS["elastic"].number, joint_law).astype("i4"),
         "node_alpha": np.zeros_like(geometry["node_alpha"]),
         "local_damping": LOCAL_DAMPING,
@@ -174,8 +176,12 @@ def static_arrays(model: Model, geometry: dict[str, Any]) -> tuple[dict[str, Any
         "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),
         "receiver_weight": np.zeros((0, model.nodes.zone_nodes.shape[1])),
     }
-    combined = {**geometry, **arrays}
-    return {**arrays, **stiffness_arrays(model.nodes, combined)}, scale
+    if model.mesh.hexahedral:
+        return {**arrays, **without_layer(geometry)}, scale
+    moduli = (model.zone_values("first_lame"), model.zone_values("shear"))
+    arrays |= dict(zip(("zone_lambda", "zone_shear"), moduli, strict=True))
+    arrays["row_initial"] = stressed_rows(geometry, insitu_stress(model))
+    return {**arrays, **stiffness_arrays(model.tetrahedral, {**geometry, **arrays})}, scale
 
 
 PLASTIC, HARDENING = slice(6, 12), slice(12, 14)  # columns of row_state of plastic zones
@@ -313,7 +319,9 @@ def after_static(
     load = np.zeros_like(settled["displacement"])
     np.add.at(load, minus, area[:, None] * virtual)
     np.add.at(load, plus, -area[:, None] * virtual)
-    stress, memory = settled_rows(constants, static, settled)
+    stress, memory = constants["row_initial"], np.zeros_like(settled["row_state"])
+    if can_yield(constants).any():
+        stress, memory = settled_rows(constants, static, settled)
     initial_values = {"contact_initial": initial, "node_load": load, "row_initial": stress}
     constants = {**constants, **initial_values}
     contact_state = carried_over(law, settled["contact_state"])

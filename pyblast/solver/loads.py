@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..mesh.mesh import locate, surface_areas, surface_zones
-from ..mesh.tetrahedra import edge_lengths
+from ..mesh.mesh import edge_lengths, locate, surface_areas, surface_zones
+from ..mesh.spectral_nodes import SpectralNodes
 from ..model.anisotropy import impedance, stiffness_of
 from ..model.boundary import Fixed, Roller, StressInput, VelocityInput, Viscous
 from ..model.model import Model
@@ -142,7 +142,7 @@ def _add_column(loads, model, column):
     mesh, ends = model.mesh, np.array([column.primed, column.end], dtype=float)
     zones, _ = locate(mesh, np.linspace(ends[0], ends[1], 20))
     material = model.materials[mesh.groups[mesh.zone_group[zones[10]]]]
-    edge = edge_lengths(mesh.points, mesh.zones[zones]).mean()
+    edge = edge_lengths(mesh)[zones].mean()
     count = column.sources or int(np.ceil(np.linalg.norm(ends[1] - ends[0]) / edge))
     tensor = column.charge**column.exponent / count * column.tensor(material)
     number = loads.add_history(column.moment_rate.integral(), -column.time)
@@ -153,7 +153,11 @@ def _add_column(loads, model, column):
 def _add_moment(loads, nodes, position, tensor, spread, number, delay=0.0):
     """Add forces ``f_a = M grad N_a`` at a place, or over the zones around it."""
     position = np.asarray(position, dtype=float)
-    if nodes.quadratic and not spread:  # quadratic zones resolve a point source
+    if isinstance(nodes, SpectralNodes) and spread:
+        zones, forces = _spread_moment(nodes, position, tensor, spread)
+        loads.add(nodes.zone_nodes[zones].ravel(), forces.reshape(-1, 3), number, delay)
+        return
+    if isinstance(nodes, SpectralNodes) or (nodes.quadratic and not spread):  # they resolve a point
         zones, weight = locate(nodes.mesh, position)
         gradient, shares = nodes.slopes(zones, weight), np.ones(1)
     else:
@@ -163,9 +167,32 @@ def _add_moment(loads, nodes, position, tensor, spread, number, delay=0.0):
     loads.add(nodes.zone_nodes[zones].ravel(), vectors, number, delay)
 
 
+def _spread_moment(nodes, position, tensor, spread):
+    """Return zones, and forces (n, n_nodes, 3) of a moment over a sphere of radius ``spread``.
+
+    The density ``(1 - (r/spread)^2)^2`` is integrated at the nodes, corrected to a sum of one and a
+    first moment at the position; where too few nodes lie in the sphere it is wider.
+    """
+    mesh = nodes.mesh
+    zone, _ = locate(mesh, position)
+    centres = mesh.node_places.mean(axis=1)
+    reach = np.linalg.norm(mesh.node_places - centres[:, None], axis=2).max(axis=1)
+    distance = np.linalg.norm(centres - position, axis=1)
+    spread = max(spread, 2.0 * edge_lengths(mesh)[zone].mean() / mesh.order)
+    near = _own_ground(mesh, int(zone[0]), np.maximum(distance - reach, 0.0), spread)
+    places = mesh.node_places[near] - position
+    share = np.maximum(1.0 - (places**2).sum(axis=2) / spread**2, 0.0) ** 2
+    weight = nodes.volumes[near] * share
+    basis = np.concatenate([np.ones((*places.shape[:2], 1)), places / spread], axis=2)
+    moments = np.einsum("zna,zn,znb->ab", basis, weight, basis)
+    weight *= basis @ np.linalg.solve(moments, np.array([1.0, 0.0, 0.0, 0.0]))
+    stress = -(weight / nodes.volumes[near])[..., None, None] * tensor
+    return near, nodes.stress_forces(stress, near)
+
+
 def _add_pressure(loads, model, source):
     """Add a travelling pressure on a surface; theory.md (5.10), (5.11), (5.13)."""
-    if model.quadratic:
+    if model.nodes.quadratic:
         nodes, area, normal = model.nodes.surface_areas(source.surface)
         share, delay = source.at(model.nodes.points[nodes])
         force = -(share * area)[:, None] * normal
@@ -219,7 +246,7 @@ def _zones_of_source(mesh, position, spread):
     """
     zone, _ = locate(mesh, position)
     if spread is None:
-        spread = edge_lengths(mesh.points, mesh.zones[zone]).mean()
+        spread = edge_lengths(mesh)[zone].mean()
     if spread <= 0.0:
         return zone, np.ones(1)
     centres = mesh.points[mesh.zones].mean(axis=1) - position
@@ -306,6 +333,12 @@ def dynamic_conditions(
             for node, matrix in surface_impedance(model, boundary.surface).items():
                 viscous[node] = viscous.get(node, 0.0) + matrix
     return {**_dashpot_arrays(viscous, fixed, geometry), **_fixed_arrays(fixed)}
+
+
+def no_conditions() -> dict[str, np.ndarray]:
+    """Return the arrays of a model without dashpots and prescribed motion."""
+    none = {"dt": 0.0, "node_mass": np.ones(1), "node_alpha": np.zeros(1)}
+    return {**_dashpot_arrays({}, {}, none), **_fixed_arrays({})}
 
 
 def static_conditions(model: Model, geometry: dict[str, Any]) -> dict[str, np.ndarray]:

@@ -22,7 +22,7 @@ from ..mesh.quality import refuse_beyond_memory
 from ..model.model import Model
 from . import assembly
 from .assembly import Step
-from .edge_springs import marching_bytes
+from .edge_springs import run_bytes
 from .free_field import side_loads
 from .initial_stress import after_static, static_arrays
 from .model_file import write_model
@@ -117,14 +117,14 @@ class Prepared:
     fingerprint: str
     single: bool = False
 
-    def as_marched(self, arrays: dict[str, Any]) -> dict[str, Any]:
+    def in_run_precision(self, arrays: dict[str, Any]) -> dict[str, Any]:
         """Return constants or a state in the precision of the run."""
         return core.in_single(arrays) if self.single else arrays
 
     def begun(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the constants as views for the kernels, and a copy of the initial state."""
-        state = {name: value.copy() for name, value in self.as_marched(self.state).items()}
-        return core.to_fortran(self.as_marched(self.constants)), state
+        state = {name: value.copy() for name, value in self.in_run_precision(self.state).items()}
+        return core.to_fortran(self.in_run_precision(self.constants)), state
 
 
 def prepare(
@@ -151,19 +151,19 @@ def prepare(
     if not (math.isfinite(duration) and duration > 0.0):
         raise InputError(f"duration: must be positive, got {duration:g} s")
     zones = f"model: {len(model.mesh.zones)} zones"
-    refuse_beyond_memory(zones, marching_bytes(model))
+    refuse_beyond_memory(zones, run_bytes(model))
     geometry, limit = assembly.geometry_arrays(model, step)
     n_steps = max(2, math.ceil(duration / geometry["dt"]))  # a seismogram has two samples
     n_samples = n_steps * (1 + len(model.receivers))
     recorded = f"{zones} with {len(model.receivers)} receivers over {n_steps} steps"
-    refuse_beyond_memory(recorded, marching_bytes(model, n_samples))
+    refuse_beyond_memory(recorded, run_bytes(model, n_samples))
     static, settled = {}, None
     if model.insitu is not None and (model.mesh.contacts is not None or model.yielding().any()):
         static, settled = _equilibrate(model, geometry, progress)
     sides = side_loads(model, geometry["dt"], n_steps * geometry["dt"], _run_column)
     if sides:
         histories = f"{recorded} and {len(sides)} histories of free-field sides"
-        needed = marching_bytes(model, n_samples, n_steps * len(sides))
+        needed = run_bytes(model, n_samples, n_steps * len(sides))
         refuse_beyond_memory(histories, needed)
     constants = {**geometry, **assembly.dynamic_arrays(model, geometry, n_steps, sides)}
     state = assembly.initial_state(constants)

@@ -289,8 +289,8 @@ def run_many(
     """
     models, runs = list(models), {}
     for group in _over_one_mesh(models):
-        for first in range(0, len(group), core.LANES):
-            members = group[first : first + core.LANES]
+        for first in range(0, len(group), core.BATCH_SIZE):
+            members = group[first : first + core.BATCH_SIZE]
             batch = [models[k] for k in members]
             if len(batch) > 1:
                 results = _run_batch(batch, duration, step)
@@ -304,15 +304,19 @@ def run_many(
 
 
 def _over_one_mesh(models):
-    """Return the numbers of the models of each mesh; models in single precision run alone."""
+    """Return the numbers of the models of each mesh.
+
+    Models in single precision and models with an absorbing layer run alone.
+    """
     groups = {}
     for number, model in enumerate(models):
-        groups.setdefault((id(model.mesh), model.single and number), []).append(number)
+        alone = model.single or model.mesh.layer is not None
+        groups.setdefault((id(model.mesh), alone and number), []).append(number)
     return groups.values()
 
 
 def _run_batch(models, duration, step):
-    """Run up to `core.LANES` models as one batch."""
+    """Run up to `core.BATCH_SIZE` models as one batch."""
     began = time.perf_counter()
     steps = [step or assembly.time_step(model) for model in models]
     shortest = min(dt for dt, _ in steps)
@@ -325,7 +329,12 @@ def _run_batch(models, duration, step):
     wall = (time.perf_counter() - began) / len(models)
     runs = []
     for lane, (model, one) in enumerate(zip(models, prepared, strict=True)):
-        last = {name: np.take(state[name], lane, core.LANE_AXIS[name]) for name in one.state}
+        last = {
+            name: np.take(state[name], lane, core.BATCH_AXIS[name])
+            if name in core.BATCH_AXIS
+            else state[name]
+            for name in one.state
+        }
         records = [np.ascontiguousarray(part[..., lane]) for part in (motion, energy)]
         runs.append(collect(model, one, records[0], records[1], last, wall, {}))
     return runs
@@ -337,7 +346,7 @@ def stacked(
     """Stack the arrays of models as the lanes of a batch; unused lanes repeat the first model."""
     rates = sorted({rate for one in constants for rate in one["memory_rate"]})
     constants = _common_edges([_at_rates(one, rates) for one in constants])
-    fill = core.LANES - len(constants)
+    fill = core.BATCH_SIZE - len(constants)
     loads, histories = _merged_loads(constants, fill)
     shifted = [
         {**one, "fixed_history": np.where(one["fixed_history"] < 0, -1, one["fixed_history"] + k)}
@@ -349,11 +358,16 @@ def stacked(
     for name in constants[0]:
         if name in loads:
             together[name] = loads[name]
-        elif name in core.LANE_AXIS:
+        elif name in core.BATCH_AXIS:
             together[name] = _lanes(name, [one[name] for one in shifted], fill)
         else:
             together[name] = _common(name, [one[name] for one in constants])
-    return together, {name: _lanes(name, [one[name] for one in states], fill) for name in states[0]}
+    return together, {
+        name: _lanes(name, [one[name] for one in states], fill)
+        if name in core.BATCH_AXIS
+        else states[0][name]
+        for name in states[0]
+    }
 
 
 def _common_edges(constants):
@@ -396,7 +410,7 @@ def _merged_loads(constants, fill):
 def _lanes(name, values, fill):
     """Stack arrays along the axis of the lanes; the first fills unused lanes."""
     lanes = values + [values[0]] * fill
-    return np.ascontiguousarray(np.stack(lanes, axis=core.LANE_AXIS[name]))
+    return np.ascontiguousarray(np.stack(lanes, axis=core.BATCH_AXIS[name]))
 
 
 def _common(name, values):
@@ -418,11 +432,11 @@ def _common(name, values):
 def _integrate_batch(models, prepared, constants, state):
     """Integrate a batch to the end in chunks; return motion and energy, lanes last."""
     total, step, chunks = prepared[0].n_steps, 0, Chunks(1)
-    views, motions, energies = core.side_by_side(constants), [], []
+    views, motions, energies = core.to_fortran_batch(constants), [], []
     while step < total:
         n_steps = min(chunks.end(step), total) - step
         with chunks.timed(n_steps):
-            motion, energy, failed = core.advance_all(views, state, step, n_steps, LEDGER_EVERY)
+            motion, energy, failed = core.advance_batch(views, state, step, n_steps, LEDGER_EVERY)
         step += len(motion)
         motions.append(motion)
         energies.append(energy)

@@ -2,7 +2,7 @@
 
 Here is the rule for folders that all commands share: results lie in folders 001, 002, … of one
 folder; a finished result is never changed. The same command goes on with an unfinished result of
-the same input, unless it is told to start afresh.
+the same input, unless ``fresh`` is set.
 """
 
 import os

@@ -8,20 +8,20 @@ from pathlib import Path
 
 import numpy as np
 
-from ..back_analysis.findings import doubts, fit_doubts
+from ..back_analysis.findings import findings_of_fit, findings_of_table
 from ..back_analysis.parameters import range_of
 from ..back_analysis.search import (
     BackAnalysis,
+    check_posterior_table,
     confirm,
+    draw_posterior,
     make_target,
-    refuse_unready,
     search,
-    uncertain,
 )
-from ..back_analysis.survey_design import Plan, foreseen_plan
+from ..back_analysis.survey_design import SurveyDesign, survey_design_of
 from ..back_analysis.trials import TrialLog, Trials, identity
 from ..errors import Finding, PyblastError
-from ..inference.misfits import MISFITS
+from ..inference.likelihood import MISFITS
 from ..project.checks import check
 from ..project.config import BackAnalysisConfig
 from ..project.project import Project, load_project
@@ -30,10 +30,10 @@ from ..report.back_analysis import summarise_posterior, write_search_report
 from ..report.survey_design import (
     beside_laboratory,
     slip_lines,
-    summarise_plan,
+    summarise_survey,
     write_survey_report,
 )
-from ..runs.cache import input_hash
+from ..runs.parallel import input_hash
 from ..signals.comparison import in_common
 from ..solver.preparation import versions
 from . import Interrupted, Progress, Say, new_folder, result_folder, silent
@@ -61,8 +61,8 @@ def back_analyse(
     project : Project or path of a project file
     out : path, optional
         Folder that takes numbered folders, one per search; ``back_analysis`` beside the project
-        file by default. Earlier results stay. A search of the same input goes on where it was
-        interrupted, or where more runs or a posterior are asked for; its trace is the same.
+        file by default. Earlier results stay. A search of the same input continues if it was
+        interrupted, or if more runs or a posterior are requested; its trace is the same.
     fresh : bool
         Start a new search beside an unfinished one.
     full : bool
@@ -73,9 +73,9 @@ def back_analyse(
     progress : callable, optional
         Called with (stage, done, total).
     say : callable, optional
-        Called with a sentence when an unfinished search goes on.
+        Called with a sentence when an unfinished search continues.
     before : sequence of Finding, optional
-        The result of `findings_before` for the project, where that is known already.
+        The result of `findings_before` for the project, if already computed.
 
     Returns
     -------
@@ -95,7 +95,7 @@ def back_analyse(
     tell = progress or silent
     tell("mesh", 0, 1)
     target, table = make_target(project), project.config.back_analysis
-    refuse_unready(table, f"{project.path.name}: back_analysis")
+    check_posterior_table(table, f"{project.path.name}: back_analysis")
     assert table is not None  # refused above
     before = findings_before(project) if before is None else before
     out = project.folder / "back_analysis" if out is None else Path(out)
@@ -112,30 +112,32 @@ def back_analyse(
         except KeyboardInterrupt:
             raise Interrupted(
                 f"{len(trial_log.rows)} evaluations are kept in {trial_log.path}; the same command "
-                "goes on from there"
+                "continues them"
             ) from None
         except PyblastError:
             if not trial_log.rows and not goes_on:
                 trial_log.path.unlink()
             raise
         tell("writing", 0, 1)
-        summary = summarise_search(result, [*before, *fit_doubts(result)], trial_log.rows)
+        summary = summarise_search(result, [*before, *findings_of_fit(result)], trial_log.rows)
         write_summary(folder / RESULT, {**summary, "runs_allowed": table.runs})
         write_search_report(folder / "report.html", summary, result.confirmed)
     return result, folder
 
 
 def _searched(trials: Trials, table: BackAnalysisConfig, progress: Progress | None) -> BackAnalysis:
-    """Search, confirm the best point by a full run, and sample the posterior if it is wanted."""
+    """Search, confirm the best point by a full run, sample the posterior if requested."""
     trace = search(trials, table.method, table.runs, table.seed)
     result = confirm(trials.target, table.method, table.seed, trace, progress)
     if table.posterior:
-        result = replace(result, posterior=uncertain(trials, trace.points[trace.best], table.seed))
+        result = replace(
+            result, posterior=draw_posterior(trials, trace.points[trace.best], table.seed)
+        )
     return result
 
 
 def _goes_on(folder: Path, searched: str, table: BackAnalysisConfig) -> bool:
-    """Tell whether a folder holds trials of the same search that lack what is asked for now."""
+    """Tell whether a folder holds an unfinished search of the same identity."""
     try:
         with (folder / TRIALS).open(encoding="utf-8") as file:
             same = json.loads(file.readline())["hash"] == searched
@@ -149,7 +151,7 @@ def _goes_on(folder: Path, searched: str, table: BackAnalysisConfig) -> bool:
 
 def findings_before(project: Project) -> list[Finding]:
     """Return the findings before a search: failed checks of the model, then those of the table."""
-    own = doubts(project)  # first: it refuses what is missing before the model is measured
+    own = findings_of_table(project)  # first, since it may refuse the project
     failed = [finding for finding in check(project, measure=False).findings if finding.failed]
     return [*failed, *own]
 
@@ -160,7 +162,7 @@ def design_survey(
     *,
     full: bool = False,
     progress: Progress | None = None,
-) -> tuple[Plan, Path]:
+) -> tuple[SurveyDesign, Path]:
     """Design a survey: which receivers and blasts constrain the parameters, before any record.
 
     Parameters
@@ -176,7 +178,7 @@ def design_survey(
 
     Returns
     -------
-    Plan
+    SurveyDesign
     Path
         Folder with ``survey.json`` and ``report.html``.
 
@@ -189,15 +191,15 @@ def design_survey(
     """
     if not isinstance(project, Project):
         project = load_project(project, full)
-    plan, table = foreseen_plan(project, progress), project.config.back_analysis
+    plan, table = survey_design_of(project, progress), project.config.back_analysis
     folder = new_folder(project.folder / "survey" if out is None else Path(out))
-    parts = [[one.name, one.low, one.high, one.log] for one in plan.parameters]
+    parts = [[row.name, row.low, row.high, row.log] for row in plan.parameters]
     files = {"project": project.input_files, "parameters": parts}
     summary = {
         "title": project.title,
         "assumed": list(project.config.assumed),
         "blasts": [project.path.name, *(table.blasts if table is not None else ())],
-        "plan": summarise_plan(plan),
+        "plan": summarise_survey(plan),
         "files_sha256": project.input_files,
         "provenance": versions(input_hash("plan", files)),
     }
@@ -207,60 +209,60 @@ def design_survey(
 
 
 def summarise_search(
-    found: BackAnalysis, findings: Sequence[Finding], rows: Sequence[dict]
+    result: BackAnalysis, findings: Sequence[Finding], rows: Sequence[dict]
 ) -> dict:
-    """Return what the report of a back-analysis shows, as plain numbers and words."""
-    target, project, trace = found.target, found.target.projects[0], found.trace
-    plan = summarise_plan(found.plan)
-    beside = {one["path"]: beside_laboratory(one) for one in plan["parameters"]}
+    """Return the plain numbers and words of a back-analysis for its report."""
+    target, project, trace = result.target, result.target.projects[0], result.trace
+    plan = summarise_survey(result.plan)
+    beside = {row["path"]: beside_laboratory(row) for row in plan["parameters"]}
     return {
         "title": project.title,
         "assumed": list(project.config.assumed),
-        "method": found.method,
+        "method": result.method,
         "misfit_name": target.misfit,
         "misfit_unit": MISFITS[target.misfit],
-        "seed": found.seed,
+        "seed": result.seed,
         "runs": len(trace.misfits),
         "evaluations": len(rows),
         "best_run": trace.best + 1,
         "best_misfit": float(trace.misfits[trace.best]),
-        "confirmed_misfit": found.misfit,
+        "confirmed_misfit": result.misfit,
         "accepted": int(trace.accepted.sum()),
         "wall_seconds": sum(row["wall_seconds"] for row in rows),
         "parameters": [
             {
-                **range_of(one),
-                "best": found.best[one.name],
-                "bound": found.at_bound(one),
-                "insensitive": found.insensitive.get(one.name, ""),
-                "beside": beside[one.name],
+                **range_of(parameter),
+                "best": result.best[parameter.name],
+                "bound": result.at_bound(parameter),
+                "unidentifiable": result.unidentifiable.get(parameter.name, ""),
+                "beside": beside[parameter.name],
             }
-            for one in target.parameters
+            for parameter in target.parameters
         ],
         "trace": {
             "points": trace.points,
             "misfits": trace.misfits,
             "accepted": trace.accepted,
         },
-        "blasts": {name: _blast_table(one) for name, one in found.confirmed.items()},
+        "blasts": {name: _blast_table(blast) for name, blast in result.confirmed.items()},
         "plan": plan,
-        "posterior": summarise_posterior(found.posterior, target.parameters),
+        "posterior": summarise_posterior(result.posterior, target.parameters),
         "findings": [asdict(finding) for finding in findings],
         "files_sha256": project.input_files,
-        "provenance": versions(identity(target, found.method, found.seed)["hash"]),
+        "provenance": versions(identity(target, result.method, result.seed)["hash"]),
     }
 
 
 def slip_summary(result: BackAnalysis) -> list[str]:
     """Return sentences on the slip of each joint surface in each blast."""
-    tables = {name: _blast_table(one) for name, one in result.confirmed.items()}
+    tables = {name: _blast_table(blast) for name, blast in result.confirmed.items()}
     return [line for name, table in tables.items() for line in slip_lines(name, table)]
 
 
 def _compared(confirmed, name, band):
-    """Return motion at a receiver as its comparison sees it: in common time, within the band."""
+    """Return the compared motion at a receiver: in common time, within the band."""
     both = in_common(confirmed.recorded[name], confirmed.simulated[name], band)
-    recorded, simulated = (motion_table(one, band) for one in both)
+    recorded, simulated = (motion_table(motion, band) for motion in both)
     return {"band_hz": band, "recorded": recorded, "simulated": simulated}
 
 
@@ -278,6 +280,6 @@ def _blast_table(confirmed):
             }
             for name, comparison in confirmed.comparisons.items()
         },
-        "strength": {name: asdict(one) for name, one in confirmed.strength.items()},
+        "strength": {name: asdict(strength) for name, strength in confirmed.strength.items()},
         "factor": confirmed.factor,
     }

@@ -23,12 +23,12 @@ from ..diagnosis.search import Search, search
 from ..diagnosis.summary import summarise
 from ..errors import InputError, ReadError
 from ..project.case_folder import case_files, read_case_folder
-from ..project.flat_box import Cut, band_of, check_holes, extent_of, flat_box, not_flat
+from ..project.flat_box import Discretization, band_of, check_holes, extent_of, flat_box, not_flat
 from ..project.project import Project, load_project, with_further
 from ..project.result import plain, write_bytes, write_summary
 from ..recordings.seismic import channel_names, mseed_bytes
 from ..report.diagnosis import write_diagnosis_report
-from ..runs.cache import WHOLE, code_hash
+from ..runs.parallel import WHOLE, code_hash
 from ..signals.seismogram import Seismogram
 from ..solver.preparation import versions
 from . import Interrupted, Progress, Say, numbered_folders, result_folder, silent
@@ -72,7 +72,7 @@ def diagnose(
     budget: int = BUDGET,
     seed: int = 1,
     executor: Executor | None = None,
-    cuts: tuple[Cut, Cut | None] | None = None,
+    cuts: tuple[Discretization, Discretization | None] | None = None,
     progress: Callable | None = None,
 ) -> Diagnosis:
     """Diagnose which physics a project lacks, from its records.
@@ -89,7 +89,7 @@ def diagnose(
         Of the null distribution.
     executor : Executor, optional
         As for `run_all`.
-    cuts : tuple of Cut and Cut or None, optional
+    cuts : tuple of Discretization and Discretization or None, optional
         Discretizations of a flat box for most runs, and for those that correct them; by default
         from wavelengths. Any other project is run on its own mesh, without correction.
     progress : callable, optional
@@ -134,7 +134,7 @@ def diagnose(
     return Diagnosis(scene, done, null, decision, plain(summary))
 
 
-def cut_of(project: Project, fine: bool = False) -> Cut | None:
+def cut_of(project: Project, fine: bool = False) -> Discretization | None:
     """Return the discretization of a flat box into quadratic zones for its band, else None.
 
     By the slowest layer of at least half its shortest wavelength; thinner layers have zones of
@@ -149,7 +149,9 @@ def cut_of(project: Project, fine: bool = False) -> Cut | None:
         (FINE_EDGE, FINE_PADDING, FINE_GROWTH) if fine else (EDGE, PADDING, GROWTH)
     )
     slowest = min(speeds)
-    return Cut(edge * slowest / high, padding * slowest / low, growth, quadratic=True, single=True)
+    return Discretization(
+        edge * slowest / high, padding * slowest / low, growth, quadratic=True, single=True
+    )
 
 
 def read_case(path) -> Project:

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError
-from ..line_records.air_wave import NEAREST, air_wave
 from ..line_records.field_records import FieldRecord, read_folder
-from ..line_records.layering import Picks, phase_speeds, soft_layer
 from ..line_records.quality import odd_channels, sensor_response
-from ..line_records.shots import Shot, Verdict, shot_of
+from ..line_records.shots import Decision, Shot, shot_of
+from ..line_records.waves import NEAREST, Picks, air_wave, phase_speeds, soft_layer
 from ..project.result import plain, write_summary
 from ..report.records import LineView, write_records_report
 from ..solver.preparation import versions
@@ -102,8 +101,8 @@ def analyse_records(
     results, views = [], []
     for number, line in enumerate(lines):
         tell("analyses", number, len(lines))
-        found, view = _of_line(line, surface_band, air_band, seed)
-        results += found
+        outcomes, view = _of_line(line, surface_band, air_band, seed)
+        results += outcomes
         views.append(view)
     results += refused
     results.append(_sensors(records, sensor_band, reference, seed))
@@ -112,23 +111,23 @@ def analyse_records(
         "geometry": None if geometry is None else Path(geometry).name,
         "files": [quality_of(record) for record in records],
         "skipped": [{"file": name, "reason": reason} for name, reason in skipped],
-        "analyses": [one for one in results if "outcome" in one],
-        "not_analysed": [one for one in results if "outcome" not in one],
+        "analyses": [row for row in results if "outcome" in row],
+        "not_analysed": [row for row in results if "outcome" not in row],
         "seed": seed,
         "provenance": versions(_hash(folder, records)),
     }
     tell("writing", 0, 1)
-    place = new_folder(folder.parent / f"{folder.name}_analysis" if out is None else out)
-    write_summary(place / RESULT, summary)
-    write_records_report(place / REPORT, plain(summary), views)
-    return plain(summary), place
+    result = new_folder(folder.parent / f"{folder.name}_analysis" if out is None else out)
+    write_summary(result / RESULT, summary)
+    write_records_report(result / REPORT, plain(summary), views)
+    return plain(summary), result
 
 
 def quality_of(record: FieldRecord) -> dict:
-    """Return what a file holds: sampling, dead channels, clipped samples, printed values."""
+    """Return the quality of a file: sampling, dead channels, clipped samples, printed values."""
     gather = record.gather
     counts = gather.clipped.sum(axis=1)
-    wrong = [one for one in record.checks if not one[3]]
+    wrong = [row for row in record.checks if not row[3]]
     return {
         "file": record.file,
         "format": record.format,
@@ -153,7 +152,7 @@ def quality_of(record: FieldRecord) -> dict:
 
 
 def lines_of(records: Sequence[FieldRecord]) -> tuple[list[Line], list[dict]]:
-    """Return the lines of receivers and their shots, and why others could not be made."""
+    """Return the lines of receivers with their shots, and the reasons for missing ones."""
     names = dict.fromkeys(name for record in records for name in record.line)
     lines, refused = [], []
     for name in names:
@@ -196,7 +195,7 @@ def _shot(record: FieldRecord, name: str) -> Shot:
     if np.ptp(along) == 0.0 or beside.max() > CROOKED * np.ptp(along):
         raise InputError(
             f"receivers stand up to {beside.max():.3g} m beside a straight line of "
-            f"{np.ptp(along):.3g} m; tell its lines apart in the column 'line' of --geometry"
+            f"{np.ptp(along):.3g} m; name its lines in the column 'line' of --geometry"
         )
     part = replace(
         gather, data=gather.data[own], receiver_positions=places, dead=gather.dead[own],
@@ -211,7 +210,7 @@ def _shot(record: FieldRecord, name: str) -> Shot:
 
 
 def _of_line(line: Line, surface: tuple, air: tuple, seed: int) -> tuple[list[dict], LineView]:
-    """Return the analyses of one line, and what its figures show."""
+    """Return the analyses of one line, and the data of its figures."""
     odd = _tried("odd channels", line.name, lambda: _odd(line, surface, seed))
     air_waves = _tried("air wave", line.name, lambda: _air(line, air, seed))
     sides = _sides(line)
@@ -230,34 +229,34 @@ def _of_line(line: Line, surface: tuple, air: tuple, seed: int) -> tuple[list[di
     return odd + air_waves + layers, view
 
 
-def _tried(analysis: str, line: str, analyse: Callable[[], list[Verdict]]) -> list[dict]:
-    """Return the outcomes of an analysis, or why there is none."""
+def _tried(analysis: str, line: str, analyse: Callable[[], list[Decision]]) -> list[dict]:
+    """Return the outcomes of an analysis, or the reason for none."""
     try:
-        return [_outcome(analysis, line, verdict) for verdict in analyse()]
+        return [_outcome(analysis, line, decision) for decision in analyse()]
     except InputError as error:
         return [_refusal(analysis, line, str(error))]
 
 
-def _outcome(analysis: str, line: str, verdict: Verdict) -> dict:
+def _outcome(analysis: str, line: str, decision: Decision) -> dict:
     """Return a decision as plain numbers and words."""
-    target = [int(one) + 1 if isinstance(one, int) else one for one in verdict.target]
+    target = [int(part) + 1 if isinstance(part, int) else part for part in decision.target]
     return {
         "analysis": analysis,
         "line": line,
-        "outcome": verdict.outcome,
-        "label": verdict.label,
-        "reason": verdict.reason,
+        "outcome": decision.outcome,
+        "label": decision.label,
+        "reason": decision.reason,
         "target": [] if analysis == "air wave" else target,
-        "parameters": {k: list(v) for k, v in verdict.parameters.items()},
-        "band_hz": verdict.band,
-        "window_s": verdict.window,
-        "p_value": verdict.chance,
-        "held_out": verdict.held_out,
+        "parameters": {k: list(v) for k, v in decision.parameters.items()},
+        "band_hz": decision.band,
+        "window_s": decision.window,
+        "p_value": decision.p_value,
+        "held_out": decision.held_out,
     }
 
 
 def _refusal(analysis: str, line: str, reason: str) -> dict:
-    """Return why an analysis was not made."""
+    """Return the reason why an analysis is missing."""
     return {"analysis": analysis, "line": line, "reason": reason}
 
 
@@ -269,7 +268,7 @@ def _inside(band: tuple[float, float], dt: float) -> tuple[float, float]:
     return band[0], min(band[1], top)
 
 
-def _odd(line: Line, band: tuple[float, float], seed: int) -> list[Verdict]:
+def _odd(line: Line, band: tuple[float, float], seed: int) -> list[Decision]:
     """Look for odd channels with the shots that share most of the receivers."""
     shots = sorted(line.shots, key=lambda shot: -len(shot.channels))
     chosen: list[Shot] = []
@@ -281,18 +280,19 @@ def _odd(line: Line, band: tuple[float, float], seed: int) -> list[Verdict]:
     if len(chosen) < 4:
         raise InputError(f"{len(chosen)} shots share their receivers and sampling, and it needs 4")
     own = [shot.only(np.isin(shot.channels, list(common))) for shot in chosen]
-    return [_unless_noise(one) for one in odd_channels(own, _inside(band, own[0].dt), seed=seed)]
+    channels = odd_channels(own, _inside(band, own[0].dt), seed=seed)
+    return [_unless_noise(verdict) for verdict in channels]
 
 
-def _unless_noise(verdict: Verdict) -> Verdict:
+def _unless_noise(decision: Decision) -> Decision:
     """Return a decision on an odd channel, unconfirmed where it shares nothing with neighbours."""
-    if verdict.outcome in ("NULL", "UNKNOWN") or (verdict.held_out or (0.0, 0.0))[1] > NOISE:
-        return verdict
+    if decision.outcome in ("NULL", "UNKNOWN") or (decision.held_out or (0.0, 0.0))[1] > NOISE:
+        return decision
     why = "; its neighbours explain nothing of it even when corrected: it may hold only noise"
-    return replace(verdict, outcome="UNKNOWN", reason=verdict.reason + why)
+    return replace(decision, outcome="UNKNOWN", reason=decision.reason + why)
 
 
-def _air(line: Line, band: tuple[float, float], seed: int) -> list[Verdict]:
+def _air(line: Line, band: tuple[float, float], seed: int) -> list[Decision]:
     """Look for the air wave with up to two shots of each source place."""
     far = [shot for shot in line.shots if (shot.offsets > NEAREST).sum() >= FEWEST]
     if not far:
@@ -306,20 +306,20 @@ def _air(line: Line, band: tuple[float, float], seed: int) -> list[Verdict]:
 
 
 def _sides(line: Line) -> tuple[list[Shot], list[Shot]]:
-    """Return shots to fit and to judge by: those off either end, else every second one."""
+    """Return the shots for the fit and for its test: those off either end, else alternate ones."""
     dt = line.shots[0].dt
     shots = [shot for shot in line.shots if shot.dt == dt]
-    left = [shot for shot in shots if shot.source < shot.places[0]]
-    right = [shot for shot in shots if shot.source > shot.places[-1]]
-    if min(len(left), len(right)) < 3:
-        off = max(left, right, key=len)
-        left, right = off[::2], off[1::2]
-    return left[:MOST], right[:MOST]
+    low = [shot for shot in shots if shot.source < shot.places[0]]
+    high = [shot for shot in shots if shot.source > shot.places[-1]]
+    if min(len(low), len(high)) < 3:
+        off = max(low, high, key=len)
+        low, high = off[::2], off[1::2]
+    return low[:MOST], high[:MOST]
 
 
 def _layers(
     line: Line, sides: tuple[list[Shot], list[Shot]], band: tuple[float, float], seed: int
-) -> list[Verdict]:
+) -> list[Decision]:
     """Fit a layer over a half-space to the dispersion of surface waves."""
     if min(map(len, sides)) < 3:
         off = sum(map(len, sides))
@@ -337,9 +337,9 @@ def _sensors(
     stood: dict[tuple, dict[str, tuple[np.ndarray, float]]] = {}
     for record in records:
         for n, sensor in enumerate(record.sensor):
-            place = record.gather.receiver_positions[n]
-            if sensor and np.isfinite(place).all():
-                key = tuple(np.round(place / SAME_PLACE).astype(int))
+            position = record.gather.receiver_positions[n]
+            if sensor and np.isfinite(position).all():
+                key = tuple(np.round(position / SAME_PLACE).astype(int))
                 stood.setdefault(key, {}).setdefault(
                     sensor, (record.gather.data[n], record.gather.dt)
                 )
@@ -348,7 +348,7 @@ def _sensors(
         (first, second, [each for each in stood.values() if {first, second} <= set(each)])
         for k, first in enumerate(names) for second in names[k + 1 :]
     ]  # fmt: skip
-    pair = next((one for one in pairs if len(one[2]) >= 2), None)
+    pair = next((row for row in pairs if len(row[2]) >= 2), None)
     if pair is None:
         return _refusal(
             "sensor response", "",

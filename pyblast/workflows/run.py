@@ -8,13 +8,13 @@ from pathlib import Path
 
 from ..errors import InputError, ReadError
 from ..model.model import Model
-from ..project.census import Census, take_census
 from ..project.checks import Check, check
-from ..project.checks_loads import record_findings
+from ..project.checks_ground import ModelSummary, summarise_model
 from ..project.project import Project, load_project
 from ..project.result import (
     Result,
     read_result,
+    record_findings,
     seismogram_heads,
     source_tables,
     summarise,
@@ -22,8 +22,14 @@ from ..project.result import (
     write_summary,
 )
 from ..recordings.recording import read_recording
-from ..report.html import write_report
-from ..report.vtk import write_joints, write_motion, write_zones, yield_fields, zone_fields
+from ..report.run import (
+    write_joints,
+    write_motion,
+    write_report,
+    write_zones,
+    yield_fields,
+    zone_fields,
+)
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..solver import preparation
@@ -96,7 +102,7 @@ def simulate(
     )  # fmt: skip
     return replace(
         done,
-        seismograms={name: one.shifted(-lead) for name, one in done.seismograms.items()},
+        seismograms={name: s.shifted(-lead) for name, s in done.seismograms.items()},
         snapshots={time - lead: velocity for time, velocity in done.snapshots.items()},
     )
 
@@ -233,18 +239,18 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         "simulated": simulated,
         "recorded": project.recorded,
     }
-    mesh, contacts = project.model.mesh, project.model.nodes.contacts
-    corners = len(mesh.points)
+    shown, contacts = project.model.shown, project.model.nodes.contacts
+    mesh = shown.mesh
     arrays = {group: {n: s.velocity for n, s in g.items()} for group, g in groups.items()}
     arrays |= {
         "sources": source_tables(project),
         "mesh": {"points": mesh.points, "zones": mesh.zones},
         "surfaces": dict(mesh.surfaces),
-        "zones": zone_fields(project.model),
+        "zones": {n: v[shown.zone] for n, v in zone_fields(project.model).items()},
         "energy": run_.energy,
         "state": run_.state,
         "snapshots": {
-            f"{t - project.lead:.6f}": v[:corners] for t, v in run_.snapshots.items()
+            f"{t - project.lead:.6f}": v[shown.node] for t, v in run_.snapshots.items()
         },
         "contacts": {} if contacts is None else {
             n: getattr(contacts, n) for n in ("joint", "minus", "plus", "normal", "area")
@@ -260,7 +266,7 @@ def compare_all(project: Project, simulated: dict[str, Seismogram]) -> dict[str,
     """Compare recorded with simulated motion at every receiver that has a record."""
     band = project.config.run.compare_band_hz
     return {
-        name: compare(record, simulated[name], None if band is None else tuple(band))
+        name: compare(record, simulated[name], None if band is None else (band[0], band[1]))
         for name, record in project.recorded.items()
     }
 
@@ -270,27 +276,31 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
     folder, run_ = outcome.folder, outcome.run
     write_result(folder / RESULT, outcome.result)
     write_summary(folder / "summary.json", outcome.result.summary)
-    mesh, displacement = model.mesh, run_.state["displacement"][: len(model.mesh.points)]
+    shown = model.shown
+    mesh, displacement = shown.mesh, run_.state["displacement"][shown.node]
     moved = {"displacement": displacement}
     fields = {**zone_fields(model), **yield_fields(run_)}
+    fields = {name: values[shown.zone] for name, values in fields.items()}
     write_zones(folder / "zones.vtu", mesh.points, mesh.zones, fields, moved)
     if mesh.contacts is not None:
         write_joints(folder / "joints.vtu", mesh, displacement)
-    snapshots = {t: v[: len(mesh.points)] for t, v in run_.snapshots.items()}
+    snapshots = {t: v[shown.node] for t, v in run_.snapshots.items()}
     write_motion(folder, mesh.points, mesh.zones, snapshots)
 
 
-def write_mesh_files(project: Project, out: str | Path) -> Census:
-    """Write ``zones.vtu`` and ``joints.vtu`` of a project into a folder and return its census."""
+def write_mesh_files(project: Project, out: str | Path) -> ModelSummary:
+    """Write ``zones.vtu`` and ``joints.vtu`` of a project; return the summary of its model."""
     out = Path(out)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ReadError(f"{out}: can't be made ({error.strerror or error})") from None
-    mesh = project.model.mesh
-    write_zones(out / "zones.vtu", mesh.points, mesh.zones, zone_fields(project.model))
+    shown = project.model.shown
+    mesh = shown.mesh
+    fields = {name: values[shown.zone] for name, values in zone_fields(project.model).items()}
+    write_zones(out / "zones.vtu", mesh.points, mesh.zones, fields)
     write_joints(out / "joints.vtu", mesh)
-    return take_census(project)
+    return summarise_model(project)
 
 
 def compare_files(

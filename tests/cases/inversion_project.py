@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 from small_project import written
 
-from pyblast.back_analysis.trials import Target, held_step, simulate
+from pyblast.back_analysis.parameters import common_time_step, simulate
+from pyblast.back_analysis.trials import Target
 from pyblast.inference.parameter import Parameter
 from pyblast.project.project import load_project
 from pyblast.project.result import write_csv
@@ -33,7 +34,7 @@ def twin_file(folder, section="", changes=()):
 
 def target(project, parameters=PARAMETERS):
     """Return what a search of the twin shall meet."""
-    return Target((project,), parameters, (), "paper", (held_step(project, parameters),))
+    return Target((project,), parameters, (), "paper", (common_time_step(project, parameters),))
 
 
 def section(parameters=PARAMETERS, **keys):

@@ -5,20 +5,20 @@ from dataclasses import replace
 import numpy as np
 
 from pyblast.blasts.blast import Blast, Firing
-from pyblast.diagnosis.calibration import Baseline, likelihood_of, unknowns_of
+from pyblast.diagnosis.calibration import Baseline, calibrated_parameters, likelihood_of
 from pyblast.diagnosis.case import Case, case_of
 from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import Forward
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
-from pyblast.project.config_file import check_config
-from pyblast.project.flat_box import Cut
+from pyblast.project.config import check_config
+from pyblast.project.flat_box import Discretization
 from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project
 from pyblast.recordings.recording import Recording
 from pyblast.signals.seismogram import Seismogram
 
-CUT = Cut(30.0, 60.0, 1.3, quadratic=True)
+CUT = Discretization(30.0, 60.0, 1.3, quadratic=True)
 DT, SAMPLES, BEFORE = 0.004, 100, 50
 BAND = (4.0, 25.0)
 
@@ -105,7 +105,7 @@ def scene_of(case: Case) -> Scene:
     motion = forward.motion(case.project)
     times = DT * np.arange(case.n_samples)
     stretched = times * np.gradient(motion, DT, axis=-1)
-    unknowns = unknowns_of(case.project)
+    unknowns = calibrated_parameters(case.project)
     slopes = np.stack([stretched, 0.7 * stretched, 0.05 * motion, -0.03 * motion])
     baseline = Baseline(
         case, unknowns, np.zeros(4), np.diag([one.sigma**2 for one in unknowns]), case.project,

@@ -10,7 +10,7 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import Damping
 from pyblast.model.model import Model, Receiver
 from pyblast.model.source import Hole, PointForce, TimeFunction
-from pyblast.runs.greens_bank import greens_functions
+from pyblast.runs.greens import greens_functions
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate

@@ -80,7 +80,7 @@ def _slipping(project, target, cohesion, friction, residual):
 _SLIP = {
     "family": "path", "on": "site", "target": "joint", "axis": "both", "linear": False,
     "simulated": (elastic_joints,),
-    "settled_by": "charges of three to one or more across the joint, and on a path that avoids it",
+    "decided_by": "charges of three to one or more across the joint, and on a path that avoids it",
 }  # fmt: skip
 
 

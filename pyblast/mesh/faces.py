@@ -1,0 +1,85 @@
+"""Faces of tetrahedra (triangles) and hexahedra (quadrilaterals): keys, pairs, search, areas.
+
+A face is numbered ``n_faces zone + local``, with 4 faces of a tetrahedron and 6 of a hexahedron.
+"""
+
+import numpy as np
+
+from ..errors import InputError
+from . import hexahedra, tetrahedra
+
+_LARGEST_CUBE = 2_000_000
+
+
+def face_table(zones: np.ndarray) -> np.ndarray:
+    """Return the corners (n_faces, 3 or 4) of the outward faces of a zone."""
+    return tetrahedra.FACES if zones.shape[1] == 4 else hexahedra.FACES
+
+
+def face_keys(faces: np.ndarray, n_nodes: int) -> np.ndarray:
+    """Return keys (n,) int64 of faces (n, 3 or 4), independent of the order of their nodes.
+
+    The three lowest nodes suffice: zones of a mesh that share three corners share a face.
+    """
+    low, middle, high = np.sort(np.asarray(faces, dtype=np.int64), axis=1)[:, :3].T
+    if n_nodes > _LARGEST_CUBE:
+        raise InputError(f"mesh: at most {_LARGEST_CUBE} nodes can be indexed, got {n_nodes}")
+    return (low * n_nodes + middle) * n_nodes + high
+
+
+def zone_faces(zones: np.ndarray) -> np.ndarray:
+    """Return the outward faces of every zone, (n_faces n_zones, 3 or 4)."""
+    table = face_table(zones)
+    return zones[:, table].reshape(-1, table.shape[1])
+
+
+def zone_of_face(zones: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return zone and local number of faces (n,)."""
+    return np.divmod(faces, len(face_table(zones)))
+
+
+def pair_faces(
+    zones: np.ndarray, n_nodes: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Pair the faces that two zones share.
+
+    Returns
+    -------
+    first, second : (n_shared,) int64, faces of the two sides, first < second
+    single : (n_single,) int64, faces of one zone only
+    excess : (n_excess,) int64, third and further faces with the same nodes
+    """
+    keys = face_keys(zone_faces(zones), n_nodes)
+    order = np.argsort(keys, kind="stable")
+    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    counts = np.diff(starts, append=len(order))
+    shared = starts[counts >= 2]
+    excess = np.ones(len(order), dtype=bool)
+    excess[starts] = excess[shared + 1] = False
+    return order[shared], order[shared + 1], order[starts[counts == 1]], order[excess]
+
+
+def find_faces(
+    zones: np.ndarray, n_nodes: int, wanted: np.ndarray, faces: np.ndarray
+) -> np.ndarray:
+    """Return the position (n,) in ``faces`` of each of the ``wanted`` (n, 3 or 4), -1 if none."""
+    on = np.zeros(n_nodes, dtype=bool)
+    on[wanted] = True
+    table = face_table(zones)
+    zone, local = zone_of_face(zones, faces)
+    corners = zones[zone[:, None], table[local]]
+    near = np.flatnonzero(on[corners].all(axis=1))
+    if not len(near):
+        return np.full(len(wanted), -1)
+    keys = face_keys(corners[near], n_nodes)
+    sought = face_keys(wanted, n_nodes)
+    order = np.argsort(keys, kind="stable")
+    at = order[np.minimum(np.searchsorted(keys, sought, sorter=order), len(near) - 1)]
+    return np.where(keys[at] == sought, near[at], -1)
+
+
+def face_vectors(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return the area vectors (n, 3) in m2 of triangles or quadrilaterals (n, 3 or 4)."""
+    if faces.shape[1] == 4:
+        return hexahedra.face_vectors(points, faces)
+    return tetrahedra.triangle_vectors(points, faces)

@@ -1,1 +1,0 @@
-"""A blast before it is fired: delays and the distribution of its peaks."""

@@ -1,0 +1,169 @@
+"""Choice of the elements of a project: spectral hexahedra where the ground allows it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InputError, named_error
+from ..mesh.grid import Layer
+from ..mesh.hexahedral_ground import SIDES, NotMapped, build_hexahedra
+from ..mesh.mesh import Mesh, edge_lengths
+from .ground import joints_and_faults, make_mesh, mean_edge, read_surface
+
+ORDER = 5
+# Nodes per shortest S wavelength for an error of 1 % over three wavelengths, by order; the error
+# falls with the power below of their number: docs/quality/performance.md.
+NODES_FOR_ONE_PER_CENT = {2: 9.0, 3: 5.9, 4: 4.6, 5: 4.3, 6: 4.0, 7: 4.0, 8: 4.1}
+WAVELENGTHS = 3.0
+TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Mesh of a project, not split, and why it has these elements.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    reason : str
+        One sentence.
+    """
+
+    mesh: Mesh
+    reason: str
+
+
+def elements_of(project) -> str:
+    """Return the kind of zones of a project, and why."""
+    return "those of the mesh given" if "mesh" in project.given else project.ground.reason
+
+
+def convergence(order: int) -> float:
+    """Return the power with which errors of hexahedra fall with the nodes per wavelength."""
+    return 1.3 * (order + 1)
+
+
+def nodes_per_wavelength(order: int, accuracy: float, waves: float) -> float:
+    """Return the nodes per shortest S wavelength for an error after a path of some wavelengths.
+
+    Examples
+    --------
+    >>> round(nodes_per_wavelength(4, 0.01, 3.0), 2), round(nodes_per_wavelength(4, 0.003, 3.0), 2)
+    (4.6, 5.54)
+    """
+    factor = 0.01 / accuracy * max(waves, WAVELENGTHS) / WAVELENGTHS
+    return NODES_FOR_ONE_PER_CENT[order] * factor ** (1.0 / convergence(order))
+
+
+def make_ground(project, within) -> Ground:
+    """Build or read the mesh of a project of the elements that it asks for.
+
+    Parameters
+    ----------
+    project : Project
+    within : (n, 2) float64, m
+        Horizontal positions of sources and receivers.
+
+    Raises
+    ------
+    InputError
+        If the project asks for hexahedra and its ground can't be a mapped grid.
+    """
+    config, materials, folder = project.config, project.materials, project.folder
+    kind = config.mesh.kind
+    obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
+    if kind != "tetrahedra" and obstacle is None:
+        try:
+            return _hexahedra(config, materials, folder, within)
+        except NotMapped as reason:
+            obstacle = str(reason).removeprefix("mesh: ")
+    if kind == "hexahedra":
+        raise InputError(
+            f"mesh.kind: 'hexahedra' need a ground that is a mapped grid, but {obstacle}; "
+            "take 'auto' or 'tetrahedra'"
+        )
+    reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
+    return Ground(make_mesh(config.mesh, materials, folder), reason)
+
+
+def horizontal_positions(project) -> np.ndarray:
+    """Return the horizontal positions (n, 2) in m of receivers and sources of a project."""
+    config, blast = project.config, project.blast
+    parts = [*config.receivers, *config.point_forces, *config.moment_tensors]
+    positions = [part.position_m[:2] for part in parts]
+    if blast is not None and config.holes_inside is not None:
+        positions += [*blast.collar[:, :2], *blast.toe[:, :2]]
+    return np.array(positions, dtype=float).reshape(-1, 2)
+
+
+def _obstacle(config, materials):
+    """Return what stands in the way of hexahedra before the planes are looked at, or None."""
+    mesh, sides = config.mesh, config.boundaries
+    if mesh.file is not None:
+        return "the mesh is read from a file"
+    if mesh.grid_cells is not None:
+        return "mesh.grid_cells divides the box into tetrahedra"
+    for layer in mesh.layers:
+        law = materials[layer.material].law.name if layer.material in materials else "elastic"
+        if law != "elastic":
+            return f"the ground {layer.material!r} follows the law {law!r}"
+    if sides.free_field:
+        return "free-field sides stand beside tetrahedra only"
+    if config.ground.damaged_zone is not None and config.ground.damaged_zone.material is not None:
+        return "a damaged zone has a material of its own"
+    if config.absorbing_layer is not None:
+        return "the table [absorbing_layer] damps ground of tetrahedra"
+    if config.signature is not None and config.input.enters_as == "plane_wave":
+        return "a plane wave enters ground of tetrahedra only"
+    if _frequency(config) is None and mesh.edge_m is None and mesh.edges_per_wavelength is None:
+        return "neither mesh.frequency_hz nor mesh.edge_m says how fine it shall be"
+    return None
+
+
+def _frequency(config):
+    """Return the highest frequency of interest in Hz, or None."""
+    if config.mesh.frequency_hz is not None:
+        return config.mesh.frequency_hz
+    band = config.run.compare_band_hz
+    return None if band is None else band[1]
+
+
+def _hexahedra(config, materials, folder, within):
+    """Return a ground of hexahedra."""
+    mesh = config.mesh
+    order = mesh.order or ORDER
+    low, size = np.array(mesh.origin_m), np.array(mesh.size_m)
+    layers = [Layer(part.material, part.thickness_m) for part in mesh.layers]
+    reach = _longest_path(within)
+    sizes = [_size(config, part, materials[part.material], order, reach) for part in mesh.layers]
+    enters = config.signature is not None  # through a side, whose waves would leave the layer
+    open_sides = [] if enters else [side for side in config.boundaries.viscous if side in SIDES]
+    surface = None if mesh.surface_file is None else read_surface(folder / mesh.surface_file)
+    sets, faults = joints_and_faults(mesh)
+    with named_error("mesh"):
+        built = build_hexahedra(
+            np.column_stack([low, low + size]), layers, sets, faults, sizes=sizes, order=order,
+            open_sides=open_sides, within=within, surface=surface,
+        )  # fmt: skip
+    edge = edge_lengths(built).max()
+    ends = "an absorbing layer" if open_sides else "no absorbing layer"
+    zones = f"{len(built.zones)} zones"
+    reason = f"hexahedra of order {order}, edges up to {edge:.3g} m, {ends}: {zones}"
+    return Ground(built, reason)
+
+
+def _longest_path(within):
+    """Return the largest distance in m between sources and receivers."""
+    if not len(within):
+        return 0.0
+    return float(np.linalg.norm(np.ptp(within, axis=0)))
+
+
+def _size(config, part, material, order, reach):
+    """Return the largest edge in m of the hexahedra of a layer."""
+    mesh = config.mesh
+    edge = mean_edge(mesh, part, material)
+    carried = None if edge is None else material.cs / (TETRAHEDRA[mesh.quadratic] * edge)
+    top = float(carried or _frequency(config) or 0.0)
+    nodes = nodes_per_wavelength(order, mesh.accuracy, reach * top / material.cs)
+    return order * material.cs / (nodes * top)

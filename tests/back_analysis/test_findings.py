@@ -1,0 +1,87 @@
+"""Findings after a back-analysis: bounds, reversed polarity, improbable model error."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from inversion_project import PARAMETERS, noisy
+
+from pyblast import back_analyse, load_project
+from pyblast.back_analysis.findings import findings_of_fit
+from pyblast.back_analysis.search import make_target
+from pyblast.workflows.back_analysis import RESULT
+
+
+def codes(result):
+    return {finding.code: finding for finding in findings_of_fit(result)}
+
+
+@pytest.fixture(scope="module")
+def reversed_record(tmp_path_factory):
+    """Back-analyse a record whose first component has reversed polarity."""
+    path = noisy(tmp_path_factory.mktemp("reversed"))
+    table = np.loadtxt(path.with_name("wall.csv"), delimiter=",", skiprows=1)
+    head = path.with_name("wall.csv").read_text().splitlines()[0]
+    table[:, 1] *= -1.0
+    np.savetxt(path.with_name("wall.csv"), table, "%.17g", ",", header=head, comments="")
+    return back_analyse(path)
+
+
+def test_a_fit_to_good_records_has_no_finding(tmp_path):
+    result, _ = back_analyse(noisy(tmp_path))
+
+    assert codes(result) == {}
+
+
+def test_reversed_polarity_is_a_finding(reversed_record):
+    result, folder = reversed_record
+    findings = codes(result)
+
+    assert list(findings["D33"].numbers) == ["project.toml, R1, longitudinal"]
+    assert findings["D33"].numbers["project.toml, R1, longitudinal"] < -0.7
+    assert "D33" in {one["code"] for one in json.loads((folder / RESULT).read_text())["findings"]}
+    assert (
+        "A component has the opposite sign of the simulation"
+        in (folder / "report.html").read_text()
+    )
+
+
+def test_an_improbable_model_error_is_a_finding_with_its_ratio(reversed_record):
+    findings = codes(reversed_record[0])
+
+    assert max(findings["D32"].numbers.values()) > 3.7  # of a hundred levels one is larger
+
+
+def test_a_value_at_a_bound_is_a_finding(tmp_path):
+    path = noisy(tmp_path)
+    ks = PARAMETERS[1]
+    path.write_text(path.read_text().replace(f"low = {ks.low}\nhigh = {ks.high}",
+                                             "low = 0.05\nhigh = 0.1"))  # fmt: skip
+
+    findings = codes(back_analyse(path)[0])
+
+    assert ks.name in findings["D31"].text
+    assert "at the low bound, 0.05" in findings["D31"].text
+
+
+def test_a_record_without_one_component_is_searched(tmp_path):
+    path = noisy(tmp_path)
+    rows = [line.split(",") for line in path.with_name("wall.csv").read_text().splitlines()]
+    path.with_name("wall.csv").write_text("\n".join(",".join(row[:3]) for row in rows) + "\n")
+
+    result, _ = back_analyse(path)
+
+    (record,) = result.confirmed["project.toml"].recorded.values()
+    assert list(record.present) == [True, True, False]
+    assert np.all(result.plan.information.ratios[:2] < 0.5)
+    assert codes(result) == {}
+
+
+def test_the_example_has_its_records():
+    examples = Path(__file__).parents[2] / "examples"
+
+    target = make_target(load_project(examples / "fault_from_records" / "project.toml"))
+
+    assert target.waveforms.records.receivers == ("front", "back", "house")
+    assert len(target.parameters) == 3

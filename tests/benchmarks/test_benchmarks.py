@@ -1,0 +1,107 @@
+"""What is timed is the same physics; things are timed in turn; the page says what is missing."""
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmarks import goals, page
+from benchmarks.__main__ import PARTS, RESULTS
+from benchmarks.bare import bare, library
+from benchmarks.compiled import called
+from benchmarks.kernels import Naive, bytes_per_zone, shuffled
+from benchmarks.marching import ROCK, March, cube, prepared, rock_model
+from benchmarks.timing import interleaved, ratio
+from pyblast import core
+from pyblast.mesh.ordering import renumbered
+
+
+def test_the_naive_loop_marches_as_the_model_does():
+    mesh = renumbered(cube(3))
+    naive, still = Naive(mesh, 20), prepared(rock_model(mesh, boundaries=[]), 20)
+    velocity = 1e-6 * np.random.default_rng(0).normal(size=mesh.points.shape)
+    state = {name: value.copy() for name, value in still.state.items()}
+    state["velocity"][:] = velocity
+    naive.tables[5][:] = 0.0
+    called(naive.library().naive_march, naive.counts, (still.constants["dt"],), naive.tables)
+    core.advance(core.to_fortran(still.constants), state, 0, 20, 20)
+
+    assert np.allclose(naive.tables[7], state["velocity"], atol=1e-12 * np.abs(velocity).max())
+
+
+def test_zones_alone_march_as_the_model_does():
+    mesh = renumbered(cube(3))
+    box, still = bare(mesh, ROCK), prepared(rock_model(mesh, boundaries=[]), 20)
+    velocity = 1e-6 * np.random.default_rng(0).normal(size=mesh.points.shape)
+    state = {name: value.copy() for name, value in still.state.items()}
+    state["velocity"][:] = velocity
+    (counts, tables), _, _, moving = box.arguments(20, (np.zeros_like(velocity), velocity))
+    tables[7][:] = 1.0 / box.mass[:, None]
+    called(library().march, counts, (still.constants["dt"],), tables)
+    core.advance(core.to_fortran(still.constants), state, 0, 20, 20)
+
+    assert np.allclose(moving, state["velocity"], atol=1e-12 * np.abs(velocity).max())
+
+
+def test_a_shuffled_mesh_is_the_same_mesh():
+    mesh = cube(3)
+    other = shuffled(mesh)
+    centres = [
+        np.sort(one.points[one.zones].mean(axis=1).round(9), axis=0) for one in (mesh, other)
+    ]
+
+    assert not np.array_equal(mesh.zones, other.zones)
+    assert np.array_equal(*centres)
+
+
+def test_eight_copies_march_like_one():
+    still = prepared(rock_model(cube(3, 2), "coulomb"), 20)
+    one, eight = March(still, 20), March(still, 20, lanes=True)
+    eight.state["velocity"][:] = one.state["velocity"][..., None]
+    one()
+    eight()
+
+    assert np.allclose(
+        eight.state["velocity"], one.state["velocity"][..., None],
+        atol=1e-12 * np.abs(one.state["velocity"]).max(),
+    )  # fmt: skip
+
+
+def test_things_are_timed_in_turn_forth_and_back():
+    told = []
+    took = interleaved({"a": lambda: told.append("a"), "b": lambda: told.append("b")}, 3)
+
+    assert "".join(told) == "ab" + "ab" + "ba" + "ab"
+    assert [len(times) for times in took.values()] == [3, 3]
+
+
+def test_a_ratio_is_the_median_of_those_of_each_round():
+    assert ratio(np.array([2.0, 90.0, 6.0]), np.array([1.0, 30.0, 2.0])) == 3.0
+
+
+def test_a_step_moves_more_than_its_zones_and_damping_more_again():
+    counted = bytes_per_zone(prepared(rock_model(cube(6)), 2).constants)
+
+    assert counted["least"] < counted["zones"] < counted["step"] < counted["damped"]
+
+
+def test_every_goal_that_was_not_measured_says_so():
+    assert {page.judged(judge, {}) for _, judge in goals.GOALS} == {("not measured", "–")}
+
+
+def test_every_kept_result_has_its_tables():
+    kept = json.loads(RESULTS.read_text())
+
+    assert kept
+    for name, one in ((name, kept[name]) for name in PARTS if name in kept):
+        assert len(PARTS[name].lines(one["found"])) > 2, name
+
+
+@pytest.mark.figures
+def test_the_page_is_that_of_the_kept_results(tmp_path, monkeypatch):
+    written = page.PAGE.read_text(encoding="utf-8")
+    monkeypatch.setattr(page, "PAGE", tmp_path / "performance.md")
+    monkeypatch.setattr(page, "FIGURES", tmp_path)
+    page.write(PARTS, json.loads(RESULTS.read_text()))
+
+    assert page.PAGE.read_text(encoding="utf-8") == written

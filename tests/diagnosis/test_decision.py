@@ -1,0 +1,313 @@
+"""What a decision rests on: folds of the effect in question, records that exist, all rivals."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from small_fits import NULL, SLOW, fits, with_holes
+from small_site import CUT, recorded, scene_of, small_site
+
+import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis.cross_validation import CrossValidation, cross_validate
+from pyblast.diagnosis.decision import RESOLUTION, _without, decide, intervals, on_finer_mesh
+from pyblast.diagnosis.effects import Effect
+from pyblast.diagnosis.fitting import fit
+from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.diagnosis.null_distribution import (
+    NullDistribution,
+    filled_residual,
+    null_distribution,
+)
+from pyblast.diagnosis.search import ScreeningResult, Search, material
+from pyblast.diagnosis.thresholds import MATERIAL, MESH_CHANGE
+
+
+def test_an_effect_beside_another_is_tested_on_its_own_folds():
+    here, _, slow, loud, both = fits()
+
+    assert [f.name for f in cross_validate(here, loud, both).subsets] == ["S1", "B1"]
+    assert [f.name for f in cross_validate(here, slow, both).subsets] == ["R0", "R1", "R2", "R3"]
+
+
+def test_records_without_which_nothing_is_told_of_an_effect_are_no_fold():
+    here, _, _, loud, both = fits()
+    columns = both.jacobian.copy()
+    columns[len(both.values), 0] = 0.0  # as if the clock could not be heard in S1
+
+    motion = both.motion.copy()
+    motion[0] = loud.motion[0]
+
+    found = cross_validate(here, loud, replace(both, jacobian=columns, motion=motion))
+
+    assert not found.subsets
+
+
+def test_records_of_which_an_effect_says_nothing_are_no_fold():
+    here, _, slow, _, both = fits()
+    motion = both.motion.copy()
+    motion[:, 3] = slow.motion[:, 3]  # as if R3 had not recorded B1
+
+    found = cross_validate(here, slow, replace(both, motion=motion))
+
+    assert [fold.name for fold in found.subsets] == ["R0", "R1", "R2"]
+
+
+def test_the_base_of_a_set_is_the_fit_of_the_same_effects_at_the_same_places():
+    here, none, slow, loud, both = fits()
+    elsewhere = replace(slow, effects=(replace(slow.effects[0], target="R0"),))
+    found = Search(here, 400, lambda *_: None, none, [both, elsewhere, loud, slow], [], both)
+
+    assert _without(found, both, "misfire_or_charge_error") is slow
+
+
+def test_two_effects_are_no_composite_if_the_budget_ended_before_others_were_tried_beside_one():
+    here, none, slow, loud, both = fits()
+    found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both, finished=False)
+
+    assert decide(found, NULL).outcome == "PARTIAL"
+
+
+def test_a_clock_and_a_charge_that_are_both_wrong_make_a_composite():
+    here, none, slow, loud, both = fits()
+    found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both)
+
+    assert decide(found, NULL).outcome == "COMPOSITE"
+
+
+def test_a_set_of_which_one_effect_can_not_be_tested_is_partial(monkeypatch):
+    here, none, slow, loud, both = fits()
+
+    def untested(scene, before, after):
+        return CrossValidation(()) if before is loud else cross_validate(scene, before, after)
+
+    monkeypatch.setattr("pyblast.diagnosis.decision.cross_validate", untested)
+    found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both)
+
+    said = decide(found, NULL)
+
+    assert said.outcome == "PARTIAL"
+    assert set(said.fit.labels) == set(both.labels)
+
+
+def test_an_effect_that_gains_nothing_in_the_first_blast_is_given_up_there():
+    here, none, damped = damped_fits()
+    sound = with_holes(scene_of(recorded(small_site())))
+
+    assert fit(sound, damped.effects, np.zeros(4), (1,), fit(sound, ())) is None
+    found = fit(here, damped.effects, np.zeros(4), (1,), none)
+    assert found.log_evidence == pytest.approx(damped.log_evidence, abs=0.5)
+
+
+@cache
+def damped_fits():
+    """Return a scene whose ground damps unknown to it, and the fits of none and of that."""
+    here = with_holes(scene_of(recorded(small_site(), damping(8.0))))
+    return here, fit(here, ()), fit(here, (Effect("attenuation_Q", "", ((12.0,),)),))
+
+
+def test_an_effect_on_top_of_another_is_fitted_by_fewer_runs_as_well():
+    """What was fitted before keeps its columns while the clock settles, then both move."""
+
+    def late(motion):
+        moved = motion.copy()
+        moved[:, 1] = np.roll(motion[:, 1], 2, axis=-1)  # 8 ms
+        return moved
+
+    truth = recorded(small_site(), damping(8.0), change=late)
+    clock = Effect("clock_error", "R1", ((0.0,),))
+    found, runs = [], []
+    for known in (False, True):
+        here = with_holes(scene_of(truth))
+        damped = fit(here, (Effect("attenuation_Q", "", ((12.0,),)),))
+        before = here.forward.runs
+        held = damped if known else None
+        found.append(fit(here, (*damped.effects, clock), damped.values, base=held))
+        runs.append(here.forward.runs - before)
+    anew, held = found
+
+    assert runs[1] < 0.5 * runs[0]
+    assert held.log_evidence == pytest.approx(anew.log_evidence, abs=1.0)
+    assert held.effects[1].values[0][0] == pytest.approx(8e-3, abs=1e-3)
+    assert held.effects[0].values[0][0] == pytest.approx(anew.effects[0].values[0][0], rel=0.05)
+
+
+def damping(quality):
+    """Return the small site with this quality."""
+    return LIBRARY["attenuation_Q"].apply(small_site(), "", q=quality)
+
+
+def finer(scene, fitted, change):
+    """Return what stands for a finer mesh: it adds a change (n_blasts, ...) to what is sent."""
+    (sent,) = scene.simulate([(fitted.values, fitted.effects)])
+    motion, blasts = sent + change, scene.case.blasts
+    return SimpleNamespace(simulate=lambda pairs: [motion[blasts.index(b)] for _, b in pairs])
+
+
+def test_an_answer_that_a_finer_mesh_changes_is_corrected():
+    here, none, damped = damped_fits()
+    found = Search(here, 400, lambda *_: None, none, [damped], [], damped)
+    ((quality,),) = damped.effects[0].values
+    less = here.forward.motion(damping(3.0 * quality)) - here.forward.motion(damping(quality))
+
+    decision = decide(found, NULL, finer(here, damped, less))
+
+    assert quality == pytest.approx(8.0, rel=0.1)
+    assert decision.outcome == "NAMED"
+    assert decision.mesh_change > MESH_CHANGE
+    assert decision.fit.effects[0].values[0][0] == pytest.approx(4.8, rel=0.1)  # 1/8 + 1/8 - 1/24
+
+
+def test_an_answer_that_a_finer_mesh_leaves_without_evidence_may_be_the_mesh():
+    here, none, damped = damped_fits()
+    found = Search(here, 400, lambda *_: None, none, [damped], [], damped)
+    much = NullDistribution(np.full((2, 200), found.delta_ln_evidence(damped) - 0.5), {})
+    beside = np.zeros_like(damped.motion)
+    beside[:, 1] = 0.12 * np.roll(damped.motion[:, 1], 20, axis=-1)
+
+    assert decide(found, much).outcome == "NAMED"
+    decision = decide(found, much, finer(here, damped, beside))
+    assert decision.mesh_change > MESH_CHANGE
+    assert (decision.outcome, decision.rivals[-1]) == ("CLASS", RESOLUTION)
+
+
+def test_what_a_finer_mesh_is_held_against_is_what_was_fitted():
+    here, *_ = fits()
+    damped = fit(here, (Effect("attenuation_Q", "", ((25.0,),)),))
+    fine, runs = Forward(here.case, CUT), here.forward.runs
+
+    same, change = on_finer_mesh(here, fine, damped)
+
+    assert here.forward.runs == runs  # the answer was run already, and corrected
+    assert same is damped
+    assert change < 1e-12  # the same zones
+
+
+def test_nothing_is_named_where_the_budget_ended_before_the_others_were_tried():
+    here, none, slow, loud, both = fits()
+    found = Search(here, 400, lambda *_: None, none, [both, loud, slow], [], both)
+    found.compared = False
+
+    assert decide(found, NULL).outcome == "PARTIAL"
+
+
+def test_a_receiver_without_records_is_no_fold_that_must_gain():
+    here, _, slow, _, both = fits()
+    likelihood = here.baseline.likelihood
+    kept = likelihood.n_data.copy()
+    kept[:, 3] = 0
+    covariance = replace(likelihood.covariance, n_data_each=kept)
+    baseline = replace(here.baseline, likelihood=replace(likelihood, covariance=covariance))
+
+    proof = cross_validate(replace(here, baseline=baseline), slow, both)
+
+    assert [fold.name for fold in proof.subsets] == ["R0", "R1", "R2"]
+    assert np.all(np.isfinite([fold.variance_reduction_after for fold in proof.subsets]))
+
+
+def test_a_residual_counts_as_much_where_a_receiver_missed_other_blasts():
+    size = np.ones((3, 4))
+    size[:, 1] = 0.0, 0.0, MATERIAL + 0.1
+
+    assert material(size)
+
+
+def late_everywhere(motion):
+    """Let every path be 2 to 4 ms late or early: more than supposed, and no clock's fault."""
+    steps = np.array([0.75, -0.75, 0.9, -0.6])  # of samples
+    slopes = np.gradient(motion, axis=-1)
+    return motion - steps[:, None, None] * slopes
+
+
+def test_small_errors_of_every_path_are_no_clocks_that_were_wrong():
+    here = with_holes(scene_of(recorded(small_site(), change=late_everywhere)))
+    none = fit(here, ())
+    clocks = tuple(Effect("clock_error", f"R{n}", ((0.0,),)) for n in range(4))
+    every, found = fit(here, clocks), Search(here, 400, lambda *_: None, none)
+
+    beyond = null_distribution(here, none, [], [], seed=1)
+
+    # permuted among receivers they are rare
+    assert found.delta_ln_evidence(every) > beyond.threshold(())
+    assert found.delta_ln_evidence(every) < beyond.threshold(clocks)
+
+
+def test_one_clock_that_is_wrong_stands_out_of_small_errors():
+    here, none, slow, *_ = fits()
+    found = Search(here, 400, lambda *_: None, none)
+
+    assert found.delta_ln_evidence(slow) > null_distribution(here, none, [], [], seed=1).threshold(
+        [SLOW]
+    )
+
+
+def test_what_an_effect_on_the_ground_finds_by_chance_is_of_all_blasts_that_its_fit_has():
+    here = with_holes(scene_of(recorded(small_site(), change=late_everywhere)))
+    none, damped = fit(here, ()), fit(here, (Effect("attenuation_Q", "", ((30.0,),)),))
+    change = damped.motion - none.motion
+    change[0] = 0.0  # screened in B1 alone
+    guess = ScreeningResult(damped.effects[0], 0.1, change, (1,))
+
+    screened, fitted = (
+        np.quantile(
+            null_distribution(here, none, [guess], some, seed=1).path_errors["attenuation_Q"],
+            0.95,
+            axis=1,
+        )
+        for some in ([], [damped])
+    )
+
+    assert np.all(fitted > screened)
+
+
+def test_a_blast_that_is_fired_again_makes_no_interval_narrower():
+    _, _, slow, *_ = fits()
+    again = replace(
+        slow, chi_square=np.repeat(slow.chi_square, 3, axis=0), covariance=slow.covariance / 3.0
+    )
+
+    (once,), (thrice,) = intervals(slow), intervals(again)
+
+    assert once["shift"]["low"] < once["shift"]["value"] < once["shift"]["high"]
+    for end in ("low", "value", "high"):
+        assert thrice["shift"][end] == pytest.approx(once["shift"][end], rel=1e-9)
+
+
+def test_a_blast_that_a_receiver_missed_has_what_it_left_in_another():
+    left = np.arange(12.0).reshape(3, 2, 2)
+    kept = np.array([[5, 0], [5, 5], [0, 5]])
+
+    given = filled_residual(left, kept)
+
+    assert np.array_equal(given[0, 1], left[1, 1])
+    assert np.array_equal(given[2, 0], left[0, 0])
+    assert np.array_equal(given[kept > 0], left[kept > 0])
+
+
+def test_noise_is_no_error_that_comes_back_in_each_blast():
+    here = with_holes(scene_of(recorded(small_site(), change=late_everywhere)))
+    none = fit(here, ())
+    covariance = replace(here.baseline.likelihood.covariance)
+    vars(covariance)["noise_share"] = none.chi_square
+    likelihood = replace(here.baseline.likelihood, covariance=covariance)
+    noise = replace(here, baseline=replace(here.baseline, likelihood=likelihood))
+
+    beyond = [null_distribution(one, none, [], [], seed=1) for one in (here, noise)]
+
+    assert beyond[0].threshold([SLOW]) > beyond[0].threshold(())
+    assert beyond[1].threshold([SLOW]) == beyond[1].threshold(())  # what is shuffled alone
+
+
+@pytest.mark.parametrize("turn", [1, -1])
+def test_a_set_of_effects_counts_once_whichever_was_found_first(turn):
+    here, none, _, _, both = fits()
+    found = Search(here, 400, lambda *_: None, none)
+    other = replace(both, effects=both.effects[::-1], log_evidence=both.log_evidence - 1.0)
+
+    for one in (both, other)[::turn]:
+        found.add(one)
+
+    assert [one.effects for one in found.fits] == [both.effects]
+    assert found.fits[0].alternatives == ()

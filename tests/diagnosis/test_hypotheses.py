@@ -1,0 +1,148 @@
+"""What records can't test is said before any search, and is never named."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from small_fits import LOUD, NULL, fits
+from small_site import BAND, BEFORE, CUT, DT, SAMPLES, recorded, small_site
+
+import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis.case import case_of
+from pyblast.diagnosis.decision import decide
+from pyblast.diagnosis.effects import Effect
+from pyblast.diagnosis.hypotheses import LIBRARY, untestable_labels
+from pyblast.diagnosis.search import Search
+from pyblast.project.flat_box import constant_q
+from pyblast.recordings.recording import Recording
+from pyblast.signals.seismogram import Seismogram
+from pyblast.workflows.diagnose import diagnose
+
+DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
+AMPLITUDE = {"joint_nonlinear_closure", "joint_slip"}
+
+
+def heard(site):
+    """Return a site with noise for records, no run, as a case."""
+    rng, shape = np.random.default_rng(3), (BEFORE + SAMPLES, 3)
+    records = {
+        blast: {
+            r.name: Recording(
+                Seismogram(rng.normal(size=shape), DT, -BEFORE * DT),
+                "", "", None, np.zeros(shape, dtype=bool),
+            )
+            for r in site.receivers
+        }
+        for blast in site.blasts
+    }  # fmt: skip
+    return case_of(site.changed(records=records))
+
+
+def with_blasts(*names):
+    """Return the small site with some of its blasts."""
+    site = small_site()
+    return site.changed(blasts={name: site.blasts[name] for name in names})
+
+
+def fading(project):
+    """Return a project whose ground has quality factors."""
+    law = constant_q(60.0, 40.0, BAND)
+    return project.changed(
+        materials={name: replace(one, law=law) for name, one in project.materials.items()}
+    )
+
+
+def test_charges_of_six_to_one_and_receivers_around_test_every_effect():
+    assert untestable_labels(heard(small_site())) == {}
+
+
+def test_known_quality_factors_are_not_asked_for():
+    told = untestable_labels(heard(fading(small_site())))
+
+    assert set(told) == {"attenuation_Q", "anisotropy"}
+    assert "Qp 60 and Qs 40" in told["attenuation_Q"]
+
+
+def test_one_blast_tests_nothing_that_grows_with_charge():
+    told = untestable_labels(heard(with_blasts("B1")))
+
+    assert {label for label, why in told.items() if "grows with charge" in why} == AMPLITUDE
+
+
+def test_one_blast_tests_no_effect_of_a_receiver_alone():
+    told = untestable_labels(heard(with_blasts("B1")))
+
+    assert set(told) - AMPLITUDE == {"instrument_response", "sensor_orientation_or_polarity"}
+    assert "one blast" in told["instrument_response"]
+    assert LIBRARY["clock_error"].untestable(heard(with_blasts("B1")))
+    assert not LIBRARY["clock_error/blast"].untestable(heard(with_blasts("B1")))
+
+
+def test_charges_of_two_to_one_test_nothing_that_grows_with_charge():
+    site = small_site()
+    twice = replace(site.blasts["S1"], charge=np.array([30.0]))
+    told = untestable_labels(heard(site.changed(blasts={**site.blasts, "S1": twice})))
+
+    assert set(told) == AMPLITUDE
+    assert "2 to one" in told["joint_slip"]
+
+
+def test_receivers_in_one_line_with_the_holes_do_not_test_anisotropy():
+    site = with_blasts("S1")
+    line = [replace(r, position=(40.0 + 20.0 * n, 30.0, 0.0)) for n, r in enumerate(site.receivers)]
+    told = untestable_labels(heard(site.changed(receivers=tuple(line))))
+
+    assert told["anisotropy"].startswith("paths lie in 1 of 6 directions")
+
+
+def test_a_site_without_joints_says_so():
+    told = untestable_labels(heard(small_site().changed(joints=())))
+
+    assert told["joint_viscous_fill"] == "this site has no joint to which it could apply"
+
+
+def test_one_receiver_tests_nothing():
+    site = small_site()
+    told = untestable_labels(heard(site.changed(receivers=site.receivers[:1])))
+
+    assert set(told) == {one.label for one in LIBRARY.values()}
+
+
+@cache
+def one_record():
+    """Diagnose one record of one blast whose clock was ten samples slow."""
+    site = with_blasts("S1")
+    site = site.changed(receivers=site.receivers[2:3])
+    case = recorded(site, change=lambda motion: np.roll(3.0 * motion, 10, axis=-1))
+    return diagnose(case.project, cuts=(CUT, None)).summary
+
+
+def test_one_receiver_and_one_blast_name_nothing():
+    found = one_record()
+
+    assert found["outcome"] == "UNKNOWN"
+    assert not found["effects"]
+    assert {one.label for one in LIBRARY.values()} <= {o["label"] for o in found["not_testable"]}
+
+
+def test_nothing_is_run_for_effects_where_none_can_be_tested():
+    unknowns, holes = 4, 1
+
+    assert one_record()["evidence"]["ranking"] == []
+    assert one_record()["runs"] <= 1 + unknowns + 4 + holes  # calibration: 4 rounds at most
+
+
+@pytest.mark.parametrize(("tried", "outcome"), [(2, "CLASS"), (1, "PARTIAL")])
+def test_what_can_not_be_tested_is_never_named(monkeypatch, tried, outcome):
+    untested = replace(LIBRARY[LOUD.name], needs=(lambda _: "charges are alike",))
+    here, none, _, _, both = fits()
+    behind = both.log_evidence - 20.0  # of what can be tested it would be no rival
+    other = replace(both, effects=(both.effects[0], DELAYS), log_evidence=behind)
+    found = Search(here, 400, lambda *_: None, none, [both, other][:tried], [], both)
+    assert decide(found, NULL).outcome == "COMPOSITE"
+    monkeypatch.setitem(LIBRARY, LOUD.name, untested)
+    decision = decide(found, NULL)
+
+    assert decision.outcome == outcome
+    assert decision.rivals[2:] == (("delay_scatter",) if tried == 2 else ())

@@ -1,0 +1,29 @@
+"""What is foretold of a further blast, with effects that were fitted at the believed site."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from small_site import CUT, recorded, small_site
+
+import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis.effects import Effect, predict
+from pyblast.diagnosis.forward import Forward
+from pyblast.diagnosis.hypotheses import LIBRARY
+
+AIR = Effect("air_blast", "", ((800.0,), (0.05,), (340.0,), (1.1,), (1.0,)))
+SOFT = Effect("soft_surface_layer", "", ((5.0,), (0.4,)))
+
+
+@pytest.mark.parametrize("effects", [(AIR,), (SOFT, AIR)])
+def test_an_air_blast_moves_the_ground_that_it_was_fitted_on(monkeypatch, effects):
+    case = recorded(small_site())
+    still = np.zeros((1, *case.motion.shape[1:]))
+    fitted, none = SimpleNamespace(case=case), np.zeros_like(case.motion)
+    moved = LIBRARY["air_blast"].apply(fitted, none, "", **AIR.parameters)
+    monkeypatch.setattr(Forward, "motion", lambda *_: still)
+
+    values = [0.1, -0.1, 0.2, 0.0]
+    foretold = predict(case, CUT, case.project.blasts["B1"], values, effects)
+
+    np.testing.assert_array_equal(foretold, moved[case.blasts.index("B1")])

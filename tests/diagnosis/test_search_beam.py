@@ -1,0 +1,57 @@
+"""Sets of effects that the records can't tell apart grow side by side."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis import search as module
+from pyblast.diagnosis.search import BEAM, Search
+
+OPEN = np.full((2, 3), 9.0)  # sizes of residuals with much left
+
+
+def made(worth, *labels):
+    """Return a fit of effects, of some evidence, that leaves much."""
+    return SimpleNamespace(labels=labels, effects=(), log_evidence=worth, chi_square=OPEN)
+
+
+def searched(monkeypatch, first, further):
+    """Return what is chosen where single fits are as given, and further ones by their first."""
+    none, asked = made(0.0), []
+
+    def quick(found, base):
+        asked.append(base.labels)
+        found.fits += further.get(base.labels[-1], []) if base.labels else first
+
+    scene = SimpleNamespace(case=SimpleNamespace(), forward=SimpleNamespace(runs=0))
+    monkeypatch.setattr(module, "fit_calibrated", lambda *_: none)
+    monkeypatch.setattr(module, "LIBRARY", {"": SimpleNamespace(untestable=lambda _: "")})
+    monkeypatch.setattr(module, "_fit_without_runs", quick)
+    monkeypatch.setattr(module, "_fit_by_runs", lambda *_: None)
+    monkeypatch.setattr(module, "_refit_around_leaders", lambda _: None)
+    monkeypatch.setattr(module, "screen", lambda _: [])
+    monkeypatch.setattr(module, "screen_again", lambda *_: [])
+    return module.search(scene, 100).chosen.labels, asked
+
+
+@pytest.mark.parametrize(("second", "chosen"), [(17.0, ("b", "d")), (13.0, ("a", "c"))])
+def test_the_second_of_two_that_can_not_be_told_apart_goes_on_too(monkeypatch, second, chosen):
+    first = [made(20.0, "a"), made(second, "b")]
+    further = {"a": [made(30.0, "a", "c")], "b": [made(45.0, "b", "d")]}
+
+    assert searched(monkeypatch, first, further)[0] == chosen
+
+
+def test_what_pays_nothing_alone_goes_nowhere(monkeypatch):
+    first = [made(8.0, "a"), made(5.0, "b")]
+
+    assert searched(monkeypatch, first, {})[1] == [(), ("a",)]
+
+
+def test_leaders_are_few_and_of_other_labels_each():
+    fits = [made(19.0, "b"), made(20.0, "a"), made(18.0, "a"), made(17.0, "c"), made(9.0, "d")]
+    found = Search(None, 0, None, made(0.0), fits)
+
+    assert [one.labels for one in found.leaders()] == [("a",), ("b",)][:BEAM]

@@ -1,0 +1,246 @@
+"""The program pyblast-run: the same bits as the Python run, one sentence for a broken file."""
+
+import shutil
+import subprocess
+from dataclasses import replace
+from importlib import resources
+
+import h5py
+import numpy as np
+import pytest
+
+from pyblast import core
+from pyblast.mesh.builder import Layer, structured_box
+from pyblast.mesh.hexahedra import AbsorbingLayer
+from pyblast.model.anisotropy import jointed
+from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.joint import Joint
+from pyblast.model.material import ConstantQ, Damping, Material, MohrCoulomb
+from pyblast.model.model import InSitu, Model, Receiver
+from pyblast.model.source import PointForce, TimeFunction
+from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.preparation import export, prepare
+from pyblast.solver.run import simulate
+from verification.contact import properties
+from verification.zone import MATERIALS
+
+PROGRAM = resources.files("pyblast") / "bin" / "pyblast-run"
+ROCK = Material.from_speeds(2660.0, 3078.0, 1645.0)
+
+pytestmark = pytest.mark.skipif(
+    not PROGRAM.is_file(), reason="pyblast was built without the program pyblast-run"
+)
+
+
+@pytest.fixture(scope="module")
+def model():
+    edges = np.arange(0.0, 41.0, 4.0)
+    mesh = structured_box(edges, edges[:4], -edges[3::-1], planes={"J": ("x", 20.0)}).split(["J"])
+    time = np.arange(0.0, 0.1, 1e-3)
+    velocity = np.outer(np.sin(np.pi * time / 0.1) ** 2, [0.3, 0.2, 0.1])
+    joint = Joint(
+        "J", "coulomb", {"kn": 1e9, "ks": 5e8, "cohesion": 1e4, "friction": 0.3, "tension": 0.0},
+        insitu_pressure=1e5,
+    )  # fmt: skip
+    return Model(
+        mesh,
+        {"rock": ROCK},
+        joints=[joint],
+        boundaries=[
+            Viscous("west"),
+            Viscous("east"),
+            StressInput("west", Seismogram(velocity, 1e-3)),
+        ],
+        damping=Damping(0.01, 20.0),
+        receivers=[Receiver("A", (35.0, 5.0, -5.0))],
+    )
+
+
+@pytest.fixture(scope="module")
+def exported(model, tmp_path_factory):
+    path = tmp_path_factory.mktemp("standalone") / "model.h5"
+    export(prepare(model, 0.15), path)
+    return path
+
+
+def march(*arguments):
+    return subprocess.run(
+        [PROGRAM, *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def test_the_program_marches_to_the_same_bits_as_python(model, exported, tmp_path):
+    here = simulate(model, 0.15)
+
+    done = march(exported, tmp_path / "result.h5")
+
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "result.h5") as file:
+        motion = file["records/motion"][:, 0]
+        state = {name: file[f"state/{name}"][()] for name in here.state}
+    assert np.array_equal(motion, here.seismograms["A"].velocity)
+    for name, value in here.state.items():
+        assert np.array_equal(state[name], value), name
+    assert here.state["contact_state"][:, 3].max() > 0.0
+
+
+def test_yielding_and_anisotropic_ground_marches_to_the_same_bits(tmp_path):
+    mesh = structured_box(
+        (6, 4, 4), (30.0, 20.0, 20.0), layers=[Layer("weak", 10.0), Layer("schist")]
+    )
+    weak = Material(
+        2500.0, 2e10, 1e10, cohesion=1e6, friction=0.5, tension=5e5, law=MohrCoulomb(0.1)
+    )
+    time = np.arange(0.0, 0.05, 1e-3)
+    push = Seismogram(np.outer(np.sin(np.pi * time / 0.05) ** 2, [1.0, 0.5, 0.2]), 1e-3)
+    model = Model(
+        mesh,
+        {"weak": weak, "schist": jointed(ROCK, (1.0, 0.0, 1.0), 2.0, 5e9, 2e9)},
+        boundaries=[*map(Viscous, ("west", "east", "bottom")), StressInput("west", push)],
+        receivers=[Receiver("A", (25.0, 5.0, 18.0))],
+        insitu=InSitu(9.81, 0.3),
+    )
+    prepared = prepare(model, 0.05)
+    export(prepared, tmp_path / "model.h5")
+    here = simulate(model, 0.05, prepared=prepared)
+
+    done = march(tmp_path / "model.h5", tmp_path / "result.h5")
+
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "result.h5") as file:
+        for name, value in here.state.items():
+            assert np.array_equal(file[f"state/{name}"][()], value), name
+    assert here.state["row_state"][:, 12].max() > 0.0
+
+
+def test_hexahedra_with_a_layer_and_a_joint_march_to_the_same_bits(tmp_path):
+    edge = 20.0
+    lines = [edge * np.arange(-2, 5), edge * np.arange(-2, 5), edge * np.arange(-4, 1)]
+    mesh = structured_box(*lines, order=4, planes={"J": ("x", 20.0)})
+    inner = ((0.0, 40.0), (0.0, 40.0), (-40.0, np.inf))
+    layer = AbsorbingLayer(inner, ((2 * edge, 2 * edge),) * 3)
+    joint = Joint("J", "elastic", {"kn": 2e9, "ks": 1e9})
+    rock = Material.from_speeds(2660.0, 3078.0, 1645.0, law=ConstantQ(40.0, 20.0))
+    pulse = TimeFunction(1e8 * np.hanning(41), 1e-3)
+    model = Model(
+        replace(mesh, layer=layer).split(["J"]),
+        {"rock": rock},
+        joints=[joint],
+        boundaries=[Viscous(side) for side in ("west", "east", "south", "north", "bottom")],
+        sources=[PointForce((10.0, 20.0, -15.0), (1.0, 0.5, -0.3), pulse)],
+        receivers=[Receiver("A", (35.0, 5.0, -5.0))],
+    )
+    here = simulate(model, 0.06)
+    export(prepare(model, 0.06), tmp_path / "model.h5")
+
+    done = march(tmp_path / "model.h5", tmp_path / "result.h5")
+
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "result.h5") as file:
+        assert np.array_equal(file["records/motion"][:, 0], here.seismograms["A"].velocity)
+        for name, value in here.state.items():
+            assert np.array_equal(file[f"state/{name}"][()], value), name
+    assert np.abs(here.seismograms["A"].velocity).max() > 0.0
+
+
+def test_all_laws_of_zones_and_joints_together_march_to_the_same_bits(tmp_path):
+    names = list(MATERIALS)
+    layers = [*(Layer(name, 4.0) for name in names[:-1]), Layer(names[-1])]
+    laws = list(core.JOINT_LAWS)
+    planes = {law: ("x", 8.0 * (n + 1)) for n, law in enumerate(laws)}
+    edges = np.arange(0.0, 8.0 * len(laws) + 9.0, 4.0)
+    grid = edges, [0.0, 4.0], np.arange(-16.0, 1.0, 4.0)
+    mesh = structured_box(*grid, layers=layers, planes=planes)
+    time = np.arange(0.0, 0.05, 1e-3)
+    push = Seismogram(np.outer(np.sin(np.pi * time / 0.025) ** 3, [2.0, 1.0, 0.5]), 1e-3)
+    model = Model(
+        mesh.split(laws),
+        MATERIALS,
+        joints=[Joint(law, law, properties(law), 3e5, (0.0, 1e4, 0.0), 10.0) for law in laws],
+        boundaries=[Viscous("west"), Viscous("east"), StressInput("west", push)],
+        receivers=[Receiver("A", (edges[-1] - 2.0, 2.0, -2.0))],
+    )
+    prepared = prepare(model, 0.1)
+    export(prepared, tmp_path / "model.h5")
+    here = simulate(model, 0.1, prepared=prepared)
+
+    done = march(tmp_path / "model.h5", tmp_path / "result.h5")
+
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "result.h5") as file:
+        assert np.array_equal(file["records/motion"][:, 0], here.seismograms["A"].velocity)
+        for name, value in here.state.items():
+            assert np.array_equal(file[f"state/{name}"][()], value), name
+    moved = here.state["contact_traction"] != prepared.constants["contact_initial"]
+    assert moved.any(axis=1).all()
+    for law in core.JOINT_LAWS.values():
+        mine = prepared.constants["joint_law"][prepared.constants["contact_joint"]] == law.number
+        remembered = here.state["contact_state"][mine][:, : len(law.state)]
+        assert remembered.any() or not law.state, law.name
+    assert here.state["row_state"].any()
+
+
+def cut(file):
+    raw = file.read_bytes()
+    file.write_bytes(raw[: len(raw) // 2])
+
+
+def remove_array(file):
+    with h5py.File(file, "r+") as handle:
+        del handle["arrays/zone_slot"]
+
+
+def lengthen(file):
+    with h5py.File(file, "r+") as handle:
+        del handle["arrays/node_mass"]
+        handle["arrays/node_mass"] = np.ones(7)
+
+
+def point_outside(file):
+    with h5py.File(file, "r+") as handle:
+        handle["arrays/load_node"][0] = 10**6
+
+
+def point_before(file):
+    with h5py.File(file, "r+") as handle:
+        handle["arrays/zone_slot"][0, 0] = 0
+
+
+def change_kind(file):
+    with h5py.File(file, "r+") as handle:
+        del handle["arrays/dt"]
+        handle["arrays/dt"] = "soon"
+
+
+def age(file):
+    with h5py.File(file, "r+") as handle:
+        handle["march/schema"][()] = 0
+
+
+def stop_time(file):
+    with h5py.File(file, "r+") as handle:
+        handle["arrays/dt"][()] = np.nan
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [cut, remove_array, lengthen, point_outside, point_before, change_kind, age, stop_time],
+)
+def test_a_broken_model_file_is_refused_in_one_sentence(damage, exported, tmp_path):
+    broken = tmp_path / "broken.h5"
+    shutil.copy(exported, broken)
+    damage(broken)
+
+    done = march(broken, tmp_path / "result.h5")
+
+    assert done.returncode == 2
+    assert done.stderr.startswith("pyblast-run: ")
+    assert len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "result.h5").exists()
+
+
+def test_wrong_usage_is_told(tmp_path):
+    done = march(tmp_path / "model.h5")
+
+    assert done.returncode == 2
+    assert "usage: pyblast-run MODEL RESULT" in done.stderr

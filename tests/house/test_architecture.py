@@ -1,0 +1,211 @@
+"""The house: imports point one way, one room per tool, no file too long, nothing unsafe."""
+
+import ast
+import re
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PACKAGE = ROOT / "pyblast"
+MODULES = sorted(PACKAGE.rglob("*.py"))
+FORTRAN = sorted((ROOT / "fortran").glob("*.f90"))
+MOST_MODULES = 130
+MOST_IN_A_PACKAGE = 15  # to become 12
+MOST_LINES = 500
+MOST_LINES_OF_A_FUNCTION = 60
+# From the ground up: a package imports only itself and what stands before it.
+PACKAGES = [
+    "errors", "units", "core", "signals", "mesh", "recordings", "model", "blasts", "solver", "runs",
+    "planning", "project", "inference", "back_analysis", "diagnosis", "line_records", "report",
+    "workflows", "cli", "__main__",
+]  # fmt: skip
+ONE_ROOM = {
+    "_core": {"core"},
+    "_core_batch": {"core"},
+    "_core_single": {"core"},
+    "gmsh": {"mesh.gmsh"},
+    "emcee": {"inference.posterior"},
+}
+ORDER = [
+    "kinds",
+    "model_types",
+    "joint_coulomb",
+    "joint_closure",
+    "joint_fill",
+    "joint_laws",
+    "elasticity",
+    "principal_stresses",
+    "mohr_coulomb",
+    "zone_laws",
+    "tet4",
+    "tet4_batch",
+    "tet4_general",
+    "tet4_plastic",
+    "tet15",
+    "hex_kernels",
+    "hex_forces",
+    "absorbing_layer",
+    "edge_springs",
+    "internal_forces",
+    "contacts",
+    "boundaries",
+    "time_stepping",
+    "energy_balance",
+    "solver",
+    "border",
+    "hdf5_arrays",
+    "model_file",
+    "model_checks",
+    "pyblast_run",
+]
+
+
+def dotted(path):
+    """Return the name of a module within the package, such as ``solving.model``."""
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+TREES = {dotted(path): ast.parse(path.read_text()) for path in MODULES}
+EACH = pytest.mark.parametrize("name", [name for name in TREES if name])
+
+
+def imported(name):
+    """Return the modules of the package and the foreign packages that a module imports."""
+    own, foreign = set(), set()
+    package = name.split(".")[:-1]
+    for node in ast.walk(TREES[name]):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = package[: len(package) - node.level + 1] + ([node.module] if node.module else [])
+            named = {".".join([*base, alias.name]) for alias in node.names}
+            own |= (named & set(TREES)) or {".".join(base)}
+            foreign |= {alias.name for alias in node.names if alias.name.startswith("_core")}
+        elif isinstance(node, ast.ImportFrom):
+            foreign.add(node.module.split(".")[0])
+        elif isinstance(node, ast.Import):
+            foreign |= {alias.name.split(".")[0] for alias in node.names}
+    return own, foreign
+
+
+def test_imports_run_in_no_circle():
+    graph = {name: (imported(name)[0] & set(TREES)) - {""} for name in TREES}  # "": the front door
+
+    assert list(TopologicalSorter(graph).static_order())
+
+
+@EACH
+def test_a_package_imports_only_what_stands_before_it(name):
+    package = name.split(".")[0]
+
+    below = PACKAGES[: PACKAGES.index(package) + 1]
+    assert {module.split(".")[0] for module in imported(name)[0]} - {""} <= {*below}
+
+
+@EACH
+def test_no_module_of_the_package_imports_from_its_front_door(name):
+    own, foreign = imported(name)
+
+    assert "" not in own or name == "core"  # the compiled cores lie beside the front door
+    assert "pyblast" not in foreign
+
+
+def test_only_the_report_draws():
+    importers = {name for name in TREES if "matplotlib" in imported(name)[1]}
+
+    assert {name.split(".")[0] for name in importers} == {"report"}
+
+
+def test_the_house_has_at_most_as_many_modules_as_one_can_know():
+    assert len([path for path in MODULES if path.stem != "__init__"]) <= MOST_MODULES
+
+
+def test_a_package_has_at_most_as_many_modules_as_one_can_know():
+    packages = [path.parent for path in MODULES if path.stem != "__init__"]
+
+    assert max(packages.count(package) for package in packages) <= MOST_IN_A_PACKAGE
+
+
+@pytest.mark.parametrize("tool", ONE_ROOM)
+def test_a_tool_is_imported_in_one_room_only(tool):
+    importers = {name for name in TREES if tool in set.union(*imported(name))}
+
+    assert importers == ONE_ROOM[tool]
+
+
+@pytest.mark.parametrize("path", [*MODULES, *FORTRAN], ids=lambda path: path.name)
+def test_no_file_is_longer_than_five_hundred_lines(path):
+    assert len(path.read_text().splitlines()) <= MOST_LINES
+
+
+@pytest.mark.parametrize("path", [p for p in FORTRAN if p.stem != "border"], ids=lambda p: p.name)
+def test_flat_argument_lists_end_at_the_border(path):
+    statements = re.sub(r"&\s*\n\s*", "", path.read_text())
+    for name, dummies in re.findall(r"(?:subroutine|function) (\w+)\(([^)]*)\)", statements):
+        assert dummies.count(",") < 15, name
+
+
+@EACH
+def test_no_function_is_longer_than_sixty_lines_beside_its_docstring(name):
+    for node in ast.walk(TREES[name]):
+        if isinstance(node, ast.FunctionDef):
+            documented = ast.get_docstring(node) is not None
+            first = node.body[1] if documented and len(node.body) > 1 else node.body[0]
+            assert node.end_lineno - first.lineno < MOST_LINES_OF_A_FUNCTION, f"{name}.{node.name}"
+
+
+@EACH
+def test_no_module_is_a_drawer_for_odds_and_ends(name):
+    drawers = {"utils", "util", "common", "base", "helpers", "misc", "tools"}
+    assert name.split(".")[-1] not in drawers
+
+
+@EACH
+def test_a_module_says_in_its_docstring_what_it_owns(name):
+    assert ast.get_docstring(TREES[name])
+
+
+@EACH
+def test_nothing_unsafe_is_called(name):
+    for node in ast.walk(TREES[name]):
+        if isinstance(node, ast.Call):
+            called = ast.unparse(node.func)
+            assert called not in {"eval", "exec", "compile", "__import__", "os.system"}
+            assert not called.startswith(("pickle.", "marshal.", "shelve.", "yaml.load"))
+            shell = [k.value for k in node.keywords if k.arg == "shell"]
+            assert not any(getattr(value, "value", True) for value in shell)
+            unsafe = [k.value for k in node.keywords if k.arg == "allow_pickle"]
+            assert not any(getattr(value, "value", True) for value in unsafe)
+
+
+@EACH
+def test_nothing_that_loads_code_is_imported(name):
+    assert not imported(name)[1] & {"pickle", "marshal", "shelve", "yaml", "dill"}
+
+
+@EACH
+def test_no_except_is_bare(name):
+    handlers = [n for n in ast.walk(TREES[name]) if isinstance(n, ast.ExceptHandler)]
+
+    assert all(handler.type is not None for handler in handlers)
+
+
+@pytest.mark.parametrize("path", FORTRAN, ids=lambda path: path.stem)
+def test_fortran_uses_only_modules_from_above(path):
+    lines = [line.strip() for line in path.read_text().splitlines()]
+    used = {line.split()[1].rstrip(",") for line in lines if line.startswith("use pyblast_")}
+
+    above = {f"pyblast_{name}" for name in ["batch", *ORDER[: ORDER.index(path.stem)]]}
+    assert used <= above
+
+
+PROGRAM = {"hdf5_arrays", "model_file", "model_checks", "pyblast_run"}
+KERNELS = [path for path in FORTRAN if path.stem not in PROGRAM]
+
+
+@pytest.mark.parametrize("path", KERNELS, ids=lambda path: path.stem)
+def test_kernels_print_stop_and_keep_nothing(path):
+    forbidden = re.compile(r"^(print\b|(write|open|read) *\(|(error )?stop\b|save\b)|, *save\b")
+    for line in path.read_text().lower().splitlines():
+        assert not forbidden.search(line.split("!")[0].strip())

@@ -1,0 +1,39 @@
+"""docs/reference/hypotheses.md holds the library as it is, and its example can be used."""
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from docs.hypotheses_page import written
+from pyblast.diagnosis.hypotheses import LIBRARY
+
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "hypotheses.md"
+
+
+def test_the_table_is_that_of_the_library():
+    text = PAGE.read_text(encoding="utf-8")
+
+    assert written(text) == text, f"run: python -m {written.__module__} {PAGE}"
+
+
+def test_all_say_what_would_settle_them():
+    assert all(one.decided_by for one in LIBRARY.values())
+
+
+def test_the_example_enters_the_library_and_does_what_it_claims():
+    (example,) = re.findall(r"^```python\n(.*?)^```", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    try:
+        exec(example, {})
+        entry = LIBRARY["crosstalk"]
+    finally:
+        LIBRARY.pop("crosstalk", None)
+    scene = SimpleNamespace(case=SimpleNamespace(receivers=("R1", "R2")))
+    motion = np.arange(24.0).reshape(1, 2, 3, 4)
+    changed = entry.apply(scene, motion, "R2", 0.5)
+
+    assert len(example.splitlines()) <= 30
+    assert entry.claim == "The vertical of this receiver leaks into its horizontals."
+    np.testing.assert_array_equal(changed[0, 1, 0], motion[0, 1, 0] + 0.5 * motion[0, 1, 2])
+    np.testing.assert_array_equal(changed[:, 0], motion[:, 0])

@@ -1,0 +1,156 @@
+"""Records without a model: each law on made records, named where it is and not where it isn't."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from line_shots import DT, FREQUENCY, N, ground, shot, tampered
+
+from examples.real.blast_cause import blast_cause
+from examples.real.closure_law import closure_law, hyperbola
+from pyblast.errors import InputError
+from pyblast.line_records.quality import dead_and_clipped, masked, odd_channels, sensor_response
+from pyblast.line_records.shots import shifted
+from pyblast.line_records.waves import air_wave, rayleigh_speeds, soft_layer
+
+
+def test_a_line_of_good_receivers_has_no_odd_one():
+    assert odd_channels(ground(), (10.0, 60.0))[0].outcome == "NULL"
+
+
+@pytest.mark.parametrize(
+    ("label", "change", "knob", "value"),
+    [
+        ("polarity", {"flip": True}, "factor", -1.0),
+        ("clock_error", {"late": 6e-3}, "shift", 6e-3),
+        ("wrong_coordinates", {"moved": 0.8}, "move", 0.8),
+    ],
+)
+def test_an_odd_receiver_is_named_with_its_size(label, change, knob, value):
+    said = odd_channels(tampered(ground(), **change), (10.0, 60.0))
+
+    assert [(v.outcome, v.label, v.target) for v in said] == [("NAMED", label, (9,))]
+    assert said[0].parameters[knob][0] == pytest.approx(value, rel=0.1)
+    assert said[0].held_out[1] > said[0].held_out[0]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_receiver_of_noise_carries_no_signal_and_has_no_polarity(seed):
+    rng = np.random.default_rng(seed)
+    shots = ground()
+    for each in shots:
+        each.motion[9] = each.motion.std() * rng.normal(size=N)
+
+    said = odd_channels(shots, (10.0, 60.0))
+
+    assert [(v.outcome, v.label, v.target) for v in said] == [("NAMED", "no_signal", (9,))]
+
+
+def test_from_one_end_clock_and_place_are_one_class():
+    said = odd_channels(tampered(ground()[::2] * 2, late=6e-3), (10.0, 60.0))
+
+    assert (said[0].outcome, said[0].label) == ("CLASS", "clock_error | wrong_coordinates")
+
+
+@pytest.mark.parametrize(("speed", "outcome"), [(343.0, "NAMED"), (180.0, "NULL"), (450.0, "NULL")])
+def test_only_a_wave_of_the_speed_of_air_is_an_air_wave(speed, outcome):
+    made = [replace(shot(s, speed, (150.0, 350.0), n), start=-0.05) for n, s in enumerate([-6, 50])]
+
+    said = air_wave(made, (120.0, 400.0))
+
+    assert said.outcome == outcome
+    assert said.parameters["speed"][0] == pytest.approx(speed, rel=0.01)
+
+
+def test_noise_holds_no_air_wave():
+    made = [replace(one, motion=np.random.default_rng(4).normal(size=(24, N))) for one in ground(1)]
+
+    assert air_wave(made, (120.0, 400.0)).outcome == "NULL"
+
+
+def test_rayleigh_speed_of_a_half_space_is_that_of_the_closed_form():
+    found = rayleigh_speeds([10.0, 40.0], [3.0], [100.0, 100.0], poisson=0.25)
+
+    assert found == pytest.approx(91.94, rel=2e-3)
+
+
+def test_a_soft_layer_is_named_and_a_half_space_is_not():
+    frequency = np.geomspace(5.0, 80.0, 30)
+    slow = np.interp(FREQUENCY, frequency, rayleigh_speeds(frequency, [3.0], [150.0, 280.0]))
+    for speeds, outcome in ((slow, "NAMED"), (190.0, "NULL")):
+        left, right = ([shot(s, speeds, (10.0, 60.0), n) for n in range(3)] for s in (-5.0, 51.0))
+
+        said = soft_layer(left, right, (10.0, 50.0))
+
+        assert said.outcome == outcome
+        if outcome == "NAMED":
+            assert said.parameters["vs_layer"][0] == pytest.approx(150.0, rel=0.1)
+
+
+def test_a_resonant_sensor_is_named_only_beside_one_known_to_be_flat():
+    rng = np.random.default_rng(2)
+    flat = rng.normal(size=(2, 8000)) + 0.0
+    f = np.fft.rfftfreq(8000, 1e-4)
+    reply = 1.0 / np.abs(1.0 - (f / 800.0) ** 2 + 0.3j * f / 800.0)
+    bent = np.fft.irfft(np.fft.rfft(flat) * reply, 8000)
+    band, names = (200.0, 3000.0), ("a", "b")
+
+    known = sensor_response(bent, flat, 1e-4, band, names=names, reference="b")
+    unknown = sensor_response(bent, flat, 1e-4, band, names=names)
+    nothing = sensor_response(2.0 * flat, flat, 1e-4, band, names=names, reference="b")
+
+    assert (known.outcome, known.target) == ("NAMED", ("a",))
+    assert unknown.outcome == "CLASS"
+    assert nothing.outcome == "NULL"
+
+
+def test_a_hyperbola_of_closure_is_named_with_its_stiffness_and_a_line_is_not():
+    closure = np.linspace(0.0, 1e-4, 13)
+    rng = np.random.default_rng(0)
+    bent = [hyperbola((2e10, 1.6e-4, 2e5), closure) * (1 + 0.01 * rng.normal(size=13))
+            for _ in range(2)]  # fmt: skip
+    straight = [6e10 * closure + 2e4 * rng.normal(size=13) for _ in range(2)]
+
+    said = closure_law([closure] * 2, bent)
+
+    assert said.outcome == "NAMED"
+    assert said.parameters["kni"][1] < 2e10 < said.parameters["kni"][2]
+    assert closure_law([closure] * 2, straight).outcome == "NULL"
+
+
+def test_firing_times_charges_and_nothing_are_told_apart():
+    rng = np.random.default_rng(1)
+    pulse = np.exp(-np.arange(200) * 0.02) * np.sin(0.2 * np.arange(200))
+    greens = np.stack([[np.convolve(rng.normal(size=40), pulse) for _ in range(6)]
+                       for _ in range(4)])  # fmt: skip
+    nominal = np.array([0.0, 0.04, 0.08, 0.12])
+
+    def blast(times, scales):
+        made = sum(a * shifted(np.pad(g, ((0, 0), (0, 200))), np.full(6, t), DT)
+                   for g, t, a in zip(greens, times, scales, strict=True))  # fmt: skip
+        return made + 0.02 * made.std() * rng.normal(size=made.shape)
+
+    late = nominal + np.array([0.002, -0.003, 0.004, -0.001])
+    ask = [(late, np.ones(4)), (nominal, np.array([1.0, 0.5, 1.3, 0.0])), (nominal, np.ones(4))]
+    said = [blast_cause(greens, blast(*one), DT, nominal, sigma=3e-3) for one in ask]
+
+    assert [v.outcome for v in said] == ["NAMED", "NAMED", "NULL"]
+    assert [v.label for v in said[:2]] == ["delay_scatter", "misfire_or_charge_error"]
+    assert said[0].parameters["time_2"][0] == pytest.approx(late[2], abs=2e-4)
+
+
+def test_clipped_samples_and_dead_channels_are_masked():
+    data = np.random.default_rng(3).normal(size=(4, 400)).cumsum(axis=1)
+    data[1] = np.clip(data[1], -0.5 * np.abs(data[1]).max(), 0.5 * np.abs(data[1]).max())
+    data[2] = 0.0
+
+    clipped, dead = dead_and_clipped(data)
+
+    assert dead.target == (2,)
+    assert {c for c, _ in clipped.target} == {1}
+    assert np.isnan(masked(data)).sum() == 400 + len(clipped.target)
+
+
+def test_too_few_shots_are_refused():
+    with pytest.raises(InputError, match="at least 4 shots"):
+        odd_channels(ground(1), (10.0, 60.0))

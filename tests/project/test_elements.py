@@ -1,0 +1,101 @@
+"""The program chooses the elements: hexahedra where the ground allows it, and says why not."""
+
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from small_site import TABLES
+
+from pyblast.errors import InputError
+from pyblast.project.config import check_config
+from pyblast.project.elements import NODES_FOR_ONE_PER_CENT, nodes_per_wavelength
+from pyblast.project.project import make_project
+
+TIMES = np.arange(0.0, 0.2, 1e-3)
+POSITION = [30.0, 40.0, -10.0]
+
+
+@pytest.fixture
+def project(tmp_path):
+    """Return a function that makes a project with a force and changed tables."""
+    pulse = np.sin(np.pi * TIMES / 0.2) ** 2
+    lines = [f"{t:.4f},{force:.6g}" for t, force in zip(TIMES, 1e6 * pulse, strict=True)]
+    (tmp_path / "hammer.csv").write_text("\n".join(["time_s,force_n", *lines]) + "\n")
+
+    def made(mesh=None, **tables):
+        table = deepcopy(TABLES)
+        for name in ("blast", "holes_inside", "diagnosis"):
+            del table[name]
+        table["point_forces"] = [
+            {"position_m": POSITION, "direction": [0.0, 0.0, 1.0], "file": "hammer.csv"}
+        ]
+        table["receivers"] = [{"name": "R1", "position_m": [90.0, 50.0]}]
+        given = {**table["mesh"], **(mesh or {})}
+        table["mesh"] = {key: value for key, value in given.items() if value is not None}
+        return make_project(check_config(table | tables), tmp_path / "project.toml")
+
+    return made
+
+
+def dipping(dip, towards, name="J1"):
+    return {"name": name, "joint": "J1", "dip_deg": dip, "dip_direction_deg": towards,
+            "through_m": [60.0, 45.0, 0.0]}  # fmt: skip
+
+
+def test_a_box_with_a_fault_becomes_hexahedra_with_an_absorbing_layer(project):
+    one = project()
+
+    assert one.ground.reason.startswith("hexahedra of order 5")
+    assert one.mesh.hexahedral
+    assert one.mesh.layer is not None
+    assert one.model.joints[0].surface == "J1"
+
+
+@pytest.mark.parametrize(
+    ("mesh", "why"),
+    [
+        ({"faults": [dipping(60, 90), dipping(60, 140, "J2")]}, "dip in different ways"),
+        ({"kind": "tetrahedra"}, "as mesh.kind asks for"),
+        ({"grid_cells": [6, 4, 3], "edge_m": None}, "divides the box into tetrahedra"),
+    ],
+)
+def test_what_stands_in_the_way_of_hexahedra_is_said(project, mesh, why):
+    joints = {"J1": TABLES["joints"]["J1"]}
+
+    one = project(mesh, joints=joints)
+
+    assert not one.mesh.hexahedral
+    assert why in one.ground.reason
+
+
+def test_hexahedra_that_can_not_be_are_refused_in_one_sentence(project):
+    one = project({"kind": "hexahedra", "faults": [dipping(60, 90), dipping(60, 140, "J2")]})
+
+    with pytest.raises(InputError, match=r"mesh\.kind: 'hexahedra' need .* dip in different ways"):
+        _ = one.mesh
+
+
+def test_edges_follow_from_the_band_where_they_are_left_out(project):
+    free = {"edge_m": None, "frequency_hz": 25.0}
+    coarse, fine = (project({**free, "accuracy": wanted}) for wanted in (0.05, 0.0005))
+    band = project({"edge_m": None})  # the band in which records are compared
+
+    assert len(fine.mesh.zones) >= len(coarse.mesh.zones)
+    assert fine.ground.reason != coarse.ground.reason
+    assert band.mesh.hexahedral
+
+
+def test_a_smaller_error_wants_more_nodes_and_a_longer_path_too():
+    for order, nodes in NODES_FOR_ONE_PER_CENT.items():
+        assert nodes_per_wavelength(order, 0.01, 1.0) == nodes
+        assert nodes_per_wavelength(order, 0.001, 3.0) > nodes
+        assert nodes_per_wavelength(order, 0.01, 30.0) > nodes
+
+
+def test_a_source_in_the_absorbing_layer_is_refused(project):
+    outside = {"position_m": [-5.0, 40.0, -10.0], "direction": [0.0, 0.0, 1.0],
+               "file": "hammer.csv"}  # fmt: skip
+    one = project(point_forces=[outside])
+
+    with pytest.raises(InputError, match="lies in the absorbing layer"):
+        _ = one.model

@@ -1,0 +1,248 @@
+"""The page of a diagnosis, for each kind of outcome, on records of a small site."""
+
+import re
+from dataclasses import dataclass, replace
+from functools import cache
+from html import unescape
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from small_site import recorded, scene_of, small_site
+
+import pyblast.diagnosis.library  # noqa: F401  fills the library
+from pyblast.diagnosis.cross_validation import held_out_prediction
+from pyblast.diagnosis.decision import Decision, decide
+from pyblast.diagnosis.effects import Effect
+from pyblast.diagnosis.fitting import fit
+from pyblast.diagnosis.null_distribution import NullDistribution
+from pyblast.diagnosis.search import Search
+from pyblast.diagnosis.summary import summarise, summary_lines
+from pyblast.diagnosis.thresholds import DECISIVE, REMAINS
+from pyblast.report.diagnosis import claims, lead, render_diagnosis, usual
+
+SLOW = Effect("clock_error", "R2", ((0.0,),))
+DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
+NULL = NullDistribution(np.linspace([-4.0, -4.0], 9.0, 200, axis=1), {})
+NOTES = {
+    "case": "pit <3>", "runs": 11, "wall_s": 2.5, "kept_runs": 0, "kept_s": 0.0, "seed": 1,
+    "budget": 400, "finished": True, "provenance": {"pyblast": "0"},
+}  # fmt: skip
+
+
+@dataclass
+class Made:
+    """What the report needs of a diagnosis."""
+
+    scene: object
+    search: Search
+    decision: Decision
+
+
+def late(motion):
+    """Let the clock of one receiver be 16 ms, four samples, slow."""
+    motion = motion.copy()
+    motion[:, 2] = np.roll(motion[:, 2], 4, axis=-1)
+    return motion
+
+
+@cache
+def scene():
+    """Return the small site with one slow clock, as if it were calibrated: two runs for all."""
+    return scene_of(recorded(small_site(), change=late))
+
+
+@cache
+def made(outcome):
+    """Return a diagnosis with an outcome, and its summary."""
+    here = scene()
+    none = fit(here, ())
+    fits = [fit(here, (one,)) for one in (SLOW, DELAYS)]
+    found = Search(here, 400, lambda *_: None, none, fits, [], fits[0])
+    decision = decide(found, NULL)
+    if outcome == "CLASS":
+        rivals = ("delay_scatter", "clock_error")
+        decision = replace(decision, outcome=outcome, fit=fits[1], rivals=rivals)
+    if outcome == "UNKNOWN":
+        decision = replace(decision, outcome=outcome, fit=none, rivals=())
+    if outcome == "NULL":
+        found = Search(here, 400, lambda *_: None, none, [], [], none)
+        decision = Decision(outcome, none, (), {"none": 1.0}, 0.0, None)
+    shuffled = None if outcome == "NULL" else NULL
+    return Made(here, found, decision), summarise(found, shuffled, decision) | NOTES
+
+
+@cache
+def page(outcome):
+    """Return the page of an outcome."""
+    return render_diagnosis(*made(outcome))
+
+
+def text(outcome):
+    """Return the words of the page, without its style and tags."""
+    html = re.sub(r"(?s)<style>.*?</style>", "", page(outcome))
+    return " ".join(unescape(re.sub(r"(?s)<[^>]*>", " ", html)).split())
+
+
+def figures(outcome):
+    """Return the titles of the figures of the page."""
+    return re.findall(r'<img alt="([^"]*)" src="data:image/png;base64,', page(outcome))
+
+
+def test_a_slow_clock_is_named_with_its_place_and_time():
+    found, summary = made("NAMED")
+
+    assert found.decision.outcome == "NAMED"
+    assert lead(found, summary).startswith("The clock of receiver R2 was wrong")
+    assert re.search(r"clock_error receiver R2 shift 1[5-7]", text("NAMED"))
+
+
+def test_the_page_draws_maps_ranking_and_records_that_were_left_out():
+    titles = figures("NAMED")
+
+    assert titles == [
+        "In plan and section",
+        "In time and frequency",
+        "Evidence",
+        "Blast B1 held out",
+    ]
+
+
+def test_effects_with_a_value_for_each_hole_are_drawn_hole_by_hole():
+    assert "delay_scatter: delays of blast B1" in figures("CLASS")
+
+
+def test_a_class_names_its_members_as_not_told_apart():
+    words = text("CLASS")
+
+    assert "These records cannot distinguish this from clock_error." in words
+    assert "These records cannot distinguish" in words
+
+
+def test_an_unknown_is_located_and_no_effect_is_listed():
+    words = text("UNKNOWN")
+
+    assert re.search(r"Something is missing, seen at R2 at [\d.]+ to [\d.]+ Hz", words)
+    assert "No effect was found." in words
+    assert "Receiver R2" in figures("UNKNOWN")
+
+
+def test_where_no_effect_pays_the_next_receivers_belong_where_most_is_missing():
+    found, _ = made("UNKNOWN")
+    poor = replace(found.search, fits=found.search.fits[1:])
+    decision = replace(found.decision, rivals=())
+
+    assert poor.delta_ln_evidence(poor.fits[0]) < DECISIVE
+    words = summarise(poor, NULL, decision)["next_measurement"]
+    assert words == "more receivers around R2, and a shot from another side"
+
+
+def test_a_null_says_that_nothing_is_missing_and_ranks_nothing():
+    words = text("NULL")
+
+    assert "Nothing is missing that these records could show" in words
+    assert "No effect was tried" in words
+    assert "Evidence" not in figures("NULL")
+
+
+def test_two_effects_are_told_one_after_the_other():
+    found, summary = made("NAMED")
+    both = replace(found.decision.fit, effects=(SLOW, DELAYS))
+    found = replace(found, decision=replace(found.decision, fit=both))
+
+    told = lead(found, summary | {"outcome": "COMPOSITE"})
+
+    assert told.startswith("Two effects act together. The clock of receiver R2")
+    assert "The holes of blast B1 did not fire at their planned times" in told
+
+
+def test_a_joint_that_was_moved_is_told_where_it_is():
+    moved = Effect("missing_joint", "x=50.0", ((-2.5,), (1e9,), (4e8,)))
+
+    ((label, claim),) = claims(SimpleNamespace(effects=(moved,)))
+
+    assert label == "missing_joint"
+    assert claim.endswith("crosses it at plane x=47.5")
+
+
+def test_what_is_left_beside_an_effect_is_said_with_its_place():
+    found, summary = made("NAMED")
+    left = replace(
+        found.decision.fit, chi_square=np.full_like(found.decision.fit.chi_square, REMAINS)
+    )
+    found = replace(found, decision=replace(found.decision, fit=left, explained_share=0.5))
+    point = {"x": 71.2, "y": 40.0, "coherence": 0.9, "resolution_m": 24.0}
+    partial = summary | {
+        "outcome": "PARTIAL",
+        "remainder": summary["located"] | {"points": [point]},
+    }
+
+    said = lead(found, partial)
+    assert "But something else is missing near east 71 m, north 40 m (within 12 m), seen at" in said
+
+
+@pytest.mark.parametrize(("outcome", "shown"), [("NAMED", 0), ("UNKNOWN", 1), ("NULL", 0)])
+def test_the_terminal_says_of_what_the_evidence_is_where_no_effect_is_told(outcome, shown):
+    told = "\n".join(summary_lines({"finished": True, **made(outcome)[1]}))
+
+    assert told.startswith(f"outcome: {outcome}")
+    assert told.count("best candidate, not accepted: clock_error") == shown
+
+
+def test_what_no_record_was_left_out_for_is_not_said_to_foretell():
+    found, summary = made("NAMED")
+    untested = {**summary["held_out"], "subsets": []}
+
+    told = lead(found, summary | {"outcome": "PARTIAL", "held_out": untested})
+
+    assert "no record can be held out" in told
+    assert "predicts" not in told
+
+
+def test_names_that_users_give_are_escaped():
+    assert "pit &lt;3&gt;" in page("NULL")
+    assert "pit <3>" not in page("NULL")
+
+
+@pytest.mark.parametrize(
+    ("value", "low", "high", "unit", "shown"),
+    [
+        (3e-3, 1e-3, 5e-3, "s", (3.0, 1.0, 5.0, "ms")),
+        (3e5, 2e5, 4e5, "Pa", (0.3, 0.2, 0.4, "MPa")),
+        (3e4, 2e4, 4e4, "Pa", (30.0, 20.0, 40.0, "kPa")),
+        (np.pi / 2, 0.0, np.pi, "rad", (90.0, 0.0, 180.0, "°")),
+        (-2.0, -3.0, -1.0, "m", (-2.0, -3.0, -1.0, "m")),
+        (0.5, 0.4, 0.6, "", (0.5, 0.4, 0.6, "")),
+    ],
+)
+def test_values_are_told_in_the_units_that_people_use(value, low, high, unit, shown):
+    told = usual({"value": value, "low": low, "high": high, "unit": unit})
+
+    assert [told[key] for key in ("value", "low", "high")] == pytest.approx(shown[:3])
+    assert told["unit"] == shown[3]
+
+
+def test_what_is_foretold_without_leaving_out_is_the_fit_itself():
+    here, found = scene(), made("NAMED")[0].decision.fit
+    nothing = np.zeros(found.chi_square.shape, dtype=bool)
+    band = here.case.band
+
+    motion = held_out_prediction(here, found, nothing)
+
+    whole = band.restore(band.project(found.motion))
+    assert np.max(np.abs(motion - whole)) < 0.01 * np.max(np.abs(whole))  # its last step
+
+
+def test_what_is_left_out_is_foretold_as_well_as_its_fold_says():
+    here, decision = scene(), made("NAMED")[0].decision
+    likelihood, case = here.baseline.likelihood, here.case
+    fold = next(one for one in decision.cross_validation.subsets if one.name == "B1")
+    out = np.zeros(decision.fit.chi_square.shape, dtype=bool)
+    out[case.blasts.index("B1")] = True
+
+    left = likelihood.residual(held_out_prediction(here, decision.fit, out))[out]
+    heard = likelihood.whiten(np.where(case.valid, case.motion, 0.0))[out]
+
+    assert 1.0 - np.sum(left**2) / np.sum(heard**2) == pytest.approx(
+        fold.variance_reduction_after, abs=1e-6
+    )

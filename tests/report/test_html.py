@@ -1,0 +1,155 @@
+import base64
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from small_project import written
+
+from pyblast import Seismogram
+from pyblast.project.result import read_result, write_csv
+from pyblast.report.figures import limits_figure, peaks_of, section_of_surface, section_of_zones
+from pyblast.report.run import angle, number, render, scaled
+from pyblast.signals.comparison import load_limits
+from pyblast.workflows import run
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    project = run.load_project(
+        written(folder, ('"Small column"', '"Ore <script>alert(1)</script> & soil"'))
+    )
+    write_csv(folder / "R1.csv", project.input.motion.rotated(np.pi / 2.0))
+    path = written(
+        folder,
+        ('"Small column"', '"Ore <script>alert(1)</script> & soil"'),
+        ('name = "R1"', 'name = "R1<b>"\nrecorded = { file = "R1.csv" }'),
+    )
+    outcome = run.run(path)
+    return render(read_result(outcome.folder / "result.h5"))
+
+
+class Tags(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.tags, self.links = [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.links += [value for name, value in attrs if name in ("src", "href")]
+
+
+def test_the_page_needs_no_network(page):
+    parser = Tags()
+    parser.feed(page)
+
+    assert all(link.startswith("data:image/png;base64,") for link in parser.links)
+    assert "script" not in parser.tags
+    assert "link" not in parser.tags
+
+
+def test_names_that_users_give_are_escaped(page):
+    assert "<script>" not in page
+    assert "Ore &lt;script&gt;alert(1)&lt;/script&gt; &amp; soil" in page
+    assert "R1&lt;b&gt;" in page
+
+
+def test_the_page_warns_of_failing_checks_and_short_records_before_the_peaks(page):
+    first = page.index("<table>")
+
+    assert "before you use these peaks" in page[:first]
+    assert "fewer than two cycles fit into the record" in page
+    assert "1.12 % at 4 Hz (Rayleigh)" in page
+    assert "enters through &#39;west&#39; at the arrows" in page
+
+
+def test_the_figures_of_the_paper_are_there(page):
+    for figure in ("figure 5", "figure 3", "figure 4", "figures 7 to 9"):
+        assert f"(as {figure} of the paper)" in page
+    images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
+    assert len(images) == 7
+    assert all(base64.b64decode(image)[:8] == b"\x89PNG\r\n\x1a\n" for image in images)
+
+
+def test_limit_curves_are_drawn_with_all_peaks_when_they_are_asked_for(tmp_path, page):
+    curves = 'duration_s = 0.1\nlimit_curves = ["din_4150_dwelling", "as_2187_occupied"]'
+    outcome = run.run(written(tmp_path, ("duration_s = 0.1", curves)))
+
+    drawn = render(outcome.result)
+
+    assert "Limit curves" not in page
+    assert "no assessment" in drawn
+    assert "AS 2187" in drawn
+    assert drawn.count("data:image/png") == page.count("data:image/png") + 1
+
+
+def test_peaks_of_a_decaying_sine_lie_at_its_frequency_the_sum_at_that_of_the_largest():
+    time = np.arange(0.0, 2.0, 0.001)
+    waves = [np.exp(-time) * np.sin(2.0 * np.pi * hz * time) for hz in (4.0, 10.0)]
+    motion = Seismogram(np.column_stack([0.01 * waves[0], 0.002 * waves[1], 0.0 * time]), 0.001)
+
+    (_, *first), (_, *second), (name, *total) = peaks_of(motion, summed=True)
+
+    np.testing.assert_allclose(first, [motion.ppv[0], 4.0], rtol=0.01)
+    np.testing.assert_allclose(second, [motion.ppv[1], 10.0], rtol=0.01)
+    assert (name, total) == ("vector sum", [motion.pvs, first[1]])
+    assert len(peaks_of(motion, summed=False)) == 2
+
+
+def test_peaks_without_a_frequency_are_told():
+    step = Seismogram(np.outer(np.linspace(0.0, 1.0, 50), [0.01, 0.0, 0.0]), 0.001)
+
+    _, left_out = limits_figure({"simulated": {"R1": step}}, [load_limits()["usbm_plaster"]])
+
+    assert left_out == ["R1 E (simulated)"]
+
+
+def test_recorded_and_simulated_stand_side_by_side(page):
+    assert "recorded against simulated" in page
+    assert "Mean deviation of PPV and dominant frequency" in page
+
+
+def test_assumptions_are_marked_where_they_matter(page):
+    assert page.count("assumed: signature.cavity") >= 3
+    assert "assumed: cohesion_kpa" in page
+
+
+def test_defects_and_provenance_are_there(page):
+    assert "does not carry the input" in page
+    assert "input_sha256" in page
+    assert "project.toml (SHA-256)" in page
+
+
+def test_every_table_row_has_the_cells_of_its_head(page):
+    for table in re.findall(r"<table>.*?</table>", page, re.DOTALL):
+        rows = [len(re.findall(r"<t[hd]", row)) for row in re.findall(r"<tr>.*?</tr>", table, re.S)]
+        assert len(set(rows)) == 1
+
+
+def test_numbers_are_shown_with_a_dash_where_there_is_none():
+    assert (number(None), number(float("nan")), number(0.12345)) == ("–", "–", "0.123")
+    assert scaled(0.00254, 1e3) == "2.54"
+    assert angle(1.0) == "45"
+
+
+def test_a_section_has_the_area_of_the_model():
+    points = np.array([[x, y, z] for x in (0.0, 2.0) for y in (0.0, 2.0) for z in (0.0, 3.0)])
+    zones = np.array([[0, 4, 2, 1], [6, 2, 4, 7], [3, 1, 2, 7], [5, 1, 7, 4], [1, 2, 4, 7]])
+
+    polygons, zone = section_of_zones(points, zones, 1.0)
+
+    x, y = (np.array([np.pad(p[:, k], (0, 4 - len(p)), "edge") for p in polygons]) for k in (0, 1))
+    area = 0.5 * np.abs((x * np.roll(y, -1, 1) - y * np.roll(x, -1, 1)).sum(axis=1)).sum()
+    assert area == pytest.approx(6.0, rel=1e-4)
+    assert len(zone) == 5
+
+
+def test_a_section_cuts_a_joint_in_its_trace():
+    points = np.array([[1.0, 0.0, 0.0], [1.0, 4.0, 0.0], [1.0, 0.0, 4.0]])
+
+    segments = section_of_surface(points, np.array([[0, 1, 2]]), 1.0)
+
+    assert np.sort(segments[0], axis=0) == pytest.approx(
+        np.array([[1.0, 0.0], [1.0, 3.0]]), abs=1e-3
+    )

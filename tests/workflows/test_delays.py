@@ -1,0 +1,155 @@
+"""Best delays from a project file: closed answers, the run they stand for, and mistakes."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from command_line import call
+from small_project import INSIDE, written
+
+from pyblast import Seismogram, load_project
+from pyblast.back_analysis.parameters import simulate
+from pyblast.project.result import write_csv
+from pyblast.signals.seismogram import BLAST_AXES
+from pyblast.workflows.delays import house_limits, optimise_delays
+
+ROWS = ("rows = 4\nholes_per_row = 15", "rows = 2\nholes_per_row = 1")
+TABLE = """
+[delays]
+between_holes_ms = [0, 0]
+between_rows_ms = [20, 80]
+draws = 400
+"""
+HOUSE = """
+[[delays.houses]]
+name = "farm"
+limit_mm_per_s = 2
+recorded = { file = "hole.csv" }
+"""
+
+
+def burst(hz):
+    """Return a long burst of one frequency, all components together."""
+    t = 2e-3 * np.arange(1000)
+    line = 1e-3 * np.sin(np.pi * t / t[-1]) ** 2 * np.sin(2.0 * np.pi * hz * t)
+    return Seismogram(np.outer(line, [0.5, 0.3, 1.0]), 2e-3, components=BLAST_AXES)
+
+
+def planned(folder, table=TABLE, houses=HOUSE, hz=10.0):
+    """Write a project of two holes, one a row, with a hole recorded at a house."""
+    path = written(folder, ROWS)
+    write_csv(folder / "hole.csv", burst(hz))
+    path.write_text(path.read_text() + table + houses)
+    return path
+
+
+def test_two_holes_of_one_frequency_are_fired_half_a_period_apart(tmp_path):
+    told, folder = optimise_delays(planned(tmp_path))
+
+    assert told["delays_s"]["between_rows"] == pytest.approx(0.05)  # of 10 Hz
+    assert [hole["best_s"] for hole in told["firing"]] == pytest.approx([0.0, 0.05])
+    # 40 ms as planned: |1 + exp(2 pi i 0.4)| of one hole
+    level = told["houses"][0]["before"]["levels"]["0.5"]
+    assert level == pytest.approx(1e-3 * abs(1.0 + np.exp(0.8j * np.pi)), rel=0.01)
+    # what is left: the slope of the burst, pi / 2 s, over half a period
+    left = 0.5 * np.pi * 0.05 / abs(1.0 + np.exp(0.8j * np.pi))
+    assert told["severity"]["reduction"] == pytest.approx(1.0 - left, abs=0.005)
+    assert json.loads((folder / "delays.json").read_text())["houses"][0]["limit"] == 0.002
+
+
+def test_waves_that_travel_count_as_delays(tmp_path):
+    table = TABLE + "wave_speed_m_per_s = 325\n"  # 20 ms over the burden of 6.5 m
+    houses = HOUSE + "position_m = [1e5, 10, 30]\n"
+
+    told, _ = optimise_delays(planned(tmp_path, table, houses))
+
+    moved = told["delays_s"]["between_rows"]
+    shift = 1e3 * (moved - 0.05)
+    assert abs(shift) == pytest.approx(20.0, abs=1.0)
+
+
+def test_a_charge_in_8_ms_rules_out_delays(tmp_path):
+    table = TABLE.replace("[20, 80]", "[0, 30]") + "most_charge_kg = 500\n"
+
+    told, _ = optimise_delays(planned(tmp_path, table, hz=100.0))  # 5 ms would be half a period
+
+    assert told["delays_s"]["between_rows"] >= 0.008
+    assert min(row[1] for row in told["tried"].tolist()) >= 0.008
+
+
+def test_holes_inside_shake_a_receiver_as_the_run_of_the_project_does(tmp_path):
+    path = tmp_path / "project.toml"
+    table = TABLE.replace("[0, 0]", "[5, 15]").replace("[20, 80]", "[0, 0]")
+    path.write_text(INSIDE + table + '[[delays.houses]]\nname = "house"\nlimit_mm_per_s = 1\n')
+
+    told, _ = optimise_delays(path)
+    run = simulate(load_project(path), (), [()])[0]["house"]
+
+    # rows fire together as planned; half a step between samples of the two
+    level = told["houses"][0]["before"]["levels"]["0.9"]
+    assert level == pytest.approx(run.ppv.max(), rel=5e-3)
+    assert told["houses"][0]["after"]["levels"]["0.9"] < level
+
+
+def test_a_limit_curve_counts_with_its_lowest_value_in_the_band(tmp_path):
+    house = HOUSE.replace("limit_mm_per_s = 2", 'limit_curve = "din_4150_dwelling"')
+    path = planned(tmp_path, TABLE + "band_hz = [5, 40]\n", house)
+
+    assert house_limits(load_project(path)) == pytest.approx([5e-3])
+    assert "din_4150_dwelling, not verified" in call("delays", path).output
+
+
+def test_the_command_says_bands_before_and_after(tmp_path):
+    done = call("delays", planned(tmp_path, TABLE + "scatter_ms = 2\ncharge_percent = 10\n"))
+
+    assert done.exit_code == 0, done.output
+    assert "0 ms between holes, 50 ms between rows" in done.output
+    assert "as planned: 50, 90, 95 % quantiles of PPV" in done.output
+
+
+def test_the_page_shows_houses_limits_and_the_time_of_each_hole(tmp_path):
+    table = TABLE + "scatter_ms = 2\n"
+
+    _, folder = optimise_delays(planned(tmp_path, table, HOUSE.replace("farm", "<farm>")))
+
+    page = (folder / "report.html").read_text()
+    rows = re.findall(r"<tr><td>(.*?)</td><td>(.*?)</td><td>(.*?)</td></tr>", page)
+    assert rows == [("1-1", "0", "0"), ("2-1", "40", "50")]
+    assert page.count("data:image/png") == 2
+    assert "&lt;farm&gt;" in page
+    assert "<farm>" not in page
+
+
+CURVE = HOUSE.replace("limit_mm_per_s = 2", 'limit_curve = "NAME"')
+LOW = "band_hz = [0.5, 9]\n"
+SILENT = '[[delays.houses]]\nname = "R1"\nlimit_mm_per_s = 1\n'
+
+
+@pytest.mark.parametrize(
+    ("table", "houses", "said"),
+    [
+        ("", "", "delays: missing; give the bounds of the delays"),
+        (TABLE, SILENT, "the motion of each hole there is unknown; record a single hole"),
+        (TABLE, SILENT.replace("R1", "farm"), "delays.houses.farm: must be a receiver, which are"),
+        (TABLE, HOUSE + SILENT, "houses: 'R1' has no recorded hole"),
+        (TABLE, HOUSE + HOUSE, "houses: 'farm' is named twice"),
+        (TABLE.replace("[20, 80]", "[80, 20]"), HOUSE, "must be lowest and highest delay"),
+        (TABLE + "holes_per_row = 3\n", HOUSE, "2 holes do not make rows of 3"),
+        (TABLE + "most_charge_kg = 1\n", HOUSE, "refuses every plan of the first grid"),
+        (TABLE + "band_hz = [900, 1000]\n", HOUSE, "low below"),
+        (TABLE + "wave_speed_m_per_s = 3000\n", HOUSE, "each house needs position_m"),
+        (TABLE, HOUSE.replace("limit_mm_per_s = 2\n", ""), "give one of limit_mm_per_s"),
+        (TABLE, HOUSE.replace("hole.csv", "none.csv"), "none.csv"),
+        (TABLE, CURVE.replace("NAME", "none"), "limit_curve: must be one of usbm_plaster"),
+        (TABLE, CURVE.replace("NAME", "din_4150_dwelling"), "give delays.band_hz"),
+        (TABLE + LOW, CURVE.replace("NAME", "din_4150_dwelling"), "has no value below 1 Hz"),
+        (TABLE, CURVE.replace("NAME", "sn_640312a_frequent"), "limits the vector sum"),
+    ],
+)
+def test_a_mistake_is_one_sentence_and_exit_code_2(tmp_path, table, houses, said):
+    done = call("delays", planned(tmp_path, table, houses))
+
+    assert done.exit_code == 2
+    assert said in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1

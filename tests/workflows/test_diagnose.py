@@ -1,0 +1,133 @@
+"""A diagnosis of a small site with effects that need no runs: named, or not, and on what."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from small_site import CUT, DT, recorded, small_site
+
+from pyblast.diagnosis.calibration import calibrated_parameters, with_values
+from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.diagnosis.thresholds import MESH_CHANGE
+from pyblast.workflows.diagnose import diagnose
+
+TRUE = np.array([0.02, -0.02, 0.2, -0.15])
+MOVED = LIBRARY["wrong_coordinates/blast"]
+
+
+@pytest.fixture(autouse=True)
+def no_runs(monkeypatch):
+    """Leave only effects that need no runs in the library."""
+    for name, one in list(LIBRARY.items()):
+        if one.on == "site" or one.label == "wrong_coordinates":
+            monkeypatch.delitem(LIBRARY, name)
+
+
+@cache
+def found(change=None):
+    """Diagnose the small site with other values and one change of its records."""
+    true = with_values(small_site(), calibrated_parameters(small_site()), TRUE)
+    case = recorded(small_site(), true, change=change)
+    return diagnose(case.project, cuts=(CUT, None), seed=3).summary
+
+
+def late(motion):
+    """Let the clock of R2 be five samples slow."""
+    motion = motion.copy()
+    motion[:, 2] = np.roll(motion[:, 2], 5, axis=-1)
+    return motion
+
+
+def flipped(motion):
+    """Turn the north component of R1 round."""
+    motion = motion.copy()
+    motion[:, 1, 1] *= -1.0
+    return motion
+
+
+def humming(motion):
+    """Let a machine start in the middle of each record, in another phase at each receiver."""
+    motion, times = motion.copy(), np.arange(motion.shape[-1]) * DT
+    for r in range(motion.shape[1]):
+        hum = np.sin(2.0 * np.pi * 11.0 * times + r) * (times > 0.12)
+        motion[:, r] += np.abs(motion[:, r]).max() * hum
+    return motion
+
+
+def test_nothing_is_named_where_nothing_is_hidden():
+    assert found()["outcome"] == "NULL"
+    assert not found()["effects"]
+
+
+def test_a_slow_clock_is_named_at_its_receiver_with_its_shift():
+    one = found(late)
+    assert one["outcome"] == "NAMED"
+    effect = one["effects"][0]
+    assert (effect["label"], effect["target"]) == ("clock_error", "R2")
+    shift = effect["parameters"]["shift"]
+    assert shift["value"] == pytest.approx(5 * DT, abs=1e-3)
+    assert shift["low"] < shift["value"] < shift["high"]
+
+
+def test_a_component_the_wrong_way_round_is_named_at_its_receiver():
+    one = found(flipped)
+    assert one["outcome"] == "NAMED"
+    assert one["effects"][0]["target"] == "R1"
+    assert "polarity" in one["effects"][0]["label"]
+
+
+def test_what_no_hypothesis_explains_is_unknown_and_located():
+    one = found(humming)
+    assert one["outcome"] in ("UNKNOWN", "PARTIAL")
+    assert not any(effect["named"] for effect in one["effects"])
+    low, high = one["located"]["frequency_hz"]
+    assert low < 11.0 < high
+    assert one["located"]["time_s"][0] > 0.1
+
+
+def test_what_is_named_foretells_records_that_were_left_out():
+    proof = found(late)["held_out"]
+    assert proof["improves"]
+    assert proof["variance_reduction_after"] > proof["variance_reduction_before"]
+    assert {fold["name"] for fold in proof["subsets"]} == {"S1", "B1"}
+
+
+def test_one_silent_hole_is_a_misfire_of_that_hole_and_not_of_all_charges():
+    site = small_site()
+    silent = replace(site.blasts["B1"], charge=np.array([60.0, 1e-6, 60.0]))
+    true = with_values(site, calibrated_parameters(site), TRUE)
+    case = recorded(site, true.changed(blasts={**site.blasts, "B1": silent}))
+    made = diagnose(case.project, cuts=(CUT, None), seed=3)
+
+    assert made.summary["outcome"] == "NAMED"
+    (effect,) = made.summary["effects"]
+    assert (effect["label"], effect["target"]) == ("misfire_or_charge_error", "B1")
+    assert effect["parameters"]["hole"] == "2"
+    assert effect["parameters"]["radiated"]["value"] < 0.2
+    (free,) = (f for f in made.search.fits if f.effects[0].name.endswith("/holes"))
+    (one,) = (f for f in made.search.fits if f.effects[0].name.endswith("/misfire"))
+    assert made.search.delta_ln_evidence(one) > made.search.delta_ln_evidence(free)
+
+
+def test_a_diagnosis_is_the_same_each_time():
+    first = {k: v for k, v in found(late).items() if k != "wall_s"}
+    found.cache_clear()
+    assert {k: v for k, v in found(late).items() if k != "wall_s"} == first
+
+
+def test_a_finer_mesh_corrects_all_runs_and_the_answer(monkeypatch):
+    monkeypatch.setitem(LIBRARY, MOVED.name, MOVED)
+    true = with_values(small_site(), calibrated_parameters(small_site()), TRUE)
+    moved = MOVED.apply(true, "B1", east=8.0, north=-8.0)
+    case = recorded(small_site(), moved)  # of the finer zones
+
+    told = diagnose(case.project, cuts=(replace(CUT, edge=2.0 * CUT.edge), CUT), seed=3).summary
+
+    assert told["outcome"] == "NAMED"
+    assert told["mesh_error"]["energy_share"] > 0.03  # of the energy: three times what may be
+    assert told["mesh_error"]["chi_square_of_answer"] > MESH_CHANGE
+    (effect,) = told["effects"]
+    assert effect["label"] == "wrong_coordinates"
+    assert effect["parameters"]["east"]["value"] == pytest.approx(8.0, abs=1.5)
+    assert effect["parameters"]["north"]["value"] == pytest.approx(-8.0, abs=1.5)
