@@ -24,7 +24,7 @@ def _row(one):
     label = f"`{one.label}`" + (f", {one.form}" if one.form else "")
     parameters = "; ".join(_parameter(each) for each in one.parameters)
     axis = AXES[one.axis]
-    cells = label, one.claim, one.target, PRICES[one.on], axis, parameters, one.settled_by
+    cells = label, one.claim, one.target, PRICES[one.on], axis, parameters, one.decided_by
     return f"| {' | '.join(cells)} |"
 
 
