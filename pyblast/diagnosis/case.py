@@ -46,6 +46,12 @@ def case_of(project: Project, blasts=None) -> Case:
         the blast, the band is missing or comes near half the sampling rate, or the description of
         a flat box is contradictory.
     """
+    limits = band_of(project.config)
+    if limits is None:
+        raise InputError(
+            f"{project.path.name}: diagnosis.band_hz: missing; give lowest and highest frequency, "
+            "such as [4, 30]"
+        )
     project = _gathered(project)
     names = tuple(blasts or project.blasts)
     projects = {each.name: each for each in (project, *project.further)}
@@ -58,7 +64,7 @@ def case_of(project: Project, blasts=None) -> Case:
     receivers = tuple(r.name for r in project.receivers if r.name in recorded)
     if not receivers:
         raise InputError("case: none of the receivers has a record")
-    limits, window = band_of(project.config), _noise_window(project, names, records)
+    window = _noise_window(project, names, records)
     recordings = [table[name] for table in records for name in receivers if name in table]
     dt = recordings[0].seismogram.dt
     if any(abs(recording.seismogram.dt - dt) > 1e-9 * dt for recording in recordings):
@@ -92,11 +98,6 @@ def _gathered(project):
     A receiver is simulated along east and north if its record has both horizontals, else along the
     axes of its record.
     """
-    if band_of(project.config) is None:
-        raise InputError(
-            f"{project.path.name}: diagnosis.band_hz: missing; give lowest and highest frequency, "
-            "such as [4, 30]"
-        )
     if not_flat(project):
         project = _with_mesh(project)
     receivers, records, parts = {}, {}, {}

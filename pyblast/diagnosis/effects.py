@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from scipy import fft
@@ -201,22 +200,8 @@ class Scene:
         return change
 
 
-class Receivers(Protocol):
-    """Receivers of a case with the motion around them: what effects on motion need."""
-
-    @property
-    def case(self) -> Case:
-        """The receivers and blasts."""
-        ...
-
-    @property
-    def surroundings(self) -> Surroundings:
-        """Motion around the receivers."""
-        ...
-
-
 def with_motion_effects(
-    scene: Receivers, motion: np.ndarray, effects: Sequence[Effect]
+    scene: "Scene | PredictionScene", motion: np.ndarray, effects: Sequence[Effect]
 ) -> np.ndarray:
     """Apply the effects that act on motion, at the receivers of a scene.
 

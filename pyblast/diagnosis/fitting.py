@@ -288,6 +288,7 @@ def fit(scene: Scene, effects, reference=None, first=None, base: Fit | None = No
     fitted = () if base is None else base.effects
     waiting = [e for e, effect in enumerate(fitted) if effect.hypothesis.on == "site"]
     x = jacobian = None
+    free = np.ones(0, dtype=bool)
     for blasts in (early, every) if 0 < len(early) < len(every) else (every,):
         fitter = Fitter(scene, effects, reference, blasts)
         x = fitter.start() if x is None else x
@@ -305,7 +306,7 @@ def fit(scene: Scene, effects, reference=None, first=None, base: Fit | None = No
         if base is not None and not _promising(fitter, base, x, motion):
             return None
     if not effects or any(effect.hypothesis.on == "site" for effect in effects):
-        if base is not None:
+        if base is not None and jacobian is not None:
             jacobian[~free] = base.jacobian[~free[: len(base.jacobian)]]
         fitter.reference = fitter.state(x)[0]
         motion = fitter.motions([x])[0]

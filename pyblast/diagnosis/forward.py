@@ -23,10 +23,9 @@ from ..project.flat_box import (
 from ..project.inputs import make_input
 from ..project.places import on_ground, refuse_outside
 from ..project.project import Project
-from ..runs.greens import LINEAR_ZONE_LAWS, greens_functions
-from ..runs.parallel import run_all
+from ..runs.greens import LINEAR_ZONE_LAWS, PointSource, greens_functions
+from ..runs.parallel import CachedRun, run_all
 from ..signals.seismogram import Seismogram
-from ..solver.run import Run
 from .case import Case
 
 LINEAR_JOINTS = "elastic", "kelvin", "maxwell"
@@ -92,7 +91,7 @@ class Forward:
             for run, (_, blast) in zip(runs, pairs, strict=True)
         ]
 
-    def run(self, models: Sequence[Model]) -> list[Run]:
+    def run(self, models: Sequence[Model]) -> list[CachedRun]:
         """Run models, or read their stored runs, and count them."""
         duration = self.case.duration + max(map(self.lead, self.case.blasts))
         done = run_all(models, duration, folder=self.folder, executor=self.executor)
@@ -125,7 +124,7 @@ class Forward:
             return {name: self._through_face(project, name) for name in self.case.blasts}
         models = [self.model(project, blast) for blast in self.case.blasts]
         leads = [self.lead(blast) for blast in self.case.blasts]
-        sources = [source for model in models for source in model.sources]
+        sources = [s for model in models for s in model.sources if isinstance(s, PointSource)]
         bank = greens_functions(
             replace(models[0], sources=sources),
             self.case.duration + max(leads),
@@ -135,7 +134,7 @@ class Forward:
         self.runs += bank.runs
         motion = {}
         for blast, model, lead in zip(self.case.blasts, models, leads, strict=True):
-            early = [replace(source, time=lead) for source in model.sources]
+            early = [replace(s, time=lead) for s in model.sources if isinstance(s, PointSource)]
             fired = np.stack([self._sampled(bank.blast([source]), lead) for source in early])
             charge = project.blasts[blast].charge
             motion[blast] = np.zeros((len(charge), *fired.shape[1:]))
@@ -146,7 +145,7 @@ class Forward:
         """Return the motion of each hole of a blast that enters through a face, by one run."""
         fired = self.case.project.of(blast)
         signal = make_input(
-            fired.signature, Firing(np.zeros(1), 1.0), fired.config.input.low_pass_hz
+            fired.signature, Firing(np.zeros(1), np.ones(1)), fired.config.input.low_pass_hz
         )
         single = replace(fired, given={**fired.given, "input": signal})
         base, entered = self._base(blast), replace(

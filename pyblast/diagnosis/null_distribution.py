@@ -342,17 +342,18 @@ def _detection_limit(
     Holes without a charge radiate nothing and do not count.
     """
     parameter, case = hypothesis.parameters[order], scene.case
+    sigma = float(parameter.sigma or 1.0)
     likelihood, null = scene.baseline.likelihood, float(parameter.null or 0.0)
     charges = case.project.blasts[target].charge if parameter.per_hole else np.ones(1)
     live = np.flatnonzero(charges > 0.0)
-    unit = parameter.sigma * (null or parameter.mean or 1.0) if parameter.log else parameter.sigma
+    unit = sigma * (null or parameter.mean or 1.0) if parameter.log else sigma
     step = DIFFERENCE * unit
     cost = np.log(len(hypothesis.targets(case)) * len(live)) + least
     farthest = max(abs(e - null) for e in (parameter.low, parameter.high) if np.isfinite(e))
     residual = likelihood.residual(fit.motion)
 
     def change(hole, amount):
-        values = [(other.mean,) for other in hypothesis.parameters]
+        values = [(float(other.mean or 0.0),) for other in hypothesis.parameters]
         changed = np.full(len(charges), null)
         changed[hole] += amount
         values[order] = tuple(changed.tolist())

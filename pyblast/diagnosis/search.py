@@ -304,10 +304,10 @@ def _fit_without_runs(search, base):
             best[target] = objective - reached, effects[-1]
         paying = [effect for decrease, effect in best.values() if decrease > 2.0 * DECISIVE]
         most = max(best.values(), key=lambda pair: pair[0], default=None)
-        if hypothesis.single:
-            paying = [most[1]] if paying else []
         if most is None or most[0] <= 0.0 or (before and not paying):
             continue
+        if hypothesis.single:
+            paying = [most[1]] if paying else []
         added = paying or [most[1]]
         fitted = fit(scene, (*before, *added), base.values, base=base if before else None)
         if fitted is not None:

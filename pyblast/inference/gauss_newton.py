@@ -4,6 +4,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
+from typing import Any
 
 import numpy as np
 from scipy import linalg
@@ -132,7 +133,7 @@ class Minimum:
     x: np.ndarray
     simulated: np.ndarray
     objective: float
-    jacobian: np.ndarray | None = None
+    jacobian: Any = None
     hessian: np.ndarray | None = None
     decrease: float = np.inf
     fresh: bool = False
@@ -149,7 +150,7 @@ def gauss_newton(
     broyden: bool = False,
     damping: float = 0.0,
     backtracks: int = 0,
-    longest=np.inf,
+    longest: float | np.ndarray = np.inf,
     least_gain: float = 0.0,
     accepted: Callable = lambda: None,
 ) -> Minimum:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Protocol
 
 import numpy as np
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Rectangle
@@ -322,13 +323,13 @@ def maps_figure(project, receivers, misfits, material, *, targets=(), points=())
     box = _box(project, ground, receivers)
     figure, axes = _panels(box, across, len(misfits))
     top = max(10.0, *(float(np.max(misfit)) for misfit in misfits.values()))
-    norm, drawn = LogNorm(1.0, top), None
+    norm = LogNorm(1.0, top)
     positions = np.array([_positions(project)[name] for name in receivers])
     for column, (title, misfit) in enumerate(misfits.items()):
         plan, section = axes[:, column]
         plan.set_title(title, fontsize=9, loc="left")
         for axis, (h, v) in ((plan, (0, 1)), (section, (across, 2))):
-            drawn = _receivers(axis, positions[:, (h, v)], misfit, norm, material)
+            _receivers(axis, positions[:, (h, v)], misfit, norm, material)
             _joints(axis, ground, box, (h, v), targets)
             _holes(axis, project, (h, v), targets)
             axis.set(xlim=box[h], ylim=box[v], aspect="equal")
@@ -339,7 +340,7 @@ def maps_figure(project, receivers, misfits, material, *, targets=(), points=())
         _named(plan, receivers, positions, targets)
         _layers(section, ground, box)
         _points(plan, section, points, across)
-    bar = figure.colorbar(drawn, ax=axes, shrink=0.6)
+    bar = figure.colorbar(ScalarMappable(norm, MISFIT), ax=axes, shrink=0.6)
     bar.set_label("misfit over noise and model error (1: explained)", fontsize=8)
     bar.set_ticks(round_marks(norm.vmin, norm.vmax).tolist())
     bar.minorticks_off()
@@ -402,7 +403,7 @@ def _panels(box, across, columns):
 def _receivers(axis, positions, misfit, norm, material):
     """Draw receivers by misfit; those that are not explained have a strong ring."""
     strong = np.asarray(misfit) >= material
-    return axis.scatter(
+    axis.scatter(
         *positions.T, c=np.maximum(misfit, norm.vmin), norm=norm, cmap=MISFIT, s=70, zorder=5,
         edgecolors=np.where(strong, FAULT, INK), linewidths=np.where(strong, 2.0, 0.6),
     )  # fmt: skip

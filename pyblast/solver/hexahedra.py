@@ -60,7 +60,7 @@ def pack_arrays(
     inverse = np.linalg.inv(nodes.jacobian)
     if mesh.layer is not None:
         turned = inverse @ np.array(mesh.layer.frame, dtype=float).T
-        inverse = np.where(layer.any(axis=1)[:, None, None, None], turned, inverse)
+        inverse = np.where(np.any(layer, axis=1, keepdims=True)[..., None, None], turned, inverse)
     brick = np.zeros(len(inverse), dtype=bool) if model.ground else _bricks(inverse)
     # Packs are of one form, stretched along the same axes, and of one group.
     kind = (layer @ [1, 2, 4] + 8 * brick) * len(mesh.groups) + mesh.zone_group

@@ -140,9 +140,10 @@ def cut_of(project: Project, fine: bool = False) -> Discretization | None:
     By the slowest layer of at least half its shortest wavelength; thinner layers have zones of
     their own height.
     """
-    if not_flat(project):
+    band = band_of(project.config)
+    if not_flat(project) or band is None:
         return None
-    low, high = band_of(project.config)
+    low, high = band
     layers = [(project.materials[name].cs, t) for name, t in flat_box(project).layers]
     speeds = [cs for cs, thickness in layers if thickness is None or thickness > 0.5 * cs / high]
     edge, padding, growth = (
