@@ -1,5 +1,6 @@
 """Critical time step, and selective mass scaling of small tetrahedra."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from ..mesh.nodes import kept
 from ..mesh.tetrahedra import VOLUME_SHARE, shape_gradients, stiffness_table
 from ..model.anisotropy import Anisotropic
 from ..model.model import Model
+from .largest_frequency import Product, largest_eigenvalue, longest_step, with_joints
 
 _CHUNK = 1000
 _ALIKE = 9  # decimals of shape and moduli to which zones are compared
@@ -227,6 +229,45 @@ def critical_step(model: Model) -> CriticalStep:
     by_group = _shares(part, added, own).tolist()
     shares = dict(zip(mesh.groups, by_group, strict=True))
     return CriticalStep(dt, undamped, limited_by, added, shares, unscaled)
+
+
+def assembled_step(
+    model: Model, limit: CriticalStep, mass: np.ndarray, product_of: Callable[..., Product]
+) -> CriticalStep:
+    """Return the critical step of linear zones from the largest frequency of the whole model.
+
+    Parameters
+    ----------
+    model : Model
+    limit : CriticalStep
+        From single zones: a lower bound, with the added mass.
+    mass : (n_zones,) float64, kg
+        Without added mass.
+    product_of : callable
+        From the mass of nodes to the function that multiplies a motion with the stiffness of all
+        zones over the mass.
+
+    Notes
+    -----
+    Joints act with their stiffest springs and their whole viscosity: theory.md (2.48).
+    """
+    beta, viscosity = float(model.group_damping("beta").max()), contact_bounds(model)[1]
+
+    def steps(added):
+        node_mass = model.nodes.sums(mass + added)
+        product = with_joints(model, product_of(node_mass), node_mass)
+        squared = largest_eigenvalue(product, node_mass)
+        drag = float((2.0 * viscosity / node_mass).max())
+        return longest_step(squared, drag, beta), longest_step(squared, drag)
+
+    dt, undamped = steps(limit.added_mass)
+    unscaled = steps(0.0)[0] if limit.added_mass.any() else dt
+    return replace(
+        limit,
+        dt=max(dt, limit.dt),
+        undamped=max(undamped, limit.undamped),
+        unscaled=max(unscaled, limit.unscaled),
+    )
 
 
 @dataclass(frozen=True, eq=False)
