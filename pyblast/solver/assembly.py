@@ -240,8 +240,35 @@ def _tetrahedra(model, contact_node):
 
 
 def stiffness_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Return the arrays of edge springs and patches, which depend on moduli and laws."""
-    return {**edge_arrays(nodes, arrays), **patch_arrays(nodes, arrays)}
+    """Return edge springs, patches and packs of zones, which depend on moduli and laws."""
+    packs = zone_packs(nodes, arrays) if nodes.quadratic else {}
+    return {**edge_arrays(nodes, arrays), **patch_arrays(nodes, arrays), **packs}
+
+
+def zone_packs(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Return the packs of quadratic zones that are computed together; theory.md (2.34).
+
+    Parameters
+    ----------
+    nodes : Nodes
+    arrays : dict
+        Kernel arrays of domains and zones, and the width of packs in ``pack_node``.
+    """
+    width, corners = arrays["pack_node"].shape[-1], nodes.zone_nodes[:, :4]
+    inner = shape_gradients(nodes.points, corners)
+    volume = tetrahedron_volumes(nodes.points, corners)
+    zone = np.empty((len(volume), 11))
+    zone[:, :9] = (-2.0 * (inner.sum(axis=1, keepdims=True) - inner)).reshape(-1, 9)
+    zone[:, 9] = -volume * arrays["zone_lambda"]
+    zone[:, 10] = -volume * arrays["zone_shear"]
+    starts = arrays["domain_zone_start"]
+    counts = -(-np.diff(starts) // width)
+    packs = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    member = np.repeat(starts[:-1], counts)[:, None] + width * packs[:, None] + np.arange(width)
+    last = np.repeat(starts[1:], counts)[:, None] - 1
+    metric = zone[np.minimum(member, last)]
+    metric[member > last, 9:] = 0.0
+    return {"pack_metric": np.ascontiguousarray(metric.transpose(0, 2, 1)[:, None])}
 
 
 def _local_damping_factor(model):
