@@ -37,7 +37,7 @@ from .time_step import CriticalStep, assembled_step, critical_step
 
 Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
 DOMAIN_ZONES = 1024
-QUADRATIC_ZONES = 128
+QUADRATIC_ZONES = 512
 
 
 def domain_arrays(
