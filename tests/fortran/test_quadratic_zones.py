@@ -109,6 +109,17 @@ def test_forces_are_those_of_the_stiffness_of_each_zone():
     assert np.abs(force - wanted).max() < 1e-12 * np.abs(wanted).max()
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_no_motion_but_a_rigid_one_is_free(seed):
+    mesh = crooked(seed)
+    one = np.ones(len(mesh.zones))
+
+    values = np.linalg.eigvalsh(zone_stiffness(mesh.points, mesh.zones, LAME * one, SHEAR * one))
+
+    assert np.abs(values[:, :6]).max() < 1e-12 * values[:, -1].max()
+    assert (values[:, 6] > 1e-5 * values[:, -1]).all()
+
+
 def test_forces_are_symmetric_and_do_the_work_of_the_energy():
     quadratic = nodes_of(crooked(1), True)
     one, other = np.random.default_rng(1).normal(size=(2, *quadratic.points.shape))

@@ -18,6 +18,7 @@ from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.source import Hole, PointForce, TimeFunction
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import run_many, simulate
+from pyblast.solver.time_step import critical_step
 from verification.columns import AXIS, ROCK, SPEED, column, column_model, pulse, ricker, started
 
 
@@ -150,6 +151,26 @@ def test_a_free_body_keeps_its_energy_at_the_longest_step():
 
     held = energy["kinetic"] + energy["strain"]
     assert held == pytest.approx(held[0], rel=1e-9)
+
+
+@pytest.mark.parametrize("stiffness", [1e9, 5e10])
+def test_the_step_is_that_of_the_largest_frequency_of_zones_and_joints(stiffness):
+    mesh = structured_box((2, 1, 1), (20.0, 10.0, 10.0), planes={"J": ("x", 10.0)}).split(["J"])
+    joint = Joint("J", "elastic", {"kn": stiffness, "ks": 0.4 * stiffness})
+    model = Model(mesh, {"rock": ROCK}, joints=[joint], quadratic=True)
+    prepared = prepare(model, 1e-3)
+    views, dt = core.to_fortran(prepared.constants), prepared.constants["dt"]
+
+    columns = []
+    for row in np.eye(prepared.state["displacement"].size):
+        state = {name: value.copy() for name, value in prepared.state.items()}
+        state["displacement"].flat[:] = row
+        core.advance(views, state, 0, 1, 1)
+        columns.append(-state["velocity"].ravel() / dt)
+
+    exact = 2.0 / np.sqrt(np.abs(np.linalg.eigvals(np.array(columns))).max())
+    assert 0.98 * exact < prepared.limit.dt <= exact
+    assert critical_step(model).dt < prepared.limit.dt
 
 
 def test_a_step_that_is_too_long_is_blamed_at_a_node_of_any_kind():
