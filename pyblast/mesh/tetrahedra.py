@@ -205,39 +205,13 @@ def mean_slopes() -> np.ndarray:
 @cache
 def corner_slopes() -> np.ndarray:
     """Return the means (4, 15, 4) over a zone of each coordinate times the slopes."""
-    return _moments(np.eye(4, dtype=int))
+    return product_slopes(np.eye(4, dtype=int))
 
 
-def _moments(factors):
+def product_slopes(powers: np.ndarray) -> np.ndarray:
     """Return the means (n, 15, 4) over a zone of products, powers (n, 4), times the slopes."""
-    slopes, unit = np.zeros((len(factors), len(POWERS), 4)), np.eye(4, dtype=int)
-    for number, axis in np.ndindex(len(factors), 4):
-        lower = np.maximum(POWERS - unit[axis], 0) + factors[number]
+    slopes, unit = np.zeros((len(powers), len(POWERS), 4)), np.eye(4, dtype=int)
+    for number, axis in np.ndindex(len(powers), 4):
+        lower = np.maximum(POWERS - unit[axis], 0) + powers[number]
         slopes[number, :, axis] = POWERS[:, axis] * integral(lower)
     return _shape_table() @ slopes
-
-
-@cache
-def stiffness_table() -> np.ndarray:
-    """Return the means (4, 4, 15, 15) over a zone of products of the slopes of two functions.
-
-    Notes
-    -----
-    With the gradients g of the coordinates, a scalar Laplacian has the stiffness
-    ``V sum_ij g_i.g_j K_ij``. The linear part of the slopes counts in full, the mode that all
-    corners share not at all, the rest by half: theory.md (2.36).
-    """
-    whole, unit = np.zeros((4, 4, len(POWERS), len(POWERS))), np.eye(4, dtype=int)
-    for i, j in np.ndindex(4, 4):
-        lower = [np.maximum(POWERS - unit[axis], 0) for axis in (i, j)]
-        mean = integral(lower[0][:, None, :] + lower[1][None, :, :])
-        whole[i, j] = POWERS[:, None, i] * POWERS[None, :, j] * mean
-    shape = _shape_table()
-    whole = np.einsum("ab,ijbc,dc->ijad", shape, whole, shape)
-    corners = corner_slopes()
-    inverse = np.linalg.inv((np.ones((4, 4)) + np.eye(4)) / 20.0)  # of the means of coordinates
-    linear = np.einsum("kai,kl,lbj->ijab", corners, inverse, corners)
-    squares = integral(2 * (unit[:, None] + unit)).sum() - 0.16  # of the sum of squares, less 2/5
-    shared = _moments(2 * unit).sum(axis=0) - 0.4 * corners.sum(axis=0)
-    common = np.einsum("ai,bj->ijab", shared, shared) / squares
-    return 0.5 * (whole + linear - common)

@@ -18,7 +18,6 @@ from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.source import Hole, PointForce, TimeFunction
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import run_many, simulate
-from pyblast.solver.time_step import critical_step
 from verification.columns import AXIS, ROCK, SPEED, column, column_model, pulse, ricker, started
 
 
@@ -170,7 +169,6 @@ def test_the_step_is_that_of_the_largest_frequency_of_zones_and_joints(stiffness
 
     exact = 2.0 / np.sqrt(np.abs(np.linalg.eigvals(np.array(columns))).max())
     assert 0.98 * exact < prepared.limit.dt <= exact
-    assert critical_step(model).dt < prepared.limit.dt
 
 
 def test_a_step_that_is_too_long_is_blamed_at_a_node_of_any_kind():
