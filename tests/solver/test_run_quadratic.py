@@ -16,6 +16,7 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import ConstantQ, Damping
 from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.source import Hole, PointForce, TimeFunction
+from pyblast.solver import assembly
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import run_many, simulate
 from verification.columns import AXIS, ROCK, SPEED, column, column_model, pulse, ricker, started
@@ -203,6 +204,24 @@ def test_fading_ground_and_batches_take_them():
         assert found.seismograms["A"].velocity == pytest.approx(
             record.velocity, abs=1e-9 * record.pvs
         )
+
+
+def test_neither_threads_nor_their_number_change_a_bit(monkeypatch):
+    monkeypatch.setattr(assembly, "QUADRATIC_ZONES", 7)
+    alone = simulate(site(), 0.05).seismograms["A"].velocity
+
+    monkeypatch.setattr(core._core.pyblast_kinds, "least_shared", 1)
+
+    assert np.array_equal(simulate(site(), 0.05).seismograms["A"].velocity, alone)
+
+
+def test_the_size_of_domains_changes_rounding_alone(monkeypatch):
+    whole = simulate(site(), 0.05).seismograms["A"]
+
+    monkeypatch.setattr(assembly, "QUADRATIC_ZONES", 7)
+
+    record = simulate(site(), 0.05).seismograms["A"]
+    assert record.velocity == pytest.approx(whole.velocity, abs=1e-9 * whole.pvs)
 
 
 def test_ground_of_another_law_is_refused():
