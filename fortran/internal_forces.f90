@@ -81,8 +81,8 @@ contains
         real(dp) :: u(n_batch, 3, n_slots), lag(n_batch, 3, n_slots, 2)
         logical :: by_edges, damped, same_field
 
-        associate (mesh => model%mesh, ground => model%ground, &
-                   set => domain%set, law => model%ground%set_law(domain%set), n_nodes => size(nodes%velocity, 3), &
+        associate (mesh => model%mesh, ground => model%ground, set => domain%set, &
+                   law => model%ground%set_law(domain%set), n_nodes => size(nodes%velocity, 3), &
                    n_memories => size(nodes%memory, 3), s1 => domain%first_slot, &
                    s2 => domain%last_slot)
             by_edges = ground%set_form(set) >= merge(2, 3, n_batch > 1)
@@ -329,8 +329,8 @@ contains
         real(dp), intent(in) :: field(3, n_slots), share(2)
         real(dp) :: energy
 
-        associate (mesh => model%mesh, n_zones => size(model%mesh%zone_lambda), first => domain%first_zone, &
-                   last => domain%last_zone, &
+        associate (mesh => model%mesh, n_zones => size(model%mesh%zone_lambda), &
+                   first => domain%first_zone, last => domain%last_zone, &
                    place => model%mesh%slot_place(:, domain%first_slot:domain%last_slot))
             if (size(mesh%zone_slot, 2) == n_tet15) then
                 energy = tet15_energy(n_zones, n_slots, &

@@ -18,9 +18,9 @@ contains
         !! Shear sees the strain of one field, compression that of another; theory.md (2.14).
         integer, intent(in) :: n_zones, n_slots, n_packs, first, last
         integer, intent(in) :: zone_slot(n_zones, 15)            !! within the domain, from 1
-        real(dp), intent(in) :: metric(tet15_width, 11, n_packs) !! of packs from zone first on: slopes
-                                                                 !! of three axes [1/m], minus the
-                                                                 !! Lame moduli times the volume [J]
+        real(dp), intent(in) :: metric(tet15_width, 11, n_packs)
+            !! of packs from zone first on: slopes of three axes [1/m], minus the Lame moduli times
+            !! the volume [J]
         real(dp), intent(in) :: deviatoric(3, n_slots), volumetric(3, n_slots)   !! [m]
         logical, intent(in) :: same_field                        !! whether both fields are one
         real(dp), intent(inout) :: force(3, n_slots)             !! [N]
