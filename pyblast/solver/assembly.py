@@ -169,7 +169,8 @@ def time_step(model: Model) -> Step:
 def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = None) -> Product:
     """Return a function that multiplies a motion (n_nodes, 3) by M^-1 K of linear zones, in 1/s2.
 
-    Of all zones, or of the ``active`` ones (n_zones,) bool of hexahedra.
+    Of all zones, or of the ``active`` ones (n_zones,) bool of hexahedra. Given a rate in 1/s too,
+    it adds the rate times their stiffness damping.
 
     It is one step of the core from rest, without joints, loads and boundaries; springs that relax
     act in full.
@@ -197,11 +198,12 @@ def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = Non
     }
     views, rest = to_fortran(constants), initial_state(constants)
 
-    def product(motion):
+    def product(motion, rate=0.0):
         state = {name: value.copy() for name, value in rest.items()}
         state["displacement"][:] = motion
+        state["velocity"][:] = rate * motion
         advance(views, state, 0, 1, 1)
-        return -state["velocity"]
+        return rate * motion - state["velocity"]
 
     return product
 

@@ -9,7 +9,13 @@ from ..mesh import tetrahedra
 from ..mesh.tetrahedra import shape_gradients
 from ..model.anisotropy import Anisotropic
 from ..model.model import Model
-from .largest_frequency import Product, largest_eigenvalue, longest_step, with_joints
+from .largest_frequency import (
+    Product,
+    damped_step,
+    largest_eigenvalue,
+    longest_step,
+    with_joints,
+)
 
 # Slivers reduce the step more than tenfold; deliberately fine zones shall keep their mass.
 LEAST_GAIN = 1.5  # of the time step, for mass to be added
@@ -185,16 +191,20 @@ def assembled_step(
 
     Notes
     -----
-    Joints act with their stiffest springs and their whole viscosity: theory.md (2.48).
+    Joints act with their stiffest springs and their whole viscosity. Where damping differs from
+    place to place, the step is found from below: theory.md (2.48).
     """
-    beta, viscosity = float(model.group_damping("beta").max()), contact_bounds(model)[1]
+    beta, viscosity = model.group_damping("beta"), contact_bounds(model)[1]
 
     def steps(added):
         node_mass = model.nodes.sums(mass + added)
         product = with_joints(model, product_of(node_mass), node_mass)
         squared = largest_eigenvalue(product, node_mass)
         drag = float((2.0 * viscosity / node_mass).max())
-        return longest_step(squared, drag, beta), longest_step(squared, drag)
+        dt = longest_step(squared, drag, float(beta.max()))
+        if np.ptp(beta) > 0.0 or viscosity.any():
+            dt = damped_step(product, node_mass, dt)
+        return dt, max(dt, longest_step(squared, drag))
 
     dt, undamped = steps(limit.added_mass)
     unscaled = steps(0.0)[0] if limit.added_mass.any() else dt

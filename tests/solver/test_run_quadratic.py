@@ -172,6 +172,34 @@ def test_the_step_is_that_of_the_largest_frequency_of_zones_and_joints(stiffness
     assert 0.98 * exact < prepared.limit.dt <= exact
 
 
+DAMPED = {
+    "equal": {"damping": Damping(0.1, 30.0)},
+    "soil alone": {"damping": {"rock": Damping(0.0, 30.0), "soil": Damping(0.2, 30.0)}},
+    "fill": {"joints": [Joint("J", "kelvin", {"kn": 4e9, "ks": 2e9, "eta_n": 4e6, "eta_s": 2e6})]},
+}
+
+
+@pytest.mark.parametrize("kind", DAMPED)
+def test_damped_models_are_stable_at_their_step(kind):
+    elastic = [Joint("J", "elastic", {"kn": 4e9, "ks": 2e9})]
+    model = site(boundaries=[], step_factor=1.0, **{"joints": elastic, **DAMPED[kind]})
+    velocity = np.random.default_rng(0).normal(size=model.nodes.points.shape)
+
+    energy = started(model, 0.1, 0.0 * velocity, velocity).energy
+
+    assert energy["kinetic"][-1] < 0.5 * energy["kinetic"][0]
+
+
+def test_damping_of_soft_ground_does_not_shorten_the_step_as_if_all_ground_had_it():
+    part, whole = (
+        prepare(site(**DAMPED["soil alone"] | {"damping": damping}), 0.01).limit
+        for damping in (DAMPED["soil alone"]["damping"], Damping(0.2, 30.0))
+    )
+
+    assert part.dt > 1.3 * whole.dt
+    assert part.dt <= part.undamped == pytest.approx(whole.undamped)
+
+
 def test_a_step_that_is_too_long_is_blamed_at_a_node_of_any_kind():
     model = site(joints=[Joint("J", "elastic", {"kn": 4e9, "ks": 2e9})])
     prepared = prepare(model, 0.05)
