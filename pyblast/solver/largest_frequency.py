@@ -25,7 +25,8 @@ def with_joints(model: Model, product: Product, mass: np.ndarray) -> Product:
     if contacts is None:
         return product
     by_name = {joint.surface: joint for joint in model.joints}
-    bound = np.array([by_name[name].bound() for name in contacts.names])[contacts.joint]
+    bounds = np.array([by_name[name].bound() for name in contacts.names]).reshape(-1, 2)
+    bound = bounds[contacts.joint]
 
     def whole(motion, rate=0.0):
         spring = contacts.area * (bound[:, 0] + rate * bound[:, 1])
