@@ -7,15 +7,20 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse.linalg import LinearOperator, eigsh
 
+from pyblast.core import HEX_WIDTH
 from pyblast.mesh import tetrahedra
 from pyblast.mesh.mesh import locate
 from pyblast.mesh.nodes import nodes_of
 from pyblast.mesh.ordering import morton_keys, renumbered
+from pyblast.solver.assembly import zone_packs
 
 from .compiled import called, compiled, plain
 
-KERNELS = ("kinds.f90.in", "tet4.f90", "tet15.f90")
-DOMAIN_ZONES = {4: 1024, 15: 128}
+KERNELS = (
+    "kinds.f90.in", "wide_vectors.c", "processor.f90", "tet4.f90", "tet15_kernel.f90.in",
+    "tet15_kernels.f90.in", "tet15.f90",
+)  # fmt: skip
+DOMAIN_ZONES = {4: 1024, 15: 512}
 
 
 def library():
@@ -82,9 +87,9 @@ class Bare:
         domains = self.domains
         moduli = np.full((2, len(self.zone_nodes), 1), [[[self.lame]], [[self.shear]]])
         pushed = weights[-1][:, None] * force
-        tables = (*domains[:4], *moduli, domains[4], inverse, self.links[0] + 1, self.links[1],
-                  self.pairs[0] + 1, self.pairs[1], pushed, samples, nodes + 1, weights[:-1],
-                  u, v, out)  # fmt: skip
+        tables = (*domains[:4], *moduli, domains[4], self.metric, inverse,
+                  self.links[0] + 1, self.links[1], self.pairs[0] + 1, self.pairs[1],
+                  pushed, samples, nodes + 1, weights[:-1], u, v, out)  # fmt: skip
         counts = (n_nodes, len(self.zone_nodes), n_corners, len(domains[0]) - 1, len(domains[2]),
                   n_steps, len(self.links[1]), len(self.pairs[1]), len(where) - 1)  # fmt: skip
         return (counts, [plain(table) for table in tables]), out, u, v
@@ -118,6 +123,20 @@ class Bare:
         node = slots % len(self.points)
         zone_slot = at.reshape(-1, n_corners) - first[domain][:, None] + 1
         return [plain(t) for t in (starts + 1, first + 1, node + 1, zone_slot.T, self.points[node])]
+
+    @cached_property
+    def metric(self):
+        """Packs of quadratic zones."""
+        if self.zone_nodes.shape[1] == 4:
+            return np.zeros(1)
+        n_zones = len(self.zone_nodes)
+        arrays = {
+            "domain_zone_start": self.domains[0] - 1,
+            "zone_lambda": np.full(n_zones, self.lame),
+            "zone_shear": np.full(n_zones, self.shear),
+            "pack_node": np.zeros((1, 1, HEX_WIDTH[False])),
+        }
+        return zone_packs(self, arrays)["pack_metric"]
 
 
 def bare(mesh, rock, quadratic=False, gamma=0.0, stiffness=None):

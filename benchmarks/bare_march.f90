@@ -1,6 +1,6 @@
 module bare_march
     !! Marches of elastic zones alone on one thread, to compare what kinds of zones cost.
-    use pyblast_kinds, only : dp
+    use pyblast_kinds, only : dp, tet15_width
     use pyblast_tet4, only : tet4_forces
     use pyblast_tet15, only : tet15_forces
     implicit none
@@ -11,7 +11,7 @@ contains
 
     subroutine march(n_nodes, n_zones, n_corners, n_domains, n_slots, n_steps, n_links, n_pairs, &
                      n_receivers, dt, zone_start, slot_start, slot_node, zone_slot, lambda, shear, &
-                     place, inverse_mass, link_node, link_mass, pair_node, pair_stiffness, pushed, &
+                     place, metric, inverse_mass, link_node, link_mass, pair_node, pair_stiffness, pushed, &
                      source, receiver_node, receiver_weight, u, v, seismogram) bind(c)
         !! Forces by domain, springs of joints, tuned mass, central differences, readings.
         integer, value :: n_nodes, n_zones, n_corners, n_domains, n_slots, n_steps
@@ -20,6 +20,7 @@ contains
         integer, intent(in) :: zone_start(n_domains + 1), slot_start(n_domains + 1)
         integer, intent(in) :: slot_node(n_slots), zone_slot(n_zones, n_corners)
         real(dp), intent(in) :: lambda(n_zones), shear(n_zones), place(3, n_slots)
+        real(dp), intent(in) :: metric(tet15_width, 11, *)    !! of packs of quadratic zones
         real(dp), intent(in) :: inverse_mass(3, n_nodes)      !! none where a motion is fixed
         integer, intent(in) :: link_node(2, n_links), pair_node(2, n_pairs)
         real(dp), intent(in) :: link_mass(n_links)            !! gamma (M_l - M_c), by edges [kg]
@@ -35,7 +36,7 @@ contains
 
         do step = 1, n_steps
             call forces(n_nodes, n_zones, n_corners, n_domains, n_slots, zone_start, slot_start, &
-                        slot_node, zone_slot, lambda, shear, place, u, f)
+                        slot_node, zone_slot, lambda, shear, place, metric, u, f)
             call pull(n_nodes, n_pairs, pair_node, pair_stiffness, u, f)
             do s = 1, n_corners
                 associate (n => receiver_node(s, n_receivers + 1))
@@ -57,17 +58,19 @@ contains
     end subroutine march
 
     subroutine forces(n_nodes, n_zones, n_corners, n_domains, n_slots, zone_start, slot_start, &
-                      slot_node, zone_slot, lambda, shear, place, u, f)
+                      slot_node, zone_slot, lambda, shear, place, metric, u, f)
         !! Forces of all zones on the nodes.
         integer, intent(in) :: n_nodes, n_zones, n_corners, n_domains, n_slots
         integer, intent(in) :: zone_start(n_domains + 1), slot_start(n_domains + 1)
         integer, intent(in) :: slot_node(n_slots), zone_slot(n_zones, n_corners)
         real(dp), intent(in) :: lambda(n_zones), shear(n_zones), place(3, n_slots), u(3, n_nodes)
+        real(dp), intent(in) :: metric(tet15_width, 11, *)
         real(dp), intent(out) :: f(3, n_nodes)
         real(dp), dimension(3, maxval(slot_start(2:) - slot_start(:n_domains))) :: w, part
-        integer :: d, s, s1, n
+        integer :: d, s, s1, n, pack, n_packs
 
         f = 0.0_dp
+        pack = 1
         do d = 1, n_domains
             s1 = slot_start(d) - 1
             n = slot_start(d + 1) - slot_start(d)
@@ -79,8 +82,10 @@ contains
                 call tet4_forces(n_zones, n, zone_start(d), zone_start(d + 1) - 1, zone_slot, &
                                    lambda, shear, place(:, s1 + 1:), w, w, .true., part)
             else
-                call tet15_forces(n_zones, n, zone_start(d), zone_start(d + 1) - 1, &
-                                      zone_slot, lambda, shear, place(:, s1 + 1:), w, w, .true., part)
+                n_packs = (zone_start(d + 1) - zone_start(d) + tet15_width - 1)/tet15_width
+                call tet15_forces(n_zones, n, n_packs, zone_start(d), zone_start(d + 1) - 1, &
+                                  zone_slot, metric(1, 1, pack), w, w, .true., part)
+                pack = pack + n_packs
             end if
             do s = 1, n
                 f(:, slot_node(s1 + s)) = f(:, slot_node(s1 + s)) + part(:, s)

@@ -10,6 +10,7 @@ import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 FLAGS = ("-O3", "-march=native", "-mprefer-vector-width=512", "-fopenmp")
+FILLED = {"one": "1.0d0", "hex_width": "4", "isa": "", "wide": ""}
 
 
 @cache
@@ -28,7 +29,10 @@ def _filled(folder, path):
     if path.suffix != ".in":
         return path
     made = Path(folder) / path.stem
-    made.write_text(path.read_text().replace("@one@", "1.0d0").replace("@hex_width@", "4"))
+    text = path.read_text()
+    for name, value in FILLED.items():
+        text = text.replace(f"@{name}@", value)
+    made.write_text(text)
     return made
 
 

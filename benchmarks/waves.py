@@ -48,7 +48,8 @@ DURATION = 0.61
 PULSE = Ricker(8.0, 0.15)
 # order, zones along the axes, share of the critical step: errors of 3 and of 1 % on the free box
 GRIDS = {3: (6, (4, 4, 2), 0.97), 1: (6, (4, 5, 3), 0.85)}
-FREE_EDGE = 22.0  # m, of quadratic tetrahedra that gmsh makes
+# edge in m of quadratic tetrahedra that gmsh makes, share of the critical step: likewise
+FREE_MESHES = {3: (25.5, 0.97), 1: (16.5, 0.97)}
 PEER_RUNS = {3: (50.0, 1.8), 1: (40.0, 1.25)}  # element in m, step in ms
 
 
@@ -69,7 +70,10 @@ def figures(found):
         "grid 3 double": "box_double_seconds_at_3_percent",
         "grid 1 single": "box_seconds_at_1_percent",
         "grid 1 double": "box_double_seconds_at_1_percent",
+        "tetrahedra 3 single": "free_mesh_single_seconds_at_3_percent",
         "tetrahedra 3 double": "free_mesh_seconds_at_3_percent",
+        "tetrahedra 1 single": "free_mesh_single_seconds_at_1_percent",
+        "tetrahedra 1 double": "free_mesh_seconds_at_1_percent",
         "SPECFEM3D 3": "specfem_seconds_at_3_percent",
         "SPECFEM3D 1": "specfem_seconds_at_1_percent",
     }
@@ -115,8 +119,11 @@ def box_rows(rounds):
         for single in (True, False):
             name = f"grid {target} {'single' if single else 'double'}"
             models[name] = box_model(box, mesh, single, factor)
-    free = build_mesh(np.column_stack([0.0 * size, size]), [Layer("rock")], edge=FREE_EDGE)
-    models["tetrahedra 3 double"] = box_model(box, free, False, 0.8, quadratic=True)
+    for target, (edge, factor) in FREE_MESHES.items():
+        mesh = build_mesh(np.column_stack([0.0 * size, size]), [Layer("rock")], edge=edge)
+        for single in (True, False):
+            name = f"tetrahedra {target} {'single' if single else 'double'}"
+            models[name] = box_model(box, mesh, single, factor, quadratic=True)
     prepared = {name: prepare(model, DURATION) for name, model in models.items()}
     seconds, errors = {name: [] for name in models}, {}
     reference = np.loadtxt(PEER / "box_reference.csv", delimiter=",")

@@ -4,22 +4,14 @@ module pyblast_hex_forces
     !! Each node of each zone has a part of its own among the parts of the nodal forces, so that no
     !! sum depends on the number of threads. The parts of a pack stay as its kernel leaves them:
     !! (member, component, node) in a core of one model, (model, component, member, node) in a batch.
-    use, intrinsic :: iso_c_binding, only : c_int
     use pyblast_kinds, only : dp, hex_width, least_shared
     use pyblast_batch, only : kernel_width, n_batch
     use pyblast_model_types, only : domain_work, hex_arrays, model_arrays, nodal_state, zone_state
+    use pyblast_processor, only : has_wide_vectors
     use pyblast_hex_kernels, only : forces_in_layer, forces_of_bricks, forces_of_mapped_zones
     implicit none
     private
     public :: hex_zone_forces
-
-    interface
-        pure function wide_vectors() bind(c, name='pyblast_wide_vectors') result(yes)
-            !! Whether the processor has the vectors of x86-64-v3.
-            import :: c_int
-            integer(c_int) :: yes
-        end function wide_vectors
-    end interface
 
 contains
 
@@ -37,7 +29,7 @@ contains
 
         n = (model%hexes%order + 1)**3
         n_nodes = size(nodes%velocity, 3)
-        wide = wide_vectors() /= 0
+        wide = has_wide_vectors()
         !$omp parallel do schedule(static) default(none) private(first) &
         !$omp& shared(model, nodes, zones, with_energy, work, part_force, n, wide) &
         !$omp& if (n_batch*n_nodes >= least_shared)

@@ -45,6 +45,7 @@ contains
         !$omp& if (n_batch*n_nodes >= least_shared)
         do d = 1, size(model%mesh%domain_set)
             domain = range_of_domain(model%mesh, d)
+            domain%first_pack = work%first_pack(d)
             call domain_forces(model, domain, domain%n_slots, nodes, zones, with_energy, work, &
                                slot_force(:, :, domain%first_slot:domain%last_slot))
         end do
@@ -64,6 +65,7 @@ contains
         domain%first_slot = mesh%domain_slot_start(d)
         domain%last_slot = mesh%domain_slot_start(d + 1) - 1
         domain%n_slots = domain%last_slot - domain%first_slot + 1
+        domain%first_pack = 1
     end function range_of_domain
 
     pure subroutine domain_forces(model, domain, n_slots, nodes, zones, with_energy, work, force)
@@ -79,8 +81,8 @@ contains
         real(dp) :: u(n_batch, 3, n_slots), lag(n_batch, 3, n_slots, 2)
         logical :: by_edges, damped, same_field
 
-        associate (mesh => model%mesh, ground => model%ground, patches => model%patches, &
-                   set => domain%set, law => model%ground%set_law(domain%set), n_nodes => size(nodes%velocity, 3), &
+        associate (mesh => model%mesh, ground => model%ground, set => domain%set, &
+                   law => model%ground%set_law(domain%set), n_nodes => size(nodes%velocity, 3), &
                    n_memories => size(nodes%memory, 3), s1 => domain%first_slot, &
                    s2 => domain%last_slot)
             by_edges = ground%set_form(set) >= merge(2, 3, n_batch > 1)
@@ -104,21 +106,36 @@ contains
             if (damped) then
                 lag(:, :, :, 1) = lag(:, :, :, 1) + u
                 if (.not. same_field) lag(:, :, :, 2) = lag(:, :, :, 2) + u
+                call linear_forces(model, domain, n_slots, by_edges, lag(:, :, :, 1), &
+                                   lag(:, :, :, 2), same_field, force)
             else
-                lag(:, :, :, 1) = u
-                same_field = .true.
+                call linear_forces(model, domain, n_slots, by_edges, u, u, .true., force)
             end if
-            call elastic_forces(model, domain, n_slots, by_edges, lag(:, :, :, 1), &
-                                lag(:, :, :, 2), same_field, force)
-            call patch_forces(n_slots, size(patches%patch_bulk), size(patches%patch_slot), &
-                              patches%domain_patch_start(domain%number), &
-                              patches%domain_patch_start(domain%number + 1) - 1, &
-                              patches%patch_start, patches%patch_slot, patches%patch_gradient, &
-                              patches%patch_bulk, lag(:, :, :, 1), force)
             if (with_energy .and. law == isotropic_law) &
                 call stored_energy(model, domain, n_slots, nodes, u, work%strain_energy)
         end associate
     end subroutine domain_forces
+
+    pure subroutine linear_forces(model, domain, n_slots, by_edges, deviatoric, volumetric, &
+                                  same_field, force)
+        !! Add the forces of isotropic linear zones and of their patches; as elastic_forces.
+        type(model_arrays), intent(in) :: model
+        type(domain_range), intent(in) :: domain
+        integer, intent(in) :: n_slots
+        logical, intent(in) :: by_edges, same_field
+        real(dp), intent(in) :: deviatoric(n_batch, 3, n_slots), volumetric(n_batch, 3, n_slots)
+        real(dp), intent(inout) :: force(n_batch, 3, n_slots)      !! [N]
+
+        associate (patches => model%patches)
+            call elastic_forces(model, domain, n_slots, by_edges, deviatoric, volumetric, &
+                                same_field, force)
+            call patch_forces(n_slots, size(patches%patch_bulk), size(patches%patch_slot), &
+                              patches%domain_patch_start(domain%number), &
+                              patches%domain_patch_start(domain%number + 1) - 1, &
+                              patches%patch_start, patches%patch_slot, patches%patch_gradient, &
+                              patches%patch_bulk, deviatoric, force)
+        end associate
+    end subroutine linear_forces
 
     pure subroutine gather(n_nodes, n_slots, slot_node, displacement, u)
         !! Displacement of the nodes of a domain.
@@ -206,7 +223,10 @@ contains
                    first => domain%first_zone, last => domain%last_zone, &
                    place => model%mesh%slot_place(:, domain%first_slot:domain%last_slot), &
                    n_corners => size(model%mesh%zone_slot, 2))
-            if (by_edges) then
+            if (n_corners == n_tet15) then
+                call quadratic_forces(model, domain, n_slots, deviatoric, volumetric, same_field, &
+                                      force)
+            else if (by_edges) then
                 call edge_forces(n_slots, size(edges%edge_slot), size(edges%skew_slot, 2), &
                                  edges%edge_start(domain%first_slot:domain%last_slot + 1), &
                                  edges%edge_slot, edges%edge_spring, edges%skew_start(d), &
@@ -215,40 +235,59 @@ contains
             else if (has_memory(model%ground%set_law(domain%set))) then
                 lambda = merge(-2.0_dp/3.0_dp*mesh%zone_shear(first:last), &
                                mesh%zone_lambda(first:last), mesh%zone_patch(first:last) > 0)
-                call element_forces(n_corners, size(lambda), n_slots, 1, size(lambda), &
+                call element_forces(size(lambda), n_slots, 1, size(lambda), &
                                     mesh%zone_slot(first:last, :), lambda, &
                                     mesh%zone_shear(first:last), place, deviatoric, volumetric, &
                                     same_field, force)
             else
-                call element_forces(n_corners, size(mesh%zone_lambda), n_slots, first, last, &
+                call element_forces(size(mesh%zone_lambda), n_slots, first, last, &
                                     mesh%zone_slot, mesh%zone_lambda, mesh%zone_shear, place, &
                                     deviatoric, volumetric, same_field, force)
             end if
         end associate
     end subroutine elastic_forces
 
-    pure subroutine element_forces(n_corners, n_zones, n_slots, first, last, zone_slot, &
+    pure subroutine quadratic_forces(model, domain, n_slots, deviatoric, volumetric, same_field, &
+                                     force)
+        !! Add the forces of quadratic zones; arguments as in elastic_forces.
+        type(model_arrays), intent(in) :: model
+        type(domain_range), intent(in) :: domain
+        integer, intent(in) :: n_slots
+        logical, intent(in) :: same_field
+        real(dp), intent(in) :: deviatoric(n_batch, 3, n_slots), volumetric(n_batch, 3, n_slots)
+        real(dp), intent(inout) :: force(n_batch, 3, n_slots)      !! [N]
+        real(dp) :: own(3, n_slots)
+        integer :: m, n_packs
+
+        associate (mesh => model%mesh, n_zones => size(model%mesh%zone_lambda), &
+                   metric => model%hexes%pack_metric(:, :, 1, domain%first_pack:))
+            n_packs = size(metric, 3)
+            if (n_batch == 1) then
+                call tet15_forces(n_zones, n_slots, n_packs, domain%first_zone, domain%last_zone, &
+                                  mesh%zone_slot, metric, deviatoric, volumetric, same_field, force)
+            else
+                do m = 1, n_batch
+                    own = 0.0_dp
+                    call tet15_forces(n_zones, n_slots, n_packs, domain%first_zone, &
+                                      domain%last_zone, mesh%zone_slot, metric, &
+                                      deviatoric(m, :, :), volumetric(m, :, :), same_field, own)
+                    force(m, :, :) = own
+                end do
+            end if
+        end associate
+    end subroutine quadratic_forces
+
+    pure subroutine element_forces(n_zones, n_slots, first, last, zone_slot, &
                                    zone_lambda, zone_shear, place, deviatoric, volumetric, &
                                    same_field, force)
         !! Add the forces of zones first to last by the routine of their element.
-        integer, intent(in) :: n_corners, n_zones, n_slots, first, last
-        integer, intent(in) :: zone_slot(n_zones, n_corners)
+        integer, intent(in) :: n_zones, n_slots, first, last, zone_slot(n_zones, 4)
         real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), place(3, n_slots)
         real(dp), intent(in) :: deviatoric(n_batch, 3, n_slots), volumetric(n_batch, 3, n_slots)
         logical, intent(in) :: same_field
         real(dp), intent(inout) :: force(n_batch, 3, n_slots)
-        real(dp) :: own(3, n_slots)
-        integer :: m
 
-        if (n_corners == n_tet15) then
-            do m = 1, n_batch
-                own = 0.0_dp
-                call tet15_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
-                                  zone_shear, place, deviatoric(m, :, :), volumetric(m, :, :), &
-                                  same_field, own)
-                force(m, :, :) = own
-            end do
-        else if (n_batch == 1) then
+        if (n_batch == 1) then
             call tet4_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
                              place, deviatoric, volumetric, same_field, force)
         else
@@ -270,32 +309,35 @@ contains
         associate (branch => model%ground%set_branch(:, :, :, domain%set), d => domain%number, &
                    node => model%mesh%slot_node(domain%first_slot:domain%last_slot))
             do m = 1, n_batch
-                energy(m, d) = spring_energy(model%mesh, domain, n_slots, u(m, :, :), &
+                energy(m, d) = spring_energy(model, domain, n_slots, u(m, :, :), &
                                              [1.0_dp, 1.0_dp])
                 do k = 1, size(branch, 3)
                     if (.not. any(branch(m, :, k) > 0.0_dp)) cycle
                     energy(m, d) = energy(m, d) &
-                        + spring_energy(model%mesh, domain, n_slots, &
+                        + spring_energy(model, domain, n_slots, &
                                         u(m, :, :) - nodes%memory(m, :, k, node), branch(m, :, k))
                 end do
             end do
         end associate
     end subroutine stored_energy
 
-    pure function spring_energy(mesh, domain, n_slots, field, share) result(energy)
+    pure function spring_energy(model, domain, n_slots, field, share) result(energy)
         !! Energy of one field in springs that have a share of both moduli of the zones [J].
-        type(mesh_arrays), intent(in) :: mesh
+        type(model_arrays), intent(in) :: model
         type(domain_range), intent(in) :: domain
         integer, intent(in) :: n_slots
         real(dp), intent(in) :: field(3, n_slots), share(2)
         real(dp) :: energy
 
-        associate (n_zones => size(mesh%zone_lambda), first => domain%first_zone, &
-                   last => domain%last_zone, &
-                   place => mesh%slot_place(:, domain%first_slot:domain%last_slot))
+        associate (mesh => model%mesh, n_zones => size(model%mesh%zone_lambda), &
+                   first => domain%first_zone, last => domain%last_zone, &
+                   place => model%mesh%slot_place(:, domain%first_slot:domain%last_slot))
             if (size(mesh%zone_slot, 2) == n_tet15) then
-                energy = tet15_energy(n_zones, n_slots, first, last, mesh%zone_slot, &
-                                      mesh%zone_lambda, mesh%zone_shear, place, field, share)
+                energy = tet15_energy(n_zones, n_slots, &
+                                      size(model%hexes%pack_metric, 4) - domain%first_pack + 1, &
+                                      first, last, mesh%zone_slot, &
+                                      model%hexes%pack_metric(:, :, 1, domain%first_pack:), &
+                                      field, share)
             else
                 energy = tet4_energy(n_zones, n_slots, first, last, mesh%zone_slot, &
                                      mesh%zone_lambda, mesh%zone_shear, place, field, share)

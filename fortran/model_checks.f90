@@ -1,10 +1,10 @@
 module pyblast_model_checks
     !! What the arrays of a model file must keep to, so that no kernel reads outside of them.
     use pyblast_kinds, only : dp, hex_width, n_joint_laws, n_joint_properties, n_joint_state, n_sums, &
-        n_zone_laws, n_zone_properties, n_zone_state
+        n_tet15, n_zone_laws, n_zone_properties, n_zone_state
     use pyblast_model_file, only : run_arrays
     use pyblast_model_types, only : edge_arrays, hex_arrays, layer_arrays, layer_state, mesh_arrays, model_arrays, model_state, &
-        n_zone_parts, patch_arrays
+        n_zone_packs, n_zone_parts, patch_arrays
     use pyblast_zone_laws, only : has_memory
     implicit none
     private
@@ -26,7 +26,8 @@ contains
         call check_mesh_sizes(model, message)
         call check_layer(model%layer, state%layer, size(state%zones%slab_memory), model%hexes, &
                          size(model%nodes%node_mass), size(model%contacts%contact_area), message)
-        call check_hexes(model%hexes, size(model%nodes%node_mass), size(model%ground%set_law), message)
+        call check_packs(model%mesh, model%hexes, size(model%nodes%node_mass), &
+                         size(model%ground%set_law), message)
         call check_node_sizes(model, run%n_steps, message)
         call check_state_sizes(model, state, message)
         call check_mesh_indices(model, message)
@@ -75,14 +76,20 @@ contains
         end associate
     end subroutine check_mesh_sizes
 
-    subroutine check_hexes(hexes, n_nodes, n_sets, message)
-        !! Sizes and indices of hexahedra.
+    subroutine check_packs(mesh, hexes, n_nodes, n_sets, message)
+        !! Sizes and indices of packs of zones.
+        type(mesh_arrays), intent(in) :: mesh
         type(hex_arrays), intent(in) :: hexes
         integer, intent(in) :: n_nodes, n_sets
         character(len=:), allocatable, intent(inout) :: message
-        integer :: n, packs
+        integer :: d, n, packs
 
-        if (hexes%order == 0) return
+        if (hexes%order == 0) then
+            if (size(mesh%zone_slot, 2) /= n_tet15) return
+            call require_size("quadratic zones", shape(hexes%pack_metric), [hex_width, 11, 1, &
+                              sum([(n_zone_packs(mesh, d), d = 1, size(mesh%domain_set))])], message)
+            return
+        end if
         n = hexes%order + 1
         packs = size(hexes%pack_set)
         if (hexes%order < 2 .or. hexes%order > 8) message = "'arrays/hex_order' must lie in 2 to 8"
@@ -98,7 +105,7 @@ contains
         call within("pack_node", reshape(hexes%pack_node, [size(hexes%pack_node)]), 1, n_nodes, &
                     message)
         call within("pack_set", hexes%pack_set, 1, n_sets, message)
-    end subroutine check_hexes
+    end subroutine check_packs
 
     subroutine check_layer(layer, state, n_memory, hexes, n_nodes, n_contacts, message)
         !! Sizes and indices of the absorbing layer.

@@ -3,11 +3,11 @@ module pyblast_model_types
     !!
     !! A pointer component refers to memory that the caller owns: the border to Python associates
     !! the arrays of Python, the program pyblast-run those that it read. Indices count from 1.
-    use pyblast_kinds, only : dp
+    use pyblast_kinds, only : dp, hex_width
     use pyblast_batch, only : n_batch
     implicit none
     private
-    public :: allocate_domain_work, n_zone_parts
+    public :: allocate_domain_work, n_zone_packs, n_zone_parts
 
     type, public :: mesh_arrays
         !! Zones, and the domains that hold them: neighbouring zones of one set with slots for the
@@ -40,7 +40,8 @@ module pyblast_model_types
         integer, contiguous, pointer :: pack_set(:)              !! law and damping (n_packs)
         real(dp), contiguous, pointer :: pack_metric(:, :, :, :)
             !! of mapped zones: q d(reference)/dx, Lame moduli over q, where q is the volume of the
-            !! node (hex_width, 11, (order + 1)^3, n_mapped)
+            !! node (hex_width, 11, (order + 1)^3, n_mapped); of quadratic tetrahedra: slopes of three
+            !! axes [1/m], minus the Lame moduli times the volume [J] (hex_width, 11, 1, n_packs)
         real(dp), contiguous, pointer :: pack_brick(:, :, :)
             !! of bricks: d(reference)/dx of the axes [1/m], Lame moduli times an eighth of the
             !! volume [J] (hex_width, 5, n_packs - n_mapped)
@@ -225,6 +226,7 @@ module pyblast_model_types
     type, public :: domain_range
         !! One domain: its number, its set, and the zones and slots that it holds.
         integer :: number, set, first_zone, last_zone, first_slot, last_slot, n_slots
+        integer :: first_pack                                    !! of quadratic zones
     end type domain_range
 
     type, public :: domain_work
@@ -237,6 +239,7 @@ module pyblast_model_types
         real(dp), allocatable :: strain_energy(:, :)             !! (n_batch, n_domains) [J]
         real(dp), allocatable :: plastic_work(:, :)              !! (n_batch, n_domains) [J]
         real(dp), allocatable :: insitu_work(:, :)               !! work of the initial stress [J]
+        integer, allocatable :: first_pack(:)                    !! (n_domains + 1)
     end type domain_work
 
     type, public :: nodal_work
@@ -263,14 +266,28 @@ contains
         if (model%hexes%order > 0) n_parts = size(model%hexes%pack_node)
     end function n_zone_parts
 
+    pure function n_zone_packs(mesh, d) result(n_packs)
+        !! Packs of hex_width that the zones of domain d fill, the last in part.
+        type(mesh_arrays), intent(in) :: mesh
+        integer, intent(in) :: d
+        integer :: n_packs
+
+        n_packs = (mesh%domain_zone_start(d + 1) - mesh%domain_zone_start(d) + hex_width - 1)/hex_width
+    end function n_zone_packs
+
     pure subroutine allocate_domain_work(mesh, hexes, work)
         !! Allocate the work of domains or packs before the first check of any zone.
         type(mesh_arrays), intent(in) :: mesh
         type(hex_arrays), intent(in) :: hexes
         type(domain_work), intent(out) :: work
-        integer :: n_domains
+        integer :: d, n_domains
 
         n_domains = size(mesh%domain_set)
+        allocate (work%first_pack(n_domains + 1))
+        work%first_pack(1) = 1
+        do d = 1, n_domains
+            work%first_pack(d + 1) = work%first_pack(d) + n_zone_packs(mesh, d)
+        end do
         if (hexes%order > 0) n_domains = size(hexes%pack_set)
         allocate (work%displacement_at_check(n_batch, 3, size(mesh%slot_node)))
         allocate (work%yield_margin(n_batch, n_domains), work%strain_energy(n_batch, n_domains))

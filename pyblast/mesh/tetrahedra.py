@@ -205,26 +205,13 @@ def mean_slopes() -> np.ndarray:
 @cache
 def corner_slopes() -> np.ndarray:
     """Return the means (4, 15, 4) over a zone of each coordinate times the slopes."""
-    slopes, unit = np.zeros((4, len(POWERS), 4)), np.eye(4, dtype=int)
-    for corner, axis in np.ndindex(4, 4):
-        lower = np.maximum(POWERS - unit[axis], 0) + unit[corner]
-        slopes[corner, :, axis] = POWERS[:, axis] * integral(lower)
+    return product_slopes(np.eye(4, dtype=int))
+
+
+def product_slopes(powers: np.ndarray) -> np.ndarray:
+    """Return the means (n, 15, 4) over a zone of products, powers (n, 4), times the slopes."""
+    slopes, unit = np.zeros((len(powers), len(POWERS), 4)), np.eye(4, dtype=int)
+    for number, axis in np.ndindex(len(powers), 4):
+        lower = np.maximum(POWERS - unit[axis], 0) + powers[number]
+        slopes[number, :, axis] = POWERS[:, axis] * integral(lower)
     return _shape_table() @ slopes
-
-
-@cache
-def stiffness_table() -> np.ndarray:
-    """Return the means (4, 4, 15, 15) over a zone of products of the slopes of two functions.
-
-    Notes
-    -----
-    Exact. With the gradients g of the coordinates, a scalar Laplacian has the stiffness
-    ``V sum_ij g_i.g_j K_ij``.
-    """
-    table = np.zeros((4, 4, len(POWERS), len(POWERS)))
-    for i, j in np.ndindex(4, 4):
-        lower = [np.maximum(POWERS - np.eye(4, dtype=int)[axis], 0) for axis in (i, j)]
-        mean = integral(lower[0][:, None, :] + lower[1][None, :, :])
-        table[i, j] = POWERS[:, None, i] * POWERS[None, :, j] * mean
-    shape = _shape_table()
-    return np.einsum("ab,ijbc,dc->ijad", shape, table, shape)

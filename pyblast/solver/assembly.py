@@ -1,6 +1,6 @@
 """Assembly of a model into kernel arrays, named as the arguments of the kernels."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -31,12 +31,13 @@ from ..model.source import TimeFunction
 from .absorbing_layer import layer_arrays, no_layer
 from .edge_springs import edge_arrays
 from .hexahedra import critical_step_of_hexahedra, no_packs, pack_arrays
+from .largest_frequency import Product
 from .loads import Loads, dynamic_conditions, model_loads, no_conditions, surface_impedance
-from .time_step import CriticalStep, critical_step
+from .time_step import CriticalStep, assembled_step, critical_step
 
 Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
 DOMAIN_ZONES = 1024
-QUADRATIC_ZONES = 128
+QUADRATIC_ZONES = 512
 
 
 def domain_arrays(
@@ -154,27 +155,33 @@ def patch_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
 
 def time_step(model: Model) -> Step:
     """Return the time step of a model in s, and the `CriticalStep` that limits it."""
+    mass = model.zone_values("density") * volumes(model.mesh)
     if model.mesh.hexahedral:
-        mass = model.nodes.sums(model.zone_values("density") * volumes(model.mesh))
+        mass = model.nodes.sums(mass)
         limit = critical_step_of_hexahedra(model, mass, partial(zone_product, model, mass))
     else:
         limit = critical_step(model)
+        if model.quadratic:
+            limit = assembled_step(model, limit, mass, partial(zone_product, model))
     return model.step_factor * limit.dt * _local_damping_factor(model), limit
 
 
-def zone_product(
-    model: Model, mass: np.ndarray, active: np.ndarray | None = None
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function that multiplies a motion (n_nodes, 3) by M^-1 K of hexahedra, in 1/s2.
+def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = None) -> Product:
+    """Return a function that multiplies a motion (n_nodes, 3) by M^-1 K of linear zones, in 1/s2.
 
-    Of all zones, or of the ``active`` ones (n_zones,) bool.
+    Of all zones, or of the ``active`` ones (n_zones,) bool of hexahedra. Given a rate in 1/s too,
+    it adds the rate times their stiffness damping.
 
     It is one step of the core from rest, without joints, loads and boundaries; springs that relax
     act in full.
     """
     alone = _no_contact()
     plain = replace(model, single=False, mesh=replace(model.mesh, layer=None))
-    packs, _ = pack_arrays(plain, alone["contact_node"], active)
+    if model.mesh.hexahedral:
+        zones, _ = pack_arrays(plain, alone["contact_node"], active)
+        zones |= no_layer(False, len(zones["pack_set"]), model.mesh.order + 1)
+    else:
+        zones = _tetrahedra(plain, alone["contact_node"])
     constants = {
         "dt": 1.0,
         "node_mass": mass,
@@ -183,8 +190,7 @@ def zone_product(
         "node_load": np.zeros((len(mass), 3)),
         **alone,
         **zone_laws(model),
-        **packs,
-        **no_layer(False, len(packs["pack_set"]), model.mesh.order + 1),
+        **zones,
         **zero_loads(2),
         **no_conditions(),
         "receiver_node": np.zeros((0, model.nodes.zone_nodes.shape[1]), dtype=np.int32),
@@ -192,11 +198,12 @@ def zone_product(
     }
     views, rest = to_fortran(constants), initial_state(constants)
 
-    def product(motion):
+    def product(motion, rate=0.0):
         state = {name: value.copy() for name, value in rest.items()}
         state["displacement"][:] = motion
+        state["velocity"][:] = rate * motion
         advance(views, state, 0, 1, 1)
-        return -state["velocity"]
+        return rate * motion - state["velocity"]
 
     return product
 
@@ -219,20 +226,51 @@ def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, A
         packs, member = pack_arrays(model, contacts["contact_node"])
         arrays = {**common, **zone_laws(model), **packs}
         return {**arrays, **layer_arrays(model, arrays, member)}, limit
-    patch = model.patches() if model.yielding().any() else np.full(len(mesh.zones), -1)
+    return {**common, **_tetrahedra(model, contacts["contact_node"])}, limit
+
+
+def _tetrahedra(model, contact_node):
+    """Return the kernel arrays of the zones of a mesh of tetrahedra."""
+    patch = model.patches() if model.yielding().any() else np.full(len(model.mesh.zones), -1)
     arrays = {
-        **common,
         **no_packs(model.single),
-        **domain_arrays(model.tetrahedral, patch, contacts["contact_node"]),
+        **domain_arrays(model.tetrahedral, patch, contact_node),
         **dict(zip(("zone_lambda", "zone_shear"), model.zone_moduli(), strict=True)),
         **zone_laws(model),
     }
-    return {**arrays, **stiffness_arrays(model.tetrahedral, arrays)}, limit
+    return {**arrays, **stiffness_arrays(model.tetrahedral, arrays)}
 
 
 def stiffness_arrays(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Return the arrays of edge springs and patches, which depend on moduli and laws."""
-    return {**edge_arrays(nodes, arrays), **patch_arrays(nodes, arrays)}
+    """Return edge springs, patches and packs of zones, which depend on moduli and laws."""
+    packs = zone_packs(nodes, arrays) if nodes.quadratic else {}
+    return {**edge_arrays(nodes, arrays), **patch_arrays(nodes, arrays), **packs}
+
+
+def zone_packs(nodes: Nodes, arrays: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Return the packs of quadratic zones that are computed together; theory.md (2.34).
+
+    Parameters
+    ----------
+    nodes : Nodes
+    arrays : dict
+        Kernel arrays of domains and zones, and the width of packs in ``pack_node``.
+    """
+    width, corners = arrays["pack_node"].shape[-1], nodes.zone_nodes[:, :4]
+    inner = shape_gradients(nodes.points, corners)
+    volume = tetrahedron_volumes(nodes.points, corners)
+    zone = np.empty((len(volume), 11))
+    zone[:, :9] = (-2.0 * (inner.sum(axis=1, keepdims=True) - inner)).reshape(-1, 9)
+    zone[:, 9] = -volume * arrays["zone_lambda"]
+    zone[:, 10] = -volume * arrays["zone_shear"]
+    starts = arrays["domain_zone_start"]
+    counts = -(-np.diff(starts) // width)
+    packs = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    member = np.repeat(starts[:-1], counts)[:, None] + width * packs[:, None] + np.arange(width)
+    last = np.repeat(starts[1:], counts)[:, None] - 1
+    metric = zone[np.minimum(member, last)]
+    metric[member > last, 9:] = 0.0
+    return {"pack_metric": np.ascontiguousarray(metric.transpose(0, 2, 1)[:, None])}
 
 
 def _local_damping_factor(model):

@@ -167,7 +167,7 @@ def _tables(arrays, parts):
 NUMBERED, SPRINGS = np.array([275.0, 850.0, 0.0]), np.array([215.0, 340.0, 0.0])
 PATCHES = np.array([580.0, 380.0, 0.0])
 WITHOUT_SPRINGS = 385.0  # of a zone without springs
-HELD, HELD_QUADRATIC = np.array([115.0, 860.0, 280.0]), np.array([350.0, 445.0, 490.0])
+HELD, HELD_QUADRATIC = np.array([115.0, 860.0, 280.0]), np.array([390.0, 445.0, 490.0])
 YIELDING, YIELDING_HELD, RELAXING = 90.0, 340.0, 65.0  # per zone; per node and further rate
 STATIC = 215.0  # of each zone, for the springs of the static stage
 ALWAYS, SHARED = 3e5, 512.0  # fixed; per zone of a chunk

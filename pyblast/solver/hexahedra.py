@@ -4,19 +4,15 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.linalg import eigvalsh_tridiagonal
 
 from .. import core
 from ..mesh import hexahedra
-from ..mesh.mesh import Contacts
 from ..model.model import Model
 from .absorbing_layer import in_layer, layer_lags, no_layer
+from .largest_frequency import largest_eigenvalue, longest_step, with_joints
 from .time_step import CriticalStep, contact_bounds
 
 STRAIGHT = 1e-9  # of the mean slope: largest deviation of a brick
-LANCZOS = 40  # products for the largest eigenvalue
-TIGHT = 1e-3  # its relative change between the last products
-ABOVE = 1.01  # factor on the eigenvalue found, which is a lower bound
 
 
 def no_packs(single: bool) -> dict[str, Any]:
@@ -174,68 +170,18 @@ def critical_step_of_hexahedra(
     Lanczos on the assembled zones and joints, these with their stiffest springs: theory.md (2.48).
     The viscosity of the absorbing layer counts with the largest frequency of its own zones.
     """
-    contacts = model.spectral.contacts
     spring, viscosity = contact_bounds(model)
-    product = product_of()
-
-    def whole(motion):
-        acceleration = product(motion)
-        if contacts is not None:
-            acceleration += joint_product(contacts, stiffness, motion) / mass[:, None]
-        return acceleration
-
-    stiffness = np.zeros(0)
-    if contacts is not None:
-        by_name = {joint.surface: joint for joint in model.joints}
-        bound = np.array([by_name[name].bound()[0] for name in contacts.names])
-        stiffness = contacts.area * bound[contacts.joint]
-    squared = ABOVE * _largest_eigenvalue(whole, mass)
+    squared = largest_eigenvalue(with_joints(model, product_of(), mass), mass)
     drag = float((2.0 * viscosity / mass).max())
     beta = float(model.group_damping("beta").max())
-    dt = _longest_step(squared, drag + squared * beta)
+    dt = longest_step(squared, drag, beta)
     own = in_layer(model).any(axis=1)
     if own.any():
         lag = beta + float(layer_lags(model, np.flatnonzero(own)).max())
-        of_layer = ABOVE * _largest_eigenvalue(product_of(own), mass)
-        dt = min(dt, _longest_step(of_layer, drag + of_layer * lag))
+        dt = min(dt, longest_step(largest_eigenvalue(product_of(own), mass), drag, lag))
     part = "the shortest distance of nodes"
     if (spring / mass).max() > 0.5 * squared:
         part = "a contact of a joint"
     zones = np.zeros(len(model.mesh.zones))
     shares = dict.fromkeys(model.mesh.groups, 0.0)
-    return CriticalStep(dt, _longest_step(squared, drag), part, zones, shares, dt)
-
-
-def joint_product(contacts: Contacts, stiffness: np.ndarray, motion: np.ndarray) -> np.ndarray:
-    """Return the forces (n_nodes, 3) in N of springs (n_contacts,) in N/m against a motion."""
-    force = np.zeros_like(motion)
-    jump = stiffness[:, None] * (motion[contacts.plus] - motion[contacts.minus])
-    np.add.at(force, contacts.plus, jump)
-    np.subtract.at(force, contacts.minus, jump)
-    return force
-
-
-def _longest_step(squared, drag):
-    """Return the step T of ``squared T^2/4 + drag T/2 = 1``."""
-    return float((np.sqrt(drag**2 / 4.0 + squared) - drag / 2.0) * 2.0 / squared)
-
-
-def _largest_eigenvalue(product, mass):
-    """Return the largest eigenvalue of M^-1 K by Lanczos, from a fixed start, in 1/s2."""
-    n_nodes = len(mass)
-    motion = np.random.default_rng(0).standard_normal((n_nodes, 3))
-    weight = mass[:, None]
-    motion /= np.sqrt((weight * motion**2).sum())
-    before, off, diagonal, beside, largest = 0.0 * motion, 0.0, [], [], 0.0
-    for _ in range(min(LANCZOS, 3 * n_nodes)):
-        image = product(motion) - off * before
-        diagonal.append(float((weight * image * motion).sum()))
-        image -= diagonal[-1] * motion
-        off = float(np.sqrt((weight * image**2).sum()))
-        value = float(eigvalsh_tridiagonal(np.array(diagonal), np.array(beside))[-1])
-        if abs(value - largest) < TIGHT * value or off <= 1e-12 * value:
-            return value
-        largest = value
-        beside.append(off)
-        before, motion = motion, image / off
-    return largest
+    return CriticalStep(dt, longest_step(squared, drag), part, zones, shares, dt)

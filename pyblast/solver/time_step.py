@@ -1,81 +1,21 @@
 """Critical time step, and selective mass scaling of small tetrahedra."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..mesh import tetrahedra
-from ..mesh.nodes import kept
-from ..mesh.tetrahedra import VOLUME_SHARE, shape_gradients, stiffness_table
+from ..mesh.tetrahedra import shape_gradients
 from ..model.anisotropy import Anisotropic
 from ..model.model import Model
-
-_CHUNK = 1000
-_ALIKE = 9  # decimals of shape and moduli to which zones are compared
-
-
-def quadratic_frequencies(
-    points: np.ndarray,
-    zones: np.ndarray,
-    first_lame: np.ndarray,
-    shear: np.ndarray,
-    density: np.ndarray,
-) -> np.ndarray:
-    """Return the square of the largest angular frequency of quadratic zones, (n_zones,) 1/s2.
-
-    Parameters
-    ----------
-    points : (n_nodes, 3) float64, m
-    zones : (n_zones, 4) int32, corners
-    first_lame, shear : (n_zones,) float64, Pa
-    density : (n_zones,) float64, kg/m3
-
-    Notes
-    -----
-    Largest eigenvalue of the 45 by 45 problem with lumped mass, an upper bound for the model (Irons
-    & Treharne 1971): theory.md (2.38). It depends only on the products of the gradients, so rotated
-    and scaled copies of a zone share it.
-    """
-    return _per_density(points, zones, first_lame, shear) / density
-
-
-@kept
-def _per_density(points, zones, first_lame, shear):
-    """Return the squared frequencies for unit density, (n_zones,)."""
-    gradient = shape_gradients(points, zones)
-    products = np.einsum("zia,zja->zij", gradient, gradient).reshape(-1, 9)
-    scale = products[:, ::4].sum(axis=1)
-    stiffest = first_lame + 2.0 * shear
-    alike = np.column_stack([products / scale[:, None], shear / stiffest]).round(_ALIKE)
-    _, first, kind = np.unique(alike, axis=0, return_index=True, return_inverse=True)
-    squared = np.empty(len(first))
-    for start in range(0, len(first), _CHUNK):
-        part = first[start : start + _CHUNK]
-        moduli = first_lame[part] / stiffest[part], shear[part] / stiffest[part]
-        matrix = zone_stiffness(points, zones[part], *moduli)
-        squared[start : start + _CHUNK] = np.linalg.eigvalsh(matrix)[:, -1] / scale[part]
-    return squared[kind.ravel()] * scale * stiffest
-
-
-def zone_stiffness(
-    points: np.ndarray, zones: np.ndarray, first_lame: np.ndarray, shear: np.ndarray
-) -> np.ndarray:
-    """Return the stiffness (n_zones, 45, 45) over zone volume and lumped volume fractions.
-
-    Rows and columns run over nodes, then x y z; each is divided by the root of its volume share.
-    """
-    gradient = shape_gradients(points, zones)
-    g = np.concatenate([-gradient.sum(axis=1, keepdims=True), gradient], axis=1)
-    pairs = np.einsum("zip,zjq->zpqij", g, g).reshape(-1, 9, 16)
-    scale = 1.0 / np.sqrt(np.outer(VOLUME_SHARE, VOLUME_SHARE))
-    table = (stiffness_table() * scale).reshape(16, -1)
-    slopes = (pairs @ table).reshape(-1, 3, 3, 15, 15)
-    laplacian = np.einsum("zppab->zab", slopes)
-    matrix = first_lame[:, None, None, None, None] * slopes
-    matrix += shear[:, None, None, None, None] * np.swapaxes(slopes, 1, 2)
-    matrix[:, range(3), range(3)] += (shear[:, None, None] * laplacian)[:, None]
-    return matrix.transpose(0, 3, 1, 4, 2).reshape(-1, 45, 45)
-
+from .largest_frequency import (
+    Product,
+    damped_step,
+    largest_eigenvalue,
+    longest_step,
+    with_joints,
+)
 
 # Slivers reduce the step more than tenfold; deliberately fine zones shall keep their mass.
 LEAST_GAIN = 1.5  # of the time step, for mass to be added
@@ -84,6 +24,7 @@ IN_ONE_PLACE = 20.0  # allowed multiples of ``added_mass`` in such a place
 THIN = 0.25  # smallest altitude over longest edge below which a zone is a sliver
 FEW = 64  # consecutive zones whose non-slivers are limited to FINE multiples
 FINE = 4.0
+QUADRATIC = 3.2  # frequency of a quadratic zone over that of constant strain; theory.md (2.38)
 CHUNK = 2**13  # zones whose shapes are computed at once
 
 
@@ -161,11 +102,14 @@ def anisotropic_frequencies(
 
 
 def model_frequencies(model: Model) -> np.ndarray:
-    """Return the square of the largest angular frequency of each zone of a model, (n_zones,)."""
+    """Return the square of the largest angular frequency of each zone of a model, (n_zones,).
+
+    Of quadratic zones an estimate, which may be 10 to 20 % off.
+    """
     mesh, density, (lame, shear) = model.mesh, model.zone_values("density"), model.stiffest_moduli()
-    if model.quadratic:
-        return quadratic_frequencies(mesh.points, mesh.zones, lame, shear, density)
     squared = zone_frequencies(mesh.points, mesh.zones, lame, shear, density)
+    if model.quadratic:
+        return QUADRATIC**2 * squared
     for number, group in enumerate(mesh.groups):
         law = model.law(group)
         if isinstance(law, Anisotropic):
@@ -227,6 +171,44 @@ def critical_step(model: Model) -> CriticalStep:
     by_group = _shares(part, added, own).tolist()
     shares = dict(zip(mesh.groups, by_group, strict=True))
     return CriticalStep(dt, undamped, limited_by, added, shares, unscaled)
+
+
+def assembled_step(
+    model: Model, limit: CriticalStep, mass: np.ndarray, product_of: Callable[..., Product]
+) -> CriticalStep:
+    """Return the critical step of linear zones from the largest frequency of the whole model.
+
+    Parameters
+    ----------
+    model : Model
+    limit : CriticalStep
+        From single zones, with the added mass.
+    mass : (n_zones,) float64, kg
+        Without added mass.
+    product_of : callable
+        From the mass of nodes to the function that multiplies a motion with the stiffness of all
+        zones over the mass.
+
+    Notes
+    -----
+    Joints act with their stiffest springs and their whole viscosity. Where damping differs from
+    place to place, the step is found from below: theory.md (2.48).
+    """
+    beta, viscosity = model.group_damping("beta"), contact_bounds(model)[1]
+
+    def steps(added):
+        node_mass = model.nodes.sums(mass + added)
+        product = with_joints(model, product_of(node_mass), node_mass)
+        squared = largest_eigenvalue(product, node_mass)
+        drag = float((2.0 * viscosity / node_mass).max())
+        dt = longest_step(squared, drag, float(beta.max()))
+        if np.ptp(beta) > 0.0 or viscosity.any():
+            dt = damped_step(product, node_mass, dt)
+        return dt, max(dt, longest_step(squared, drag))
+
+    dt, undamped = steps(limit.added_mass)
+    unscaled = steps(0.0)[0] if limit.added_mass.any() else dt
+    return replace(limit, dt=dt, undamped=undamped, unscaled=unscaled)
 
 
 @dataclass(frozen=True, eq=False)

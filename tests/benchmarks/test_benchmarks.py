@@ -36,7 +36,7 @@ def test_zones_alone_march_as_the_model_does():
     state = {name: value.copy() for name, value in still.state.items()}
     state["velocity"][:] = velocity
     (counts, tables), _, _, moving = box.arguments(20, (np.zeros_like(velocity), velocity))
-    tables[7][:] = 1.0 / box.mass[:, None]
+    tables[8][:] = 1.0 / box.mass[:, None]
     called(library().march, counts, (still.constants["dt"],), tables)
     core.advance(core.to_fortran(still.constants), state, 0, 20, 20)
 

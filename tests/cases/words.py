@@ -104,7 +104,6 @@ REMAINING = {
     "fortran/principal_stresses.f90": 1,
     "fortran/pyblast_run.f90": 2,
     "fortran/solver.f90": 10,
-    "fortran/tet15.f90": 5,
     "fortran/tet4.f90": 5,
     "fortran/tet4_batch.f90": 6,
     "fortran/tet4_general.f90": 1,

@@ -143,6 +143,46 @@ def test_hexahedra_with_a_layer_and_a_joint_march_to_the_same_bits(tmp_path):
     assert np.abs(here.seismograms["A"].velocity).max() > 0.0
 
 
+@pytest.fixture(scope="module")
+def quadratic():
+    mesh = structured_box((3, 2, 2), (30.0, 20.0, 20.0), planes={"J": ("x", 20.0)}).split(["J"])
+    pulse = TimeFunction(1e8 * np.hanning(41), 5e-4)
+    return Model(
+        mesh,
+        {"rock": replace(ROCK, law=ConstantQ(40.0, 20.0))},
+        joints=[Joint("J", "elastic", {"kn": 2e9, "ks": 1e9})],
+        boundaries=[Viscous("bottom")],
+        sources=[PointForce((8.0, 11.0, 13.0), (1.0, 0.5, -0.3), pulse)],
+        receivers=[Receiver("A", (25.0, 5.0, 18.0))],
+        quadratic=True,
+    )
+
+
+def test_quadratic_zones_and_a_joint_run_to_the_same_bits(quadratic, tmp_path):
+    here = simulate(quadratic, 0.05)
+    export(prepare(quadratic, 0.05), tmp_path / "model.h5")
+
+    done = march(tmp_path / "model.h5", tmp_path / "result.h5")
+
+    assert done.returncode == 0, done.stderr
+    with h5py.File(tmp_path / "result.h5") as file:
+        assert np.array_equal(file["records/motion"][:, 0], here.seismograms["A"].velocity)
+    assert np.abs(here.seismograms["A"].velocity).max() > 0.0
+
+
+def test_packs_of_quadratic_zones_that_are_too_few_are_refused(quadratic, tmp_path):
+    export(prepare(quadratic, 0.01), tmp_path / "model.h5")
+    with h5py.File(tmp_path / "model.h5", "r+") as file:
+        packs = file["arrays/pack_metric"][:-1]
+        del file["arrays/pack_metric"]
+        file["arrays/pack_metric"] = packs
+
+    done = march(tmp_path / "model.h5", tmp_path / "result.h5")
+
+    assert done.returncode == 2
+    assert "quadratic zones" in done.stderr
+
+
 def test_all_laws_of_zones_and_joints_together_march_to_the_same_bits(tmp_path):
     names = list(MATERIALS)
     layers = [*(Layer(name, 4.0) for name in names[:-1]), Layer(names[-1])]

@@ -43,6 +43,8 @@ ORDER = [
     "tet4_batch",
     "tet4_general",
     "tet4_plastic",
+    "processor",
+    "tet15_kernels",
     "tet15",
     "hex_kernels",
     "hex_forces",

@@ -16,6 +16,7 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import ConstantQ, Damping
 from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.source import Hole, PointForce, TimeFunction
+from pyblast.solver import assembly
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import run_many, simulate
 from verification.columns import AXIS, ROCK, SPEED, column, column_model, pulse, ricker, started
@@ -152,6 +153,53 @@ def test_a_free_body_keeps_its_energy_at_the_longest_step():
     assert held == pytest.approx(held[0], rel=1e-9)
 
 
+@pytest.mark.parametrize("stiffness", [1e9, 5e10])
+def test_the_step_is_that_of_the_largest_frequency_of_zones_and_joints(stiffness):
+    mesh = structured_box((2, 1, 1), (20.0, 10.0, 10.0), planes={"J": ("x", 10.0)}).split(["J"])
+    joint = Joint("J", "elastic", {"kn": stiffness, "ks": 0.4 * stiffness})
+    model = Model(mesh, {"rock": ROCK}, joints=[joint], quadratic=True)
+    prepared = prepare(model, 1e-3)
+    views, dt = core.to_fortran(prepared.constants), prepared.constants["dt"]
+
+    columns = []
+    for row in np.eye(prepared.state["displacement"].size):
+        state = {name: value.copy() for name, value in prepared.state.items()}
+        state["displacement"].flat[:] = row
+        core.advance(views, state, 0, 1, 1)
+        columns.append(-state["velocity"].ravel() / dt)
+
+    exact = 2.0 / np.sqrt(np.abs(np.linalg.eigvals(np.array(columns))).max())
+    assert 0.98 * exact < prepared.limit.dt <= exact
+
+
+DAMPED = {
+    "equal": {"damping": Damping(0.1, 30.0)},
+    "soil alone": {"damping": {"rock": Damping(0.0, 30.0), "soil": Damping(0.2, 30.0)}},
+    "fill": {"joints": [Joint("J", "kelvin", {"kn": 4e9, "ks": 2e9, "eta_n": 4e6, "eta_s": 2e6})]},
+}
+
+
+@pytest.mark.parametrize("kind", DAMPED)
+def test_damped_models_are_stable_at_their_step(kind):
+    elastic = [Joint("J", "elastic", {"kn": 4e9, "ks": 2e9})]
+    model = site(boundaries=[], step_factor=1.0, **{"joints": elastic, **DAMPED[kind]})
+    velocity = np.random.default_rng(0).normal(size=model.nodes.points.shape)
+
+    energy = started(model, 0.1, 0.0 * velocity, velocity).energy
+
+    assert energy["kinetic"][-1] < 0.5 * energy["kinetic"][0]
+
+
+def test_damping_of_soft_ground_does_not_shorten_the_step_as_if_all_ground_had_it():
+    part, whole = (
+        prepare(site(**DAMPED["soil alone"] | {"damping": damping}), 0.01).limit
+        for damping in (DAMPED["soil alone"]["damping"], Damping(0.2, 30.0))
+    )
+
+    assert part.dt > 1.3 * whole.dt
+    assert part.dt <= part.undamped == pytest.approx(whole.undamped)
+
+
 def test_a_step_that_is_too_long_is_blamed_at_a_node_of_any_kind():
     model = site(joints=[Joint("J", "elastic", {"kn": 4e9, "ks": 2e9})])
     prepared = prepare(model, 0.05)
@@ -184,6 +232,24 @@ def test_fading_ground_and_batches_take_them():
         assert found.seismograms["A"].velocity == pytest.approx(
             record.velocity, abs=1e-9 * record.pvs
         )
+
+
+def test_neither_threads_nor_their_number_change_a_bit(monkeypatch):
+    monkeypatch.setattr(assembly, "QUADRATIC_ZONES", 7)
+    alone = simulate(site(), 0.05).seismograms["A"].velocity
+
+    monkeypatch.setattr(core._core.pyblast_kinds, "least_shared", 1)
+
+    assert np.array_equal(simulate(site(), 0.05).seismograms["A"].velocity, alone)
+
+
+def test_the_size_of_domains_changes_rounding_alone(monkeypatch):
+    whole = simulate(site(), 0.05).seismograms["A"]
+
+    monkeypatch.setattr(assembly, "QUADRATIC_ZONES", 7)
+
+    record = simulate(site(), 0.05).seismograms["A"]
+    assert record.velocity == pytest.approx(whole.velocity, abs=1e-9 * whole.pvs)
 
 
 def test_ground_of_another_law_is_refused():

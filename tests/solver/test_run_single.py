@@ -19,6 +19,7 @@ from verification.columns import ricker
 
 DURATION = 0.06
 NEAR = 1e-5  # of the peak
+AMPLIFIED = 1e-4  # where contacts open and close: a step longer by 1e-6 changes motion by 4e-3
 CLOSURE = {"kn": 4e9, "ks": 2e9, "closure": 2e-4, "kn_max": 4e10, "irrecoverable": 0.0,
            "cohesion": 0.0, "friction": 0.6}  # fmt: skip
 STRONG = [*map(Viscous, SIDES), StressInput("west", shaking(None, 5.0))]
@@ -44,8 +45,9 @@ def test_motion_and_energy_are_those_of_eight_bytes(name, quadratic):
 
     double, single = simulate(model, DURATION), simulate(replace(model, single=True), DURATION)
 
-    assert 0.0 < apart(double, single) < NEAR
-    allowed = NEAR * double.energy["input"].max() + 1e-3 * double.energy["joint_stored"][0]
+    near = AMPLIFIED if name == "closes" else NEAR
+    assert 0.0 < apart(double, single) < near
+    allowed = near * double.energy["input"].max() + 1e-3 * double.energy["joint_stored"][0]
     for term, found in single.energy.items():
         if term not in ("time", "unbalanced"):
             assert np.abs(found - double.energy[term]).max() <= allowed, term
