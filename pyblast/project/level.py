@@ -1,0 +1,242 @@
+"""Level of a blast: whether peak velocities are plausible for their charge and distance."""
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from ..blasts.published_laws import PlausibleRange, plausible_ppv
+from ..blasts.signature import superpose
+from ..errors import Finding
+from ..signals.seismogram import Seismogram
+from .inputs import InputMotion, radiated, shape
+
+CODE = "D36"
+ESTIMATE = 3.0  # how far an estimate before the run may be off
+FAR = 100.0  # no ground explains it
+UNITS = (200.0, 5000.0)  # factors at which m/s and mm/s look confused
+FREE_SURFACE = 2.0
+
+
+class Peak(NamedTuple):
+    """Peak component of velocity (m/s), what it is and where, and its plausible range or None."""
+
+    name: str
+    ppv: float
+    plausible: PlausibleRange | None
+    recorded: bool = False
+
+    @property
+    def excess(self) -> float:
+        """Peak over the nearer end of its range; 1 within, or where there is no range."""
+        return 1.0 if self.plausible is None else self.plausible.excess(self.ppv)
+
+
+def peak_of(motion: Seismogram) -> float:
+    """Return the largest peak of a component in m/s; those that are absent do not count."""
+    return float(np.nanmax(motion.ppv))
+
+
+def plausible_at(project, position) -> PlausibleRange | None:
+    """Return the plausible range of peak velocity at a position.
+
+    Parameters
+    ----------
+    project : Project
+    position : (3,) float, m
+
+    Returns
+    -------
+    PlausibleRange or None
+        Of the 8 ms window that is nearest by scaled distance, or of the hole of the closed form
+        where there is no [blast]. None where no hole moves the ground or its charge is unknown,
+        and where no law reaches.
+    """
+    config = project.config
+    if project.blast is not None and (config.holes_inside or config.signature):
+        window = project.blast.strongest_window(position)
+        return None if window is None else plausible_ppv(*window)
+    if config.signature is not None and config.signature.cavity is not None:
+        hole = config.signature.cavity
+        return plausible_ppv(math.dist(hole.hole_m, position), hole.charge_kg)
+    return None
+
+
+def level_table(plausible: PlausibleRange | None, peaks: Iterable[float]) -> dict:
+    """Return range, laws and whether a peak (m/s) is outside, for the summary of a receiver."""
+    if plausible is None:
+        return {
+            "plausible_ppv_mm_per_s": None, "laws": [], "implausible": False,
+            "charge_distance": None,
+        }  # fmt: skip
+    return {
+        "plausible_ppv_mm_per_s": [1e3 * plausible.low, 1e3 * plausible.high],
+        "laws": list(plausible.laws),
+        "implausible": any(plausible.excess(peak) != 1.0 for peak in peaks),
+        "charge_distance": {"charge": plausible.charge, "distance": plausible.distance},
+    }
+
+
+def simulated_peaks(project, simulated: dict[str, Seismogram]) -> list[Peak]:
+    """Return the simulated and recorded peaks of all receivers."""
+    peaks = []
+    for receiver in project.receivers:
+        plausible = plausible_at(project, receiver.position)
+        peaks.append(Peak(receiver.name, peak_of(simulated[receiver.name]), plausible))
+        if receiver.name in project.recorded:
+            recorded = peak_of(project.recorded[receiver.name])
+            peaks.append(Peak(f"{receiver.name}, recorded", recorded, plausible, True))
+    return peaks
+
+
+def expected_peaks(project) -> list[Peak]:
+    """Return peaks that are known before a run: recorded, of the input, of holes inside.
+
+    No mesh is made: a receiver without height stands as high as the highest collar.
+    """
+    config = project.config
+    peaks = input_peaks(project)
+    others = config.point_forces or config.moment_tensors or config.pressures
+    for receiver in config.receivers:
+        top = 0.0 if project.blast is None else float(project.blast.collar[:, 2].max())
+        position = np.array([*receiver.position_m, top][:3])
+        plausible = plausible_at(project, position)
+        if plausible is None:
+            continue
+        if receiver.name in project.recorded:
+            recorded = peak_of(project.recorded[receiver.name])
+            peaks.append(Peak(f"{receiver.name}, recorded", recorded, plausible, True))
+        if config.holes_inside is not None and not others:
+            about = radiated_peak(project, plausible.distance)
+            if max(plausible.excess(about), 1.0 / plausible.excess(about)) > ESTIMATE:
+                peaks.append(Peak(f"{receiver.name}, estimated", about, plausible))
+    return peaks
+
+
+def input_peaks(project) -> list[Peak]:
+    """Return the peaks of the single hole and of the whole blast where the motion enters."""
+    config, stages = project.config, project.input
+    if stages is None:
+        return []
+    cavity = config.signature.cavity
+    hole = reference = None
+    if cavity is not None:
+        hole = plausible_ppv(math.dist(cavity.hole_m, cavity.receiver_m), cavity.charge_kg)
+    elif config.input.distance_m is not None and project.blast is not None:
+        charges = project.blast.charge[project.blast.charge > 0.0]
+        reference = config.blast.reference_charge_kg or (
+            float(charges.mean()) if len(charges) else math.nan
+        )
+        if not math.isnan(reference):
+            hole = plausible_ppv(config.input.distance_m, reference)
+    scale = config.signature.scale
+    words = "single hole" if scale == 1.0 else f"single hole times {scale:g}"
+    peaks = [Peak(words, peak_of(stages.signature), hole, cavity is None)]
+    if cavity is not None:
+        whole = plausible_at(project, cavity.receiver_m)
+        peaks.append(Peak("whole blast at the input", peak_of(stages.superposed), whole))
+    return peaks
+
+
+def radiated_peak(project, distance: float) -> float:
+    """Return about which peak velocity in m/s the holes inside cause at a distance in m.
+
+    Notes
+    -----
+    Isotropic source of moment M in unbounded rock, doubled at the free surface; theory.md (5.2):
+    ``v = 2 (M'/r^2 + M''/(r cp)) / (4 pi density cp^2)``. All holes stand at one distance.
+    """
+    inside, config = project.inside, project.config.holes_inside
+    rocks = project.materials
+    if config.charged_hole is not None:
+        rock = rocks[config.charged_hole.material]
+    else:
+        rock = max(rocks.values(), key=lambda material: material.cp)
+    rate = inside.moment_rate
+    near = superpose(shape(rate, rate.values), inside.firing).velocity[:, 0]
+    far = superpose(radiated(rate), inside.firing).velocity[:, 0]
+    history = near / distance**2 + far / (distance * rock.cp)
+    size = 4.0 * math.pi * rock.density * rock.cp**2
+    return FREE_SURFACE * float(np.abs(history).max()) / size
+
+
+def implausible_level(peaks: Iterable[Peak], advice: str = "") -> Finding | None:
+    """D36: peaks outside of what published laws find plausible; None where all lie within.
+
+    Parameters
+    ----------
+    peaks : iterable of Peak
+    advice : str
+        What to do about the source.
+    """
+    outside = sorted(
+        (peak for peak in peaks if peak.excess != 1.0),
+        key=lambda peak: -abs(math.log(max(peak.excess, 1e-300))),
+    )
+    if not outside:
+        return None
+    listed = "; ".join(f"{peak.name}: {peak.plausible.describe(peak.ppv)}" for peak in outside[:3])
+    more = f"; and {len(outside) - 3} more" if len(outside) > 3 else ""
+    remedies = []
+    if any(peak.recorded for peak in outside):
+        remedies.append(_record_advice([peak for peak in outside if peak.recorded]))
+    if advice and not all(peak.recorded for peak in outside):
+        remedies.append(advice)
+    low = sum(peak.excess < 1.0 for peak in outside)
+    which = "too low" if low == len(outside) else "too high" if low == 0 else "implausible"
+    return Finding(
+        CODE,
+        f"The level is {which} for charge and distance",
+        f"{listed}{more} (5-95 %). {' '.join(remedies)}".strip(),
+        max(max(peak.excess, 1.0 / max(peak.excess, 1e-300)) for peak in outside) >= FAR,
+        {peak.name: peak.excess for peak in outside},
+    )
+
+
+def _record_advice(peaks) -> str:
+    """Return what to look at where a recorded peak is implausible."""
+    hint = ""
+    for peak in peaks:
+        middle = peak.ppv / math.sqrt(peak.plausible.low * peak.plausible.high)
+        if UNITS[0] <= max(middle, 1.0 / max(middle, 1e-300)) <= UNITS[1]:
+            hint = (
+                ": m/s read as mm/s are 1000 times too low" if middle < 1.0 else
+                ": mm/s read as m/s are 1000 times too high"
+            )  # fmt: skip
+    return f"Check the unit of the record{hint}, and the distance and charge of its blast."
+
+
+def source_advice(config) -> str:
+    """Return what sets the level of the source of a `Config`, and what to do about it."""
+    if config.holes_inside is not None and config.holes_inside.charged_hole is not None:
+        return (
+            "The pulse of the charged hole sets the level: give peak_mm_per_s and distance_m in "
+            "place of pressure_mpa, by your own records, your site law (pyblast sitelaw) or a "
+            "published one, or a moment_rate_file from records."
+        )
+    if config.holes_inside is not None:
+        return "Check the moment_rate_file: N m/s of 1 kg; and blast.charge_exponent."
+    if config.signature is not None and config.signature.cavity is not None:
+        return (
+            "The closed form sets the level: give peak_mm_per_s by your own records or site law "
+            "(pyblast sitelaw), leave out both it and pressure_mpa for a published law, or "
+            "superpose a recorded hole."
+        )
+    if config.signature is not None:
+        return (
+            "Check unit and distance of the recorded hole, signature.scale and "
+            "blast.reference_charge_kg."
+        )
+    return "Check the forces and pressures beside the blast."
+
+
+def level_findings(project, peaks: Iterable[Peak]) -> tuple[Finding, ...]:
+    """Return the finding about peaks of a project, if there is any."""
+    finding = implausible_level(peaks, source_advice(project.config))
+    return () if finding is None else (finding,)
+
+
+def stages_outside(project) -> dict[str, PlausibleRange]:
+    """Return the plausible ranges of the stages of the input by name."""
+    return {p.name: p.plausible for p in input_peaks(project) if p.plausible is not None}
