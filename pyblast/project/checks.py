@@ -16,6 +16,7 @@ from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, summarise_model
 from .ground import joint_of_surface, set_stiffness
 from .inputs import central_frequency, highest_frequency, input_band, shape
+from .level import expected_peaks, level_findings
 from .places import (
     face_areas,
     face_distance,
@@ -71,6 +72,7 @@ def check(project, measure=True) -> Check:
         *_joint_defects(project, summary),
         *_record_defects(project, summary),
         *boundary_defects(project),
+        *level_findings(project, expected_peaks(project)),
     ]
     findings = sorted(
         (finding for finding in candidates if finding is not None), key=lambda f: int(f.code[1:])

@@ -6,17 +6,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..blasts.published_laws import PlausibleRange, plausible_ppv
+from ..blasts.published_laws import HARD_ROCK, PlausibleRange, plausible_ppv
 from ..blasts.signature import superpose
 from ..errors import Finding
 from ..signals.seismogram import Seismogram
-from .inputs import InputMotion, radiated, shape
+from ..units import plain_number
+from .inputs import FREE_SURFACE, radiated, shape
 
 CODE = "D36"
 ESTIMATE = 3.0  # how far an estimate before the run may be off
 FAR = 100.0  # no ground explains it
 UNITS = (200.0, 5000.0)  # factors at which m/s and mm/s look confused
-FREE_SURFACE = 2.0
 
 
 class Peak(NamedTuple):
@@ -76,6 +76,15 @@ def level_table(plausible: PlausibleRange | None, peaks: Iterable[float]) -> dic
         "implausible": any(plausible.excess(peak) != 1.0 for peak in peaks),
         "charge_distance": {"charge": plausible.charge, "distance": plausible.distance},
     }
+
+
+def plausible_of_table(table: dict) -> PlausibleRange | None:
+    """Return the plausible range of a receiver from its summary; None where it has none."""
+    ends = table.get("plausible_ppv_mm_per_s")
+    if ends is None:
+        return None
+    low, high = (1e-3 * end for end in ends)
+    return PlausibleRange(low, high, **table["charge_distance"], laws=tuple(table["laws"]))
 
 
 def simulated_peaks(project, simulated: dict[str, Seismogram]) -> list[Peak]:
@@ -186,7 +195,7 @@ def implausible_level(peaks: Iterable[Peak], advice: str = "") -> Finding | None
     low = sum(peak.excess < 1.0 for peak in outside)
     which = "too low" if low == len(outside) else "too high" if low == 0 else "implausible"
     return Finding(
-        CODE,
+        "D36",
         f"The level is {which} for charge and distance",
         f"{listed}{more} (5-95 %). {' '.join(remedies)}".strip(),
         max(max(peak.excess, 1.0 / max(peak.excess, 1e-300)) for peak in outside) >= FAR,
@@ -231,12 +240,19 @@ def source_advice(config) -> str:
     return "Check the forces and pressures beside the blast."
 
 
+def level_words(hole) -> str:
+    """Return what the level of a `CavityConfig` or `ChargedHoleConfig` rests on."""
+    if hole.pressure_mpa is not None:
+        return f"its level by a pressure of {plain_number(hole.pressure_mpa)} MPa"
+    at = getattr(hole, "distance_m", None) or math.dist(hole.hole_m, hole.receiver_m)
+    if hole.peak_mm_per_s is not None:
+        rests = f"a peak of {plain_number(hole.peak_mm_per_s)} mm/s"
+    else:
+        rests = f"the law {hole.law or HARD_ROCK.name}"
+    return f"its level by {rests} at {plain_number(at)} m"
+
+
 def level_findings(project, peaks: Iterable[Peak]) -> tuple[Finding, ...]:
     """Return the finding about peaks of a project, if there is any."""
     finding = implausible_level(peaks, source_advice(project.config))
     return () if finding is None else (finding,)
-
-
-def stages_outside(project) -> dict[str, PlausibleRange]:
-    """Return the plausible ranges of the stages of the input by name."""
-    return {p.name: p.plausible for p in input_peaks(project) if p.plausible is not None}

@@ -122,7 +122,7 @@ def test_a_record_is_compared_with_a_receiver(tmp_path, outcome):
     result = outcome.folder / "result.h5"
     write_csv(tmp_path / "R1.csv", read_result(result).seismogram("simulated", "R1"))
 
-    found = run.compare_files(tmp_path / "R1.csv", result)
+    found, _ = run.compare_files(tmp_path / "R1.csv", result)
 
     assert found.misfit == pytest.approx(0.0, abs=1e-4)
     assert call("compare", tmp_path / "R1.csv", result).exit_code == 0
@@ -133,7 +133,7 @@ def test_a_record_in_east_and_north_is_turned_to_the_receiver(tmp_path, outcome)
     simulated = read_result(result).seismogram("simulated", "R1")
     write_csv(tmp_path / "R1.csv", simulated.rotated(np.pi / 2.0))
 
-    found = run.compare_files(tmp_path / "R1.csv", result, "R1", (1.0, 20.0))
+    found, _ = run.compare_files(tmp_path / "R1.csv", result, "R1", (1.0, 20.0))
 
     assert found.misfit == pytest.approx(0.0, abs=1e-3)
 
