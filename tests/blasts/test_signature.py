@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from pyblast.blasts.published_laws import HARD_ROCK
 from pyblast.blasts.signature import (
     CavityPulse,
     SmoothPulse,
@@ -11,7 +12,6 @@ from pyblast.blasts.signature import (
     cavity_signature,
     pressure_for_peak,
 )
-from pyblast.blasts.published_laws import HARD_ROCK
 from pyblast.errors import InputError
 
 DENSITY, CP, CS, RADIUS = 4500.0, 3393.9, 1813.5, 4.0
