@@ -146,7 +146,7 @@ def show_findings(findings: "Iterable[Finding]") -> None:
 
 def show_level(project: "Project") -> None:
     """Print whether the level that is known before a run is plausible; nothing where it is."""
-    from ..project.level import expected_peaks, level_findings
+    from ..project.plausibility import expected_peaks, level_findings
 
     show_findings(level_findings(project, expected_peaks(project)))
 
@@ -159,7 +159,7 @@ def show_input(project: "Project") -> None:
     project : Project
         With a motion that enters through a face.
     """
-    from ..project.level import input_peaks, level_findings
+    from ..project.plausibility import input_peaks, level_findings
 
     stages = project.input
     assert stages is not None
@@ -203,7 +203,7 @@ def show_comparison(comparison: "Comparison", minimised: bool = True) -> None:
 
 def show_outcome(outcome: "Outcome") -> None:
     """Print what is implausible, peaks, comparisons, findings and the folder of a run."""
-    from ..project.level import CODE
+    from ..project.plausibility import CODE
 
     level = [finding for finding in outcome.check.findings if finding.code == CODE]
     show_findings(level)

@@ -18,7 +18,7 @@ from ..solver.model_file import read_arrays, write_arrays
 from ..solver.preparation import versions
 from .ground import joint_of_surface
 from .inputs import input_band
-from .level import level_table, level_words, peak_of, plausible_at
+from .plausibility import level_table, level_words, peak_of, plausible_at
 
 KIND = "result"
 

@@ -10,8 +10,8 @@ from ..errors import Finding, InputError, ReadError
 from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
-from ..project.level import CODE as LEVEL
-from ..project.level import (
+from ..project.plausibility import CODE as LEVEL
+from ..project.plausibility import (
     Peak,
     implausible_level,
     level_findings,

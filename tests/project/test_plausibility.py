@@ -8,7 +8,7 @@ import pytest
 from pyblast.blasts.blast import Blast
 from pyblast.blasts.published_laws import BY_NAME, plausible_ppv
 from pyblast.errors import InputError
-from pyblast.project.level import (
+from pyblast.project.plausibility import (
     Peak,
     expected_peaks,
     implausible_level,

@@ -1,4 +1,4 @@
-"""Level of a blast: whether peak velocities are plausible for their charge and distance."""
+"""Plausibility: peaks for their charge and distance, and values for their unit."""
 
 import math
 from collections.abc import Iterable
@@ -256,3 +256,78 @@ def level_findings(project, peaks: Iterable[Peak]) -> tuple[Finding, ...]:
     """Return the finding about peaks of a project, if there is any."""
     finding = implausible_level(peaks, source_advice(project.config))
     return () if finding is None else (finding,)
+
+
+# Smallest and largest value that ground and blasts have, in SI: beyond is likely another unit.
+LIKELY = {
+    "density": (300.0, 9000.0, "kg/m3", 1.0),
+    "cp": (50.0, 12000.0, "m/s", 1.0),
+    "kn": (1e5, 1e14, "GPa/m", 1e-9),
+    "ks": (1e4, 1e14, "GPa/m", 1e-9),
+    "wave_speed_m_per_s": (50.0, 12000.0, "m/s", 1.0),
+    "detonation_m_per_s": (1000.0, 10000.0, "m/s", 1.0),
+    "explosive_kg_per_m3": (200.0, 2500.0, "kg/m3", 1.0),
+}
+SHORTEST_DELAY, SHORTEST_BLAST, LONGEST_DELAY = 0.5e-3, 10e-3, 5.0  # s
+
+
+def unlikely_values(materials, joints, config=None, times=()) -> Finding | None:
+    """D26: values that no ground, hole or detonator has; None where all are likely.
+
+    Parameters
+    ----------
+    materials : dict of str to Material
+    joints : sequence of Joint
+    config : Config, optional
+        Its blast and holes inside.
+    times : (n_holes,) float64, s
+        When the holes of [blast] fire.
+    """
+    listed = {f"materials.{name}": vars(rock) | {"cp": rock.cp} for name, rock in materials.items()}
+    listed |= {f"joint {joint.surface}": joint.properties for joint in joints}
+    for name in ("blast", "holes_inside"):
+        table = getattr(config, name, None)
+        listed[name] = {} if table is None else vars(table)
+    given = {
+        f"{part} {key}": (values[key], LIKELY[key])
+        for part, values in listed.items()
+        for key in LIKELY
+        if values.get(key) is not None
+    }
+    unlikely = {
+        key: (value, bounds)
+        for key, (value, bounds) in given.items()
+        if not bounds[0] <= value <= bounds[1]
+    }
+    words = [
+        f"{key} is {plain_number(factor * value)} {unit}, usual are "
+        f"{plain_number(factor * low)} to {plain_number(factor * high)}"
+        for key, (value, (low, high, unit, factor)) in unlikely.items()
+    ]
+    numbers = {key: value for key, (value, _) in unlikely.items()}
+    gap = _unlikely_delay(times)
+    if gap is not None:
+        likely = "seconds" if gap < SHORTEST_DELAY else "microseconds"
+        words.append(
+            f"blast delays are {plain_number(1e3 * gap)} ms and more, as if given in {likely}"
+        )
+        numbers["blast delay"] = gap
+    if not words:
+        return None
+    return Finding(
+        "D26",
+        "A value looks like one in another unit",
+        f"{'; '.join(words)}; units are in the keys.",
+        True,
+        numbers,
+    )
+
+
+def _unlikely_delay(times) -> float | None:
+    """Return the shortest delay in s if no detonators are so quick, or so slow; else None."""
+    gaps = np.diff(np.unique(np.round(np.asarray(times, dtype=float), 9)))
+    if not len(gaps):
+        return None
+    shortest = float(gaps.min())
+    quick = shortest < SHORTEST_DELAY and float(gaps.sum()) < SHORTEST_BLAST
+    return shortest if quick or shortest > LONGEST_DELAY else None
