@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from small_project import INSIDE, written
 
 from pyblast.blasts.blast import Blast
 from pyblast.blasts.published_laws import BY_NAME, plausible_ppv
@@ -18,7 +19,6 @@ from pyblast.project.plausibility import (
     radiated_peak,
 )
 from pyblast.project.project import load_project
-from tests.cases.small_project import INSIDE, written
 
 HOUSE = (52.0, 10.0, 30.0)
 ALONE = ("holes_per_row = 3", "holes_per_row = 1")
