@@ -169,7 +169,7 @@ def plausible_ppv(distance: float, charge: float) -> PlausibleRange | None:
 
     Notes
     -----
-    Peak component of velocity, single blasts on the ground: theory.md (13.5).
+    Peak component of velocity, single blasts on the ground: theory.md (13.8).
 
     Examples
     --------

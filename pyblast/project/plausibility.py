@@ -153,8 +153,8 @@ def radiated_peak(project, distance: float) -> float:
 
     Notes
     -----
-    Isotropic source of moment M in unbounded rock, doubled at the free surface; theory.md (5.2):
-    ``v = 2 (M'/r^2 + M''/(r cp)) / (4 pi density cp^2)``. All holes stand at one distance.
+    Isotropic source of moment M in unbounded rock, doubled at the free surface, all holes at one
+    distance: ``v = 2 (M'/r^2 + M''/(r cp)) / (4 pi density cp^2)``, theory.md (13.9).
     """
     inside, config = project.inside, project.config.holes_inside
     rocks = project.materials

@@ -1,9 +1,12 @@
 """Published laws: what each prints, and the range that they find plausible together."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from pyblast.blasts.published_laws import BY_NAME, LAWS, plausible_ppv
+from pyblast.blasts.site_law import read_site_records
 from pyblast.errors import InputError
 
 DISTANCE, CHARGE = 120.0, 60.0
@@ -89,3 +92,30 @@ def test_the_peak_of_a_quarry_that_read_far_too_low_is_described():
 
     assert words.startswith("0.0083 mm/s, 240 times below the 2 to 57 mm/s")
     assert words.endswith("60 kg in 8 ms at 120 m")
+
+
+@pytest.mark.parametrize("charge", [10.0, 100.0, 1000.0])
+def test_published_peaks_are_plausible_and_in_another_unit_are_not(recordings, charge):
+    table = recordings / "ppv_law" / "fgbastante_ppv_law.txt"
+    if not table.is_file():
+        pytest.skip("the table of peaks is absent; examples/real/README.md says where to fetch it")
+    scaled, millimetres = 10.0 ** np.loadtxt(table, skiprows=1).T
+    ranges = [plausible_ppv(each * charge**0.5, charge) for each in scaled]
+
+    share = {
+        factor: np.mean(
+            [r.excess(factor * v) != 1.0 for r, v in zip(ranges, 1e-3 * millimetres, strict=True)]
+        )
+        for factor in (1.0, 1e-3, 1e3)
+    }
+
+    assert share[1.0] <= 0.1
+    assert share[1e-3] == share[1e3] == 1.0
+
+
+def test_the_made_up_peaks_of_the_site_law_example_are_plausible():
+    table = read_site_records(Path(__file__).parents[2] / "examples" / "site_peaks.csv")
+
+    outside = [plausible_ppv(r, w).excess(v) != 1.0 for r, w, v in zip(*table, strict=True)]
+
+    assert np.mean(outside) <= 0.1
