@@ -203,7 +203,7 @@ def show_comparison(comparison: "Comparison", minimised: bool = True) -> None:
 
 def show_outcome(outcome: "Outcome") -> None:
     """Print what is implausible, peaks, comparisons, findings and the folder of a run."""
-    from ..project.plausibility import CODE
+    from ..project.plausibility import CODE, plausible_of_table
 
     level = [finding for finding in outcome.check.findings if finding.code == CODE]
     show_findings(level)
@@ -213,8 +213,8 @@ def show_outcome(outcome: "Outcome") -> None:
             f"{component} {_short(1e3 * v)}"
             for component, v in zip(seismogram.components, seismogram.ppv, strict=True)
         )
-        ends = tables[name]["plausible_ppv_mm_per_s"]
-        range_ = "" if ends is None else f"; plausible {ends[0]:.2g} to {_short(ends[1])}"
+        plausible = plausible_of_table(tables[name])
+        range_ = "" if plausible is None else f"; plausible {plausible}"
         say(f"{name}: PPV in mm/s {listed}; vector sum {_short(1e3 * seismogram.pvs)}{range_}")
     for name, comparison in outcome.comparisons.items():
         say(f"{name}, recorded and simulated:")

@@ -185,7 +185,11 @@ def implausible_level(peaks: Iterable[Peak], advice: str = "") -> Finding | None
     )
     if not outside:
         return None
-    listed = "; ".join(f"{peak.name}: {peak.plausible.describe(peak.ppv)}" for peak in outside[:3])
+    listed = "; ".join(
+        f"{peak.name}: {peak.plausible.describe(peak.ppv)}"
+        for peak in outside[:3]
+        if peak.plausible
+    )
     more = f"; and {len(outside) - 3} more" if len(outside) > 3 else ""
     remedies = []
     if any(peak.recorded for peak in outside):
