@@ -154,7 +154,7 @@ def findings_before(project: Project) -> list[Finding]:
     """Return the findings before a search: failed checks, the level, then those of the table."""
     own = findings_of_table(project)  # first, since it may refuse the project
     checked = check(project, measure=False).findings
-    return [*(found for found in checked if found.failed or found.code == LEVEL), *own]
+    return [*(each for each in checked if each.failed or each.code == LEVEL), *own]
 
 
 def design_survey(
