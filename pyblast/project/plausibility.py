@@ -226,8 +226,8 @@ def source_advice(config) -> str:
         return (
             "The pulse of the charged hole sets the level: give peak_mm_per_s and distance_m in "
             "place of pressure_mpa, by your own records, your site law (pyblast sitelaw) or a "
-            "published one, or a moment_rate_file from records. A mesh too coarse for the pulse (D1) "
-            "lowers the level further."
+            "published one, or a moment_rate_file from records. A mesh too coarse for the pulse "
+            "(D1) lowers the level further."
         )
     if config.holes_inside is not None:
         return "Check the moment_rate_file: N m/s of 1 kg; and blast.charge_exponent."
