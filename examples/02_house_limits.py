@@ -6,13 +6,13 @@ from pathlib import Path
 from matplotlib import pyplot as plt
 
 from pyblast import read_blast, superpose
+from pyblast.blasts.published_laws import HARD_ROCK
 from pyblast.blasts.signature import (
     SmoothPulse,
     cavity_seismogram,
     pressure_for_peak,
     travel_shifts,
 )
-from pyblast.blasts.site_law import scaled_distance_ppv as ppv_law
 from pyblast.signals.comparison import load_limits
 from pyblast.signals.spectra import smoothed_spectrum, zero_crossing_frequency
 
@@ -28,7 +28,7 @@ print(*blast.checks(), sep="\n")
 shot = blast.centres[0]
 distance = sum((a - b) ** 2 for a, b in zip(HOUSE, shot, strict=True)) ** 0.5
 pulse = pressure_for_peak(
-    **ROCK, pulse=SmoothPulse(1.0, 0.03), distance=distance, peak=float(ppv_law(distance, 55.0))
+    **ROCK, pulse=SmoothPulse(1.0, 0.03), distance=distance, peak=HARD_ROCK.ppv(distance, 55.0)
 )
 signature = cavity_seismogram(
     **ROCK, pulse=pulse, source=shot, receiver=HOUSE, dt=1 / 1024, duration=1.0

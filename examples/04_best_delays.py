@@ -10,13 +10,13 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 from pyblast import Blast
+from pyblast.blasts.published_laws import HARD_ROCK
 from pyblast.blasts.signature import (
     SmoothPulse,
     cavity_seismogram,
     pressure_for_peak,
     travel_shifts,
 )
-from pyblast.blasts.site_law import scaled_distance_ppv
 from pyblast.planning import FiringScatter, best_delays, gain, peak_bands, rows_pattern
 from pyblast.runs.blast_ensemble import signature_spectra
 
@@ -32,7 +32,7 @@ blast = Blast("bench", places, places, np.full(24, CHARGE), nominal)
 signatures, shifts = {}, []
 for name, house in HOUSES.items():
     distance = float(np.linalg.norm(np.subtract(house, places[0])))
-    peak = float(scaled_distance_ppv(distance, CHARGE))
+    peak = HARD_ROCK.ppv(distance, CHARGE)
     pulse = pressure_for_peak(**ROCK, pulse=SmoothPulse(1.0, 0.02), distance=distance, peak=peak)
     signatures[name] = cavity_seismogram(
         **ROCK, pulse=pulse, source=places[0], receiver=house, dt=1e-3, duration=0.4

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .blasts.hole_tables import read_blast
     from .blasts.signature import superpose
     from .blasts.site_law import fit_site_law
+    from .blasts.published_laws import plausible_ppv
 
     # Mesh
     from .mesh.mesh import Mesh
@@ -62,7 +63,7 @@ __all__ = [
     # Motion and records
     "Seismogram", "compare", "read_recording", "read_gather", "analyse_records",
     # Blasts
-    "Blast", "read_blast", "superpose", "fit_site_law",
+    "Blast", "read_blast", "superpose", "fit_site_law", "plausible_ppv",
     # Mesh
     "Mesh", "build_mesh", "structured_box", "read_mesh",
     # Model: ground, joints, boundaries, sources, receivers

@@ -97,6 +97,7 @@ SMALLEST_DENSITY = 100.0  # kg/m3
 SMALLEST_MODULUS = 1e5  # Pa
 SMALLEST_SPEED = 20.0  # m/s
 SMALLEST_STIFFNESS = 1e4  # Pa/m
+LARGEST_MODEL = 5e4  # m
 
 
 def check_angle(where: str, angle: float) -> None:
@@ -152,6 +153,15 @@ def check_stiffness(where: str, stiffness: float) -> None:
         raise InputError(
             f"{where}: must be at least {SMALLEST_STIFFNESS:g} Pa/m, got {stiffness:g}, which "
             "looks like GPa/m; multiply by 1e9"
+        )
+
+
+def check_length(where: str, length: float) -> None:
+    """Raise InputError for a model wider than any of a blast: it is in millimetres."""
+    if length > LARGEST_MODEL:
+        raise InputError(
+            f"{where}: must be at most {LARGEST_MODEL:g} m wide, got {length:g}, which looks like "
+            "millimetres; divide its coordinates by 1000"
         )
 
 

@@ -20,7 +20,7 @@ HERE = Path(__file__).resolve().parent
 KN, KS, RATIO = 0.55, 0.18, 0.03  # what a back-analysis should find
 EDGE, SEED = 4, 7  # m; of the noise
 DT, QUIET = 2e-3, 0.3  # s; of record before the first firing
-NOISE = 2e-5  # m/s, rms of a sample
+NOISE = 5.16e-4  # m/s, rms of a sample
 
 
 def truth():

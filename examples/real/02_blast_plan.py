@@ -11,13 +11,13 @@ from matplotlib import pyplot as plt
 from real_line import FIGURES, hits_by_place, keep_results, recordings_folder, seismograms
 
 from pyblast import Seismogram, read_blast, superpose
+from pyblast.blasts.published_laws import HARD_ROCK
 from pyblast.blasts.signature import (
     SmoothPulse,
     cavity_seismogram,
     pressure_for_peak,
     travel_shifts,
 )
-from pyblast.blasts.site_law import scaled_distance_ppv
 from pyblast.signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
 
 PLANS = ("KAB_BLAST_ALLCOL", "blastlogic_kirra_S4_226_401", "blastlogic_kirra_S4_226_414P")
@@ -34,7 +34,7 @@ def house_of(blast):
 def closed_form(house, centre, charge):
     """Move the house by one hole: pressurised cavity, peak by the law of AS 2187.2."""
     distance = float(np.linalg.norm(house - centre))
-    peak = float(scaled_distance_ppv(distance, charge))
+    peak = HARD_ROCK.ppv(distance, charge)
     pulse = pressure_for_peak(**ROCK, pulse=SmoothPulse(1.0, 0.03), distance=distance, peak=peak)
     return cavity_seismogram(
         **ROCK, pulse=pulse, source=centre, receiver=house, dt=1e-3, duration=1.0

@@ -104,8 +104,10 @@ def _grid(project):
     mesh, layer = project.mesh, project.absorbing_layer
     if "top" not in mesh.surfaces:
         return []
-    corners = mesh.points[np.unique(mesh.surfaces["top"])][:, :2]
-    low, high = corners.min(axis=0), corners.max(axis=0)
+    corners = mesh.points[np.unique(mesh.surfaces["top"])]
+    if mesh.layer is not None:
+        corners = corners[mesh.layer.depths(corners).max(axis=1) <= 0.0]
+    low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
     counts = project.config.back_analysis.candidate_grid
     axes = [low[k] + (np.arange(n) + 0.5) / n * (high[k] - low[k]) for k, n in enumerate(counts)]
     points = []

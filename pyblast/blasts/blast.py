@@ -398,6 +398,32 @@ class Blast:
         first = np.searchsorted(times, times - _INSTANT)
         return times, fired[np.searchsorted(times, times + window - _INSTANT)] - fired[first]
 
+    def strongest_window(self, position: ArrayLike) -> tuple[float, float] | None:
+        """Return distance and charge of the 8 ms window that is nearest by scaled distance.
+
+        Parameters
+        ----------
+        position : (3,) float, m
+
+        Returns
+        -------
+        tuple of 2 float, or None
+            Mean distance of the charges of the window weighted by charge, m, and their sum, kg.
+            None where a charge is unknown or all are 0.
+        """
+        if np.isnan(self.charge).any() or not self.charge.any():
+            return None
+        order = np.argsort(self.times, kind="stable")
+        charge, times = self.charge[order], self.times[order]
+        away = np.linalg.norm(self.centres[order] - np.asarray(position, dtype=float), axis=1)
+        first = np.searchsorted(times, times - _INSTANT)
+        past = np.searchsorted(times, times + CHARGE_WINDOW - _INSTANT)
+        sums = np.concatenate([[[0.0, 0.0]], np.cumsum(np.c_[charge, charge * away], axis=0)])
+        total, moment = (sums[past] - sums[first]).T
+        total, moment = total[total > 0.0], moment[total > 0.0]
+        nearest = int(np.argmin(moment * total**-1.5))
+        return float(moment[nearest] / total[nearest]), float(total[nearest])
+
     def _refuse_missing_charge(self):
         """Raise InputError that names the holes without a charge."""
         missing = np.isnan(self.charge)

@@ -246,7 +246,7 @@ def pressure_for_peak(
     """Return the pulse with the pressure for which the velocity at ``distance`` peaks at ``peak``.
 
     Shape and radius stay as they are: both are assumptions, and so is the peak where it comes
-    from a scaled-distance law such as ``site_law.scaled_distance_ppv``.
+    from a scaled-distance law such as ``published_laws.LAWS``.
 
     Parameters
     ----------

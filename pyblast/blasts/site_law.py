@@ -148,14 +148,10 @@ def scaled_distance(
 
 
 def scaled_distance_ppv(
-    distance: ArrayLike, charge: ArrayLike, k: float = 0.5, exponent: float = 1.6
+    distance: ArrayLike, charge: ArrayLike, k: float, beta: float, charge_exponent: float = 0.5
 ) -> np.ndarray:
-    """Return the PPV [m/s] of ``k (distance / sqrt(charge))^-exponent``, distance in m, kg.
-
-    The default k = 0.5 m/s and exponent 1.6 are those given with AS 2187.2 for hard rock and a
-    free face; assumed, not measured at any site of ours.
-    """
-    return k * scaled_distance(distance, charge) ** -exponent
+    """Return the PPV [m/s] of ``k (distance / charge^charge_exponent)^-beta``, m and kg."""
+    return k * scaled_distance(distance, charge, charge_exponent) ** -beta
 
 
 def fit_site_law(

@@ -122,6 +122,7 @@ def run(
         from ..project.project import load_project
 
         loaded = load_project(project, full)
+        console.show_level(loaded)
         with console.Progress() as progress:
             if write_model is not None:
                 from ..solver import preparation
@@ -198,12 +199,12 @@ def superpose(
         from ..project.project import load_project
         from ..project.result import write_csv
 
-        stages = load_project(project).input
-        if stages is None:
+        loaded = load_project(project)
+        if loaded.input is None:
             raise InputError(f"{project.name}: signature: missing; there is nothing to superpose")
-        console.show_input(stages)
+        console.show_input(loaded)
         if out is not None:
-            write_csv(out, stages.motion)
+            write_csv(out, loaded.input.motion)
             console.say(f"written: {out}")
 
 
@@ -230,7 +231,9 @@ def compare(
         from ..workflows.run import compare_files
 
         band = None if low is None or high is None else (low, high)
-        console.show_comparison(compare_files(recorded, simulated, receiver, band, bearing))
+        comparison, level = compare_files(recorded, simulated, receiver, band, bearing)
+        console.show_comparison(comparison)
+        console.show_findings([level] if level else [])
 
 
 @app.command()

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..errors import Finding
     from ..project.checks import Check
     from ..project.checks_ground import ModelSummary
-    from ..project.inputs import InputMotion
+    from ..project.project import Project
     from ..signals.comparison import Comparison
     from ..workflows.run import Outcome
 
@@ -144,8 +144,25 @@ def show_findings(findings: "Iterable[Finding]") -> None:
         say(f"    {finding.text}")
 
 
-def show_input(stages: "InputMotion") -> None:
-    """Print the peaks of signature, superposed blast and low-passed motion."""
+def show_level(project: "Project") -> None:
+    """Print whether the level that is known before a run is plausible; nothing where it is."""
+    from ..project.plausibility import expected_peaks, level_findings
+
+    show_findings(level_findings(project, expected_peaks(project)))
+
+
+def show_input(project: "Project") -> None:
+    """Print the peaks of signature, superposed blast and low-passed motion, and what is plausible.
+
+    Parameters
+    ----------
+    project : Project
+        With a motion that enters through a face.
+    """
+    from ..project.plausibility import input_peaks, level_findings
+
+    stages = project.input
+    assert stages is not None
     table = _table("", *stages.signature.components, "vector sum")
     rows = {"single hole": stages.signature, "whole blast": stages.superposed}
     if stages.low_passed is not None:
@@ -160,6 +177,11 @@ def show_input(stages: "InputMotion") -> None:
             f"the filter (-6 dB at {low.corner:g} Hz, -3 dB at {low.corner_3db:.3g} Hz, no phase "
             f"shift) removed {_percent(low.removed_energy)} of the energy of each component"
         )
+    peaks = input_peaks(project)
+    for peak in peaks:
+        if peak.plausible is not None:
+            say(f"{peak.name}: published laws give {peak.plausible} mm/s (5-95 %)")
+    show_findings(level_findings(project, peaks))
 
 
 def show_comparison(comparison: "Comparison", minimised: bool = True) -> None:
@@ -180,17 +202,26 @@ def show_comparison(comparison: "Comparison", minimised: bool = True) -> None:
 
 
 def show_outcome(outcome: "Outcome") -> None:
-    """Print peaks at the receivers, comparisons, findings and the folder of a run."""
+    """Print what is implausible, peaks, comparisons, findings and the folder of a run."""
+    from ..project.plausibility import CODE, plausible_of_table
+
+    level = [finding for finding in outcome.check.findings if finding.code == CODE]
+    show_findings(level)
+    tables = outcome.result.summary["receivers"]
     for name, seismogram in outcome.seismograms.items():
         listed = ", ".join(
             f"{component} {_short(1e3 * v)}"
             for component, v in zip(seismogram.components, seismogram.ppv, strict=True)
         )
-        say(f"{name}: PPV in mm/s {listed}; vector sum {_short(1e3 * seismogram.pvs)}")
+        plausible = plausible_of_table(tables[name])
+        range_ = "" if plausible is None else f"; plausible {plausible}"
+        say(f"{name}: PPV in mm/s {listed}; vector sum {_short(1e3 * seismogram.pvs)}{range_}")
     for name, comparison in outcome.comparisons.items():
         say(f"{name}, recorded and simulated:")
         show_comparison(comparison)
     for finding in outcome.check.findings:
+        if finding in level:
+            continue
         say(f"{finding.code}{' FAILS' if finding.failed else ''}: {finding.title}")
     run = outcome.run
     say(

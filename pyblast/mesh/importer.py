@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, ReadError
+from ..units import check_length
 from . import tetrahedra
 from .faces import face_keys, zone_faces
 from .mesh import Mesh
@@ -53,8 +54,8 @@ def read_mesh(
     ReadError
         If the file is missing, of another format, or broken.
     InputError
-        If the mesh has degenerate, inverted or duplicate zones, is disconnected, non-manifold or
-        untagged, or a name is unknown.
+        If the mesh is wider than 50 km, as one in millimetres is; has degenerate, inverted or
+        duplicate zones; is disconnected, non-manifold or untagged; or a name is unknown.
 
     Examples
     --------
@@ -72,6 +73,7 @@ def read_mesh(
     try:
         mesh = _assemble(points, zones, group_names, triangles, surface_names, groups or {})
         validate(mesh)
+        check_length("mesh", float(np.ptp(mesh.points, axis=0).max()))
         _refuse_outer(mesh, joints or ())
     except InputError as error:
         raise InputError(f"{path}: {error}") from None

@@ -24,6 +24,7 @@ from .places import (
     receiver_groups,
     source_material,
 )
+from .plausibility import expected_peaks, level_findings, unlikely_values
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,7 @@ def check(project, measure=True) -> Check:
         *_joint_defects(project, summary),
         *_record_defects(project, summary),
         *boundary_defects(project),
+        *level_findings(project, expected_peaks(project)),
     ]
     findings = sorted(
         (finding for finding in candidates if finding is not None), key=lambda f: int(f.code[1:])
@@ -81,7 +83,8 @@ def check(project, measure=True) -> Check:
 def _mesh_defects(project, summary):
     """D1, D2, D5, D12, D26, D30: zones, size, boundaries, layers, units, memory."""
     yield checks_ground.beyond_memory(summary.memory, quality.available())
-    yield unlikely_values(project.materials, project.joints)
+    times = () if project.blast is None else project.blast.times
+    yield unlikely_values(project.materials, project.joints, project.config, times)
     band, centre = input_band(project), central_frequency(project)
     stands = receiver_groups(project)
     for group in summary.groups:
@@ -433,45 +436,4 @@ def holes_within(centres, face, low, high):
         f"through '{face}' as if they lay beyond it: move blast.position_m, or give "
         "[holes_inside] in place of [signature].",
         numbers={"within": float(within)},
-    )
-
-
-# Smallest and largest value that ground has, in SI: what lies beyond is likely in another unit.
-LIKELY = {
-    "density": (300.0, 9000.0, "kg/m3", 1.0),
-    "cp": (50.0, 12000.0, "m/s", 1.0),
-    "kn": (1e5, 1e14, "GPa/m", 1e-9),
-    "ks": (1e4, 1e14, "GPa/m", 1e-9),
-}
-
-
-def unlikely_values(materials, joints):
-    """D26: densities, speeds and stiffnesses that no ground has; None where all are likely.
-
-    Parameters
-    ----------
-    materials : dict of str to Material
-    joints : sequence of Joint
-    """
-    listed = {f"materials.{name}": vars(rock) | {"cp": rock.cp} for name, rock in materials.items()}
-    listed |= {f"joint {joint.surface}": joint.properties for joint in joints}
-    unlikely = {
-        f"{part} {key}": (values[key], LIKELY[key])
-        for part, values in listed.items()
-        for key in LIKELY
-        if key in values and not LIKELY[key][0] <= values[key] <= LIKELY[key][1]
-    }
-    if not unlikely:
-        return None
-    words = "; ".join(
-        f"{key} is {plain_number(factor * value)} {unit}, ground has "
-        f"{plain_number(factor * low)} to {plain_number(factor * high)}"
-        for key, (value, (low, high, unit, factor)) in unlikely.items()
-    )
-    return Finding(
-        "D26",
-        "A value of the ground looks like one in another unit",
-        f"{words}; units are in the keys.",
-        True,
-        {key: value for key, (value, _) in unlikely.items()},
     )

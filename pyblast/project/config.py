@@ -27,6 +27,7 @@ from .section import (
     Count,
     Curve,
     Inclination,
+    Law,
     Name,
     NotNegative,
     Place,
@@ -195,14 +196,20 @@ class CavityConfig(Section):
     peak_time_ms: Positive
     pressure_mpa: Positive | None = None
     peak_mm_per_s: Positive | None = None
+    law: Law | None = None
     duration_s: Positive = 1.0
     sampling_hz: Positive = 1024.0
 
     @model_validator(mode="after")
     def _one_level(self):
-        """Refuse two levels; without one it follows from a scaled-distance law."""
-        if self.pressure_mpa is not None and self.peak_mm_per_s is not None:
-            raise ValueError("give pressure_mpa or peak_mm_per_s, not both")
+        """Refuse two levels; without one it follows from the law for hard rock."""
+        given = [
+            key
+            for key in ("pressure_mpa", "peak_mm_per_s", "law")
+            if getattr(self, key) is not None
+        ]
+        if len(given) > 1:
+            raise ValueError(f"give {given[0]} or {given[1]}, not both")
         return self
 
 

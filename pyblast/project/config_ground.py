@@ -12,6 +12,7 @@ from .section import (
     Dip,
     FrictionAngle,
     Infill,
+    Law,
     Name,
     NotNegative,
     Place,
@@ -338,8 +339,19 @@ class ChargedHoleConfig(Section):
     material: Name
     charge_kg: Positive
     radius_m: Positive
-    pressure_mpa: Positive
     peak_time_ms: Positive
+    pressure_mpa: Positive | None = None
+    peak_mm_per_s: Positive | None = None
+    law: Law | None = None
+    distance_m: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_level(self):
+        """Ask for one level: of pressure, or of velocity at a distance."""
+        self._one_of(("pressure_mpa",), ("peak_mm_per_s",), ("law",))
+        if (self.pressure_mpa is None) != (self.distance_m is not None):
+            raise ValueError("distance_m goes with peak_mm_per_s or law, and is needed there")
+        return self
 
 
 class HolesInsideConfig(Section):

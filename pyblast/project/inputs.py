@@ -7,6 +7,7 @@ import numpy as np
 
 from ..blasts.blast import Blast, Firing
 from ..blasts.hole_tables import read_blast
+from ..blasts.published_laws import BY_NAME, HARD_ROCK
 from ..blasts.signature import (
     SmoothPulse,
     cavity_moment,
@@ -15,7 +16,6 @@ from ..blasts.signature import (
     superpose,
     travel_shifts,
 )
-from ..blasts.site_law import scaled_distance_ppv
 from ..errors import InputError, named_error
 from ..model.boundary import StressInput, VelocityInput
 from ..model.source import PlaneWave, TimeFunction, polarisation
@@ -26,6 +26,7 @@ from ..units import to_si
 from .section import read_time_function
 
 QUIET_CYCLES = 3.0
+FREE_SURFACE = 2.0  # ground over unbounded rock
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +136,7 @@ def cavity_pulse(config, material):
     if config.pressure_mpa is not None:
         return replace(pulse, pressure=to_si("pressure_mpa", config.pressure_mpa)[1])
     distance = math.dist(config.hole_m, config.receiver_m)
-    peak = float(scaled_distance_ppv(distance, config.charge_kg))
+    peak = BY_NAME[config.law or HARD_ROCK.name].ppv(distance, config.charge_kg)
     if config.peak_mm_per_s is not None:
         peak = to_si("peak_mm_per_s", config.peak_mm_per_s)[1]
     rock = material.density, material.cp, material.cs
@@ -272,6 +273,7 @@ def make_moment_rate(config, exponent, materials, folder) -> TimeFunction:
     Notes
     -----
     ``M = pi a^3 p(t) cp^2/cs^2``, right for waves much longer than the cavity: theory.md (5.2).
+    A peak on the ground is twice that in unbounded rock.
     """
     if config.moment_rate_file is not None:
         return read_time_function(folder / config.moment_rate_file, MOMENT_RATE_HEADS)
@@ -282,10 +284,22 @@ def make_moment_rate(config, exponent, materials, folder) -> TimeFunction:
         )
     rock, peak = materials[hole.material], to_si("peak_time_ms", hole.peak_time_ms)[1]
     dt = peak / SAMPLES_PER_PEAK_TIME
-    pulse = SmoothPulse(to_si("pressure_mpa", hole.pressure_mpa)[1], peak)
+    pulse = SmoothPulse(1.0, peak)
+    if hole.pressure_mpa is not None:
+        pulse = replace(pulse, pressure=to_si("pressure_mpa", hole.pressure_mpa)[1])
+    else:
+        elastic, inside = (rock.density, rock.cp, rock.cs), ground_peak(hole) / FREE_SURFACE
+        pulse = pressure_for_peak(*elastic, hole.radius_m, pulse, hole.distance_m, inside)
     pressure = pulse(dt * np.arange(PEAK_TIMES * SAMPLES_PER_PEAK_TIME + 1))
     moment = cavity_moment(hole.radius_m, pressure, rock.cp, rock.cs)
     return TimeFunction(np.gradient(moment, dt) / hole.charge_kg**exponent, dt)
+
+
+def ground_peak(hole) -> float:
+    """Return the peak velocity in m/s on the ground at distance_m of a `ChargedHoleConfig`."""
+    if hole.law is not None:
+        return BY_NAME[hole.law].ppv(hole.distance_m, hole.charge_kg)
+    return to_si("peak_mm_per_s", hole.peak_mm_per_s)[1]
 
 
 def make_air_pulse(config, folder) -> TimeFunction:

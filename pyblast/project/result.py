@@ -18,6 +18,7 @@ from ..solver.model_file import read_arrays, write_arrays
 from ..solver.preparation import versions
 from .ground import joint_of_surface
 from .inputs import input_band
+from .plausibility import level_table, level_words, peak_of, plausible_at
 
 KIND = "result"
 
@@ -268,8 +269,8 @@ def input_table(project):
         "face": config.input.face,
         "holes": len(stages.firing.times),
         "instants": sorted({float(t) for t in np.round(stages.firing.times, 6)}),
-        "signature": "closed form of a charged hole" if cavity is not None else
-        f"recorded, {config.signature.recorded.file}",
+        "signature": f"closed form of a charged hole, {level_words(cavity)}"
+        if cavity is not None else f"recorded, {config.signature.recorded.file}",
         "signature_distance": (
             None if cavity is None else math.dist(cavity.hole_m, cavity.receiver_m)
         ),
@@ -304,7 +305,10 @@ def source_summary(project):
             {"position": centre, "charge": s.charge, "time": s.time - project.lead}
             for centre, s in zip(centres, holes, strict=True)
         ],
-        "moment_rate": config and (config.moment_rate_file or "closed form of a charged hole"),
+        "moment_rate": config and (
+            config.moment_rate_file
+            or f"closed form of a charged hole, {level_words(config.charged_hole)}"
+        ),
         "exponent": holes[0].exponent if holes else None,
         "spread": getattr(holes[0], "spread", None) if holes else None,
         "detonation": config and config.detonation_m_per_s,
@@ -338,15 +342,17 @@ def motion_table(seismogram, band=None):
 
 
 def receiver_tables(project, simulated):
-    """Return position and motion, simulated and recorded, of each receiver."""
+    """Return position, motion, simulated and recorded, and plausible range of each receiver."""
     tables = {}
     for receiver in project.receivers:
         name = receiver.name
+        peaks = [peak_of(group[name]) for group in (simulated, project.recorded) if name in group]
         tables[name] = {
             "position": list(receiver.position),
             "azimuth": receiver.azimuth,
             "simulated": motion_table(simulated[name]),
             "recorded": motion_table(project.recorded[name]) if name in project.recorded else None,
+            **level_table(plausible_at(project, receiver.position), peaks),
         }
     return tables
 

@@ -7,6 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from ..blasts.published_laws import BY_NAME
 from ..errors import InputError, ReadError
 from ..model.source import TimeFunction
 from ..recordings.raw import decode_table
@@ -33,6 +34,7 @@ Band = Annotated[
 Infill = Annotated[list[Positive], Field(min_length=1, max_length=2)]
 Name = Annotated[str, Field(min_length=1, max_length=80)]
 Curve = Annotated[str, AfterValidator(lambda key: _known(key))]
+Law = Annotated[str, AfterValidator(lambda name: _published(name))]
 
 
 class Section(BaseModel):
@@ -55,6 +57,13 @@ def _known(key):
     if key not in load_limits():
         raise ValueError(f"must be one of {', '.join(load_limits())}, got {key!r}")
     return key
+
+
+def _published(name):
+    """Refuse a law that is not among those of pyblast."""
+    if name not in BY_NAME:
+        raise ValueError(f"must be one of {', '.join(BY_NAME)}, got {name!r}")
+    return name
 
 
 def _rising(band):

@@ -15,6 +15,7 @@ from ..project.checks_ground import carried_frequency
 from ..project.result import Result, plain, write_text
 from ..signals.comparison import load_limits
 from ..solver.initial_stress import yield_states
+from ..units import plain_number
 from . import figures
 from .figures import limits_figure
 
@@ -50,7 +51,12 @@ def page(name):
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
-    environment.filters |= {"number": number, "scaled": scaled, "angle": angle}
+    environment.filters |= {
+        "number": number,
+        "scaled": scaled,
+        "angle": angle,
+        "plain": plain_number,
+    }
     return environment.get_template(name)
 
 

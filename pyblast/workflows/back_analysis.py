@@ -24,6 +24,7 @@ from ..errors import Finding, PyblastError
 from ..inference.likelihood import MISFITS
 from ..project.checks import check
 from ..project.config import BackAnalysisConfig
+from ..project.plausibility import CODE as LEVEL
 from ..project.project import Project, load_project
 from ..project.result import comparison_table, motion_table, write_summary
 from ..report.back_analysis import summarise_posterior, write_search_report
@@ -150,10 +151,10 @@ def _goes_on(folder: Path, searched: str, table: BackAnalysisConfig) -> bool:
 
 
 def findings_before(project: Project) -> list[Finding]:
-    """Return the findings before a search: failed checks of the model, then those of the table."""
+    """Return the findings before a search: failed checks, the level, then those of the table."""
     own = findings_of_table(project)  # first, since it may refuse the project
-    failed = [finding for finding in check(project, measure=False).findings if finding.failed]
-    return [*failed, *own]
+    checked = check(project, measure=False).findings
+    return [*(each for each in checked if each.failed or each.code == LEVEL), *own]
 
 
 def design_survey(

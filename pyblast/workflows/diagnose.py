@@ -24,6 +24,7 @@ from ..diagnosis.summary import summarise
 from ..errors import InputError, ReadError
 from ..project.case_folder import case_files, read_case_folder
 from ..project.flat_box import Discretization, band_of, check_holes, extent_of, flat_box, not_flat
+from ..project.plausibility import expected_peaks, level_findings
 from ..project.project import Project, load_project, with_further
 from ..project.result import plain, write_bytes, write_summary
 from ..recordings.seismic import channel_names, mseed_bytes
@@ -162,7 +163,7 @@ def read_case(path) -> Project:
 
 
 def diagnose_folder(
-    folder, output, *, budget=BUDGET, seed=1, executor=None, progress=None, runs=None
+    folder, output, *, budget=BUDGET, seed=1, executor=None, progress=None, runs=None, say=silent
 ) -> dict:
     """Diagnose a case folder or a project and write ``diagnosis.json`` and ``report.html``.
 
@@ -177,6 +178,8 @@ def diagnose_folder(
         As of `diagnose`.
     runs : path, optional
         Another folder for the runs.
+    say : callable
+        Called with a sentence on implausible peaks.
 
     Returns
     -------
@@ -189,6 +192,7 @@ def diagnose_folder(
     if known is not None:
         return known
     project = read_case(folder)
+    _say_level(project, say)
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -354,6 +358,13 @@ def _as_fired(case: Case):
     return sorted(blasts, key=lambda blast: UTCDateTime(blast.time_zero or 0))
 
 
+def _say_level(project: Project, say: Say) -> None:
+    """Say of which blasts the recorded peaks, or those that are expected, are implausible."""
+    for each in (project, *project.further):
+        for finding in level_findings(each, expected_peaks(each)):
+            say(f"{finding.code}: {each.name}: {finding.title}. {finding.text}")
+
+
 def diagnose_case(
     case: str | Path,
     out: str | Path | None = None,
@@ -386,7 +397,11 @@ def diagnose_case(
     progress : callable, optional
         Called with (stage, done, total).
     say : callable, optional
+<<<<<<< HEAD
         Called with a sentence when a diagnosis is read or resumed.
+=======
+        Called with a sentence when a diagnosis is read or goes on, and of implausible peaks.
+>>>>>>> plaus
 
     Returns
     -------
@@ -419,8 +434,13 @@ def diagnose_case(
         write_summary(result / STARTED, started)
         try:
             summary = diagnose_folder(
+<<<<<<< HEAD
                 case, result, budget=budget, seed=seed, executor=executor, progress=progress,
                 runs=out / RUNS,
+=======
+                case, place[0], budget=budget, seed=seed, executor=executor, progress=progress,
+                runs=out / RUNS, say=say,
+>>>>>>> plaus
             )  # fmt: skip
         except (InputError, ReadError):
             (result / STARTED).unlink()

@@ -6,10 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..errors import InputError, ReadError
+from ..errors import Finding, InputError, ReadError
 from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
+from ..project.plausibility import CODE as LEVEL
+from ..project.plausibility import (
+    Peak,
+    implausible_level,
+    level_findings,
+    peak_of,
+    plausible_of_table,
+    simulated_peaks,
+)
 from ..project.project import Project, load_project
 from ..project.result import (
     Result,
@@ -232,7 +241,9 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
     """Compare with records and gather everything in a `Result`."""
     simulated = {n: s.shifted(-project.lead) for n, s in run_.seismograms.items()}
     comparisons = compare_all(project, simulated)
-    checked = replace(checked, findings=(*checked.findings, *record_findings(simulated)))
+    before = (finding for finding in checked.findings if finding.code != LEVEL)
+    level = level_findings(project, simulated_peaks(project, simulated))
+    checked = replace(checked, findings=(*level, *before, *record_findings(simulated)))
     stages, names = project.input, ("signature", "superposed", "motion")
     groups = {
         "input": {} if stages is None else {name: getattr(stages, name) for name in names},
@@ -309,8 +320,10 @@ def compare_files(
     receiver: str = "",
     band: tuple[float, float] | None = None,
     bearing_deg: float | None = None,
-) -> Comparison:
+) -> tuple[Comparison, Finding | None]:
     """Compare a record with a receiver of a result file, or with another record.
+
+    Returns the finding about the level, too, where a result says what is plausible there.
 
     Parameters
     ----------
@@ -325,14 +338,21 @@ def compare_files(
     bearing = None if bearing_deg is None else math.radians(bearing_deg)
     record = read_recording(recorded, bearing=bearing)[0].seismogram
     if Path(simulated).suffix != ".h5":
-        return compare(record, read_recording(simulated, bearing=bearing)[0].seismogram, band)
+        other = read_recording(simulated, bearing=bearing)[0].seismogram
+        return compare(record, other, band), None
     result = read_result(simulated)
     motions = result.seismograms("simulated")
     if not receiver and len(motions) == 1:
         receiver = next(iter(motions))
     if receiver not in motions:
         raise InputError(f"receiver: must be one of {', '.join(motions)}, got {receiver!r}")
-    azimuth = result.summary["receivers"][receiver]["azimuth"]
+    table = result.summary["receivers"][receiver]
+    azimuth = table["azimuth"]
     if azimuth is not None and tuple(record.components) == GEOGRAPHIC:
         record = record.rotated(azimuth)
-    return compare(record, motions[receiver], band)
+    plausible = plausible_of_table(table)
+    peaks = (
+        Peak(f"{receiver}, recorded", peak_of(record), plausible, recorded=True),
+        Peak(f"{receiver}, simulated", peak_of(motions[receiver]), plausible),
+    )
+    return compare(record, motions[receiver], band), implausible_level(peaks)

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from pyblast.back_analysis.identifiability import (
     Sensitivities,
     intervals,
 )
+from pyblast.back_analysis.survey_design import survey_receivers
 from pyblast.back_analysis.waveforms import Window, white_noise
 from pyblast.errors import InputError
 from pyblast.inference.covariance import LEVELS
@@ -227,6 +229,16 @@ def test_without_a_grid_point_far_enough_the_command_says_so(tmp_path):
     page = (tmp_path / "survey" / "001" / "report.html").read_text()
     assert "half a wavelength of S" in page
     assert "the circle marks the best candidate" not in page
+
+
+def test_candidates_stand_outside_the_layer_around_hexahedra():
+    examples = Path(__file__).parents[2] / "examples"
+    project = load_project(examples / "fault_from_records" / "project.toml")
+
+    points = [r.position for r in survey_receivers([project], ["house"], 10.0) if r.gridded]
+
+    assert len(points) > 3
+    assert project.mesh.layer.depths(np.array(points)).max() <= 0.0
 
 
 def test_a_check_of_a_project_without_records_points_to_the_survey_design(tmp_path):

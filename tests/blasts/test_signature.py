@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from pyblast.blasts.published_laws import HARD_ROCK
 from pyblast.blasts.signature import (
     CavityPulse,
     SmoothPulse,
@@ -11,7 +12,6 @@ from pyblast.blasts.signature import (
     cavity_signature,
     pressure_for_peak,
 )
-from pyblast.blasts.site_law import scaled_distance_ppv
 from pyblast.errors import InputError
 
 DENSITY, CP, CS, RADIUS = 4500.0, 3393.9, 1813.5, 4.0
@@ -128,7 +128,7 @@ def test_the_pressure_is_chosen_for_the_wanted_peak(pulse):
 
 
 def test_the_assumed_law_keeps_450_kg_at_39_m_below_the_clipping_level():
-    assert scaled_distance_ppv(39.0, 450.0) == pytest.approx(0.1887, abs=1e-4)
+    assert HARD_ROCK.ppv(39.0, 450.0) == pytest.approx(0.1887, abs=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 import json
 import signal
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from small_project import TEXT, written
 
 import pyblast
 from pyblast.errors import EXIT_CODES
-from pyblast.project.result import read_result, write_csv
+from pyblast.project.result import read_result, write_csv, write_result
 from pyblast.workflows import result_folder, run
 
 LONG = "grid_cells = [6, 2, 3]", "grid_cells = [30, 10, 15]"
@@ -122,7 +123,7 @@ def test_a_record_is_compared_with_a_receiver(tmp_path, outcome):
     result = outcome.folder / "result.h5"
     write_csv(tmp_path / "R1.csv", read_result(result).seismogram("simulated", "R1"))
 
-    found = run.compare_files(tmp_path / "R1.csv", result)
+    found, _ = run.compare_files(tmp_path / "R1.csv", result)
 
     assert found.misfit == pytest.approx(0.0, abs=1e-4)
     assert call("compare", tmp_path / "R1.csv", result).exit_code == 0
@@ -133,7 +134,7 @@ def test_a_record_in_east_and_north_is_turned_to_the_receiver(tmp_path, outcome)
     simulated = read_result(result).seismogram("simulated", "R1")
     write_csv(tmp_path / "R1.csv", simulated.rotated(np.pi / 2.0))
 
-    found = run.compare_files(tmp_path / "R1.csv", result, "R1", (1.0, 20.0))
+    found, _ = run.compare_files(tmp_path / "R1.csv", result, "R1", (1.0, 20.0))
 
     assert found.misfit == pytest.approx(0.0, abs=1e-3)
 
@@ -241,3 +242,68 @@ def test_ctrl_c_and_sigterm_leave_a_checkpoint_and_code_130(tmp_path, number):
     assert process.returncode == 130
     assert told.startswith("pyblast: interrupted; checkpoint written to")
     assert (tmp_path / "results" / "001" / "checkpoint.h5").exists()
+
+
+def test_the_summary_says_of_each_receiver_what_is_plausible(outcome):
+    summary = json.loads((outcome.folder / "summary.json").read_text())["receivers"]["R1"]
+
+    low, high = summary["plausible_ppv_mm_per_s"]
+    assert 0.0 < low < high
+    assert len(summary["laws"]) >= 5
+    assert summary["implausible"] is not low <= 1e3 * max(summary["simulated"]["ppv"]) <= high
+    assert summary["charge_distance"]["charge"] == 6750.0
+
+
+OFF = "[signature.cavity]", "[signature]\nscale = 0.001\n[signature.cavity]"
+
+
+def test_a_run_whose_level_is_far_off_says_so_in_its_first_lines(tmp_path):
+    done = call("run", written(tmp_path, OFF))
+
+    first = done.output.splitlines()[:3]
+    assert first[0] == "D36 FAILS: The level is too low for charge and distance"
+    assert "mm/s of published laws for 450 kg in 8 ms" in first[1]
+    assert done.exit_code == 3
+    summary = json.loads((tmp_path / "results" / "001" / "summary.json").read_text())
+    assert summary["receivers"]["R1"]["implausible"] is True
+    (found,) = (finding for finding in summary["findings"] if finding["code"] == "D36")
+    assert "R1" in found["numbers"]
+    page = (tmp_path / "results" / "001" / "report.html").read_text(encoding="utf-8")
+    assert '<span class="fails">outside</span>' in page
+    assert "Oriard 1972" in page
+
+
+@pytest.mark.parametrize("command", ["check", "superpose"])
+def test_commands_that_run_nothing_name_a_level_far_off(tmp_path, command):
+    assert "D36" not in call(command, written(tmp_path)).output
+    assert "D36 FAILS: The level is too low" in call(command, written(tmp_path, OFF)).output
+
+
+def test_superpose_shows_what_published_laws_give(tmp_path):
+    shown = call("superpose", written(tmp_path)).output
+
+    assert "single hole: published laws give" in shown
+    assert "whole blast at the input: published laws give" in shown
+
+
+def test_a_record_in_metres_read_as_millimetres_is_named_by_compare(tmp_path, outcome):
+    result = outcome.folder / "result.h5"
+    record = read_result(result).seismogram("simulated", "R1")
+    write_csv(tmp_path / "R1.csv", replace(record, velocity=1e-3 * record.velocity))
+
+    shown = call("compare", tmp_path / "R1.csv", result).output
+
+    assert "D36" in shown
+    assert "R1, recorded" in shown
+
+
+def test_a_result_without_a_plausible_range_is_drawn_and_compared(tmp_path, outcome):
+    table = outcome.result.summary["receivers"]["R1"]
+    old = {key: table[key] for key in ("position", "azimuth", "simulated", "recorded")}
+    summary = outcome.result.summary | {"receivers": {"R1": old}}
+    write_result(tmp_path / "result.h5", replace(outcome.result, summary=summary))
+    record = read_result(tmp_path / "result.h5").seismogram("simulated", "R1")
+    write_csv(tmp_path / "R1.csv", replace(record, velocity=1e-3 * record.velocity))
+
+    assert call("report", tmp_path).exit_code == 0
+    assert "D36" not in call("compare", tmp_path / "R1.csv", tmp_path / "result.h5").output

@@ -109,7 +109,19 @@ def test_d1_counts_zones_in_the_rim_only_where_there_are_no_others(tmp_path):
         (
             "kn_gpa_per_m = 0.114",
             "kn_gpa_per_m = 114000000",
-            "joint F1 kn is 114000000 GPa/m, ground has 0.0001 to 100000",
+            "joint F1 kn is 114000000 GPa/m, usual are 0.0001 to 100000",
+        ),
+        ("delay_ms = 40", "delay_ms = 0.04", "delays are 0.04 ms and more, as if given in seconds"),
+        ("delay_ms = 40", "delay_ms = 40000", "as if given in microseconds"),
+        (
+            "diameter_mm = 250",
+            "diameter_mm = 250\nexplosive_kg_per_m3 = 0.85",
+            "blast explosive_kg_per_m3 is 0.85 kg/m3",
+        ),
+        (
+            "position_m = [-39, 10, 30]",
+            "position_m = [-39, 10, 30]\nwave_speed_m_per_s = 3.1",
+            "blast wave_speed_m_per_s is 3.1 m/s",
         ),
     ],
 )

@@ -204,6 +204,10 @@ FIN = np.vstack([ZONES, [*TRIANGLES[0][::-1], len(POINTS)]])
             },
             "share a face that two others share already",
         ),
+        (
+            {"points": 1e5 * POINTS},
+            "must be at most 50000 m wide, got 200000, which looks like millimetres",
+        ),
         ({"zone_tags": TAGS}, "2 zones have no tag"),
         ({"zone_tags": np.full(12, 0.5)}, "must hold one whole number"),
         ({"zones": np.empty((0, 4), int), "zone_tags": np.empty(0, int)}, "no tetrahedra|broken"),

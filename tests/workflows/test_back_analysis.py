@@ -15,7 +15,7 @@ from pyblast.back_analysis.findings import annealing_against_random, findings_of
 from pyblast.back_analysis.search import make_target
 from pyblast.back_analysis.trials import evaluate
 from pyblast.errors import InputError
-from pyblast.workflows.back_analysis import RESULT, TRIALS
+from pyblast.workflows.back_analysis import RESULT, TRIALS, findings_before
 
 RANGES = {
     "joints.F1.kn_gpa_per_m": (0.01, 0.5),
@@ -203,3 +203,16 @@ def test_random_search_beats_the_annealing_of_the_paper_on_three_parameters():
     assert "worse than random" in found.title
     assert found.numbers["random"] == pytest.approx(11.0, abs=1.0)
     assert found.numbers["temperature_of_1000"] == pytest.approx(20.1, abs=1.0)
+
+
+def test_a_level_far_off_is_named_before_the_search(tmp_path):
+    weak = ("[signature.cavity]", "[signature]\nscale = 0.05\n[signature.cavity]")
+    plain, off = (
+        findings_before(load_project(twin_file(tmp_path, section(), (*STRONG, *change))))
+        for change in ((), (weak,))
+    )
+
+    assert "D36" not in {finding.code for finding in plain}
+    (level,) = (finding for finding in off if finding.code == "D36")
+    assert not level.failed
+    assert "single hole times 0.05" in level.text

@@ -3,8 +3,10 @@
 import json
 
 import pytest
+from small_project import INSIDE, written
 
 from pyblast import diagnose
+from pyblast.errors import InputError
 from pyblast.solver.preparation import versions
 
 MODULE = "pyblast.workflows.diagnose"
@@ -45,3 +47,24 @@ def test_the_same_call_goes_on_then_reads_and_a_fresh_one_makes_anew(tmp_path, c
         "this diagnosis is finished",
     ]
     assert not list((tmp_path / "diagnosis").glob("*/unfinished.json"))
+
+
+def test_records_in_another_unit_are_named_before_the_diagnosis(tmp_path, monkeypatch):
+    rows = [f"{0.01 * n:.2f},{4e-6 * (n % 2)},0,0" for n in range(20)]
+    head = "time_s,longitudinal_m_per_s,transverse_m_per_s,vertical_m_per_s"
+    (tmp_path / "house.csv").write_text("\n".join([head, *rows]))
+    record = "position_m = [52, 10]\nazimuth_deg = 90", 'recorded = { file = "house.csv" }'
+    path = written(tmp_path, ("position_m = [52, 10]", "\n".join(record)), text=INSIDE)
+    monkeypatch.setattr(f"{MODULE}.diagnose", stop)
+    said = []
+
+    with pytest.raises(InputError, match="no further"):
+        diagnose(path, tmp_path / "out", say=said.append)
+
+    assert len(said) == 1
+    assert said[0].startswith("D36: project: The level is too low")
+    assert "house, recorded: 0.004 mm/s" in said[0]
+
+
+def stop(*_, **__):
+    raise InputError("no further")
