@@ -84,7 +84,7 @@ ASKED = {
     "23": {"*": Asked(0.05, 4.0, "edges are counted at the dominant frequency")},
     "24": {"ratio*": Asked(0.01), "growth*": Asked(0.5)},
     "25": {"Q of*": Asked(0.05, 10.0), "1/Q of the body*": Asked(0.05)},
-    "26": {"elastic*": Asked(0.001), "joints*": Asked(0.001), "slip*": Asked(0.01)},
+    "26": {"elastic*": Asked(0.001), "joints*": Asked(0.001), "*slip*": Asked(0.01)},
     "27": {
         "turned model": Asked(1e-12, None, "slip amplifies rounding, other compilers round anew"),
         "*": Asked(1e-12),

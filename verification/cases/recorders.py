@@ -147,8 +147,8 @@ def operators():
         found = np.fft.rfft(operator(motion).velocity[:, 0], n) / before
         gap = float(np.abs(found - wanted)[present].max())
         readings.append(Reading(name, 0.0, gap, gap))
-        curves.append(Curve(name, frequency[present], np.abs(wanted[present]), np.abs(found[present]),
-                            "frequency [Hz]", "gain"))  # fmt: skip
+        axes = frequency[present], np.abs(wanted[present]), np.abs(found[present])
+        curves.append(Curve(name, *axes, "frequency [Hz]", "gain"))
     matrix = np.array([
         recorder.orientation(0.7, 0.2, 1.1)(Seismogram(np.tile(unit, (2, 1)), dt)).velocity[0]
         for unit in np.eye(3)
