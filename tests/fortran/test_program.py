@@ -21,6 +21,7 @@ from pyblast.model.source import PointForce, TimeFunction
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import export, prepare
 from pyblast.solver.run import simulate
+from verification import fuzz
 from verification.contact import properties
 from verification.zone import MATERIALS
 
@@ -237,6 +238,15 @@ def test_a_broken_model_file_is_refused_in_one_sentence(damage, exported, tmp_pa
     assert done.stderr.startswith("pyblast-run: ")
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "result.h5").exists()
+
+
+def test_damage_at_random_is_refused_in_one_sentence_or_leaves_a_model(tmp_path, monkeypatch):
+    monkeypatch.setattr(fuzz, "FOLDER", tmp_path)
+
+    faults, codes = fuzz.fuzz(45, seed=5)
+
+    assert faults == []
+    assert codes[2] > 15
 
 
 def test_wrong_usage_is_told(tmp_path):
