@@ -54,9 +54,9 @@ def run_case(problem, quick=False):
     rows = judge(problem, [readings for readings, _ in outcomes], beside)
     seconds = round(time.perf_counter() - began, 1)
     passed = all(row["pass"] for row in rows)
-    as_asked = all(row["as_asked"] is not False for row in rows)
-    result = {**record, "pass": passed, "as_asked": as_asked, "seconds": seconds}
     missing = list(NOT_MEASURED.get(problem.number, ()))
+    as_asked = not missing and all(row["as_asked"] is not False for row in rows)
+    result = {**record, "pass": passed, "as_asked": as_asked, "seconds": seconds}
     return {**result, "not_measured": missing, "quantities": rows}, outcomes[-1][1]
 
 

@@ -123,7 +123,6 @@ NOT_MEASURED = {
     "7": ("2 to 8 joints from 1 to 40 Hz: 3 %",),
     "12": ("P at 75 and 80 deg", "SV at 20 and 75 deg"),
     "14": ("arrival of the Rayleigh wave: 1 %",),
-    "29": ("stable at 0.98 of the joint's limit",),
     "30": ("TPV5",),
     "L3": ("gradient column against Bessel functions: 2 %",),
 }

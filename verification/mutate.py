@@ -11,6 +11,7 @@ import json
 import sys
 import tomllib
 
+from . import page
 from .scratch import ROOT, Copy
 
 TABLE = ROOT / "verification" / "mutants.toml"
@@ -42,6 +43,15 @@ def caught_by(copy, mutant, tests):
         path.write_text(text, encoding="utf-8")
 
 
+def in_order(mutants, results):
+    """Return what caught each defect of the table that was tried."""
+    return [
+        {"name": m["name"], "file": m["file"], "caught_by": results[m["name"], m["file"]]}
+        for m in mutants
+        if (m["name"], m["file"]) in results
+    ]
+
+
 def main(arguments):
     """Try the defects named; return 1 if one survives."""
     words = [a for a in arguments if a != "--again"]
@@ -64,14 +74,15 @@ def main(arguments):
         results[key] = caught_by(copy, mutant, tests)
         print(f"{number:>3} {'caught' if results[key] else 'SURVIVES'}: {key[0]} ({key[1]})",
               flush=True)  # fmt: skip
-        held = [{"name": m["name"], "file": m["file"], "caught_by": results[m["name"], m["file"]]}
-                for m in mutants if (m["name"], m["file"]) in results]  # fmt: skip
+        held = in_order(mutants, results)
         RESULTS.write_text(json.dumps(held, indent=1) + "\n", encoding="utf-8")
     copy.build()
-    survivors = [key for key in ((m["name"], m["file"]) for m in mutants) if results.get(key) == []]
-    print(f"mutate: {len(results)} of {len(mutants)} tried, {len(survivors)} survive")
-    for name, file in survivors:
-        print(f"  {name} ({file})")
+    held = in_order(mutants, results)
+    page.write_defects(held, len(mutants))
+    survivors = [one for one in held if not one["caught_by"]]
+    print(f"mutate: {len(held)} of {len(mutants)} tried, {len(survivors)} survive")
+    for one in survivors:
+        print(f"  {one['name']} ({one['file']})")
     return 1 if survivors else 0
 
 

@@ -15,6 +15,7 @@ FIGURES = ROOT / "docs" / "figures" / "verification"
 PAGE = ROOT / "docs" / "quality" / "verification.md"
 BEGIN = "<!-- suite: from verification/results.json -->"
 END = "<!-- end of suite -->"
+DEFECTS = "<!-- defects: from verification/mutants.json -->", "<!-- end of defects -->"
 MOST_CURVES = 3
 FAILS = '<span class="fails">✗</span>'
 
@@ -92,6 +93,18 @@ def write_table(results, problems):
         if n in results and (FIGURES / f"{n}.png").is_file()
     ]
     page = before + BEGIN + "\n\n" + "\n".join(lines) + "\n" + END + after
+    PAGE.write_text(reflow(page), encoding="utf-8")
+
+
+def write_defects(tried, count):
+    """Put what became of the defects that were tried, of ``count``, into the page."""
+    text = PAGE.read_text(encoding="utf-8")
+    before, rest = text.split(DEFECTS[0])
+    after = rest.split(DEFECTS[1])[1]
+    survivors = [f"{one['name']} (`{one['file']}`)" for one in tried if not one["caught_by"]]
+    lines = [f"{len(tried)} of {count} defects were tried; tests noticed all but {len(survivors)}."]
+    lines += ["", "Survivors:", "", *(f"- {one}" for one in survivors)] if survivors else []
+    page = before + DEFECTS[0] + "\n\n" + "\n".join(lines) + "\n\n" + DEFECTS[1] + after
     PAGE.write_text(reflow(page), encoding="utf-8")
 
 

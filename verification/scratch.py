@@ -10,12 +10,15 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 CASE = "tests/verification/test_suite.py::test_the_first_mesh_of_a_case_is_as_good_as_it_was"
 LONGEST = 900  # s that tests may take
-# In a process of its own: the copy, not the installed package, and what failed as one line of JSON.
+# In every process that has the copy on its path: the copy, not the installed package.
+UNINSTALL = """
+import sys
+sys.meta_path[:] = [m for m in sys.meta_path if "editable" not in type(m).__module__]
+"""
+# In a process of its own: what failed, as one line of JSON.
 RUN_TESTS = """
 import json, sys
 from pathlib import Path
-sys.meta_path[:] = [m for m in sys.meta_path if "editable" not in type(m).__module__]
-sys.path.insert(0, ".")
 import pytest, pyblast
 assert Path(pyblast.__file__).is_relative_to(Path.cwd()), pyblast.__file__
 failed = []
@@ -42,6 +45,7 @@ class Copy:
         for each in names.splitlines():
             if (ROOT / each).is_file():
                 self._put(each)
+        (self.source / "sitecustomize.py").write_text(UNINSTALL, encoding="utf-8")
 
     def _put(self, name):
         """Copy a file unless the copy is the same, so that no more is built than changed."""
@@ -77,10 +81,11 @@ class Copy:
         named = [f"{CASE}[{t[6:]}]" if t.startswith("suite:") else t for t in tests]
         options = ["-q", "-n0", "--tb=short", f"--maxfail={most}", "-p", "no:cacheprovider"]
         quiet = {"OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+        environment = {**quiet, "PYTHONPATH": str(self.source), **environment}
         try:
             done = subprocess.run(
                 [sys.executable, "-c", RUN_TESTS, *options, *named], cwd=self.source, text=True,
-                env={**os.environ, **quiet, **environment}, capture_output=True, check=False,
+                env={**os.environ, **environment}, capture_output=True, check=False,
                 timeout=LONGEST,
             )  # fmt: skip
         except subprocess.TimeoutExpired:
