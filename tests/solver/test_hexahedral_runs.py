@@ -274,7 +274,7 @@ print(json.dumps(digest(simulate(open_box(1, True, 3, **GROUNDS[sys.argv[1]]), 0
 def test_threads_change_no_bit_in_a_layer(ground):
     alone = digest(simulate(open_box(1, True, 3, **GROUNDS[ground]), 0.1))
 
-    assert [python(LAYERED, ground, threads=n) for n in (2, 4)] == [alone, alone]
+    assert python(LAYERED, ground, threads=3) == alone
 
 
 def test_the_layer_may_be_turned():

@@ -20,14 +20,12 @@ def hyperbola_area(stiffness, most, closure):
     return stiffness * most**2 * (-np.log(1.0 - share) - share)
 
 
-def hyperbola_loss(stiffness, most, closure, left):
-    """Return the energy in J/m2 that a fresh joint loses when it closes and opens again.
+def unloading_area(stiffness, most, closure, left):
+    """Return the energy in J/m2 that a fresh joint gives back when it opens again.
 
     It opens on the hyperbola that begins at ``left * closure``, has the same asymptote ``most``
     and passes through the end of loading.
     """
     pressure = stiffness * closure / (1.0 - closure / most)
     width, back = most - left * closure, closure * (1.0 - left)
-    unloading = pressure * (1.0 - back / width) / back
-    given_back = hyperbola_area(unloading, width, back)
-    return hyperbola_area(stiffness, most, closure) - given_back
+    return hyperbola_area(pressure * (1.0 - back / width) / back, width, back)
