@@ -3,17 +3,22 @@
     python -m verification.sanitize [bounds] [address]
 
 The first build ends where an index, a pointer or an argument is wrong; the second where memory is
-read or written that is not its own, or arithmetic is undefined. What the tests say stays in
-``build/sanitize-NAME/tests.log``.
+read or written that is not its own, or arithmetic is undefined. What failing tests say stays in
+``build/sanitize-NAME``.
 """
 
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
-from .scratch import Copy
+from .scratch import ROOT, Copy
 
 TESTS = (
-    "tests/fortran",
+    *(
+        f"tests/fortran/{path.name}"
+        for path in sorted((ROOT / "tests" / "fortran").glob("test_*.py"))
+    ),
     "tests/solver/test_hexahedral_runs.py",
     "tests/solver/test_run_batches.py",
     "tests/solver/test_run_quadratic.py",
@@ -52,9 +57,12 @@ def main(names):
         copy = Copy(f"sanitize-{name}", *COMMON, *BUILDS[name])
         if not copy.build():
             raise SystemExit(f"sanitize: the copy in {copy.folder} can't be built")
-        failed = copy.failures(TESTS, **environment(name))
-        found = found or bool(failed)
-        print(f"sanitize: {name}: {', '.join(failed) if failed else 'nothing found'}", flush=True)
+        for tests in TESTS:
+            failed = copy.failures([tests], **environment(name))
+            found = found or bool(failed)
+            print(f"sanitize: {name}: {tests}: {', '.join(failed) or 'nothing'}", flush=True)
+            if failed:
+                shutil.copy(copy.folder / "tests.log", copy.folder / f"{Path(tests).stem}.log")
     return 1 if found else 0
 
 

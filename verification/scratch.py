@@ -88,7 +88,8 @@ class Copy:
                 env={**os.environ, **environment}, capture_output=True, check=False,
                 timeout=LONGEST,
             )  # fmt: skip
-        except subprocess.TimeoutExpired:
+        except subprocess.TimeoutExpired as late:
+            (self.folder / "tests.log").write_bytes(late.stdout or b"")
             return ["time limit"]
         said = done.stdout + done.stderr
         (self.folder / "tests.log").write_text(said, encoding="utf-8")
