@@ -9,6 +9,7 @@ Files that broke it are kept in ``build/fuzz``.
 """
 
 import argparse
+import os
 import resource
 import shutil
 import subprocess
@@ -167,8 +168,9 @@ def damaged(whole, path, rng):
 
 
 def limited():
-    """Limit the memory of the program."""
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    """Limit the memory of the program, but not of one that checks addresses: it maps all of it."""
+    if "ASAN_OPTIONS" not in os.environ:
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 

@@ -223,10 +223,21 @@ def stop_time(file):
         handle["arrays/dt"][()] = np.nan
 
 
+def raise_order(file):
+    with h5py.File(file, "r+") as handle:
+        handle["arrays/hex_order"][()] = 2**31 - 1
+
+
+def lose_delay(file):
+    with h5py.File(file, "r+") as handle:
+        handle["arrays/load_delay"][0] = np.nan
+
+
 @pytest.mark.parametrize(
     "damage",
-    [cut, remove_array, lengthen, point_outside, point_before, change_kind, age, stop_time],
-)
+    [cut, remove_array, lengthen, point_outside, point_before, change_kind, age, stop_time,
+     raise_order, lose_delay],
+)  # fmt: skip
 def test_a_broken_model_file_is_refused_in_one_sentence(damage, exported, tmp_path):
     broken = tmp_path / "broken.h5"
     shutil.copy(exported, broken)
