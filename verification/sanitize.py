@@ -24,6 +24,7 @@ TESTS = (
     "tests/solver/test_run_quadratic.py",
     "tests/verification/test_every_law.py",
 )
+LONGEST = 3600.0  # s that a file of tests may take: checked builds are ten times slower
 COMMON = ("-Doptimization=1", "-Ddebug=true")
 BUILDS = {
     "bounds": ("-Dfortran_args=-fcheck=all,no-array-temps",),
@@ -58,7 +59,7 @@ def main(names):
         if not copy.build():
             raise SystemExit(f"sanitize: the copy in {copy.folder} can't be built")
         for tests in TESTS:
-            failed = copy.failures([tests], **environment(name))
+            failed = copy.failures([tests], longest=LONGEST, **environment(name))
             found = found or bool(failed)
             print(f"sanitize: {name}: {tests}: {', '.join(failed) or 'nothing'}", flush=True)
             if failed:

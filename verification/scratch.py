@@ -9,7 +9,6 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 CASE = "tests/verification/test_suite.py::test_the_first_mesh_of_a_case_is_as_good_as_it_was"
-LONGEST = 900  # s that tests may take
 # In every process that has the copy on its path: the copy, not the installed package.
 UNINSTALL = """
 import sys
@@ -73,9 +72,10 @@ class Copy:
             shutil.copy2(program, package / "bin" / program.name)
         return True
 
-    def failures(self, tests, most=0, **environment):
+    def failures(self, tests, most=0, longest=900.0, **environment):
         """Return the tests of the copy that fail, at most so many, or what ended them.
 
+        ``longest`` is the time in s that they may take.
         A test ``suite:N`` is the quick part of case N of the verification suite.
         """
         named = [f"{CASE}[{t[6:]}]" if t.startswith("suite:") else t for t in tests]
@@ -86,7 +86,7 @@ class Copy:
             done = subprocess.run(
                 [sys.executable, "-c", RUN_TESTS, *options, *named], cwd=self.source, text=True,
                 env={**os.environ, **environment}, capture_output=True, check=False,
-                timeout=LONGEST,
+                timeout=longest,
             )  # fmt: skip
         except subprocess.TimeoutExpired as late:
             (self.folder / "tests.log").write_bytes(late.stdout or b"")
