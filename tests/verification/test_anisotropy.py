@@ -14,6 +14,7 @@ from pyblast.model.material import Damping
 from pyblast.model.model import Model, Receiver
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.assembly import time_step
+from pyblast.solver.edge_springs import EDGE_ARRAYS, without_edges
 from pyblast.solver.loads import surface_impedance
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
@@ -57,7 +58,14 @@ def shaken(turn=None):
     return simulate(model, 0.1)
 
 
-def test_a_medium_of_isotropic_stiffness_is_damped_as_isotropic_ground():
+@pytest.mark.parametrize("by_edges", [True, False])
+def test_a_medium_of_isotropic_stiffness_is_damped_as_isotropic_ground(by_edges, monkeypatch):
+    if not by_edges:
+
+        def by_zones(_, arrays):
+            return {name: without_edges(arrays)[name] for name in EDGE_ARRAYS}
+
+        monkeypatch.setattr("pyblast.solver.assembly.edge_arrays", by_zones)
     stiff = jointed(ROCK, (0.3, 0.2, 1.0), 1.0, 1e25, 1e25)
     times = np.arange(0.0, 0.1, 5e-4)
     push = Seismogram(ricker(times, 40.0)[:, None] * [0.8, 0.5, -0.3], times[1])
