@@ -234,6 +234,18 @@ def test_threads_and_batches_do_not_change_the_motion(monkeypatch):
     assert np.abs(motion[2] - motion[0]).max() > 1e-3 * np.abs(motion[0]).max()
 
 
+def test_bricks_of_many_sizes_move_alike_alone_and_in_a_batch():
+    lines = [0.0, 20.0, 50.0, 90.0, 120.0], [0.0, 35.0, 60.0, 90.0], [0.0, 25.0, 60.0]
+    one = replace(model(3), mesh=structured_box(*lines, order=3))
+
+    alone = simulate(one, 0.1).seismograms["A"].velocity
+    both = run_many([one, one], 0.1, step=time_step(one))
+
+    for run in both:
+        found = run.seismograms["A"].velocity
+        assert found == pytest.approx(alone, abs=1e-12 * np.abs(alone).max())
+
+
 def test_single_precision_follows_double():
     one = model(bend=2.0)
 
@@ -254,7 +266,7 @@ def test_next_to_nothing_comes_back_from_the_layer(ground):
     layered = simulate(open_box(2, True, **GROUNDS[ground]), duration)
     viscous = simulate(open_box(0, False, **GROUNDS[ground]), duration)
 
-    assert relative(layered, large) ** 2 < 0.005  # of the energy
+    assert relative(layered, large) ** 2 < 1.5e-4  # of the energy; 0.6e-4 to 0.8e-4 were measured
     assert relative(viscous, large) ** 2 > 0.1
     assert layered.balance_error < 1e-12
 
