@@ -246,6 +246,18 @@ def test_bricks_of_many_sizes_move_alike_alone_and_in_a_batch():
         assert found == pytest.approx(alone, abs=1e-12 * np.abs(alone).max())
 
 
+def test_mapped_zones_that_are_nearly_bricks_attenuate_as_bricks():
+    ground = {"rock": Material.from_speeds(2600.0, 3000.0, 1700.0, law=ConstantQ(60.0, 15.0))}
+    bricks, mapped = (replace(model(3, bend=b), materials=ground) for b in (0.0, 1e-7))
+    step = time_step(bricks)
+
+    wanted, found = (
+        simulate(one, 0.1, prepared=prepare(one, 0.1, step=step)).seismograms["A"].velocity
+        for one in (bricks, mapped)
+    )
+    assert found == pytest.approx(wanted, abs=1e-6 * np.abs(wanted).max())
+
+
 def test_single_precision_follows_double():
     one = model(bend=2.0)
 
