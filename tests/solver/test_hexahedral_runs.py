@@ -247,7 +247,7 @@ def test_bricks_of_many_sizes_move_alike_alone_and_in_a_batch():
 
 
 def test_mapped_zones_that_are_nearly_bricks_attenuate_as_bricks():
-    ground = {"rock": Material.from_speeds(2600.0, 3000.0, 1700.0, law=ConstantQ(60.0, 15.0))}
+    ground = {"rock": Material.from_speeds(2600.0, 3000.0, 1700.0, law=ConstantQ(30.0, 20.0))}
     bricks, mapped = (replace(model(3, bend=b), materials=ground) for b in (0.0, 1e-7))
     step = time_step(bricks)
 
