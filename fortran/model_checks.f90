@@ -10,6 +10,8 @@ module pyblast_model_checks
     private
     public :: check_model
 
+    real(dp), parameter :: longest_delay = 1e9_dp   !! [steps], so that they can be counted
+
 contains
 
     subroutine check_model(model, state, run, message)
@@ -24,10 +26,10 @@ contains
         if (.not. (model%dt > 0.0_dp .and. model%dt < huge(model%dt))) &
             message = "'arrays/dt' must be positive"
         call check_mesh_sizes(model, message)
-        call check_layer(model%layer, state%layer, size(state%zones%slab_memory), model%hexes, &
-                         size(model%nodes%node_mass), size(model%contacts%contact_area), message)
         call check_packs(model%mesh, model%hexes, size(model%nodes%node_mass), &
                          size(model%ground%set_law), message)
+        call check_layer(model%layer, state%layer, size(state%zones%slab_memory), model%hexes, &
+                         size(model%nodes%node_mass), size(model%contacts%contact_area), message)
         call check_node_sizes(model, run%n_steps, message)
         call check_state_sizes(model, state, message)
         call check_mesh_indices(model, message)
@@ -84,17 +86,19 @@ contains
         character(len=:), allocatable, intent(inout) :: message
         integer :: d, n, packs
 
+        if (allocated(message)) return
         if (hexes%order == 0) then
             if (size(mesh%zone_slot, 2) /= n_tet15) return
             call require_size("quadratic zones", shape(hexes%pack_metric), [hex_width, 11, 1, &
                               sum([(n_zone_packs(mesh, d), d = 1, size(mesh%domain_set))])], message)
             return
         end if
-        n = hexes%order + 1
-        packs = size(hexes%pack_set)
         if (hexes%order < 2 .or. hexes%order > 8) message = "'arrays/hex_order' must lie in 2 to 8"
+        packs = size(hexes%pack_set)
         if (hexes%n_mapped < 0 .or. hexes%n_mapped > packs) &
             message = "'arrays/n_mapped' counts more packs than there are"
+        if (allocated(message)) return
+        n = hexes%order + 1
         call require_size("hexahedra", [shape(hexes%hex_slope), shape(hexes%hex_weight), &
                                         shape(hexes%pack_node), shape(hexes%pack_metric), &
                                         shape(hexes%pack_brick)], &
@@ -116,7 +120,9 @@ contains
         character(len=:), allocatable, intent(inout) :: message
         integer :: n, packs
 
-        if (layer%n_slabs == 0) return
+        if (layer%n_slabs == 0 .or. allocated(message)) return
+        if (layer%n_slabs /= size(layer%slab_axis)) message = "'arrays/n_slabs' is not the number of slabs"
+        if (allocated(message)) return
         n = (hexes%order + 1)**3
         packs = size(hexes%pack_set)
         associate (slabs => layer%n_slabs, nodes => size(layer%layer_node), &
@@ -255,7 +261,8 @@ contains
             call within("joint_law", own%joint_law(1, :), 1, n_joint_laws, message)
         end associate
         associate (own => model%loads)
-            if (any(own%load_delay < 0.0_dp)) message = "'arrays/load_delay' must not be negative"
+            if (.not. all(own%load_delay >= 0.0_dp .and. own%load_delay < longest_delay)) &
+                message = "'arrays/load_delay' must lie between 0 and 10^9 steps"
             call within("load_node", own%load_node, 1, nodes, message)
             call within("load_lane", own%load_lane, 0, 1, message)
             call within("load_history", own%load_history, 1, histories, message)

@@ -54,7 +54,7 @@ contains
         !! Allocate what the run records.
         integer :: lines, status
 
-        lines = (run%n_steps - 1)/run%ledger_every + 1
+        lines = ledger_lines(run%n_steps)
         allocate (run%motion(1, 3, size(model%receivers%receiver_node, 2), run%n_steps), &
                   run%energy(n_energies, 1, lines), stat=status)
         if (status /= 0) message = "the records of the run do not fit into memory"
@@ -67,8 +67,8 @@ contains
         done = 0
         do while (done < run%n_steps)
             chunk = min(max(1, run%n_steps/10), run%n_steps - done)
-            lines = (done + run%ledger_every - 1)/run%ledger_every
-            next = (done + chunk + run%ledger_every - 1)/run%ledger_every
+            lines = ledger_lines(done)
+            next = ledger_lines(done + chunk)
             call integrate(model, state, done, run%ledger_every, &
                            run%motion(:, :, :, done + 1:done + chunk), &
                            run%energy(:, :, lines + 1:next), info, where, lane)
@@ -81,6 +81,14 @@ contains
             flush (output_unit)
         end do
     end subroutine take_all_steps
+
+    integer function ledger_lines(n_steps) result(lines)
+        !! Lines of energies in the first steps of the run.
+        integer, intent(in) :: n_steps
+
+        lines = 0
+        if (n_steps > 0) lines = (n_steps - 1)/run%ledger_every + 1
+    end function ledger_lines
 
     subroutine put_in_place()
         !! Give the whole result its name.

@@ -15,7 +15,9 @@ FIGURES = ROOT / "docs" / "figures" / "verification"
 PAGE = ROOT / "docs" / "quality" / "verification.md"
 BEGIN = "<!-- suite: from verification/results.json -->"
 END = "<!-- end of suite -->"
+DEFECTS = "<!-- defects: from verification/mutants.json -->", "<!-- end of defects -->"
 MOST_CURVES = 3
+FAILS = '<span class="fails">✗</span>'
 
 
 def by_number(name):
@@ -67,10 +69,12 @@ def write_table(results, problems):
     after = rest.split(END)[1]
     names = sorted({*problems, *results}, key=by_number)
     passed = sum(bool(results.get(n, {}).get("pass")) for n in names)
+    as_asked = sum(bool(results.get(n, {}).get("as_asked")) for n in names)
     lines = [
-        f"{passed} of {len(names)} cases pass. R blocks a release, E is required for the "
-        "diagnosis, C "
-        "for a claim.",
+        f"{as_asked} of {len(names)} cases meet what was asked of them on the mesh asked for; "
+        f"{passed} meet their tolerance on the finest mesh of their study. {FAILS} marks a "
+        "quantity that misses either; what was asked, and which mesh meets it, is in the next "
+        "table. R blocks a release, E is required for the diagnosis, C for a claim.",
         "",
         "| case | problem | gate | quantity | error on each mesh | order | tolerance | |",
         "|---|---|---|---|---|---|---|---|",
@@ -79,8 +83,9 @@ def write_table(results, problems):
         lines += _rows(name, results[name]) if name in results else [
             f"| {name} | {problems[name]} | | not built | | | | – |"
         ]  # fmt: skip
+    lines += ["", "### Asked and judged", "", *_asked_table(names, results)]
     notes = [f"- **{n}** {results[n]['note']}" for n in names if results.get(n, {}).get("note")]
-    lines += ["", "Notes:", "", *notes, "", "### Figures", ""]
+    lines += ["", "### Notes", "", *notes, "", "### Figures", ""]
     lines += [
         f"**{n}** {results[n]['title']} ({results[n]['source']})\n\n"
         f"![case {n}](../figures/verification/{n}.png)\n"
@@ -91,21 +96,73 @@ def write_table(results, problems):
     PAGE.write_text(reflow(page), encoding="utf-8")
 
 
+def write_defects(tried, count):
+    """Put what became of the defects that were tried, of ``count``, into the page."""
+    text = PAGE.read_text(encoding="utf-8")
+    before, rest = text.split(DEFECTS[0])
+    after = rest.split(DEFECTS[1])[1]
+    survivors = [f"{one['name']} (`{one['file']}`)" for one in tried if not one["caught_by"]]
+    lines = [f"{len(tried)} of {count} defects were tried; tests noticed all but {len(survivors)}."]
+    lines += ["", "Survivors:", "", *(f"- {one}" for one in survivors)] if survivors else []
+    page = before + DEFECTS[0] + "\n\n" + "\n".join(lines) + "\n\n" + DEFECTS[1] + after
+    PAGE.write_text(reflow(page), encoding="utf-8")
+
+
 def _rows(name, result):
     """Return the lines of one case."""
     if "failure" in result:
         head = f"| {name} | {result['title']} | {result['gate']}"
-        return [f"{head} | {result['failure']} | | | | ✗ |"]
+        return [f"{head} | {result['failure']} | | | | {FAILS} |"]
     lines = []
     meshes = ", ".join(f"{mesh:g}" for mesh in result["meshes"])
     title = f"{result['title']}" + (f" ({meshes} {result['unit']})" if meshes else "")
     for row in result["quantities"]:
         errors = ", ".join(f"{error:+.2g}" for error in row["error"])
         order = "" if row["order"] is None else f"{row['order']:.1f}"
-        mark = "✓" if row["pass"] else "✗"
+        mark = "✓" if row["pass"] and row["as_asked"] is not False else FAILS
         quantity = row["quantity"].replace("|", r"\|")
         head = f"| {name} | {title} | {result['gate']}" if not lines else "| | | "
         lines.append(
             f"{head} | {quantity} | {errors} | {order} | {row['tolerance']:.2g} | {mark} |"
         )
     return lines
+
+
+def _asked_table(names, results):
+    """Return the lines of the table of what was asked, what it is judged by, and why."""
+    lines = [
+        "Asked is what the plan of verification asks, set before the measurement: a tolerance, on "
+        "a mesh. Judged is what the study uses: a tolerance on its finest mesh. Met from: the "
+        "coarsest mesh from which on the tolerance asked for is met.",
+        "",
+        "| case | quantity | asked | error there | judged | met from | | why |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name in names:
+        result = results.get(name, {})
+        for row in result.get("quantities", ()):
+            lines.append(_asked_row(name, row))
+        for missing in result.get("not_measured", ()):
+            lines.append(f"| {name} | {missing} | asked | not measured | – | – | {FAILS} | |")
+    return lines
+
+
+def _asked_row(name, row):
+    """Return the line of one quantity."""
+    quantity, asked = row["quantity"].replace("|", r"\|"), row["asked"]
+    judged = _on(row["judged"])
+    if asked is None:
+        return f"| {name} | {quantity} | – | | {judged} | | | {row['reason']} |"
+    mesh = "no mesh" if len(row["error"]) < 2 else asked["met_on"]
+    met = mesh if isinstance(mesh, str) else "none" if mesh is None else f"{mesh:g}"
+    mark = "✓" if row["as_asked"] else FAILS
+    return (
+        f"| {name} | {quantity} | {_on(asked)} | {asked['error']:+.2g} | {judged} | {met} | {mark} "
+        f"| {row['reason']} |"
+    )
+
+
+def _on(limit):
+    """Return a tolerance and its mesh in words."""
+    mesh = "" if limit["mesh"] is None else f" at {limit['mesh']:g}"
+    return f"{limit['tolerance']:.2g}{mesh}"

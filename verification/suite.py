@@ -9,7 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .asked import asked_of
+
 CASES = {}
+ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -131,14 +134,22 @@ def observed_order(meshes, errors):
     return float(-np.polyfit(np.log(meshes), np.log(errors), 1)[0])
 
 
-def judge(problem, readings):
-    """Compare the readings of a case on each mesh with its tolerances.
+def meshes_asked(problem):
+    """Return the meshes, coarsest first, that are asked for but not among those of a case."""
+    asked = [asked_of(problem.number, quantity) for quantity in problem.tolerance]
+    return sorted({one.mesh for one in asked if one and one.mesh} - {*problem.meshes})
+
+
+def judge(problem, readings, beside=None):
+    """Compare the readings of a case on each mesh with its tolerances and with those asked for.
 
     Parameters
     ----------
     problem : Case
     readings : list of list of Reading
         One list for each mesh, or one list where there is no mesh.
+    beside : dict of float to list of Reading, optional
+        On the meshes of `meshes_asked`, by mesh; the order is not taken from them.
 
     Returns
     -------
@@ -158,8 +169,37 @@ def judge(problem, readings):
             "order": None if np.isnan(order) else round(order, 2),
             "met_on": _first_that_lasts(problem.meshes or (None,), within),
             "pass": within[-1] and _order_is_good(problem, quantity, tolerance, errors, order),
+            **_against_asked(problem, quantity, measured, beside or {}),
         })  # fmt: skip
     return rows
+
+
+def _against_asked(problem, quantity, measured, beside):
+    """Return what was asked of a quantity, what it is judged by, and whether it is as asked."""
+    judged = {
+        "tolerance": problem.tolerance[quantity],
+        "mesh": problem.meshes[-1] if problem.meshes else None,
+    }
+    asked = asked_of(problem.number, quantity)
+    if asked is None:
+        return {"asked": None, "judged": judged, "as_asked": None,
+                "reason": "beside what was asked for"}  # fmt: skip
+    errors = dict(zip(problem.meshes or (None,), (r.error for r in measured), strict=False))
+    for mesh, readings in beside.items():
+        errors[mesh] = next(r.error for r in readings if r.quantity == quantity)
+    meshes = sorted(errors, key=lambda mesh: mesh or 0.0)
+    met = [abs(errors[mesh]) <= asked.tolerance + ROUNDING for mesh in meshes]
+    at = asked.mesh if asked.mesh in errors else meshes[-1]
+    good = bool(abs(errors[at]) <= asked.tolerance + ROUNDING)
+    same = asked.tolerance == judged["tolerance"] and asked.mesh in (None, judged["mesh"])
+    order = "the order is taken over several meshes" if good else "not met on the mesh asked for"
+    return {
+        "asked": {"tolerance": asked.tolerance, "mesh": asked.mesh, "error": errors[at],
+                  "met_on": _first_that_lasts(meshes, met)},
+        "judged": judged,
+        "as_asked": good,
+        "reason": "" if same and good else asked.reason or order,
+    }  # fmt: skip
 
 
 def _first_that_lasts(meshes, within):

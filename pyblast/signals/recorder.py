@@ -92,9 +92,9 @@ def orientation(about_vertical: float, tilt: float = 0.0, towards: float = 0.0) 
     about_vertical : float, rad
         Clockwise, seen from above.
     tilt, towards : float, rad
-        Tilt angle, and its bearing.
+        Angle by which the top of the sensor leans, and its bearing, clockwise from north.
     """
-    axis = tilt * np.array([np.cos(towards), -np.sin(towards), 0.0])
+    axis = tilt * np.array([-np.cos(towards), np.sin(towards), 0.0])
     turn = Rotation.from_rotvec(axis) * Rotation.from_euler("z", -about_vertical)
     matrix = turn.as_matrix()
     return lambda s: replace(s, velocity=s.velocity @ matrix)

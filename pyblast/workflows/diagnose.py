@@ -397,11 +397,7 @@ def diagnose_case(
     progress : callable, optional
         Called with (stage, done, total).
     say : callable, optional
-<<<<<<< HEAD
-        Called with a sentence when a diagnosis is read or resumed.
-=======
-        Called with a sentence when a diagnosis is read or goes on, and of implausible peaks.
->>>>>>> plaus
+        Called with a sentence when a diagnosis is read or resumed, and of implausible peaks.
 
     Returns
     -------
@@ -434,13 +430,8 @@ def diagnose_case(
         write_summary(result / STARTED, started)
         try:
             summary = diagnose_folder(
-<<<<<<< HEAD
                 case, result, budget=budget, seed=seed, executor=executor, progress=progress,
-                runs=out / RUNS,
-=======
-                case, place[0], budget=budget, seed=seed, executor=executor, progress=progress,
                 runs=out / RUNS, say=say,
->>>>>>> plaus
             )  # fmt: skip
         except (InputError, ReadError):
             (result / STARTED).unlink()

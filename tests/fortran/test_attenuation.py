@@ -1,5 +1,7 @@
 """The law that fades: its modulus, its energy, its time step."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from pyblast.mesh.builder import structured_box
 from pyblast.model.material import ConstantQ, Damping, Material, relative_modulus
 from pyblast.model.model import Model
 from pyblast.solver.time_step import critical_step
+from verification.columns import started
 
 ROCK = Material.from_speeds(2700.0, 3000.0, 1700.0)
 
@@ -119,3 +122,18 @@ def test_low_passed_damping_is_rayleigh_far_below_its_corner():
 def test_a_compression_that_would_gain_energy_is_refused():
     with pytest.raises(Exception, match="makes compression gain energy"):
         ConstantQ(1000.0, 10.0).properties(ROCK)
+
+
+@pytest.mark.parametrize("wave", ["compression", "shear"])
+def test_ground_strained_at_once_holds_the_energy_of_its_unrelaxed_modulus(wave):
+    law = ConstantQ(30.0, 15.0, (5.0, 50.0))
+    one = Model(structured_box((2, 2, 2), (4.0, 4.0, 4.0)), {"rock": replace(ROCK, law=law)})
+    displacement = np.zeros_like(one.mesh.points)
+    displacement[:, 0 if wave == "compression" else 1] = 1e-4 * one.mesh.points[:, 0]
+
+    run = started(one, 1e-3, displacement, np.zeros_like(displacement))
+
+    lame, shear = law.moduli(ROCK)
+    modulus = lame + 2.0 * shear if wave == "compression" else shear
+    at_once = modulus * relative_modulus(law.branches, np.array([1e9]), wave)[0].real
+    assert run.energy["strain"][0] == pytest.approx(0.5 * at_once * 1e-8 * 64.0, rel=1e-9)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from verification.cases.rough_joints import led
 from verification.contact import DT, FRICTION, KN, KS, Contact
 
 PRESSED = [0.0, 0.0, -2e5]
@@ -227,6 +228,13 @@ def test_a_yielding_joint_approaches_a_strength_that_wears_to_its_friction():
     assert max(0.0, contact.says("worn")) == pytest.approx(
         math.atan(0.9) - math.atan(FRICTION), rel=0.05
     )
+
+
+@pytest.mark.parametrize("turns", [(1e-3, -1e-3, 2e-3, -2e-3), (2e-3, 1.95e-3, 4e-3, 3.9e-3, 5e-3)])
+def test_a_yielding_joint_follows_its_equations_from_turn_to_turn(turns):
+    _, wanted, found = led(400, turns)
+
+    assert found == pytest.approx(wanted, abs=1e-3 * wanted.max())
 
 
 def test_a_yielding_joint_is_stiff_again_right_after_a_reversal():

@@ -202,6 +202,30 @@ def test_pulled_ground_breaks_and_leaves_no_tension():
     assert zone.state[13] > 0.0
 
 
+def test_plastic_shear_is_the_largest_engineering_shear_of_the_plastic_strain():
+    material = Material(2500.0, 1e10, 6e9, cohesion=1e6, friction=0.6, tension=3e5,
+                        law=MohrCoulomb(0.3))  # fmt: skip
+    zone = Zone(material)
+
+    for share in np.linspace(0.0, 1.0, 50):
+        zone.strain(share * np.array([8e-4, -2e-4, -2e-3, 0.0, 0.0, 0.0]))
+
+    plastic = zone.state[6:9]
+    assert plastic.min() < -1e-4
+    assert zone.state[12] == pytest.approx(plastic.max() - plastic.min(), rel=1e-9)
+
+
+def test_softened_ground_holds_no_more_tension_than_its_cohesion_over_its_friction():
+    material = Material(2500.0, 1e10, 6e9, cohesion=1e6, friction=0.5, tension=4e5,
+                        law=MohrCoulomb(cohesion_residual=1e5, tension_residual=4e5))  # fmt: skip
+    zone = Zone(material)
+    zone.strain(np.array([0.0, 0.0, -2e-3, 0.0, 0.0, 0.0]))
+
+    stress, _ = zone.strain(np.array([5e-3, 5e-3, 5e-3, 0.0, 0.0, 0.0]))
+
+    assert stress[:3] == pytest.approx(3 * [1e5 / 0.5], rel=1e-6)
+
+
 def test_values_that_are_no_strength_are_refused():
     with pytest.raises(InputError, match=r"material\.cohesion: missing"):
         Material(2500.0, 1e10, 6e9, law=MohrCoulomb()).law.properties(Material(2500.0, 1e10, 6e9))

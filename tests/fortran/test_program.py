@@ -21,6 +21,7 @@ from pyblast.model.source import PointForce, TimeFunction
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import export, prepare
 from pyblast.solver.run import simulate
+from verification import fuzz
 from verification.contact import properties
 from verification.zone import MATERIALS
 
@@ -262,10 +263,21 @@ def stop_time(file):
         handle["arrays/dt"][()] = np.nan
 
 
+def raise_order(file):
+    with h5py.File(file, "r+") as handle:
+        handle["arrays/hex_order"][()] = 2**31 - 1
+
+
+def lose_delay(file):
+    with h5py.File(file, "r+") as handle:
+        handle["arrays/load_delay"][0] = np.nan
+
+
 @pytest.mark.parametrize(
     "damage",
-    [cut, remove_array, lengthen, point_outside, point_before, change_kind, age, stop_time],
-)
+    [cut, remove_array, lengthen, point_outside, point_before, change_kind, age, stop_time,
+     raise_order, lose_delay],
+)  # fmt: skip
 def test_a_broken_model_file_is_refused_in_one_sentence(damage, exported, tmp_path):
     broken = tmp_path / "broken.h5"
     shutil.copy(exported, broken)
@@ -277,6 +289,15 @@ def test_a_broken_model_file_is_refused_in_one_sentence(damage, exported, tmp_pa
     assert done.stderr.startswith("pyblast-run: ")
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "result.h5").exists()
+
+
+def test_damage_at_random_is_refused_in_one_sentence_or_leaves_a_model(tmp_path, monkeypatch):
+    monkeypatch.setattr(fuzz, "FOLDER", tmp_path)
+
+    faults, codes = fuzz.fuzz(45, seed=5)
+
+    assert faults == []
+    assert codes[2] > 15
 
 
 def test_wrong_usage_is_told(tmp_path):

@@ -8,7 +8,7 @@ from residual_case import BAND, DT, N, coloured, dense, residual_case, seismogra
 from scipy import linalg, stats
 
 from pyblast.errors import InputError
-from pyblast.inference.covariance import _evidence, infer_levels, whitener
+from pyblast.inference.covariance import PRIORS, _evidence, infer_levels, whitener
 from pyblast.inference.error_model import mesh_error, nuisances, scattering
 from pyblast.inference.records import band_functions, noise_of
 
@@ -188,6 +188,23 @@ def test_slopes_of_the_evidence_are_those_of_its_differences(case):
         for d in steps
     ]
     assert found == pytest.approx(np.subtract(*np.transpose(ends)) / 2e-5, rel=1e-4, abs=1e-4)
+
+
+def test_inferred_levels_are_the_most_probable_ones(case):
+    white, residual = whole(case), 0.1 * np.roll(case[2], 2, -1)
+    found = infer_levels(white, residual).whitener
+
+    def density(levels):
+        prior = sum(
+            -0.5 * weight * (2.0 * math.log(levels[name]) + (level / levels[name]) ** 2)
+            for name, (level, weight) in PRIORS.items()
+            if name in levels
+        )
+        return found.with_levels(**levels).log_likelihood(residual) + prior
+
+    for name, level in found.levels.items():
+        more, less = (density({**found.levels, name: level * k}) for k in (1.03, 1.0 / 1.03))
+        assert max(more, less) < density(found.levels), name
 
 
 def test_what_fitted_unknowns_take_on_themselves_does_not_change_levels(case):

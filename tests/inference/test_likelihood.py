@@ -64,6 +64,16 @@ def test_a_broken_record_counts_by_its_logarithm():
     np.testing.assert_allclose(grows, expected, rtol=0.01)
 
 
+def test_records_below_one_do_not_compensate_for_others():
+    likelihood = made()
+    before, after = np.ones(likelihood.n_data.shape), np.ones(likelihood.n_data.shape)
+    before[0, :2] = 0.2, 3.0
+    after[0, :2] = 0.1, 2.0
+
+    assert likelihood.excess(before) == pytest.approx(2.0)
+    assert likelihood.explained_share(before, after) == pytest.approx(0.5)
+
+
 def test_a_record_holds_no_more_numbers_than_its_samples_and_no_less_than_one():
     likelihood = made()
     assert np.all(likelihood.n_effective > 1.0)

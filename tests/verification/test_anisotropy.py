@@ -10,8 +10,11 @@ from pyblast.mesh.mesh import Mesh
 from pyblast.model import anisotropy
 from pyblast.model.anisotropy import Anisotropic, anisotropic, jointed, transverse
 from pyblast.model.boundary import StressInput, Viscous
+from pyblast.model.material import Damping
 from pyblast.model.model import Model, Receiver
 from pyblast.signals.seismogram import Seismogram
+from pyblast.solver.assembly import time_step
+from pyblast.solver.edge_springs import EDGE_ARRAYS, without_edges
 from pyblast.solver.loads import surface_impedance
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
@@ -53,6 +56,34 @@ def shaken(turn=None):
         receivers=[Receiver("A", tuple(turn.apply([17.0, 9.0, 12.0])))],
     )
     return simulate(model, 0.1)
+
+
+@pytest.mark.parametrize("by_edges", [True, False])
+def test_a_medium_of_isotropic_stiffness_is_damped_as_isotropic_ground(by_edges, monkeypatch):
+    if not by_edges:
+
+        def by_zones(_, arrays):
+            return {name: without_edges(arrays)[name] for name in EDGE_ARRAYS}
+
+        monkeypatch.setattr("pyblast.solver.assembly.edge_arrays", by_zones)
+    stiff = jointed(ROCK, (0.3, 0.2, 1.0), 1.0, 1e25, 1e25)
+    times = np.arange(0.0, 0.1, 5e-4)
+    push = Seismogram(ricker(times, 40.0)[:, None] * [0.8, 0.5, -0.3], times[1])
+    models = [
+        Model(
+            crooked(), {"rock": rock}, damping=Damping(0.05, 30.0),
+            boundaries=[*map(Viscous, SIDES), StressInput("west", push)],
+            receivers=[Receiver("A", (17.0, 9.0, 12.0))],
+        )
+        for rock in (ROCK, stiff)
+    ]  # fmt: skip
+    step = time_step(models[0])
+    plain, other = (
+        simulate(one, 0.05, prepared=prepare(one, 0.05, step=step)).seismograms["A"].velocity
+        for one in models
+    )
+
+    assert other == pytest.approx(plain, abs=1e-6 * np.abs(plain).max())
 
 
 def test_moduli_of_a_transverse_medium_are_those_of_its_tests():

@@ -1,13 +1,15 @@
 """The energy ledger: every joule put in is found again, beside case 26."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from pyblast.mesh.builder import structured_box
 from pyblast.model.boundary import Fixed, Roller, VelocityInput, Viscous
 from pyblast.model.joint import Joint
-from pyblast.model.material import Damping
-from pyblast.model.model import Model
+from pyblast.model.material import Damping, MohrCoulomb
+from pyblast.model.model import InSitu, Model
 from pyblast.model.source import Hole, PointForce, TimeFunction
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.run import simulate
@@ -43,6 +45,19 @@ def test_an_elastic_body_keeps_all_that_is_put_in(source, boundaries):
 
     assert result.energy["input"][-1] > 0.0
     assert result.balance_error < 1e-10
+
+
+def test_stressed_ground_that_yields_keeps_or_loses_all_that_is_put_in():
+    law = MohrCoulomb(0.1, cohesion_residual=1e4)
+    rock = replace(ROCK, cohesion=1e5, friction=0.6, tension=5e4, law=law)
+    sides = [Roller(side) for side in ("west", "east", "south", "north", "bottom")]
+    ground = Model(box(), {"rock": rock}, boundaries=sides, sources=[HOLE], insitu=InSitu())
+
+    result = simulate(ground, 0.2)
+
+    assert result.energy["zone_dissipated"][-1] > 0.01 * result.energy["input"].max()
+    assert np.abs(result.energy["insitu"]).max() > 0.01 * result.energy["input"].max()
+    assert result.balance_error < 1e-9
 
 
 def test_elastic_joints_keep_all_that_is_put_in():

@@ -77,30 +77,38 @@ def gradient(n):
     "Fluids: Gassmann's modulus; P passes a wet joint, S does not",
     source="Gassmann (1951); limits: no pores, fluid as stiff as the solid, no fluid",
     gate="C",
-    tolerance={"fluid as stiff as the solid": 1e-3, "no fluid": 1e-3, "|T| of P, wet joint": 0.01,
-               "|T| of S, wet joint": 0.01},
-    note="24 edges per wavelength; the joint is dry at k/zw 0.1 and 0.5 mm wide.",
+    tolerance={"fluid as stiff as the solid": 1e-3, "no fluid": 1e-3, "water in pores": 1e-3,
+               "shear modulus": 1e-12, "density": 1e-12, "|T| of P, wet joint": 0.01,
+               "|T| of S, wet joint": 0.01, "|T| of P, air in the joint": 0.01},
+    note="Water in pores: by the other form, K/(Ks - K) = Kd/(Ks - Kd) + Kf/p(Ks - Kf). "
+    "24 edges per wavelength; the joint is dry at k/zw 0.1 and 0.5 mm wide.",
 )  # fmt: skip
 def fluids():
     """Check Gassmann's limits and what passes a wet joint."""
     dry = Material(2300.0, 9e9, 7e9)
     hard = saturated_rock(dry, 0.2, 37e9, fluid_bulk=37e9).bulk
     empty = saturated_rock(dry, 0.2, 37e9, fluid_bulk=1.0).bulk
+    wet = saturated_rock(dry, 0.2, 37e9, fluid_bulk=2.2e9, fluid_density=1000.0)
+    part = 9.0 / (37.0 - 9.0) + 2.2 / (0.2 * (37.0 - 2.2))
     readings = [
         Reading.relative("fluid as stiff as the solid", 37e9, hard),
         Reading.relative("no fluid", 9e9, empty),
+        Reading.relative("water in pores", 37e9 * part / (1.0 + part), wet.bulk),
+        Reading.relative("shear modulus", 7e9, wet.shear),
+        Reading.relative("density", 2300.0 + 0.2 * 1000.0, wet.density),
     ]
-    for wave in AXIS:
+    fluids = (("P", "wet joint", 2.2e9), ("S", "wet joint", 2.2e9), ("P", "air in the joint", 1e5))
+    for wave, name, fluid in fluids:
         n, speed = 24, ROCK.cp if wave == "P" else ROCK.cs
         edge, k = speed / FREQUENCY / n, 0.1 * IMPEDANCE[wave] * 2.0 * np.pi * FREQUENCY
-        joint = saturated(Joint("J", "elastic", {"kn": k, "ks": k}), 5e-4)
+        joint = saturated(Joint("J", "elastic", {"kn": k, "ks": k}), 5e-4, fluid_bulk=fluid)
         spectra = []
         for joints, planes in (([joint], {"J": ("x", 3 * n * edge)}), ([], None)):
             mesh = column(8 * n, edge, planes)
             motion, _ = driven(mesh, wave, FREQUENCY, 0.45, [4 * n * edge], joints=joints)
             spectra.append(abs(spectrum(*motion[4 * n * edge], [FREQUENCY])[0]))
-        stiffness = joint.properties["kn" if wave == "P" else "ks"]
+        stiffness = k + (fluid / 5e-4 if wave == "P" else 0.0)
         wanted = 1.0 / np.hypot(1.0, np.pi * FREQUENCY * IMPEDANCE[wave] / stiffness)
         found = spectra[0] / spectra[1]
-        readings.append(Reading.relative(f"|T| of {wave}, wet joint", wanted, found))
+        readings.append(Reading.relative(f"|T| of {wave}, {name}", wanted, found))
     return readings, []

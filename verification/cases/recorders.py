@@ -1,46 +1,116 @@
-"""Blasts that scatter, and recorders that change what they hear. Cases 34 and 35."""
+"""Blasts that scatter, delays between samples, recorders. Cases 34, 35 and L21."""
+
+from dataclasses import replace
 
 import numpy as np
 
+from pyblast.blasts.blast import Firing
+from pyblast.blasts.signature import superpose
+from pyblast.mesh.builder import structured_box
+from pyblast.model.model import Model, Receiver
+from pyblast.planning import FiringScatter
 from pyblast.signals import recorder
 from pyblast.signals.seismogram import Seismogram
-from verification.columns import ricker
+from pyblast.solver.preparation import prepare
+from pyblast.solver.run import simulate
+from verification.columns import ROCK, ricker
 from verification.suite import Curve, Reading, case
 
-SEED, DRAWS, SCATTER = 20, 4000, 2e-3
+SEED, DRAWS = 20, 4000
 
 
 @case(
     "34",
     "Spectrum under firing scatter",
-    source="E|F|2 = g |sum a e^(-iwt)|2 + (1 - g) sum a2, g = e^(-w2 s2)",
+    source="E|F|2 = |sum m g e^(-iwt)|2 + sum (E a2 - m2 g2), g = e^(-w2 s2/2), m = E a",
     gate="C",
     tolerance={"largest difference in standard errors": 3.0, "mean difference": 0.02},
     quick=True,
-    note="4000 draws of a blast of 12 holes, 60 frequencies to 120 Hz.",
+    note="4000 blasts of 12 holes that the program draws around a plan, times by 1.5 ms and 1 % of "
+    "the delay, strengths by 20 %; 60 frequencies to 120 Hz.",
 )
 def firing_scatter():
-    """Draw firing times and compare the mean spectrum with its expectation."""
-    rng = np.random.default_rng(SEED)
+    """Let the program draw blasts and compare their mean spectrum with its expectation."""
     times, amplitudes = 0.025 * np.arange(12), np.linspace(0.8, 1.2, 12)
     frequency = np.linspace(2.0, 120.0, 60)
     omega = 2.0 * np.pi * frequency
-    drawn = times + SCATTER * rng.normal(size=(DRAWS, 12))
-    comb = np.exp(-1j * omega[:, None, None] * drawn) @ amplitudes
-    power = np.abs(comb) ** 2
-    fade = np.exp(-((omega * SCATTER) ** 2))
-    sharp = np.abs(np.exp(-1j * np.outer(omega, times)) @ amplitudes) ** 2
-    wanted = fade * sharp + (1.0 - fade) * np.sum(amplitudes**2)
-    found, error = power.mean(axis=1), power.std(axis=1) / np.sqrt(DRAWS)
+    scatter = FiringScatter(delay=1.5e-3, delay_share=0.01, charge=0.2)
+    power = []
+    for fired, strong in zip(*scatter.drawn(times, DRAWS, SEED, amplitudes), strict=True):
+        power.append(np.abs(np.exp(-1j * np.outer(omega, fired)) @ strong) ** 2)
+    power = np.array(power)
+    sigma = np.sqrt(1.5e-3**2 + (0.01 * times) ** 2)
+    fade = np.exp(-0.5 * np.outer(omega, sigma) ** 2)
+    mean, square = amplitudes * np.exp(0.5 * 0.2**2), amplitudes**2 * np.exp(2.0 * 0.2**2)
+    sharp = np.abs(np.sum(mean * fade * np.exp(-1j * np.outer(omega, times)), axis=1)) ** 2
+    wanted = sharp + np.sum(square - (mean * fade) ** 2, axis=1)
+    found, error = power.mean(axis=0), power.std(axis=0) / np.sqrt(DRAWS)
     sigmas = (found - wanted) / error
     # the largest of 60 is below 3.6 with 98 %; the case asks 3 of all but the largest
     most = float(np.sort(np.abs(sigmas))[-2])
-    mean = float(np.mean(found / wanted - 1.0))
+    share = float(np.mean(found / wanted - 1.0))
     readings = [
         Reading("largest difference in standard errors", 0.0, most, most),
-        Reading("mean difference", 0.0, mean, mean),
+        Reading("mean difference", 0.0, share, share),
     ]
-    return readings, [Curve("12 holes, 2 ms", frequency, wanted, found, "frequency [Hz]", "|F|2")]
+    return readings, [Curve("12 holes", frequency, wanted, found, "frequency [Hz]", "|F|2")]
+
+
+@case(
+    "L21",
+    "Delays between samples",
+    source="a Ricker pulse at its shifted time; a cubic history, which four samples give exactly",
+    gate="C",
+    tolerance={"superposed pulses": 1e-6, "load between two steps": 1e-9},
+    quick=True,
+    note="Three holes at 0, 12.34 and 30.57 samples; the load is one on a free block, 3.4 steps "
+    "late.",
+)
+def fractional_delays():
+    """Fire holes between samples, and push a free block between steps."""
+    dt, delays, scales = 1e-3, np.array([0.0, 12.34, 30.57]), np.array([1.0, 0.7, -0.4])
+    times = dt * np.arange(400)
+    signature = Seismogram(np.outer(ricker(times - 0.1, 20.0), [1.0, 0.3, 0.2]), dt)
+    total = superpose(signature, Firing(dt * delays, scales))
+    wanted = sum(
+        a * ricker(total.times - total.times[0] - 0.1 - d, 20.0)
+        for a, d in zip(scales, dt * delays, strict=True)
+    )
+    gap = float(np.abs(total.velocity[:, 0] - wanted).max())
+    velocity, history = pushed_late(3.4)
+    steps = np.arange(8, len(velocity))
+    exact = np.polyval(history, steps + 1 - 3.4)
+    late = float(np.abs(np.diff(velocity)[7:] / exact - 1.0).max())
+    readings = [Reading("superposed pulses", 0.0, gap, gap),
+                Reading("load between two steps", 0.0, late, late)]  # fmt: skip
+    return readings, [Curve("three holes", total.times, wanted, total.velocity[:, 0], "time [s]",
+                            "velocity [m/s]")]  # fmt: skip
+
+
+def pushed_late(delay):
+    """Return velocity over the time step of a free block pushed late, and the cubic that does it.
+
+    The push is an acceleration; ``delay`` is in steps, and the cubic is in steps, too.
+    """
+    cubic = np.array([1e-3, -0.05, 0.7, 2.0])
+    model = Model(
+        structured_box((2, 2, 2), (2.0, 2.0, 2.0)), {"rock": ROCK},
+        receivers=[Receiver("R", (1.0, 1.0, 1.0))],
+    )  # fmt: skip
+    prepared = prepare(model, 0.01)
+    dt, n_steps = prepared.constants["dt"], prepared.n_steps
+    mass = prepared.constants["node_mass"]
+    loads = {
+        "load_node": np.arange(len(mass), dtype=np.int32),
+        "load_vector": mass[:, None] * [1.0, 0.0, 0.0],
+        "load_history": np.zeros(len(mass), dtype=np.int32),
+        "load_delay": np.full(len(mass), delay),
+        "load_lane": np.full(len(mass), -1, dtype=np.int32),
+        "history": np.polyval(cubic, np.arange(1, n_steps + 1))[:, None],
+    }
+    prepared = replace(prepared, constants={**prepared.constants, **loads})
+    record = simulate(model, n_steps * dt, prepared=prepared).seismograms["R"]
+    return record.velocity[:, 0] / dt, cubic
 
 
 @case(
@@ -62,7 +132,7 @@ def operators():
     n = recorder.PADDING * length
     frequency = np.fft.rfftfreq(n, dt)
     before = np.fft.rfft(motion.velocity[:, 0], n)
-    heard = np.abs(before) > 1e-3 * np.abs(before).max()
+    present = np.abs(before) > 1e-3 * np.abs(before).max()
     s = 2j * np.pi * frequency
     w0 = 2.0 * np.pi * 4.5
     cases = {
@@ -75,10 +145,29 @@ def operators():
     readings, curves = [], []
     for name, (operator, wanted) in cases.items():
         found = np.fft.rfft(operator(motion).velocity[:, 0], n) / before
-        gap = float(np.abs(found - wanted)[heard].max())
+        gap = float(np.abs(found - wanted)[present].max())
         readings.append(Reading(name, 0.0, gap, gap))
-        curves.append(Curve(name, frequency[heard], np.abs(wanted[heard]), np.abs(found[heard]),
-                            "frequency [Hz]", "gain"))  # fmt: skip
-    turned = recorder.orientation(0.7, 0.2, 1.1)(motion)
-    gap = abs(np.sum(turned.velocity**2) / np.sum(motion.velocity**2) - 1.0)
-    return [*readings, Reading("rotation", 0.0, float(gap), float(gap))], curves[:2]
+        axes = frequency[present], np.abs(wanted[present]), np.abs(found[present])
+        curves.append(Curve(name, *axes, "frequency [Hz]", "gain"))
+    matrix = np.array([
+        recorder.orientation(0.7, 0.2, 1.1)(Seismogram(np.tile(unit, (2, 1)), dt)).velocity[0]
+        for unit in np.eye(3)
+    ])  # fmt: skip
+    gap = float(np.abs(matrix - sensor_axes(0.7, 0.2, 1.1)).max())
+    return [*readings, Reading("rotation", 0.0, gap, gap)], curves[:2]
+
+
+def sensor_axes(turn, tilt, towards):
+    """Return the axes of a sensor as columns: turned clockwise, its top leaned to a bearing.
+
+    Its vertical is ``(sin t sin b, sin t cos b, cos t)``; the part of a horizontal axis along the
+    bearing sinks by the same angle, the part across it stays.
+    """
+    along = np.array([np.sin(towards), np.cos(towards), 0.0])
+    across = np.array([np.cos(towards), -np.sin(towards), 0.0])
+    up = np.array([0.0, 0.0, 1.0])
+    axes = []
+    for level in ([np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0]):
+        sunk = np.cos(tilt) * along - np.sin(tilt) * up
+        axes.append((level @ across) * across + (level @ along) * sunk)
+    return np.transpose([*axes, np.cos(tilt) * up + np.sin(tilt) * along])

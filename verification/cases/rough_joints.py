@@ -126,12 +126,12 @@ def yielding(stiffness):
     return Yielding(stiffness, PRESSURE, np.arctan(LAST), np.arctan(FIRST), ROUGHNESS)
 
 
-def led(steps):
+def led(steps, turns=TURNS):
     """Return place, wanted and found shear of a contact led through growing cycles."""
     stiffness = 1e9
     contact = Contact("yielding", (0.0, 0.0, -PRESSURE), ks=stiffness, friction=LAST,
                       friction_initial=FIRST, roughness=ROUGHNESS)  # fmt: skip
-    places, wanted = led_by(yielding(stiffness), TURNS, steps)
+    places, wanted = led_by(yielding(stiffness), turns, steps)
     found = np.array([contact.move(x, 0.0, 0.0)[0] for x in places])
     return places, wanted, found
 

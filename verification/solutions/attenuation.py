@@ -53,6 +53,15 @@ def discrete_wave_number(body, density, frequency, edge, dt):
     return 2.0 / edge * np.arcsin(0.5 * edge * number)
 
 
+def rayleigh_ratio(frequency, ratio, central, mass=True, stiffness=True):
+    """Return the damping ratio (n,) of Rayleigh damping: half of it from each part at ``central``.
+
+    ``ratio/2 (central/f + f/central)``; a part that does not act adds nothing.
+    """
+    share = np.asarray(frequency) / central
+    return 0.5 * ratio * (mass / share + stiffness * share)
+
+
 def damped_oscillator(natural, alpha, beta, corner):
     """Return ratio of critical damping and natural frequency (1/s) of an oscillator.
 
