@@ -45,7 +45,6 @@ SIGMA = "standard deviations"
 CHI_SQUARE = "reduced chi-square"
 NULLS = "nulls of the development seed of the blind benchmark: 1.2 in the median, 1.5 at most"
 RIGHT = "right effects of the development seed of the blind benchmark"
-MANY_ERRORS = "permuted residuals of the small site"
 
 # Model error
 _enter("ENERGY_SHARE", ENERGY_SHARE, "energy of a record",
@@ -104,7 +103,7 @@ MOST_EFFECTS = _enter("MOST_EFFECTS", 3, "", "Effects at once", "assumed")
 SURROGATES = _enter("SURROGATES", 200, "", "Permutations of receivers", "assumed")
 NULL_LEVEL = _enter(
     "NULL_LEVEL", 0.95, "", "Quantile of the null distribution that an effect must exceed",
-    MANY_ERRORS,
+    "convention: a significance level of 5 %",
 )  # fmt: skip
 # Cross-validation
 LEAST_LOSS = _enter(

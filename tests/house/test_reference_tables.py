@@ -1,21 +1,26 @@
-"""docs/reference/hypotheses.md holds the library as it is, and its example can be used."""
+"""The tables of docs/reference are those of the program, and the example can be used."""
 
 import re
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 
-from docs.hypotheses_page import written
+from docs.reference_tables import TABLES, written
 from pyblast.diagnosis.hypotheses import LIBRARY
 
-PAGE = Path(__file__).parents[2] / "docs" / "reference" / "hypotheses.md"
+REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
+PAGE = REFERENCE / "hypotheses.md"
+PAGES = {"library": PAGE, "thresholds": REFERENCE / "thresholds.md"}
 
 
-def test_the_table_is_that_of_the_library():
-    text = PAGE.read_text(encoding="utf-8")
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_is_that_of_the_program(name):
+    text = PAGES[name].read_text(encoding="utf-8")
 
-    assert written(text) == text, f"run: python -m {written.__module__} {PAGE}"
+    assert TABLES[name]() in text
+    assert written(text) == text, f"run: python -m {written.__module__} {PAGES[name]}"
 
 
 def test_all_say_what_would_settle_them():

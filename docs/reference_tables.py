@@ -1,0 +1,73 @@
+"""Tables of docs/reference: the hypotheses and the thresholds of a diagnosis.
+
+`python -m docs.reference_tables PAGE` writes those of a page anew.
+"""
+
+import re
+import sys
+from pathlib import Path
+
+from pyblast.diagnosis import library  # noqa: F401  fills the library
+from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.diagnosis.thresholds import threshold_rows
+from pyblast.project.result import write_text
+
+AXES = {"receivers": "receivers", "blasts": "blasts", "both": "receivers, blasts"}
+PRICES = {"site": "runs", "holes": "none", "motion": "none"}
+HYPOTHESES = "| label, form | claim | of each | runs | held out | parameters: prior, range | decided by |"
+THRESHOLDS = "| threshold | value | unit | meaning | origin |"
+
+
+def hypotheses() -> str:
+    """Return the hypotheses as a table in Markdown, by label."""
+    return _table(HYPOTHESES, [_row(LIBRARY[name]) for name in sorted(LIBRARY)])
+
+
+def thresholds() -> str:
+    """Return the thresholds as a table in Markdown, in the order in which they are met."""
+    return _table(
+        THRESHOLDS,
+        [
+            f"| `{row.name}` | {row.value:.3g} | {row.unit} | {row.meaning} | {row.measured_on} |"
+            for row in threshold_rows()
+        ],
+    )
+
+
+TABLES = {"library": hypotheses, "thresholds": thresholds}
+
+
+def _table(head, rows):
+    """Return a table in Markdown."""
+    return "\n".join([head, "|---" * (head.count("|") - 1) + "|", *rows])
+
+
+def _row(one):
+    """Return the row of one hypothesis."""
+    label = f"`{one.label}`" + (f", {one.form}" if one.form else "")
+    parameters = "; ".join(_parameter(each) for each in one.parameters)
+    axis = AXES[one.axis]
+    cells = label, one.claim, one.target, PRICES[one.on], axis, parameters, one.decided_by
+    return f"| {' | '.join(cells)} |"
+
+
+def _parameter(one):
+    """Return a parameter with its prior and its bounds."""
+    unit = f" {one.unit}" if one.unit else ""
+    doubt = f"×/÷ {2.718281828**one.sigma:.2g}" if one.log else f"± {one.sigma:g}"
+    each = " of each hole" if one.per_hole else ""
+    return f"{one.name}{each} {one.mean:g} {doubt}{unit}, {one.low:g} to {one.high:g}"
+
+
+def written(text: str) -> str:
+    """Return a page with its tables as they are now, between comments with their names."""
+    for name, table in TABLES.items():
+        pattern = rf"(?s)<!-- {name} -->.*<!-- end of {name} -->"
+        made = f"<!-- {name} -->\n{table()}\n<!-- end of {name} -->"
+        text = re.sub(pattern, lambda _, made=made: made, text)
+    return text
+
+
+if __name__ == "__main__":
+    page = Path(sys.argv[1])
+    write_text(page, written(page.read_text(encoding="utf-8")))
