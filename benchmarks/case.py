@@ -7,7 +7,7 @@ from pyblast.mesh.grid import graded_axis
 from pyblast.model.boundary import Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.material import Material
-from pyblast.model.model import Model, Receiver, Rim
+from pyblast.model.model import Model, Receiver, SpongeLayer
 from pyblast.model.source import Hole, TimeFunction
 from pyblast.project.flat_box import Discretization
 from pyblast.solver.assembly import time_step
@@ -51,14 +51,14 @@ def of_kind(model):
 
 
 def site(quadratic, highest):
-    """Return the model of a blast whose box carries a frequency in Hz; the rim is coarser."""
+    """Return the model of a blast whose box carries a frequency in Hz; the sponge is coarser."""
     edges = 3.0 if quadratic else 10.0
     edge = ROCK.cs / (edges * highest) / MEAN_EDGE[quadratic]
     return blast(Discretization(edge, *RIM, quadratic))
 
 
 def blast(cut):
-    """Return the model with twelve holes, ten receivers, a joint and a rim."""
+    """Return the model with twelve holes, ten receivers, a joint and a sponge."""
     axes = [
         graded_axis(BOX[0], [JOINT], cut.edge, cut.padding, cut.padding, cut.growth),
         graded_axis(BOX[1], [], cut.edge, cut.padding, cut.padding, cut.growth),
@@ -75,7 +75,8 @@ def blast(cut):
     ]  # fmt: skip
     return Model(
         mesh, {"rock": ROCK}, joints=[Joint("J1", "elastic", {"kn": 5.85e8, "ks": 2.66e8})],
-        boundaries=[Viscous(side) for side in QUIET], rim=Rim(BOX, cut.padding), sources=holes,
+        boundaries=[Viscous(side) for side in QUIET], sources=holes,
+        sponge=SpongeLayer(BOX, cut.padding),
         receivers=[Receiver(f"R{k}", (110.0 + 10.0 * k, 40.0 + 9.0 * k, -0.1)) for k in range(10)],
         quadratic=cut.quadratic,
     )  # fmt: skip

@@ -21,7 +21,7 @@ SITES = {"quick": 1, "usual": 6, "long": 20}
 BLAST = "B2"
 DRAWN = 31  # seed of the sites and of the signs
 CLOSED = 0.5  # of the largest closure, at rest
-SHARPER, WIDER = 0.79, 1.5  # edges and rim of the finest zones over those of the finer mesh
+SHARPER, WIDER = 0.79, 1.5  # edges and sponge of the finest zones over those of the finer mesh
 
 
 def measure(effort):

@@ -34,7 +34,7 @@ GROUPS = {
     "Ground": "Material Damping ConstantQ MohrCoulomb anisotropic transverse jointed DamagedZone "
     "Gradient Heterogeneity InSitu",
     "Joints": "Joint",
-    "Model": "Model Receiver Rim",
+    "Model": "Model Receiver SpongeLayer",
     "Boundaries": "Viscous FreeField Roller Fixed StressInput VelocityInput PlaneWave",
     "Sources": "Hole Column MomentTensor PointForce Pressure AirBlast TimeFunction",
     "Seismograms and records": "Seismogram read_recording read_gather analyse_records load_limits",

@@ -14,7 +14,9 @@ from pyblast.project.result import write_text
 
 AXES = {"receivers": "receivers", "blasts": "blasts", "both": "receivers, blasts"}
 PRICES = {"site": "runs", "holes": "none", "motion": "none"}
-HYPOTHESES = "| label, form | claim | of each | runs | held out | parameters: prior, range | decided by |"
+HYPOTHESES = (
+    "| label, form | claim | of each | runs | held out | parameters: prior, range | decided by |"
+)
 THRESHOLDS = "| threshold | value | unit | meaning | origin |"
 
 

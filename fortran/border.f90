@@ -43,14 +43,14 @@ contains
                        node_start, node_part, node_mass, node_alpha, node_load, &
                        contact_node, contact_normal, contact_area, contact_joint, &
                        contact_initial, joint_law, joint_property, &
-                       load_node, load_vector, load_history, load_delay, load_lane, history, &
+                       load_node, load_vector, load_history, load_delay, load_member, history, &
                        dashpot_node, dashpot_impedance, dashpot_inverse, &
                        fixed_node, fixed_direction, fixed_history, &
                        receiver_node, receiver_weight, &
                        displacement, velocity, memory, row_state, row_lost, contact_traction, &
                        contact_state, contact_stored, contact_dissipated, slab_memory, &
                        node_memory, crossing_memory, sums, &
-                       motion, energy, info, where, lane)
+                       motion, energy, info, where, member)
         !! Integrate n_steps from first_step; stop early when the motion is no longer finite.
         integer, intent(in) :: n_nodes, n_zones, n_domains, n_slots, n_sets, n_rows, n_parts
         integer, intent(in) :: n_memories, n_corners, n_edges, n_skews, n_patches, n_ends
@@ -100,7 +100,7 @@ contains
         real(dp), intent(in), target :: contact_initial(3, n_batch, n_contacts)
         integer, intent(in), target :: joint_law(n_batch, n_joints)
         real(dp), intent(in), target :: joint_property(n_joint_properties, n_batch, n_joints)
-        integer, intent(in), target :: load_node(n_loads), load_history(n_loads), load_lane(n_loads)
+        integer, intent(in), target :: load_node(n_loads), load_history(n_loads), load_member(n_loads)
         real(dp), intent(in), target :: load_vector(3, n_loads), load_delay(n_loads)
         real(dp), intent(in), target :: history(n_histories, n_total)
         integer, intent(in), target :: dashpot_node(n_dashpots)
@@ -127,7 +127,7 @@ contains
         real(dp), intent(inout) :: energy(n_energies, n_batch, n_ledger)      !! [J], last one [-]
         integer, intent(out) :: info    !! steps done if all went well, else minus that number
         integer, intent(out) :: where   !! node of the largest velocity after a failure
-        integer, intent(out) :: lane    !! model of the batch in which it was
+        integer, intent(out) :: member    !! model of the batch in which it was
         !f2py threadsafe
         type(model_arrays) :: model
         type(model_state) :: state
@@ -166,7 +166,7 @@ contains
             joint_property=joint_property)
         model%loads = load_arrays( &
             load_node=load_node, load_vector=load_vector, load_history=load_history, &
-            load_delay=load_delay, load_lane=load_lane, history=history)
+            load_delay=load_delay, load_member=load_member, history=history)
         model%boundaries = boundary_arrays( &
             dashpot_node=dashpot_node, dashpot_impedance=dashpot_impedance, &
             dashpot_inverse=dashpot_inverse, fixed_node=fixed_node, &
@@ -180,7 +180,7 @@ contains
             contact_traction=contact_traction, contact_state=contact_state, &
             contact_stored=contact_stored, contact_dissipated=contact_dissipated)
         state%sums => sums
-        call integrate(model, state, first_step, ledger_every, motion, energy, info, where, lane)
+        call integrate(model, state, first_step, ledger_every, motion, energy, info, where, member)
     end subroutine advance
 
     subroutine stored_at_rest(n_contacts, n_joints, contact_normal, contact_joint, joint_law, &
@@ -269,12 +269,12 @@ contains
     end subroutine zone_forces
 
     subroutine load_forces(n_nodes, n_loads, n_histories, n_total, step, load_node, load_vector, &
-                           load_history, load_delay, load_lane, history, velocity, &
+                           load_history, load_delay, load_member, history, velocity, &
                            load_amplitude, force, power)
         !! Forces of loads: of tests alone.
         integer, intent(in) :: n_nodes, n_loads, n_histories, n_total
         integer, intent(in) :: step                           !! from 1
-        integer, intent(in), target :: load_node(n_loads), load_history(n_loads), load_lane(n_loads)
+        integer, intent(in), target :: load_node(n_loads), load_history(n_loads), load_member(n_loads)
         real(dp), intent(in), target :: load_vector(3, n_loads), load_delay(n_loads)
         real(dp), intent(in), target :: history(n_histories, n_total)
         real(dp), intent(in) :: velocity(n_batch, 3, n_nodes)
@@ -283,7 +283,7 @@ contains
 
         call add_loads(load_arrays(load_node=load_node, load_vector=load_vector, &
                                    load_history=load_history, load_delay=load_delay, &
-                                   load_lane=load_lane, history=history), &
+                                   load_member=load_member, history=history), &
                        step, n_nodes, velocity, load_amplitude, force, power)
     end subroutine load_forces
 

@@ -24,8 +24,8 @@ contains
         do k = 1, size(loads%load_node)
             n = loads%load_node(k)
             amplitude(k) = delayed(loads%history, loads%load_history(k), step, loads%load_delay(k))
-            do m = max(1, loads%load_lane(k)), merge(n_batch, loads%load_lane(k), &
-                                                     loads%load_lane(k) == 0)
+            do m = max(1, loads%load_member(k)), merge(n_batch, loads%load_member(k), &
+                                                     loads%load_member(k) == 0)
                 force(m, :, n) = force(m, :, n) + (loads%load_vector(:, k)*amplitude(k))
             end do
         end do
@@ -66,8 +66,8 @@ contains
 
         power = 0.0_dp
         do k = 1, size(loads%load_node)
-            do m = max(1, loads%load_lane(k)), merge(n_batch, loads%load_lane(k), &
-                                                     loads%load_lane(k) == 0)
+            do m = max(1, loads%load_member(k)), merge(n_batch, loads%load_member(k), &
+                                                     loads%load_member(k) == 0)
                 power(m) = power(m) + amplitude(k)*dot_product(loads%load_vector(:, k), &
                                                                velocity(m, :, loads%load_node(k)))
             end do

@@ -61,7 +61,7 @@ contains
 
     pure subroutine held_tractions(law, property, initial, normal, jump, state, traction, stored, &
                                    held)
-        !! Traction of one contact in each lane where its springs hold it: elastic, or Coulomb that
+        !! Traction of one contact of each model where its springs hold it: elastic, or Coulomb that
         !! neither slips nor opens; (3.1) to (3.3). Where `held` is false the law itself must say.
         integer, intent(in) :: law(n_batch)
         real(dp), intent(in) :: property(n_joint_properties, n_batch), initial(3, n_batch)

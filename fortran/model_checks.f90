@@ -22,7 +22,7 @@ contains
         character(len=:), allocatable, intent(inout) :: message
 
         if (run%schema /= 1) message = "the schema is not 1"
-        if (run%n_steps < 1 .or. run%ledger_every < 1) message = "'march' needs positive numbers"
+        if (run%n_steps < 1 .or. run%ledger_every < 1) message = "'run' needs positive numbers"
         if (.not. (model%dt > 0.0_dp .and. model%dt < huge(model%dt))) &
             message = "'arrays/dt' must be positive"
         call check_mesh_sizes(model, message)
@@ -177,7 +177,7 @@ contains
         end associate
         associate (own => model%loads, loads => size(model%loads%load_node))
             call require_size("loads", [shape(own%load_vector), shape(own%load_history), &
-                                        shape(own%load_delay), shape(own%load_lane), &
+                                        shape(own%load_delay), shape(own%load_member), &
                                         size(own%history, 2)], &
                               [3, loads, loads, loads, loads, n_steps], message)
         end associate
@@ -264,7 +264,7 @@ contains
             if (.not. all(own%load_delay >= 0.0_dp .and. own%load_delay < longest_delay)) &
                 message = "'arrays/load_delay' must lie between 0 and 10^9 steps"
             call within("load_node", own%load_node, 1, nodes, message)
-            call within("load_lane", own%load_lane, 0, 1, message)
+            call within("load_member", own%load_member, 0, 1, message)
             call within("load_history", own%load_history, 1, histories, message)
         end associate
         associate (own => model%boundaries)

@@ -32,9 +32,9 @@ contains
 
         call open_file(path, file, message)
         if (allocated(message)) return
-        call read_array(file, "march/schema", run%schema, message)
-        call read_array(file, "march/n_steps", run%n_steps, message)
-        call read_array(file, "march/ledger_every", run%ledger_every, message)
+        call read_array(file, "run/schema", run%schema, message)
+        call read_array(file, "run/n_steps", run%n_steps, message)
+        call read_array(file, "run/ledger_every", run%ledger_every, message)
         call read_array(file, "arrays/dt", model%dt, message)
         call read_array(file, "arrays/local_damping", model%local_damping, message)
         call read_mesh(file, model%mesh, message)
@@ -177,7 +177,7 @@ contains
         call read_array(file, "arrays/load_vector", loads%load_vector, message)
         call read_array(file, "arrays/load_history", loads%load_history, message)
         call read_array(file, "arrays/load_delay", loads%load_delay, message)
-        call read_array(file, "arrays/load_lane", loads%load_lane, message)
+        call read_array(file, "arrays/load_member", loads%load_member, message)
         call read_array(file, "arrays/history", loads%history, message)
     end subroutine read_loads
 
@@ -233,10 +233,10 @@ contains
 
         call create_file(path, file, message)
         if (allocated(message)) return
-        call create_group(file, "march")
+        call create_group(file, "run")
         call create_group(file, "records")
         call create_group(file, "state")
-        call write_array(file, "march/schema", run%schema, message)
+        call write_array(file, "run/schema", run%schema, message)
         call write_array(file, "records/motion", run%motion, 1, message)
         call write_array(file, "records/energy", run%energy, 2, message)
         call write_array(file, "state/displacement", state%nodes%displacement, 1, message)

@@ -138,7 +138,7 @@ module pyblast_model_types
                                                                  !! (3, n_loads)
         integer, contiguous, pointer :: load_history(:)          !! (n_loads)
         real(dp), contiguous, pointer :: load_delay(:)           !! steps behind its history
-        integer, contiguous, pointer :: load_lane(:)             !! model of the batch; 0 is all
+        integer, contiguous, pointer :: load_member(:)             !! model of the batch; 0 is all
         real(dp), contiguous, pointer :: history(:, :)           !! amplitude at each step
                                                                  !! (n_histories, n_total)
     end type load_arrays

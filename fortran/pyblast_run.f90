@@ -62,7 +62,7 @@ contains
 
     subroutine take_all_steps()
         !! Take all steps, with a line of progress after every tenth of the way.
-        integer :: done, chunk, lines, next, info, where, lane
+        integer :: done, chunk, lines, next, info, where, member
 
         done = 0
         do while (done < run%n_steps)
@@ -71,7 +71,7 @@ contains
             next = ledger_lines(done + chunk)
             call integrate(model, state, done, run%ledger_every, &
                            run%motion(:, :, :, done + 1:done + chunk), &
-                           run%energy(:, :, lines + 1:next), info, where, lane)
+                           run%energy(:, :, lines + 1:next), info, where, member)
             if (info < 0) then
                 message = "the energy is not finite or exceeds five times what was put in"
                 return

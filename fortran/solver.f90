@@ -29,7 +29,7 @@ module pyblast_solver
 
 contains
 
-    subroutine integrate(model, state, first_step, ledger_every, motion, energy, info, where, lane)
+    subroutine integrate(model, state, first_step, ledger_every, motion, energy, info, where, member)
         !! Integrate from first_step; stop early when the motion is no longer finite.
         !! Numbers far ahead of waves underflow, which is slow: in single precision they become zero.
         type(model_arrays), intent(in) :: model
@@ -42,7 +42,7 @@ contains
             !! (n_energies, n_batch, n_lines) [J], last one [-]
         integer, intent(out) :: info    !! steps done if all went well, else minus that number
         integer, intent(out) :: where   !! node of the largest velocity after a failure
-        integer, intent(out) :: lane    !! model of the batch in which it was
+        integer, intent(out) :: member    !! model of the batch in which it was
         logical, allocatable :: gradual(:)
         integer :: thread
 
@@ -52,19 +52,19 @@ contains
         call ieee_get_underflow_mode(gradual(thread))
         call ieee_set_underflow_mode(gradual=dp == double)
         !$omp end parallel
-        call take_steps(model, state, first_step, ledger_every, motion, energy, info, where, lane)
+        call take_steps(model, state, first_step, ledger_every, motion, energy, info, where, member)
         !$omp parallel default(none) shared(gradual)
         call ieee_set_underflow_mode(gradual(omp_get_thread_num()))
         !$omp end parallel
     end subroutine integrate
 
-    subroutine take_steps(model, state, first_step, ledger_every, motion, energy, info, where, lane)
+    subroutine take_steps(model, state, first_step, ledger_every, motion, energy, info, where, member)
         !! Take all steps; arguments as in integrate.
         type(model_arrays), intent(in) :: model
         type(model_state), intent(inout) :: state
         integer, intent(in) :: first_step, ledger_every
         real(dp), intent(inout) :: motion(:, :, :, :), energy(:, :, :)
-        integer, intent(out) :: info, where, lane
+        integer, intent(out) :: info, where, member
         type(nodal_work) :: nodal
         type(domain_work) :: domains
         type(step_work) :: work
@@ -79,7 +79,7 @@ contains
             .or. model%layer%n_slabs > 0
         line = 0
         where = 0
-        lane = 0
+        member = 0
         info = size(motion, 4)
         do i = 1, size(motion, 4)
             step = first_step + i
@@ -90,12 +90,12 @@ contains
                 line = line + 1
                 call write_energies(model%contacts, state, domains, nodal%block_energy, step == 1, &
                                     damped, work%before, work%insitu, energy(:, :, line))
-                do lane = 1, n_batch
-                    call grows(energy(:, lane, line), sum(nodal%block_energy(lane, 2, :)), &
-                               work%after(lane, 3), step == 1, state%sums(:, lane), alarm)
+                do member = 1, n_batch
+                    call grows(energy(:, member, line), sum(nodal%block_energy(member, 2, :)), &
+                               work%after(member, 3), step == 1, state%sums(:, member), alarm)
                     if (.not. alarm) cycle
                     info = -i
-                    where = fastest(state%nodes%velocity(lane, :, :))
+                    where = fastest(state%nodes%velocity(member, :, :))
                     return
                 end do
             end if

@@ -1,5 +1,5 @@
 module pyblast_tet4_batch
-    !! The zones of `pyblast_tet4` for models that march together: n_batch side by side.
+    !! The zones of `pyblast_tet4` for models that run together: n_batch side by side.
     !!
     !! Gradients are found once for all n_batch, and nothing is gathered but whole vectors.
     use pyblast_kinds, only : dp
@@ -56,7 +56,7 @@ contains
     end subroutine gradients
 
     pure subroutine slopes(a, b, c, d, g, slope)
-        !! Gradient of a field in each lane: its component, then the axis; theory.md (2.1).
+        !! Gradient of a field of each model: its component, then the axis; theory.md (2.1).
         real(dp), intent(in) :: a(n_batch, 3), b(n_batch, 3), c(n_batch, 3), d(n_batch, 3), g(3, 3)
         real(dp), intent(out) :: slope(n_batch, 3, 3)
         real(dp) :: p, q, r
@@ -76,7 +76,7 @@ contains
     end subroutine slopes
 
     pure function divergence(a, b, c, d, g) result(dilatation)
-        !! Divergence of a field in each lane.
+        !! Divergence of a field of each model.
         real(dp), intent(in) :: a(n_batch, 3), b(n_batch, 3), c(n_batch, 3), d(n_batch, 3), g(3, 3)
         real(dp) :: dilatation(n_batch)
         integer :: i
@@ -89,7 +89,7 @@ contains
     end function divergence
 
     pure subroutine stresses(shear, isotropic, slope, stress)
-        !! xx yy zz yz zx xy in each lane; theory.md (2.2).
+        !! xx yy zz yz zx xy of each model; theory.md (2.2).
         real(dp), intent(in) :: shear, isotropic(n_batch), slope(n_batch, 3, 3)
         real(dp), intent(out) :: stress(n_batch, 6)
         integer :: i
@@ -103,7 +103,7 @@ contains
     end subroutine stresses
 
     pure subroutine internal_force(volume, gradient, s, a, b, c, d)
-        !! Add the corner forces of a zone in each lane; theory.md (2.3).
+        !! Add the corner forces of a zone of each model; theory.md (2.3).
         real(dp), intent(in) :: volume, gradient(3, 3), s(n_batch, 6)
         real(dp), intent(inout) :: a(n_batch, 3), b(n_batch, 3), c(n_batch, 3), d(n_batch, 3)
         real(dp) :: g(3, 3), f(n_batch, 3)

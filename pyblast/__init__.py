@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .mesh.importer import read_mesh
 
     # Model: ground, joints, boundaries, sources, receivers
-    from .model.model import InSitu, Model, Receiver, Rim
+    from .model.model import InSitu, Model, Receiver, SpongeLayer
     from .model.material import ConstantQ, Damping, Material, MohrCoulomb
     from .model.joint import Joint
     from .model.boundary import Fixed, FreeField, Roller, StressInput, VelocityInput, Viscous
@@ -67,7 +67,7 @@ __all__ = [
     # Mesh
     "Mesh", "build_mesh", "structured_box", "read_mesh",
     # Model: ground, joints, boundaries, sources, receivers
-    "InSitu", "Model", "Receiver", "Rim", "ConstantQ", "Damping", "Material", "MohrCoulomb",
+    "InSitu", "Model", "Receiver", "SpongeLayer", "ConstantQ", "Damping", "Material", "MohrCoulomb",
     "Joint", "Fixed", "FreeField", "Roller", "StressInput", "VelocityInput", "Viscous", "PlaneWave",
     "Hole", "PointForce", "TimeFunction",
     # Solve

@@ -38,7 +38,7 @@ N_ZONE_STATE = int(_core.pyblast_kinds.n_zone_state)
 N_ZONE_PROPERTIES = int(_core.pyblast_kinds.n_zone_properties)
 INDEX_ENDINGS = (
     "_node", "_slot", "_part", "_joint", "_law", "_history", "_start", "_set", "_row", "_patch",
-    "_lane", "_form", "_axis",
+    "_member", "_form", "_axis",
 )  # fmt: skip
 # Arrays that differ between the members of a batch, and the axis of the members.
 BATCH_AXIS = {

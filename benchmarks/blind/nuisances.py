@@ -84,7 +84,7 @@ def shaken(site, level: int, rng):
 
 
 class Uneven(Heterogeneity):
-    """Heterogeneity no finer than what zones inside the box of the site carry; its rim may not."""
+    """Heterogeneity no finer than what zones inside the box carry; the sponge layer may not."""
 
     def factor(self, places, edges):
         """Return the factor (n,) at places (n, 3) of a mesh with edges (n,) in m."""

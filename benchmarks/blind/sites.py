@@ -9,7 +9,7 @@ from pyblast.mesh.mesh import Mesh
 from pyblast.model.boundary import Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.material import Damping, Material
-from pyblast.model.model import Model, Receiver, Rim
+from pyblast.model.model import Model, Receiver, SpongeLayer
 from pyblast.model.source import Hole, TimeFunction
 from pyblast.project.config import check_config
 from pyblast.project.flat_box import OUTER, Discretization, FlatBox, Plane, flat_mesh
@@ -90,7 +90,7 @@ class Site:
             joints=[j.joint for j in self.joints],
             boundaries=[Viscous(side) for side in OUTER],
             damping=damping,
-            rim=Rim(tuple(map(tuple, self.box)), cut.padding, self.band[0]),
+            sponge=SpongeLayer(tuple(map(tuple, self.box)), cut.padding, self.band[0]),
             sources=sources,
             receivers=self.receivers,
             ground=self.ground,

@@ -14,7 +14,7 @@ from .noise import real_noise
 from .nuisances import LEAD
 from .sites import AFTER, BAND, BEFORE, DT, Site
 
-# Another mesh than the diagnosis takes: constant strain, more zones to a wave, wider rim.
+# Another mesh than the diagnosis takes: constant strain, more zones to a wave, wider sponge.
 EDGES = 9.0  # to the shortest S wave of the band in the layer that is most of the ground
 PADDING = 0.5  # of the longest S wave of the band; a diagnosis has 0.2, and 0.4 to correct it
 GROWTH = 1.1

@@ -201,7 +201,7 @@ def projected_matrices(model, constants, left, right):
     Returns
     -------
     dict of tuple to (n_left, n_right) float64
-        ``("mass",)``, ``("dashpots",)``, ``("rim",)``; by group ``("drag", name)`` for a mass
+        ``("mass",)``, ``("dashpots",)``, ``("sponge",)``; by group ``("drag", name)`` for a mass
         damping of 1/s, ``("p", name)`` and ``("s", name)`` for both moduli of the relaxed ground;
         by joint ``("kn", name)`` and ``("ks", name)`` for 1 Pa/m.
     """
@@ -217,10 +217,10 @@ def projected_matrices(model, constants, left, right):
         matrices["drag", group] = _weighted(left, right, model.nodes.sums(here))
         zones = np.flatnonzero(mesh.zone_group == number)
         matrices["p", group], matrices["s", group] = _stiffness(model, zones, left, right)
-    if model.rim is not None:
+    if model.sponge is not None:
         centres = mesh.points[mesh.zones].mean(axis=1)
-        drag = heavy * model.rim.alpha(centres, model.zone_values("cs"))
-        matrices["rim",] = _weighted(left, right, model.nodes.sums(drag))
+        drag = heavy * model.sponge.alpha(centres, model.zone_values("cs"))
+        matrices["sponge",] = _weighted(left, right, model.nodes.sums(drag))
     if mesh.contacts is not None:
         matrices |= _joints(mesh.contacts, left, right)
     return matrices
@@ -389,8 +389,8 @@ def _terms(projection, values):
     family, path, part = projection.family, projection.contour, projection.matrices
     model = family.ranges.model(family.base, values)
     rate, still, lagged, relaxing = part["dashpots",].copy(), 0.0, 0.0, {}
-    if ("rim",) in part:
-        rate += part["rim",]
+    if ("sponge",) in part:
+        rate += part["sponge",]
     alpha, beta = model.group_damping("alpha"), model.group_damping("beta")
     for number, group in enumerate(model.mesh.groups):
         p, s = part["p", group], part["s", group]

@@ -18,8 +18,8 @@ from pyblast import (
     Model,
     PointForce,
     Receiver,
-    Rim,
     Roller,
+    SpongeLayer,
     TimeFunction,
     Viscous,
     compare,
@@ -58,7 +58,7 @@ def ground(edge):
             "dry": Damping(0.1, 25.0, mass=False),
             "wet": Damping(0.06, 15.0, stiffness=False),
         },
-        rim=Rim(((-2.0, 53.0), (0.0, 8.0), (-12.0, 0.0)), 14.0),
+        sponge=SpongeLayer(((-2.0, 53.0), (0.0, 8.0), (-12.0, 0.0)), 14.0),
         sources=(PointForce(np.zeros(3), np.array([0.0, 0.0, -1.0]), ricker),),
         receivers=tuple(Receiver(f"{x:g} m", (x, 0.0, 0.0)) for x in OFFSETS),
     )

@@ -259,8 +259,8 @@ def structured_box(
     for name, (letter, places) in (planes or {}).items():
         axis = _AXES[letter]
         parts = [
-            _plane_faces(points, faces, axis, _on_grid(axes[axis], place, name), False)
-            for place in np.atleast_1d(places)
+            _plane_faces(points, faces, axis, _on_grid(axes[axis], position, name), False)
+            for position in np.atleast_1d(places)
         ]
         surfaces[name] = np.concatenate(parts)
     height = points[zones].mean(axis=1)[:, 2]
@@ -287,19 +287,20 @@ def _grid_axes(grid):
     return axes
 
 
-def _on_grid(axis, place, name):
-    """Return the grid coordinate at a place; raise InputError if there is none."""
-    nearest = axis[np.argmin(np.abs(axis - place))]
-    if abs(nearest - place) > 1e-9 * (axis[-1] - axis[0]):
+def _on_grid(axis, position, name):
+    """Return the grid coordinate at a position; raise InputError if there is none."""
+    nearest = axis[np.argmin(np.abs(axis - position))]
+    if abs(nearest - position) > 1e-9 * (axis[-1] - axis[0]):
         raise InputError(
-            f"structured_box: {name!r} at {place:g} m must be on the grid, nearest is {nearest:g} m"
+            f"structured_box: {name!r} at {position:g} m must be on the grid; the nearest is "
+            f"{nearest:g} m"
         )
     return nearest
 
 
-def _plane_faces(points, faces, axis, place, low):
+def _plane_faces(points, faces, axis, position, low):
     """Return the faces on a grid plane of the zones below it, or above if ``low``."""
-    on_plane = points[:, axis] == place
+    on_plane = points[:, axis] == position
     flat = on_plane[faces].all(axis=1)
     normals = face_vectors(points, faces[flat])[:, axis]
     return faces[flat][(normals < 0.0) if low else (normals > 0.0)]

@@ -57,9 +57,9 @@ def barycentric(corners: np.ndarray, places: np.ndarray) -> np.ndarray:
     return np.concatenate([1.0 - rest.sum(axis=-1, keepdims=True), rest], axis=-1)
 
 
-def _best_zone(points, zones, candidates, place):
+def _best_zone(points, zones, candidates, position):
     """Return the candidate with the largest smallest weight, and its weights."""
-    weights = barycentric(points[zones[candidates]], place)
+    weights = barycentric(points[zones[candidates]], position)
     best = np.argmax(weights.min(axis=-1))
     return candidates[best], weights[best]
 
@@ -67,7 +67,7 @@ def _best_zone(points, zones, candidates, place):
 def locate(
     points: np.ndarray, zones: np.ndarray, places: ArrayLike, tolerance: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the zone that contains each place, and barycentric coordinates.
+    """Return the zone that contains each position, and barycentric coordinates.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def locate(
     zones : (n_zones, 4) int32
     places : (n, 3) float64, m
     tolerance : float, m
-        Largest distance of a place outside the mesh, which is then moved to the nearest zone.
+        Largest distance of a position outside the mesh, which is then moved to the nearest zone.
         Default: half of the mean edge of that zone.
 
     Returns
@@ -86,35 +86,35 @@ def locate(
     Raises
     ------
     InputError
-        If a place lies farther outside than the tolerance.
+        If a position lies farther outside than the tolerance.
     """
     places = np.atleast_2d(np.asarray(places, dtype=float))
     tree = KDTree(points[zones].mean(axis=1), leafsize=16)
     near = tree.query(places, k=min(40, len(zones)))[1].reshape(len(places), -1)
     zone, weights = np.empty(len(places), dtype=np.int64), np.empty((len(places), 4))
-    for n, place in enumerate(places):
-        zone[n], weights[n] = _best_zone(points, zones, near[n], place)
+    for n, position in enumerate(places):
+        zone[n], weights[n] = _best_zone(points, zones, near[n], position)
         if weights[n].min() < -1e-9:
-            boxes = _zones_around(points, zones, place)
+            boxes = _zones_around(points, zones, position)
             candidates = np.union1d(near[n], boxes)
-            zone[n], weights[n] = _best_zone(points, zones, candidates, place)
+            zone[n], weights[n] = _best_zone(points, zones, candidates, position)
     weights = np.maximum(weights, 0.0)
     weights /= weights.sum(axis=1, keepdims=True)
     _refuse_outside(points, zones[zone], places, weights, tolerance)
     return zone, weights
 
 
-def _zones_around(points, zones, place):
-    """Return the zones (n,) whose bounding box holds the place."""
+def _zones_around(points, zones, position):
+    """Return the zones (n,) whose bounding box holds the position."""
     inside = np.ones(len(zones), dtype=bool)
     for axis in range(3):
         values = points[:, axis][zones]
-        inside &= (values.min(axis=1) <= place[axis]) & (values.max(axis=1) >= place[axis])
+        inside &= (values.min(axis=1) <= position[axis]) & (values.max(axis=1) >= position[axis])
     return np.flatnonzero(inside)
 
 
 def _refuse_outside(points, corners, places, weights, tolerance):
-    """Raise InputError for the first place too far from the mesh."""
+    """Raise InputError for the first position too far from the mesh."""
     nearest = np.einsum("ij,ijk->ik", weights, points[corners])
     distance = np.linalg.norm(nearest - places, axis=1)
     limit = 0.5 * edge_lengths(points, corners).mean(axis=1) if tolerance is None else tolerance

@@ -194,8 +194,8 @@ DRAG = 2.5  # limit, times the lowest angular frequency and the width in S waves
 
 
 @dataclass(frozen=True)
-class Rim:
-    """Absorbing layer: damped ground around a box, for sources inside the model.
+class SpongeLayer:
+    """Sponge layer: damped ground around a box that absorbs waves of sources inside.
 
     Parameters
     ----------
@@ -226,11 +226,11 @@ class Rim:
         """Check box, width and frequency."""
         box = np.asarray(self.box, dtype=float)
         if box.shape != (3, 2) or not (box[:, 0] < box[:, 1]).all():
-            raise InputError(f"rim.box: must be three ascending pairs, got {self.box}")
+            raise InputError(f"sponge.box: must be three ascending pairs, got {self.box}")
         if not 0.0 < self.width < np.inf:
-            raise InputError(f"rim.width: must be positive, got {self.width:g} m")
+            raise InputError(f"sponge.width: must be positive, got {self.width:g} m")
         if self.lowest is not None and not 0.0 < self.lowest < np.inf:
-            raise InputError(f"rim.lowest: must be positive, got {self.lowest:g} Hz")
+            raise InputError(f"sponge.lowest: must be positive, got {self.lowest:g} Hz")
 
     def alpha(self, places: np.ndarray, speed: float | np.ndarray) -> np.ndarray:
         """Return the mass damping (n,) in 1/s at places (n, 3) with S speeds (n,)."""

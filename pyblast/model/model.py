@@ -11,7 +11,7 @@ from ..mesh.nodes import Nodes, nodes_of
 from ..mesh.ordering import make_patches, renumbered
 from ..mesh.spectral_nodes import SpectralNodes, View, spectral_nodes, view
 from ..units import check_angle
-from .boundary import Boundary, Rim, StressInput, Viscous, check_boundaries
+from .boundary import Boundary, SpongeLayer, StressInput, Viscous, check_boundaries
 from .ground_fields import GroundField
 from .joint import Joint
 from .material import Branch, Damping, Material, ZoneLaw
@@ -98,7 +98,7 @@ class Model:
     sources : sequence of Source
         `Hole`, `Column`, `PointForce`, `MomentTensor`, `Pressure`, `AirBlast` or `PlaneWave`.
     receivers : sequence of Receiver
-    rim : Rim, optional
+    sponge : SpongeLayer, optional
         Damped ground around a model of tetrahedra.
     ground : sequence of Gradient, DamagedZone or Heterogeneity
         Fields of factors on the wave speeds.
@@ -140,7 +140,7 @@ class Model:
     damping: Damping | dict[str, Damping] | None = None
     sources: tuple[Source, ...] = ()
     receivers: tuple[Receiver, ...] = ()
-    rim: Rim | None = None
+    sponge: SpongeLayer | None = None
     ground: tuple[GroundField, ...] = ()
     insitu: InSitu | None = None
     added_mass: float = 0.0025
@@ -305,9 +305,9 @@ class Model:
     def zone_damping(self, name: str) -> np.ndarray:
         """Return ``alpha`` (1/s) or ``beta`` (s) of the damping for every zone, (n_zones,)."""
         values = self.group_damping(name)[self.mesh.zone_group]
-        if self.rim is not None and name == "alpha":
+        if self.sponge is not None and name == "alpha":
             centres = self.mesh.points[self.mesh.zones].mean(axis=1)
-            values += self.rim.alpha(centres, self.zone_values("cs"))
+            values += self.sponge.alpha(centres, self.zone_values("cs"))
         return values
 
     def mean_edges(self) -> dict[str, float]:
@@ -317,8 +317,8 @@ class Model:
         """
         edge, weight = edge_lengths(self.mesh).mean(axis=1), volumes(self.mesh)
         group = self.mesh.zone_group
-        if self.rim is not None:
-            inside = self.rim.alpha(self.mesh.points[self.mesh.zones].mean(axis=1), 1.0) == 0.0
+        if self.sponge is not None:
+            inside = self.sponge.alpha(self.mesh.points[self.mesh.zones].mean(axis=1), 1.0) == 0.0
             weight = weight * (inside | ~np.isin(group, group[inside]))
         mean = np.bincount(group, edge * weight) / np.bincount(group, weight)
         return dict(zip(self.mesh.groups, mean, strict=True))

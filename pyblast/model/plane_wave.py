@@ -154,8 +154,10 @@ def _faces(model, wave):
 def _medium(model, surfaces):
     """Return density, cp and cs of the ground behind the boundaries; it must be homogeneous."""
     zones = np.unique(np.concatenate([surface_zones(model.mesh, name) for name in surfaces]))
-    if model.rim is not None:
-        raise InputError("plane_wave: a rim would damp the wave along its faces; leave it out")
+    if model.sponge is not None:
+        raise InputError(
+            "plane_wave: a sponge layer would damp the wave along its faces; leave it out"
+        )
     media = {b.surface: b.media for b in model.boundaries if isinstance(b, Viscous)}
     for group in {model.mesh.groups[n] for n in model.mesh.zone_group[zones]}:
         for surface in surfaces:

@@ -12,7 +12,7 @@ from ..mesh.grid import GROWTH, graded_axis
 from ..mesh.mesh import Mesh
 from ..model.boundary import Viscous
 from ..model.material import ConstantQ, Elastic, Material
-from ..model.model import Model, Receiver, Rim
+from ..model.model import Model, Receiver, SpongeLayer
 from ..model.source import Hole
 from .places import box_of, make_absorbing_layer
 from .project import Project
@@ -334,7 +334,7 @@ def flat_model(
         materials,
         joints=project.joints,
         boundaries=tuple(Viscous(side) for side in OUTER),
-        rim=Rim(box_of(ground.box), cut.padding, None if band is None else band[0]),
+        sponge=SpongeLayer(box_of(ground.box), cut.padding, None if band is None else band[0]),
         sources=tuple(sources),
         receivers=own.receivers,
         ground=project.fields,

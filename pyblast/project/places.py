@@ -8,7 +8,7 @@ from ..errors import InputError, named_error
 from ..mesh.faces import face_vectors
 from ..mesh.hexahedra import face_shapes, face_slopes
 from ..mesh.mesh import edge_lengths, locate, surface_zones
-from ..model.model import Receiver, Rim
+from ..model.model import Receiver, SpongeLayer
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 
 
@@ -144,13 +144,13 @@ def make_absorbing_layer(config):
     """Return the absorbing layer of a `Config`: given, or the padding around sources, or None."""
     if config.absorbing_layer is not None:
         layer = config.absorbing_layer
-        return Rim(box_of(layer.box_m), layer.width_m, layer.lowest_hz)
+        return SpongeLayer(box_of(layer.box_m), layer.width_m, layer.lowest_hz)
     mesh = config.mesh
     inside = config.holes_inside or config.point_forces or config.moment_tensors
     if mesh.padding_m is None or not inside:
         return None
     ends = zip(mesh.origin_m, mesh.size_m, strict=True)
-    return Rim(box_of((low, low + size) for low, size in ends), mesh.padding_m)
+    return SpongeLayer(box_of((low, low + size) for low, size in ends), mesh.padding_m)
 
 
 def check_absorbing_layer(layer, mesh, positions):

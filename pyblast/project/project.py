@@ -14,7 +14,7 @@ from ..errors import InputError, named_error
 from ..mesh.mesh import Mesh
 from ..model.joint import Joint
 from ..model.material import Material
-from ..model.model import Model, Receiver, Rim
+from ..model.model import Model, Receiver, SpongeLayer
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
@@ -209,7 +209,7 @@ class Project:
             return place_sources(*parts)
 
     @_part
-    def absorbing_layer(self) -> Rim | None:
+    def absorbing_layer(self) -> SpongeLayer | None:
         """Damped ground around tetrahedra; no receiver and no hole stands in it."""
         layer = None if self.mesh.hexahedral else make_absorbing_layer(self.config)
         positions = {f"receivers.{part.name}": part.position for part in self.receivers}
@@ -267,7 +267,7 @@ class Project:
                 quadratic=config.mesh.quadratic,
                 sources=(*sources, *waves),
                 receivers=receivers,
-                rim=layer,
+                sponge=layer,
             )
             if not config.boundaries.jointed_faces:
                 return model

@@ -432,7 +432,7 @@ def _merged_loads(loads):
         np.arange(len(loads), dtype=np.int32), [len(load["load_node"]) for load in loads]
     )
     history = np.hstack([load["history"] for load in loads])
-    return {**merged, "load_history": member, "load_lane": member, "history": history}
+    return {**merged, "load_history": member, "load_member": member, "history": history}
 
 
 def _repeated(arrays):

@@ -88,7 +88,7 @@ def shake(
     alone = replace(alone, step_factor=alone.step_factor * min(1.0, dt / own))
     velocity, stress = {}, {}
     for axis, held in enumerate(FIXED):
-        if not any(np.abs(one.seismogram.velocity[:, axis]).max() > 0.0 for one in inputs):
+        if not any(np.abs(side.seismogram.velocity[:, axis]).max() > 0.0 for side in inputs):
             continue
         sides = [Fixed(side, held) for side in ("west", "east", "south", "north")]
         moved = [_one_axis(b, axis) for b in alone.boundaries]
@@ -369,12 +369,12 @@ def _inputs_from_below(model):
             "VelocityInput on the bottom (sources inside need viscous sides only)"
         )
     size = np.ptp(model.mesh.points[:, 2])
-    for one in inputs:
-        height = model.mesh.points[model.mesh.surfaces[one.surface]][..., 2]
+    for side in inputs:
+        height = model.mesh.points[model.mesh.surfaces[side.surface]][..., 2]
         if height.max() - model.mesh.points[:, 2].min() > LEVEL * size:
             raise InputError(
                 f"boundaries.free_field: columns follow input from below only, got input through "
-                f"{one.surface!r}; in one medium use PlaneWave, else viscous sides"
+                f"{side.surface!r}; in one medium use PlaneWave, else viscous sides"
             )
     return inputs
 
@@ -386,9 +386,10 @@ def _refuse_ground(model, sides):
         raise InputError(
             "boundaries.free_field: columns need zones of constant strain; leave quadratic out"
         )
-    if model.rim is not None or model.local_damping:
+    if model.sponge is not None or model.local_damping:
         raise InputError(
-            "boundaries.free_field: a rim or local damping would damp the ground that the columns "
+            "boundaries.free_field: a sponge layer or local damping would damp the ground that the "
+            "columns "
             "stand for; leave it out"
         )
     for surface in sides:

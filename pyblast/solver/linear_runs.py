@@ -116,7 +116,7 @@ class StressResponse:
 
 LINEAR_JOINTS = ("elastic", "kelvin")
 STICKING_JOINTS = ("coulomb", "softening")  # linear while no contact slips or opens
-LINEAR_ZONES = ("elastic",)
+MODAL_LAWS = ("elastic",)
 SLIP, FAILED, STATUS = slice(0, 3), 3, 4  # columns of the state of joints that slip
 
 
@@ -153,7 +153,7 @@ def refuse_nonlinear(
             )
     for group in model.mesh.groups:
         law = model.law(group).name
-        if law not in LINEAR_ZONES:
+        if law not in MODAL_LAWS:
             raise InputError(
                 f"materials.{group}: {needs} isotropic ground, elastic or attenuating, got "
                 f"'{law}'; take another law there"
@@ -322,7 +322,7 @@ def point_loads(node: np.ndarray, history: np.ndarray) -> dict[str, np.ndarray]:
         "load_vector": np.tile(np.eye(3), (n, 1)),
         "load_history": np.arange(3 * n, dtype=np.int32),
         "load_delay": np.zeros(3 * n),
-        "load_lane": np.full(3 * n, -1, dtype=np.int32),
+        "load_member": np.full(3 * n, -1, dtype=np.int32),
         "history": np.ascontiguousarray(history.reshape(n_total, 3 * n)),
     }
 
@@ -387,7 +387,7 @@ def track(
     nodes = _tracked_nodes(model, ground)
     n, dt = prepared.n_steps, prepared.constants["dt"]
     every = 1 if highest is None else max(1, math.floor(1.0 / (SAMPLES_PER_PERIOD * highest * dt)))
-    face_node_sets = [face_nodes(model, one) for one in (faces(model) if ground else ())]
+    face_node_sets = [face_nodes(model, face) for face in (faces(model) if ground else ())]
     places = [np.searchsorted(nodes, face_node_set) for face_node_set in face_node_sets]
     stored, means, motion = [], [[] for _ in face_node_sets], []
     run = RecordedRun(prepared.constants, state, nodes)

@@ -56,7 +56,7 @@ class Loads:
             "load_vector": np.concatenate([np.zeros((0, 3)), *self._vectors]),
             "load_history": np.concatenate([none, *self._numbers]).astype(np.int32),
             "load_delay": np.concatenate([none, *self._delays]) / dt,
-            "load_lane": np.full(sum(map(len, self._nodes)), -1, dtype=np.int32),
+            "load_member": np.full(sum(map(len, self._nodes)), -1, dtype=np.int32),
             "history": np.stack(amplitude or [np.zeros(len(times))], axis=1),
         }
 

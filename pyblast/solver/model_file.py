@@ -19,7 +19,7 @@ def write_arrays(
     path: str | Path,
     groups: dict[str, dict[str, Any]],
     attributes: dict[str, Any],
-    told: dict[str, dict[str, Any]] | None = None,
+    array_attributes: dict[str, dict[str, Any]] | None = None,
 ) -> None:
     """Write groups of named arrays atomically: to a temporary file, then rename.
 
@@ -29,14 +29,14 @@ def write_arrays(
     groups : dict of str to dict of str to numpy array or number
     attributes : dict of str to str, int or float
         Of the file.
-    told : dict of str to dict, optional
+    array_attributes : dict of str to dict, optional
         Attributes of arrays, by "group/name".
     """
-    path, array_attributes = Path(path), told or {}
+    path, array_attributes = Path(path), array_attributes or {}
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with h5py.File(beside, "w", libver=("earliest", "v110")) as file:
-            file["march/schema"] = np.int32(SCHEMA)
+            file["run/schema"] = np.int32(SCHEMA)
             for name, value in attributes.items():
                 file.attrs[name] = value
             for group, arrays in groups.items():
@@ -71,7 +71,7 @@ def read_arrays(path: str | Path) -> tuple[dict[str, dict[str, Any]], dict[str, 
     try:
         with h5py.File(path, "r") as file:
             groups = {str(name): _read_group(path, file, name) for name in file}
-            schema = groups.get("march", {}).get("schema", "none")
+            schema = groups.get("run", {}).get("schema", "none")
             if not np.array_equal(schema, SCHEMA):
                 raise ReadError(f"{path}: schema must be {SCHEMA}, got {schema}")
             return groups, dict(file.attrs)
@@ -112,7 +112,7 @@ def write_model(
     path: str | Path,
     constants: dict[str, Any],
     state: dict[str, Any],
-    march: dict[str, int],
+    run: dict[str, int],
     input_hash: str,
 ) -> None:
     """Write a model file for the program ``pyblast-run``.
@@ -122,12 +122,12 @@ def write_model(
     path : path
     constants, state : dict of str to numpy array
         As from ``core.numbered``.
-    march : dict of str to int
+    run : dict of str to int
         ``n_steps`` and ``ledger_every``.
     input_hash : str
     """
-    steps = {name: np.int32(value) for name, value in march.items()}
-    groups = {"arrays": constants, "state": state, "march": steps}
+    steps = {name: np.int32(value) for name, value in run.items()}
+    groups = {"arrays": constants, "state": state, "run": steps}
     write_arrays(path, groups, {"kind": "model", "input_sha256": input_hash})
 
 

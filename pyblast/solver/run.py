@@ -249,7 +249,7 @@ def balance_error(energy: dict[str, np.ndarray]) -> float:
     return float(np.abs(gap - gap[0]).max() / largest) if largest > 0.0 else 0.0
 
 
-LOADS = ("load_node", "load_vector", "load_history", "load_delay", "load_lane")
+LOADS = ("load_node", "load_vector", "load_history", "load_delay", "load_member")
 
 
 def run_many(
@@ -324,46 +324,49 @@ def _run_batch(models, duration, step):
         prepare(model, duration, step=(shortest, limit))
         for model, (_, limit) in zip(models, steps, strict=True)
     ]
-    constants, state = stacked([one.constants for one in prepared], [p.state for p in prepared])
+    constants, state = stacked([each.constants for each in prepared], [p.state for p in prepared])
     motion, energy = _integrate_batch(models, prepared, constants, state)
     wall = (time.perf_counter() - began) / len(models)
     runs = []
-    for lane, (model, one) in enumerate(zip(models, prepared, strict=True)):
+    for member, (model, each) in enumerate(zip(models, prepared, strict=True)):
         last = {
-            name: np.take(state[name], lane, core.BATCH_AXIS[name])
+            name: np.take(state[name], member, core.BATCH_AXIS[name])
             if name in core.BATCH_AXIS
             else state[name]
-            for name in one.state
+            for name in each.state
         }
-        records = [np.ascontiguousarray(part[..., lane]) for part in (motion, energy)]
-        runs.append(collect(model, one, records[0], records[1], last, wall, {}))
+        records = [np.ascontiguousarray(part[..., member]) for part in (motion, energy)]
+        runs.append(collect(model, each, records[0], records[1], last, wall, {}))
     return runs
 
 
 def stacked(
     constants: list[dict[str, Any]], states: list[dict[str, np.ndarray]]
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Stack the arrays of models as the lanes of a batch; unused lanes repeat the first model."""
-    rates = sorted({rate for one in constants for rate in one["memory_rate"]})
-    constants = _common_edges([_at_rates(one, rates) for one in constants])
+    """Stack the arrays of models as members of a batch; unused ones repeat the first model."""
+    rates = sorted({rate for each in constants for rate in each["memory_rate"]})
+    constants = _common_edges([_at_rates(each, rates) for each in constants])
     fill = core.BATCH_SIZE - len(constants)
     loads, histories = _merged_loads(constants, fill)
     shifted = [
-        {**one, "fixed_history": np.where(one["fixed_history"] < 0, -1, one["fixed_history"] + k)}
-        for one, k in zip(constants, histories, strict=True)
+        {
+            **each,
+            "fixed_history": np.where(each["fixed_history"] < 0, -1, each["fixed_history"] + k),
+        }
+        for each, k in zip(constants, histories, strict=True)
     ]
     memory = np.zeros((len(states[0]["displacement"]), len(rates), 3))
-    states = [{**one, "memory": memory} for one in states]
+    states = [{**each, "memory": memory} for each in states]
     together = {}
     for name in constants[0]:
         if name in loads:
             together[name] = loads[name]
         elif name in core.BATCH_AXIS:
-            together[name] = _lanes(name, [one[name] for one in shifted], fill)
+            together[name] = _batched(name, [each[name] for each in shifted], fill)
         else:
-            together[name] = _common(name, [one[name] for one in constants])
+            together[name] = _common(name, [each[name] for each in constants])
     return together, {
-        name: _lanes(name, [one[name] for one in states], fill)
+        name: _batched(name, [each[name] for each in states], fill)
         if name in core.BATCH_AXIS
         else states[0][name]
         for name in states[0]
@@ -373,9 +376,9 @@ def stacked(
 def _common_edges(constants):
     """Return the constants of models, without edge springs if these differ."""
     same = all(
-        np.array_equal(constants[0][name], one[name]) for one in constants for name in EDGE_ARRAYS
+        np.array_equal(constants[0][name], each[name]) for each in constants for name in EDGE_ARRAYS
     )
-    return constants if same else [without_edges(one) for one in constants]
+    return constants if same else [without_edges(each) for each in constants]
 
 
 def _at_rates(constants, rates):
@@ -387,30 +390,30 @@ def _at_rates(constants, rates):
 
 
 def _merged_loads(constants, fill):
-    """Return the loads of all models with their lanes, and the first history of each model.
+    """Return the loads of all models with their members, and the first history of each model.
 
-    Unused lanes have the loads of the first model too, which may balance its initial stress.
+    Unused members have the loads of the first model too, which may balance its initial stress.
     """
-    counts = [one["history"].shape[1] for one in constants]
+    counts = [each["history"].shape[1] for each in constants]
     begins = np.concatenate([[0], np.cumsum(counts)])[:-1].astype(np.int32)
     parts = [
         {
-            **one,
-            "load_history": one["load_history"] + begin,
-            "load_lane": np.full_like(one["load_lane"], lane),
+            **each,
+            "load_history": each["load_history"] + begin,
+            "load_member": np.full_like(each["load_member"], member),
         }
-        for lane, (one, begin) in enumerate(
+        for member, (each, begin) in enumerate(
             [*zip(constants, begins, strict=True), *[(constants[0], begins[0])] * fill]
         )
     ]
     loads = {name: np.concatenate([part[name] for part in parts]) for name in LOADS}
-    return {**loads, "history": np.hstack([one["history"] for one in constants])}, begins
+    return {**loads, "history": np.hstack([each["history"] for each in constants])}, begins
 
 
-def _lanes(name, values, fill):
-    """Stack arrays along the axis of the lanes; the first fills unused lanes."""
-    lanes = values + [values[0]] * fill
-    return np.ascontiguousarray(np.stack(lanes, axis=core.BATCH_AXIS[name]))
+def _batched(name, values, fill):
+    """Stack arrays along the axis of the members; the first fills unused members."""
+    members = values + [values[0]] * fill
+    return np.ascontiguousarray(np.stack(members, axis=core.BATCH_AXIS[name]))
 
 
 def _common(name, values):
@@ -430,7 +433,7 @@ def _common(name, values):
 
 
 def _integrate_batch(models, prepared, constants, state):
-    """Integrate a batch to the end in chunks; return motion and energy, lanes last."""
+    """Integrate a batch to the end in chunks; return motion and energy, members last."""
     total, step, chunks = prepared[0].n_steps, 0, Chunks(1)
     views, motions, energies = core.to_fortran_batch(constants), [], []
     while step < total:
@@ -441,8 +444,8 @@ def _integrate_batch(models, prepared, constants, state):
         motions.append(motion)
         energies.append(energy)
         if failed is not None:
-            node, lane = failed
-            lane = lane if lane < len(models) else 0  # unused lanes repeat the first
-            text = failure(models[lane], prepared[lane], step, node)
-            raise SolverError(f"model {lane + 1} of the batch: {text}")
+            node, member = failed
+            member = member if member < len(models) else 0  # unused members repeat the first
+            text = failure(models[member], prepared[member], step, node)
+            raise SolverError(f"model {member + 1} of the batch: {text}")
     return np.concatenate(motions), np.moveaxis(np.concatenate(energies), 1, -1)

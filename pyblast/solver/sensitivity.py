@@ -75,7 +75,7 @@ def difference(model: Model, changed: Model) -> Change:
     lame, shear = (moduli[1][k] - moduli[0][k] for k in range(2))
     if lame.any() or shear.any():
         _refuse_dependent_sources(model)
-    walls = [[_impedance(one, face) for face in faces(one)] for one in (model, changed)]
+    walls = [[_impedance(state, face) for face in faces(state)] for state in (model, changed)]
     impedance = [after - before for before, after in zip(*walls, strict=True)]
     kn, ks = (stiffness[1] - stiffness[0]).T
     return Change(kn, ks, lame + 2.0 * shear, shear, impedance)
@@ -99,7 +99,7 @@ def _refuse_others(model, changed):
     """Raise InputError if a changed model differs in more than stiffness."""
     unlike = [
         name
-        for name in ("mesh", "boundaries", "damping", "sources", "rim", "ground")
+        for name in ("mesh", "boundaries", "damping", "sources", "sponge", "ground")
         if getattr(model, name) is not getattr(changed, name)
         and getattr(model, name) != getattr(changed, name)
     ]
@@ -110,9 +110,9 @@ def _refuse_others(model, changed):
         != (changed.materials[g].density, changed.materials[g].law)
     ]
     unlike += [
-        f"joints.{one.surface}"
-        for one, other in zip(by_number(model), by_number(changed), strict=True)
-        if _beside_stiffness(one) != _beside_stiffness(other)
+        f"joints.{joint.surface}"
+        for joint, other in zip(by_number(model), by_number(changed), strict=True)
+        if _beside_stiffness(joint) != _beside_stiffness(other)
     ]
     if unlike:
         raise InputError(
@@ -175,7 +175,7 @@ def tangents(
     """
     refuse_nonlinear(model)
     prepared = prepare(model, duration)
-    forces = [_BornForce(model, prepared.constants, difference(model, one)) for one in changed]
+    forces = [_BornForce(model, prepared.constants, difference(model, other)) for other in changed]
     none = [np.zeros(0, dtype=int)]
     nodes = np.unique(np.concatenate(none + [force.nodes for force in forces]))
     state = {name: value.copy() for name, value in prepared.state.items()}
@@ -208,7 +208,7 @@ class _BornForce:
         differs = (change.p_modulus != 0.0) | (change.s_modulus != 0.0)
         pieces.append(mesh.zones[differs].ravel())
         walls = zip(faces(model), change.impedance, strict=True)
-        self._faces = [(one, face_nodes(model, one), each) for one, each in walls if each.any()]
+        self._faces = [(wall, face_nodes(model, wall), each) for wall, each in walls if each.any()]
         self.nodes = np.unique(
             np.concatenate(pieces + [edge_nodes for _, edge_nodes, _ in self._faces])
         )
@@ -235,12 +235,12 @@ class _BornForce:
         force = total.T.reshape(moved.shape)
         times = self._dt * (stretch.first + np.arange(len(moved)))
         for face, edge_nodes, impedance in self._faces:
-            place = np.searchsorted(self.nodes, edge_nodes)
-            drive = -0.5 * (stretch.before + stretch.after)[:, here[place]]
+            index = np.searchsorted(self.nodes, edge_nodes)
+            drive = -0.5 * (stretch.before + stretch.after)[:, here[index]]
             if isinstance(face, StressInput):
                 drive = stress_drive(self._model, face, times)
-            force[:, place] += np.einsum("nij,tnj->tni", impedance,
-                                         np.broadcast_to(drive, force[:, place].shape))  # fmt: skip
+            force[:, index] += np.einsum("nij,tnj->tni", impedance,
+                                         np.broadcast_to(drive, force[:, index].shape))  # fmt: skip
         return force
 
     def _traction(self, jump):
@@ -301,7 +301,7 @@ class Gradient:
             total += np.sum(self.p_modulus * change.p_modulus)
             total += np.sum(self.s_modulus * change.s_modulus)
             walls = zip(self.impedance, change.impedance, strict=True)
-            total += sum(np.sum(one * other) for one, other in walls)
+            total += sum(np.sum(wall * other) for wall, other in walls)
         return float(total)
 
     def joint(self, surface: str) -> dict[str, float]:
@@ -404,7 +404,7 @@ class _Products:
         n = 0 if contacts is None else len(contacts.area)
         self._kn, self._ks = np.zeros(n), np.zeros(n)
         self._faces = faces(model) if run.ground else []
-        self._edge_nodes = [face_nodes(model, one) for one in self._faces]
+        self._edge_nodes = [face_nodes(model, face) for face in self._faces]
         self._walls = [np.zeros((len(edge_nodes), 3, 3)) for edge_nodes in self._edge_nodes]
 
     def add(self, first, adjoint):

@@ -16,7 +16,7 @@ from pyblast.model.anisotropy import jointed as medium
 from pyblast.model.boundary import FreeField, Roller, StressInput, VelocityInput, Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.material import ConstantQ, Damping, Material
-from pyblast.model.model import InSitu, Model, Receiver, Rim
+from pyblast.model.model import InSitu, Model, Receiver, SpongeLayer
 from pyblast.model.source import Column, Hole, TimeFunction
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.run import simulate
@@ -62,13 +62,13 @@ MODELS = {
         materials={"rock": replace(ROCK, law=ConstantQ(30.0, 20.0, (5.0, 100.0))), "soil": SOIL},
     ),
     "stuck by friction, stressed": jointed("coulomb", STRONG, insitu=InSitu()),
-    "hole, column, rim, rollers": jointed(
+    "hole, column, sponge, rollers": jointed(
         boundaries=[Viscous("west"), Viscous("east"), Roller("bottom"), Roller("south")],
         sources=[
             Hole(np.array([6.0, 9.0, 6.0]), 20.0, 0.004, RATE),
             Column((12.0, 8.0, 12.0), (13.0, 8.0, 4.0), 3.0, 0.002, RATE),
         ],
-        rim=Rim(((5.0, 15.0), (4.0, 12.0), (6.0, 16.0)), 6.0),
+        sponge=SpongeLayer(((5.0, 15.0), (4.0, 12.0), (6.0, 16.0)), 6.0),
     ),
 }  # fmt: skip
 

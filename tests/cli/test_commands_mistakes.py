@@ -91,11 +91,11 @@ def test_a_project_without_receivers_runs(tmp_path):
     assert (run.run(path).folder / "report.html").exists()
 
 
-def test_d1_counts_zones_in_the_rim_only_where_there_are_no_others(tmp_path):
+def test_d1_counts_zones_in_the_sponge_only_where_there_are_no_others(tmp_path):
     plain = load_project(written(tmp_path)).model.mean_edges()
-    rim = "[absorbing_layer]\nbox_m = [[-1, 30], [-1, 21], [-1, 31]]\nwidth_m = 30\n[run]"
+    sponge = "[absorbing_layer]\nbox_m = [[-1, 30], [-1, 21], [-1, 31]]\nwidth_m = 30\n[run]"
     model = load_project(
-        written(tmp_path, ("[run]", rim), ("position_m = [55, 10]", "position_m = [25, 10]"))
+        written(tmp_path, ("[run]", sponge), ("position_m = [55, 10]", "position_m = [25, 10]"))
     ).model
     model.mesh.points[model.mesh.points[:, 0] > 40.0] *= [3.0, 1.0, 1.0]
 

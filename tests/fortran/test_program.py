@@ -255,7 +255,7 @@ def change_kind(file):
 
 def age(file):
     with h5py.File(file, "r+") as handle:
-        handle["march/schema"][()] = 0
+        handle["run/schema"][()] = 0
 
 
 def stop_time(file):

@@ -1,4 +1,4 @@
-"""A rim lets waves out; what is narrow for them may not drag them."""
+"""A sponge lets waves out; what is narrow for them may not drag them."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 from small_site import BAND, CUT, DT, SAMPLES, small_site
 
 from pyblast.errors import InputError
-from pyblast.model.boundary import DRAG, Rim
+from pyblast.model.boundary import DRAG, SpongeLayer
 from pyblast.project.flat_box import flat_model
 from pyblast.solver.run import simulate
 
@@ -19,8 +19,8 @@ def test_drag_grows_to_the_lesser_of_both_limits():
     places = np.array([[60.0, 45.0, -30.0], [150.0, 45.0, -30.0], [180.0, 45.0, -30.0]])
     speed = np.full(3, 1600.0)
 
-    crossed = Rim(BOX, 60.0).alpha(places, speed)
-    held = Rim(BOX, 60.0, lowest=LOWEST).alpha(places, speed)
+    crossed = SpongeLayer(BOX, 60.0).alpha(places, speed)
+    held = SpongeLayer(BOX, 60.0, lowest=LOWEST).alpha(places, speed)
 
     np.testing.assert_allclose(crossed, 3.0 * 1600.0 / 60.0 * np.array([0.0, 0.25, 1.0]))
     most = DRAG * 60.0 * LOWEST / 1600.0 * 2.0 * np.pi * LOWEST
@@ -31,20 +31,20 @@ def test_a_narrow_rim_sends_less_back_where_its_drag_is_held():
     site = small_site()
     wide = heard(site, replace(CUT, padding=600.0))  # 1.5 of the longest S wave
     held = heard(site, CUT)  # 0.15 of it
-    crossed = heard(site, CUT, Rim(BOX, CUT.padding))
+    crossed = heard(site, CUT, SpongeLayer(BOX, CUT.padding))
 
     back = [np.sum((one - wide) ** 2) / np.sum(wide**2) for one in (held, crossed)]
     assert back[0] < 0.5 * back[1]
 
 
-def heard(site, cut, rim=None):
+def heard(site, cut, sponge=None):
     """Return what the receivers of a site hear of its first blast."""
     model = flat_model(site, "S1", cut)
-    model = model if rim is None else replace(model, rim=rim)
+    model = model if sponge is None else replace(model, sponge=sponge)
     seismograms = simulate(model, DT * SAMPLES).seismograms
     return np.stack([one.sampled(0.0, DT, SAMPLES).velocity for one in seismograms.values()])
 
 
 def test_a_lowest_frequency_of_zero_is_refused():
-    with pytest.raises(InputError, match=r"rim\.lowest: must be positive, got 0 Hz"):
-        Rim(BOX, 60.0, lowest=0.0)
+    with pytest.raises(InputError, match=r"sponge\.lowest: must be positive, got 0 Hz"):
+        SpongeLayer(BOX, 60.0, lowest=0.0)

@@ -10,7 +10,7 @@ from pyblast.mesh.builder import Layer, structured_box
 from pyblast.model.boundary import Fixed, StressInput, VelocityInput, Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.material import Damping, Material
-from pyblast.model.model import InSitu, Model, Receiver, Rim
+from pyblast.model.model import InSitu, Model, Receiver, SpongeLayer
 from pyblast.model.source import Hole, TimeFunction
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import prepare
@@ -189,13 +189,13 @@ def test_a_negative_ratio_of_stresses_is_refused():
 
 @pytest.mark.parametrize("width", [0.0, -5.0, np.nan, np.inf])
 def test_a_rim_without_width_is_refused(width):
-    with pytest.raises(InputError, match=r"rim\.width: must be positive, got"):
-        Rim(((0.0, 1.0), (0.0, 1.0), (0.0, 1.0)), width)
+    with pytest.raises(InputError, match=r"sponge\.width: must be positive, got"):
+        SpongeLayer(((0.0, 1.0), (0.0, 1.0), (0.0, 1.0)), width)
 
 
 def test_a_rim_around_nothing_is_refused():
-    with pytest.raises(InputError, match=r"rim\.box: must be three ascending pairs"):
-        Rim(((0.0, 1.0), (2.0, 1.0), (0.0, 1.0)), 5.0)
+    with pytest.raises(InputError, match=r"sponge\.box: must be three ascending pairs"):
+        SpongeLayer(((0.0, 1.0), (2.0, 1.0), (0.0, 1.0)), 5.0)
 
 
 def test_surfaces_that_meet_are_moved_alike_or_refused():
@@ -210,8 +210,8 @@ def test_surfaces_that_meet_are_moved_alike_or_refused():
 
 
 def test_a_rim_damps_outside_its_box_only():
-    rim = Rim(((5.0, 15.0), (5.0, 15.0), (5.0, 20.0)), 5.0)
-    model = Model(box(), {"rock": ROCK}, rim=rim)
+    sponge = SpongeLayer(((5.0, 15.0), (5.0, 15.0), (5.0, 20.0)), 5.0)
+    model = Model(box(), {"rock": ROCK}, sponge=sponge)
 
     alpha, centres = model.zone_damping("alpha"), model.mesh.points[model.mesh.zones].mean(axis=1)
     inside = ((centres > 5.0) & (centres < [15.0, 15.0, 21.0])).all(axis=1)

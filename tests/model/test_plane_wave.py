@@ -13,7 +13,7 @@ from pyblast import (
     Model,
     PlaneWave,
     Receiver,
-    Rim,
+    SpongeLayer,
     StressInput,
     TimeFunction,
     Viscous,
@@ -186,11 +186,11 @@ def test_ground_that_fades_by_a_law_is_refused():
         prepare(block(wave(), materials={"rock": fading}), 0.01)
 
 
-def test_a_rim_is_refused():
-    rim = Rim(((20.0, 80.0), (20.0, 80.0), (20.0, 100.0)), 20.0)
+def test_a_sponge_layer_is_refused():
+    sponge = SpongeLayer(((20.0, 80.0), (20.0, 80.0), (20.0, 100.0)), 20.0)
 
-    with pytest.raises(InputError, match="plane_wave: a rim would damp the wave"):
-        prepare(block(wave(), rim=rim, damping=Damping(0.01, 5.0)), 0.01)
+    with pytest.raises(InputError, match="plane_wave: a sponge layer would damp the wave"):
+        prepare(block(wave(), sponge=sponge, damping=Damping(0.01, 5.0)), 0.01)
 
 
 def test_a_hill_inside_does_not_matter_but_ground_that_bends_at_the_faces_does():

@@ -106,7 +106,7 @@ def test_a_running_pressure_arrives_later_farther_away():
     mean = np.bincount(place, share * load["load_delay"]) / np.bincount(place, share)
     distance = np.linalg.norm(mesh.points[nodes] - start, axis=1)
     within = (mesh.points[nodes, :2] % 40.0).all(axis=1)
-    # A node stands for the middle of its faces, which is beside it at the rim only; the hat of a
+    # A node stands for the middle of its faces, which is beside it at the sponge only; the hat of a
     # node is 0.4 % farther where fronts are curved.
     assert mean[within] * DT == pytest.approx(distance[within] / 2000.0, rel=0.004)
 

@@ -208,7 +208,7 @@ def test_holes_without_a_blast_are_refused(tmp_path):
         load_project(written(tmp_path, (blast, ""), *INSIDE[:2]))
 
 
-def test_a_rim_damps_outside_of_its_box_only(tmp_path):
+def test_a_sponge_damps_outside_of_its_box_only(tmp_path):
     project = inside(tmp_path, ("[55, 10]", "[48, 10]"), ("[[receivers]]", f"{LAYER}[[receivers]]"))
     model = project.model
 
@@ -219,12 +219,12 @@ def test_a_rim_damps_outside_of_its_box_only(tmp_path):
     assert added.min() == 0.0
 
 
-def test_a_rim_may_be_told_the_lowest_frequency_that_shall_leave(tmp_path):
+def test_a_sponge_may_be_told_the_lowest_frequency_that_shall_leave(tmp_path):
     text = f"{LAYER}lowest_hz = 6\n[[receivers]]"
 
-    rim = inside(tmp_path, ("[55, 10]", "[48, 10]"), ("[[receivers]]", text)).model.rim
+    sponge = inside(tmp_path, ("[55, 10]", "[48, 10]"), ("[[receivers]]", text)).model.sponge
 
-    assert (rim.width, rim.lowest) == (10.0, 6.0)
+    assert (sponge.width, sponge.lowest) == (10.0, 6.0)
 
 
 def test_only_dashpots_around_holes_inside_are_doubtful(tmp_path):

@@ -15,8 +15,8 @@ from pyblast import (
     Model,
     MohrCoulomb,
     Receiver,
-    Rim,
     Seismogram,
+    SpongeLayer,
     StressInput,
     VelocityInput,
     Viscous,
@@ -220,9 +220,9 @@ def test_input_through_a_side_is_refused():
         refused([StressInput("east", pulse([0]))])
 
 
-def test_a_rim_is_refused():
-    with pytest.raises(InputError, match="a rim or local damping would damp"):
-        refused(rim=Rim(((10.0, 30.0), (0.0, 5.0), (10.0, 40.0)), 10.0))
+def test_a_sponge_layer_is_refused():
+    with pytest.raises(InputError, match="a sponge layer or local damping would damp"):
+        refused(sponge=SpongeLayer(((10.0, 30.0), (0.0, 5.0), (10.0, 40.0)), 10.0))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from pyblast.model.anisotropy import jointed
 from pyblast.model.boundary import StressInput, VelocityInput, Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.material import ConstantQ, Damping, Material, MohrCoulomb
-from pyblast.model.model import InSitu, Model, Receiver, Rim
+from pyblast.model.model import InSitu, Model, Receiver, SpongeLayer
 from pyblast.model.source import Hole, TimeFunction
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver import assembly
@@ -56,7 +56,7 @@ def variants():
         replace(one, damping=Damping(0.05, 20.0, corner=90.0)),
         replace(one, sources=[hole]),
         replace(one, boundaries=[*one.boundaries[:-1], StressInput("west", shaking(3.0, 25.0))]),
-        replace(one, rim=None, damping=Damping(0.01, 30.0, stiffness=False)),
+        replace(one, sponge=None, damping=Damping(0.01, 30.0, stiffness=False)),
         replace(one, insitu=InSitu()),
     ]
 
@@ -177,8 +177,8 @@ def test_a_model_that_fails_is_told_by_its_number(monkeypatch):
 
 def test_a_rim_differs_by_its_mass_damping_only():
     box = ((5.0, 25.0), (5.0, 15.0), (5.0, 20.0))
-    models = [site(), replace(site(), rim=None)]
-    models[1] = replace(models[0], rim=Rim(box, 5.0))
+    models = [site(), replace(site(), sponge=None)]
+    models[1] = replace(models[0], sponge=SpongeLayer(box, 5.0))
 
     still, damped = run_many(models, 0.05)
 

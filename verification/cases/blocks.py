@@ -45,7 +45,7 @@ def pushed(model, duration, acceleration, rise=1e-9, factor=None):
         "load_vector": mass[:, None] * np.asarray(acceleration),
         "load_history": np.zeros(len(mass), dtype=np.int32),
         "load_delay": np.zeros(len(mass)),
-        "load_lane": np.full(len(mass), -1, dtype=np.int32),
+        "load_member": np.full(len(mass), -1, dtype=np.int32),
         "history": np.minimum(1.0, dt * np.arange(1, n_steps + 1) / rise)[:, None],
         "dt": dt,
     }

@@ -10,7 +10,7 @@ from pyblast.mesh.builder import structured_box
 from pyblast.mesh.grid import Layer, graded_axis
 from pyblast.model.boundary import Fixed, StressInput, Viscous
 from pyblast.model.material import ConstantQ, Damping, Material
-from pyblast.model.model import Model, Receiver, Rim
+from pyblast.model.model import Model, Receiver, SpongeLayer
 from pyblast.model.source import PointForce, TimeFunction
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.run import simulate
@@ -150,7 +150,7 @@ def loh_record(n_edges, bed, base):
         mesh,
         {"bed": bed, "base": base},
         boundaries=[*planes, *map(Viscous, ("east", "north", "bottom"))],
-        rim=Rim(BOX, AROUND),
+        sponge=SpongeLayer(BOX, AROUND),
         sources=couples,
         receivers=[Receiver(name, (*place, 0.0)) for name, place in PLACES.items()],
     )

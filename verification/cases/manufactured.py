@@ -65,7 +65,7 @@ def manufactured(n):
         "load_vector": force * (constants["node_mass"] / ROCK.density)[:, None],
         "load_history": np.zeros(len(points), dtype=np.int32),
         "load_delay": np.zeros(len(points)),
-        "load_lane": np.full(len(points), -1, dtype=np.int32),
+        "load_member": np.full(len(points), -1, dtype=np.int32),
         "history": np.sin(OMEGA * dt * np.arange(n_steps))[:, None],
     }
     start = OMEGA * np.cos(0.5 * OMEGA * dt) * shape

@@ -105,7 +105,7 @@ def pushed_late(delay):
         "load_vector": mass[:, None] * [1.0, 0.0, 0.0],
         "load_history": np.zeros(len(mass), dtype=np.int32),
         "load_delay": np.full(len(mass), delay),
-        "load_lane": np.full(len(mass), -1, dtype=np.int32),
+        "load_member": np.full(len(mass), -1, dtype=np.int32),
         "history": np.polyval(cubic, np.arange(1, n_steps + 1))[:, None],
     }
     prepared = replace(prepared, constants={**prepared.constants, **loads})

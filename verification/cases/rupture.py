@@ -11,7 +11,7 @@ from pyblast.mesh.grid import graded_axis
 from pyblast.model.boundary import Fixed, Roller, Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.material import Material
-from pyblast.model.model import Model, Receiver, Rim
+from pyblast.model.model import Model, Receiver, SpongeLayer
 from pyblast.solver.run import simulate
 from verification.solutions.slip_rupture import Weakening, rupture
 from verification.suite import Curve, Reading, case
@@ -92,7 +92,7 @@ def fault_model(edge, places):
             Roller("bottom"),
             *map(Viscous, ("east", "north", "south", "top")),
         ],
-        rim=Rim(((0.0, wide + BESIDE), (-BESIDE, BESIDE), (0.0, high + BESIDE)), AROUND),
+        sponge=SpongeLayer(((0.0, wide + BESIDE), (-BESIDE, BESIDE), (0.0, high + BESIDE)), AROUND),
         receivers=[
             Receiver(f"{side} {n}", (x, away, z))
             for side, away in sides.items()
