@@ -123,12 +123,12 @@ contains
         call h5dclose_f(array, status)
     end subroutine get_lengths
 
-    subroutine fill(file, name, allocation, kind, place, message)
+    subroutine fill(file, name, allocation, kind, address, message)
         !! Read an array to its place, if that could be allocated.
         integer(hid_t), intent(in) :: file, kind
         character(len=*), intent(in) :: name
         integer, intent(in) :: allocation              !! status of the allocation
-        type(c_ptr), value :: place
+        type(c_ptr), value :: address
         character(len=:), allocatable, intent(inout) :: message
         integer(hid_t) :: array
         integer :: status, closed
@@ -139,17 +139,17 @@ contains
             return
         end if
         call h5dopen_f(file, name, array, status)
-        call h5dread_f(array, kind, place, status)
+        call h5dread_f(array, kind, address, status)
         if (status /= 0) message = "'" // name // "' is cut short"
         call h5dclose_f(array, closed)
     end subroutine fill
 
-    subroutine put(file, name, kind, n, place, message, batch_axis)
+    subroutine put(file, name, kind, n, address, message, batch_axis)
         !! Create an array of the given lengths and write it.
         integer(hid_t), intent(in) :: file, kind
         character(len=*), intent(in) :: name
         integer, intent(in) :: n(:)
-        type(c_ptr), value :: place
+        type(c_ptr), value :: address
         character(len=:), allocatable, intent(inout) :: message
         integer, intent(in) :: batch_axis                  !! 0: the array has none
         integer(hid_t) :: array, space
@@ -166,7 +166,7 @@ contains
         end if
         call h5dcreate_f(file, name, kind, space, array, status)
         if (status == 0) then
-            call h5dwrite_f(array, kind, place, status)
+            call h5dwrite_f(array, kind, address, status)
             call h5dclose_f(array, closed)
         end if
         if (status /= 0) message = "the result can't be written whole"

@@ -221,7 +221,7 @@ contains
 
         associate (mesh => model%mesh, edges => model%edges, d => domain%number, &
                    first => domain%first_zone, last => domain%last_zone, &
-                   place => model%mesh%slot_place(:, domain%first_slot:domain%last_slot), &
+                   position => model%mesh%slot_place(:, domain%first_slot:domain%last_slot), &
                    n_corners => size(model%mesh%zone_slot, 2))
             if (n_corners == n_tet15) then
                 call quadratic_forces(model, domain, n_slots, deviatoric, volumetric, same_field, &
@@ -237,11 +237,11 @@ contains
                                mesh%zone_lambda(first:last), mesh%zone_patch(first:last) > 0)
                 call element_forces(size(lambda), n_slots, 1, size(lambda), &
                                     mesh%zone_slot(first:last, :), lambda, &
-                                    mesh%zone_shear(first:last), place, deviatoric, volumetric, &
+                                    mesh%zone_shear(first:last), position, deviatoric, volumetric, &
                                     same_field, force)
             else
                 call element_forces(size(mesh%zone_lambda), n_slots, first, last, &
-                                    mesh%zone_slot, mesh%zone_lambda, mesh%zone_shear, place, &
+                                    mesh%zone_slot, mesh%zone_lambda, mesh%zone_shear, position, &
                                     deviatoric, volumetric, same_field, force)
             end if
         end associate
@@ -278,21 +278,21 @@ contains
     end subroutine quadratic_forces
 
     pure subroutine element_forces(n_zones, n_slots, first, last, zone_slot, &
-                                   zone_lambda, zone_shear, place, deviatoric, volumetric, &
+                                   zone_lambda, zone_shear, position, deviatoric, volumetric, &
                                    same_field, force)
         !! Add the forces of zones first to last by the routine of their element.
         integer, intent(in) :: n_zones, n_slots, first, last, zone_slot(n_zones, 4)
-        real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), place(3, n_slots)
+        real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), position(3, n_slots)
         real(dp), intent(in) :: deviatoric(n_batch, 3, n_slots), volumetric(n_batch, 3, n_slots)
         logical, intent(in) :: same_field
         real(dp), intent(inout) :: force(n_batch, 3, n_slots)
 
         if (n_batch == 1) then
             call tet4_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
-                             place, deviatoric, volumetric, same_field, force)
+                             position, deviatoric, volumetric, same_field, force)
         else
             call tet4_batch_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
-                                   zone_shear, place, deviatoric, volumetric, same_field, force)
+                                   zone_shear, position, deviatoric, volumetric, same_field, force)
         end if
     end subroutine element_forces
 
@@ -331,7 +331,7 @@ contains
 
         associate (mesh => model%mesh, n_zones => size(model%mesh%zone_lambda), &
                    first => domain%first_zone, last => domain%last_zone, &
-                   place => model%mesh%slot_place(:, domain%first_slot:domain%last_slot))
+                   position => model%mesh%slot_place(:, domain%first_slot:domain%last_slot))
             if (size(mesh%zone_slot, 2) == n_tet15) then
                 energy = tet15_energy(n_zones, n_slots, &
                                       size(model%hexes%pack_metric, 4) - domain%first_pack + 1, &
@@ -340,7 +340,7 @@ contains
                                       field, share)
             else
                 energy = tet4_energy(n_zones, n_slots, first, last, mesh%zone_slot, &
-                                     mesh%zone_lambda, mesh%zone_shear, place, field, share)
+                                     mesh%zone_lambda, mesh%zone_shear, position, field, share)
             end if
         end associate
     end function spring_energy

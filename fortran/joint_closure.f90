@@ -54,7 +54,7 @@ contains
         real(dp), intent(in) :: trial
         real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: pressure, stored
-        real(dp) :: before, peak, low, high, missing, surplus, more, left
+        real(dp) :: before, peak, low, high, missing, surplus, more, residual
         integer :: k
 
         before = state(10)
@@ -69,15 +69,15 @@ contains
         do k = 1, 50
             state(7) = peak
             call normal_closure(property, initial, normal, jump, before + more, state, pressure, stored)
-            left = more - dilation(property, state(11), pressure, trial)
-            if (abs(left) <= 1e-12_dp*more) exit
-            if (left < 0.0_dp) then
+            residual = more - dilation(property, state(11), pressure, trial)
+            if (abs(residual) <= 1e-12_dp*more) exit
+            if (residual < 0.0_dp) then
                 low = more
-                missing = left
+                missing = residual
                 if (k > 1) surplus = 0.5_dp*surplus
             else
                 high = more
-                surplus = left
+                surplus = residual
                 if (k > 1) missing = 0.5_dp*missing
             end if
             more = (low*surplus - high*missing)/(surplus - missing)

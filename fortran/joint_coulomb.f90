@@ -69,19 +69,19 @@ contains
         real(dp), intent(inout) :: state(n_joint_state, n_batch)
         real(dp), intent(out) :: traction(n_batch, 3), stored(n_batch)
         logical, intent(out) :: held(n_batch)
-        real(dp) :: open, first, pull, along, slide(3), shear(3), square, limit, strength(3), left
+        real(dp) :: open, first, spring, along, slide(3), shear(3), square, limit, strength(3), bonded
         integer :: l
 
-        !$omp simd private(open, first, pull, along, slide, shear, square, limit, strength, left)
+        !$omp simd private(open, first, spring, along, slide, shear, square, limit, strength, bonded)
         do l = 1, n_batch
-            left = merge(1.0_dp, 0.0_dp, law(l) == 2)
+            bonded = merge(1.0_dp, 0.0_dp, law(l) == 2)
             open = jump(l, 1)*normal(1) + jump(l, 2)*normal(2) + jump(l, 3)*normal(3)
             first = initial(1, l)*normal(1) + initial(2, l)*normal(2) + initial(3, l)*normal(3)
-            pull = property(1, l)*(open - left*state(7, l))
-            along = first + pull
-            slide(1) = property(2, l)*((jump(l, 1) - open*normal(1)) - left*state(1, l))
-            slide(2) = property(2, l)*((jump(l, 2) - open*normal(2)) - left*state(2, l))
-            slide(3) = property(2, l)*((jump(l, 3) - open*normal(3)) - left*state(3, l))
+            spring = property(1, l)*(open - bonded*state(7, l))
+            along = first + spring
+            slide(1) = property(2, l)*((jump(l, 1) - open*normal(1)) - bonded*state(1, l))
+            slide(2) = property(2, l)*((jump(l, 2) - open*normal(2)) - bonded*state(2, l))
+            slide(3) = property(2, l)*((jump(l, 3) - open*normal(3)) - bonded*state(3, l))
             shear(1) = (initial(1, l) - first*normal(1)) + slide(1)
             shear(2) = (initial(2, l) - first*normal(2)) + slide(2)
             shear(3) = (initial(3, l) - first*normal(3)) + slide(3)
@@ -92,9 +92,9 @@ contains
             limit = shear_strength(strength(1), strength(2), along)
             held(l) = law(l) == 1 .or. (law(l) == 2 .and. along <= strength(3) &
                                         .and. square <= limit*limit*(1.0_dp - rounding))
-            traction(l, 1) = initial(1, l) + (pull*normal(1) + slide(1))
-            traction(l, 2) = initial(2, l) + (pull*normal(2) + slide(2))
-            traction(l, 3) = initial(3, l) + (pull*normal(3) + slide(3))
+            traction(l, 1) = initial(1, l) + (spring*normal(1) + slide(1))
+            traction(l, 2) = initial(2, l) + (spring*normal(2) + slide(2))
+            traction(l, 3) = initial(3, l) + (spring*normal(3) + slide(3))
             stored(l) = 0.5_dp*(along**2/property(1, l) + square/property(2, l))
         end do
         do l = 1, n_batch
@@ -128,7 +128,7 @@ contains
         real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3)
         real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: traction(3), stored
-        real(dp) :: tn, shear(3), shear_jump(3), initial_shear(3), slid, pressure, last, drop, left
+        real(dp) :: tn, shear(3), shear_jump(3), initial_shear(3), slid, pressure, last, drop, remaining
         real(dp) :: excess
 
         associate (kn => property(1), ks => property(2), slip => state(1:3), failed => state(4), &
@@ -150,11 +150,11 @@ contains
                 pressure = max(0.0_dp, -tn)
                 last = pressure*property(5)
                 drop = (property(3) + pressure*property(4) - last)/property(6)
-                left = max(0.0_dp, property(6) - length)
-                excess = norm2(shear) - last - drop*left
+                remaining = max(0.0_dp, property(6) - length)
+                excess = norm2(shear) - last - drop*remaining
                 if (excess > 0.0_dp) then
                     status = 1.0_dp
-                    if (excess < (ks - drop)*left) last = norm2(shear) - ks*excess/(ks - drop)
+                    if (excess < (ks - drop)*remaining) last = norm2(shear) - ks*excess/(ks - drop)
                     call return_to_strength(ks, last, shear, slip, slid)
                     length = length + slid
                 end if

@@ -57,7 +57,7 @@ contains
         real(dp), intent(in) :: property(n_joint_properties), initial(3), normal(3), jump(3), step(3)
         real(dp), intent(inout) :: state(n_joint_state)
         real(dp), intent(out) :: traction(3), stored
-        real(dp) :: tn, shear(3), start(3), opening, along(3), strength, way, factor, far
+        real(dp) :: tn, shear(3), start(3), opening, along(3), strength, distance, factor, far
         real(dp) :: size
 
         associate (kn => property(1), ks => property(2), excess => state(1:3), worn => state(4), &
@@ -75,17 +75,17 @@ contains
             end if
             shear = start + excess
             strength = -tn*tan(atan(property(4)) - worn)
-            way = norm2(along)
-            if (way > 0.0_dp .and. strength > 0.0_dp) then
+            distance = norm2(along)
+            if (distance > 0.0_dp .and. strength > 0.0_dp) then
                 if (dot_product(along, direction) < 0.0_dp) &
-                    ratio = min(largest_ratio, dot_product(shear, along)/way/strength)
-                direction = along/way
+                    ratio = min(largest_ratio, dot_product(shear, along)/distance/strength)
+                direction = along/distance
                 factor = (1.0_dp - dot_product(shear, direction)/strength)/(1.0_dp - ratio)
-                far = ks*way/(strength*(1.0_dp - ratio))
+                far = ks*distance/(strength*(1.0_dp - ratio))
                 factor = min(1.0_dp, max(0.0_dp, factor))*(1.0_dp - exp(-far))/far
                 shear = shear + factor*ks*along
                 worn = worn + (atan(property(4)) - worn - atan(property(3))) &
-                    *(1.0_dp - exp(-(1.0_dp - factor)*way/property(5)))
+                    *(1.0_dp - exp(-(1.0_dp - factor)*distance/property(5)))
             end if
             size = norm2(shear)
             if (size > max(0.0_dp, strength)) shear = shear*max(0.0_dp, strength)/size

@@ -277,13 +277,13 @@ contains
         end associate
     end subroutine check_node_indices
 
-    subroutine require_size(what, found, expected, message)
+    subroutine require_size(what, given, expected, message)
         !! Compare lengths of arrays that belong together.
         character(len=*), intent(in) :: what
-        integer, intent(in) :: found(:), expected(:)
+        integer, intent(in) :: given(:), expected(:)
         character(len=:), allocatable, intent(inout) :: message
 
-        if (any(found /= expected) .and. .not. allocated(message)) &
+        if (any(given /= expected) .and. .not. allocated(message)) &
             message = "the arrays of the " // what // " do not have matching lengths"
     end subroutine require_size
 

@@ -22,7 +22,7 @@ module pyblast_model_file
 contains
 
     subroutine read_model(path, model, state, run, message)
-        !! Read every array of a model file; the first failure is told in `message`.
+        !! Read every array of a model file; the first failure is stated in `message`.
         character(len=*), intent(in) :: path
         type(model_arrays), intent(out) :: model
         type(model_state), intent(out) :: state

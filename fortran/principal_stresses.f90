@@ -12,7 +12,7 @@ contains
         real(dp), intent(in) :: stress(6)
         real(dp), intent(out) :: value(3)
         real(dp), intent(out) :: axes(3, 3)          !! columns
-        real(dp) :: a(3, 3), kept(3), t, c, s
+        real(dp) :: a(3, 3), old(3), t, c, s
         integer :: sweep, i, j, k
 
         a = reshape(stress([1, 6, 5, 6, 2, 4, 5, 4, 3]), [3, 3])
@@ -30,15 +30,15 @@ contains
                 t = sign(1.0_dp, t)/(abs(t) + sqrt(1.0_dp + t**2))
                 c = 1.0_dp/sqrt(1.0_dp + t**2)
                 s = t*c
-                kept = a(:, i)
-                a(:, i) = c*kept - s*a(:, j)
-                a(:, j) = s*kept + c*a(:, j)
-                kept = a(i, :)
-                a(i, :) = c*kept - s*a(j, :)
-                a(j, :) = s*kept + c*a(j, :)
-                kept = axes(:, i)
-                axes(:, i) = c*kept - s*axes(:, j)
-                axes(:, j) = s*kept + c*axes(:, j)
+                old = a(:, i)
+                a(:, i) = c*old - s*a(:, j)
+                a(:, j) = s*old + c*a(:, j)
+                old = a(i, :)
+                a(i, :) = c*old - s*a(j, :)
+                a(j, :) = s*old + c*a(j, :)
+                old = axes(:, i)
+                axes(:, i) = c*old - s*axes(:, j)
+                axes(:, j) = s*old + c*axes(:, j)
             end do
         end do
         call sort_descending(a, value, axes)

@@ -13,14 +13,14 @@ module pyblast_tet4
 contains
 
     pure subroutine tet4_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
-                                  zone_shear, place, deviatoric, volumetric, same_field, force)
+                                  zone_shear, position, deviatoric, volumetric, same_field, force)
         !! Add the corner forces of zones first to last, all of one domain, into its slots.
         !! Shear sees the strain of one field, compression that of another; theory.md (2.14).
         integer, intent(in) :: n_zones, n_slots, first, last
         integer, intent(in) :: zone_slot(n_zones, 4)             !! within the domain, from 1
         real(dp), intent(in) :: zone_lambda(n_zones)             !! first Lame modulus [Pa]
         real(dp), intent(in) :: zone_shear(n_zones)              !! shear modulus [Pa]
-        real(dp), intent(in) :: place(3, n_slots)                !! [m]
+        real(dp), intent(in) :: position(3, n_slots)                !! [m]
         real(dp), intent(in) :: deviatoric(3, n_slots), volumetric(3, n_slots)   !! [m]
         logical, intent(in) :: same_field                             !! whether both fields are one
         real(dp), intent(inout) :: force(3, n_slots)             !! [N]
@@ -32,7 +32,7 @@ contains
             n = min(width, last - z + 1)
             associate (s1 => zone_slot(z:, 1), s2 => zone_slot(z:, 2), s3 => zone_slot(z:, 3), &
                        s4 => zone_slot(z:, 4), lambda => zone_lambda(z:), mu => zone_shear(z:))
-                call face_areas(n, n_slots, s1, s2, s3, s4, place, area, inverse)
+                call face_areas(n, n_slots, s1, s2, s3, s4, position, area, inverse)
                 call strains(n, n_slots, s1, s2, s3, s4, deviatoric, area, inverse, strain)
                 isotropic(:n) = lambda(:n)*(strain(:n, 1) + strain(:n, 2) + strain(:n, 3))
                 if (.not. same_field) then
@@ -47,12 +47,12 @@ contains
         end do
     end subroutine tet4_forces
 
-    pure subroutine tet4_strains(n_zones, n_slots, first, last, zone_slot, place, field, strain, &
+    pure subroutine tet4_strains(n_zones, n_slots, first, last, zone_slot, position, field, strain, &
                                    volume, reach)
         !! Strain that a field gives zones first to last, and what bounds it: no strain exceeds the
         !! largest motion of a corner times the sum of the lengths of the four gradients.
         integer, intent(in) :: n_zones, n_slots, first, last, zone_slot(n_zones, 4)
-        real(dp), intent(in) :: place(3, n_slots), field(3, n_slots)
+        real(dp), intent(in) :: position(3, n_slots), field(3, n_slots)
         real(dp), intent(out) :: strain(first:last, 6), volume(first:last)   !! [m3]
         real(dp), intent(out) :: reach(first:last)                           !! [1/m]
         real(dp) :: area(width, 3, 3), inverse(width), e(width, 6)
@@ -62,7 +62,7 @@ contains
             n = min(width, last - z + 1)
             associate (s1 => zone_slot(z:, 1), s2 => zone_slot(z:, 2), s3 => zone_slot(z:, 3), &
                        s4 => zone_slot(z:, 4))
-                call face_areas(n, n_slots, s1, s2, s3, s4, place, area, inverse)
+                call face_areas(n, n_slots, s1, s2, s3, s4, position, area, inverse)
                 call strains(n, n_slots, s1, s2, s3, s4, field, area, inverse, e)
             end associate
             strain(z:z + n - 1, :) = e(:n, :)
@@ -78,15 +78,15 @@ contains
         end do
     end subroutine tet4_strains
 
-    pure subroutine add_zone_force(n_slots, slot, place, stress, force)
+    pure subroutine add_zone_force(n_slots, slot, position, stress, force)
         !! Add the corner forces of one zone of a given stress; theory.md (2.3).
         integer, intent(in) :: n_slots, slot(4)
-        real(dp), intent(in) :: place(3, n_slots), stress(6)
+        real(dp), intent(in) :: position(3, n_slots), stress(6)
         real(dp), intent(inout) :: force(3, n_slots)
         real(dp) :: area(width, 3, 3), inverse(width), corner(3, 3)
         integer :: k
 
-        call face_areas(1, n_slots, slot(1:1), slot(2:2), slot(3:3), slot(4:4), place, area, inverse)
+        call face_areas(1, n_slots, slot(1:1), slot(2:2), slot(3:3), slot(4:4), position, area, inverse)
         do k = 1, 3
             associate (g => area(1, :, k))
                 corner(1, k) = stress(1)*g(1) + stress(6)*g(2) + stress(5)*g(3)
@@ -99,25 +99,25 @@ contains
             + (corner(:, 1) + corner(:, 2) + corner(:, 3))/6.0_dp
     end subroutine add_zone_force
 
-    pure subroutine face_areas(n, n_slots, s1, s2, s3, s4, place, area, inverse)
+    pure subroutine face_areas(n, n_slots, s1, s2, s3, s4, position, area, inverse)
         !! Twice the area vectors of the faces opposite corners 2 to 4, and one over six volumes.
         integer, intent(in) :: n, n_slots, s1(n), s2(n), s3(n), s4(n)
-        real(dp), intent(in) :: place(3, n_slots)
+        real(dp), intent(in) :: position(3, n_slots)
         real(dp), intent(out) :: area(width, 3, 3), inverse(width)   !! [m2], [1/m3]
         real(dp) :: ax, ay, az, bx, by, bz, cx, cy, cz
         integer :: i
 
         !$omp simd private(ax, ay, az, bx, by, bz, cx, cy, cz)
         do i = 1, n
-            ax = place(1, s2(i)) - place(1, s1(i))
-            ay = place(2, s2(i)) - place(2, s1(i))
-            az = place(3, s2(i)) - place(3, s1(i))
-            bx = place(1, s3(i)) - place(1, s1(i))
-            by = place(2, s3(i)) - place(2, s1(i))
-            bz = place(3, s3(i)) - place(3, s1(i))
-            cx = place(1, s4(i)) - place(1, s1(i))
-            cy = place(2, s4(i)) - place(2, s1(i))
-            cz = place(3, s4(i)) - place(3, s1(i))
+            ax = position(1, s2(i)) - position(1, s1(i))
+            ay = position(2, s2(i)) - position(2, s1(i))
+            az = position(3, s2(i)) - position(3, s1(i))
+            bx = position(1, s3(i)) - position(1, s1(i))
+            by = position(2, s3(i)) - position(2, s1(i))
+            bz = position(3, s3(i)) - position(3, s1(i))
+            cx = position(1, s4(i)) - position(1, s1(i))
+            cy = position(2, s4(i)) - position(2, s1(i))
+            cz = position(3, s4(i)) - position(3, s1(i))
             area(i, 1, 1) = by*cz - bz*cy
             area(i, 2, 1) = bz*cx - bx*cz
             area(i, 3, 1) = bx*cy - by*cx
@@ -207,11 +207,11 @@ contains
     end subroutine collect
 
     pure function tet4_energy(n_zones, n_slots, first, last, zone_slot, zone_lambda, &
-                                zone_shear, place, field, share) result(energy)
+                                zone_shear, position, field, share) result(energy)
         !! Strain energy of a field in springs that have a share of both moduli of the zones.
         integer, intent(in) :: n_zones, n_slots, first, last, zone_slot(n_zones, 4)
         real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones)
-        real(dp), intent(in) :: place(3, n_slots), field(3, n_slots)
+        real(dp), intent(in) :: position(3, n_slots), field(3, n_slots)
         real(dp), intent(in) :: share(2)              !! of shear modulus and of that of P waves
         real(dp) :: energy                            !! [J]
         real(dp) :: area(width, 3, 3), inverse(width), e(width, 6), lambda, mu
@@ -222,7 +222,7 @@ contains
             n = min(width, last - z + 1)
             associate (s1 => zone_slot(z:, 1), s2 => zone_slot(z:, 2), s3 => zone_slot(z:, 3), &
                        s4 => zone_slot(z:, 4))
-                call face_areas(n, n_slots, s1, s2, s3, s4, place, area, inverse)
+                call face_areas(n, n_slots, s1, s2, s3, s4, position, area, inverse)
                 call strains(n, n_slots, s1, s2, s3, s4, field, area, inverse, e)
             end associate
             do i = 1, n

@@ -11,10 +11,10 @@ module pyblast_tet4_batch
 contains
 
     pure subroutine tet4_batch_forces(n_zones, n_slots, first, last, zone_slot, zone_lambda, zone_shear, &
-                                place, deviatoric, volumetric, same_field, force)
+                                position, deviatoric, volumetric, same_field, force)
         !! Add the corner forces of zones first to last; arguments as in tet4_forces.
         integer, intent(in) :: n_zones, n_slots, first, last, zone_slot(n_zones, 4)
-        real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), place(3, n_slots)
+        real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones), position(3, n_slots)
         real(dp), intent(in) :: deviatoric(n_batch, 3, n_slots), volumetric(n_batch, 3, n_slots)   !! [m]
         logical, intent(in) :: same_field
         real(dp), intent(inout) :: force(n_batch, 3, n_slots)                                !! [N]
@@ -23,8 +23,8 @@ contains
 
         do z = first, last
             slot = zone_slot(z, :)
-            call gradients(place(:, slot(1)), place(:, slot(2)), place(:, slot(3)), &
-                           place(:, slot(4)), gradient, volume)
+            call gradients(position(:, slot(1)), position(:, slot(2)), position(:, slot(3)), &
+                           position(:, slot(4)), gradient, volume)
             call slopes(deviatoric(:, :, slot(1)), deviatoric(:, :, slot(2)), &
                         deviatoric(:, :, slot(3)), deviatoric(:, :, slot(4)), gradient, slope)
             isotropic = zone_lambda(z)*(slope(:, 1, 1) + slope(:, 2, 2) + slope(:, 3, 3))

@@ -11,7 +11,7 @@ module pyblast_tet4_general
 contains
 
     pure subroutine tet4_general_forces(n_zones, n_slots, first, last, law, property, zone_slot, &
-                                  zone_lambda, zone_shear, place, motion, damped, lag, force, &
+                                  zone_lambda, zone_shear, position, motion, damped, lag, force, &
                                   strain_energy)
         !! Add the corner forces of zones first to last, all of one domain, and with_energy their energy.
         !! Stress is that of the strain of `motion`, and of damping that of `lag`.
@@ -19,7 +19,7 @@ contains
         real(dp), intent(in) :: property(n_zone_properties)
         integer, intent(in) :: zone_slot(n_zones, 4)
         real(dp), intent(in) :: zone_lambda(n_zones), zone_shear(n_zones)   !! [Pa]
-        real(dp), intent(in) :: place(3, n_slots), motion(3, n_slots), lag(3, n_slots)   !! [m]
+        real(dp), intent(in) :: position(3, n_slots), motion(3, n_slots), lag(3, n_slots)   !! [m]
         logical, intent(in) :: damped                           !! whether there is any lag
         real(dp), intent(inout) :: force(3, n_slots)            !! [N]
         real(dp), intent(out) :: strain_energy                  !! [J]
@@ -28,16 +28,16 @@ contains
         integer :: z
 
         strain_energy = 0.0_dp
-        call tet4_strains(n_zones, n_slots, first, last, zone_slot, place, motion, strain, &
+        call tet4_strains(n_zones, n_slots, first, last, zone_slot, position, motion, strain, &
                             volume, reach)
-        if (damped) call tet4_strains(n_zones, n_slots, first, last, zone_slot, place, lag, more, &
+        if (damped) call tet4_strains(n_zones, n_slots, first, last, zone_slot, position, lag, more, &
                                         volume, reach)
         do z = first, last
             stress = elastic_stress(law, property, zone_lambda(z), zone_shear(z), strain(z, :))
             strain_energy = strain_energy + 0.5_dp*volume(z)*work(stress, strain(z, :))
             if (damped) stress = stress &
                 + elastic_stress(law, property, zone_lambda(z), zone_shear(z), more(z, :))
-            call add_zone_force(n_slots, zone_slot(z, :), place, stress, force)
+            call add_zone_force(n_slots, zone_slot(z, :), position, stress, force)
         end do
     end subroutine tet4_general_forces
 

@@ -276,7 +276,7 @@ contains
         real(dp), intent(inout) :: displacement(n_batch, 3, n_nodes), velocity(n_batch, 3, n_nodes)
         real(dp), intent(out) :: energy(n_batch, 5)
         real(dp), dimension(n_batch, 3) :: part1, part2, part3, part4
-        real(dp), dimension(n_batch) :: old, new, drag, a, pull, step, mass, share
+        real(dp), dimension(n_batch) :: old, new, drag, a, square, step, mass, share
         integer :: n, k
 
         part1 = 0.0_dp
@@ -289,7 +289,7 @@ contains
             a = 0.5_dp*dt*node_alpha(:, n)
             step = dt/mass
             share = 1.0_dp/(1.0_dp + a)
-            pull = 0.0_dp
+            square = 0.0_dp
             do k = 1, 3
                 old = velocity(:, k, n)
                 drag = local_damping*merge(sign(1.0_dp, old), 0.0_dp, abs(old) > 0.0_dp) &
@@ -302,9 +302,9 @@ contains
                 part2(:, k) = part2(:, k) + mass*(old**2 + new**2)
                 part3(:, k) = part3(:, k) + drag*old
                 part4(:, k) = part4(:, k) + drag*new
-                pull = pull + force(:, k, n)**2
+                square = square + force(:, k, n)**2
             end do
-            energy(:, 5) = energy(:, 5) + sqrt(pull)
+            energy(:, 5) = energy(:, 5) + sqrt(square)
         end do
         energy(:, 1) = 0.5_dp*sum(part1, dim=2)
         energy(:, 2) = 0.25_dp*sum(part2, dim=2)

@@ -44,7 +44,7 @@ class Plane:
 
 
 @dataclass(frozen=True)
-class Cut:
+class CutFaces:
     """Result of one cutting plane.
 
     Parameters
@@ -61,7 +61,7 @@ class Cut:
 
 def cut_cells(
     cells: Cells, chosen: Iterable[int], plane: Plane, tolerance: Callable[[np.ndarray], np.ndarray]
-) -> tuple[Cells, Cut]:
+) -> tuple[Cells, CutFaces]:
     """Cut chosen cells along a plane.
 
     Vertices within the tolerance of the plane count as lying on it: the cut bends to them and
@@ -78,7 +78,7 @@ def cut_cells(
     Returns
     -------
     cells : Cells
-    cut : Cut
+    cut : CutFaces
     """
     chosen, whole = sorted(chosen), set()
     vertices = {v for c in chosen for v in vertices_of(cells, c)}
@@ -149,7 +149,7 @@ def _try_cut(cells, chosen, whole, plane, height, limit):
     lying = _tag_lying_faces(cells, [*chosen, *parent], side, plane)
     bent = [abs(height[v]) for v in sorted({v for f in new_faces + lying for v in cells.loops[f]})]
     bent = np.array([distance for distance in bent if distance > _EXACT])
-    return Cut(new_faces + lying, bent, len(whole)), failed
+    return CutFaces(new_faces + lying, bent, len(whole)), failed
 
 
 def _crossed(cells, cell, side):

@@ -126,8 +126,8 @@ def _colours(zones, nodes, n_nodes):
     colours = []
     for k in range(number.max() + 1):
         mine = number[corner_node] == k
-        found, owner = np.unique(corner_node[mine], return_inverse=True)
-        colours.append(_Colour(found, corners[mine] // 4, corners[mine] % 4, owner))
+        corner, owner = np.unique(corner_node[mine], return_inverse=True)
+        colours.append(_Colour(corner, corners[mine] // 4, corners[mine] % 4, owner))
     return colours
 
 

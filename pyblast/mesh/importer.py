@@ -223,8 +223,8 @@ def _refuse_outer(mesh, joints):
     internal = face_keys(zone_faces(mesh.zones)[first], len(mesh.points))
     for name in joints:
         if name not in mesh.surfaces:
-            there = ", ".join(mesh.surfaces) or "none"
-            raise InputError(f"no surface is tagged {name!r}; there are {there}")
+            names = ", ".join(mesh.surfaces) or "none"
+            raise InputError(f"no surface is tagged {name!r}; there are {names}")
         keys = face_keys(mesh.surfaces[name], len(mesh.points))
         outer = np.count_nonzero(~np.isin(keys, internal))
         if outer:

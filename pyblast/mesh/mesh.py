@@ -56,8 +56,8 @@ def double_nodes(
     number[corners] = np.arange(len(corners))
     pair = [_sorted_corners(zones, faces) for faces in (first, second)]
     touching = on_joint[corner_node[pair[0]]]
-    left, right = (number[side[touching]] for side in pair)
-    _, label = components(left, right, len(corners))
+    low, high = (number[side[touching]] for side in pair)
+    _, label = components(low, high, len(corners))
     node = corner_node[corners]
     order = np.argsort(node, kind="stable")
     _, where = np.unique(label[order], return_index=True)
@@ -97,12 +97,12 @@ def orient(
     key = np.column_stack([joint[owner], low, high])[order]
     starts = np.flatnonzero(np.r_[True, (np.diff(key, axis=0) != 0).any(axis=1)][: sides * n])
     starts = starts[np.diff(starts, append=sides * n) == 2]
-    left, right = order[starts], order[starts + 1]
-    consistent = edges[left, 0] != edges[right, 0]
+    edge, mate = order[starts], order[starts + 1]
+    consistent = edges[edge, 0] != edges[mate, 0]
     # Vertices are facets with both signs: a component of this graph is one orientation.
     turned = np.where(consistent, 0, n)
-    heads = np.concatenate([owner[left], owner[left] + n])
-    tails = np.concatenate([owner[right] + turned, owner[right] + n - turned])
+    heads = np.concatenate([owner[edge], owner[edge] + n])
+    tails = np.concatenate([owner[mate] + turned, owner[mate] + n - turned])
     count, label = components(heads, tails, 2 * n)
     score = np.bincount(label, weights=np.concatenate([upward, -upward]), minlength=count)
     lead = score[label[:n]] - score[label[n:]]
@@ -297,8 +297,8 @@ class Mesh:
         number[among] = np.arange(len(among))
         first, second, _, _ = self.paired_faces
         pairs = number[zone_of_face(self.zones, np.stack([first, second]))[0]]
-        left, right = pairs[:, (pairs >= 0).all(axis=0)]
-        return components(left, right, len(among))[1]
+        low, high = pairs[:, (pairs >= 0).all(axis=0)]
+        return components(low, high, len(among))[1]
 
 
 def _indices(values, width):

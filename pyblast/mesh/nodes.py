@@ -63,7 +63,7 @@ class _Inputs:
     values: tuple = field(compare=False)
 
 
-def kept(work: Callable) -> Callable:
+def stored(work: Callable) -> Callable:
     """Cache the last results of a function by the content hash of its inputs (decorator).
 
     Equal meshes of different models are different objects, so identity would not find them. The
@@ -97,7 +97,7 @@ def _make_read_only(value):
             _make_read_only(part)
 
 
-@kept
+@stored
 def enrich(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray], Contacts | None]:
     """Return the quadratic mesh: nodes on edges, faces and in zones, on both sides of joints.
 

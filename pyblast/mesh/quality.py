@@ -76,7 +76,7 @@ _COINCIDENT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class BlockCensus:
+class BlockCounts:
     """Blocks of a split mesh: volumes, free surface and removability.
 
     Parameters
@@ -195,8 +195,8 @@ def joint_spacing(
     centres = mesh.points[mesh.zones].mean(axis=1)
     chosen = np.random.default_rng(seed).choice(len(centres), size=min(n_lines, len(centres)))
     length, gaps = 0.0, 0
-    for place in centres[chosen] @ frame.T:
-        met = np.unique(_crossings(flat, corners @ along, place).round(6))
+    for x in centres[chosen] @ frame.T:
+        met = np.unique(_crossings(flat, corners @ along, x).round(6))
         if len(met) > 1:
             length += met[-1] - met[0]
             gaps += len(met) - 1
@@ -205,16 +205,14 @@ def joint_spacing(
     return length / gaps
 
 
-def _crossings(flat, heights, place):
-    """Return the heights (n,) at which the line over a place meets triangles (n, 3, 2)."""
-    near = (flat.min(axis=1) <= place).all(axis=1) & (flat.max(axis=1) >= place).all(axis=1)
+def _crossings(flat, heights, x):
+    """Return the heights (n,) at which the line over a point x meets triangles (n, 3, 2)."""
+    near = (flat.min(axis=1) <= x).all(axis=1) & (flat.max(axis=1) >= x).all(axis=1)
     a, b, c = np.moveaxis(flat[near], 1, 0)
     double = _cross(b - a, c - a)
     upright = np.abs(double) > 1e-12
     a, b, c, double = a[upright], b[upright], c[upright], double[upright]
-    weights = np.column_stack(
-        [_cross(b - place, c - place), _cross(c - place, a - place), _cross(a - place, b - place)]
-    )
+    weights = np.column_stack([_cross(b - x, c - x), _cross(c - x, a - x), _cross(a - x, b - x)])
     weights /= double[:, None]
     inside = (weights >= 0.0).all(axis=1)
     return np.einsum("ij,ij->i", weights[inside], heights[near][upright][inside])
@@ -225,7 +223,7 @@ def _cross(first, second):
     return first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
 
 
-def block_census(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCensus:
+def count_blocks(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCounts:
     """Return the blocks of a split mesh, with finiteness and removability.
 
     Parameters
@@ -263,7 +261,7 @@ def block_census(mesh: Mesh, free: tuple[str, ...] = ("top",)) -> BlockCensus:
     for number in np.flatnonzero(is_free & ~is_held):
         mine = owner == number
         removable[number] = _can_leave(outward[mine & ~on_free], outward[mine & on_free])
-    return BlockCensus(np.bincount(block, weights=volumes(mesh)), is_free, removable)
+    return BlockCounts(np.bincount(block, weights=volumes(mesh)), is_free, removable)
 
 
 def _can_leave(joints, surface):

@@ -9,7 +9,7 @@ from . import hexahedra
 from .faces import face_keys, face_table, pair_faces, zone_faces, zone_of_face
 from .grid import kuhn_zones
 from .mesh import Contacts, Mesh, components, merge_pairs, surface_faces
-from .nodes import kept
+from .nodes import stored
 from .ordering import morton_keys
 
 
@@ -153,7 +153,7 @@ def spectral_nodes(mesh: Mesh) -> SpectralNodes:
     return SpectralNodes(mesh, points, zone_nodes, surfaces, contacts)
 
 
-@kept
+@stored
 def _numbered(mesh: Mesh) -> tuple:
     """Return points, nodes of zones, nodes of surfaces and contacts."""
     first, second, joint, names = _shared_faces(mesh)

@@ -58,11 +58,11 @@ def add_plane_wave(
         matrices = impedance(surface)
         nodes = np.fromiter(matrices, dtype=int)
         corner, area, normal = model.nodes.surface_areas(surface)
-        place = np.searchsorted(nodes, corner)
+        at = np.searchsorted(nodes, corner)
         for slowness, motion, lag in trains:
             force = np.stack(list(matrices.values())) @ motion
             traction = normal @ stress_of(slowness, motion, lame, shear)
-            np.add.at(force, place, area[:, None] * traction)
+            np.add.at(force, at, area[:, None] * traction)
             delay = points[nodes] @ slowness + lag - first
             loads.add(nodes, force, number, delay)
 
@@ -119,7 +119,7 @@ def _trains(model, wave, cp, cs):
     plane = _free_plane(model, wave)
     if plane is None:
         return [incident]
-    place, normal = plane
+    origin, normal = plane
     if slowness @ normal <= SAME * np.linalg.norm(slowness):
         raise InputError(
             f"plane_wave.inclination: the wave does not run towards {wave.free_surface!r}, got "
@@ -134,7 +134,7 @@ def _trains(model, wave, cp, cs):
             f"degrees, beyond its critical angle of {math.degrees(math.asin(cs / cp)):.3g}, where "
             "P is bound to the surface; incline it less"
         )
-    return [incident, *((s, v, float((slowness - s) @ place)) for s, v in back)]
+    return [incident, *((s, v, float((slowness - s) @ origin)) for s, v in back)]
 
 
 def _faces(model, wave):

@@ -68,24 +68,24 @@ def _height(mesh, position):
     return float(heights @ [1.0 - u[k] - v[k], u[k], v[k]])
 
 
-def _height_of_hexahedra(mesh, place):
-    """Return the height of the surface "top" of hexahedra at a place (2,)."""
+def _height_of_hexahedra(mesh, position):
+    """Return the height of the surface "top" of hexahedra at a position (2,)."""
     nodes = mesh.node_places[surface_zones(mesh, "top")]
     top = nodes.reshape(len(nodes), -1, (mesh.order + 1) ** 2, 3)[:, -1]
-    inside = (place >= top[:, :, :2].min(axis=1)) & (place <= top[:, :, :2].max(axis=1))
+    inside = (position >= top[:, :, :2].min(axis=1)) & (position <= top[:, :, :2].max(axis=1))
     for face in top[inside.all(axis=1)]:
-        coordinates = _on_face(face, mesh.order, place)
+        coordinates = _on_face(face, mesh.order, position)
         if np.abs(coordinates).max() <= 1.0 + 1e-9:
             return float(face_shapes(mesh.order, coordinates) @ face[:, 2])
-    raise InputError(f"position_m: ({place[0]:g}, {place[1]:g}) m lies outside of the ground")
+    raise InputError(f"position_m: ({position[0]:g}, {position[1]:g}) m lies outside of the ground")
 
 
-def _on_face(face, order, place):
-    """Return the reference coordinates (2,) of a place on a face, by Newton."""
+def _on_face(face, order, position):
+    """Return the reference coordinates (2,) of a position on a face, by Newton."""
     at = np.zeros(2)
     for _ in range(50):
         slope = face_slopes(order, at).T @ face[:, :2]
-        step = np.linalg.solve(slope.T, place - face_shapes(order, at) @ face[:, :2])
+        step = np.linalg.solve(slope.T, position - face_shapes(order, at) @ face[:, :2])
         at = np.clip(at + step, -1.5, 1.5)
         if np.abs(step).max() < 1e-13:
             break

@@ -63,7 +63,7 @@ def domain_arrays(
     starts = _starts(group, patch, QUADRATIC_ZONES if nodes.quadratic else DOMAIN_ZONES)
     domain = np.searchsorted(starts, np.arange(n_zones), side="right") - 1
     keys = domain[:, None].astype(np.int64) * n_nodes + nodes.zone_nodes
-    slots, place = np.unique(keys, return_inverse=True)
+    slots, of_zone = np.unique(keys, return_inverse=True)
     slot_start = np.searchsorted(slots, np.arange(len(starts)) * n_nodes)
     slot_node = slots % n_nodes
     origin = np.repeat(nodes.points[slot_node[slot_start[:-1]]], np.diff(slot_start), axis=0)
@@ -75,7 +75,9 @@ def domain_arrays(
         "domain_set": group[starts[:-1]].astype(np.int32),
         "slot_node": slot_node.astype(np.int32),
         "slot_place": nodes.points[slot_node] - origin,
-        "zone_slot": (place.reshape(-1, corners) - slot_start[domain][:, None]).T.astype(np.int32),
+        "zone_slot": (of_zone.reshape(-1, corners) - slot_start[domain][:, None]).T.astype(
+            np.int32
+        ),
         "zone_patch": _numbers(patch, starts),
         "node_part": order.astype(np.int32),
         "node_start": np.searchsorted(part_node[order], np.arange(n_nodes + 1)).astype(np.int32),

@@ -122,12 +122,12 @@ def _stiffness(nodes, arrays, number, zones):
         elasticity = six[PLACE[:, :, None, None], PLACE]
 
     def block(a, b):
-        left, right = gradient[:, a], gradient[:, b]
+        first, second = gradient[:, a], gradient[:, b]
         if anisotropic:
-            return np.einsum("z,ijkl,zj,zl->zik", shear, elasticity, left, right, optimize=True)
-        cross = left[:, :, None] * right[:, None, :]
+            return np.einsum("z,ijkl,zj,zl->zik", shear, elasticity, first, second, optimize=True)
+        cross = first[:, :, None] * second[:, None, :]
         total = lame[:, None, None] * cross + shear[:, None, None] * cross.transpose(0, 2, 1)
-        total[:, range(3), range(3)] += (shear * np.einsum("zi,zi->z", left, right))[:, None]
+        total[:, range(3), range(3)] += (shear * np.einsum("zi,zi->z", first, second))[:, None]
         return total
 
     return block

@@ -158,8 +158,8 @@ def _histories(motion, points, constants):
     velocity = motion @ (share / mass)
     before = np.vstack([np.zeros_like(velocity[:1]), velocity[:-1]])
     mean = 0.5 * (before + velocity)
-    pull = mass * (velocity - before) / dt + drag * mean
-    above = np.cumsum(pull[:, ::-1], axis=1)[:, ::-1]
+    force = mass * (velocity - before) / dt + drag * mean
+    above = np.cumsum(force[:, ::-1], axis=1)[:, ::-1]
     stress = -above[:, 1:] / area
     return [TimeFunction(v, dt) for v in mean.T], [TimeFunction(s, dt) for s in stress.T]
 
@@ -248,7 +248,7 @@ class _Side:
             g: np.average(tall[group == g], weights=self.area[::3][group == g])
             for g in np.unique(group)
         }
-        self.columns = [self._column(place) for place in inside]
+        self.columns = [self._column(position) for position in inside]
 
     def _upright(self, normals):
         """Return the horizontal normal of the side; raise InputError if it is not vertical."""
@@ -259,9 +259,9 @@ class _Side:
             )
         return normals.mean(axis=0)
 
-    def _column(self, place):
+    def _column(self, position):
         """Return the column of a vertical line on the side: groups, factors and levels of cells."""
-        low, high = _crossed(self.corners, place)
+        low, high = _crossed(self.corners, position)
         met = np.flatnonzero(high > low)
         met = met[np.argsort(low[met], kind="stable")]
         low, high, zone = low[met], high[met], self.zone[met]
@@ -322,13 +322,13 @@ class _Side:
         return weights[:, number], self.base + relative * (tops[number] - self.base)
 
 
-def _crossed(corners, place):
+def _crossed(corners, position):
     """Return the lowest and highest point (n,) of triangles (n, 3, 2) on a vertical line."""
     low, high = np.full(len(corners), np.inf), np.full(len(corners), -np.inf)
     for k in range(3):
         (s0, z0), (s1, z1) = corners[:, k].T, corners[:, k - 1].T
-        crosses = (s0 - place) * (s1 - place) < 0.0
-        share = np.where(crosses, (place - s0) / np.where(crosses, s1 - s0, 1.0), 0.0)
+        crosses = (s0 - position) * (s1 - position) < 0.0
+        share = np.where(crosses, (position - s0) / np.where(crosses, s1 - s0, 1.0), 0.0)
         z = z0 + share * (z1 - z0)
         low = np.where(crosses, np.minimum(low, z), low)
         high = np.where(crosses, np.maximum(high, z), high)
@@ -354,9 +354,9 @@ def _collect(forces, history, nodes, vectors):
 
 def _summed(parts):
     """Return unique nodes and the sum of their forces."""
-    nodes, place = np.unique(np.concatenate([n for n, _ in parts]), return_inverse=True)
+    nodes, index = np.unique(np.concatenate([n for n, _ in parts]), return_inverse=True)
     forces = np.zeros((len(nodes), 3))
-    np.add.at(forces, place, np.concatenate([v for _, v in parts]))
+    np.add.at(forces, index, np.concatenate([v for _, v in parts]))
     return nodes, forces
 
 

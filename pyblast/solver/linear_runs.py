@@ -395,8 +395,8 @@ def track(
         stretch = run.advance(first, count)
         at = slice(-first % every, None, every)
         stored.append(stretch.displacement[at].astype(np.float32))
-        for mean, place in zip(means, places, strict=True):
-            both = stretch.before[at, place] + stretch.after[at, place]
+        for mean, index in zip(means, places, strict=True):
+            both = stretch.before[at, index] + stretch.after[at, index]
             mean.append((0.5 * both).astype(np.float32))
         motion.append(stretch.receivers)
     refuse_slip(model, prepared, state)

@@ -146,8 +146,8 @@ def _add_column(loads, model, column):
     count = column.sources or int(np.ceil(np.linalg.norm(ends[1] - ends[0]) / edge))
     tensor = column.charge**column.exponent / count * column.tensor(material)
     number = loads.add_history(column.moment_rate.integral(), -column.time)
-    for place, delay in zip(*column.points(count), strict=True):
-        _add_moment(loads, model.nodes, place, tensor, None, number, delay)
+    for position, delay in zip(*column.points(count), strict=True):
+        _add_moment(loads, model.nodes, position, tensor, None, number, delay)
 
 
 def _add_moment(loads, nodes, position, tensor, spread, number, delay=0.0):
@@ -204,10 +204,10 @@ def _add_pressure(loads, model, source):
     places = np.einsum("qc,tcx->tqx", inner, mesh.points[triangles])
     share, delay = (a.reshape(places.shape[:2]) for a in source.at(places.reshape(-1, 3)))
     weight = np.einsum("tq,qc->tqc", share, inner) * (3.0 * area[::3, None, None] / len(inner))
-    nodes, place = np.unique(triangles.ravel(), return_inverse=True)
+    nodes, index = np.unique(triangles.ravel(), return_inverse=True)
 
     def summed(values):
-        return np.bincount(place, values.ravel(), len(nodes))
+        return np.bincount(index, values.ravel(), len(nodes))
 
     size = summed(weight.sum(axis=1))
     mean = summed(np.einsum("tqc,tq->tc", weight, delay)) / size
@@ -308,9 +308,9 @@ def surface_impedance(model: Model, surface: str) -> dict[int, np.ndarray]:
             factor = area[here] * faster[here]
             wave = impedance(density[here], stiffness_of(medium), normal[here])
             each[here] = factor[:, None, None] * wave
-    unique, place = np.unique(nodes, return_inverse=True)
+    unique, index = np.unique(nodes, return_inverse=True)
     summed = np.zeros((len(unique), 3, 3))
-    np.add.at(summed, place, each)
+    np.add.at(summed, index, each)
     return {int(node): matrix for node, matrix in zip(unique, summed, strict=True)}
 
 
@@ -370,9 +370,9 @@ def _fix_axes(model, boundary, fixed):
 def _fix_normal(model, boundary, fixed):
     """Fix the normal component at the nodes of a surface."""
     nodes, area, normal = model.nodes.surface_areas(boundary.surface)
-    unique, place = np.unique(nodes, return_inverse=True)
+    unique, index = np.unique(nodes, return_inverse=True)
     mean = np.zeros((len(unique), 3))
-    np.add.at(mean, place, area[:, None] * normal)
+    np.add.at(mean, index, area[:, None] * normal)
     for node, direction in zip(unique, mean / np.linalg.norm(mean, axis=1)[:, None], strict=True):
         _hold(fixed, int(node), direction)
 

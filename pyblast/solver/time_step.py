@@ -281,9 +281,9 @@ def _parts(mesh, mass):
 
     Slivers are excluded from the shorter sequences.
     """
-    (place, count), (few, n_few) = (_places(len(mass), size) for size in (PLACE, FEW))
+    (cell, count), (few, n_few) = (_places(len(mass), size) for size in (PLACE, FEW))
     sliver = _thinness(mesh) < THIN
-    limits = ((mesh.zone_group, len(mesh.groups), 1.0), (place, count, IN_ONE_PLACE))
+    limits = ((mesh.zone_group, len(mesh.groups), 1.0), (cell, count, IN_ONE_PLACE))
     return (
         *((part, np.bincount(part, mass, count), most) for part, count, most in limits),
         (np.where(sliver, n_few, few), np.append(np.bincount(few, mass), np.inf), FINE),

@@ -281,7 +281,7 @@ def _odd(line: Line, band: tuple[float, float], seed: int) -> list[Decision]:
         raise InputError(f"{len(chosen)} shots share their receivers and sampling, and it needs 4")
     own = [shot.only(np.isin(shot.channels, list(common))) for shot in chosen]
     channels = odd_channels(own, _inside(band, own[0].dt), seed=seed)
-    return [_unless_noise(verdict) for verdict in channels]
+    return [_unless_noise(decision) for decision in channels]
 
 
 def _unless_noise(decision: Decision) -> Decision:

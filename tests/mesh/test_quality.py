@@ -4,7 +4,7 @@ import pytest
 from pyblast.errors import InputError
 from pyblast.mesh.builder import JointSet, Layer, build_mesh, structured_box
 from pyblast.mesh.mesh import Mesh
-from pyblast.mesh.quality import block_census, joint_spacing, validate
+from pyblast.mesh.quality import count_blocks, joint_spacing, validate
 
 
 def test_a_split_mesh_is_valid_although_its_nodes_coincide():
@@ -74,19 +74,19 @@ def middle_block(mesh):
 def test_a_block_that_widens_upward_is_removable():
     mesh = quarry(0.9, 1.3)
 
-    assert block_census(mesh).removable[middle_block(mesh)]
+    assert count_blocks(mesh).removable[middle_block(mesh)]
 
 
 def test_a_block_that_widens_downward_is_held():
     mesh = quarry(1.3, 0.9)
-    census = block_census(mesh)
+    census = count_blocks(mesh)
 
     assert census.free[middle_block(mesh)]
     assert not census.removable[middle_block(mesh)]
 
 
 def test_blocks_at_the_sides_are_held():
-    census = block_census(quarry(0.9, 1.3))
+    census = count_blocks(quarry(0.9, 1.3))
 
     assert census.removable.sum() == 1
     assert census.volumes.sum() == pytest.approx(27.0)
