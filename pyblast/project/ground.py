@@ -17,6 +17,7 @@ from ..model.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_
 from ..model.joint import POSITIVE, Joint, may_be_left_out, saturated
 from ..model.material import ConstantQ, Damping, Elastic, Material, MohrCoulomb
 from ..model.model import InSitu
+from ..model.terrain import Bench, bench_triangles, read_terrain, toe_of
 from ..units import plain_number, split_key, to_si
 from .section import read_columns
 
@@ -363,9 +364,10 @@ def make_mesh(config, materials, folder) -> Mesh:
 
 def _grid(config, layers):
     """Cut a regular grid; faults must lie on its planes."""
-    if config.joint_sets or config.surface_file is not None:
+    if config.joint_sets or config.surface_file is not None or config.benches:
         raise InputError(
-            "mesh.grid_cells: a regular grid takes faults only, no joint_sets or surface_file"
+            "mesh.grid_cells: a regular grid takes faults only, no joint_sets, surface_file or "
+            "benches"
         )
     planes = {}
     for fault in config.faults:
@@ -403,10 +405,33 @@ def _jointed_rock(config, layers, folder):
     if config.surface_file is not None:
         surface = read_surface(folder / config.surface_file)
     with named_error("mesh"):
+        if config.benches:
+            surface = bench_triangles(
+                benches_of(config, folder), np.column_stack([low, low + size])
+            )
         return build_mesh(
             np.column_stack([low, low + size]), layers, sets, faults, edge=config.edge_m,
             surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
         )  # fmt: skip
+
+
+def benches_of(config, folder) -> list[Bench]:
+    """Return the benches of a `MeshConfig`, from the highest down."""
+    found = []
+    for number, part in enumerate(config.benches, start=1):
+        with named_error(f"benches[{number}]"):
+            crest = _line(part.crest_m, part.crest_file, folder)
+            if part.height_m is not None:
+                toe = toe_of(crest, part.height_m, np.radians(part.face_dip_deg))
+            else:
+                toe = _line(part.toe_m, part.toe_file, folder)
+            found.append(Bench(crest, toe))
+    return found
+
+
+def _line(places, file, folder):
+    """Return a line (n, 3) in m, given or read."""
+    return np.array(places) if file is None else read_columns(folder / file, ("x_m,y_m,z_m",))
 
 
 def joints_and_faults(config):
@@ -435,11 +460,15 @@ def _angles(part):
 
 
 def read_surface(path):
-    """Read a surveyed surface, lines ``x_m,y_m,z_m``; return its places (n, 3) in m.
+    """Read a surveyed surface; return its places (n, 3) or triangles (n, 3, 3) in m.
+
+    A table has lines ``x_m,y_m,z_m``; for other suffixes see `pyblast.model.terrain.read_terrain`.
 
     Raises
     ------
     ReadError
         If the file can't be read or a line holds something else than three numbers.
     """
+    if path.suffix.lower() in (".asc", ".dxf", ".stl"):
+        return read_terrain(path)
     return read_columns(path, ("x_m,y_m,z_m",))

@@ -341,7 +341,7 @@ class Project:
     def input_files(self) -> dict[str, str]:
         """SHA-256 of the project file and of every file that it names."""
         config = self.config
-        names = [self.path.name, config.mesh.file, config.mesh.surface_file]
+        names = [self.path.name, *config.mesh.files]
         if config.blast is not None:
             names += [config.blast.file, config.blast.mapping]
         if config.holes_inside is not None:
