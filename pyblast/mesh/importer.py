@@ -99,7 +99,8 @@ def read_triangles(path: str | Path) -> np.ndarray:
     path = Path(path)
     if not path.is_file():
         raise ReadError(f"{path}: can't be read (no such file)")
-    raw = _read(path, "stl")
+    with np.errstate(over="ignore"):  # meshio tries a text as binary first
+        raw = _read(path, "stl")
     parts = [block.data for block in raw.cells if block.type == "triangle"]
     if not parts:
         raise ReadError(f"{path}: holds no triangles; export the surface as STL again")

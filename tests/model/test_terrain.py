@@ -27,7 +27,7 @@ def volume(mesh):
 
 def benches(dip):
     upper = Bench(CREST, toe_of(CREST, 8.0, np.radians(dip)))
-    second = CREST + [12.0, 0.0, -8.0]
+    second = np.add(CREST, [12.0, 0.0, -8.0])
     return [upper, Bench(second, toe_of(second, 6.0, np.radians(dip)))]
 
 
@@ -120,7 +120,7 @@ def test_burden_is_measured_at_the_height_of_the_charge():
         (lambda: Bench(CREST[:1], CREST), "crest needs two points"),
         (lambda: Bench(CREST[[0, 0, 1]], CREST), "the same place twice"),
         (lambda: bench_triangles([Bench(CREST, CREST - [5, 0, 8])], BOX), "on its right"),
-        (lambda: bench_triangles([Bench(CREST, CREST[:1] + [[-3, 0, -8], [3, 30, -8]])], BOX),
+        (lambda: bench_triangles([Bench(CREST, np.add(CREST[0], [[-3, 0, -8], [3, 30, -8]]))], BOX),
          "two lines cross"),
         (lambda: build_mesh(BOX, [Layer("rock")], edge=9.0,
                             surface=bench_triangles(benches(90.0), BOX[:, :])[:3]), "must cover"),
