@@ -2,8 +2,8 @@
 
     python -m verification.elements [GROUND ...] [--page]
 
-A box with a point force in it, viscous sides and two receivers, in fourteen grounds: every joint law
-but the yielding one, layers, a gradient of speed, both kinds of damping, a dipping joint. Each
+A box with a point force in it, viscous sides and two receivers, in fourteen grounds: every joint
+law but the yielding one, layers, a gradient of speed, both kinds of damping, a dipping joint. Each
 element runs on two grids. Its stated error is the difference of the two over 1 - r^2, r being the
 ratio of their node spacings: what remains of an error of second order, the lowest that a joint's
 springs leave. All differences are root mean squares over time, receivers and components, over the
@@ -94,13 +94,13 @@ def made(shape, order=1, *, planes=None, layers=None, shear=0.0, materials=None,
     a = (np.pi * FREQUENCY * (t - PEAK)) ** 2
     pulse = TimeFunction((1.0 - 2.0 * a) * np.exp(-a), 1e-4)
     places = _sheared(np.array([(40.0, 40.0, 41.0), (85.0, 52.0, 55.0), (30.0, 70.0, 20.0)]), shear)
-    source, *ends = (tuple(map(float, place)) for place in places)
+    source, *ends = ((float(x), float(y), float(z)) for x, y, z in places)
     return Model(
         mesh.split(list(planes or {})),
         materials or {"rock": rock()},
-        sources=[PointForce(source, (1e8, 2e8, -3e8), pulse)],
-        receivers=[Receiver(name, end) for name, end in zip("AB", ends, strict=True)],
-        boundaries=[Viscous(side) for side in SIDES],
+        sources=(PointForce(source, (1e8, 2e8, -3e8), pulse),),
+        receivers=tuple(Receiver(name, end) for name, end in zip("AB", ends, strict=True)),
+        boundaries=tuple(Viscous(side) for side in SIDES),
         quadratic=order == 1,
         **parts,
     )
