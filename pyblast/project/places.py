@@ -47,7 +47,7 @@ def placed_again(receivers, parts, mesh) -> tuple[Receiver, ...]:
             if receiver.name in standing:
                 receiver = replace(receiver, position=on_ground(mesh, receiver.position[:2]))
             placed.append(receiver)
-    refuse_outside(mesh, {f"receivers.{one.name}": one.position for one in placed})
+    refuse_outside(mesh, {f"receivers.{receiver.name}": receiver.position for receiver in placed})
     return tuple(placed)
 
 

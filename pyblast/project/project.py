@@ -366,9 +366,9 @@ class Project:
             every = [replace(each, given={**each.given, "records": records.get(each.name, {})})
                      for each in every]  # fmt: skip
         if materials is not None:
-            kept = "inside", "signature", "input"
+            names = "inside", "signature", "input"
             every = [
-                replace(each, given=each.given | {name: getattr(each, name) for name in kept})
+                replace(each, given=each.given | {name: getattr(each, name) for name in names})
                 for each in every
             ]
         first, *further = every
