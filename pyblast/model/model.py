@@ -246,6 +246,16 @@ class Model:
         edges = edge_lengths(self.mesh).mean(axis=1)
         return np.prod([field.factor(centres, edges) for field in self.ground], axis=0)
 
+    def speed_factor_at(self, places: np.ndarray, zone: np.ndarray) -> np.ndarray:
+        """Return the factor (n,) on the wave speeds at places (n, 3) of zones (n,).
+
+        In hexahedra it varies from node to node, in tetrahedra from zone to zone.
+        """
+        if not self.ground or not self.mesh.hexahedral:
+            return np.broadcast_to(self.speed_factor, len(self.mesh.zones))[zone]
+        edges = (edge_lengths(self.mesh).mean(axis=1) / self.mesh.order)[zone]
+        return np.prod([field.factor(places, edges) for field in self.ground], axis=0)
+
     def law(self, group: str) -> ZoneLaw:
         """Return the constitutive law of a group."""
         return self.materials[group].law
@@ -273,13 +283,10 @@ class Model:
         """Return the relaxed Lame moduli at the nodes of hexahedra, (n_zones, n) Pa."""
         pairs = [self.law(group).moduli(self.materials[group]) for group in self.mesh.groups]
         lame, shear = np.array(pairs)[self.mesh.zone_group].T
-        places, factor = self.mesh.node_places, np.ones(self.mesh.node_places.shape[:2])
-        if self.ground:
-            edges = edge_lengths(self.mesh).mean(axis=1) / self.mesh.order
-            edges = np.repeat(edges, places.shape[1])
-            flat = places.reshape(-1, 3)
-            values = [field.factor(flat, edges) for field in self.ground]
-            factor = np.prod(values, axis=0).reshape(factor.shape)
+        n_zones, n = self.mesh.node_places.shape[:2]
+        zone = np.repeat(np.arange(n_zones), n)
+        factor = self.speed_factor_at(self.mesh.node_places.reshape(-1, 3), zone)
+        factor = factor.reshape(n_zones, n)
         return lame[:, None] * factor**2, shear[:, None] * factor**2
 
     def stiffest_moduli(self) -> tuple[np.ndarray, np.ndarray]:

@@ -15,7 +15,7 @@ from ..solver.initial_stress import joint_pressures
 from ..units import plain_number
 from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, summarise_model
-from .ground import benches_of, joint_of_surface, set_normal, set_stiffness
+from .ground import joint_of_surface, set_normal, set_stiffness
 from .inputs import central_frequency, highest_frequency, input_band, shape
 from .places import (
     face_areas,
@@ -26,6 +26,7 @@ from .places import (
     source_material,
 )
 from .plausibility import expected_peaks, level_findings, unlikely_values
+from .surface import benches_of
 
 
 @dataclass(frozen=True)

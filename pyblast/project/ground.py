@@ -17,9 +17,7 @@ from ..model.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_
 from ..model.joint import POSITIVE, Joint, may_be_left_out, saturated
 from ..model.material import ConstantQ, Damping, Elastic, Material, MohrCoulomb
 from ..model.model import InSitu
-from ..model.terrain import Bench, bench_triangles, read_terrain, toe_of
 from ..units import plain_number, split_key, to_si
-from .section import read_columns
 
 
 def make_fields(config, blast, mesh) -> tuple:
@@ -59,11 +57,16 @@ def make_fields(config, blast, mesh) -> tuple:
     return tuple(fields)
 
 
+def damages_material(config) -> bool:
+    """Tell whether the damaged zone of a `GroundConfig` has a material, as no other blast has."""
+    return config.damaged_zone is not None and config.damaged_zone.material is not None
+
+
 def with_damaged_material(config, blast, mesh) -> Mesh:
     """Return a mesh whose zones near the holes have the material of a `DamagedZoneConfig`."""
-    part = config.damaged_zone
-    if part is None or part.material is None:
+    if not damages_material(config):
         return mesh
+    part = config.damaged_zone
     return damaged_group(mesh, _damaged(part, blast), part.radius_m, part.material)
 
 
@@ -215,6 +218,34 @@ def make_material(config):
     return material
 
 
+def make_materials(config) -> dict[str, Material]:
+    """Turn the materials of a `Config` into `Material`, by name."""
+    materials = {}
+    for name, part in config.materials.items():
+        with named_error(f"materials.{name}"):
+            materials[name] = make_material(part)
+    return materials
+
+
+def make_joints(config) -> tuple:
+    """Return the `Joint` of each joint surface of a `Config`.
+
+    Raises
+    ------
+    InputError
+        If a surface has no joint, or a joint no surface.
+    """
+    joints, taken = [], joint_of_surface(config.mesh)
+    for surface, name in taken.items():
+        if name not in config.joints:
+            raise InputError(f"joints.{name}: missing; the joint surface {surface!r} needs it")
+        joints.append(make_joint(f"joints.{name}", surface, config.joints[name]))
+    for name in config.joints:
+        if name not in taken.values():
+            raise InputError(f"joints.{name}: no joint set or fault of the mesh takes it")
+    return tuple(joints)
+
+
 def _elastic(config, values):
     """Make a material of one of the four ways to give elastic constants."""
     density = values.pop("density")
@@ -335,7 +366,7 @@ def mean_edge(config, layer, material):
     return material.cs / (per_wavelength * config.frequency_hz)
 
 
-def make_mesh(config, materials, folder) -> Mesh:
+def make_mesh(config, materials, folder, surface=None) -> Mesh:
     """Build or read the mesh of a project, not yet split.
 
     Parameters
@@ -344,6 +375,8 @@ def make_mesh(config, materials, folder) -> Mesh:
     materials : dict of str to Material
     folder : Path
         Where files of the project are looked for.
+    surface : (n, 3) float64, m, optional
+        Surveyed top surface.
     """
     if config.file is not None:
         return read_mesh(folder / config.file, config.file_groups or None, [*config.file_joints])
@@ -358,13 +391,13 @@ def make_mesh(config, materials, folder) -> Mesh:
         for part in config.layers
     ]
     if config.grid_cells is not None:
-        return _grid(config, layers)
-    return _jointed_rock(config, layers, folder)
+        return _grid(config, layers, surface)
+    return _jointed_rock(config, layers, surface)
 
 
-def _grid(config, layers):
+def _grid(config, layers, surface):
     """Cut a regular grid; faults must lie on its planes."""
-    if config.joint_sets or config.surface_file is not None or config.benches:
+    if config.joint_sets or surface is not None:
         raise InputError(
             "mesh.grid_cells: a regular grid takes faults only, no joint_sets, surface_file or "
             "benches"
@@ -394,44 +427,18 @@ def _axis_of(fault):
     )
 
 
-def _jointed_rock(config, layers, folder):
+def _jointed_rock(config, layers, surface):
     """Build jointed rock through gmsh."""
     low, size = np.array(config.origin_m), np.array(config.size_m)
     sets, faults = joints_and_faults(config)
     padding = None
     if config.padding_m is not None:
         padding = config.padding_m, config.padding_edge_m
-    surface = None
-    if config.surface_file is not None:
-        surface = read_surface(folder / config.surface_file)
     with named_error("mesh"):
-        if config.benches:
-            surface = bench_triangles(
-                benches_of(config, folder), np.column_stack([low, low + size])
-            )
         return build_mesh(
             np.column_stack([low, low + size]), layers, sets, faults, edge=config.edge_m,
             surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
         )  # fmt: skip
-
-
-def benches_of(config, folder) -> list[Bench]:
-    """Return the benches of a `MeshConfig`, from the highest down."""
-    found = []
-    for number, part in enumerate(config.benches, start=1):
-        with named_error(f"benches[{number}]"):
-            crest = _line(part.crest_m, part.crest_file, folder)
-            if part.height_m is not None:
-                toe = toe_of(crest, part.height_m, np.radians(part.face_dip_deg))
-            else:
-                toe = _line(part.toe_m, part.toe_file, folder)
-            found.append(Bench(crest, toe))
-    return found
-
-
-def _line(places, file, folder):
-    """Return a line (n, 3) in m, given or read."""
-    return np.array(places) if file is None else read_columns(folder / file, ("x_m,y_m,z_m",))
 
 
 def joints_and_faults(config):
@@ -457,18 +464,3 @@ def joints_and_faults(config):
 def _angles(part):
     """Return dip and dip direction in rad."""
     return to_si("dip_deg", part.dip_deg)[1], to_si("direction_deg", part.dip_direction_deg)[1]
-
-
-def read_surface(path):
-    """Read a surveyed surface; return its places (n, 3) or triangles (n, 3, 3) in m.
-
-    A table has lines ``x_m,y_m,z_m``; for other suffixes see `pyblast.model.terrain.read_terrain`.
-
-    Raises
-    ------
-    ReadError
-        If the file can't be read or a line holds something else than three numbers.
-    """
-    if path.suffix.lower() in (".asc", ".dxf", ".stl"):
-        return read_terrain(path)
-    return read_columns(path, ("x_m,y_m,z_m",))

@@ -32,6 +32,25 @@ def place_receivers(parts, mesh) -> tuple[Receiver, ...]:
     return tuple(receivers)
 
 
+def placed_again(receivers, parts, mesh) -> tuple[Receiver, ...]:
+    """Return receivers in another mesh; those whose `ReceiverConfig` has no height stand on it.
+
+    Raises
+    ------
+    InputError
+        If a receiver lies outside of the mesh.
+    """
+    standing = {part.name for part in parts if len(part.position_m) == 2}
+    placed = []
+    for receiver in receivers:
+        with named_error(f"receivers.{receiver.name}"):
+            if receiver.name in standing:
+                receiver = replace(receiver, position=on_ground(mesh, receiver.position[:2]))
+            placed.append(receiver)
+    refuse_outside(mesh, {f"receivers.{receiver.name}": receiver.position for receiver in placed})
+    return tuple(placed)
+
+
 def on_ground(mesh, position) -> tuple[float, float, float]:
     """Return a position (3,) in m, on the surface "top" where no height is given.
 

@@ -293,18 +293,23 @@ def surface_impedance(model: Model, surface: str) -> dict[int, np.ndarray]:
     behind = surface_zones(model.mesh, surface)
     zone = np.repeat(behind, len(nodes) // len(behind))
     density = model.zone_values("density")[zone]
-    z_p, z_s = (area * density * model.zone_values(speed)[zone] for speed in ("cp", "cs"))
+    faster = model.speed_factor_at(model.nodes.points[nodes], zone)
+    speeds = (
+        np.array([getattr(model.materials[group], speed) for group in model.mesh.groups])
+        for speed in ("cp", "cs")
+    )
+    group = model.mesh.zone_group[zone]
+    z_p, z_s = (area * density * faster * speed[group] for speed in speeds)
     outer = normal[:, :, None] * normal[:, None, :]
     each = (z_p - z_s)[:, None, None] * outer + z_s[:, None, None] * np.eye(3)
-    faster = np.broadcast_to(model.speed_factor, len(model.mesh.zones))[zone]
     media = {}
     for boundary in model.boundaries:
         if isinstance(boundary, Viscous) and boundary.surface == surface:
             media = boundary.media
-    for number, group in enumerate(model.mesh.groups):
-        medium = media.get(group, model.materials[group])
+    for number, name in enumerate(model.mesh.groups):
+        medium = media.get(name, model.materials[name])
         if medium.law.name == "anisotropic":
-            here = model.mesh.zone_group[zone] == number
+            here = group == number
             factor = area[here] * faster[here]
             wave = impedance(density[here], stiffness_of(medium), normal[here])
             each[here] = factor[:, None, None] * wave

@@ -8,8 +8,8 @@ from pydantic import ValidationError
 
 from pyblast.project import checks
 from pyblast.project.config_ground import BenchConfig, MeshConfig
-from pyblast.project.ground import benches_of, read_surface
 from pyblast.project.project import load_project
+from pyblast.project.surface import benches_of, read_surface
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bench" / "project.toml"
 

@@ -12,11 +12,13 @@ from pyblast import core
 from pyblast.errors import InputError, SolverError
 from pyblast.mesh.builder import structured_box
 from pyblast.model.boundary import Roller, Viscous
+from pyblast.model.ground_fields import Gradient
 from pyblast.model.joint import Joint
 from pyblast.model.material import ConstantQ, Damping, Material, MohrCoulomb
 from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.source import Hole, MomentTensor, PointForce, TimeFunction
 from pyblast.solver.assembly import time_step, zone_product
+from pyblast.solver.loads import surface_impedance
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import run_many, simulate
 
@@ -164,6 +166,19 @@ def test_the_error_falls_with_order_and_with_edge():
 
     assert errors[0] > 2.0 * errors[1] > 4.0 * errors[2]
     assert errors[2] < 0.02
+
+
+def test_dashpots_of_graded_ground_have_the_impedance_of_each_node():
+    gradient = Gradient(0.4, 20.0, SIZE[2])
+    one = model(4, (2, 2, 1), ground=[gradient])
+    even = replace(one, ground=())
+
+    for side in SIDES:
+        graded, plain = (surface_impedance(each, side) for each in (one, even))
+        nodes = list(plain)
+        factor = gradient.factor(one.nodes.points[nodes], np.ones(len(nodes)))
+        wanted = factor[:, None, None] * np.array([plain[node] for node in nodes])
+        assert np.array([graded[node] for node in nodes]) == pytest.approx(wanted, rel=1e-12)
 
 
 def test_reciprocity_holds_between_source_and_receiver():
