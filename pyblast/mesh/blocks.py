@@ -306,14 +306,14 @@ def _turns(cells, cell):
 _COPLANAR = 1e-7  # m, distance within which faces lie in one plane
 
 
-def carved(cells: Cells, removed: set[int], bare: str, seam: str) -> Cells:
+def carved(cells: Cells, removed: set[int], exposed: str, seam: str) -> Cells:
     """Return cells without some of them, and without the seams between parts of one cell.
 
     Parameters
     ----------
     cells : Cells, not changed
     removed : set of int, cells to leave out
-    bare : str, tag of the faces laid bare
+    exposed : str, tag of the faces that come to lie open
     seam : str
         Tag of auxiliary faces: parts of cells that meet at one become one cell again.
 
@@ -322,7 +322,7 @@ def carved(cells: Cells, removed: set[int], bare: str, seam: str) -> Cells:
     Cells
         Renumbered; faces in one plane between the same cells are joined.
     """
-    kept = [c for c in range(len(cells.faces)) if c not in removed]
+    retained = [c for c in range(len(cells.faces)) if c not in removed]
     joined = [
         face
         for face, owners in enumerate(cells.owners)
@@ -330,24 +330,24 @@ def carved(cells: Cells, removed: set[int], bare: str, seam: str) -> Cells:
         and len(owners - removed) == 2
         and len({cells.kinds[c] for c in owners}) == 1
     ]
-    whole = _labels(kept, [tuple(cells.owners[face]) for face in joined])
-    kinds = {whole[c]: cells.kinds[c] for c in kept}
+    whole = _labels(retained, [tuple(cells.owners[face]) for face in joined])
+    kinds = {whole[c]: cells.kinds[c] for c in retained}
     new = Cells(points=cells.points[:], faces=[set() for _ in kinds])
     new.kinds = [kinds[c] for c in range(len(kinds))]
     dissolved = set(joined)
     for face, owners in enumerate(cells.owners):
-        left = owners - removed
-        if left and face not in dissolved:
+        remaining = owners - removed
+        if remaining and face not in dissolved:
             tag = "" if cells.tags[face] == seam else cells.tags[face]
-            tag = bare if len(left) < len(owners) else tag
-            add_face(new, cells.loops[face], tag, {whole[c] for c in left})
+            tag = exposed if len(remaining) < len(owners) else tag
+            add_face(new, cells.loops[face], tag, {whole[c] for c in remaining})
     return _tidied(new)
 
 
 def _labels(items, pairs):
     """Label the groups of items that pairs connect; return the number of each item."""
-    place = {item: row for row, item in enumerate(items)}
-    rows = [[place[a], place[b]] for a, b in pairs]
+    row_of = {item: row for row, item in enumerate(items)}
+    rows = [[row_of[a], row_of[b]] for a, b in pairs]
     ends = np.array(rows, dtype=int).reshape(-1, 2).T
     table = coo_array((np.ones(len(rows)), (ends[0], ends[1])), (len(items), len(items)))
     numbers = connected_components(table, directed=False)[1]

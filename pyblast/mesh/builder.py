@@ -460,11 +460,11 @@ def _seams(terrain):
         run = (end - start) / np.linalg.norm(end - start)
         run = -run if tuple(np.round(run, 9)) < (0.0, 0.0) else run
         across = np.array([-run[1], run[0], 0.0])
-        place = float(across[:2] @ start)
-        key = (*np.round(across[:2], 9).tolist(), round(place / _EXACT))
+        level = float(across[:2] @ start)
+        key = (*np.round(across[:2], 9).tolist(), round(level / _EXACT))
         along = sorted((start @ run, end @ run))
         ground = terrain[triangles][..., 2]
-        planes.setdefault(key, []).append((across, place, along, (ground.min(), ground.max())))
+        planes.setdefault(key, []).append((across, level, along, (ground.min(), ground.max())))
     return [
         _Seams(
             Plane(parts[0][0], parts[0][1], _SEAM),

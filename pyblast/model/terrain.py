@@ -119,12 +119,12 @@ def bench_triangles(benches: Sequence[Bench], box: ArrayLike) -> np.ndarray:
 def _continued(line, middle, radius):
     """Return a line continued straight on both ends to a circle."""
 
-    def end(place, inner):
-        run = place[:2] - inner[:2]
+    def end(position, inner):
+        run = position[:2] - inner[:2]
         run /= np.linalg.norm(run)
-        away = place[:2] - middle
+        away = position[:2] - middle
         half, rest = away @ run, away @ away - radius**2
-        return np.append(place[:2] + (np.sqrt(half**2 - rest) - half) * run, place[2])
+        return np.append(position[:2] + (np.sqrt(half**2 - rest) - half) * run, position[2])
 
     if np.linalg.norm(line[:, :2] - middle, axis=1).max() > radius:
         raise InputError(f"bench: a line leaves the site by more than {radius:g} m; clip it")
@@ -133,7 +133,7 @@ def _continued(line, middle, radius):
 
 def _arc(start, end, middle, radius):
     """Return the points of a circle anticlockwise between two of its points, without these."""
-    first, last = (np.arctan2(*(place[:2] - middle)[::-1]) for place in (start, end))
+    first, last = (np.arctan2(*(position[:2] - middle)[::-1]) for position in (start, end))
     turn = (last - first) % (2.0 * np.pi)
     share = np.arange(1, int(np.ceil(turn / _ARC))) / np.ceil(turn / _ARC)
     angle = first + share * turn
@@ -165,31 +165,31 @@ def _refuse_crossing(upper, lower):
 
 def _triangles(outline, turn):
     """Cut a polygon (n, 3) into triangles by its ears; ``turn`` 1: it runs anticlockwise."""
-    place = outline[:, :2] * [1.0, turn]
-    scale = np.ptp(place, axis=0).max()
-    left, found = list(range(len(place))), []
-    while len(left) > 3:
-        for at in range(len(left)):
-            ear = [left[at - 1], left[at], left[(at + 1) % len(left)]]
-            area = _cross(place[ear[1]] - place[ear[0]], place[ear[2]] - place[ear[0]])
-            others = place[[v for v in left if v not in ear]]
-            if area > _EXACT**2 * scale and not _any_inside(place[ear], others):
+    position = outline[:, :2] * [1.0, turn]
+    scale = np.ptp(position, axis=0).max()
+    remaining, result = list(range(len(position))), []
+    while len(remaining) > 3:
+        for at in range(len(remaining)):
+            ear = [remaining[at - 1], remaining[at], remaining[(at + 1) % len(remaining)]]
+            area = _cross(position[ear[1]] - position[ear[0]], position[ear[2]] - position[ear[0]])
+            others = position[[v for v in remaining if v not in ear]]
+            if area > _EXACT**2 * scale and not _any_inside(position[ear], others):
                 break
         else:
             raise InputError(
                 "bench: a line crosses itself or the next one, or the lower ground does not lie "
                 "on its right; turn or redraw it"
             )
-        found.append(ear)
-        left.remove(ear[1])
-    found.append(left)
-    corners = outline[np.array(found)]
+        result.append(ear)
+        remaining.remove(ear[1])
+    result.append(remaining)
+    corners = outline[np.array(result)]
     flat = np.abs(_cross(*(corners[:, k, :2] - corners[:, 0, :2] for k in (1, 2)))) < _EXACT
     return corners[~flat]
 
 
 def _any_inside(corners, places):
-    """Return whether a place lies inside a triangle or on its border."""
+    """Return whether a position lies inside a triangle or on its border."""
     inside = np.ones(len(places), dtype=bool)
     for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         inside &= _cross(end - start, places - start) >= 0.0
@@ -200,27 +200,27 @@ def _any_inside(corners, places):
 def burdens(benches: Sequence[Bench], places: ArrayLike) -> np.ndarray:
     """Return the distance in m from places (n, 3), middles of holes, to the nearest bench face.
 
-    Negative where a place lies in front of all faces at its height, infinite where no face
+    Negative where a position lies in front of all faces at its height, infinite where no face
     reaches its height.
     """
     places = np.asarray(places, dtype=float)
-    found = np.full(len(places), np.inf)
+    result = np.full(len(places), np.inf)
     for bench in benches:
-        for row, place in enumerate(places):
-            line = _line_at(bench, place[2])
+        for row, position in enumerate(places):
+            line = _line_at(bench, position[2])
             if line is not None:
-                distance = _signed_distance(line, place[:2])
-                if abs(distance) < abs(found[row]):
-                    found[row] = distance
-    return found
+                distance = _signed_distance(line, position[:2])
+                if abs(distance) < abs(result[row]):
+                    result[row] = distance
+    return result
 
 
 def _line_at(bench, height):
     """Return the face of a bench in plan at a height, None beyond its crest or toe."""
     top, bottom = bench.crest, bench.toe
     if len(top) != len(bottom):
-        place = np.linspace(0.0, 1.0, max(len(top), len(bottom)))
-        top, bottom = (_resampled(line, place) for line in (top, bottom))
+        position = np.linspace(0.0, 1.0, max(len(top), len(bottom)))
+        top, bottom = (_resampled(line, position) for line in (top, bottom))
     share = (top[:, 2] - height) / (top[:, 2] - bottom[:, 2])
     if (share < 0.0).all() or (share > 1.0).all():
         return None
@@ -233,13 +233,13 @@ def _resampled(line, shares):
     return np.column_stack([np.interp(shares, length / length[-1], axis) for axis in line.T])
 
 
-def _signed_distance(line, place):
-    """Return the distance in m of a place to a line in plan, positive on its left."""
+def _signed_distance(line, position):
+    """Return the distance in m of a position to a line in plan, positive on its left."""
     start, run = line[:-1], np.diff(line, axis=0)
-    share = np.einsum("ni,ni->n", place - start, run) / np.einsum("ni,ni->n", run, run)
+    share = np.einsum("ni,ni->n", position - start, run) / np.einsum("ni,ni->n", run, run)
     share[1:] = np.maximum(share[1:], 0.0)  # the line goes on straight beyond its ends
     share[:-1] = np.minimum(share[:-1], 1.0)
-    away = place - (start + share[:, None] * run)
+    away = position - (start + share[:, None] * run)
     nearest = np.linalg.norm(away, axis=1).argmin()
     side = 1.0 if _cross(run[nearest], away[nearest]) >= 0.0 else -1.0
     return float(side * np.linalg.norm(away[nearest]))

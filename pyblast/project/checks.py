@@ -260,7 +260,7 @@ SAME_INSTANT = 1e-3
 ANFO_HEAT = 3.8e6
 PLAUSIBLE_SHARE = 0.1
 LARGEST_LEAN = 0.5  # degrees from the plane of a joint, mean over its area
-LEAST_LEAN = 0.05  # degrees, below which the worst facet is not worth a note
+LEAST_LEAN = 0.05  # degrees, below which the worst facet gets no note
 
 
 def comb_numbers(firing, frequency, band):

@@ -19,7 +19,7 @@ def make_surface(config, folder) -> np.ndarray | None:
 
 def benches_of(config, folder) -> list[Bench]:
     """Return the benches of a `MeshConfig`, from the highest down."""
-    found = []
+    benches = []
     for number, part in enumerate(config.benches, start=1):
         with named_error(f"benches[{number}]"):
             crest = _line(part.crest_m, part.crest_file, folder)
@@ -27,8 +27,8 @@ def benches_of(config, folder) -> list[Bench]:
                 toe = toe_of(crest, part.height_m, np.radians(part.face_dip_deg))
             else:
                 toe = _line(part.toe_m, part.toe_file, folder)
-            found.append(Bench(crest, toe))
-    return found
+            benches.append(Bench(crest, toe))
+    return benches
 
 
 def _line(places, file, folder):
