@@ -8,7 +8,7 @@ from ..errors import InputError, named_error
 from ..inference.records import COMPONENTS, Records, band_functions, gather, noise_of
 from ..model.model import Receiver
 from ..project.elements import for_band
-from ..project.flat_box import band_of, check_flat, flat_box, not_flat, place_in_box
+from ..project.flat_box import band_of, check_flat, not_flat
 from ..project.ground import damages_material
 from ..project.project import Project
 from ..signals.seismogram import GEOGRAPHIC, PASS_BAND
@@ -100,13 +100,12 @@ def _gathered(project, highest):
     A receiver is simulated along east and north if its record has both horizontals, else along the
     axes of its record.
     """
-    if not_flat(project):
-        project = _with_mesh(project, highest)
+    project = _with_mesh(project, highest)
     receivers, records, parts = {}, {}, {}
     for each in (project, *project.further):
         records[each.name] = {}
         parts[each.name] = {"blast": each.blast, "inside": each.inside}
-        for receiver in _receivers(each, project):
+        for receiver in each.receivers:
             position = tuple(map(float, receiver.position))
             if receivers.setdefault(receiver.name, (position, receiver.azimuth))[0] != position:
                 raise InputError(
@@ -153,13 +152,6 @@ def _with_mesh(project, highest):
         for each in project.further
     )
     return replace(project, given={**project.given, **shared}, further=further)
-
-
-def _receivers(blast, project):
-    """Return the receivers of the project of a blast: given, in a flat box, or in the mesh."""
-    if "receivers" in blast.given or not_flat(project):
-        return blast.receivers
-    return place_in_box(blast.config.receivers, flat_box(project))
 
 
 def _geographic(record, azimuth):

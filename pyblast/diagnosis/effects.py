@@ -9,7 +9,7 @@ from scipy import fft
 
 from ..blasts.blast import Blast
 from ..errors import InputError
-from ..project.flat_box import Discretization, quality_of
+from ..project.flat_box import quality_of
 from ..project.project import Project
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated, calibrated_parameters, with_values
@@ -260,7 +260,6 @@ def diagnosed(project: Project, values, effects: Sequence[Effect]) -> Project:
 
 def predict(
     case: Case,
-    cut: Discretization | None,
     blast: Blast,
     values,
     effects: Sequence[Effect] = (),
@@ -271,8 +270,6 @@ def predict(
     Parameters
     ----------
     case : Case
-    cut : Discretization or None
-        Discretization of a flat box, None for the mesh of the project.
     blast : Blast
     values : (n_calibrated,) float
         Values of a diagnosis.
@@ -295,7 +292,7 @@ def predict(
     """
     answer = diagnosed(case.project, values, effects)
     reference, project = (with_blast(each, FURTHER, blast) for each in (case.project, answer))
-    forward = Forward(replace(case, project=reference, blasts=(FURTHER,)), cut, folder)
+    forward = Forward(replace(case, project=reference, blasts=(FURTHER,)), folder, fine=True)
     scene = PredictionScene(forward, project)
     return with_motion_effects(scene, forward.motion(project), effects)[0]
 

@@ -17,6 +17,7 @@ NODES_FOR_ONE_PER_CENT = {2: 9.0, 3: 5.9, 4: 4.6, 5: 4.3, 6: 4.0, 7: 4.0, 8: 4.1
 WAVELENGTHS = 3.0
 OF_FITS = 0.005  # by that rule, which gives 2 to 4 % of the motion in a whole band
 FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
+LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadratic ones
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
 TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
 
@@ -128,12 +129,12 @@ def for_band(project, highest: float, accuracy: float = OF_FITS):
 def with_laws(mesh, materials):
     """Return a `MeshConfig` whose quadratic zones are linear ones, if a law of layers needs them.
 
-    Their edges are shorter in the ratio of `TETRAHEDRA`.
+    Their edges are shorter, so that a run takes about as long.
     """
     laws = {materials[part.material].law.name for part in mesh.layers}
     if not mesh.quadratic or laws <= {"elastic"}:
         return mesh
-    return _scaled(mesh, TETRAHEDRA[True] / TETRAHEDRA[False], quadratic=False)
+    return _scaled(mesh, LINEAR_EDGE, quadratic=False)
 
 
 def _scaled(mesh, factor, **other):
