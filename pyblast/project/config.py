@@ -1,7 +1,7 @@
 """Configuration: the tables of a project file about blast, input, run and analyses; its reader."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -37,6 +37,7 @@ from .section import (
     Section,
     Span,
     read_toml,
+    merged,
     sentence_of,
     value_at,
 )
@@ -134,12 +135,47 @@ class DelaysConfig(Section):
         return self
 
 
+class CandidateConfig(Section):
+    """A suspect of the user: what of the ground is otherwise, as a part of a project file."""
+
+    name: Name
+    mesh: dict[str, Any] = Field({})
+    materials: dict[Name, dict[str, Any]] = Field({})
+    joints: dict[Name, dict[str, Any]] = Field({})
+    ground: dict[str, Any] = Field({})
+
+    @property
+    def tables(self) -> dict[str, dict]:
+        """The tables that it changes."""
+        return self.model_dump(exclude={"name"}, exclude_defaults=True)
+
+    @model_validator(mode="after")
+    def _something(self):
+        """Ask for a change."""
+        if not self.tables:
+            raise ValueError("changes nothing; give mesh, materials, joints or ground")
+        for key in ("size_m", "origin_m", "file"):
+            if key in self.mesh:
+                raise ValueError(f"mesh.{key}: the box of the project stays; leave it out")
+        return self
+
+
 class DiagnosisConfig(Section):
-    """Diagnosis: records, band and noise window."""
+    """Diagnosis: records, band, noise window and candidates."""
 
     blasts: list[Name] = Field([])
     band_hz: Band | None = None
     noise_window_s: Span | None = None
+    candidates: list[CandidateConfig] = Field([])
+
+    @model_validator(mode="after")
+    def _named_once(self):
+        """Refuse candidates of one name."""
+        names = [each.name for each in self.candidates]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"candidates: the name {name!r} is given twice")
+        return self
 
     @model_validator(mode="after")
     def _before(self):
@@ -359,6 +395,16 @@ class Config(Section):
         return self
 
     @model_validator(mode="after")
+    def _whole_candidates(self):
+        """Refuse candidates with which this is no project file."""
+        for each in self.diagnosis.candidates if self.diagnosis else ():
+            try:
+                with_candidate(self, each)
+            except InputError as error:
+                raise ValueError(str(error)) from None
+        return self
+
+    @model_validator(mode="after")
     def _free_field(self):
         """Refuse free-field sides that no input from below would reach."""
         if not self.boundaries.free_field:
@@ -427,7 +473,7 @@ def check_config(table, name="project.toml", full=False) -> Config:
     if full and variant is None:
         raise InputError(f"{name}: {VARIANT}: missing; the file has no table [{VARIANT}]")
     if full:
-        table = _merged(table, variant)
+        table = merged(table, variant)
     try:
         config = Config.model_validate(table)
     except (ValidationError, RecursionError) as error:
@@ -438,11 +484,20 @@ def check_config(table, name="project.toml", full=False) -> Config:
     return config
 
 
-def _merged(table, variant):
-    """Return a table with the values of a variant in place of its own, table by table."""
-    merged = dict(table)
-    for key, value in variant.items():
-        if isinstance(value, dict) and isinstance(merged.get(key), dict):
-            value = _merged(merged[key], value)
-        merged[key] = value
-    return merged
+def with_candidate(config: Config, candidate: CandidateConfig) -> Config:
+    """Return a `Config` with the tables of a candidate of its diagnosis in place of its own.
+
+    Entries of a list that have names, such as faults, go by them: one of a new name is added. Any
+    other list is replaced.
+
+    Raises
+    ------
+    InputError
+        If this breaks a rule; one sentence with candidate, key, rule and value.
+    """
+    own = config.model_dump(exclude_unset=True, exclude={"diagnosis": {"candidates"}})
+    try:
+        return Config.model_validate(merged(own, candidate.tables, by_name=True))
+    except (ValidationError, RecursionError) as error:
+        where = f"diagnosis.candidates.{candidate.name}"
+        raise InputError(f"{where}: {sentence_of(error, Config)}") from None

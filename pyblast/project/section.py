@@ -286,6 +286,41 @@ def read_toml(path):
         raise InputError(f"{path.name}: nested too deeply to be a project file") from None
 
 
+def merged(table: dict, other: dict, by_name: bool = False) -> dict:
+    """Return a table with the values of another in place of its own, table by table.
+
+    Parameters
+    ----------
+    table, other : dict
+        Tables of a project file, nested.
+    by_name : bool
+        Whether lists of tables with names are merged by these; other lists are replaced.
+
+    Examples
+    --------
+    >>> faults = {"faults": [{"name": "F1", "dip_deg": 60}]}
+    >>> merged(faults, {"faults": [{"name": "F1", "dip_deg": 70}, {"name": "F2"}]}, by_name=True)
+    {'faults': [{'name': 'F1', 'dip_deg': 70}, {'name': 'F2'}]}
+    """
+    found = dict(table)
+    for key, value in other.items():
+        own = found.get(key)
+        if isinstance(value, dict) and isinstance(own, dict):
+            value = merged(own, value, by_name)
+        elif by_name and _have_names(value) and _have_names(own):
+            known = {part["name"]: part for part in own}
+            changed = {v["name"]: merged(known.get(v["name"], {}), v, by_name) for v in value}
+            value = [*(known | changed).values()]
+        found[key] = value
+    return found
+
+
+def _have_names(value):
+    """Tell whether a value is a list of tables with names."""
+    listed = isinstance(value, list) and bool(value)
+    return listed and all(isinstance(part, dict) and "name" in part for part in value)
+
+
 def sentence_of(error, root) -> str:
     """Return the first validation error of pydantic in one sentence."""
     if isinstance(error, RecursionError):
