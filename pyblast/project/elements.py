@@ -123,6 +123,8 @@ def for_band(project, highest: float, accuracy: float = OF_FITS):
     sizes = {"edge_m": min(edges), "edges_per_wavelength": None, "frequency_hz": None}
     other = {**sizes, "layers": layers, "quadratic": linear, "accuracy": accuracy}
     other["order"] = mesh.order or ORDER_OF_FITS
+    if mesh.padding_edge_m is not None:  # of tetrahedra, where a hypothesis needs them
+        other["padding_edge_m"] = max(mesh.padding_edge_m, 2.0 * max(edges))
     fitted = mesh.model_copy(update=other)
     return fitted if project.changed(mesh=fitted).ground.mesh.hexahedral else mesh
 
