@@ -299,10 +299,8 @@ def predict(
 
 def with_blast(project: Project, name: str, blast: Blast) -> Project:
     """Return a project with a single blast in place of its own."""
-    parts = {k: v for k, v in project.given.items() if k not in ("records", "inside")}
-    single = replace(project, name=name, further=(), given={**parts, "blast": blast})
-    inside = replace(project.inside, firing=single.firing)
-    return replace(single, given={**single.given, "inside": inside})
+    parts = {key: part for key, part in project.given.items() if key != "records"}
+    return replace(project, name=name, further=(), given=parts).firing_as(blast)
 
 
 @dataclass(eq=False)

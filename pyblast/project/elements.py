@@ -15,7 +15,7 @@ ORDER = 5
 # falls with the power below of their number: docs/quality/performance.md.
 NODES_FOR_ONE_PER_CENT = {2: 9.0, 3: 5.9, 4: 4.6, 5: 4.3, 6: 4.0, 7: 4.0, 8: 4.1}
 WAVELENGTHS = 3.0
-OF_FITS = 0.005  # by that rule, which gives 2 to 4 % of the motion in a whole band
+OF_FITS, ORDER_OF_FITS = 0.015, 4  # by that rule: 0.1 to 1 % of the energy of a whole band
 FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
 LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadratic ones
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
@@ -122,6 +122,9 @@ def for_band(project, highest: float, accuracy: float = OF_FITS):
     ]
     sizes = {"edge_m": min(edges), "edges_per_wavelength": None, "frequency_hz": None}
     other = {**sizes, "layers": layers, "quadratic": linear, "accuracy": accuracy}
+    other["order"] = mesh.order or ORDER_OF_FITS
+    if mesh.padding_edge_m is not None:  # of tetrahedra, where a hypothesis needs them
+        other["padding_edge_m"] = max(mesh.padding_edge_m, 2.0 * max(edges))
     fitted = mesh.model_copy(update=other)
     return fitted if project.changed(mesh=fitted).ground.mesh.hexahedral else mesh
 

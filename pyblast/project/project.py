@@ -304,6 +304,13 @@ class Project:
         parts = {"materials": self.materials, "joints": self.joints, "fields": self.fields}
         return replace(own, config=config, further=(), **parts)
 
+    def firing_as(self, blast: Blast) -> "Project":
+        """Return the project of one blast with another; the moment rate of 1 kg stays."""
+        given = {key: part for key, part in self.given.items() if key not in ("inside", "input")}
+        fired = replace(self, given={**given, "blast": blast})
+        fired.given["inside"] = replace(self.inside, firing=fired.firing)
+        return fired
+
     def changed(
         self,
         *,
@@ -356,23 +363,23 @@ class Project:
             for each in (self, *self.further)
         ]
         if blasts is not None:
-            every = [replace(each, given={**each.given, "blast": blasts[each.name]})
-                     for each in every if each.name in blasts]  # fmt: skip
+            every = [each.firing_as(blasts[each.name]) for each in every if each.name in blasts]
         if receivers is not None:
-            every = [replace(each, given={**each.given, "receivers": tuple(receivers)})
-                     for each in every]  # fmt: skip
+            given = {"receivers": tuple(receivers)}
+            every = [replace(each, given=each.given | given) for each in every]
         if records is not None:
-            every = [replace(each, given={**each.given, "records": records.get(each.name, {})})
-                     for each in every]  # fmt: skip
+            every = [
+                replace(each, given=each.given | {"records": records.get(each.name, {})})
+                for each in every
+            ]
         if materials is not None:
             names = "inside", "signature", "input"
             every = [
                 replace(each, given=each.given | {name: getattr(each, name) for name in names})
                 for each in every
             ]
-        first, *further = every
-        shared = {"materials": self.materials, "fields": self.fields}
-        return replace(first, further=tuple(further), **shared | parts)
+        parts = {"materials": self.materials, "fields": self.fields} | parts
+        return replace(every[0], further=tuple(every[1:]), **parts)
 
     @cached_property
     def input_files(self) -> dict[str, str]:

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from small_fits import LOUD, NULL, fits
-from small_site import BAND, BEFORE, CUT, DT, SAMPLES, recorded, small_site
+from small_site import BAND, BEFORE, DT, SAMPLES, recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.case import case_of
@@ -115,7 +115,7 @@ def one_record():
     site = with_blasts("S1")
     site = site.changed(receivers=site.receivers[2:3])
     case = recorded(site, change=lambda motion: np.roll(3.0 * motion, 10, axis=-1))
-    return diagnose(case.project, cuts=(CUT, None)).summary
+    return diagnose(case.project).summary
 
 
 def test_one_receiver_and_one_blast_name_nothing():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from library_scene import applied, received, scene, sent, shared
 from scipy import fft
-from small_site import CUT, DT, SAMPLES, small_site
+from small_site import DT, SAMPLES, small_site
 
 from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.forward import Forward
@@ -53,7 +53,7 @@ def silenced(n):
 
 def sent_by(site):
     """Return what the last blast of a site sends, (n_receivers, 3, n_samples) m/s."""
-    return Forward(scene().case, CUT).simulate([(site, "B1")])[0]
+    return Forward(scene().case).simulate([(site, "B1")])[0]
 
 
 def test_a_slow_clock_delays_one_receiver():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from case_folder import write_folder
 from obspy import UTCDateTime
-from small_site import BAND, BEFORE, CUT, DT, SAMPLES, recorded, small_site
+from small_site import BAND, BEFORE, DT, SAMPLES, recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.calibration import calibrated_parameters, with_values
@@ -23,7 +23,6 @@ from pyblast.recordings.recording import read_stations
 from pyblast.runs.parallel import input_hash
 from pyblast.workflows.diagnose import (
     check_further,
-    cut_of,
     diagnose_folder,
     predict_file,
     read_case,
@@ -176,7 +175,7 @@ def test_a_project_has_the_records_and_sends_the_motion_of_its_site(tmp_path):
 
     assert same.n_samples == SAMPLES
     np.testing.assert_allclose(same.motion, case.motion, rtol=1e-9, atol=1e-15)
-    one, other = (Forward(part, CUT).simulate([(part.project, "B1")])[0] for part in (case, same))
+    one, other = (Forward(part).simulate([(part.project, "B1")])[0] for part in (case, same))
     np.testing.assert_allclose(other, one, rtol=1e-6, atol=1e-6 * np.abs(one).max())
 
 
@@ -211,10 +210,9 @@ def test_other_projects_are_run_on_their_own_mesh_and_say_what_they_do_not_test(
     dips = ("dip_deg = 90", "dip_deg = 60"), ("extent_m = [50, 30]", "")
     rough = ("edge_m = 10\n", "edge_m = 30\n"), ("padding_edge_m = 20", "padding_edge_m = 30")
     case = case_of(read_case(written(tmp_path, believed(), *dips, *rough)))
-    forward = Forward(case, cut_of(case.project))
+    forward = Forward(case)
     told = untestable_labels(case)
 
-    assert cut_of(case.project) is None
     assert set(told) == {"attenuation_Q", "anisotropy", "missing_joint", "soft_surface_layer"}
     assert all("mesh.faults.J1 has dip_deg 60" in why for why in told.values())
     assert {one.name for one in calibrated_parameters(case.project)} == {
@@ -245,10 +243,10 @@ def test_another_geometry_is_the_model_of_a_file_that_has_it(tmp_path):
     box = f"padding_m = 30\npadding_edge_m = 20\nquadratic = true{LAYER}"
     other = (fault, ""), (joint, ""), (f"padding_m = 30\npadding_edge_m = 20{LAYER}", box)
     there = case_of(read_case(written(folders[1], believed(), *other)))
-    forward, project = Forward(case, None), case.project
+    forward, project = Forward(case), case.project
     mesh = project.config.mesh.model_copy(update={"faults": []})
     changed = project.changed(mesh=mesh, joints=())
-    wanted = Forward(there, None).model(there.project, "B1")
+    wanted = Forward(there).model(there.project, "B1")
 
     assert project.mesh.hexahedral
     assert input_hash(forward.model(changed, "B1")) == input_hash(wanted)
@@ -261,11 +259,11 @@ def test_receivers_without_a_height_stand_on_another_surface(tmp_path):
     case = case_of(read_case(written(tmp_path, believed(), *dips)))
     corners = np.array([(x, y, TOP) for x in (-50.0, 170.0) for y in (-50.0, 140.0)])
     higher = case.project.changed(surface=corners + np.array([0.0, 0.0, 4.0]))
-    finer = Forward(case, None, fine=True)
+    finer = Forward(case, fine=True)
     before, after, fine = (
         forward.model(project, "S1")
         for forward, project in (
-            (Forward(case, None), case.project), (Forward(case, None), higher), (finer, higher)
+            (Forward(case), case.project), (Forward(case), higher), (finer, higher)
         )
     )  # fmt: skip
     heights = [[one.position[2] for one in model.receivers] for model in (before, after, fine)]
