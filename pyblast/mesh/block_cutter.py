@@ -221,6 +221,8 @@ class CutReport:
         Zones whose smallest altitude is below a tenth of their longest edge, before and after.
     thinnest : tuple of 2 float
         Smallest such ratio, before and after.
+    terrain : float, m
+        Largest displacement of the ground surface to a corner of joints.
     """
 
     cells: int
@@ -230,6 +232,7 @@ class CutReport:
     refused: int
     slivers: tuple[int, int] = (0, 0)
     thinnest: tuple[float, float] = (0.0, 0.0)
+    terrain: float = 0.0
 
 
 @dataclass
@@ -269,6 +272,7 @@ def rock_cells(
     joint_sets: Sequence[tuple[JointSet, set[int]]],
     faults: Sequence[Fault],
     margin: float = 0.0,
+    top: float | None = None,
 ) -> tuple[Cells, CutReport]:
     """Cut a box into the cells between layers, joints and faults.
 
@@ -282,6 +286,8 @@ def rock_cells(
     faults : sequence of Fault
     margin : float, m
         Padding beyond sides and bottom of the box; joint sets end at the box.
+    top : float or None, m
+        Height up to which the first layer is continued; default: the top of the box.
 
     Returns
     -------
@@ -290,6 +296,7 @@ def rock_cells(
     report : CutReport
     """
     low, high = box[:, 0] - margin, box[:, 1] + [margin, margin, 0.0]
+    high[2] = high[2] if top is None else top
     cells = box_cells(low, high, SIDES)
     tolerances = np.asarray(tolerances)
     rock = _Rock(cells, np.asarray(limits), np.zeros(len(tolerances)), [])

@@ -58,6 +58,26 @@ class FaultConfig(Section):
     extent_m: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = None
 
 
+class BenchConfig(Section):
+    """A bench: its crest, and its toe or the height and dip of its face."""
+
+    crest_m: list[Point] | None = None
+    crest_file: str | None = None
+    toe_m: list[Point] | None = None
+    toe_file: str | None = None
+    height_m: Positive | None = None
+    face_dip_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
+
+    @model_validator(mode="after")
+    def _lines(self):
+        """Ask for one crest and one toe."""
+        self._one_of(("crest_m",), ("crest_file",))
+        self._one_of(("toe_m",), ("toe_file",), ("height_m",))
+        if self.height_m is None and "face_dip_deg" in self.model_fields_set:
+            raise ValueError("face_dip_deg goes with height_m; the toe gives the dip")
+        return self
+
+
 class MeshConfig(Section):
     """The ground: a box or a surveyed surface with layers and joints, or a mesh file."""
 
@@ -65,6 +85,7 @@ class MeshConfig(Section):
     origin_m: Point = Field([0.0, 0.0, 0.0])
     grid_cells: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
     surface_file: str | None = None
+    benches: list[BenchConfig] = Field([])
     edge_m: Positive | None = None
     edges_per_wavelength: Positive | None = None
     frequency_hz: Positive | None = None
@@ -99,11 +120,19 @@ class MeshConfig(Section):
             raise ValueError("give one of edge_m; edges_per_wavelength; grid_cells")
         if (self.padding_m is None) != (self.padding_edge_m is None):
             raise ValueError("padding_m and padding_edge_m go together")
+        if self.benches and (self.surface_file is not None or self.kind == "hexahedra"):
+            raise ValueError("benches are cut into tetrahedra, without surface_file or hexahedra")
         names = [part.name for part in (*self.joint_sets, *self.faults)]
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"the name {name!r} is given to two joint sets or faults")
         return self
+
+    @property
+    def files(self) -> list[str | None]:
+        """Return the files that the ground is read from."""
+        lines = [name for part in self.benches for name in (part.crest_file, part.toe_file)]
+        return [self.file, self.surface_file, *lines]
 
 
 class DampingConfig(Section):

@@ -175,6 +175,8 @@ def _obstacle(config, materials):
     mesh, sides = config.mesh, config.boundaries
     if mesh.file is not None:
         return "the mesh is read from a file"
+    if mesh.benches:
+        return "benches are cut into the blocks of tetrahedra"
     if mesh.grid_cells is not None:
         return "mesh.grid_cells divides the box into tetrahedra"
     for layer in mesh.layers:
@@ -212,6 +214,8 @@ def _hexahedra(config, materials, surface, within):
     sizes = [_size(config, part, materials[part.material], order, reach) for part in mesh.layers]
     enters = config.signature is not None  # through a side, whose waves would leave the layer
     open_sides = [] if enters else [side for side in config.boundaries.viscous if side in SIDES]
+    if surface is not None and surface.ndim == 3:
+        raise NotMapped("the ground surface is given as triangles, which cut its blocks")
     sets, faults = joints_and_faults(mesh)
     with named_error("mesh"):
         built = build_hexahedra(

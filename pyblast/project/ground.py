@@ -18,7 +18,6 @@ from ..model.joint import POSITIVE, Joint, may_be_left_out, saturated
 from ..model.material import ConstantQ, Damping, Elastic, Material, MohrCoulomb
 from ..model.model import InSitu
 from ..units import plain_number, split_key, to_si
-from .section import read_columns
 
 
 def make_fields(config, blast, mesh) -> tuple:
@@ -400,7 +399,8 @@ def _grid(config, layers, surface):
     """Cut a regular grid; faults must lie on its planes."""
     if config.joint_sets or surface is not None:
         raise InputError(
-            "mesh.grid_cells: a regular grid takes faults only, no joint_sets or surface_file"
+            "mesh.grid_cells: a regular grid takes faults only, no joint_sets, surface_file or "
+            "benches"
         )
     planes = {}
     for fault in config.faults:
@@ -464,14 +464,3 @@ def joints_and_faults(config):
 def _angles(part):
     """Return dip and dip direction in rad."""
     return to_si("dip_deg", part.dip_deg)[1], to_si("direction_deg", part.dip_direction_deg)[1]
-
-
-def read_surface(path):
-    """Read a surveyed surface, lines ``x_m,y_m,z_m``; return its places (n, 3) in m.
-
-    Raises
-    ------
-    ReadError
-        If the file can't be read or a line holds something else than three numbers.
-    """
-    return read_columns(path, ("x_m,y_m,z_m",))
