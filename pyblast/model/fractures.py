@@ -247,9 +247,9 @@ def polygon(name: str, corners: ArrayLike) -> Fault:
     return Fault(name, point=tuple(middle), normal=tuple(normal), polygon=corners)
 
 
-def _at(place):
+def _at(position):
     """Write a position."""
-    return "({:.4g}, {:.4g}, {:.4g}) m".format(*place)
+    return "({:.4g}, {:.4g}, {:.4g}) m".format(*position)
 
 
 def clipped(corners: np.ndarray, normal: np.ndarray, offset: float) -> np.ndarray:
