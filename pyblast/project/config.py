@@ -36,8 +36,8 @@ from .section import (
     RecordingConfig,
     Section,
     Span,
-    read_toml,
     merged,
+    read_toml,
     sentence_of,
     value_at,
 )
@@ -154,9 +154,9 @@ class CandidateConfig(Section):
         """Ask for a change."""
         if not self.tables:
             raise ValueError("changes nothing; give mesh, materials, joints or ground")
-        for key in ("size_m", "origin_m", "file"):
-            if key in self.mesh:
-                raise ValueError(f"mesh.{key}: the box of the project stays; leave it out")
+        kept = {"size_m", "origin_m", "file"} & set(self.mesh)
+        if kept:
+            raise ValueError(f"mesh.{min(kept)}: the box of the project stays; leave it out")
         return self
 
 
@@ -171,10 +171,8 @@ class DiagnosisConfig(Section):
     @model_validator(mode="after")
     def _named_once(self):
         """Refuse candidates of one name."""
-        names = [each.name for each in self.candidates]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"candidates: the name {name!r} is given twice")
+        if len({each.name for each in self.candidates}) < len(self.candidates):
+            raise ValueError("candidates: two have the same name; give each its own")
         return self
 
     @model_validator(mode="after")
@@ -397,11 +395,11 @@ class Config(Section):
     @model_validator(mode="after")
     def _whole_candidates(self):
         """Refuse candidates with which this is no project file."""
-        for each in self.diagnosis.candidates if self.diagnosis else ():
-            try:
+        try:
+            for each in self.diagnosis.candidates if self.diagnosis else ():
                 with_candidate(self, each)
-            except InputError as error:
-                raise ValueError(str(error)) from None
+        except InputError as error:
+            raise ValueError(str(error)) from None
         return self
 
     @model_validator(mode="after")
@@ -487,17 +485,16 @@ def check_config(table, name="project.toml", full=False) -> Config:
 def with_candidate(config: Config, candidate: CandidateConfig) -> Config:
     """Return a `Config` with the tables of a candidate of its diagnosis in place of its own.
 
-    Entries of a list that have names, such as faults, go by them: one of a new name is added. Any
-    other list is replaced.
+    Faults and joint sets go by their names: one of a new name is added. Other lists are replaced.
 
     Raises
     ------
     InputError
         If this breaks a rule; one sentence with candidate, key, rule and value.
     """
-    own = config.model_dump(exclude_unset=True, exclude={"diagnosis": {"candidates"}})
+    own = config.model_dump(exclude_unset=True, exclude={"diagnosis"})
     try:
         return Config.model_validate(merged(own, candidate.tables, by_name=True))
     except (ValidationError, RecursionError) as error:
-        where = f"diagnosis.candidates.{candidate.name}"
-        raise InputError(f"{where}: {sentence_of(error, Config)}") from None
+        rule = sentence_of(error, Config)
+        raise InputError(f"diagnosis.candidates.{candidate.name}: {rule}") from None

@@ -396,6 +396,11 @@ def _with_moduli(rock, moduli):
     return replace(rock, bulk=moduli.bulk, shear=moduli.shear)
 
 
+def named_candidates(case) -> str:
+    """Require candidates in the project file."""
+    return "" if suspects(case) else "the project file has no [[diagnosis.candidates]]: add some"
+
+
 def suspects(case) -> tuple[str, ...]:
     """Name the candidates of the project file."""
     table = case.project.config.diagnosis
@@ -411,7 +416,7 @@ def suspects(case) -> tuple[str, ...]:
     axis="both",
     parameters=[],
     decided_by="a survey of what this candidate changes",
-    simulated=(remeshable,),
+    simulated=(named_candidates, remeshable),
 )
 def candidate(project, target):
     """The ground is as this candidate of the project file says."""
