@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.timing import machine
 from pyblast.inference.records import band_functions
 from pyblast.project.result import write_text
 from pyblast.recordings.recording import read_stations
@@ -23,6 +24,7 @@ from pyblast.workflows.diagnose import diagnose_folder, predict_file
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "verification" / "foreign.json"
+TIMES = ROOT / "benchmarks" / "results.json"
 PAGE = ROOT / "docs" / "quality" / "diagnosis.md"
 BEGIN, END = "<!-- cases: from verification/foreign.json -->", "<!-- end of cases -->"
 BLAST = "H1"
@@ -55,7 +57,22 @@ def judged(cases, name, keep, executor):
         "runs": answer["runs"],
         "wall_s": answer["wall_s"],
         "kept_s": answer["kept_s"],
+        "machine": machine(),
+        "load": round(os.getloadavg()[1], 1),
     }
+
+
+def times(rows):
+    """Return the median and the longest time of diagnoses with their machine and load.
+
+    Kept runs count as if they had been run again on all processors.
+    """
+    seconds = [row["wall_s"] + row["kept_s"] / os.cpu_count() for row in rows]
+    return {
+        "median_s": round(float(np.median(seconds)), 1), "worst_s": round(max(seconds), 1),
+        "cases": len(rows), "machine": rows[-1]["machine"],
+        "load": max(row["load"] for row in rows),
+    }  # fmt: skip
 
 
 def _told(stage, done, total):
@@ -115,6 +132,11 @@ def main(arguments):
             rows[name] = judged(cases, name, keep or Path(temporary), executor)
             print(f"  {rows[name]}", flush=True)
             write_text(OUT, json.dumps(dict(sorted(rows.items())), indent=1) + "\n")
+    timed = [row for row in rows.values() if "machine" in row]
+    if timed:
+        results = json.loads(TIMES.read_text())
+        results["diagnosis"] = times(timed)
+        write_text(TIMES, json.dumps(results, indent=1) + "\n")
     text = PAGE.read_text()
     before, after = text.split(BEGIN)[0], text.split(END)[1]
     write_text(PAGE, before + "\n".join([BEGIN, *table(rows), END]) + after)

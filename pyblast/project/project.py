@@ -22,6 +22,7 @@ from .config import Config, check_config, read_config
 from .config_ground import GroundConfig, MeshConfig
 from .elements import Ground, horizontal_positions, make_ground, needs_of
 from .ground import (
+    joint_of_surface,
     jointed_media,
     make_boundaries,
     make_damping,
@@ -264,7 +265,7 @@ class Project:
         sources, receivers, layer = self.sources, self.receivers, self.absorbing_layer
         with named_error(self.path.name):
             if config.holes_inside or config.moment_tensors:
-                refuse_open_sides(config.boundaries, mesh)
+                refuse_open_sides(config.boundaries, mesh, joint_of_surface(config.mesh))
             model = Model(
                 mesh=mesh,
                 materials=self.materials,
@@ -348,8 +349,8 @@ class Project:
         parts = {"materials": materials, "joints": joints, "fields": fields}
         parts = {key: value for key, value in parts.items() if value is not None}
         parts |= {key: tuple(parts[key]) for key in ("joints", "fields") if key in parts}
-        tables = {"mesh": mesh, "ground": ground}
-        tables = {key: table for key, table in tables.items() if table is not None}
+        tables = (("mesh", mesh), ("ground", ground))
+        tables = {key: table for key, table in tables if table is not None}
         parts["config"] = self.config.model_copy(update=tables)
         own = parts.setdefault("joints", self.joints)
         stale = {"sources", "model", "absorbing_layer"}
@@ -373,9 +374,8 @@ class Project:
                 for each in every
             ]
         if materials is not None:
-            names = "inside", "signature", "input"
             every = [
-                replace(each, given=each.given | {name: getattr(each, name) for name in names})
+                replace(each, given=each.given | {name: getattr(each, name) for name in ENTERS})
                 for each in every
             ]
         parts = {"materials": self.materials, "fields": self.fields} | parts
@@ -389,6 +389,7 @@ class Project:
         return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
 
 
+ENTERS = "inside", "signature", "input"
 OF_GROUND = "mesh", "boundaries", "absorbing_layer", "ground", "damping", "insitu"
 SHARED = (
     "mesh", "materials", "joints", "boundaries", "absorbing_layer", "ground", "damping", "insitu",

@@ -12,6 +12,7 @@ from pyblast.diagnosis.forward import Forward
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
 from pyblast.project.config import check_config
+from pyblast.project.elements import for_band
 from pyblast.project.flat_box import Discretization
 from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project
@@ -42,7 +43,8 @@ def small_site() -> Project:
         replace(make_project(config, "small.toml", {**given, "blast": blast}), name=name)
         for name, blast in blasts.items()
     )
-    return replace(one, further=(other,)).changed(blasts=blasts)
+    site = replace(one, further=(other,)).changed(blasts=blasts)
+    return site.changed(mesh=for_band(site, BAND[1]))
 
 
 TABLES = {
@@ -73,8 +75,10 @@ def holes(places, charge, times):
     return Blast("", collar, toe, np.array(charge), np.array(times), np.full(n, 0.1))
 
 
-def recorded(site: Project, truth: Project | None = None, noise=0.003, seed=1, change=None) -> Case:
-    """Return a project with records of the truth: coloured noise, a share of the peak, added."""
+def recorded(
+    site: Project, truth: Project | None = None, noise=0.003, seed=1, change=None, fine=False
+):
+    """Return a case with records of the truth: coloured noise, a share of the peak, added."""
     blank = {
         blast: {r.name: _recording(np.zeros((BEFORE + SAMPLES, 3))) for r in site.receivers}
         for blast in site.blasts
@@ -86,7 +90,7 @@ def recorded(site: Project, truth: Project | None = None, noise=0.003, seed=1, c
             one.seismogram.velocity.setflags(write=True)
             one.seismogram.velocity[:] = rng.normal(size=one.seismogram.velocity.shape)
     case = case_of(first)
-    motion = Forward(case, fine=True).motion(truth or site)
+    motion = Forward(case, fine=fine).motion(truth or site)
     if change is not None:
         motion = change(motion)
     records = {}

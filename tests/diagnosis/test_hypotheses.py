@@ -114,7 +114,7 @@ def one_record():
     """Diagnose one record of one blast whose clock was ten samples slow."""
     site = with_blasts("S1")
     site = site.changed(receivers=site.receivers[2:3])
-    case = recorded(site, change=lambda motion: np.roll(3.0 * motion, 10, axis=-1))
+    case = recorded(site, change=lambda motion: np.roll(3.0 * motion, 10, axis=-1), fine=True)
     return diagnose(case.project).summary
 
 

@@ -17,7 +17,7 @@ from pyblast.diagnosis.case import case_of
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY, untestable_labels
 from pyblast.errors import InputError
-from pyblast.project.flat_box import flat_box, flat_model, not_flat, quality_of
+from pyblast.project.flat_box import flat_box, not_flat, quality_of
 from pyblast.project.project import load_project, with_further
 from pyblast.recordings.recording import read_stations
 from pyblast.runs.parallel import input_hash
@@ -277,10 +277,9 @@ def test_quality_factors_of_all_layers_are_those_of_the_site(tmp_path):
     quality = "cohesion_kpa = 500\nqp = 40\nqs = 30\nquality_band_hz = [2, 40]"
     path = written(tmp_path, believed(), ("cohesion_kpa = 500", quality))
     project = case_of(read_case(path)).project
-    law = flat_model(project, "S1", CUT).materials["rock"].law
+    law = project.of("S1").model.materials["rock"].law
 
     assert quality_of(project) == (law.qp, law.qs) == (40.0, 30.0)
-    assert law.band == pytest.approx((BAND[0] / 3.0, 3.0 * BAND[1]))
 
 
 @pytest.mark.parametrize(
@@ -320,7 +319,7 @@ def test_a_project_is_read_where_a_diagnosis_begins(tmp_path, monkeypatch):
     assert calls == ["small"]
 
 
-def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_path, monkeypatch):
+def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_path):
     site = whole()
     project = written(tmp_path, site, ("extent_m = [50, 30]", ""))
     zeros = dict.fromkeys(site.blasts, "2024-05-01T12:00:00")
@@ -329,7 +328,6 @@ def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_
     rows = [line.split(",") for line in lines[1:]]
     raised = [",".join([i, x, y, f"{float(z) + TOP:.12g}", *rest]) for i, x, y, z, *rest in rows]
     (tmp_path / "raised.csv").write_text("\n".join([lines[0], *raised]))
-    monkeypatch.setattr("pyblast.workflows.diagnose.cut_of", lambda *_, **__: CUT)
     known = {"model": {"values": [0.1, -0.1, 0.2, 0.0], "effects": []}}
     found = []
     for folder, holes in ((tmp_path / "case", "B1_holes.csv"), (project, "raised.csv")):
@@ -349,10 +347,9 @@ def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_
     assert UTCDateTime(found[1]["R1"].time).timestamp == pytest.approx(-BEFORE * DT, abs=1e-6)
 
 
-def test_a_further_blast_begins_as_the_record_of_the_last_one_that_was_fired(tmp_path, monkeypatch):
+def test_a_further_blast_begins_as_the_record_of_the_last_one_that_was_fired(tmp_path):
     zeros = {"B1": "2024-05-01T12:00:00", "S1": "2024-05-02T12:00:00"}
     write_folder(tmp_path / "case", whole(), zeros)
-    monkeypatch.setattr("pyblast.workflows.diagnose.cut_of", lambda *_, **__: CUT)
     known = {"model": {"values": [0.0] * 4, "effects": []}}
     out = tmp_path / "B1.mseed"
 

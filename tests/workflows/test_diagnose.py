@@ -28,7 +28,7 @@ def no_runs(monkeypatch):
 def found(change=None):
     """Diagnose the small site with other values and one change of its records."""
     true = with_values(small_site(), calibrated_parameters(small_site()), TRUE)
-    case = recorded(small_site(), true, change=change)
+    case = recorded(small_site(), true, change=change, fine=True)
     return diagnose(case.project, seed=3).summary
 
 
@@ -97,7 +97,7 @@ def test_one_silent_hole_is_a_misfire_of_that_hole_and_not_of_all_charges():
     site = small_site()
     silent = replace(site.blasts["B1"], charge=np.array([60.0, 1e-6, 60.0]))
     true = with_values(site, calibrated_parameters(site), TRUE)
-    case = recorded(site, true.changed(blasts={**site.blasts, "B1": silent}))
+    case = recorded(site, true.changed(blasts={**site.blasts, "B1": silent}), fine=True)
     made = diagnose(case.project, seed=3)
 
     assert made.summary["outcome"] == "NAMED"
@@ -120,7 +120,7 @@ def test_a_finer_mesh_corrects_all_runs_and_the_answer(monkeypatch):
     monkeypatch.setitem(LIBRARY, MOVED.name, MOVED)
     true = with_values(small_site(), calibrated_parameters(small_site()), TRUE)
     moved = MOVED.apply(true, "B1", east=8.0, north=-8.0)
-    case = recorded(small_site(), moved)  # of the finer zones
+    case = recorded(small_site(), moved, fine=True)
 
     told = diagnose(case.project, seed=3).summary
 
