@@ -7,7 +7,9 @@ import numpy as np
 from ..errors import InputError, named_error
 from ..inference.records import COMPONENTS, Records, band_functions, gather, noise_of
 from ..model.model import Receiver
+from ..project.elements import for_band
 from ..project.flat_box import band_of, check_flat, flat_box, not_flat, place_in_box
+from ..project.ground import damages_material
 from ..project.project import Project
 from ..signals.seismogram import GEOGRAPHIC, PASS_BAND
 from .thresholds import SHORTEST_RECORD
@@ -52,7 +54,7 @@ def case_of(project: Project, blasts=None) -> Case:
             f"{project.path.name}: diagnosis.band_hz: missing; give lowest and highest frequency, "
             "such as [4, 30]"
         )
-    project = _gathered(project)
+    project = _gathered(project, limits[1])
     names = tuple(blasts or project.blasts)
     projects = {each.name: each for each in (project, *project.further)}
     for name in names:
@@ -92,14 +94,14 @@ def case_of(project: Project, blasts=None) -> Case:
     return Case(names, receivers, dt, motion, valid, band, spectra, dead, project=project)
 
 
-def _gathered(project):
+def _gathered(project, highest):
     """Return a project with its records, each blast with the receivers of all blasts.
 
     A receiver is simulated along east and north if its record has both horizontals, else along the
     axes of its record.
     """
     if not_flat(project):
-        project = _with_mesh(project)
+        project = _with_mesh(project, highest)
     receivers, records, parts = {}, {}, {}
     for each in (project, *project.further):
         records[each.name] = {}
@@ -131,12 +133,23 @@ def _gathered(project):
     return project
 
 
-def _with_mesh(project):
-    """Return a project with meshed blasts; all share a mesh unless they have damaged zones."""
-    shared = {"mesh": project.mesh}
-    own = project.config.ground.damaged_zone is not None
+def _with_mesh(project, highest):
+    """Return a project with meshed blasts for a band; all share the ground.
+
+    The ground reaches half the longest of the shortest S wavelengths beyond holes and receivers, so
+    that receivers can be moved.
+    """
+    reach = 0.5 * max(material.cs for material in project.materials.values()) / highest
+    aside = reach * np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
+    within = np.concatenate([project.within + step for step in aside])
+    project = replace(project, given={**project.given, "within": within})
+    project = project.changed(mesh=for_band(project, highest))
+    shared = {"ground": project.ground}
+    if not damages_material(project.config.ground):
+        shared |= {"mesh": project.mesh}
+    config = {"mesh": project.config.mesh}
     further = tuple(
-        replace(each, given={**each.given, **({"mesh": each.mesh} if own else shared)})
+        replace(each, config=each.config.model_copy(update=config), given={**each.given, **shared})
         for each in project.further
     )
     return replace(project, given={**project.given, **shared}, further=further)

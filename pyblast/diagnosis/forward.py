@@ -11,6 +11,7 @@ from ..blasts.blast import Firing
 from ..errors import InputError
 from ..mesh.mesh import locate
 from ..model.model import Model, Receiver
+from ..project.elements import refined, with_laws
 from ..project.flat_box import (
     Discretization,
     flat_box,
@@ -20,20 +21,26 @@ from ..project.flat_box import (
     is_anisotropic,
     not_flat,
 )
+from ..project.ground import damages_material
 from ..project.inputs import make_input
-from ..project.places import on_ground, refuse_outside
+from ..project.places import on_ground, placed_again, refuse_outside
 from ..project.project import Project
 from ..runs.greens import LINEAR_ZONE_LAWS, PointSource, greens_functions
 from ..runs.parallel import CachedRun, run_all
 from ..signals.seismogram import Seismogram
 from .case import Case
 
+MOST_MESHES = 8
 LINEAR_JOINTS = "elastic", "kelvin", "maxwell"
 
 
 @dataclass(eq=False)
 class Forward:
     """Forward simulation of the blasts of a case; counts its runs.
+
+    A project may differ from that of the case in anything, its geometry included (see
+    `Project.changed`): each geometry is meshed once, all blasts share the mesh, and the last
+    `MOST_MESHES` meshes are kept.
 
     Parameters
     ----------
@@ -44,6 +51,8 @@ class Forward:
         Folder of stored runs.
     executor : Executor, optional
         As for `run_all`.
+    fine : bool
+        Whether to run on finer meshes than those of the projects.
     runs, cached : int
         Number of runs, and number of those that were in the folder already.
     cached_s : float, s
@@ -54,11 +63,11 @@ class Forward:
     cut: Discretization | None
     folder: str | None = None
     executor: Executor | None = None
+    fine: bool = False
     runs: int = 0
     cached: int = 0
     cached_s: float = 0.0
     _meshes: dict = field(default_factory=dict, repr=False)
-    _models: dict = field(default_factory=dict, repr=False)
     _known: set = field(default_factory=set, repr=False)
 
     def motion(self, project: Project) -> np.ndarray:
@@ -148,68 +157,71 @@ class Forward:
             fired.signature, Firing(np.zeros(1), np.ones(1)), fired.config.input.low_pass_hz
         )
         single = replace(fired, given={**fired.given, "input": signal})
-        base, entered = self._base(blast), replace(
-            single, given={**single.given, "mesh": self._base(blast).mesh}
-        ).model  # fmt: skip
-        model = replace(
-            base, sources=entered.sources, boundaries=entered.boundaries,
-            **self._ground(project, base),
-        )  # fmt: skip
-        run = self.run([model])[0]
+        run = self.run([self._own(project, blast, input=signal)])[0]
         motion = self._sampled(run.seismograms, single.lead)
         return np.multiply.outer(fired.firing.scales, motion)
 
     def model(self, project: Project, blast: str) -> Model:
-        """Return the model of one blast; flat boxes of one geometry share a mesh."""
+        """Return the model of one blast of a project; blasts of one geometry share a mesh.
+
+        Raises
+        ------
+        InputError
+            If its ground can't be meshed, or a source or receiver lies outside of it.
+        """
         if self.cut is None:
             return self._own(project, blast)
-        key = geometry(project)
-        if key not in self._meshes:
-            self._meshes[key] = flat_mesh(flat_box(project), self.cut.of(project.materials))
-        return flat_model(project, blast, self.cut, self._meshes[key])
+        cut = self.cut.of(project.materials)
+        mesh = self._kept(geometry(project), lambda: flat_mesh(flat_box(project), cut))
+        return flat_model(project, blast, self.cut, mesh)
 
     def holds(self, project: Project) -> bool:
-        """Tell whether all holes lie in the mesh of the project, if that is used."""
-        if self.cut is not None or project.config.holes_inside is None:
+        """Tell whether the ground of a project can be meshed and holds all its holes."""
+        changed = geometry(project) != geometry(self.case.project)
+        if self.cut is not None or (project.config.holes_inside is None and not changed):
             return True
-        mesh = self._base(self.case.blasts[0]).mesh
         try:
             for blast in self.case.blasts:
                 centres = enumerate(project.blasts[blast].centres)
-                refuse_outside(mesh, {str(number): centre for number, centre in centres})
+                inside = {} if project.config.holes_inside is None else dict(centres)
+                refuse_outside(self._mesh(self._suited(project), blast), inside)
         except InputError:
             return False
         return True
 
-    def _own(self, project, blast):
-        """Return the model of one blast on the mesh of the reference project."""
-        base, changed = self._base(blast), project.of(blast)
-        parts = self._ground(project, base) | {"receivers": project.receivers}
-        if changed.given.get("blast") is not self.case.project.of(blast).given.get("blast"):
-            placed = replace(changed, given={**changed.given, "mesh": base.mesh})
-            parts["sources"] = placed.sources
-        return replace(base, **parts)
+    def _own(self, project, blast, **given):
+        """Return the model of one blast in the mesh of its project, with other parts of it."""
+        project = self._suited(project)
+        mesh, own = self._mesh(project, blast), project.of(blast)
+        stale = ("sources", "model", "absorbing_layer")
+        parts = {name: part for name, part in own.given.items() if name not in stale}
+        if "receivers" in parts and geometry(project) != geometry(self.case.project):
+            every = (project, *project.further)
+            described = [part for each in every for part in each.config.receivers]
+            parts["receivers"] = placed_again(own.receivers, described, mesh)
+        model = replace(own, given=parts | {"mesh": mesh} | given).model
+        return replace(model, single=is_single(model))
 
-    def _ground(self, project, base):
-        """Return the materials, joints and fields of a changed project, as arguments of a model."""
-        return {
-            "materials": {**base.materials, **project.materials}, "joints": project.joints,
-            "ground": (*base.ground, *project.fields),
-        }  # fmt: skip
+    def _suited(self, project):
+        """Return a project with zones that its ground allows, and finer ones if that is wanted."""
+        mesh = project.config.mesh
+        suited = with_laws(mesh, project.materials)
+        if suited is not mesh:
+            project = project.changed(mesh=suited)
+        return project.changed(mesh=finer_mesh(project)) if self.fine else project
 
-    def _base(self, blast):
-        """Return the model of one blast in the reference project; all share a mesh."""
-        if blast not in self._models:
-            model = self.case.project.of(blast).model
-            first = next(iter(self._models.values()), None)
-            if first is None:
-                model = replace(model, single=is_single(model))
-            elif self.case.project.config.ground.damaged_zone is None:
-                model = replace(
-                    first, sources=model.sources, boundaries=model.boundaries, ground=model.ground
-                )
-            self._models[blast] = model
-        return self._models[blast]
+    def _mesh(self, project, blast):
+        """Return the mesh of a project, built once for its geometry."""
+        alone = damages_material(project.config.ground)
+        key = geometry(project), blast if alone else ""
+        return self._kept(key, lambda: _meshed(project, blast))
+
+    def _kept(self, key, build):
+        """Return the mesh of a key; the oldest is given up for a new one."""
+        if key not in self._meshes:
+            self._meshes = dict(list(self._meshes.items())[1 - MOST_MESHES :])
+            self._meshes[key] = build()
+        return self._meshes[key]
 
     def _sampled(self, seismograms: Mapping[str, Seismogram], lead: float = 0.0) -> np.ndarray:
         """Return seismograms (n_receivers, 3, n_samples) at the instants of the records."""
@@ -220,17 +232,38 @@ class Forward:
 
 
 def is_single(model: Model) -> bool:
-    """Tell whether a model is run in single precision: quadratic zones without a static stage."""
-    return model.quadratic and model.insitu is None
+    """Tell whether a model is run in single precision: one without a static stage.
+
+    Not on tetrahedra of constant strain, which may yield.
+    """
+    return (model.quadratic or model.mesh.hexahedral) and model.insitu is None
+
+
+def finer_mesh(project: Project):
+    """Return the `MeshConfig` of the mesh by which that of a project is corrected, or None."""
+    linear = all(project.materials[name].law.name == "elastic" for name in project.mesh.groups)
+    return refined(project.config.mesh, project.mesh.hexahedral, linear)
+
+
+def _meshed(project, blast):
+    """Return the mesh of a project for one blast."""
+    own = project.of(blast)
+    return replace(own, given={**own.given, "ground": project.ground}).mesh
 
 
 def geometry(project):
-    """Return the parts of a project that determine the mesh of a flat box, as a key."""
-    mesh = project.config.mesh
-    layers = tuple((layer.material, layer.thickness_m) for layer in mesh.layers)
-    planes = tuple(fault.model_dump_json() for fault in mesh.faults)
+    """Return the parts of a project that determine its mesh, as a key."""
+    config, surface = project.config, project.given.get("surface")
+    laws = tuple((name, rock.law.name) for name, rock in project.materials.items())
     joints = tuple(joint.surface for joint in project.joints)
-    return layers, planes, joints, is_anisotropic(project.materials)
+    if not not_flat(project):
+        mesh = config.mesh
+        layers = tuple((layer.material, layer.thickness_m) for layer in mesh.layers)
+        planes = tuple(fault.model_dump_json() for fault in mesh.faults)
+        return layers, planes, joints, is_anisotropic(project.materials)
+    tables = config.mesh, config.ground, config.boundaries
+    heights = None if surface is None else np.asarray(surface, dtype=float).tobytes()
+    return *(table.model_dump_json() for table in tables), heights, joints, laws
 
 
 def not_superposed(case: Case) -> str:

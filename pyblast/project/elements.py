@@ -8,13 +8,16 @@ from ..errors import InputError, named_error
 from ..mesh.grid import Layer
 from ..mesh.hexahedral_ground import SIDES, NotMapped, build_hexahedra
 from ..mesh.mesh import Mesh, edge_lengths
-from .ground import joints_and_faults, make_mesh, mean_edge, read_surface
+from .ground import joints_and_faults, make_mesh, mean_edge
 
 ORDER = 5
 # Nodes per shortest S wavelength for an error of 1 % over three wavelengths, by order; the error
 # falls with the power below of their number: docs/quality/performance.md.
 NODES_FOR_ONE_PER_CENT = {2: 9.0, 3: 5.9, 4: 4.6, 5: 4.3, 6: 4.0, 7: 4.0, 8: 4.1}
 WAVELENGTHS = 3.0
+OF_FITS = 0.005  # by that rule, which gives 2 to 4 % of the motion in a whole band
+FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
+FINER_EDGE = 0.63  # the same for edges of tetrahedra
 TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
 
 
@@ -35,7 +38,8 @@ class Ground:
 
 def elements_of(project) -> str:
     """Return the kind of zones of a project, and why."""
-    return "those of the mesh given" if "mesh" in project.given else project.ground.reason
+    given = "mesh" in project.given and "ground" not in project.given
+    return "those of the mesh given" if given else project.ground.reason
 
 
 def convergence(order: int) -> float:
@@ -55,26 +59,24 @@ def nodes_per_wavelength(order: int, accuracy: float, waves: float) -> float:
     return NODES_FOR_ONE_PER_CENT[order] * factor ** (1.0 / convergence(order))
 
 
-def make_ground(project, within) -> Ground:
+def make_ground(project) -> Ground:
     """Build or read the mesh of a project of the elements that it asks for.
 
     Parameters
     ----------
     project : Project
-    within : (n, 2) float64, m
-        Horizontal positions of sources and receivers.
 
     Raises
     ------
     InputError
         If the project asks for hexahedra and its ground can't be a mapped grid.
     """
-    config, materials, folder = project.config, project.materials, project.folder
+    config, materials = project.config, project.materials
     kind = config.mesh.kind
     obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
     if kind != "tetrahedra" and obstacle is None:
         try:
-            return _hexahedra(config, materials, folder, within)
+            return _hexahedra(config, materials, project.surface, project.within)
         except NotMapped as reason:
             obstacle = str(reason).removeprefix("mesh: ")
     if kind == "hexahedra":
@@ -83,7 +85,8 @@ def make_ground(project, within) -> Ground:
             "take 'auto' or 'tetrahedra'"
         )
     reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
-    return Ground(make_mesh(config.mesh, materials, folder), reason)
+    mesh = make_mesh(config.mesh, materials, project.folder, project.surface)
+    return Ground(mesh, reason)
 
 
 def horizontal_positions(project) -> np.ndarray:
@@ -96,11 +99,86 @@ def horizontal_positions(project) -> np.ndarray:
     return np.array(positions, dtype=float).reshape(-1, 2)
 
 
+def for_band(project, highest: float, accuracy: float = OF_FITS):
+    """Return the `MeshConfig` by which a project is fitted to records up to a frequency in Hz.
+
+    Where the file leaves the elements to the program and the ground takes hexahedra, their edges
+    follow from the frequency and an error (not from the edges of the file), in metres, so that a
+    change of speeds changes no mesh; else it is the table of the file. A layer thinner than half
+    its shortest S wavelength has hexahedra of its own height and as wide as elsewhere.
+    """
+    mesh, materials = project.config.mesh, project.materials
+    if mesh.kind != "auto" or mesh.file is not None or mesh.grid_cells is not None:
+        return mesh
+    parts = [(materials[part.material], part.thickness_m) for part in mesh.layers]
+    waves = [(rock.cs / highest, thickness) for rock, thickness in parts]
+    thick = [wave for wave, thickness in waves if thickness is None or thickness > 0.5 * wave]
+    linear = all(rock.law.name == "elastic" for rock, _ in parts)
+    edges = [max(wave, min(thick)) / TETRAHEDRA[linear] for wave, _ in waves]
+    layers = [
+        part.model_copy(update={"edge_m": edge, "edges_per_wavelength": None})
+        for part, edge in zip(mesh.layers, edges, strict=True)
+    ]
+    sizes = {"edge_m": min(edges), "edges_per_wavelength": None, "frequency_hz": None}
+    other = {**sizes, "layers": layers, "quadratic": linear, "accuracy": accuracy}
+    fitted = mesh.model_copy(update=other)
+    return fitted if project.changed(mesh=fitted).ground.mesh.hexahedral else mesh
+
+
+def with_laws(mesh, materials):
+    """Return a `MeshConfig` whose quadratic zones are linear ones, if a law of layers needs them.
+
+    Their edges are shorter in the ratio of `TETRAHEDRA`.
+    """
+    laws = {materials[part.material].law.name for part in mesh.layers}
+    if not mesh.quadratic or laws <= {"elastic"}:
+        return mesh
+    return _scaled(mesh, TETRAHEDRA[True] / TETRAHEDRA[False], quadratic=False)
+
+
+def _scaled(mesh, factor, **other):
+    """Return a `MeshConfig` with a factor on all edges, and with other values."""
+
+    def scaled(part):
+        sizes = {key: getattr(part, key, None) for key in ("edge_m", "padding_edge_m")}
+        sizes = {key: factor * value for key, value in sizes.items() if value is not None}
+        if part.edges_per_wavelength is not None:
+            sizes["edges_per_wavelength"] = part.edges_per_wavelength / factor
+        return part.model_copy(update=sizes)
+
+    layers = [scaled(part) for part in mesh.layers]
+    return scaled(mesh).model_copy(update={"layers": layers, **other})
+
+
+def refined(mesh, hexahedral: bool, linear: bool):
+    """Return a `MeshConfig` with a fraction of the error of another, None where there is none.
+
+    Parameters
+    ----------
+    mesh : MeshConfig
+    hexahedral : bool
+        Whether it gives hexahedra, which become smaller by their rule; edges of tetrahedra are
+        shortened, and those of a file or a regular grid given quadratic zones.
+    linear : bool
+        Whether all ground is isotropic, linear and elastic, as quadratic zones need.
+    """
+    if hexahedral:
+        return mesh.model_copy(update={"accuracy": mesh.accuracy * FINER_ERROR})
+    if mesh.file is not None or mesh.grid_cells is not None:
+        usable = linear and not mesh.quadratic
+        return mesh.model_copy(update={"quadratic": True}) if usable else None
+    return _scaled(mesh, FINER_EDGE)
+
+
 def _obstacle(config, materials):
     """Return what stands in the way of hexahedra before the planes are looked at, or None."""
     mesh, sides = config.mesh, config.boundaries
     if mesh.file is not None:
         return "the mesh is read from a file"
+    if mesh.fractures:
+        return "fractures of limited extent are cut into the blocks of tetrahedra"
+    if mesh.benches:
+        return "benches are cut into the blocks of tetrahedra"
     if mesh.grid_cells is not None:
         return "mesh.grid_cells divides the box into tetrahedra"
     for layer in mesh.layers:
@@ -128,7 +206,7 @@ def _frequency(config):
     return None if band is None else band[1]
 
 
-def _hexahedra(config, materials, folder, within):
+def _hexahedra(config, materials, surface, within):
     """Return a ground of hexahedra."""
     mesh = config.mesh
     order = mesh.order or ORDER
@@ -138,7 +216,8 @@ def _hexahedra(config, materials, folder, within):
     sizes = [_size(config, part, materials[part.material], order, reach) for part in mesh.layers]
     enters = config.signature is not None  # through a side, whose waves would leave the layer
     open_sides = [] if enters else [side for side in config.boundaries.viscous if side in SIDES]
-    surface = None if mesh.surface_file is None else read_surface(folder / mesh.surface_file)
+    if surface is not None and surface.ndim == 3:
+        raise NotMapped("the ground surface is given as triangles, which cut its blocks")
     sets, faults = joints_and_faults(mesh)
     with named_error("mesh"):
         built = build_hexahedra(
@@ -167,3 +246,14 @@ def _size(config, part, material, order, reach):
     top = float(carried or _frequency(config) or 0.0)
     nodes = nodes_per_wavelength(order, mesh.accuracy, reach * top / material.cs)
     return order * material.cs / (nodes * top)
+
+
+def needs_of(config) -> dict[str, set[str]]:
+    """Return the tables on which mesh, receivers and records depend."""
+    mesh = {"mesh", "ground"}
+    parts = [config.mesh, *config.mesh.layers]
+    if any(part.edges_per_wavelength is not None for part in parts):
+        mesh |= {"materials"}
+    if config.ground.damaged_zone is not None:
+        mesh |= {"blast", "materials"}
+    return {"mesh": mesh, "receivers": mesh | {"receivers"}, "records": {"receivers"}}

@@ -28,8 +28,9 @@ OUTER = "west", "east", "south", "north", "bottom"
 OTHER = {
     "mesh.file": "is an imported mesh",
     "mesh.surface_file": "is a surveyed surface",
+    "mesh.benches": "are benches",
+    "mesh.fractures": "are fractures of limited extent",
     "mesh.joint_sets": "are joints at any angle",
-    "mesh.quadratic": "asks for the mesh of the project",
     "signature": "enters through a face",
     "point_forces": "is no hole",
     "moment_tensors": "is no hole",
@@ -206,7 +207,7 @@ def _not_flat(config, project):
     rate = project.inside.moment_rate
     if rate is not None and moment_begins(rate) < 0.0:
         return "the moment rate of holes_inside begins before a hole fires"
-    return ""
+    return "mesh.quadratic asks for the mesh of the project" if config.mesh.quadratic else ""
 
 
 def band_of(config) -> tuple[float, float] | None:

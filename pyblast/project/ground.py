@@ -18,7 +18,7 @@ from ..model.joint import POSITIVE, Joint, may_be_left_out, saturated
 from ..model.material import ConstantQ, Damping, Elastic, Material, MohrCoulomb
 from ..model.model import InSitu
 from ..units import plain_number, split_key, to_si
-from .section import read_columns
+from .surface import make_fractures
 
 
 def make_fields(config, blast, mesh) -> tuple:
@@ -58,11 +58,16 @@ def make_fields(config, blast, mesh) -> tuple:
     return tuple(fields)
 
 
+def damages_material(config) -> bool:
+    """Tell whether the damaged zone of a `GroundConfig` has a material, as no other blast has."""
+    return config.damaged_zone is not None and config.damaged_zone.material is not None
+
+
 def with_damaged_material(config, blast, mesh) -> Mesh:
     """Return a mesh whose zones near the holes have the material of a `DamagedZoneConfig`."""
-    part = config.damaged_zone
-    if part is None or part.material is None:
+    if not damages_material(config):
         return mesh
+    part = config.damaged_zone
     return damaged_group(mesh, _damaged(part, blast), part.radius_m, part.material)
 
 
@@ -214,6 +219,34 @@ def make_material(config):
     return material
 
 
+def make_materials(config) -> dict[str, Material]:
+    """Turn the materials of a `Config` into `Material`, by name."""
+    materials = {}
+    for name, part in config.materials.items():
+        with named_error(f"materials.{name}"):
+            materials[name] = make_material(part)
+    return materials
+
+
+def make_joints(config) -> tuple:
+    """Return the `Joint` of each joint surface of a `Config`.
+
+    Raises
+    ------
+    InputError
+        If a surface has no joint, or a joint no surface.
+    """
+    joints, taken = [], joint_of_surface(config.mesh)
+    for surface, name in taken.items():
+        if name not in config.joints:
+            raise InputError(f"joints.{name}: missing; the joint surface {surface!r} needs it")
+        joints.append(make_joint(f"joints.{name}", surface, config.joints[name]))
+    for name in config.joints:
+        if name not in taken.values():
+            raise InputError(f"joints.{name}: no joint set or fault of the mesh takes it")
+    return tuple(joints)
+
+
 def _elastic(config, values):
     """Make a material of one of the four ways to give elastic constants."""
     density = values.pop("density")
@@ -319,7 +352,8 @@ def joint_of_surface(config):
     """Return which entry of ``[joints]`` each joint surface of a `MeshConfig` takes."""
     if config.file is not None:
         return dict(config.file_joints)
-    return {part.name: part.joint or part.name for part in (*config.joint_sets, *config.faults)}
+    parts = (*config.joint_sets, *config.faults, *config.fractures)
+    return {part.name: part.joint or part.name for part in parts}
 
 
 def mean_edge(config, layer, material):
@@ -334,7 +368,7 @@ def mean_edge(config, layer, material):
     return material.cs / (per_wavelength * config.frequency_hz)
 
 
-def make_mesh(config, materials, folder) -> Mesh:
+def make_mesh(config, materials, folder, surface=None) -> Mesh:
     """Build or read the mesh of a project, not yet split.
 
     Parameters
@@ -343,6 +377,8 @@ def make_mesh(config, materials, folder) -> Mesh:
     materials : dict of str to Material
     folder : Path
         Where files of the project are looked for.
+    surface : (n, 3) float64, m, optional
+        Surveyed top surface.
     """
     if config.file is not None:
         return read_mesh(folder / config.file, config.file_groups or None, [*config.file_joints])
@@ -357,15 +393,16 @@ def make_mesh(config, materials, folder) -> Mesh:
         for part in config.layers
     ]
     if config.grid_cells is not None:
-        return _grid(config, layers)
-    return _jointed_rock(config, layers, folder)
+        return _grid(config, layers, surface)
+    return _jointed_rock(config, layers, surface, make_fractures(config, folder))
 
 
-def _grid(config, layers):
+def _grid(config, layers, surface):
     """Cut a regular grid; faults must lie on its planes."""
-    if config.joint_sets or config.surface_file is not None:
+    if config.joint_sets or config.fractures or surface is not None:
         raise InputError(
-            "mesh.grid_cells: a regular grid takes faults only, no joint_sets or surface_file"
+            "mesh.grid_cells: a regular grid takes faults only, no joint_sets, fractures, "
+            "surface_file or benches"
         )
     planes = {}
     for fault in config.faults:
@@ -392,19 +429,17 @@ def _axis_of(fault):
     )
 
 
-def _jointed_rock(config, layers, folder):
+def _jointed_rock(config, layers, surface, fractures):
     """Build jointed rock through gmsh."""
     low, size = np.array(config.origin_m), np.array(config.size_m)
     sets, faults = joints_and_faults(config)
     padding = None
     if config.padding_m is not None:
         padding = config.padding_m, config.padding_edge_m
-    surface = None
-    if config.surface_file is not None:
-        surface = read_surface(folder / config.surface_file)
     with named_error("mesh"):
         return build_mesh(
-            np.column_stack([low, low + size]), layers, sets, faults, edge=config.edge_m,
+            np.column_stack([low, low + size]), layers, sets, [*faults, *fractures],
+            edge=config.edge_m,
             surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
         )  # fmt: skip
 
@@ -432,14 +467,3 @@ def joints_and_faults(config):
 def _angles(part):
     """Return dip and dip direction in rad."""
     return to_si("dip_deg", part.dip_deg)[1], to_si("direction_deg", part.dip_direction_deg)[1]
-
-
-def read_surface(path):
-    """Read a surveyed surface, lines ``x_m,y_m,z_m``; return its places (n, 3) in m.
-
-    Raises
-    ------
-    ReadError
-        If the file can't be read or a line holds something else than three numbers.
-    """
-    return read_columns(path, ("x_m,y_m,z_m",))

@@ -438,3 +438,28 @@ def highest_frequency(motion):
     power = (np.abs(np.fft.rfft(velocity, axis=0)) ** 2).sum(axis=1)
     frequency = np.fft.rfftfreq(len(velocity), motion.dt)
     return float(frequency[np.searchsorted(np.cumsum(power), 0.95 * power.sum())])
+
+
+def named_files(config) -> list[str]:
+    """Return the names of all files that a `Config` names."""
+    names = config.mesh.files
+    if config.blast is not None:
+        names += [config.blast.file, config.blast.mapping]
+    if config.holes_inside is not None:
+        names.append(config.holes_inside.moment_rate_file)
+    if config.air_blast is not None:
+        names.append(config.air_blast.file)
+    several = config.point_forces, config.moment_tensors, config.pressures
+    names += [part.file for parts in several for part in parts]
+    records = [part.recorded for part in (config.signature, *config.receivers) if part]
+    names += [name for r in records if r is not None for name in (r.file, r.mapping)]
+    return [name for name in names if name is not None]
+
+
+def single_source(config) -> Blast:
+    """Return a blast of one hole at time 0 at the mean position of the sources of a `Config`."""
+    parts = (*config.point_forces, *config.moment_tensors)
+    centre = np.mean(
+        [[*p.position_m, 0.0][:3] for p in parts] or [[0.0] * 3], axis=0, keepdims=True
+    )
+    return Blast("source", centre, centre, np.full(1, np.nan), np.zeros(1))

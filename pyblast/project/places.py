@@ -32,6 +32,25 @@ def place_receivers(parts, mesh) -> tuple[Receiver, ...]:
     return tuple(receivers)
 
 
+def placed_again(receivers, parts, mesh) -> tuple[Receiver, ...]:
+    """Return receivers in another mesh; those whose `ReceiverConfig` has no height stand on it.
+
+    Raises
+    ------
+    InputError
+        If a receiver lies outside of the mesh.
+    """
+    standing = {part.name for part in parts if len(part.position_m) == 2}
+    placed = []
+    for receiver in receivers:
+        with named_error(f"receivers.{receiver.name}"):
+            if receiver.name in standing:
+                receiver = replace(receiver, position=on_ground(mesh, receiver.position[:2]))
+            placed.append(receiver)
+    refuse_outside(mesh, {f"receivers.{receiver.name}": receiver.position for receiver in placed})
+    return tuple(placed)
+
+
 def on_ground(mesh, position) -> tuple[float, float, float]:
     """Return a position (3,) in m, on the surface "top" where no height is given.
 
@@ -50,12 +69,14 @@ def on_ground(mesh, position) -> tuple[float, float, float]:
 
 
 def _height(mesh, position):
-    """Return the height of the surface "top" at a position (2,)."""
+    """Return the height of the surface "top" at a position (2,), of the crest of upright faces."""
     if mesh.hexahedral:
         return _height_of_hexahedra(mesh, position)
     corners = mesh.points[mesh.surfaces["top"]]
     a, b, c = (corners[:, k, :2] for k in range(3))
     area = _cross(b - a, c - a)
+    level = np.abs(area) > 1e-9 * (np.abs(b - a).max(axis=1) + np.abs(c - a).max(axis=1)) ** 2
+    corners, a, b, c, area = corners[level], a[level], b[level], c[level], area[level]
     u = _cross(position - a, c - a) / area
     v = _cross(b - a, position - a) / area
     inside = np.flatnonzero((u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9))
@@ -63,9 +84,8 @@ def _height(mesh, position):
         raise InputError(
             f"position_m: ({position[0]:g}, {position[1]:g}) m lies outside of the ground"
         )
-    k = inside[0]
-    heights = corners[k, :, 2]
-    return float(heights @ [1.0 - u[k] - v[k], u[k], v[k]])
+    shares = np.column_stack([1.0 - u - v, u, v])[inside]
+    return float(np.einsum("nk,nk->n", corners[inside, :, 2], shares).max())
 
 
 def _height_of_hexahedra(mesh, position):

@@ -19,16 +19,16 @@ from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
 from .config import Config, check_config, read_config
-from .elements import Ground, horizontal_positions, make_ground
+from .config_ground import GroundConfig, MeshConfig
+from .elements import Ground, horizontal_positions, make_ground, needs_of
 from .ground import (
-    joint_of_surface,
     jointed_media,
     make_boundaries,
     make_damping,
     make_fields,
     make_insitu,
-    make_joint,
-    make_material,
+    make_joints,
+    make_materials,
     refuse_open_sides,
     with_damaged_material,
 )
@@ -41,9 +41,11 @@ from .inputs import (
     make_firing,
     make_input,
     make_signature,
+    named_files,
     read_inside,
     read_record,
     shifts_of,
+    single_source,
 )
 from .places import (
     check_absorbing_layer,
@@ -53,6 +55,7 @@ from .places import (
     place_sources,
 )
 from .section import changed_tables, value_at
+from .surface import make_surface
 
 STEP_FACTOR = {False: 0.8, True: 0.95}  # over a bound of tetrahedra, over the limit of hexahedra
 
@@ -181,11 +184,20 @@ class Project:
         return self.lead + self.config.run.duration_s
 
     @_part
+    def surface(self) -> np.ndarray | None:
+        """Surveyed top surface, (n, 3) m, or its triangles (n, 3, 3)."""
+        return make_surface(self.config.mesh, self.folder)
+
+    @_part
+    def within(self) -> np.ndarray:
+        """Horizontal positions (n, 2) in m of sources and receivers of all blasts."""
+        return np.concatenate([horizontal_positions(each) for each in (self, *self.further)])
+
+    @_part
     def ground(self) -> Ground:
         """Mesh, not split, and why it has its elements."""
-        positions = horizontal_positions(self)
         with named_error(self.path.name):
-            return make_ground(self, positions)
+            return make_ground(self)
 
     @_part
     def mesh(self) -> Mesh:
@@ -280,16 +292,17 @@ class Project:
     def blasts(self) -> dict[str, Blast]:
         """Holes of this blast and of further ones by name; one hole stands for other sources."""
         return {
-            project.name: project.blast or _single_source(project)
+            project.name: project.blast or single_source(project.config)
             for project in (self, *self.further)
         }
 
     def of(self, name: str) -> "Project":
         """Return the project of one of the blasts alone, in the ground of this project."""
         own = next(project for project in (self, *self.further) if project.name == name)
-        config = own.config.model_copy(update={"mesh": self.config.mesh})
-        ground = {"materials": self.materials, "joints": self.joints, "fields": self.fields}
-        return replace(own, config=config, further=(), **ground)
+        tables = {name: getattr(self.config, name) for name in OF_GROUND}
+        config = own.config.model_copy(update=tables)
+        parts = {"materials": self.materials, "joints": self.joints, "fields": self.fields}
+        return replace(own, config=config, further=(), **parts)
 
     def changed(
         self,
@@ -297,18 +310,27 @@ class Project:
         materials: dict[str, Material] | None = None,
         joints: Iterable[Joint] | None = None,
         fields: Iterable | None = None,
-        mesh=None,
+        mesh: MeshConfig | None = None,
+        ground: GroundConfig | None = None,
+        surface: np.ndarray | None = None,
         blasts: dict[str, Blast] | None = None,
         receivers: Iterable[Receiver] | None = None,
         records: dict[str, dict[str, Recording]] | None = None,
     ) -> "Project":
         """Return the project with other parts; what the sources do stays as it is.
 
+        Another geometry is another table ``mesh`` (faults, layers, box), ``ground`` (damaged zone)
+        or ``surface``, with ``joints`` and ``materials`` to match: the mesh is then built anew
+        when it is first used. A fault without a joint of its name stays closed; zones end on it.
+
         Parameters
         ----------
         materials, joints, fields
             Of the ground, in place of those that it has.
         mesh : MeshConfig, optional
+        ground : GroundConfig, optional
+        surface : (n, 3) float64, m, optional
+            Surveyed top surface, in place of ``mesh.surface_file``.
         blasts : dict of str to Blast, optional
             All that there are then.
         receivers : sequence of Receiver, optional
@@ -316,12 +338,23 @@ class Project:
         records : dict of str to dict of str to Recording, optional
             By blast and receiver.
         """
-        ground = {"materials": materials, "joints": joints, "fields": fields}
-        ground = {key: value for key, value in ground.items() if value is not None}
-        ground |= {key: tuple(value) for key, value in ground.items() if key != "materials"}
-        if mesh is not None:
-            ground["config"] = self.config.model_copy(update={"mesh": mesh})
-        every = [self, *self.further]
+        parts = {"materials": materials, "joints": joints, "fields": fields}
+        parts = {key: value for key, value in parts.items() if value is not None}
+        parts |= {key: tuple(parts[key]) for key in ("joints", "fields") if key in parts}
+        tables = {"mesh": mesh, "ground": ground}
+        tables = {key: table for key, table in tables.items() if table is not None}
+        parts["config"] = self.config.model_copy(update=tables)
+        own = parts.setdefault("joints", self.joints)
+        stale = {"sources", "model", "absorbing_layer"}
+        if tables or surface is not None:
+            stale |= {"mesh", "ground"}
+        if [j.surface for j in self.joints] != [j.surface for j in own]:
+            stale |= {"mesh"}
+        other = {} if surface is None else {"surface": surface}
+        every = [
+            replace(each, given={k: v for k, v in each.given.items() if k not in stale} | other)
+            for each in (self, *self.further)
+        ]
         if blasts is not None:
             every = [replace(each, given={**each.given, "blast": blasts[each.name]})
                      for each in every if each.name in blasts]  # fmt: skip
@@ -332,40 +365,24 @@ class Project:
             every = [replace(each, given={**each.given, "records": records.get(each.name, {})})
                      for each in every]  # fmt: skip
         if materials is not None:
-            every = [replace(each, given={**each.given, "inside": each.inside}) for each in every]
+            names = "inside", "signature", "input"
+            every = [
+                replace(each, given=each.given | {name: getattr(each, name) for name in names})
+                for each in every
+            ]
         first, *further = every
-        shared = {"materials": self.materials, "joints": self.joints, "fields": self.fields}
-        return replace(first, further=tuple(further), **{**shared, **ground})
+        shared = {"materials": self.materials, "fields": self.fields}
+        return replace(first, further=tuple(further), **shared | parts)
 
     @cached_property
     def input_files(self) -> dict[str, str]:
         """SHA-256 of the project file and of every file that it names."""
-        config = self.config
-        names = [self.path.name, config.mesh.file, config.mesh.surface_file]
-        if config.blast is not None:
-            names += [config.blast.file, config.blast.mapping]
-        if config.holes_inside is not None:
-            names.append(config.holes_inside.moment_rate_file)
-        if config.air_blast is not None:
-            names.append(config.air_blast.file)
-        several = config.point_forces, config.moment_tensors, config.pressures
-        names += [part.file for parts in several for part in parts]
-        records = [part.recorded for part in (config.signature, *config.receivers) if part]
-        names += [name for r in records if r is not None for name in (r.file, r.mapping)]
-        files = {name: (self.folder / name).read_bytes() for name in names if name is not None}
+        names = [self.path.name, *named_files(self.config)]
+        files = {name: (self.folder / name).read_bytes() for name in names}
         return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
 
 
-def _single_source(project):
-    """Return a blast of one hole at time 0 at the mean position of the sources."""
-    config = project.config
-    parts = (*config.point_forces, *config.moment_tensors)
-    centre = np.mean(
-        [[*p.position_m, 0.0][:3] for p in parts] or [[0.0] * 3], axis=0, keepdims=True
-    )
-    return Blast("source", centre, centre, np.full(1, np.nan), np.zeros(1))
-
-
+OF_GROUND = "mesh", "boundaries", "absorbing_layer", "ground", "damping", "insitu"
 SHARED = (
     "mesh", "materials", "joints", "boundaries", "absorbing_layer", "ground", "damping", "insitu",
     "holes_inside", "blast.charge_exponent",
@@ -430,20 +447,9 @@ def make_project(config, path, given=None) -> Project:
         Parts that replace those of the file.
     """
     path = Path(path)
-    materials = {}
-    for name, part in config.materials.items():
-        with named_error(f"{path.name}: materials.{name}"):
-            materials[name] = make_material(part)
-    joints = []
     with named_error(path.name):
-        for surface, name in joint_of_surface(config.mesh).items():
-            if name not in config.joints:
-                raise InputError(f"joints.{name}: missing; the joint surface {surface!r} needs it")
-            joints.append(make_joint(f"joints.{name}", surface, config.joints[name]))
-        for name in config.joints:
-            if name not in joint_of_surface(config.mesh).values():
-                raise InputError(f"joints.{name}: no joint set or fault of the mesh takes it")
-    return Project(path, config, materials, tuple(joints), path.stem, given=dict(given or {}))
+        materials, joints = make_materials(config), make_joints(config)
+    return Project(path, config, materials, joints, path.stem, given=dict(given or {}))
 
 
 CHEAP = {"joints", "damping"}
@@ -477,7 +483,7 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
         for table in Config.model_fields
         if getattr(config, table) != getattr(project.config, table)
     }
-    reused = {name for name, needs in _needs(config).items() if not tables & needs}
+    reused = {name for name, needs in needs_of(config).items() if not tables & needs}
     cheap = tables <= CHEAP and "model" in known and not config.boundaries.jointed_faces
     if cheap:
         reused |= {"blast", "firing", "signature", "input", "inside", "sources", "absorbing_layer"}
@@ -487,14 +493,3 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
         return varied
     model = replace(known["model"], joints=varied.joints, damping=make_damping(config))
     return replace(varied, given={**given, "model": model})
-
-
-def _needs(config):
-    """Return the tables on which mesh, receivers and records depend."""
-    mesh = {"mesh", "ground"}
-    parts = [config.mesh, *config.mesh.layers]
-    if any(part.edges_per_wavelength is not None for part in parts):
-        mesh |= {"materials"}
-    if config.ground.damaged_zone is not None:
-        mesh |= {"blast", "materials"}
-    return {"mesh": mesh, "receivers": mesh | {"receivers"}, "records": {"receivers"}}

@@ -24,6 +24,7 @@ from ..diagnosis.thresholds import (
     STIFFNESS_SIGMA,
 )
 from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
+from ..project.elements import elements_of
 from ..project.flat_box import quality_of
 from ..project.result import plain, write_text
 from ..units import FACTORS
@@ -369,7 +370,7 @@ def assumptions(diagnosis: Diagnosis, summary: dict) -> list[str]:
         "larger. Noise is estimated from the windows before the blasts.",
         "Nothing is reported as missing while the mean square misfit of every receiver and every "
         f"blast is below {MATERIAL:g} times noise and model error.",
-        "Runs use the mesh of the project, without correction by a finer one."
+        f"The ground is made of {elements_of(case.project)}{finer}."
         if cut is None
         else f"Zones are quadratic, with edges of {cut.edge:.3g} m{finer}.",
         "Attenuation of the reference site: "

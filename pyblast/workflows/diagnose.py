@@ -17,7 +17,7 @@ from ..diagnosis.calibration import calibrate
 from ..diagnosis.case import Case, case_of
 from ..diagnosis.decision import Decision, decide
 from ..diagnosis.effects import Scene, effects_of, predict
-from ..diagnosis.forward import Forward
+from ..diagnosis.forward import Forward, finer_mesh
 from ..diagnosis.null_distribution import NullDistribution, null_distribution
 from ..diagnosis.search import Search, search
 from ..diagnosis.summary import summarise
@@ -92,7 +92,7 @@ def diagnose(
         As for `run_all`.
     cuts : tuple of Discretization and Discretization or None, optional
         Discretizations of a flat box for most runs, and for those that correct them; by default
-        from wavelengths. Any other project is run on its own mesh, without correction.
+        from wavelengths. Any other project has its own elements, see `for_band`.
     progress : callable, optional
         Called with (stage, done, total).
 
@@ -111,7 +111,9 @@ def diagnose(
     case = case_of(project)
     rough, fine = cuts or (cut_of(case.project), cut_of(case.project, fine=True))
     forward = Forward(case, rough, folder, executor)
-    finer = None if fine is None else Forward(case, fine, folder, executor)
+    finer = Forward(case, fine, folder, executor, fine=True)
+    if fine is None and (cuts or finer_mesh(case.project) is None):
+        finer = None
     report("calibration", 0, 1)
     baseline = calibrate(forward, finer)
     report("holes", 0, 1)

@@ -20,6 +20,7 @@ from pyblast.errors import InputError
 from pyblast.project.flat_box import flat_box, flat_model, not_flat, quality_of
 from pyblast.project.project import load_project, with_further
 from pyblast.recordings.recording import read_stations
+from pyblast.runs.parallel import input_hash
 from pyblast.workflows.diagnose import (
     check_further,
     cut_of,
@@ -63,6 +64,8 @@ moment_rate_file = "source.csv"
 duration_s = 0.4
 compare_band_hz = [4, 25]
 """
+FAULT = ("[[mesh.faults]]", "[materials.rock]"), ("[joints.J1]", "[boundaries]")
+LAYER = "\n[[mesh.layers]]"
 BLAST = """
 [blast]
 file = "{name}_holes.csv"
@@ -230,6 +233,46 @@ def test_other_projects_are_run_on_their_own_mesh_and_say_what_they_do_not_test(
     assert not forward.holds(
         LIBRARY["wrong_coordinates/blast"].apply(case.project, "B1", east=500.0, north=0.0)
     )
+
+
+def test_another_geometry_is_the_model_of_a_file_that_has_it(tmp_path):
+    folders = [tmp_path / name for name in ("dips", "none")]
+    for folder in folders:
+        folder.mkdir()
+    dips = ("dip_deg = 90", "dip_deg = 60"), ("extent_m = [50, 30]", "")
+    fault, joint = (GROUND[GROUND.index(a) : GROUND.index(b)] for a, b in FAULT)
+    case = case_of(read_case(written(folders[0], believed(), *dips)))
+    box = f"padding_m = 30\npadding_edge_m = 20\nquadratic = true{LAYER}"
+    other = (fault, ""), (joint, ""), (f"padding_m = 30\npadding_edge_m = 20{LAYER}", box)
+    there = case_of(read_case(written(folders[1], believed(), *other)))
+    forward, project = Forward(case, None), case.project
+    mesh = project.config.mesh.model_copy(update={"faults": []})
+    changed = project.changed(mesh=mesh, joints=())
+    wanted = Forward(there, None).model(there.project, "B1")
+
+    assert project.mesh.hexahedral
+    assert input_hash(forward.model(changed, "B1")) == input_hash(wanted)
+    assert input_hash(forward.model(project, "B1")) != input_hash(wanted)
+    assert not forward.holds(project.changed(mesh=mesh.model_copy(update={"size_m": [20, 20, 9]})))
+
+
+def test_receivers_without_a_height_stand_on_another_surface(tmp_path):
+    dips = ("dip_deg = 90", "dip_deg = 60"), ("extent_m = [50, 30]", "")
+    case = case_of(read_case(written(tmp_path, believed(), *dips)))
+    corners = np.array([(x, y, TOP) for x in (-50.0, 170.0) for y in (-50.0, 140.0)])
+    higher = case.project.changed(surface=corners + np.array([0.0, 0.0, 4.0]))
+    finer = Forward(case, None, fine=True)
+    before, after, fine = (
+        forward.model(project, "S1")
+        for forward, project in (
+            (Forward(case, None), case.project), (Forward(case, None), higher), (finer, higher)
+        )
+    )  # fmt: skip
+    heights = [[one.position[2] for one in model.receivers] for model in (before, after, fine)]
+
+    np.testing.assert_allclose(np.subtract(heights[1], heights[0]), [4.0, 4.0, 4.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(heights[2], heights[1], atol=1e-6)
+    assert len(fine.nodes.points) > len(after.nodes.points)
 
 
 def test_quality_factors_of_all_layers_are_those_of_the_site(tmp_path):
