@@ -139,7 +139,7 @@ class Scene:
         """Run states and return those whose runs succeed; one by one if any fails."""
         try:
             self._run([(key, b) for key in keys for b in blasts], projects)
-        except SolverError:
+        except (InputError, SolverError):
             if len(keys) > 1:
                 return [key for key in keys if self._possible([key], blasts, projects)]
             if not keys[0][1]:

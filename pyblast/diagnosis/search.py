@@ -345,8 +345,8 @@ def _from_further_starts(search, result):
         at, own = names.index(name), tried[0].effect.values
         others = [replace(effect, values=(*own[:at], (start,), *own[at + 1 :])) for start in starts]
         search.scene.simulate([(x_ref, (other,)) for other in others], result.blasts)
-        found = [_screening_result(search, other, x_ref, result.blasts) for other in others]
-        tried = [*tried, *filter(None, found)]
+        results = [_screening_result(search, other, x_ref, result.blasts) for other in others]
+        tried = [*tried, *filter(None, results)]
         tried.sort(key=lambda each: -each.share)
     return tried[0]
 

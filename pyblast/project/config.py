@@ -154,9 +154,9 @@ class CandidateConfig(Section):
         """Ask for a change."""
         if not self.tables:
             raise ValueError("changes nothing; give mesh, materials, joints or ground")
-        kept = {"size_m", "origin_m", "file"} & set(self.mesh)
-        if kept:
-            raise ValueError(f"mesh.{min(kept)}: the box of the project stays; leave it out")
+        fixed = {"size_m", "origin_m", "file"} & set(self.mesh)
+        if fixed:
+            raise ValueError(f"mesh.{min(fixed)}: the box of the project stays; leave it out")
         return self
 
 

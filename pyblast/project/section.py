@@ -302,17 +302,17 @@ def merged(table: dict, other: dict, by_name: bool = False) -> dict:
     >>> merged(faults, {"faults": [{"name": "F1", "dip_deg": 70}, {"name": "F2"}]}, by_name=True)
     {'faults': [{'name': 'F1', 'dip_deg': 70}, {'name': 'F2'}]}
     """
-    found = dict(table)
+    result = dict(table)
     for key, value in other.items():
-        own = found.get(key)
+        own = result.get(key)
         if isinstance(value, dict) and isinstance(own, dict):
             value = merged(own, value, by_name)
         elif by_name and _have_names(value) and _have_names(own):
             known = {part["name"]: part for part in own}
             changed = {v["name"]: merged(known.get(v["name"], {}), v, by_name) for v in value}
             value = [*(known | changed).values()]
-        found[key] = value
-    return found
+        result[key] = value
+    return result
 
 
 def _have_names(value):

@@ -60,7 +60,7 @@ def test_charges_of_six_to_one_and_receivers_around_test_every_effect():
 def test_known_quality_factors_are_not_asked_for():
     told = untestable_labels(heard(fading(small_site())))
 
-    assert set(told) == {"attenuation_Q", "anisotropy"}
+    assert set(told) == {"attenuation_Q", "anisotropy", "candidate"}
     assert "Qp 60 and Qs 40" in told["attenuation_Q"]
 
 
@@ -73,7 +73,8 @@ def test_one_blast_tests_nothing_that_grows_with_charge():
 def test_one_blast_tests_no_effect_of_a_receiver_alone():
     told = untestable_labels(heard(with_blasts("B1")))
 
-    assert set(told) - AMPLITUDE == {"instrument_response", "sensor_orientation_or_polarity"}
+    own = {"instrument_response", "sensor_orientation_or_polarity", "candidate"}
+    assert set(told) - AMPLITUDE == own
     assert "one blast" in told["instrument_response"]
     assert LIBRARY["clock_error"].untestable(heard(with_blasts("B1")))
     assert not LIBRARY["clock_error/blast"].untestable(heard(with_blasts("B1")))
@@ -84,7 +85,7 @@ def test_charges_of_two_to_one_test_nothing_that_grows_with_charge():
     twice = replace(site.blasts["S1"], charge=np.array([30.0]))
     told = untestable_labels(heard(site.changed(blasts={**site.blasts, "S1": twice})))
 
-    assert set(told) == AMPLITUDE
+    assert set(told) == AMPLITUDE | {"candidate"}
     assert "2 to one" in told["joint_slip"]
 
 

@@ -105,9 +105,9 @@ def _candidates(case, orientations):
         inner = [*at[: len(holes)], *_on_top(through, dip, direction, project)]
         stops = [at.min(), *sorted(p for p in inner if at.min() < p < at.max()), at.max()]
         names += [
-            f"dip {dip:g} to {direction:g} at {place:.1f}"
+            f"dip {dip:g} to {direction:g} at {position:.1f}"
             for before, after in pairwise(stops)
-            for place in between(before, after, spacing)
+            for position in between(before, after, spacing)
         ]
     return tuple(names)
 
@@ -144,11 +144,11 @@ def dipping_planes(case) -> tuple[str, ...]:
 
 def _fault(project, target, offset, turn=0.0, steeper=0.0):
     """Return the `FaultConfig` of a candidate plane; None outside of the box or beside another."""
-    _, dip, _, direction, _, place = target.split()
+    _, dip, _, direction, _, position = target.split()
     dip, direction = float(dip) + math.degrees(steeper), float(direction) + math.degrees(turn)
     if dip > UPRIGHT:
         dip, direction = 2.0 * UPRIGHT - dip, direction + 180.0
-    x, y = _centre(project) + (float(place) + offset) * _direction(float(target.split()[3]))
+    x, y = _centre(project) + (float(position) + offset) * _direction(float(target.split()[3]))
     mesh = project.config.mesh
     low, high = np.array(mesh.origin_m[:2]), np.add(mesh.origin_m, mesh.size_m)[:2]
     if not (np.all(low < (x, y)) and np.all((x, y) < high)):
@@ -175,9 +175,9 @@ def _apart(project, fault):
     return True
 
 
-def _with_joint(project, target, kn, ks, **place):
+def _with_joint(project, target, kn, ks, **where):
     """Return a project with one more joint on a candidate plane; None if it can't be meshed."""
-    fault = _fault(project, target, **place)
+    fault = _fault(project, target, **where)
     if fault is None or not _apart(project, fault):
         return None
     mesh = project.config.mesh
@@ -235,10 +235,10 @@ def dipping_joint(project, target, offset, turn, steeper, kn, ks):
 
 def families(case) -> tuple[str, ...]:
     """Name the faults that share an orientation, together."""
-    found = {}
+    parallel = {}
     for fault in case.project.config.mesh.faults:
-        found.setdefault(_orientation(fault), []).append(fault.name)
-    return tuple(", ".join(names) for names in found.values())
+        parallel.setdefault(_orientation(fault), []).append(fault.name)
+    return tuple(", ".join(names) for names in parallel.values())
 
 
 def faults_of_families(case) -> tuple[str, ...]:
@@ -257,8 +257,8 @@ def _moved(project, target, dip, turn, shift):
                 return None
             x, y = np.add(fault.through_m[:2], shift * _direction(fault.dip_direction_deg))
             bearing = (fault.dip_direction_deg + math.degrees(turn)) % 360.0
-            place = [float(x), float(y), fault.through_m[2]]
-            changed = {"dip_deg": steeper, "dip_direction_deg": bearing, "through_m": place}
+            through = [float(x), float(y), fault.through_m[2]]
+            changed = {"dip_deg": steeper, "dip_direction_deg": bearing, "through_m": through}
             fault = fault.model_copy(update=changed)
         faults.append(fault)
     return _as_meshed(project, project.changed(mesh=mesh.model_copy(update={"faults": faults})))
@@ -334,24 +334,26 @@ def directions(case) -> tuple[str, ...]:
         Parameter(
             "height", mean=0.0, sigma=10.0, unit="m", starts=(-8.0, 8.0), low=-40.0, high=40.0
         ),
-        Parameter("place", mean=0.0, sigma=30.0, unit="m", starts=(0.0,), low=-120.0, high=120.0),
+        Parameter(
+            "position", mean=0.0, sigma=30.0, unit="m", starts=(0.0,), low=-120.0, high=120.0
+        ),
         Parameter(
             "width", mean=10.0, sigma=0.6, unit="m", log=True, starts=(10.0,), low=2.0, high=60.0
         ),
         Parameter("turn", mean=0.0, sigma=0.25, unit="rad", starts=(0.0,), low=-0.8, high=0.8),
     ],
     decided_by="a survey of the ground surface",
-    further=(("place", (-40.0, -20.0, 20.0, 40.0)),),
+    further=(("position", (-40.0, -20.0, 20.0, 40.0)),),
     simulated=(remeshable, flat_top),
 )
-def slope(project, target, height, place, width, turn):
+def slope(project, target, height, position, width, turn):
     """A bench or slope is left out: the ground beyond it, in this direction, is higher or lower."""
     along = _direction(45.0 * COMPASS.index(target) + math.degrees(turn))
     across = np.array([-along[1], along[0]])
     reach = BEYOND * math.hypot(*project.config.mesh.size_m[:2])
-    edges = place + width * np.linspace(-0.5, 0.5, SURVEY)
+    edges = position + width * np.linspace(-0.5, 0.5, SURVEY)
     rows = np.array([-reach, *edges, reach])
-    heights = _top(project) + height * np.clip((rows - place) / width + 0.5, 0.0, 1.0)
+    heights = _top(project) + height * np.clip((rows - position) / width + 0.5, 0.0, 1.0)
     sides = np.linspace(-reach, reach, SURVEY)
     middle = project.within.mean(axis=0)
     places = [
