@@ -3,15 +3,18 @@
 import math
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from library_scene import applied, scene, sent, shared
 from small_site import TABLES, small_site
 
+from pyblast.diagnosis import search as module
+from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.geometry import _fault, _on_top
-from pyblast.errors import InputError
+from pyblast.errors import InputError, SolverError
 from pyblast.project.config import check_config
 from pyblast.project.config_ground import FaultConfig
 from pyblast.project.places import on_ground
@@ -237,3 +240,51 @@ def test_a_candidate_that_breaks_a_rule_is_refused_in_one_sentence(candidate, me
 def test_two_candidates_need_two_names():
     with pytest.raises(InputError, match="same name"):
         with_candidates(SECOND, SECOND)
+
+
+def test_further_starts_are_tried_where_the_best_screened_target_is(monkeypatch):
+    best = Effect("topography", "N", ((8.0,), (0.0,), (10.0,), (0.0,)))
+    result, tried = module.ScreeningResult(best, 0.2, np.zeros(0), (0,)), []
+
+    def screened(_, effect, __, blasts):
+        tried.append((effect.target, effect.values[1][0], blasts))
+        near = effect.values[1][0] == 20.0
+        return replace(result, effect=effect, share=0.6) if near else None
+
+    there = SimpleNamespace(simulate=lambda *_: None)
+    none = SimpleNamespace(values=np.zeros(2))
+    monkeypatch.setattr(module, "_screening_result", screened)
+    found = module._from_further_starts(SimpleNamespace(scene=there, without_effects=none), result)
+
+    assert found.effect.values == ((8.0,), (20.0,), (10.0,), (0.0,))
+    assert tried == [("N", at, (0,)) for at in (-40.0, -20.0, 20.0, 40.0)]
+
+
+def test_a_state_that_can_not_be_run_is_impossible_and_the_others_are_run():
+    class Stub(Scene):
+        def __init__(self):
+            self.done = []
+
+        def _run(self, required, projects):
+            if any(key[1] == ("bad",) for key, _ in required):
+                raise SolverError("the energy grows")
+            self.done += required
+
+    there = Stub()
+    states = [((0.0,), ()), ((0.0,), ("bad",)), ((0.0,), ("good",))]
+
+    assert there._possible(states, [0, 1], {}) == [states[0], states[2]]
+    assert there.done == [(key, b) for key in (states[0], states[2]) for b in (0, 1)]
+    with pytest.raises(SolverError):
+        StubAlone()._possible(states[:1], [0], {})
+
+
+class StubAlone(Scene):
+    """A scene whose every run fails."""
+
+    def __init__(self):
+        """Begin without a calibration."""
+
+    def _run(self, required, projects):
+        """Fail."""
+        raise SolverError("the energy grows")
