@@ -260,31 +260,27 @@ def test_further_starts_are_tried_where_the_best_screened_target_is(monkeypatch)
     assert tried == [("N", at, (0,)) for at in (-40.0, -20.0, 20.0, 40.0)]
 
 
-def test_a_state_that_can_not_be_run_is_impossible_and_the_others_are_run():
-    class Stub(Scene):
-        def __init__(self):
-            self.done = []
+def test_a_state_that_can_not_be_run_is_impossible_and_the_others_are_run(monkeypatch):
+    done = []
 
-        def _run(self, required, projects):
-            if any(key[1] == ("bad",) for key, _ in required):
-                raise SolverError("the energy grows")
-            self.done += required
+    def run(_, required, __):
+        if any(key[1] == ("bad",) for key, _ in required):
+            raise SolverError("the energy grows")
+        done.extend(required)
 
-    there = Stub()
+    monkeypatch.setattr(Scene, "_run", run)
+    there = object.__new__(Scene)
     states = [((0.0,), ()), ((0.0,), ("bad",)), ((0.0,), ("good",))]
 
     assert there._possible(states, [0, 1], {}) == [states[0], states[2]]
-    assert there.done == [(key, b) for key in (states[0], states[2]) for b in (0, 1)]
-    with pytest.raises(SolverError):
-        StubAlone()._possible(states[:1], [0], {})
+    assert done == [(key, b) for key in (states[0], states[2]) for b in (0, 1)]
 
 
-class StubAlone(Scene):
-    """A scene whose every run fails."""
-
-    def __init__(self):
-        """Begin without a calibration."""
-
-    def _run(self, required, projects):
-        """Fail."""
+def test_a_reference_that_can_not_be_run_ends_the_diagnosis(monkeypatch):
+    def fail(*_):
         raise SolverError("the energy grows")
+
+    monkeypatch.setattr(Scene, "_run", fail)
+
+    with pytest.raises(SolverError):
+        object.__new__(Scene)._possible([((0.0,), ())], [0], {})
