@@ -14,13 +14,11 @@ from ..model.model import Model
 from ..signals.seismogram import Seismogram
 from . import assembly
 from .assembly import Step
-from .edge_springs import EDGE_ARRAYS, without_edges
-from .initial_stress import can_yield
+from .edge_springs import common_edges
 from .model_file import read_checkpoint, write_checkpoint
-from .preparation import LEDGER_EVERY, Chunks, Prepared, prepare, versions
+from .preparation import LEDGER_EVERY, Chunks, Prepared, peak_interval, prepare, versions
 
 CHECKPOINT_SECONDS = 30.0
-PEAK_SAMPLES = 20  # of a period, for the peak velocity of nodes
 GROWTH = 4.0  # of energy after the sources, at which a run with an absorbing layer stops
 VISIBLE = 1e-6  # of the largest energy, below which growth is not judged
 
@@ -178,9 +176,8 @@ class _Integration:
 
     def _steps_to(self, last):
         """Return the steps to the next sample of the peaks, or to the last step before it."""
-        if self.every is None:
-            return last - self.step
-        return min(last, (self.step // self.every + 1) * self.every) - self.step
+        every = self.every or last
+        return min(last, (self.step // every + 1) * every) - self.step
 
     def _take_snapshot(self, stops):
         """Store a snapshot at the requested steps."""
@@ -203,18 +200,19 @@ class _Integration:
 
     def save(self, path):
         """Write a checkpoint."""
-        records = {"motion": self.motion, "energy": self.energy, "peak": self.peak}
-        write_checkpoint(
-            path, self.prepared.fingerprint, self.step, self.state, records, self.snapshots
-        )
+        key = self.prepared.fingerprint
+        write_checkpoint(path, key, self.step, self.state, self._records(), self.snapshots)
+
+    def _records(self):
+        """Return what is recorded at every step."""
+        return {"motion": self.motion, "energy": self.energy, "peak": self.peak}
 
     def restore(self, path):
         """Restore a checkpoint of the same model."""
-        records = {"motion": self.motion, "energy": self.energy, "peak": self.peak}
         self.step, self.state, records, self.snapshots = read_checkpoint(
-            path, self.prepared.fingerprint, self.state, records
+            path, self.prepared.fingerprint, self.state, self._records()
         )
-        self.motion, self.energy, self.peak = (records[n] for n in ("motion", "energy", "peak"))
+        self.motion, self.energy, self.peak = records.values()
 
     def result(self, wall_seconds):
         """Return the result of the run."""
@@ -223,19 +221,6 @@ class _Integration:
             {step * self.dt: velocity for step, velocity in self.snapshots.items()},
         )  # fmt: skip
         return replace(run, peak_velocity=self.peak)
-
-
-def peak_interval(dt: float, frequency: float, prepared: Prepared) -> int:
-    """Return the steps between samples of peak velocity: at least 20 a period of a frequency in Hz.
-
-    It divides the rounds of the energy balance or holds whole rounds. Where zones may yield it
-    holds whole rounds always, since their check is made at the start of each chunk.
-    """
-    most = max(1, int(1.0 / (PEAK_SAMPLES * frequency * dt)))
-    constants = prepared.constants
-    if most >= LEDGER_EVERY or (not constants["hex_order"] and can_yield(constants).any()):
-        return max(1, most // LEDGER_EVERY) * LEDGER_EVERY
-    return max(k for k in range(1, LEDGER_EVERY) if LEDGER_EVERY % k == 0 and k <= most)
 
 
 def collect(
@@ -417,7 +402,7 @@ def stacked(
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Stack the arrays of models as members of a batch; unused ones repeat the first model."""
     rates = sorted({rate for each in constants for rate in each["memory_rate"]})
-    constants = _common_edges([_at_rates(each, rates) for each in constants])
+    constants = common_edges([_at_rates(each, rates) for each in constants])
     fill = core.BATCH_SIZE - len(constants)
     loads, histories = _merged_loads(constants, fill)
     shifted = [
@@ -443,14 +428,6 @@ def stacked(
         else states[0][name]
         for name in states[0]
     }
-
-
-def _common_edges(constants):
-    """Return the constants of models, without edge springs if these differ."""
-    same = all(
-        np.array_equal(constants[0][name], each[name]) for each in constants for name in EDGE_ARRAYS
-    )
-    return constants if same else [without_edges(each) for each in constants]
 
 
 def _at_rates(constants, rates):
