@@ -366,17 +366,15 @@ class Project:
         if blasts is not None:
             every = [each.firing_as(blasts[each.name]) for each in every if each.name in blasts]
         if receivers is not None:
-            given = {"receivers": tuple(receivers)}
-            every = [replace(each, given=each.given | given) for each in every]
+            every = [replace(e, given=e.given | {"receivers": tuple(receivers)}) for e in every]
         if records is not None:
             every = [
-                replace(each, given=each.given | {"records": records.get(each.name, {})})
-                for each in every
+                replace(e, given=e.given | {"records": records.get(e.name, {})}) for e in every
             ]
         if materials is not None:
             every = [
-                replace(each, given=each.given | {name: getattr(each, name) for name in ENTERS})
-                for each in every
+                replace(e, given=e.given | {name: getattr(e, name) for name in ENTERS})
+                for e in every
             ]
         parts = {"materials": self.materials, "fields": self.fields} | parts
         return replace(every[0], further=tuple(every[1:]), **parts)
