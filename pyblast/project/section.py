@@ -307,7 +307,7 @@ def merged(table: dict, other: dict, by_name: bool = False) -> dict:
         own = result.get(key)
         if isinstance(value, dict) and isinstance(own, dict):
             value = merged(own, value, by_name)
-        elif by_name and _have_names(value) and _have_names(own):
+        elif by_name and isinstance(own, list) and _have_names(value) and _have_names(own):
             known = {part["name"]: part for part in own}
             changed = {v["name"]: merged(known.get(v["name"], {}), v, by_name) for v in value}
             value = [*(known | changed).values()]

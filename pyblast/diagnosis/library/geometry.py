@@ -41,6 +41,13 @@ def _direction(degrees):
     return np.array([math.sin(math.radians(degrees)), math.cos(math.radians(degrees))])
 
 
+def _highest(project):
+    """Return the highest frequency in Hz that is compared."""
+    band = band_of(project.config)
+    assert band is not None  # a case has one
+    return band[1]
+
+
 def _top(project):
     """Return the height in m of the flat top of the box."""
     mesh = project.config.mesh
@@ -162,7 +169,7 @@ def _fault(project, target, offset, turn=0.0, steeper=0.0):
 def _apart(project, fault):
     """Tell whether a plane keeps its distance from listed parallel ones."""
     fastest = max(project.materials[name].cs for name in ground_materials(project))
-    least = NEAREST * fastest / (EDGES * band_of(project.config)[1])
+    least = NEAREST * fastest / (EDGES * _highest(project))
     dip, direction = _orientation(fault)
     along = _direction(direction)
     for other in project.config.mesh.faults:
@@ -435,4 +442,4 @@ def candidate(project, target):
     changed = project.changed(
         materials=materials, joints=joints, mesh=config.mesh, ground=config.ground
     )
-    return changed.changed(mesh=for_band(changed, band_of(project.config)[1]))
+    return changed.changed(mesh=for_band(changed, _highest(project)))
