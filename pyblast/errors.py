@@ -52,7 +52,7 @@ class Finding:
     Parameters
     ----------
     code : str
-        D1 to D36.
+        D1 to D37.
     title, text : str
         What it is in general; what it is here, in numbers.
     failed : bool

@@ -221,6 +221,8 @@ class CutReport:
         Zones whose smallest altitude is below a tenth of their longest edge, before and after.
     thinnest : tuple of 2 float
         Smallest such ratio, before and after.
+    terrain : float, m
+        Largest displacement of the ground surface to a corner of joints.
     """
 
     cells: int
@@ -230,6 +232,7 @@ class CutReport:
     refused: int
     slivers: tuple[int, int] = (0, 0)
     thinnest: tuple[float, float] = (0.0, 0.0)
+    terrain: float = 0.0
 
 
 @dataclass
@@ -269,6 +272,7 @@ def rock_cells(
     joint_sets: Sequence[tuple[JointSet, set[int]]],
     faults: Sequence[Fault],
     margin: float = 0.0,
+    top: float | None = None,
 ) -> tuple[Cells, CutReport]:
     """Cut a box into the cells between layers, joints and faults.
 
@@ -282,6 +286,8 @@ def rock_cells(
     faults : sequence of Fault
     margin : float, m
         Padding beyond sides and bottom of the box; joint sets end at the box.
+    top : float or None, m
+        Height up to which the first layer is continued; default: the top of the box.
 
     Returns
     -------
@@ -290,6 +296,7 @@ def rock_cells(
     report : CutReport
     """
     low, high = box[:, 0] - margin, box[:, 1] + [margin, margin, 0.0]
+    high[2] = high[2] if top is None else top
     cells = box_cells(low, high, SIDES)
     tolerances = np.asarray(tolerances)
     rock = _Rock(cells, np.asarray(limits), np.zeros(len(tolerances)), [])
@@ -361,9 +368,11 @@ def _cut_fault(rock, fault, spacing):
 
 def _borders(fault):
     """Return the outward planes around the extent of a fault, none if it is unbounded."""
-    if fault.extent is None and fault.radius is None:
+    if fault.extent is None and fault.radius is None and fault.polygon is None:
         return []
     normal = fault.unit_normal
+    if fault.polygon is not None:
+        return _polygon_borders(fault.polygon, normal)
     strike = np.cross([0.0, 0.0, 1.0], normal)
     strike = np.array([1.0, 0.0, 0.0]) if not strike.any() else strike / np.linalg.norm(strike)
     down = np.cross(normal, strike)
@@ -376,6 +385,18 @@ def _borders(fault):
         half = fault.radius * np.sqrt(np.pi / _DISC_SIDES / np.tan(np.pi / _DISC_SIDES))
         sides = [(np.cos(a) * strike + np.sin(a) * down, half) for a in angles]
     return [Plane(axis, float(np.dot(axis, fault.point)) + half) for axis, half in sides]
+
+
+def _polygon_borders(corners, normal):
+    """Return the outward planes through the edges of a convex polygon."""
+    middle, planes = corners.mean(axis=0), []
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        across = np.cross(end - start, normal)
+        length = np.linalg.norm(across)
+        if length > _EXACT:
+            across *= np.sign(across @ (start - middle)) / length
+            planes.append(Plane(across, float(across @ start)))
+    return planes
 
 
 def _within(cells, cell, borders):

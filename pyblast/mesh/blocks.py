@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.optimize import linprog
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 
 @dataclass
@@ -299,3 +301,136 @@ def _turns(cells, cell):
                 elif turns[other] != turn:
                     return None
     return turns
+
+
+_COPLANAR = 1e-7  # m, distance within which faces lie in one plane
+
+
+def carved(cells: Cells, removed: set[int], exposed: str, seam: str) -> Cells:
+    """Return cells without some of them, and without the seams between parts of one cell.
+
+    Parameters
+    ----------
+    cells : Cells, not changed
+    removed : set of int, cells to leave out
+    exposed : str, tag of the faces that come to lie open
+    seam : str
+        Tag of auxiliary faces: parts of cells that meet at one become one cell again.
+
+    Returns
+    -------
+    Cells
+        Renumbered; faces in one plane between the same cells are joined.
+    """
+    retained = [c for c in range(len(cells.faces)) if c not in removed]
+    joined = [
+        face
+        for face, owners in enumerate(cells.owners)
+        if cells.tags[face] == seam
+        and len(owners - removed) == 2
+        and len({cells.kinds[c] for c in owners}) == 1
+    ]
+    whole = _labels(retained, [tuple(cells.owners[face]) for face in joined])
+    kinds = {whole[c]: cells.kinds[c] for c in retained}
+    new = Cells(points=cells.points[:], faces=[set() for _ in kinds])
+    new.kinds = [kinds[c] for c in range(len(kinds))]
+    dissolved = set(joined)
+    for face, owners in enumerate(cells.owners):
+        remaining = owners - removed
+        if remaining and face not in dissolved:
+            tag = "" if cells.tags[face] == seam else cells.tags[face]
+            tag = exposed if len(remaining) < len(owners) else tag
+            add_face(new, cells.loops[face], tag, {whole[c] for c in remaining})
+    return _tidied(new)
+
+
+def _labels(items, pairs):
+    """Label the groups of items that pairs connect; return the number of each item."""
+    row_of = {item: row for row, item in enumerate(items)}
+    rows = [[row_of[a], row_of[b]] for a, b in pairs]
+    ends = np.array(rows, dtype=int).reshape(-1, 2).T
+    table = coo_array((np.ones(len(rows)), (ends[0], ends[1])), (len(items), len(items)))
+    numbers = connected_components(table, directed=False)[1]
+    return dict(zip(items, numbers.tolist(), strict=True))
+
+
+def _tidied(cells):
+    """Join the coplanar faces between the same cells and drop vertices amid straight edges."""
+    normals = [_unit_normal(cells, loop) for loop in cells.loops]
+    pairs = []
+    for faces in cells.ring.values():
+        if len(faces) == 2:
+            first, second = sorted(faces)
+            same = cells.owners[first] == cells.owners[second]
+            same = same and cells.tags[first] == cells.tags[second]
+            if same and _in_one_plane(cells, first, second, normals):
+                pairs.append((first, second))
+    groups: dict[int, list[int]] = defaultdict(list)
+    for face, number in _labels(list(range(len(cells.loops))), pairs).items():
+        groups[number].append(face)
+    loops = []
+    for group in groups.values():
+        outline = None if len(group) == 1 else _outline(cells, group, normals[group[0]])
+        if outline is None:
+            loops += [(cells.loops[face], face) for face in group]
+        else:
+            loops.append((outline, group[0]))
+    straight = _amid_straight_edges(cells.points, [loop for loop, _ in loops])
+    new = Cells(points=cells.points, faces=[set() for _ in cells.faces], kinds=cells.kinds)
+    for loop, face in loops:
+        bent = [v for v in loop if v not in straight]
+        add_face(new, bent, cells.tags[face], cells.owners[face])
+    return new
+
+
+def _unit_normal(cells, loop):
+    """Return the unit normal (3,) of a face."""
+    area = area_vector(cells, loop)
+    return area / max(np.sqrt(area @ area), _FLAT**2)
+
+
+def _in_one_plane(cells, first, second, normals):
+    """Return whether two faces are flat and lie in one plane."""
+    places = np.array([cells.points[v] for v in cells.loops[first] + cells.loops[second]])
+    heights = (places - places[0]) @ normals[first]
+    return np.abs(heights).max() <= _COPLANAR
+
+
+def _outline(cells, group, normal):
+    """Return the single outline of faces in one plane, None if there is none."""
+    ways = set()
+    for face in group:
+        loop = cells.loops[face]
+        loop = loop if area_vector(cells, loop) @ normal > 0.0 else loop[::-1]
+        ways.update(zip(loop, loop[1:] + loop[:1], strict=True))
+    inner = {
+        (a, b) for a, b in ways if (b, a) in ways and len(cells.ring[min(a, b), max(a, b)]) == 2
+    }
+    ways -= inner
+    ahead = dict(ways)
+    if len(ahead) != len(ways) or not ways:
+        return None
+    loop = [min(ahead)]
+    while ahead.get(loop[-1]) not in (None, loop[0]) and len(loop) < len(ahead):
+        loop.append(ahead[loop[-1]])
+    return loop if len(loop) == len(ahead) and ahead.get(loop[-1]) == loop[0] else None
+
+
+def _amid_straight_edges(points, loops):
+    """Return the vertices that only part a straight edge."""
+    beside: dict[int, set[int]] = defaultdict(set)
+    for a, b in {e for loop in loops for e in edges(loop)}:
+        beside[a].add(b)
+        beside[b].add(a)
+    straight = set()
+    for vertex in sorted(beside):
+        if len(beside[vertex]) != 2:
+            continue
+        a, b = beside[vertex]
+        along, first = points[b] - points[a], points[vertex] - points[a]
+        across = _cross(along, first)
+        if across @ across <= _COPLANAR**2 * (along @ along):
+            straight.add(vertex)
+            beside[a] = beside[a] - {vertex} | {b}
+            beside[b] = beside[b] - {vertex} | {a}
+    return straight

@@ -3,7 +3,7 @@
 import logging
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from ..errors import InputError, PyblastWarning
-from .block_cutter import SIDES, CutReport, rock_cells
-from .blocks import area_vector
+from .block_cutter import SIDES, CutReport, Plane, cut_cells, rock_cells
+from .blocks import area_vector, carved, cell_vertices
 from .gmsh import MeshingError, growth_distance, mesh_cells
-from .grid import Fault, JointSet, Layer, layer_limits, structured_box
+from .grid import Fault, JointSet, Layer, graded_axis, layer_limits, structured_box
 from .mesh import Mesh
 from .quality import MESHING_BYTES, ZONES_PER_CUBE, refuse_beyond_memory
 
@@ -24,6 +24,11 @@ _TOLERANCE_SHARE = 0.15
 _INTERIOR_SHARE = 0.77
 # Factors on the tolerance, tried in turn if gmsh takes facets for overlapping.
 _RETRIES = (1.0, 0.5, 1.5, 0.25, 0.0)
+_SEAM = "seam of the terrain"
+_SEAM_SHARE = 0.5  # of the tolerance of the terrain, for the lines between its facets
+_TERRAIN_SHARE = 0.05  # tolerance of the terrain over the smallest edge
+_HEADROOM = 2.0  # room above the terrain, over the smallest edge
+_EXACT = 1e-6  # m
 _LOG = logging.getLogger(__name__)
 
 
@@ -93,9 +98,9 @@ def build_mesh_report(
         They are cut before the joint sets.
     edge : float, m
         Mean edge of the zones in layers without one. Smaller blocks get smaller zones.
-    surface : (n, 3) float64, m
-        Surveyed top surface. The mesh with its layers and joints is stretched between the bottom
-        and this surface.
+    surface : (n, 3) or (n, 3, 3) float64, m
+        Surveyed top surface, or its triangles (n, 3, 3), which may leave upright steps. It cuts
+        the blocks: layers and joints stay planes.
     padding : (distance, edge), m
         Ground beyond sides and bottom with edges growing to this one; layers and unbounded faults
         continue into it, joint sets do not.
@@ -128,14 +133,22 @@ def build_mesh_report(
     tolerances = _TOLERANCE_SHARE * edges if tolerance is None else np.full(len(edges), tolerance)
     regions, outside = _regions(box, limits, edges * _size_factors(sets, edges), padding)
 
+    smallest = float(np.min(edges))
+    terrain = None if surface is None else _terrain(surface, box, margin, smallest)
+    top = None
+    if terrain is not None:
+        top = max(box[2, 1], terrain[..., 2].max()) + _HEADROOM * smallest
+
     def fill(factor):
-        cells, report = rock_cells(box, limits, factor * tolerances, sets, faults, margin)
+        cells, report = rock_cells(box, limits, factor * tolerances, sets, faults, margin, top)
+        if terrain is not None:
+            near = factor * _TERRAIN_SHARE * smallest
+            cells, moved, refused = _terrain_cells(cells, terrain, near)
+            report = replace(report, terrain=moved, refused=report.refused + refused)
         _weld_shares(cells, sets, seed)
         return cells, report, *mesh_cells(cells, regions, outside, optimize)
 
     cells, report, points, zones, cell, surfaces, slivers = _with_retries(fill)
-    if surface is not None:
-        points = _draped(points, np.asarray(surface, float), box[2, 0] - margin, box[2, 1])
     names = list(dict.fromkeys(layer.name for layer in layers))
     number = np.array([names.index(layer.name) for layer in layers])
     count, thinnest = zip(*((s.count, s.thinnest) for s in slivers), strict=True)
@@ -194,7 +207,9 @@ def _margin(padding, edges):
 
 def _placed_sets(joint_sets, faults, layers, box):
     """Return each joint set with its layers; raise InputError for duplicate or unknown names."""
-    names = [part.name for part in (*joint_sets, *faults)]
+    fractures = {fault.name for fault in faults if fault.polygon is not None}
+    names = [part.name for part in (*joint_sets, *faults) if part.name not in fractures]
+    names += fractures
     for name in names:
         if names.count(name) > 1 or name in SIDES or not name:
             raise InputError(f"joint {name!r}: needs a name of its own that is no side of the box")
@@ -243,19 +258,55 @@ def _regions(box, limits, sizes, padding):
     return regions, max(far, *sizes)
 
 
-def _draped(points, surface, low, high):
-    """Stretch points between the bottom ``low`` and a surveyed surface at the height ``high``."""
-    if surface.ndim != 2 or surface.shape[1] != 3 or len(surface) < 3:
-        raise InputError(f"surface: needs three places (x, y, z) or more, got {surface.shape}")
-    if not surface[:, 2].min() > low:
+def _terrain(surface, box, margin, edge):
+    """Return a surveyed surface as triangles (n, 3, 3) over box and padding in plan."""
+    surface = np.asarray(surface, dtype=float)
+    if surface.ndim == 3 and surface.shape[1:] == (3, 3):
+        run = surface[:, 1:, :2] - surface[:, :1, :2]
+        triangles = surface[np.abs(np.linalg.det(run)) > _EXACT]  # upright ones follow from steps
+        _refuse_uncovered(triangles, box, margin)
+    elif surface.ndim == 2 and surface.shape[1] == 3 and len(surface) >= 3:
+        triangles = _sampled(surface, box, margin, edge)
+    else:
         raise InputError(
-            f"surface: must lie above the bottom at {low:g} m, got {surface[:, 2].min():g} m"
+            "surface: needs three places (x, y, z) or more, or triangles (n, 3, 3), "
+            f"got {surface.shape}"
         )
-    top = LinearNDInterpolator(surface[:, :2], surface[:, 2])(points[:, :2])
-    nearest = NearestNDInterpolator(surface[:, :2], surface[:, 2])(points[:, :2])
-    top = np.where(np.isnan(top), nearest, top)
-    share = (points[:, 2] - low) / (high - low)
-    return np.column_stack([points[:, :2], low + share * (top - low)])
+    if not triangles[..., 2].min() > box[2, 0]:
+        raise InputError(
+            f"surface: must lie above the bottom at {box[2, 0]:g} m, "
+            f"got {triangles[..., 2].min():g} m"
+        )
+    return triangles
+
+
+def _sampled(places, box, margin, edge):
+    """Sample a surface at the corners of a grid of an edge; return its triangles (n, 3, 3)."""
+    x, y = (graded_axis(limits, [], edge, margin, margin) for limits in box[:2])
+    plan = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+    height = LinearNDInterpolator(places[:, :2], places[:, 2])(plan)
+    nearest = NearestNDInterpolator(places[:, :2], places[:, 2])(plan)
+    height = np.where(np.isnan(height), nearest, height)
+    corners = np.concatenate([plan, height[..., None]], axis=2)
+    a, b, c, d = corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]
+    return np.concatenate(
+        [np.stack(part, axis=2).reshape(-1, 3, 3) for part in ((a, b, c), (a, c, d))]
+    )
+
+
+def _refuse_uncovered(triangles, box, margin):
+    """Raise InputError if triangles leave a part of box and padding uncovered in plan."""
+    if not len(triangles) or not np.isfinite(triangles).all():
+        raise InputError("surface: needs finite triangles that are not all upright")
+    x, y = (np.linspace(low - margin, high + margin, 21) for low, high in box[:2])
+    places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    depth = _depths(triangles, places).max(axis=0)
+    if depth.min() < -_EXACT:
+        x, y = places[depth.argmin()]
+        raise InputError(
+            f"surface: must cover the box and its padding of {margin:g} m in plan, got nothing at "
+            f"({x:g}, {y:g}) m; extend the survey or shrink the box"
+        )
 
 
 def _announce(report, n_zones):
@@ -277,3 +328,150 @@ def _announce(report, n_zones):
             PyblastWarning,
             stacklevel=3,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _Seams:
+    """Straight seams of a terrain in one vertical plane.
+
+    Parameters
+    ----------
+    plane : Plane
+    along : (n, 2) float64, m, ends of each seam along the plane
+    heights : (n, 2) float64, m, lowest and highest ground beside each
+    """
+
+    plane: Plane
+    along: np.ndarray
+    heights: np.ndarray
+
+    def crosses(self, points: np.ndarray) -> bool:
+        """Return whether a seam passes through the plan of a cell at its height."""
+        height = self.plane.heights(points)
+        low, high = points[height < -_EXACT], points[height > _EXACT]
+        if not len(low) or not len(high):
+            return False
+        share = self.plane.heights(low)[:, None]
+        share = share / (share - self.plane.heights(high)[None])
+        run = np.array([self.plane.normal[1], -self.plane.normal[0], 0.0])
+        start = (low @ run)[:, None]
+        along = start + share * ((high @ run)[None] - start)
+        shared = np.minimum(self.along[:, 1], along.max()) - np.maximum(
+            self.along[:, 0], along.min()
+        )
+        near = (points[:, 2].max() > self.heights[:, 0]) & (points[:, 2].min() < self.heights[:, 1])
+        return bool((near & (shared > _EXACT)).any())
+
+
+def _terrain_cells(cells, terrain, tolerance):
+    """Cut away the ground above a terrain.
+
+    Returns
+    -------
+    cells : Cells
+    moved : float, m, largest displacement of the terrain to a corner of joints
+    refused : int, cells that it could not cut
+    """
+    bent, refused = [0.0], 0
+    shape = {c: cell_vertices(cells, c) for c in range(len(cells.faces))}
+
+    def cut(cells, chosen, plane, share):
+        nonlocal refused
+        cells, result = cut_cells(
+            cells, chosen, plane, lambda points: np.full(len(points), share * tolerance)
+        )
+        bent.append(result.bent.max(initial=0.0))
+        refused += result.refused
+        for cell in [*chosen, *range(len(shape), len(cells.faces))]:
+            shape[cell] = cell_vertices(cells, cell)
+        return cells
+
+    for seams in _seams(terrain):
+        chosen = [c for c, points in shape.items() if seams.crosses(points)]
+        if chosen:
+            cells = cut(cells, chosen, seams.plane, _SEAM_SHARE)
+    for plane, chosen in _facet_planes(terrain, shape):
+        cells = cut(cells, chosen, plane, 1.0)
+    middles = np.array([points.mean(axis=0) for points in shape.values()])
+    normal, offset = _triangle_planes(terrain[_triangle_of(terrain, middles)])
+    air = np.einsum("ni,ni->n", normal, middles) > offset
+    cells = carved(cells, set(np.flatnonzero(air).tolist()), "top", _SEAM)
+    return cells, float(max(bent)), refused
+
+
+def _triangle_planes(triangles):
+    """Return upward unit normals (n, 3) and offsets (n,) in m of triangles."""
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    normal *= np.where(normal[:, 2:] < 0.0, -1.0, 1.0)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    return normal, np.einsum("ni,ni->n", normal, triangles[:, 0])
+
+
+def _triangle_of(terrain, places):
+    """Return the triangle (n,) in whose plan each place lies, or to which it is nearest."""
+    return _depths(terrain, places).argmax(axis=0)
+
+
+def _depths(terrain, places):
+    """Return how deep places (n, 2 or 3) lie in the plan of triangles, (m, n), m."""
+    plan = terrain[..., :2]
+    turn = np.sign(np.linalg.det(plan[:, 1:] - plan[:, :1]))
+    inside = np.full((len(terrain), len(places)), np.inf)
+    for corner in range(3):
+        start = plan[:, corner]
+        run = plan[:, (corner + 1) % 3] - start
+        run /= np.linalg.norm(run, axis=1)[:, None]
+        away = places[None, :, :2] - start[:, None]
+        depth = run[:, :1] * away[..., 1] - run[:, 1:] * away[..., 0]
+        inside = np.minimum(inside, turn[:, None] * depth)
+    return inside
+
+
+def _facet_planes(terrain, shape):
+    """Return each plane of a terrain with the cells that lie across it."""
+    normal, offset = _triangle_planes(terrain)
+    keys = np.round(np.column_stack([normal, offset]) / _EXACT).astype(np.int64)
+    number = np.unique(keys, axis=0, return_inverse=True)[1].ravel()
+    middles = np.array([points.mean(axis=0) for points in shape.values()])
+    of_cell = number[_triangle_of(terrain, middles)]
+    planes = []
+    for plane in range(number.max() + 1):
+        row = np.flatnonzero(number == plane)[0]
+        level = Plane(normal[row], float(offset[row]), _SEAM)
+        cells = np.flatnonzero(of_cell == plane).tolist()
+        across = [c for c in cells if np.ptp(np.sign(level.heights(shape[c]))) == 2.0]
+        if across:
+            planes.append((level, across))
+    return planes
+
+
+def _seams(terrain):
+    """Return the `_Seams` at which the slope or the height of a terrain changes."""
+    normal, offset = _triangle_planes(terrain)
+    beside: dict[tuple, list[int]] = {}
+    for triangle, corners in enumerate(np.round(terrain[..., :2] / _EXACT).astype(np.int64)):
+        names = [tuple(corner) for corner in corners.tolist()]
+        for a in range(3):
+            beside.setdefault(tuple(sorted((names[a], names[(a + 1) % 3]))), []).append(triangle)
+    planes: dict[tuple, list] = {}
+    for ends, triangles in beside.items():
+        heights = terrain[triangles].reshape(-1, 3) @ normal[triangles].T - offset[triangles]
+        if len(triangles) == 2 and np.abs(heights).max() <= _EXACT:
+            continue
+        start, end = np.array(ends, dtype=float) * _EXACT
+        run = (end - start) / np.linalg.norm(end - start)
+        run = -run if tuple(np.round(run, 9)) < (0.0, 0.0) else run
+        across = np.array([-run[1], run[0], 0.0])
+        level = float(across[:2] @ start)
+        key = (*np.round(across[:2], 9).tolist(), round(level / _EXACT))
+        along = sorted((start @ run, end @ run))
+        ground = terrain[triangles][..., 2]
+        planes.setdefault(key, []).append((across, level, along, (ground.min(), ground.max())))
+    return [
+        _Seams(
+            Plane(parts[0][0], parts[0][1], _SEAM),
+            np.array([part[2] for part in parts]),
+            np.array([part[3] for part in parts]),
+        )
+        for parts in planes.values()
+    ]

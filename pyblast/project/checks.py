@@ -25,6 +25,7 @@ from .places import (
     source_material,
 )
 from .plausibility import expected_peaks, level_findings, unlikely_values
+from .surface import bent_joint, ground_notes, joint_planes
 
 
 @dataclass(frozen=True)
@@ -65,11 +66,14 @@ def check(project, measure=True) -> Check:
     notes = () if project.blast is None else tuple(project.blast.checks())
     if project.recorded:
         notes += (f"Records to compare with: {', '.join(project.recorded)}.",)
+    leaning = joint_planes(project)
+    notes += ground_notes(project, leaning)
     summary = summarise_model(project, measure)
     candidates = [
         *_mesh_defects(project, summary),
         *_load_defects(project),
         *_joint_defects(project, summary),
+        *(bent_joint(name, *angles) for name, angles in leaning.items()),
         *_record_defects(project, summary),
         *boundary_defects(project),
         *level_findings(project, expected_peaks(project)),

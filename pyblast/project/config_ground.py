@@ -22,6 +22,7 @@ from .section import (
     Section,
     Size,
 )
+from .surface import BenchConfig, FractureConfig
 
 
 class LayerConfig(Section):
@@ -65,6 +66,8 @@ class MeshConfig(Section):
     origin_m: Point = Field([0.0, 0.0, 0.0])
     grid_cells: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
     surface_file: str | None = None
+    benches: list[BenchConfig] = Field([])
+    fractures: list[FractureConfig] = Field([])
     edge_m: Positive | None = None
     edges_per_wavelength: Positive | None = None
     frequency_hz: Positive | None = None
@@ -99,11 +102,21 @@ class MeshConfig(Section):
             raise ValueError("give one of edge_m; edges_per_wavelength; grid_cells")
         if (self.padding_m is None) != (self.padding_edge_m is None):
             raise ValueError("padding_m and padding_edge_m go together")
-        names = [part.name for part in (*self.joint_sets, *self.faults)]
+        if self.benches and (self.surface_file is not None or self.kind == "hexahedra"):
+            raise ValueError("benches are cut into tetrahedra, without surface_file or hexahedra")
+        names = [part.name for part in (*self.joint_sets, *self.faults, *self.fractures)]
         for name in names:
             if names.count(name) > 1:
-                raise ValueError(f"the name {name!r} is given to two joint sets or faults")
+                raise ValueError(
+                    f"the name {name!r} is given to two joint sets, faults or fractures"
+                )
         return self
+
+    @property
+    def files(self) -> list[str | None]:
+        """Return the files that the ground is read from."""
+        lines = [name for part in self.benches for name in (part.crest_file, part.toe_file)]
+        return [self.file, self.surface_file, *lines, *(part.file for part in self.fractures)]
 
 
 class DampingConfig(Section):
@@ -266,6 +279,8 @@ class InSituConfig(Section):
     gravity_m_per_s2: NotNegative = 9.81
     horizontal_ratio: NotNegative = 0.5
     stress_mpa: Annotated[list[float], Field(min_length=6, max_length=6)] = Field([0.0] * 6)
+    water_table_m: float | None = None
+    water_density_kg_per_m3: Positive = 1000.0
 
 
 class AbsorbingLayerConfig(Section):

@@ -1,6 +1,7 @@
 """Choice of the elements of a project: spectral hexahedra where the ground allows it."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -8,6 +9,7 @@ from ..errors import InputError, named_error
 from ..mesh.grid import Layer
 from ..mesh.hexahedral_ground import SIDES, NotMapped, build_hexahedra
 from ..mesh.mesh import Mesh, edge_lengths
+from ..model.material import ConstantQ
 from .ground import joints_and_faults, make_mesh, mean_edge
 
 ORDER = 5
@@ -19,6 +21,7 @@ OF_FITS, ORDER_OF_FITS = 0.015, 4  # by that rule: 0.1 to 1 % of the energy of a
 FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
 LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadratic ones
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
+SOFT = 0.3  # S speed over that of the ground beneath: docs/quality/verification.md
 TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
 
 
@@ -179,6 +182,10 @@ def _obstacle(config, materials):
     mesh, sides = config.mesh, config.boundaries
     if mesh.file is not None:
         return "the mesh is read from a file"
+    if mesh.fractures:
+        return "fractures of limited extent are cut into the blocks of tetrahedra"
+    if mesh.benches:
+        return "benches are cut into the blocks of tetrahedra"
     if mesh.grid_cells is not None:
         return "mesh.grid_cells divides the box into tetrahedra"
     for layer in mesh.layers:
@@ -195,6 +202,18 @@ def _obstacle(config, materials):
         return "a plane wave enters ground of tetrahedra only"
     if _frequency(config) is None and mesh.edge_m is None and mesh.edges_per_wavelength is None:
         return "neither mesh.frequency_hz nor mesh.edge_m says how fine it shall be"
+    return _soft_soil(config, materials) if sides.viscous and config.signature is None else None
+
+
+def _soft_soil(config, materials):
+    """Return which ground would take energy from an absorbing layer, or None; theory.md (4.18)."""
+    for upper, lower in pairwise(part.material for part in config.mesh.layers):
+        soil, rock = materials[upper], materials[lower]
+        if soil.cs < SOFT * rock.cs and not isinstance(soil.law, ConstantQ):
+            return (
+                f"{upper!r} has {soil.cs / rock.cs:.2g} of the S speed of {lower!r} and no quality "
+                "factors, and an absorbing layer would feed its motion; give it qp and qs"
+            )
     return None
 
 
@@ -216,6 +235,8 @@ def _hexahedra(config, materials, surface, within):
     sizes = [_size(config, part, materials[part.material], order, reach) for part in mesh.layers]
     enters = config.signature is not None  # through a side, whose waves would leave the layer
     open_sides = [] if enters else [side for side in config.boundaries.viscous if side in SIDES]
+    if surface is not None and surface.ndim == 3:
+        raise NotMapped("the ground surface is given as triangles, which cut its blocks")
     sets, faults = joints_and_faults(mesh)
     with named_error("mesh"):
         built = build_hexahedra(

@@ -18,7 +18,7 @@ from ..model.joint import POSITIVE, Joint, may_be_left_out, saturated
 from ..model.material import ConstantQ, Damping, Elastic, Material, MohrCoulomb
 from ..model.model import InSitu
 from ..units import plain_number, split_key, to_si
-from .section import read_columns
+from .surface import make_fractures
 
 
 def make_fields(config, blast, mesh) -> tuple:
@@ -294,7 +294,10 @@ def make_insitu(config):
     if config is None:
         return None
     stress = to_si("stress_mpa", config.stress_mpa)[1]
-    return InSitu(config.gravity_m_per_s2, config.horizontal_ratio, tuple(stress))
+    return InSitu(
+        config.gravity_m_per_s2, config.horizontal_ratio, tuple(stress),
+        config.water_table_m, config.water_density_kg_per_m3,
+    )  # fmt: skip
 
 
 def make_boundaries(config, face=None, media=None):
@@ -354,7 +357,8 @@ def joint_of_surface(config):
     """Return which entry of ``[joints]`` each joint surface of a `MeshConfig` takes."""
     if config.file is not None:
         return dict(config.file_joints)
-    return {part.name: part.joint or part.name for part in (*config.joint_sets, *config.faults)}
+    parts = (*config.joint_sets, *config.faults, *config.fractures)
+    return {part.name: part.joint or part.name for part in parts}
 
 
 def mean_edge(config, layer, material):
@@ -395,14 +399,15 @@ def make_mesh(config, materials, folder, surface=None) -> Mesh:
     ]
     if config.grid_cells is not None:
         return _grid(config, layers, surface)
-    return _jointed_rock(config, layers, surface)
+    return _jointed_rock(config, layers, surface, make_fractures(config, folder))
 
 
 def _grid(config, layers, surface):
     """Cut a regular grid; faults must lie on its planes."""
-    if config.joint_sets or surface is not None:
+    if config.joint_sets or config.fractures or surface is not None:
         raise InputError(
-            "mesh.grid_cells: a regular grid takes faults only, no joint_sets or surface_file"
+            "mesh.grid_cells: a regular grid takes faults only, no joint_sets, fractures, "
+            "surface_file or benches"
         )
     planes = {}
     for fault in config.faults:
@@ -429,7 +434,7 @@ def _axis_of(fault):
     )
 
 
-def _jointed_rock(config, layers, surface):
+def _jointed_rock(config, layers, surface, fractures):
     """Build jointed rock through gmsh."""
     low, size = np.array(config.origin_m), np.array(config.size_m)
     sets, faults = joints_and_faults(config)
@@ -438,7 +443,8 @@ def _jointed_rock(config, layers, surface):
         padding = config.padding_m, config.padding_edge_m
     with named_error("mesh"):
         return build_mesh(
-            np.column_stack([low, low + size]), layers, sets, faults, edge=config.edge_m,
+            np.column_stack([low, low + size]), layers, sets, [*faults, *fractures],
+            edge=config.edge_m,
             surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
         )  # fmt: skip
 
@@ -466,14 +472,3 @@ def joints_and_faults(config):
 def _angles(part):
     """Return dip and dip direction in rad."""
     return to_si("dip_deg", part.dip_deg)[1], to_si("direction_deg", part.dip_direction_deg)[1]
-
-
-def read_surface(path):
-    """Read a surveyed surface, lines ``x_m,y_m,z_m``; return its places (n, 3) in m.
-
-    Raises
-    ------
-    ReadError
-        If the file can't be read or a line holds something else than three numbers.
-    """
-    return read_columns(path, ("x_m,y_m,z_m",))

@@ -442,7 +442,7 @@ def highest_frequency(motion):
 
 def named_files(config) -> list[str]:
     """Return the names of all files that a `Config` names."""
-    names = [config.mesh.file, config.mesh.surface_file]
+    names = config.mesh.files
     if config.blast is not None:
         names += [config.blast.file, config.blast.mapping]
     if config.holes_inside is not None:

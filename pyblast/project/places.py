@@ -69,12 +69,14 @@ def on_ground(mesh, position) -> tuple[float, float, float]:
 
 
 def _height(mesh, position):
-    """Return the height of the surface "top" at a position (2,)."""
+    """Return the height of the surface "top" at a position (2,), of the crest of upright faces."""
     if mesh.hexahedral:
         return _height_of_hexahedra(mesh, position)
     corners = mesh.points[mesh.surfaces["top"]]
     a, b, c = (corners[:, k, :2] for k in range(3))
     area = _cross(b - a, c - a)
+    level = np.abs(area) > 1e-9 * (np.abs(b - a).max(axis=1) + np.abs(c - a).max(axis=1)) ** 2
+    corners, a, b, c, area = corners[level], a[level], b[level], c[level], area[level]
     u = _cross(position - a, c - a) / area
     v = _cross(b - a, position - a) / area
     inside = np.flatnonzero((u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9))
@@ -82,9 +84,8 @@ def _height(mesh, position):
         raise InputError(
             f"position_m: ({position[0]:g}, {position[1]:g}) m lies outside of the ground"
         )
-    k = inside[0]
-    heights = corners[k, :, 2]
-    return float(heights @ [1.0 - u[k] - v[k], u[k], v[k]])
+    shares = np.column_stack([1.0 - u - v, u, v])[inside]
+    return float(np.einsum("nk,nk->n", corners[inside, :, 2], shares).max())
 
 
 def _height_of_hexahedra(mesh, position):

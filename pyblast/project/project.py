@@ -30,7 +30,6 @@ from .ground import (
     make_insitu,
     make_joints,
     make_materials,
-    read_surface,
     refuse_open_sides,
     with_damaged_material,
 )
@@ -57,6 +56,7 @@ from .places import (
     place_sources,
 )
 from .section import changed_tables, value_at
+from .surface import make_surface
 
 STEP_FACTOR = {False: 0.8, True: 0.95}  # over a bound of tetrahedra, over the limit of hexahedra
 
@@ -186,9 +186,8 @@ class Project:
 
     @_part
     def surface(self) -> np.ndarray | None:
-        """Surveyed top surface, (n, 3) m."""
-        name = self.config.mesh.surface_file
-        return None if name is None else read_surface(self.folder / name)
+        """Surveyed top surface, (n, 3) m, or its triangles (n, 3, 3)."""
+        return make_surface(self.config.mesh, self.folder)
 
     @_part
     def within(self) -> np.ndarray:

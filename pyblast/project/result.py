@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..blasts.compliance import METHOD, assess_all, conclusion
 from ..errors import Finding, ReadError
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
@@ -18,7 +19,7 @@ from ..solver.model_file import read_arrays, write_arrays
 from ..solver.preparation import versions
 from .ground import joint_of_surface
 from .inputs import input_band
-from .plausibility import level_table, level_words, peak_of, plausible_at
+from .plausibility import level_table, level_words, peak_of, plausible_at, window_at
 
 KIND = "result"
 
@@ -183,7 +184,11 @@ def summarise(project, checked, run, simulated, comparisons):
         "sources": source_summary(project),
         "band": input_band(project),
         "limit_curves": list(project.config.run.limit_curves),
+        "blast": None if blast is None else blast_table(project.blast),
+        "undamped": undamped_plane(project),
+        "houses": house_positions(project),
         "receivers": receiver_tables(project, simulated),
+        "compliance": compliance_table(project, simulated),
         "comparisons": {n: comparison_table(c) for n, c in comparisons.items()},
         "findings": [asdict(finding) for finding in checked.findings],
         "notes": list(checked.notes),
@@ -355,6 +360,55 @@ def receiver_tables(project, simulated):
             **level_table(plausible_at(project, receiver.position), peaks),
         }
     return tables
+
+
+def blast_table(blast):
+    """Return charge, times and holes of a blast; times in s after the first firing."""
+    holes = zip(blast.hole_ids, blast.collar, blast.toe, blast.charge, blast.times, strict=True)
+    known = not np.isnan(blast.charge).any()
+    first = float(blast.times.min())
+    return {
+        "charge": float(blast.charge.sum()) if known else None,
+        "charge_per_8ms": blast.charge_per_window() if known else None,
+        "last": float(blast.times.max()) - first,
+        "holes": [
+            {"id": id_, "collar": collar, "toe": toe, "charge": charge, "time": time - first}
+            for id_, collar, toe, charge, time in holes
+        ],
+    }
+
+
+def undamped_plane(project):
+    """Return lower left and upper right corner, m, of the ground without padding; None if all."""
+    mesh, layer = project.config.mesh, project.absorbing_layer
+    if mesh.size_m is not None:
+        low = mesh.origin_m[:2]
+        return [list(low), [a + b for a, b in zip(low, mesh.size_m[:2], strict=True)]]
+    return None if layer is None else [[side[k] for side in layer.box[:2]] for k in (0, 1)]
+
+
+def house_positions(project):
+    """Return the position of each house of [delays] that has one, m."""
+    delays = project.config.delays
+    houses = [] if delays is None else delays.houses
+    return {h.name: h.position_m for h in houses if h.position_m is not None}
+
+
+def compliance_table(project, simulated):
+    """Return peaks of all receivers against the limit curves, and the sentence that sums it up."""
+    curves = project.config.run.limit_curves
+    rows = assess_all(
+        {"recorded": project.recorded, "simulated": simulated},
+        {r.name: window_at(project, r.position) for r in project.receivers},
+        curves,
+    )
+    tables = [row.table() for row in rows]
+    return {
+        "chosen": bool(curves),
+        "frequency_method": METHOD,
+        "conclusion": conclusion(tables, bool(curves)),
+        "rows": tables,
+    }
 
 
 def comparison_table(comparison):

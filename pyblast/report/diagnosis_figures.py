@@ -355,7 +355,7 @@ def _ground(project):
     if not not_flat(project):
         return flat_box(project)
     mesh = project.config.mesh
-    layers = () if mesh.surface_file is not None else mesh.layers
+    layers = () if mesh.surface_file is not None or mesh.benches else mesh.layers
     thicknesses = [*(layer.thickness_m for layer in layers[:-1]), None]
     names = [layer.material for layer in layers]
     return FlatBox(extent_of(project), tuple(zip(names, thicknesses, strict=False)))

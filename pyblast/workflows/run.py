@@ -6,10 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..blasts.compliance import compliance_csv
 from ..errors import Finding, InputError, ReadError
 from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
+from ..project.inputs import input_band
 from ..project.plausibility import CODE as LEVEL
 from ..project.plausibility import (
     Peak,
@@ -22,6 +24,7 @@ from ..project.plausibility import (
 from ..project.project import Project, load_project
 from ..project.result import (
     Result,
+    plain,
     read_result,
     record_findings,
     seismogram_heads,
@@ -29,16 +32,19 @@ from ..project.result import (
     summarise,
     write_result,
     write_summary,
+    write_text,
 )
 from ..recordings.recording import read_recording
-from ..report.run import (
+from ..report.maps import (
+    surface_of,
     write_joints,
     write_motion,
-    write_report,
+    write_surface,
     write_zones,
     yield_fields,
     zone_fields,
 )
+from ..report.run import write_report
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..solver import preparation
@@ -210,6 +216,7 @@ def run(
                 resume=checkpoint if goes_on else None,
                 snapshot_times=[t + project.lead for t in project.config.run.snapshots_s],
                 prepared=prepared,
+                peaks_to=input_band(project),
             )
         except KeyboardInterrupt:
             raise Interrupted(
@@ -251,7 +258,8 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         "recorded": project.recorded,
     }
     shown, contacts = project.model.shown, project.model.nodes.contacts
-    mesh = shown.mesh
+    mesh, (points, triangles, node) = shown.mesh, surface_of(project.model)
+    surface = points, triangles, run_.peak_velocity[node]
     arrays = {group: {n: s.velocity for n, s in g.items()} for group, g in groups.items()}
     arrays |= {
         "sources": source_tables(project),
@@ -260,6 +268,7 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         "zones": {n: v[shown.zone] for n, v in zone_fields(project.model).items()},
         "energy": run_.energy,
         "state": run_.state,
+        "surface_peaks": dict(zip(("points", "triangles", "velocity"), surface, strict=True)),
         "snapshots": {
             f"{t - project.lead:.6f}": v[shown.node] for t, v in run_.snapshots.items()
         },
@@ -286,10 +295,14 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
     """Write result file, summary and files for ParaView."""
     folder, run_ = outcome.folder, outcome.run
     write_result(folder / RESULT, outcome.result)
-    write_summary(folder / "summary.json", outcome.result.summary)
+    summary = plain(outcome.result.summary)
+    write_summary(folder / "summary.json", summary)
+    write_text(folder / "compliance.csv", compliance_csv(summary["compliance"]["rows"]))
+    write_surface(folder, outcome.result)
     shown = model.shown
     mesh, displacement = shown.mesh, run_.state["displacement"][shown.node]
-    moved = {"displacement": displacement}
+    peak = run_.peak_velocity[shown.node]
+    moved = {"displacement": displacement, "peak_velocity": peak}
     fields = {**zone_fields(model), **yield_fields(run_)}
     fields = {name: values[shown.zone] for name, values in fields.items()}
     write_zones(folder / "zones.vtu", mesh.points, mesh.zones, fields, moved)

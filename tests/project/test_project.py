@@ -9,9 +9,9 @@ from pyblast.errors import InputError, ReadError
 from pyblast.mesh.builder import structured_box
 from pyblast.model.boundary import Roller, StressInput, Viscous
 from pyblast.project.checks import check
-from pyblast.project.ground import read_surface
 from pyblast.project.project import load_project
 from pyblast.project.result import write_csv
+from pyblast.project.surface import read_surface
 from pyblast.signals.seismogram import Seismogram
 
 
