@@ -349,8 +349,7 @@ class Project:
         parts = {"materials": materials, "joints": joints, "fields": fields}
         parts = {key: value for key, value in parts.items() if value is not None}
         parts |= {key: tuple(parts[key]) for key in ("joints", "fields") if key in parts}
-        tables = (("mesh", mesh), ("ground", ground))
-        tables = {key: table for key, table in tables if table is not None}
+        tables = {k: t for k, t in (("mesh", mesh), ("ground", ground)) if t is not None}
         parts["config"] = self.config.model_copy(update=tables)
         own = parts.setdefault("joints", self.joints)
         stale = {"sources", "model", "absorbing_layer"}
