@@ -368,9 +368,11 @@ def _cut_fault(rock, fault, spacing):
 
 def _borders(fault):
     """Return the outward planes around the extent of a fault, none if it is unbounded."""
-    if fault.extent is None and fault.radius is None:
+    if fault.extent is None and fault.radius is None and fault.polygon is None:
         return []
     normal = fault.unit_normal
+    if fault.polygon is not None:
+        return _polygon_borders(fault.polygon, normal)
     strike = np.cross([0.0, 0.0, 1.0], normal)
     strike = np.array([1.0, 0.0, 0.0]) if not strike.any() else strike / np.linalg.norm(strike)
     down = np.cross(normal, strike)
@@ -383,6 +385,18 @@ def _borders(fault):
         half = fault.radius * np.sqrt(np.pi / _DISC_SIDES / np.tan(np.pi / _DISC_SIDES))
         sides = [(np.cos(a) * strike + np.sin(a) * down, half) for a in angles]
     return [Plane(axis, float(np.dot(axis, fault.point)) + half) for axis, half in sides]
+
+
+def _polygon_borders(corners, normal):
+    """Return the outward planes through the edges of a convex polygon."""
+    middle, planes = corners.mean(axis=0), []
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        across = np.cross(end - start, normal)
+        length = np.linalg.norm(across)
+        if length > _EXACT:
+            across *= np.sign(across @ (start - middle)) / length
+            planes.append(Plane(across, float(across @ start)))
+    return planes
 
 
 def _within(cells, cell, borders):

@@ -207,7 +207,9 @@ def _margin(padding, edges):
 
 def _placed_sets(joint_sets, faults, layers, box):
     """Return each joint set with its layers; raise InputError for duplicate or unknown names."""
-    names = [part.name for part in (*joint_sets, *faults)]
+    fractures = {fault.name for fault in faults if fault.polygon is not None}
+    names = [part.name for part in (*joint_sets, *faults) if part.name not in fractures]
+    names += fractures
     for name in names:
         if names.count(name) > 1 or name in SIDES or not name:
             raise InputError(f"joint {name!r}: needs a name of its own that is no side of the box")

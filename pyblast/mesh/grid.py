@@ -124,6 +124,8 @@ class Fault:
         Full length along strike and down dip; None: unbounded.
     radius : float or None, m
         Radius of a circular fault, meshed as a polygon of the same area; instead of ``extent``.
+    polygon : (n, 3) float64 or None, m
+        Corners of a convex fracture; several may share a name, and so one joint surface.
     """
 
     name: str
@@ -133,6 +135,7 @@ class Fault:
     normal: tuple[float, float, float] | None = None
     extent: tuple[float, float] | None = None
     radius: float | None = None
+    polygon: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Check the values."""

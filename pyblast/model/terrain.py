@@ -281,13 +281,41 @@ def read_terrain(path: str | Path) -> np.ndarray:
     path = Path(path)
     if path.suffix.lower() == ".stl":
         return read_triangles(path)
+    if path.suffix.lower() != ".dxf":
+        return _ascii_grid(path.name, read_text(path))
+    faces, places = _dxf(path.name, read_text(path))
+    triangles = [face[[0, k, k + 1]] for face in faces for k in range(1, len(face) - 1)]
+    if not triangles and len(places) < 3:
+        raise ReadError(
+            f"{path.name}: holds neither 3DFACE nor three POINT entities; export a surface"
+        )
+    return np.array(triangles if triangles else places, dtype=float)
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file; raise ReadError if it can't be read or is too large."""
     try:
         if path.stat().st_size > _LONGEST_FILE:
             raise ReadError(f"{path.name}: larger than {_LONGEST_FILE // 10**6} MB; thin it out")
-        text = path.read_text(encoding="utf-8", errors="replace")
+        return path.read_text(encoding="utf-8", errors="replace")
     except OSError as error:
+        if isinstance(error, ReadError):
+            raise
         raise ReadError(f"{path.name}: can't be read ({error.strerror})") from None
-    return _dxf(path.name, text) if path.suffix.lower() == ".dxf" else _ascii_grid(path.name, text)
+
+
+def read_faces(path: Path) -> list[np.ndarray]:
+    """Return the corners (n, 3) in m of each 3DFACE of an ASCII DXF file.
+
+    Raises
+    ------
+    ReadError
+        If the file can't be read or holds none.
+    """
+    faces = _dxf(path.name, read_text(path))[0]
+    if not faces:
+        raise ReadError(f"{path.name}: holds no 3DFACE; export faces")
+    return faces
 
 
 def _ascii_grid(name, text):
@@ -318,30 +346,22 @@ def _ascii_grid(name, text):
 
 
 def _dxf(name, text):
-    """Return triangles of 3DFACE entities, or the places of POINT entities if there are none."""
+    """Return the corners of 3DFACE entities, and the positions of POINT entities."""
     lines = text.splitlines()
+    entities: list[tuple[str, dict[int, float]]] = []
     try:
-        pairs = [(int(a), b.strip()) for a, b in zip(lines[::2], lines[1::2], strict=False)]
-        entities: list[tuple[str, dict[int, float]]] = []
-        for code, value in pairs:
+        for number, value in zip(lines[::2], lines[1::2], strict=False):
+            code = int(number)
             if code == 0:
-                entities.append((value, {}))
+                entities.append((value.strip(), {}))
             elif entities and 10 <= code <= 33:
                 entities[-1][1][code] = float(value)
-        corners = [
-            np.array(
-                [
-                    [values[10 * axis + k] for axis in (1, 2, 3)]
-                    for k in range(4 if 13 in values else 3)
-                ]
-            )
-            for kind, values in entities
+        faces = [
+            np.array([[v[10 * axis + k] for axis in (1, 2, 3)] for k in range(3 + (13 in v))])
+            for kind, v in entities
             if kind == "3DFACE"
         ]
-        places = [[v[10], v[20], v.get(30, 0.0)] for kind, v in entities if kind == "POINT"]
+        points = [[v[10], v[20], v.get(30, 0.0)] for kind, v in entities if kind == "POINT"]
     except (ValueError, KeyError):
         raise ReadError(f"{name}: no ASCII DXF file; save it as ASCII, R12 or later") from None
-    triangles = [face[[0, k, k + 1]] for face in corners for k in range(1, len(face) - 1)]
-    if not triangles and len(places) < 3:
-        raise ReadError(f"{name}: holds neither 3DFACE nor three POINT entities; export a surface")
-    return np.array(triangles if triangles else places, dtype=float)
+    return [face[: len(face) - (face[-1] == face[-2]).all()] for face in faces], points

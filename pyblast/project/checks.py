@@ -10,12 +10,11 @@ from ..errors import Finding, by_wave
 from ..mesh import quality
 from ..mesh.mesh import edge_lengths, surface_zones
 from ..model.boundary import Roller, Viscous
-from ..model.terrain import bending, burdens
 from ..solver.initial_stress import joint_pressures
 from ..units import plain_number
 from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, summarise_model
-from .ground import joint_of_surface, set_normal, set_stiffness
+from .ground import joint_of_surface, set_stiffness
 from .inputs import central_frequency, highest_frequency, input_band, shape
 from .places import (
     face_areas,
@@ -26,7 +25,7 @@ from .places import (
     source_material,
 )
 from .plausibility import expected_peaks, level_findings, unlikely_values
-from .surface import benches_of
+from .surface import bent_joint, ground_notes, joint_planes
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ def check(project, measure=True) -> Check:
     if project.recorded:
         notes += (f"Records to compare with: {', '.join(project.recorded)}.",)
     leaning = joint_planes(project)
-    notes += _ground_notes(project, leaning)
+    notes += ground_notes(project, leaning)
     summary = summarise_model(project, measure)
     candidates = [
         *_mesh_defects(project, summary),
@@ -190,55 +189,6 @@ def _joint_defects(project, summary):
             )  # fmt: skip
 
 
-def joint_planes(project):
-    """Return by how much the facets of each joint lean from its plane: mean and worst, rad."""
-    config, mesh = project.config.mesh, project.mesh
-    if config.file is not None:
-        return {}
-    return {
-        part.name: bending(mesh, part.name, set_normal(part))
-        for part in (*config.joint_sets, *config.faults)
-        if part.name in mesh.surfaces and len(mesh.surfaces[part.name])
-    }
-
-
-def _ground_notes(project, leaning):
-    """Say how plane the joints are, and how far the holes stand behind the faces of benches."""
-    notes, blast = [], project.blast
-    for name, angles in leaning.items():
-        mean, worst = np.degrees(angles)
-        if worst > LEAST_LEAN:
-            notes.append(
-                f"Joint {name}: facets lean by {mean:.2g}° on average over their area, by "
-                f"{worst:.2g}° at most."
-            )
-    if project.config.mesh.benches and blast is not None:
-        burden = burdens(benches_of(project.config.mesh, project.folder), blast.centres)
-        burden = burden[np.isfinite(burden)]
-        if len(burden):
-            notes.append(
-                f"Burden of {len(burden)} of {len(blast.centres)} holes, from the middle of the "
-                f"charge to the nearest bench face at its height: {burden.min():.3g} to "
-                f"{burden.max():.3g} m."
-            )
-    return tuple(notes)
-
-
-def bent_joint(name, mean, worst):
-    """D37: a joint whose facets lean from its plane by more than half a degree over its area."""
-    mean, worst = float(np.degrees(mean)), float(np.degrees(worst))
-    if mean <= LARGEST_LEAN:
-        return None
-    return Finding(
-        "D37",
-        "A joint is bent by the mesh",
-        f"The facets of {name} lean from its plane by {mean:.2g}° on average over their area and "
-        f"by {worst:.2g}° at most, because the mesh is stretched to the surface or bends joints to "
-        "corners: cut the surface into tetrahedra (mesh.kind), or take a smaller mesh.tolerance_m.",
-        numbers={"mean_deg": mean, "worst_deg": worst},
-    )
-
-
 def _record_defects(project, summary):
     """D13, D16: late arrivals and damping."""
     if project.blast is not None:
@@ -259,8 +209,6 @@ SOUND_SPEED = 340.0
 SAME_INSTANT = 1e-3
 ANFO_HEAT = 3.8e6
 PLAUSIBLE_SHARE = 0.1
-LARGEST_LEAN = 0.5  # degrees from the plane of a joint, mean over its area
-LEAST_LEAN = 0.05  # degrees, below which the worst facet gets no note
 
 
 def comb_numbers(firing, frequency, band):

@@ -22,6 +22,7 @@ from .section import (
     Section,
     Size,
 )
+from .surface import BenchConfig, FractureConfig
 
 
 class LayerConfig(Section):
@@ -58,26 +59,6 @@ class FaultConfig(Section):
     extent_m: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = None
 
 
-class BenchConfig(Section):
-    """A bench: its crest, and its toe or the height and dip of its face."""
-
-    crest_m: list[Point] | None = None
-    crest_file: str | None = None
-    toe_m: list[Point] | None = None
-    toe_file: str | None = None
-    height_m: Positive | None = None
-    face_dip_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
-
-    @model_validator(mode="after")
-    def _lines(self):
-        """Ask for one crest and one toe."""
-        self._one_of(("crest_m",), ("crest_file",))
-        self._one_of(("toe_m",), ("toe_file",), ("height_m",))
-        if self.height_m is None and "face_dip_deg" in self.model_fields_set:
-            raise ValueError("face_dip_deg goes with height_m; the toe gives the dip")
-        return self
-
-
 class MeshConfig(Section):
     """The ground: a box or a surveyed surface with layers and joints, or a mesh file."""
 
@@ -86,6 +67,7 @@ class MeshConfig(Section):
     grid_cells: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
     surface_file: str | None = None
     benches: list[BenchConfig] = Field([])
+    fractures: list[FractureConfig] = Field([])
     edge_m: Positive | None = None
     edges_per_wavelength: Positive | None = None
     frequency_hz: Positive | None = None
@@ -122,17 +104,19 @@ class MeshConfig(Section):
             raise ValueError("padding_m and padding_edge_m go together")
         if self.benches and (self.surface_file is not None or self.kind == "hexahedra"):
             raise ValueError("benches are cut into tetrahedra, without surface_file or hexahedra")
-        names = [part.name for part in (*self.joint_sets, *self.faults)]
+        names = [part.name for part in (*self.joint_sets, *self.faults, *self.fractures)]
         for name in names:
             if names.count(name) > 1:
-                raise ValueError(f"the name {name!r} is given to two joint sets or faults")
+                raise ValueError(
+                    f"the name {name!r} is given to two joint sets, faults or fractures"
+                )
         return self
 
     @property
     def files(self) -> list[str | None]:
         """Return the files that the ground is read from."""
         lines = [name for part in self.benches for name in (part.crest_file, part.toe_file)]
-        return [self.file, self.surface_file, *lines]
+        return [self.file, self.surface_file, *lines, *(part.file for part in self.fractures)]
 
 
 class DampingConfig(Section):

@@ -175,6 +175,8 @@ def _obstacle(config, materials):
     mesh, sides = config.mesh, config.boundaries
     if mesh.file is not None:
         return "the mesh is read from a file"
+    if mesh.fractures:
+        return "fractures of limited extent are cut into the blocks of tetrahedra"
     if mesh.benches:
         return "benches are cut into the blocks of tetrahedra"
     if mesh.grid_cells is not None:

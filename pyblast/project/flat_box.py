@@ -29,6 +29,7 @@ OTHER = {
     "mesh.file": "is an imported mesh",
     "mesh.surface_file": "is a surveyed surface",
     "mesh.benches": "are benches",
+    "mesh.fractures": "are fractures of limited extent",
     "mesh.joint_sets": "are joints at any angle",
     "signature": "enters through a face",
     "point_forces": "is no hole",

@@ -18,6 +18,7 @@ from ..model.joint import POSITIVE, Joint, may_be_left_out, saturated
 from ..model.material import ConstantQ, Damping, Elastic, Material, MohrCoulomb
 from ..model.model import InSitu
 from ..units import plain_number, split_key, to_si
+from .surface import make_fractures
 
 
 def make_fields(config, blast, mesh) -> tuple:
@@ -351,7 +352,8 @@ def joint_of_surface(config):
     """Return which entry of ``[joints]`` each joint surface of a `MeshConfig` takes."""
     if config.file is not None:
         return dict(config.file_joints)
-    return {part.name: part.joint or part.name for part in (*config.joint_sets, *config.faults)}
+    parts = (*config.joint_sets, *config.faults, *config.fractures)
+    return {part.name: part.joint or part.name for part in parts}
 
 
 def mean_edge(config, layer, material):
@@ -392,15 +394,15 @@ def make_mesh(config, materials, folder, surface=None) -> Mesh:
     ]
     if config.grid_cells is not None:
         return _grid(config, layers, surface)
-    return _jointed_rock(config, layers, surface)
+    return _jointed_rock(config, layers, surface, make_fractures(config, folder))
 
 
 def _grid(config, layers, surface):
     """Cut a regular grid; faults must lie on its planes."""
-    if config.joint_sets or surface is not None:
+    if config.joint_sets or config.fractures or surface is not None:
         raise InputError(
-            "mesh.grid_cells: a regular grid takes faults only, no joint_sets, surface_file or "
-            "benches"
+            "mesh.grid_cells: a regular grid takes faults only, no joint_sets, fractures, "
+            "surface_file or benches"
         )
     planes = {}
     for fault in config.faults:
@@ -427,7 +429,7 @@ def _axis_of(fault):
     )
 
 
-def _jointed_rock(config, layers, surface):
+def _jointed_rock(config, layers, surface, fractures):
     """Build jointed rock through gmsh."""
     low, size = np.array(config.origin_m), np.array(config.size_m)
     sets, faults = joints_and_faults(config)
@@ -436,7 +438,8 @@ def _jointed_rock(config, layers, surface):
         padding = config.padding_m, config.padding_edge_m
     with named_error("mesh"):
         return build_mesh(
-            np.column_stack([low, low + size]), layers, sets, faults, edge=config.edge_m,
+            np.column_stack([low, low + size]), layers, sets, [*faults, *fractures],
+            edge=config.edge_m,
             surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
         )  # fmt: skip
 

@@ -53,13 +53,21 @@ def plausible_at(project, position) -> PlausibleRange | None:
         where there is no [blast]. None where no hole moves the ground or its charge is unknown,
         and where no law reaches.
     """
+    window = window_at(project, position)
+    return None if window is None else plausible_ppv(*window)
+
+
+def window_at(project, position) -> tuple[float, float] | None:
+    """Return distance in m and charge in kg of the 8 ms that are nearest by scaled distance.
+
+    None where no hole moves the ground or its charge is unknown.
+    """
     config = project.config
     if project.blast is not None and (config.holes_inside or config.signature):
-        window = project.blast.strongest_window(position)
-        return None if window is None else plausible_ppv(*window)
+        return project.blast.strongest_window(position)
     if config.signature is not None and config.signature.cavity is not None:
         hole = config.signature.cavity
-        return plausible_ppv(math.dist(hole.hole_m, position), hole.charge_kg)
+        return math.dist(hole.hole_m, position), hole.charge_kg
     return None
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ..blasts.compliance import METHOD, assess_all, conclusion
 from ..errors import Finding, ReadError
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
@@ -18,7 +19,7 @@ from ..solver.model_file import read_arrays, write_arrays
 from ..solver.preparation import versions
 from .ground import joint_of_surface
 from .inputs import input_band
-from .plausibility import level_table, level_words, peak_of, plausible_at
+from .plausibility import level_table, level_words, peak_of, plausible_at, window_at
 
 KIND = "result"
 
@@ -183,7 +184,9 @@ def summarise(project, checked, run, simulated, comparisons):
         "sources": source_summary(project),
         "band": input_band(project),
         "limit_curves": list(project.config.run.limit_curves),
+        "blast": None if blast is None else blast_table(project.blast),
         "receivers": receiver_tables(project, simulated),
+        "compliance": compliance_table(project, simulated),
         "comparisons": {n: comparison_table(c) for n, c in comparisons.items()},
         "findings": [asdict(finding) for finding in checked.findings],
         "notes": list(checked.notes),
@@ -355,6 +358,39 @@ def receiver_tables(project, simulated):
             **level_table(plausible_at(project, receiver.position), peaks),
         }
     return tables
+
+
+def blast_table(blast):
+    """Return charge, times and holes of a blast; times in s after the first firing."""
+    holes = zip(blast.hole_ids, blast.collar, blast.toe, blast.charge, blast.times, strict=True)
+    known = not np.isnan(blast.charge).any()
+    first = float(blast.times.min())
+    return {
+        "charge": float(blast.charge.sum()) if known else None,
+        "charge_per_8ms": blast.charge_per_window() if known else None,
+        "last": float(blast.times.max()) - first,
+        "holes": [
+            {"id": id_, "collar": collar, "toe": toe, "charge": charge, "time": time - first}
+            for id_, collar, toe, charge, time in holes
+        ],
+    }
+
+
+def compliance_table(project, simulated):
+    """Return peaks of all receivers against the limit curves, and the sentence that sums it up."""
+    curves = project.config.run.limit_curves
+    rows = assess_all(
+        {"recorded": project.recorded, "simulated": simulated},
+        {r.name: window_at(project, r.position) for r in project.receivers},
+        curves,
+    )
+    tables = [row.table() for row in rows]
+    return {
+        "chosen": bool(curves),
+        "frequency_method": METHOD,
+        "conclusion": conclusion(tables, bool(curves)),
+        "rows": tables,
+    }
 
 
 def comparison_table(comparison):

@@ -1,10 +1,89 @@
-"""The ground surface of a project: benches, or a survey of points or triangles."""
+"""What cuts the ground of a project beside planes: benches, surveyed surfaces, fractures."""
+
+from dataclasses import replace
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field, model_validator
 
-from ..errors import named_error
-from ..model.terrain import Bench, bench_triangles, read_terrain, toe_of
-from .section import read_columns
+from ..errors import Finding, InputError, named_error
+from ..mesh.faces import face_vectors
+from ..mesh.grid import Fault, upward_normal
+from ..model.fractures import (
+    FractureSet,
+    SizeLaw,
+    area_within,
+    read_fractures,
+    refuse_many,
+    terminated,
+)
+from ..model.terrain import Bench, bench_triangles, bending, burdens, read_terrain, toe_of
+from .section import Band, Bearing, Dip, Name, Point, Positive, Section, read_columns
+
+LARGEST_LEAN = 0.5  # degrees from the plane of a joint, mean over its area
+LEAST_LEAN = 0.05  # degrees, below which the worst facet gets no note
+
+
+class FractureConfig(Section):
+    """Fractures of limited extent that share a joint: mapped in a file, or drawn from laws."""
+
+    name: Name
+    joint: Name | None = None
+    file: str | None = None
+    dip_deg: Dip | None = None
+    dip_direction_deg: Bearing | None = None
+    fisher_kappa: Positive | None = None
+    p32: Positive | None = None
+    radius_law: Literal["constant", "exponential", "lognormal", "power"] = "constant"
+    radius_m: Positive | None = None
+    radius_deviation_m: Positive | None = None
+    radius_exponent: Positive | None = None
+    radius_range_m: Band | None = None
+    seed: Annotated[int, Field(ge=0)] = 0
+    ends_at: list[Name] = Field([])
+
+    @model_validator(mode="after")
+    def _file_or_laws(self):
+        """Ask for a file, or for the laws of a set."""
+        self._one_of(("file",), ("dip_deg", "dip_direction_deg", "fisher_kappa", "p32"))
+        needs = {"power": ("radius_exponent", "radius_range_m")}.get(
+            self.radius_law,
+            ("radius_m", "radius_deviation_m") if self.radius_law == "lognormal" else ("radius_m",),
+        )
+        sizes = ("radius_m", "radius_deviation_m", "radius_exponent", "radius_range_m")
+        given = {key for key in sizes if getattr(self, key) is not None}
+        if self.file is not None:
+            needs = ()
+        missing = [key for key in needs if key not in given]
+        allowed = {*needs, "radius_range_m"} if self.file is None else set()
+        if self.radius_law == "constant":
+            allowed.discard("radius_range_m")
+        if missing or given - allowed:
+            wrong = missing or sorted(given - allowed)
+            what = "is missing with" if missing else "does not go with"
+            law = "file" if self.file is not None else f"radius_law = {self.radius_law!r}"
+            raise ValueError(f"{wrong[0]} {what} {law}")
+        return self
+
+
+class BenchConfig(Section):
+    """A bench: its crest, and its toe or the height and dip of its face."""
+
+    crest_m: list[Point] | None = None
+    crest_file: str | None = None
+    toe_m: list[Point] | None = None
+    toe_file: str | None = None
+    height_m: Positive | None = None
+    face_dip_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
+
+    @model_validator(mode="after")
+    def _lines(self):
+        """Ask for one crest and one toe."""
+        self._one_of(("crest_m",), ("crest_file",))
+        self._one_of(("toe_m",), ("toe_file",), ("height_m",))
+        if self.height_m is None and "face_dip_deg" in self.model_fields_set:
+            raise ValueError("face_dip_deg goes with height_m; the toe gives the dip")
+        return self
 
 
 def make_surface(config, folder) -> np.ndarray | None:
@@ -31,6 +110,41 @@ def benches_of(config, folder) -> list[Bench]:
     return benches
 
 
+def make_fractures(config, folder) -> list[Fault]:
+    """Return the fractures of a `MeshConfig`, read or drawn."""
+    faults = {part.name: part for part in config.faults}
+    fractures = []
+    for part in config.fractures:
+        with named_error(f"mesh.fractures.{part.name}"):
+            ends = []
+            for name in part.ends_at:
+                fault = faults.get(name)
+                if fault is None or fault.radius_m is not None or fault.extent_m is not None:
+                    raise InputError(
+                        f"ends_at: {name!r} must be a fault of [[mesh.faults]] without radius_m "
+                        "and extent_m"
+                    )
+                angles = np.radians([fault.dip_deg, fault.dip_direction_deg])
+                ends.append(Fault(name, *angles, tuple(fault.through_m)))
+            fractures += terminated(_fractures(part, config, folder), ends)
+    return fractures
+
+
+def _fractures(part, config, folder):
+    """Return the fractures of one table as far as they reach into the box."""
+    box = np.column_stack([config.origin_m, np.add(config.origin_m, config.size_m)])
+    if part.file is None:
+        sizes = SizeLaw(
+            part.radius_law, part.radius_m or 1.0, part.radius_deviation_m or 0.0,
+            part.radius_exponent or 0.0, tuple(part.radius_range_m or (0.0, np.inf)),
+        )  # fmt: skip
+        angles = np.radians([part.dip_deg, part.dip_direction_deg])
+        kappa, density = part.fisher_kappa, part.p32
+        return FractureSet(part.name, *angles, kappa, density, sizes, part.seed).draw(box)
+    mapped = [replace(f, name=part.name) for f in read_fractures(folder / part.file, part.name)]
+    return refuse_many(part.name, [each for each in mapped if area_within(each, box) > 0.0])
+
+
 def _line(places, file, folder):
     """Return a line (n, 3) in m, given or read."""
     return np.array(places) if file is None else read_columns(folder / file, ("x_m,y_m,z_m",))
@@ -49,3 +163,62 @@ def read_surface(path):
     if path.suffix.lower() in (".asc", ".dxf", ".stl"):
         return read_terrain(path)
     return read_columns(path, ("x_m,y_m,z_m",))
+
+
+def joint_planes(project):
+    """Return by how much the facets of each joint lean from its plane: mean and worst, rad."""
+    config, mesh = project.config.mesh, project.mesh
+    if config.file is not None:
+        return {}
+    return {
+        part.name: bending(
+            mesh, part.name, upward_normal(*np.radians([part.dip_deg, part.dip_direction_deg]))
+        )
+        for part in (*config.joint_sets, *config.faults)
+        if part.name in mesh.surfaces and len(mesh.surfaces[part.name])
+    }
+
+
+def ground_notes(project, leaning):
+    """Say how plane the joints are, and how far the holes stand behind the faces of benches."""
+    notes, blast = [], project.blast
+    for name, angles in leaning.items():
+        mean, worst = np.degrees(angles)
+        if worst > LEAST_LEAN:
+            notes.append(
+                f"Joint {name}: facets lean by {mean:.2g}° on average over their area, by "
+                f"{worst:.2g}° at most."
+            )
+    for part in project.config.mesh.fractures:
+        faces = project.mesh.surfaces.get(part.name, np.empty((0, 3), dtype=int))
+        area = np.linalg.norm(face_vectors(project.mesh.points, faces), axis=1).sum()
+        volume = np.prod(project.config.mesh.size_m)
+        drawn = "" if part.file else f", drawn with seed {part.seed}"
+        notes.append(
+            f"Fractures {part.name}: {area:.4g} m2, P32 {area / volume:.3g} 1/m of the box{drawn}."
+        )
+    if project.config.mesh.benches and blast is not None:
+        burden = burdens(benches_of(project.config.mesh, project.folder), blast.centres)
+        burden = burden[np.isfinite(burden)]
+        if len(burden):
+            notes.append(
+                f"Burden of {len(burden)} of {len(blast.centres)} holes, from the middle of the "
+                f"charge to the nearest bench face at its height: {burden.min():.3g} to "
+                f"{burden.max():.3g} m."
+            )
+    return tuple(notes)
+
+
+def bent_joint(name, mean, worst):
+    """D37: a joint whose facets lean from its plane by more than half a degree over its area."""
+    mean, worst = float(np.degrees(mean)), float(np.degrees(worst))
+    if mean <= LARGEST_LEAN:
+        return None
+    return Finding(
+        "D37",
+        "A joint is bent by the mesh",
+        f"The facets of {name} lean from its plane by {mean:.2g}° on average over their area and "
+        f"by {worst:.2g}° at most, because the mesh is stretched to the surface or bends joints to "
+        "corners: cut the surface into tetrahedra (mesh.kind), or take a smaller mesh.tolerance_m.",
+        numbers={"mean_deg": mean, "worst_deg": worst},
+    )

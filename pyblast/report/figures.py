@@ -408,8 +408,7 @@ def limits_figure(motions, curves):
     figure = _figure(9.6, 5.0)
     axes = figure.subplots()
     for curve in curves:
-        status = "" if curve.verified else ", unverified"
-        label = f"{curve.name} ({curve.quantity}{status})"
+        label = f"{curve.name} ({curve.quantity})"
         axes.loglog(frequency, 1e3 * curve.limit(frequency), lw=1.1, label=label)
     for kind, colour in zip(motions, (SIMULATED, RECORDED), strict=False):
         of_kind = [(text, 1e3 * size, hz) for k, text, size, hz in drawn if k == kind]

@@ -1,25 +1,24 @@
-"""Report of a run: one HTML page with figures and tables, and files for ParaView."""
+"""Report of a run: one HTML page that says the answer first, then figures, findings and tables."""
 
+import base64
 import math
 from dataclasses import replace
 from importlib import resources
-from pathlib import Path
 
-import meshio
 import numpy as np
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
-from ..errors import ReadError
-from ..mesh.mesh import edge_lengths
-from ..project.checks_ground import carried_frequency
+from ..blasts.compliance import ORIENTATION, explain
 from ..project.result import Result, plain, write_text
 from ..signals.comparison import load_limits
-from ..solver.initial_stress import yield_states
 from ..units import plain_number
 from . import figures
 from .figures import limits_figure
 
 SPECTRUM_TOP = 40.0
+NOTHING_LIMITED = {"rows": [], "chosen": False}
+MOST_SAMPLES = 4000  # of a seismogram in the page
+MOST_PICTURES = 12  # of receivers, so that the page stays below 6 MB
 SOURCES = {"forces": "point forces", "tensors": "moment tensors", "pressures": "pressed surfaces"}
 
 
@@ -37,11 +36,145 @@ def write_report(path, result: Result):
 def render(result: Result) -> str:
     """Return the page as text; every name that users give is escaped."""
     result = replace(result, summary=plain(result.summary))
+    summary = result.summary
     return page("report.html").render(
-        s=result.summary,
+        s=summary,
+        answer=answer(summary),
+        tone=_tone(summary),
+        compliance=summary.get("compliance") or NOTHING_LIMITED,
+        curves=load_limits(),
+        explain=explain,
         figures=_figures(result),
-        assumed=_assumed_under(result.summary["assumed"]),
+        severities=_by_severity(summary["findings"]),
+        waves=waveforms(result),
+        assumed=_assumed_under(summary["assumed"]),
     )
+
+
+def answer(summary) -> list[tuple[str, str]]:
+    """Return what was fired and where, what came out, and whether it is allowed.
+
+    Parameters
+    ----------
+    summary : dict
+        Of a result, as JSON holds it.
+
+    Returns
+    -------
+    list of tuple of 2 str
+        Head and sentence.
+    """
+    rows = (summary.get("compliance") or NOTHING_LIMITED)["rows"]
+    known = [row for row in rows if row["distance"] is not None]
+    where = ""
+    if known:
+        near = min(known, key=lambda row: row["distance"])
+        far = max(known, key=lambda row: row["distance"])
+        where = f"; {near['receiver']} stands {plain_number(near['distance'])} m away"
+        if far["receiver"] != near["receiver"]:
+            where += f", {far['receiver']} {plain_number(far['distance'])} m"
+    lines = [("Fired", f"{_fired(summary)}{where}."), ("Came out", _came_out(summary))]
+    conclusion = (summary.get("compliance") or {}).get("conclusion")
+    return [*lines, ("Allowed?", conclusion)] if conclusion else lines
+
+
+def _tone(summary):
+    """Return the colour of the answer: bad where a check or limit fails, good where all hold."""
+    compliance = summary.get("compliance") or NOTHING_LIMITED
+    shares = [row["share"] for row in compliance["rows"] if row["share"] is not None]
+    over = compliance["chosen"] and max(shares, default=0.0) > 1.0
+    if over or any(finding["failed"] for finding in summary["findings"]):
+        return "bad"
+    return "good" if compliance["chosen"] and shares else ""
+
+
+def _fired(summary):
+    """Return what moved the ground."""
+    blast, sources = summary.get("blast"), summary["sources"]
+    if blast is None:
+        parts = [f"{len(sources[n])} {SOURCES[n]}" for n in SOURCES if sources[n]]
+        if summary["input"] is not None:
+            parts.insert(0, f"a single hole ({summary['input']['signature']})")
+        return " and ".join(parts) or "an air blast"
+    count = len(blast["holes"])
+    text = f"{count} {'hole' if count == 1 else 'holes'}"
+    if blast["charge"] is not None:
+        text += (
+            f" with {plain_number(blast['charge'])} kg, at most "
+            f"{plain_number(blast['charge_per_8ms'])} kg in 8 ms"
+        )
+    return text + (f", over {plain_number(1e3 * blast['last'])} ms" if blast["last"] > 0.0 else "")
+
+
+def _came_out(summary):
+    """Return the largest peak, recorded and simulated, whether it is plausible, what fails."""
+    words = []
+    for kind in ("recorded", "simulated"):
+        peaks = [
+            (value, name, table[kind]["components"][k], table[kind]["zero_crossing_frequency"][k])
+            for name, table in summary["receivers"].items() if table[kind]
+            for k, value in enumerate(table[kind]["ppv"]) if value is not None
+        ]  # fmt: skip
+        if peaks:
+            value, name, component, hz = max(peaks)
+            at = "" if hz is None else f", {plain_number(hz)} Hz"
+            words.append(
+                f"{kind} PPV of {plain_number(1e3 * value)} mm/s at {name} ({component}{at})"
+            )
+    text = (words[0][0].upper() + "; ".join(words)[1:] if words else "No receiver") + "."
+    outside = [n for n, table in summary["receivers"].items() if table.get("implausible")]
+    if outside:
+        text += f" Outside of what published laws find plausible: {', '.join(outside)}."
+    failing = sorted({finding["code"] for finding in summary["findings"] if finding["failed"]})
+    if failing:
+        text += f" Do not use it yet: {', '.join(failing)} failed."
+    return text
+
+
+def _by_severity(findings):
+    """Return findings by severity, alike ones together: title, open, list of (code, title, all)."""
+    groups = []
+    for title, failed in (("Checks that fail", True), ("To know", False)):
+        alike = {}
+        for finding in findings:
+            if finding["failed"] == failed:
+                alike.setdefault(finding["code"], []).append(finding)
+        if alike:
+            rows = [(code, same[0]["title"], same) for code, same in alike.items()]
+            groups.append((title, failed, rows))
+    return groups
+
+
+def waveforms(result: Result) -> list[dict]:
+    """Return the motion of all receivers for the interactive figures, in mm/s.
+
+    A record of more than `MOST_SAMPLES` keeps the smallest and the largest of each interval. Values
+    are little-endian 16-bit integers in base64, times ``scale``.
+    """
+    places: dict[str, list] = {}
+    for kind in ("recorded", "simulated"):
+        for name, motion in result.seismograms(kind).items():
+            step = max(1, math.ceil(2 * len(motion.velocity) / MOST_SAMPLES))
+            for k in np.flatnonzero(motion.present):
+                values = 1e3 * motion.velocity[:, k]
+                dt = motion.dt
+                if step > 2:
+                    values, dt = _thinned(values, step), 0.5 * step * motion.dt
+                scale = float(np.abs(values).max()) / 32000.0 or 1.0
+                packed = np.round(values / scale).astype("<i2").tobytes()
+                places.setdefault(name, []).append(
+                    {"kind": kind, "name": motion.components[k], "start": motion.start, "dt": dt,
+                     "scale": scale, "values": base64.b64encode(packed).decode()}
+                )  # fmt: skip
+    return [{"place": name, "traces": traces} for name, traces in places.items()]
+
+
+def _thinned(values, step):
+    """Return smallest and largest of every ``step`` values, in the order of their times."""
+    whole = values[: len(values) // step * step].reshape(-1, step)
+    first, last = whole.argmin(axis=1), whole.argmax(axis=1)
+    picked = np.sort(np.stack([first, last], axis=1), axis=1)
+    return np.take_along_axis(whole, picked, axis=1).ravel()
 
 
 def page(name):
@@ -56,27 +189,28 @@ def page(name):
         "scaled": scaled,
         "angle": angle,
         "plain": plain_number,
+        "share": share,
     }
     return environment.get_template(name)
 
 
 def _figures(result):
-    """Return the figures: list of title, caption, names of assumed tables, image."""
+    """Return the figures: title, caption, names of assumed tables, image, number of waveforms."""
     summary = result.summary
     wide = _spectrum_top(summary)
     rows = [
+        *_limit_figures(result),
+        *_receiver_figures(result, wide),
         *_input_figures(result, wide),
         *_source_figures(result, wide),
+        *_section_figures(result),
         (
             "Blocks",
             f"{summary['model']['blocks']} blocks, each in a shade of its material, seen from the "
-            "south-west (as figure 3 of the paper).",
+            "south-west.",
             ("mesh",),
             figures.blocks_figure(result),
         ),
-        *_section_figures(result),
-        *_receiver_figures(result, wide),
-        *_limit_figures(result),
         (
             "Energy",
             "Energy balance of the input; it closes within "
@@ -85,7 +219,17 @@ def _figures(result):
             figures.energy_figure(result.arrays["energy"], summary["run"]["lead"]),
         ),
     ]  # fmt: skip
-    return [dict(zip(("title", "caption", "tables", "image"), row, strict=True)) for row in rows]
+    heads, places = ("title", "caption", "tables", "image"), list(_receiver_names(result))
+    return [
+        dict(zip(heads, row, strict=True))
+        | {"waveform": places.index(row[0][9:]) if row[0].startswith("Receiver ") else None}
+        for row in rows
+    ]
+
+
+def _receiver_names(result):
+    """Return the receivers in the order of `waveforms`."""
+    return dict.fromkeys([*result.seismograms("recorded"), *result.seismograms("simulated")])
 
 
 def _spectrum_top(summary):
@@ -104,7 +248,7 @@ def _input_figures(result, top):
     yield (
         "Single hole",
         f"Signature, {table['signature']}: particle velocity and smoothed amplitude "
-        "spectrum of the three components (as figure 5 of the paper).",
+        "spectrum of the three components.",
         ("signature",),
         figures.motion_figure(
             {"single hole": stages["signature"]}, [figures.INK], top, _end(stages["signature"])
@@ -169,7 +313,7 @@ def _section_figures(result):
         entry = f"the blast enters through '{face}'{arrows}"
     yield (
         "Section",
-        f"Section at north {north:g} m with joints and faults; {entry} (as figure 4 of the paper).",
+        f"Section at north {north:g} m with joints and faults; {entry}.",
         ("mesh", "joints"),
         figures.section_figure(result, north),
     )
@@ -190,38 +334,41 @@ def _section_place(result):
 
 
 def _receiver_figures(result, top):
-    """Yield recorded and simulated motion at each receiver (figures 7 to 9 of the paper)."""
+    """Yield recorded and simulated motion at each receiver, those with the largest peaks drawn."""
     recorded = result.seismograms("recorded")
-    for name, simulated in result.seismograms("simulated").items():
+    motions = result.seismograms("simulated")
+    drawn = sorted(motions, key=lambda name: -motions[name].pvs)[:MOST_PICTURES]
+    for name, simulated in motions.items():
         both, colours = {"simulated": simulated}, [figures.SIMULATED]
         words = "simulated; no record is given"
         if name in recorded:
             both = {"recorded": recorded[name], "simulated": simulated}
             colours, words = [figures.RECORDED, figures.SIMULATED], "recorded against simulated"
+        image = None
+        if name in drawn:
+            image = figures.motion_figure(both, colours, top, float(simulated.times[-1]))
         yield (
             f"Receiver {name}",
-            f"{name}: {words}; particle velocity and smoothed amplitude spectrum (as figures 7 to "
-            f"9 of the paper).{_towards(result.summary['receivers'][name])}",
+            f"{name}: {words}; particle velocity and smoothed amplitude spectrum."
+            f"{_towards(result.summary['receivers'][name])}",
             ("receivers", "signature", "mesh", "joints", "damping"),
-            figures.motion_figure(both, colours, top, float(simulated.times[-1])),
+            image,
         )
 
 
 def _limit_figures(result):
-    """Yield the figure of peaks and limit curves, if the project names any."""
-    names, curves = result.summary.get("limit_curves", []), load_limits()
+    """Yield the figure of peaks and limit curves, for orientation if the project names none."""
+    names, curves = result.summary.get("limit_curves") or ORIENTATION, load_limits()
     chosen = [curves[name] for name in names if name in curves]
-    if not chosen:
-        return
     motions = {kind: result.seismograms(kind) for kind in ("simulated", "recorded")}
+    if not chosen or not any(motions.values()):
+        return
     image, left_out = limits_figure(motions, chosen)
     without = f" Without crossings on both sides, and left out: {', '.join(left_out)}."
     yield (
         "Limit curves",
-        "Peaks of each component against their frequency by zero crossing. The curves are no "
-        "assessment: compare a curve with its standard before you use it "
-        f"({'; '.join(curve.source for curve in chosen)}). The simulation holds little above "
-        f"{result.summary['band']:.3g} Hz.{without if left_out else ''}",
+        "Peaks of each component against their frequency by zero crossing. The simulation holds "
+        f"little above {result.summary['band']:.3g} Hz.{without if left_out else ''}",
         ("receivers", "signature"),
         image,
     )
@@ -281,111 +428,13 @@ def scaled(value, factor, digits=3):
     return number(None if value is None else float(value) * factor, digits)
 
 
+def share(value):
+    """Show a share of a limit in percent, above 10 as a factor."""
+    if value is None:
+        return "–"
+    return f"{plain_number(value)} ×" if value >= 10.0 else f"{plain_number(100.0 * value)} %"
+
+
 def angle(tangent):
     """Show the angle in degrees of a tangent."""
     return number(None if tangent is None else math.degrees(math.atan(tangent)))
-
-
-def zone_fields(model):
-    """Return the fields of zones: group, block, highest frequency carried; dict of (n_zones,)."""
-    mesh = model.mesh
-    edge = edge_lengths(mesh).mean(axis=1)
-    return {
-        "group": mesh.zone_group.astype(np.int32),
-        "block": mesh.blocks().astype(np.int32),
-        "f_max": carried_frequency(model.zone_values("cs"), edge, model.edges_per_wavelength),
-    }
-
-
-def yield_fields(run):
-    """Return stress (Pa) and plastic strains of plastic zones, nan elsewhere; empty without any.
-
-    The stress has ParaView's order xx yy zz xy yz zx.
-    """
-    constants = run.prepared.constants
-    if constants["hex_order"]:
-        return {}
-    zone, stress, plastic = yield_states(constants, run.state)
-    if not len(zone):
-        return {}
-    values = np.full((len(constants["zone_row"]), 8), np.nan)
-    values[zone] = np.hstack([stress, plastic])
-    return {
-        "stress": values[:, [0, 1, 2, 5, 3, 4]],
-        "plastic_shear": values[:, 6],
-        "plastic_tension": values[:, 7],
-    }
-
-
-def write_zones(path, points, zones, fields, node_fields=None):
-    """Write tetrahedra with values per zone and per node.
-
-    Parameters
-    ----------
-    path : path
-    points : (n_nodes, 3) float64, m
-    zones : (n_zones, 4) int32
-    fields, node_fields : dict of str to array
-    """
-    cells = [("tetra", zones)]
-    mesh = meshio.Mesh(points, cells, node_fields or {}, {n: [v] for n, v in fields.items()})
-    _write(path, mesh)
-
-
-def write_joints(path, mesh, displacement=None):
-    """Write joint surfaces with their number and the displacement jump of each node.
-
-    Parameters
-    ----------
-    path : path
-    mesh : Mesh
-        Split.
-    displacement : (n_nodes, 3) float64, m, optional
-    """
-    names = mesh.contacts.names if mesh.contacts is not None else ()
-    triangles = np.concatenate([np.empty((0, 3), np.int32), *(mesh.surfaces[n] for n in names)])
-    number = np.repeat(np.arange(len(names)), [len(mesh.surfaces[n]) for n in names])
-    fields = {}
-    contacts = mesh.contacts
-    if displacement is not None and contacts is not None and len(names):
-        jump = np.zeros_like(mesh.points)
-        jump[contacts.minus] = displacement[contacts.plus] - displacement[contacts.minus]
-        fields["jump"] = jump
-    joints = {"joint": [number.astype(np.int32)]}
-    _write(path, meshio.Mesh(mesh.points, [("triangle", triangles)], fields, joints))
-
-
-def write_motion(folder, points, zones, snapshots):
-    """Write node velocities at some instants, and a ParaView collection of them.
-
-    Parameters
-    ----------
-    folder : Path
-    points, zones : arrays of the mesh
-    snapshots : dict of float (s) to (n_nodes, 3) float32, m/s
-    """
-    lines = []
-    for number, (time, velocity) in enumerate(sorted(snapshots.items())):
-        name = f"motion_{number:03d}.vtu"
-        write_zones(Path(folder) / name, points, zones, {}, {"velocity": velocity})
-        lines.append(f'<DataSet timestep="{time:.9g}" file="{name}"/>')
-    if lines:
-        body = "\n".join(lines)
-        write_text(
-            Path(folder) / "motion.pvd",
-            '<VTKFile type="Collection" version="0.1"><Collection>\n'
-            f"{body}\n</Collection></VTKFile>\n",
-        )
-
-
-def _write(path, mesh):
-    """Write to a temporary file and rename it; `ReadError` if the path can't be written."""
-    path = Path(path)
-    beside = path.with_name(f".{path.stem}.part.vtu")
-    try:
-        mesh.write(beside, file_format="vtu")
-        beside.replace(path)
-    except OSError as error:
-        raise ReadError(f"{path}: can't be written ({error.strerror or error})") from None
-    finally:
-        beside.unlink(missing_ok=True)

@@ -228,8 +228,8 @@ class LimitCurve:
     ----------
     name, source : str
     verified : bool
-        Whether a named person compared the numbers with the standard. An unverified curve is
-        plotted with that label and gives no pass or fail.
+        Whether a named person compared the numbers with the standard itself; if not, reports say
+        so in a footnote.
     quantity : str
         What the limit applies to: "peak component", "vector sum", ...
     corners : (n_corners, 2) float64, Hz and m/s

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ..blasts.compliance import compliance_csv
 from ..errors import Finding, InputError, ReadError
 from ..model.model import Model
 from ..project.checks import Check, check
@@ -22,6 +23,7 @@ from ..project.plausibility import (
 from ..project.project import Project, load_project
 from ..project.result import (
     Result,
+    plain,
     read_result,
     record_findings,
     seismogram_heads,
@@ -29,16 +31,11 @@ from ..project.result import (
     summarise,
     write_result,
     write_summary,
+    write_text,
 )
 from ..recordings.recording import read_recording
-from ..report.run import (
-    write_joints,
-    write_motion,
-    write_report,
-    write_zones,
-    yield_fields,
-    zone_fields,
-)
+from ..report.maps import write_joints, write_motion, write_zones, yield_fields, zone_fields
+from ..report.run import write_report
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..solver import preparation
@@ -286,7 +283,9 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
     """Write result file, summary and files for ParaView."""
     folder, run_ = outcome.folder, outcome.run
     write_result(folder / RESULT, outcome.result)
-    write_summary(folder / "summary.json", outcome.result.summary)
+    summary = plain(outcome.result.summary)
+    write_summary(folder / "summary.json", summary)
+    write_text(folder / "compliance.csv", compliance_csv(summary["compliance"]["rows"]))
     shown = model.shown
     mesh, displacement = shown.mesh, run_.state["displacement"][shown.node]
     moved = {"displacement": displacement}

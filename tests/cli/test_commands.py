@@ -27,8 +27,8 @@ def test_a_run_writes_everything(tmp_path):
     assert done.exit_code == 3, done.output
     names = {path.name for path in (tmp_path / "results" / "001").iterdir()}
     assert names == {
-        "result.h5", "summary.json", "report.html", "zones.vtu", "joints.vtu", "motion_000.vtu",
-        "motion.pvd",
+        "result.h5", "summary.json", "report.html", "compliance.csv", "zones.vtu", "joints.vtu",
+        "motion_000.vtu", "motion.pvd",
     }  # fmt: skip
     assert "R1: PPV in mm/s longitudinal" in done.output
     assert "D1 FAILS" in done.output

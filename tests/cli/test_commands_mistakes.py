@@ -13,7 +13,7 @@ from pyblast.project.checks import check
 from pyblast.project.project import load_project
 from pyblast.project.result import cut_short, low_frequencies, read_result
 from pyblast.recordings.recording import read_recording
-from pyblast.report.run import write_zones
+from pyblast.report.maps import write_zones
 from pyblast.signals.seismogram import Seismogram
 from pyblast.workflows import run
 

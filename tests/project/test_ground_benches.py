@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from pyblast.project import checks
-from pyblast.project.config_ground import BenchConfig, MeshConfig
+from pyblast.errors import InputError
+from pyblast.project import checks, surface
+from pyblast.project.config_ground import MeshConfig
 from pyblast.project.project import load_project
-from pyblast.project.surface import benches_of, read_surface
+from pyblast.project.surface import BenchConfig, benches_of, read_surface
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bench" / "project.toml"
 
@@ -22,7 +23,7 @@ def test_the_example_has_planes_burdens_and_receivers_on_the_ground():
     (burden,) = (note for note in found.notes if note.startswith("Burden"))
     assert "nearest bench face at its height: 5 to 5.8 m" in burden
     assert "D37" not in {finding.code for finding in found.findings}
-    assert np.degrees(checks.joint_planes(project)["F1"]) == pytest.approx([0.0, 0.0], abs=1e-3)
+    assert np.degrees(surface.joint_planes(project)["F1"]) == pytest.approx([0.0, 0.0], abs=1e-3)
     assert project.receivers[0].position[2] == pytest.approx(40.0)
     assert project.mesh.points[:, 2].max() == pytest.approx(40.0)
 
@@ -60,10 +61,60 @@ def test_benches_and_a_surface_at_once_are_refused():
                    benches=[{"crest_file": "crest.csv", "height_m": 4}])  # fmt: skip
 
 
-def test_a_finding_says_by_how_many_degrees_a_joint_is_bent():
-    assert checks.bent_joint("F", np.radians(0.4), np.radians(3.0)) is None
+FRACTURES = EXAMPLE.parents[1] / "fractures" / "project.toml"
 
-    found = checks.bent_joint("F", np.radians(5.2), np.radians(12.0))
+
+@pytest.mark.long
+def test_fractures_of_a_project_are_cut_counted_and_end_at_the_fault():
+    project = load_project(FRACTURES)
+
+    notes = surface.ground_notes(project, {})
+
+    assert any(note.startswith("Fractures bedding") and "seed 1" in note for note in notes)
+    assert project.config.mesh.files == [None, None, "discs.csv", None]
+    assert {joint.surface: joint.properties["kn"] for joint in project.joints} == pytest.approx(
+        {"F1": 3e9, "mapped": 8e9, "bedding": 8e9}
+    )
+    fault = surface.make_fractures(project.config.mesh, EXAMPLE.parents[1] / "fractures")
+    west = [f for f in fault if f.name == "mapped" and f.point[0] < 30.0]
+    normal = np.array([np.sin(np.radians(65.0)) * np.sin(np.radians(80.0)),
+                       np.sin(np.radians(65.0)) * np.cos(np.radians(80.0)),
+                       np.cos(np.radians(65.0))])  # fmt: skip
+    for part in west:
+        assert (part.polygon @ normal).max() <= normal @ [36.0, 20.0, 30.0] + 1e-9
+
+
+LAWS = {"name": "a", "dip_deg": 9, "dip_direction_deg": 9, "fisher_kappa": 9, "p32": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"name": "a"}, "give one of file"),
+        ({"name": "a", "file": "a.csv", "p32": 0.1}, "give one of file"),
+        ({"name": "a", "file": "a.csv", "radius_m": 2.0}, "radius_m does not go with file"),
+        (LAWS, "radius_m is missing"),
+        (LAWS | {"radius_law": "power", "radius_exponent": 2}, "radius_range_m is missing"),
+        (LAWS | {"radius_m": 2, "radius_exponent": 2}, "radius_exponent does not go with"),
+    ],
+)
+def test_half_a_set_of_fractures_is_refused(keys, message):
+    with pytest.raises(ValidationError, match=message):
+        surface.FractureConfig(**keys)
+
+
+def test_fractures_that_end_at_an_unknown_fault_are_refused(tmp_path):
+    mesh = MeshConfig(size_m=[60, 20, 9], edge_m=5, layers=[{"material": "a"}],
+                      fractures=[LAWS | {"radius_m": 2, "ends_at": ["F9"]}])  # fmt: skip
+
+    with pytest.raises(InputError, match="ends_at: 'F9' must be a fault"):
+        surface.make_fractures(mesh, tmp_path)
+
+
+def test_a_finding_says_by_how_many_degrees_a_joint_is_bent():
+    assert surface.bent_joint("F", np.radians(0.4), np.radians(3.0)) is None
+
+    found = surface.bent_joint("F", np.radians(5.2), np.radians(12.0))
 
     assert found.numbers == pytest.approx({"mean_deg": 5.2, "worst_deg": 12.0})
     assert "5.2° on average" in found.text

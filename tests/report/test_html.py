@@ -7,9 +7,9 @@ import pytest
 from small_project import written
 
 from pyblast import Seismogram
-from pyblast.project.result import read_result, write_csv
+from pyblast.project.result import Result, read_result, write_csv
 from pyblast.report.figures import limits_figure, peaks_of, section_of_surface, section_of_zones
-from pyblast.report.run import angle, number, render, scaled
+from pyblast.report.run import angle, number, render, scaled, waveforms
 from pyblast.signals.comparison import load_limits
 from pyblast.workflows import run
 
@@ -44,8 +44,10 @@ def test_the_page_needs_no_network(page):
     parser = Tags()
     parser.feed(page)
 
-    assert all(link.startswith("data:image/png;base64,") for link in parser.links)
-    assert "script" not in parser.tags
+    assert all(link.startswith(("data:image/png;base64,", "#")) for link in parser.links)
+    assert parser.tags.count("script") == 2  # the seismograms and what draws them, both inside
+    assert "fetch(" not in page
+    assert "http" not in re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
     assert "link" not in parser.tags
 
 
@@ -59,29 +61,60 @@ def test_the_page_warns_of_failing_checks_and_short_records_before_the_peaks(pag
     first = page.index("<table>")
 
     assert "before you use these peaks" in page[:first]
+    assert page.index('id="answer"') < page.index("<img")
     assert "fewer than two cycles fit into the record" in page
     assert "1.12 % at 4 Hz (Rayleigh)" in page
     assert "enters through &#39;west&#39; at the arrows" in page
 
 
-def test_the_figures_of_the_paper_are_there(page):
-    for figure in ("figure 5", "figure 3", "figure 4", "figures 7 to 9"):
-        assert f"(as {figure} of the paper)" in page
+def test_figures_are_those_of_the_project_not_of_a_paper(page):
+    assert "of the paper" not in page
     images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert len(images) == 7
+    assert len(images) == 8
     assert all(base64.b64decode(image)[:8] == b"\x89PNG\r\n\x1a\n" for image in images)
 
 
-def test_limit_curves_are_drawn_with_all_peaks_when_they_are_asked_for(tmp_path, page):
+def test_links_within_the_page_lead_somewhere(page):
+    targets = re.findall(r'href="#([^"]+)"', page)
+
+    assert len(targets) > 10
+    assert all(f'id="{target}"' in page for target in targets)
+
+
+def test_the_chosen_limit_curves_judge_the_peaks(tmp_path, page):
     curves = 'duration_s = 0.1\nlimit_curves = ["din_4150_dwelling", "as_2187_occupied"]'
     outcome = run.run(written(tmp_path, ("duration_s = 0.1", curves)))
+    summary = outcome.result.summary
 
     drawn = render(outcome.result)
+    rows = summary["compliance"]["rows"]
 
-    assert "Limit curves" not in page
-    assert "no assessment" in drawn
-    assert "AS 2187" in drawn
-    assert drawn.count("data:image/png") == page.count("data:image/png") + 1
+    assert "for orientation" in page
+    assert "for orientation" not in drawn
+    assert {row["curve"] for row in rows} == {"din_4150_dwelling", "as_2187_occupied"}
+    assert summary["compliance"]["conclusion"].startswith(("Allowed", "Not allowed"))
+    assert drawn.count("by a named person yet") == 1
+    for row in rows:
+        assert row["peak"] <= row["vector_sum"] * (1.0 + 1e-12)
+        assert row["share"] * row["limit"] == pytest.approx(row["peak"])
+
+
+def test_seismograms_in_the_page_keep_their_peaks():
+    time = np.arange(0.0, 2.0, 1e-5)
+    wave = np.exp(-3.0 * time) * np.sin(60.0 * np.pi * time)
+    motion = Seismogram(np.c_[wave, -0.1 * wave, np.full(len(time), np.nan)], 1e-5)
+    heads = {"dt": 1e-5, "start": 0.0, "components": list(motion.components)}
+    seismograms = {"simulated": {"R1": heads}, "recorded": {}}
+    result = Result({"simulated": {"R1": motion.velocity}}, {"seismograms": seismograms})
+
+    (place,) = waveforms(result)
+
+    for trace, peak in zip(place["traces"], motion.ppv, strict=False):
+        values = np.frombuffer(base64.b64decode(trace["values"]), "<i2") * trace["scale"]
+        assert np.abs(values).max() == pytest.approx(1e3 * peak, rel=1e-4)
+        assert len(values) <= 4002
+        assert trace["dt"] * len(values) == pytest.approx(2.0, rel=1e-3)
+    assert [trace["name"] for trace in place["traces"]] == list(motion.components[:2])
 
 
 def test_peaks_of_a_decaying_sine_lie_at_its_frequency_the_sum_at_that_of_the_largest():

@@ -16,7 +16,7 @@ from pyblast.model.boundary import Fixed, Roller, StressInput, VelocityInput, Vi
 from pyblast.model.joint import Joint
 from pyblast.model.material import Material, MohrCoulomb
 from pyblast.model.model import InSitu, Model, Receiver
-from pyblast.report.run import write_zones, yield_fields
+from pyblast.report.maps import write_zones, yield_fields
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver import assembly
 from pyblast.solver.initial_stress import yield_states

@@ -1,0 +1,331 @@
+"""Compliance: peaks of a blast against limit curves, and how each share of a limit follows."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from ..signals.comparison import LimitCurve, load_limits
+from ..signals.seismogram import Seismogram
+from ..signals.spectra import zero_crossing_frequency
+from ..units import plain_number
+from .published_laws import HARD_ROCK
+
+ORIENTATION = ("din_4150_dwelling", "usbm_plaster")  # shown where no standard is chosen
+METHOD = "zero crossing at the peak"
+SUM = "vector sum"
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """Peak of a blast at one receiver against one limit curve.
+
+    Parameters
+    ----------
+    receiver, kind : str
+        Receiver, and "simulated" or "recorded".
+    curve : str
+        Key of the limit curve.
+    quantity : str
+        Component that comes nearest to the limit, or "vector sum".
+    peak : float, m/s
+        Of that quantity.
+    frequency : float, Hz
+        By zero crossing at the peak; NaN without crossings on both sides.
+    limit : float, m/s
+        At that frequency, the lowest of the curve where there is none; NaN where the curve has no
+        value.
+    vector_sum : float, m/s
+        Largest length of the velocity vector at one instant.
+    distance, charge : float, m, kg
+        Of the 8 ms window that is nearest by scaled distance; NaN if unknown.
+    """
+
+    receiver: str
+    kind: str
+    curve: str
+    quantity: str
+    peak: float
+    frequency: float
+    limit: float
+    vector_sum: float
+    distance: float = math.nan
+    charge: float = math.nan
+
+    @property
+    def share(self) -> float:
+        """Peak over limit; above 1 it is exceeded."""
+        return self.peak / self.limit
+
+    @property
+    def scaled_distance(self) -> float:
+        """Distance over the square root of the charge in 8 ms, m/kg^0.5."""
+        return self.distance / math.sqrt(self.charge) if self.charge > 0.0 else math.nan
+
+    def table(self) -> dict[str, Any]:
+        """Return all values for a table: SI, with share and scaled distance."""
+        return asdict(self) | {"share": self.share, "scaled_distance": self.scaled_distance}
+
+
+def assess(
+    motion: Seismogram,
+    key: str,
+    *,
+    kind: str = "simulated",
+    window: tuple[float, float] | None = None,
+    receiver: str | None = None,
+) -> Assessment | None:
+    """Compare the peaks of a motion with a limit curve.
+
+    Parameters
+    ----------
+    motion : Seismogram
+    key : str
+        Of the limit curve, as in `load_limits`.
+    kind : str
+    window : tuple of 2 float, optional
+        Distance in m and charge in kg in 8 ms.
+    receiver : str, optional
+        The label of the motion by default.
+
+    Returns
+    -------
+    Assessment or None
+        Of the component with the largest share of its limit; None where the motion has none of the
+        components that the curve limits, or is still.
+
+    Notes
+    -----
+    Each component is taken at its own frequency, half the inverse of the time between the zero
+    crossings on both sides of its peak. The vector sum is taken at the frequency of the largest
+    component.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 1.0, 1e-3)
+    >>> wave = 0.004 * np.sin(20.0 * np.pi * time) * np.exp(-3.0 * time)
+    >>> row = assess(Seismogram(np.c_[wave, 0.0 * wave, 0.5 * wave], 1e-3), "din_4150_dwelling")
+    >>> row.quantity, round(row.frequency, 1), round(1e3 * row.limit, 2), round(row.share, 2)
+    ('east', 10.0, 5.0, 0.74)
+    """
+    curve = load_limits()[key]
+    distance, charge = window or (math.nan, math.nan)
+    rows = [
+        Assessment(
+            motion.label if receiver is None else receiver, kind, key, name, size, hz,
+            limit_at(curve, hz), motion.pvs, distance, charge,
+        )
+        for name, size, hz in peaks_under(motion, curve.quantity)
+        if size > 0.0
+    ]  # fmt: skip
+    known = [row for row in rows if not math.isnan(row.limit)]
+    return max(known or rows, key=lambda row: row.share if known else row.peak, default=None)
+
+
+def peaks_under(motion: Seismogram, quantity: str) -> list[tuple[str, float, float]]:
+    """Return name, peak in m/s and frequency in Hz of what a curve for a quantity limits."""
+    hz, peaks = zero_crossing_frequency(motion).hz, motion.ppv
+    if quantity == SUM:
+        return [(SUM, float(motion.pvs), float(hz[np.nanargmax(peaks)]))]
+    limited = {
+        "vertical component": {"vertical"},
+        "horizontal component": {*motion.components} - {"vertical"},
+    }.get(quantity, {*motion.components})
+    return [
+        (name, float(peak), float(f))
+        for name, peak, f in zip(motion.components, peaks, hz, strict=True)
+        if name in limited and not np.isnan(peak)
+    ]
+
+
+def limit_at(curve: LimitCurve, frequency: float) -> float:
+    """Return the limit in m/s at a frequency in Hz, the lowest of the curve where that is NaN."""
+    if math.isnan(frequency):
+        return float(curve.corners[:, 1].min())
+    return float(curve.limit(frequency))
+
+
+def assess_all(
+    motions: dict[str, dict[str, Seismogram]],
+    windows: dict[str, tuple[float, float] | None],
+    curves: Sequence[str],
+) -> list[Assessment]:
+    """Compare motions of all receivers with limit curves, those for orientation if none is chosen.
+
+    Parameters
+    ----------
+    motions : dict of str to dict of str to Seismogram
+        By "recorded" and "simulated", then by receiver.
+    windows : dict of str to tuple of 2 float, or None
+        Distance in m and charge in kg in 8 ms of each receiver.
+    curves : sequence of str
+    """
+    rows = (
+        assess(motion, key, kind=kind, window=windows.get(receiver), receiver=receiver)
+        for kind, at_receivers in motions.items()
+        for receiver, motion in at_receivers.items()
+        for key in curves or ORIENTATION
+    )
+    return [row for row in rows if row is not None]
+
+
+def conclusion(rows: Iterable[dict], chosen: bool) -> str:
+    """Return whether the peaks are allowed, one or two sentences.
+
+    Parameters
+    ----------
+    rows : iterable of dict
+        As `Assessment.table`.
+    chosen : bool
+        Whether the project names its limit curves.
+    """
+    names = load_limits()
+    known = [row for row in rows if not _missing(row["share"])]
+    if not known:
+        return "Not assessed: no limit curve has a value at the frequencies of the peaks."
+    worst = max(known, key=lambda row: row["share"])
+    text = (
+        f"{_percent(worst['share'])} the limit of {names[worst['curve']].name} at "
+        f"{worst['receiver']}, {worst['kind']} ({plain_number(1e3 * worst['peak'])} of "
+        f"{plain_number(1e3 * worst['limit'])} mm/s"
+    )
+    text += ")" if _missing(worst["frequency"]) else f" at {plain_number(worst['frequency'])} Hz)"
+    over = sorted({row["receiver"] for row in known if row["share"] > 1.0})
+    if not chosen:
+        return (
+            f"No standard is chosen (run.limit_curves). For orientation: {text}; "
+            f"{'above it at ' + _some(over) if over else 'below it everywhere'}."
+        )
+    return f"Not allowed at {_some(over)}: {text}." if over else f"Allowed: at most {text}."
+
+
+def _some(names):
+    """List up to four names."""
+    more = f" and {len(names) - 4} more" if len(names) > 4 else ""
+    return ", ".join(names[:4]) + more
+
+
+def _percent(share):
+    """Write how much of a limit a share is: percent, or a factor from 10 up."""
+    if share >= 10.0:
+        return f"{plain_number(share)} times"
+    return f"{plain_number(100.0 * share)} % of"
+
+
+def _missing(value):
+    """Tell whether a number is missing: None from JSON, or NaN."""
+    return value is None or math.isnan(value)
+
+
+def explain(row: dict) -> list[str]:
+    """Explain the numbers of a row: formula, inputs, limit, and what would pass.
+
+    Parameters
+    ----------
+    row : dict
+        As `Assessment.table`.
+
+    Returns
+    -------
+    list of str
+        Sentences.
+
+    Notes
+    -----
+    Charge and distance that would pass follow from the exponents of a published law of scaled
+    distance, ``PPV = k (R / W^0.5)^-beta``; a site law of one's own is better.
+    """
+    curve, peak = load_limits()[row["curve"]], row["peak"]
+    what = "|v(t)|, v the velocity vector" if row["quantity"] == SUM else f"|{row['quantity']}(t)|"
+    lines = [
+        f"Peak = largest {what} of the {row['kind']} motion = {plain_number(1e3 * peak)} mm/s; "
+        f"vector sum, at one instant, {plain_number(1e3 * row['vector_sum'])} mm/s."
+    ]
+    hz, limit = row["frequency"], row["limit"]
+    if _missing(hz):
+        lines.append(
+            "Frequency: the motion does not cross zero on both sides of the peak, so the lowest "
+            "value of the curve is taken."
+        )
+    else:
+        lines.append(
+            f"Frequency = 1 / (2 x {plain_number(500.0 / hz)} ms between the zero crossings on "
+            f"both sides of the peak) = {plain_number(hz)} Hz."
+        )
+    if not _missing(row["scaled_distance"]):
+        lines.append(
+            f"Scaled distance = {plain_number(row['distance'])} m / sqrt("
+            f"{plain_number(row['charge'])} kg in 8 ms) = {plain_number(row['scaled_distance'])} "
+            "m/kg^0.5."
+        )
+    if _missing(limit):
+        lowest = plain_number(float(curve.corners[0, 0]))
+        return [*lines, f"Limit: {curve.name} begins at {lowest} Hz and has no value here."]
+    lines.append(f"Limit = {plain_number(1e3 * limit)} mm/s: {_corners_around(curve, hz)}.")
+    lines.append(f"Share = peak / limit = {plain_number(row['share'])}.")
+    return [*lines, _what_passes(row)]
+
+
+def _corners_around(curve, hz):
+    """Return between which corners of the curve a frequency in Hz lies."""
+    corners = curve.corners
+    if len(corners) == 1 or _missing(hz):
+        return f"{curve.name}, lowest value"
+    if hz >= corners[-1, 0]:
+        return f"{curve.name}, last corner at {plain_number(float(corners[-1, 0]))} Hz"
+    k = int(np.searchsorted(corners[:, 0], hz, side="right"))
+    (f1, v1), (f2, v2) = corners[k - 1], corners[k]
+    return (
+        f"{curve.name}, {curve.interpolation} between {plain_number(1e3 * float(v1))} mm/s at "
+        f"{plain_number(float(f1))} Hz and {plain_number(1e3 * float(v2))} mm/s at "
+        f"{plain_number(float(f2))} Hz"
+    )
+
+
+def _what_passes(row):
+    """Return what would pass, or how much room is left."""
+    share, law = row["share"], HARD_ROCK
+    head = f"At this frequency {plain_number(1e3 * row['limit'])} mm/s would pass"
+    if _missing(row["scaled_distance"]):
+        return f"{head}: {plain_number(1.0 / share)} times this peak."
+    charge = row["charge"] * share ** (-2.0 / law.beta)
+    distance = row["distance"] * share ** (1.0 / law.beta)
+    return (
+        f"{head}: about {plain_number(charge)} kg in 8 ms at this distance, or this charge at "
+        f"{plain_number(distance)} m, where peaks fall as (R/W^0.5)^-{plain_number(law.beta)} "
+        f"({law.name}; fit your own by pyblast sitelaw)."
+    )
+
+
+HEADS = (
+    ("receiver", "receiver", 1.0), ("motion", "kind", 1.0), ("limit curve", "curve", 1.0),
+    ("component", "quantity", 1.0), ("ppv_mm_per_s", "peak", 1e3), ("frequency_hz", "frequency", 1),
+    ("vector_sum_mm_per_s", "vector_sum", 1e3), ("distance_m", "distance", 1.0),
+    ("charge_in_8_ms_kg", "charge", 1.0), ("scaled_distance_m_per_kg05", "scaled_distance", 1.0),
+    ("limit_mm_per_s", "limit", 1e3), ("share_of_limit", "share", 1.0),
+)  # fmt: skip
+
+
+def compliance_csv(rows: Iterable[dict]) -> str:
+    """Return the table of compliance as CSV; empty cells where a value is missing.
+
+    Parameters
+    ----------
+    rows : iterable of dict
+        As `Assessment.table`.
+    """
+    lines = [",".join(head.replace(" ", "_") for head, _, _ in HEADS) + ",frequency_method"]
+    for row in rows:
+        cells = [_cell(row[key], factor) for _, key, factor in HEADS]
+        lines.append(",".join([*cells, METHOD]))
+    return "\n".join(lines) + "\n"
+
+
+def _cell(value, factor):
+    """Return one cell of a CSV table."""
+    if isinstance(value, str):
+        quoted = value.replace('"', '""')
+        return f'"{quoted}"' if any(c in value for c in ',"\n\r') else value
+    return "" if _missing(value) else f"{factor * value:.6g}"

@@ -1,0 +1,396 @@
+"""Fractures as they are mapped: discs and polygons from files, and random sets of discs."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.stats import lognorm
+
+from ..errors import InputError, ReadError
+from ..mesh.grid import Fault, upward_normal
+from .terrain import read_faces, read_text
+
+MOST_FRACTURES = 500
+SIDES = 12  # of the polygon that stands for a disc
+SIZE_LAWS = ("constant", "exponential", "lognormal", "power")
+_FLAT = 0.01  # largest distance of a corner from the plane of a polygon, over its size
+_QUANTILES = (np.arange(20000) + 0.5) / 20000
+
+
+@dataclass(frozen=True)
+class SizeLaw:
+    """Law of the radii of discs, truncated to a range.
+
+    Parameters
+    ----------
+    name : str
+        One of `SIZE_LAWS`. "power": the number of discs above a radius falls with its power.
+    mean, deviation : float, m
+        Of the law before truncation; the deviation of "lognormal" only.
+    exponent : float
+        Of "power", positive.
+    range : tuple of 2 float, m
+        Smallest and largest radius.
+    """
+
+    name: str
+    mean: float = 1.0
+    deviation: float = 0.0
+    exponent: float = 0.0
+    range: tuple[float, float] = (0.0, np.inf)
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        low, high = self.range
+        if self.name not in SIZE_LAWS:
+            raise InputError(f"radius law: must be one of {', '.join(SIZE_LAWS)}, got {self.name}")
+        if not 0.0 <= low <= high or not self.mean > 0.0:
+            raise InputError(
+                f"radius law: needs a positive mean and a range that rises, got {self.mean:g} m "
+                f"and {low:g} to {high:g} m"
+            )
+        if self.name == "lognormal" and not self.deviation > 0.0:
+            raise InputError(f"radius law: lognormal needs a deviation, got {self.deviation:g} m")
+        if self.name == "power" and not (0.0 < low < high < np.inf and self.exponent > 0.0):
+            raise InputError(
+                "radius law: power needs a positive exponent and a range from above 0, got "
+                f"{self.exponent:g} and {low:g} to {high:g} m"
+            )
+
+    def radii(self, shares: ArrayLike) -> np.ndarray:
+        """Return the radii (n,) in m at shares (n,) of the truncated distribution."""
+        shares, (low, high) = np.asarray(shares, dtype=float), self.range
+        if self.name == "constant":
+            return np.full(shares.shape, self.mean)
+        if self.name == "power":
+            a, b = low**-self.exponent, high**-self.exponent
+            return (a - shares * (a - b)) ** (-1.0 / self.exponent)
+        if self.name == "exponential":
+            a, b = np.exp(-low / self.mean), np.exp(-high / self.mean)
+            return -self.mean * np.log(a - shares * (a - b))
+        spread = np.sqrt(np.log1p((self.deviation / self.mean) ** 2))
+        law = lognorm(spread, scale=self.mean / np.exp(0.5 * spread**2))
+        a, b = law.cdf(low), law.cdf(high)
+        return law.ppf(a + shares * (b - a))
+
+    def mean_area(self) -> float:
+        """Return the mean area of the discs, m2."""
+        return float(np.pi * np.mean(self.radii(_QUANTILES) ** 2))
+
+
+def fisher_normals(
+    mean: ArrayLike, kappa: float, count: int, generator: np.random.Generator
+) -> np.ndarray:
+    """Draw unit normals (n, 3) from Fisher's distribution around a mean direction.
+
+    Parameters
+    ----------
+    mean : (3,) float, unit
+    kappa : float
+        Concentration; infinite: all parallel.
+    count : int
+    generator : numpy Generator
+
+    Notes
+    -----
+    Density proportional to ``exp(kappa cos theta)`` on the sphere (R. A. Fisher, Dispersion on a
+    sphere, Proc. R. Soc. A 217 (1953) 295-305); the mean of ``cos theta`` is
+    ``coth kappa - 1/kappa``. The cosine is drawn by inversion.
+    """
+    mean = np.asarray(mean, dtype=float)
+    share, turn = generator.random(count), 2.0 * np.pi * generator.random(count)
+    if np.isinf(kappa):
+        return np.tile(mean, (count, 1))
+    cosine = 1.0 + np.log(share + (1.0 - share) * np.exp(-2.0 * kappa)) / kappa
+    sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
+    first = np.cross(mean, np.eye(3)[np.abs(mean).argmin()])
+    first /= np.linalg.norm(first)
+    second = np.cross(mean, first)
+    around = np.cos(turn)[:, None] * first + np.sin(turn)[:, None] * second
+    return cosine[:, None] * mean + sine[:, None] * around
+
+
+@dataclass(frozen=True)
+class FractureSet:
+    """Random set of discs.
+
+    Parameters
+    ----------
+    name : str
+        Of the joint surface, which all discs share.
+    dip, dip_direction : float, rad
+        Of the mean plane.
+    kappa : float
+        Fisher's concentration of the normals.
+    p32 : float, 1/m
+        Area of fractures in a volume, by expectation.
+    sizes : SizeLaw
+    seed : int
+    """
+
+    name: str
+    dip: float
+    dip_direction: float
+    kappa: float
+    p32: float
+    sizes: SizeLaw
+    seed: int = 0
+
+    def draw(self, box: ArrayLike) -> list[Fault]:
+        """Draw the discs whose middles lie in a box or within their largest radius around it.
+
+        Parameters
+        ----------
+        box : (3, 2) float, m
+
+        Returns
+        -------
+        list of Fault, those that reach into the box
+
+        Raises
+        ------
+        InputError
+            If there would be more than `MOST_FRACTURES`.
+        """
+        box = np.asarray(box, dtype=float)
+        generator = np.random.default_rng([self.seed, 32])
+        reach = float(self.sizes.radii([1.0 - 1e-6])[0])
+        wide = box + np.array([-reach, reach])
+        expected = self.p32 * np.prod(np.ptp(wide, axis=1)) / self.sizes.mean_area()
+        if expected > 20.0 * MOST_FRACTURES:
+            raise InputError(_too_many(self.name, expected))
+        count = int(generator.poisson(expected))
+        middles = wide[:, 0] + generator.random((count, 3)) * np.ptp(wide, axis=1)
+        radii = self.sizes.radii(generator.random(count))
+        mean = upward_normal(self.dip, self.dip_direction)
+        normals = fisher_normals(mean, self.kappa, count, generator)
+        discs = [
+            Fault(self.name, point=tuple(middle), normal=tuple(normal), polygon=corners)
+            for middle, normal, corners in zip(
+                middles, normals, disc_corners(middles, normals, radii), strict=True
+            )
+        ]
+        return refuse_many(self.name, [disc for disc in discs if area_within(disc, box) > 0.0])
+
+
+def _too_many(name, count):
+    """Say that a set has too many fractures."""
+    return (
+        f"{name}: at most {MOST_FRACTURES} fractures can be cut, got about {count:.0f}; raise the "
+        "smallest radius, or represent small ones by the stiffness of the rock"
+    )
+
+
+def refuse_many(name: str, faults: list[Fault]) -> list[Fault]:
+    """Return fractures as they are; raise InputError if they are more than `MOST_FRACTURES`."""
+    if len(faults) > MOST_FRACTURES:
+        raise InputError(_too_many(name, len(faults)))
+    return faults
+
+
+def disc_corners(middles: ArrayLike, normals: ArrayLike, radii: ArrayLike) -> np.ndarray:
+    """Return the corners (n, 12, 3) in m of polygons with the areas of discs.
+
+    Parameters
+    ----------
+    middles, normals : (n, 3) float, m and unit
+    radii : (n,) float, m
+    """
+    normals = np.asarray(normals, dtype=float)
+    strike = np.cross([0.0, 0.0, 1.0], normals)
+    level = np.linalg.norm(strike, axis=1) < 1e-12
+    strike[level] = [1.0, 0.0, 0.0]
+    strike /= np.linalg.norm(strike, axis=1)[:, None]
+    down = np.cross(normals, strike)
+    turn = 2.0 * np.pi * np.arange(SIDES) / SIDES
+    size = np.sqrt(2.0 * np.pi / SIDES / np.sin(2.0 * np.pi / SIDES)) * np.asarray(radii)
+    around = np.cos(turn)[:, None] * strike[:, None] + np.sin(turn)[:, None] * down[:, None]
+    return np.asarray(middles)[:, None] + size[:, None, None] * around
+
+
+def polygon(name: str, corners: ArrayLike) -> Fault:
+    """Return a fracture with given corners.
+
+    Parameters
+    ----------
+    name : str
+    corners : (n, 3) float, m
+
+    Raises
+    ------
+    InputError
+        If the corners do not lie in one plane or their polygon is not convex.
+    """
+    corners = np.asarray(corners, dtype=float)
+    if corners.ndim != 2 or len(corners) < 3 or not np.isfinite(corners).all():
+        raise InputError(f"{name}: a polygon needs three finite corners or more")
+    middle = corners.mean(axis=0)
+    away = corners - middle
+    area = 0.5 * np.cross(away, np.roll(away, -1, axis=0)).sum(axis=0)
+    size, length = np.abs(away).max(), float(np.linalg.norm(area))
+    if not length > 1e-6 * size**2:
+        raise InputError(f"{name}: the corners of a polygon lie on one line near {_at(middle)}")
+    normal = area / length * (1.0 if area[2] >= 0.0 else -1.0)
+    if np.abs(away @ normal).max() > _FLAT * size:
+        raise InputError(
+            f"{name}: the polygon near {_at(middle)} is not plane, a corner lies "
+            f"{np.abs(away @ normal).max():.3g} m off; cut it into triangles"
+        )
+    corners = corners - np.outer(away @ normal, normal)
+    run = np.roll(corners, -1, axis=0) - corners
+    turns = np.cross(run, np.roll(run, -1, axis=0)) @ area
+    if not (turns > -1e-9 * size**4).all():
+        raise InputError(f"{name}: the polygon near {_at(middle)} is not convex; cut it in two")
+    return Fault(name, point=tuple(middle), normal=tuple(normal), polygon=corners)
+
+
+def _at(position):
+    """Write a position."""
+    return "({:.4g}, {:.4g}, {:.4g}) m".format(*position)
+
+
+def clipped(corners: np.ndarray, normal: np.ndarray, offset: float) -> np.ndarray:
+    """Return the part (m, 3) of a convex polygon (n, 3) with ``normal . x <= offset``, m."""
+    height = corners @ normal - offset
+    parts = []
+    for a in range(len(corners)):
+        b = (a + 1) % len(corners)
+        if height[a] <= 0.0:
+            parts.append(corners[a])
+        if height[a] * height[b] < 0.0:
+            share = height[a] / (height[a] - height[b])
+            parts.append(corners[a] + share * (corners[b] - corners[a]))
+    return np.array(parts).reshape(-1, 3)
+
+
+def polygon_area(corners: np.ndarray) -> float:
+    """Return the area of a plane polygon (n, 3), m2."""
+    if len(corners) < 3:
+        return 0.0
+    away = corners - corners[0]
+    return 0.5 * float(np.linalg.norm(np.cross(away, np.roll(away, -1, axis=0)).sum(axis=0)))
+
+
+def area_within(fracture: Fault, box: ArrayLike) -> float:
+    """Return the area of a fracture within a box (3, 2), m2."""
+    corners = np.asarray(fracture.polygon, dtype=float)
+    for axis, (low, high) in enumerate(np.asarray(box, dtype=float)):
+        side = np.eye(3)[axis]
+        corners = clipped(clipped(corners, side, high), -side, -low)
+        if len(corners) < 3:
+            return 0.0
+    return polygon_area(corners)
+
+
+def terminated(fractures: Sequence[Fault], at: Sequence[Fault]) -> list[Fault]:
+    """Return fractures that end at unbounded faults: the parts on the side of their middles.
+
+    Parameters
+    ----------
+    fractures : sequence of Fault, with polygons
+    at : sequence of Fault
+    """
+    result = []
+    for fracture in fractures:
+        corners = np.asarray(fracture.polygon)
+        for fault in at:
+            normal = fault.unit_normal
+            offset = float(normal @ fault.point)
+            side = 1.0 if normal @ fracture.point <= offset else -1.0
+            corners = clipped(corners, side * normal, side * offset)
+        if len(corners) >= 3:
+            result.append(replace(fracture, polygon=corners))
+    return result
+
+
+def read_fractures(path: str | Path, name: str) -> list[Fault]:
+    """Read mapped fractures by the suffix of their file.
+
+    Parameters
+    ----------
+    path : str or Path
+        ``.dxf`` (3DFACE), ``.fab`` (text of FracMan: BEGIN FRACTURE, a line with number and count
+        of corners, the corners, and a line of the normal; not checked against the vendor's
+        documentation), or a table. A table of discs has the head
+        ``x_m,y_m,z_m,dip_deg,dip_direction_deg,radius_m``, one of corners
+        ``fracture,x_m,y_m,z_m``.
+    name : str
+        Of the joint surface.
+
+    Raises
+    ------
+    ReadError
+        If the file can't be read or holds no fractures.
+    InputError
+        If a fracture can't be cut.
+    """
+    path = Path(path)
+    if path.suffix.lower() == ".dxf":
+        return [polygon(name, corners) for corners in read_faces(path)]
+    text = read_text(path)
+    if path.suffix.lower() == ".fab":
+        return [polygon(name, corners) for corners in _fab(path.name, text)]
+    lines = text.strip().splitlines()
+    head = lines[0].replace(" ", "") if lines else ""
+    discs = "x_m,y_m,z_m,dip_deg,dip_direction_deg,radius_m"
+    if head not in (discs, "fracture,x_m,y_m,z_m"):
+        raise ReadError(f"{path.name}, line 1: must be {discs} or fracture,x_m,y_m,z_m")
+    rows = []
+    for number, line in enumerate(lines[1:], start=2):
+        words = line.split(",")
+        try:
+            rows.append((words[0].strip(), [float(word) for word in words[head[0] == "f" :]]))
+        except ValueError:
+            rows.append(("", []))
+        if len(rows[-1][1]) != (6 if head == discs else 3):
+            raise ReadError(f"{path.name}, line {number}: needs the numbers {head}, got {line!r}")
+    return _discs(path.name, name, rows) if head == discs else _polygons(name, rows)
+
+
+def _discs(file, name, rows):
+    """Return the fractures of a table of discs."""
+    values = np.array([numbers for _, numbers in rows]).reshape(-1, 6)
+    bad = ~((values[:, 3] >= 0.0) & (values[:, 3] <= 90.0) & (values[:, 5] > 0.0))
+    if bad.any():
+        raise ReadError(
+            f"{file}, line {np.flatnonzero(bad)[0] + 2}: dip_deg must lie between 0 and 90 and "
+            "radius_m be positive"
+        )
+    normals = np.array([upward_normal(*np.radians(row[3:5])) for row in values]).reshape(-1, 3)
+    corners = disc_corners(values[:, :3], normals, values[:, 5])
+    return [
+        Fault(name, point=tuple(middle), normal=tuple(normal), polygon=polygon_corners)
+        for middle, normal, polygon_corners in zip(values[:, :3], normals, corners, strict=True)
+    ]
+
+
+def _polygons(name, rows):
+    """Return the fractures of a table of corners."""
+    parts: dict[str, list] = {}
+    for label, numbers in rows:
+        parts.setdefault(label, []).append(numbers)
+    return [polygon(f"{name}, fracture {label}", part) for label, part in parts.items()]
+
+
+def _fab(file, text):
+    """Return the polygons of a FracMan text."""
+    block = re.search(r"BEGIN FRACTURE\s*\n(.*?)END FRACTURE", text, re.S | re.I)
+    if block is None:
+        raise ReadError(f"{file}: holds no block BEGIN FRACTURE ... END FRACTURE")
+    lines, polygons = [line.split() for line in block[1].splitlines() if line.strip()], []
+    try:
+        while lines:
+            count = int(lines[0][1])
+            polygons.append([[float(word) for word in line[1:4]] for line in lines[1 : count + 1]])
+            numbered = [line[0] for line in lines[1 : count + 1]]
+            if numbered != [str(corner + 1) for corner in range(count)]:
+                raise ValueError
+            lines = lines[count + 2 :]  # the line after the corners holds the normal
+    except (ValueError, IndexError):
+        raise ReadError(
+            f"{file}: fracture {len(polygons) + 1} can't be read; export text"
+        ) from None
+    return polygons

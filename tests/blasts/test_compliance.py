@@ -1,0 +1,112 @@
+import math
+
+import numpy as np
+import pytest
+
+from pyblast import Seismogram
+from pyblast.blasts.compliance import assess, assess_all, compliance_csv, conclusion, explain
+from pyblast.signals.comparison import load_limits
+
+TIME = np.arange(0.0, 2.0, 1e-3)
+
+
+def sines(*parts):
+    columns = [a * np.exp(-TIME) * np.sin(2.0 * np.pi * hz * TIME) for a, hz in parts]
+    return Seismogram(np.column_stack(columns), 1e-3, label="R1")
+
+
+def test_the_component_nearest_to_its_limit_counts_not_the_largest():
+    motion = sines((0.010, 60.0), (0.006, 8.0), (0.001, 8.0))
+
+    row = assess(motion, "din_4150_dwelling")
+
+    assert row.quantity == motion.components[1]
+    assert row.limit == pytest.approx(0.005)
+    assert row.share == pytest.approx(motion.ppv[1] / 0.005)
+
+
+def test_the_share_is_proportional_to_the_motion():
+    one = assess(sines((0.002, 20.0), (0.0, 1.0), (0.0, 1.0)), "usbm_plaster")
+    two = assess(sines((0.004, 20.0), (0.0, 1.0), (0.0, 1.0)), "usbm_plaster")
+
+    assert two.share == pytest.approx(2.0 * one.share)
+    assert one.limit == two.limit
+
+
+def test_a_vector_sum_is_limited_as_such():
+    motion = sines((0.01, 20.0), (0.01, 20.0), (0.0, 1.0))
+
+    row = assess(motion, "sn_640312a_occasional")
+
+    assert (row.quantity, row.peak) == ("vector sum", motion.pvs)
+    assert row.limit == 0.015
+
+
+def test_without_a_frequency_the_lowest_limit_holds():
+    ramp = Seismogram(np.outer(np.linspace(0.0, 1.0, 50), [0.01, 0.0, 0.0]), 1e-3)
+
+    row = assess(ramp, "din_4150_dwelling")
+
+    assert math.isnan(row.frequency)
+    assert row.limit == pytest.approx(0.005)
+    assert "lowest" in " ".join(explain(row.table()))
+
+
+def test_a_still_motion_has_no_assessment_and_a_curve_that_begins_above_no_share():
+    still = Seismogram(np.zeros((50, 3)), 1e-3)
+    slow = assess(sines((0.01, 2.0), (0.0, 1.0), (0.0, 1.0)), "bs_7385_framed")
+
+    assert assess(still, "din_4150_dwelling") is None
+    assert math.isnan(slow.share)
+    assert "begins at 4 Hz" in explain(slow.table())[-1]
+    assert conclusion([slow.table()], True).startswith("Not assessed")
+
+
+def test_the_charge_that_would_pass_gives_the_limit_by_the_law_it_names():
+    row = assess(sines((0.02, 20.0), (0.0, 1.0), (0.0, 1.0)), "as_2187_sensitive",
+                 window=(100.0, 400.0))  # fmt: skip
+    charge = 400.0 * row.share ** (-2.0 / 1.6)
+
+    text = explain(row.table())
+
+    assert row.scaled_distance == pytest.approx(5.0)
+    assert f"about {charge:.3g} kg" in text[-1]
+    assert "at 20 Hz" in text[3] or "lowest value" in text[3]
+    assert "= 20 Hz" in text[1]
+
+
+def test_the_conclusion_says_what_is_allowed_and_how_far():
+    quiet, loud = (
+        assess(sines((size, 20.0), (0.0, 1.0), (0.0, 1.0)), "as_2187_sensitive", receiver=name)
+        for size, name in ((0.002, "far"), (0.02, "near"))
+    )
+
+    assert conclusion([quiet.table()], True).startswith("Allowed: at most ")
+    assert conclusion([quiet.table(), loud.table()], True).startswith("Not allowed at near: ")
+    assert "No standard is chosen" in conclusion([quiet.table()], False)
+
+
+def test_the_table_has_a_line_for_each_place_kind_and_curve_and_is_read_again():
+    motion = sines((0.002, 20.0), (0.001, 20.0), (0.0, 1.0))
+    rows = assess_all(
+        {"recorded": {'a,"b': motion}, "simulated": {'a,"b': motion}},
+        {'a,"b': (50.0, 100.0)},
+        ["as_2187_sensitive", "usbm_plaster"],
+    )
+
+    lines = compliance_csv([row.table() for row in rows]).splitlines()
+
+    assert len(rows) == 4
+    assert len(lines) == 5
+    assert lines[1].startswith('"a,""b",recorded,as_2187_sensitive,')
+    assert "50,100,5," in lines[1]
+
+
+@pytest.mark.parametrize("key", sorted(load_limits()))
+def test_every_curve_explains_itself_without_powers_of_ten(key):
+    row = assess(sines((0.02, 20.0), (0.01, 31.0), (0.01, 70.0)), key, window=(90.0, 250.0))
+
+    text = " ".join(explain(row.table()))
+
+    assert load_limits()[key].name in text
+    assert "e+" not in text
