@@ -21,7 +21,10 @@ from scipy import fft
 SEED = 20261123
 SEALED = Path(__file__).with_name("simulated_truths.json")
 ROWS = Path(__file__).with_name("simulated.json")
-HAMMER = [*["gain", "polarity", "clock", "coordinates"] * 3, *["swap", "response", "clip", "loss"] * 2]
+HAMMER = [
+    *["gain", "polarity", "clock", "coordinates"] * 3,
+    *["swap", "response", "clip", "loss"] * 2,
+]
 BLOCK = ["gain", "gain", "polarity", "polarity", "clock", "swap", "ball", "ball"]
 NULLS = {"wghs": 8, "ball_drop": 4}
 NAMES = {
@@ -120,10 +123,12 @@ def conceal(shots, truth, force):
         size = 1.3 + 0.4 * u[23] if sign > 0 else 0.6 + 0.2 * u[23]
         return [other_ball(s, force, size) if s.name == chosen else s for s in shots], [chosen]
     if kind == "swap":
-        place = next(s.receivers[target] for s in shots if target in s.receivers)
-        near = sorted((n for n in often if n != target and any(
-            n in s.receivers and target in s.receivers for s in shots)), key=lambda n: np.hypot(
-            *(np.array(next(s.receivers[n] for s in shots if n in s.receivers)) - place)[:2]))  # fmt: skip
+        places = {n: np.array(s.receivers[n][:2]) for s in shots for n in s.receivers}
+        shared = {n for s in shots if target in s.receivers for n in s.receivers}
+        near = sorted(
+            (n for n in often if n != target and n in shared),
+            key=lambda n: float(np.linalg.norm(places[n] - places[target])),
+        )
         other = near[int(u[22] * min(4, len(near)))]
         return [swapped(shot, target, other) for shot in shots], [target, other]
     changed = [one_receiver(shot, target, kind, sign, u) for shot in shots]
@@ -204,7 +209,7 @@ def shots_of(truth, hammer, drops):
 def diagnosed(folder, truth, changed, groups, force):
     """Write the project of a trial, call the command, return diagnosis.json."""
     hammer = truth["set"] == "wghs"
-    trusted, questioned, held = groups
+    trusted, _, held = groups
     keys = {"trusted": [s.name for s in trusted], "held_out": [s.name for s in held]}
     if hammer:
         keys |= {"band_hz": [10.0, 35.0], "until_s": 0.35, "source_s": 0.1, "calibrate": False}

@@ -11,7 +11,7 @@ ROUNDS = 6  # of iteratively reweighted least squares
 DOUBT = 4.0  # degrees of freedom of the weights of receivers
 DAMPING = 1e-2  # prior variance of the source: noise over signal, of a receiver as loud as all
 STEPS_PER_PERIOD = 40  # of a search for an origin time, at the top of the band
-FARTHEST = 3.0  # standard deviations of the origin time
+FARTHEST = 1.0  # standard deviations of the origin time
 
 
 def with_source(case: Case, blast: str, motion: np.ndarray) -> np.ndarray:
@@ -120,7 +120,7 @@ def _origin(recorded, simulated, case, sigma):
     shifts = step * np.arange(-int(FARTHEST * sigma / step), int(FARTHEST * sigma / step) + 1)
     turns = np.exp(2j * np.pi * np.multiply.outer(fft.rfftfreq(size, case.dt), shifts))
     correlation = 2.0 * np.real(cross @ turns) / size
-    score = np.median(correlation, axis=0) - 0.5 * DAMPING * (shifts / sigma) ** 2
+    score = np.mean(correlation, axis=0) - 0.5 * DAMPING * (shifts / sigma) ** 2
     return float(shifts[np.argmax(score)])
 
 

@@ -6,29 +6,21 @@ import shutil
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from obspy import UTCDateTime
 
 from ..blasts.hole_tables import read_blast
-from ..diagnosis.calibration import calibrate, like_taught, taught
+from ..diagnosis.calibration import calibrate, taught
 from ..diagnosis.case import Case, case_of
 from ..diagnosis.decision import Decision, decide
-from ..diagnosis.effects import (
-    PredictionScene,
-    Scene,
-    effects_of,
-    predict,
-    with_motion_effects,
-)
+from ..diagnosis.effects import Scene, effects_of, predict
 from ..diagnosis.forward import Forward, finer_mesh
-from ..diagnosis.hypotheses import blast_and_hole
 from ..diagnosis.null_distribution import NullDistribution, null_distribution
 from ..diagnosis.search import Search, search
-from ..diagnosis.summary import summarise
-from ..diagnosis.trusted_shots import explained
+from ..diagnosis.summary import held_out_blasts, summarise
 from ..errors import InputError, ReadError
 from ..project.case_folder import case_files, read_case_folder
 from ..project.flat_box import Discretization, band_of, check_holes, extent_of, flat_box, not_flat
@@ -135,7 +127,7 @@ def diagnose(
         null = null_distribution(scene, done.without_effects, done.screening, done.fits, seed)
     decision = decide(done, null, finer)
     summary = summarise(done, null, decision)
-    summary |= {"held_out_blasts": _held_out(everything, scene, decision)}
+    summary |= {"held_out_blasts": held_out_blasts(everything, scene, decision)}
     forwards = [forward] if finer is None else [forward, finer]
     summary |= {
         "runs": sum(each.runs for each in forwards),
@@ -147,35 +139,6 @@ def diagnose(
         "finished": done.finished,
     }
     return Diagnosis(scene, done, null, decision, plain(summary))
-
-
-def _held_out(everything: Case, scene: Scene, decision: Decision) -> dict | None:
-    """Return what the answer explains of the blasts that were held out, None without any."""
-    table = everything.project.config.diagnosis
-    if table is None or not table.held_out:
-        return None
-    case, fit = scene.case, decision.fit
-    further = case_of(case.project, table.held_out)
-    further = further if case.share is None else like_taught(further, case)
-    forward = replace(scene.forward, case=further)
-    apart = [e for e in fit.effects if blast_and_hole(e.target)[0] not in case.blasts]
-    shares = []
-    for values, effects in ((scene.baseline.values, ()), (fit.values, apart)):
-        site = scene.project(values, effects)
-        assert site is not None  # it was fitted
-        own = PredictionScene(forward, site)
-        shares.append(explained(further, with_motion_effects(own, forward.motion(site), effects)))
-    before, after = shares
-    return {
-        "blasts": list(further.blasts),
-        "explained_before": float(np.nanmedian(before)),
-        "explained_after": float(np.nanmedian(after)),
-        "receivers": {
-            name: [float(np.nanmean(part[:, r])) for part in shares]
-            for r, name in enumerate(further.receivers)
-            if np.isfinite(before[:, r]).any()
-        },
-    }
 
 
 def cut_of(project: Project, fine: bool = False) -> Discretization | None:
