@@ -214,7 +214,7 @@ def diagnosed(folder, truth, changed, groups, force):
     if hammer:
         keys |= {"band_hz": [10.0, 35.0], "until_s": 0.35, "source_s": 0.1, "calibrate": False}
     else:
-        keys |= {"band_hz": [50.0, 100.0], "until_s": 0.055, "trigger_s": 3e-3, "calibrate": False}
+        keys |= {"band_hz": [50.0, 100.0], "until_s": 0.11, "trigger_s": 3e-3, "calibrate": False}
     first = sets.write_project(
         folder / f"{truth['set']}_{truth['trial']:02d}",
         sets.WGHS_GROUND if hammer else sets.BLOCK_GROUND,

@@ -215,7 +215,7 @@ cs_m_per_s = 3230.0
 free = ["top", "west", "east", "south", "north", "bottom"]
 
 [run]
-duration_s = 0.06
+duration_s = 0.11
 """
 
 

@@ -96,15 +96,15 @@ def _source(recorded, simulated, case, length):
     for _ in range(ROUNDS):
         normal = np.tensordot(weights, products, 1)
         taps = linalg.solve(normal + DAMPING * scale * np.diag(1.0 / prior**2), weights @ gradient)
-        left = 1.0 - 2.0 * gradient @ taps + np.einsum("i,rij,j->r", taps, products, taps)
-        weights = _weights(left)
+        residual = 1.0 - 2.0 * gradient @ taps + np.einsum("i,rij,j->r", taps, products, taps)
+        weights = _weights(residual)
     return taps
 
 
-def _weights(left):
+def _weights(residual):
     """Return the weights of receivers whose unexplained shares of energy are given."""
-    level = max(float(np.median(left)), 1e-6)
-    return (1.0 + DOUBT) / (DOUBT + np.maximum(left, 0.0) / level)
+    level = max(float(np.median(residual)), 1e-6)
+    return (1.0 + DOUBT) / (DOUBT + np.maximum(residual, 0.0) / level)
 
 
 def _origin(recorded, simulated, case, sigma):
@@ -142,7 +142,7 @@ def learned(case: Case, motion: np.ndarray, least: float) -> Case:
     motion : (n_blasts, n_receivers, 3, n_samples) float64, m/s
         Simulated, without gains of receivers.
     least : float
-        Share of energy below which no model error is believed to lie.
+        Share of energy below which no model error is assumed to lie.
 
     Notes
     -----
@@ -161,9 +161,9 @@ def learned(case: Case, motion: np.ndarray, least: float) -> Case:
     gain = np.where(exists.any(axis=0), gain, usual)
     others = _ratio(product.sum(axis=0) - product, square.sum(axis=0) - square)
     others = np.where(exists.sum(axis=0) > 1, others, usual)
-    left = np.where(exists, 1.0 - 2.0 * others * product + others**2 * square, 0.0)
-    share = left.sum(axis=0) / np.maximum(exists.sum(axis=0), 1)
-    middle = float(np.median(left[exists]))
+    residual = np.where(exists, 1.0 - 2.0 * others * product + others**2 * square, 0.0)
+    share = residual.sum(axis=0) / np.maximum(exists.sum(axis=0), 1)
+    middle = float(np.median(residual[exists]))
     return replace(case, gain=gain, share=np.maximum(share, max(middle, least)))
 
 
@@ -186,8 +186,8 @@ def explained(case: Case, motion: np.ndarray) -> np.ndarray:
         Not a number where there is no record.
     """
     recorded = _in_band(case, np.where(case.valid, case.motion, 0.0))
-    left = recorded - _in_band(case, np.where(case.valid.any(axis=-1)[..., None], motion, 0.0))
+    residual = recorded - _in_band(case, np.where(case.valid.any(axis=-1)[..., None], motion, 0.0))
     energy = np.sum(recorded**2, axis=(2, 3))
     return np.where(
-        energy > 0.0, 1.0 - np.sum(left**2, axis=(2, 3)) / np.maximum(energy, 1e-300), np.nan
+        energy > 0.0, 1.0 - np.sum(residual**2, axis=(2, 3)) / np.maximum(energy, 1e-300), np.nan
     )

@@ -111,14 +111,14 @@ def diagnose(
     everything = case_of(project)
     rough, fine = cuts or (cut_of(everything.project), cut_of(everything.project, fine=True))
     report("calibration", 0, 1)
-    case = taught(everything, lambda some: Forward(some, rough, folder, executor))
+    case = taught(everything, lambda part: Forward(part, rough, folder, executor))
     forward = Forward(case, rough, folder, executor)
     finer = Forward(case, fine, folder, executor, fine=True)
     if case.share is not None or (fine is None and (cuts or finer_mesh(case.project) is None)):
         finer = None  # the model error that trusted shots show holds that of the mesh
     table = case.project.config.diagnosis
-    believed = case.share is not None or (table is not None and not table.calibrate)
-    baseline = calibrate(forward, finer, () if believed else None)
+    fixed = case.share is not None or (table is not None and not table.calibrate)
+    baseline = calibrate(forward, finer, () if fixed else None)
     report("holes", 0, 1)
     scene = Scene(forward, baseline, forward.hole_motion(baseline.project))
     done = search(scene, budget, report)

@@ -208,12 +208,12 @@ AND = " and "
 
 def pairs_of_receivers(case):
     """List pairs of receivers that recorded a blast together, as "A and B"."""
-    there = case.valid.any(axis=(2, 3))
+    recorded = case.valid.any(axis=(2, 3))
     numbered = enumerate(case.receivers)
     return tuple(
         f"{first}{AND}{second}"
         for (a, first), (b, second) in combinations(numbered, 2)
-        if np.any(there[:, a] & there[:, b])
+        if np.any(recorded[:, a] & recorded[:, b])
     )
 
 
@@ -229,12 +229,12 @@ def pairs_of_receivers(case):
     decided_by="a tap beside each of the two receivers",
 )
 def swapped_channels(scene, motion, target, share):
-    """Two receivers have changed places: each record bears the name of the other."""
+    """Two receivers have changed places: each record has the name of the other."""
     a, b = (scene.case.receivers.index(name) for name in target.split(AND))
     gain = scene.case.gain if scene.case.gain is not None else np.ones(len(scene.case.receivers))
-    here, there = motion[:, a] / gain[a], motion[:, b] / gain[b]
-    changed = _with(motion, a, motion[:, a] + share * gain[b] * (there - here))
-    return _with(changed, b, motion[:, b] + share * gain[a] * (here - there))
+    one, other = motion[:, a] / gain[a], motion[:, b] / gain[b]
+    changed = _with(motion, a, motion[:, a] + share * gain[b] * (other - one))
+    return _with(changed, b, motion[:, b] + share * gain[a] * (one - other))
 
 
 @hypothesis(

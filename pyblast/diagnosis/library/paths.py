@@ -204,9 +204,9 @@ def loss_along_paths(scene, motion, target, loss):
     frequency = fft.rfftfreq(2 * n, dt)
     times = dt * np.arange(n)
     low, high = scene.case.band.low, scene.case.band.high
-    kept = np.clip(frequency, low, 2.0 * high)
-    late = np.log(kept / np.sqrt(low * high)) / np.pi
-    lost = np.exp(-np.pi * loss * np.multiply.outer(times, kept))
+    band = np.clip(frequency, low, 2.0 * high)
+    late = np.log(band / np.sqrt(low * high)) / np.pi
+    lost = np.exp(-np.pi * loss * np.multiply.outer(times, band))
     phase = -2j * np.pi * frequency * np.multiply.outer(times, 1.0 - loss * late)
     operator = fft.irfft(lost * np.exp(phase), 2 * n)[:, :n]
     return motion @ operator

@@ -239,7 +239,7 @@ WEAKEST = 0.05  # of the largest in its spectrum: a source is not divided by les
     simulated=(known_source,),
 )  # fmt: skip
 def source_function(scene, motion, target, duration, impulse, shift):
-    """The force of this shot was longer or shorter, stronger or weaker than believed."""
+    """The force of this shot was longer or shorter, stronger or weaker than assumed."""
     case, n = scene.case, motion.shape[-1]
     if target not in case.blasts:
         return motion
@@ -251,9 +251,9 @@ def source_function(scene, motion, target, duration, impulse, shift):
     def spectrum(at):
         return np.exp(-2j * np.pi * np.multiply.outer(at, times)) @ force.values
 
-    believed = spectrum(frequency)
-    least = WEAKEST * np.max(np.abs(believed))
-    weak = np.conj(believed) / np.maximum(np.abs(believed) ** 2, least**2)
+    reference = spectrum(frequency)
+    least = WEAKEST * np.max(np.abs(reference))
+    weak = np.conj(reference) / np.maximum(np.abs(reference) ** 2, least**2)
     change = impulse * spectrum(duration * frequency) * weak
     change = change * np.exp(-2j * np.pi * frequency * shift)
     at, motion = case.blasts.index(target), motion.copy()
