@@ -232,9 +232,9 @@ def swapped_channels(scene, motion, target, share):
     """Two receivers have changed places: each record has the name of the other."""
     a, b = (scene.case.receivers.index(name) for name in target.split(AND))
     gain = scene.case.gain if scene.case.gain is not None else np.ones(len(scene.case.receivers))
-    one, other = motion[:, a] / gain[a], motion[:, b] / gain[b]
-    changed = _with(motion, a, motion[:, a] + share * gain[b] * (other - one))
-    return _with(changed, b, motion[:, b] + share * gain[a] * (one - other))
+    first, second = motion[:, a] / gain[a], motion[:, b] / gain[b]
+    changed = _with(motion, a, motion[:, a] + share * gain[b] * (second - first))
+    return _with(changed, b, motion[:, b] + share * gain[a] * (first - second))
 
 
 @hypothesis(
