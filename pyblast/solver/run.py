@@ -19,6 +19,8 @@ from .model_file import read_checkpoint, write_checkpoint
 from .preparation import LEDGER_EVERY, Chunks, Prepared, prepare, versions
 
 CHECKPOINT_SECONDS = 30.0
+GROWTH = 4.0  # of energy after the sources, at which a run with an absorbing layer stops
+VISIBLE = 1e-6  # of the largest energy, below which growth is not judged
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +155,8 @@ class _Integration:
             with chunks.timed(last - self.step):
                 self._advance(last - self.step)
             self._take_snapshot(stops)
+            if self.model.mesh.layer is not None:
+                check_decay(_ledger(self.energy[: -(-self.step // LEDGER_EVERY)], self.dt))
             if progress is not None:
                 progress("dynamic", self.step, total)
             if checkpoint is not None and time.perf_counter() - saved > CHECKPOINT_SECONDS:
@@ -215,8 +219,7 @@ def collect(
         if receiver.azimuth is not None:
             record = record.rotated(receiver.azimuth)
         seismograms[receiver.name] = record
-    ledger: dict[str, np.ndarray] = dict(zip(core.ENERGIES, energy.T, strict=True))
-    ledger["time"] = dt * LEDGER_EVERY * np.arange(len(energy))
+    ledger = _ledger(energy, dt)
     return Run(
         seismograms, ledger, balance_error(ledger), dt, state, prepared, snapshots,
         versions(prepared.fingerprint), wall_seconds,
@@ -237,6 +240,40 @@ def failure(model: Model, prepared: Prepared, step: int, node: int) -> str:
         f"(t = {step * dt:.4g} s), largest velocity at ({x:.4g}, {y:.4g}, {z:.4g}) m "
         f"in '{group}'; likely cause: {cause}"
     )
+
+
+def _ledger(energy, dt) -> dict[str, np.ndarray]:
+    """Return the energies (n_lines, n) of a run by name, with their time in s."""
+    time_ = dt * LEDGER_EVERY * np.arange(len(energy))
+    return {**dict(zip(core.ENERGIES, energy.T, strict=True)), "time": time_}
+
+
+def check_decay(energy: dict[str, np.ndarray]) -> None:
+    """Stop a run whose energy grows after its last source: only an absorbing layer can feed it.
+
+    Parameters
+    ----------
+    energy : dict of str to (n,) float64, J
+        Ledger so far, with ``time`` in s.
+
+    Raises
+    ------
+    SolverError
+        If the energy has grown `GROWTH` times since the sources ended, to more than `VISIBLE` of
+        its largest.
+    """
+    given = energy["input"] + energy["insitu"]
+    acts = np.abs(np.diff(given)) > 1e-12 * np.abs(given).max(initial=0.0)
+    quiet = int(np.flatnonzero(acts)[-1]) + 1 if acts.any() else 0
+    total = np.sum([energy[name] for name in ("kinetic", "strain", "joint_stored")], axis=0)
+    lowest = np.min(total[quiet:], initial=np.inf)
+    if total[-1] > GROWTH * max(lowest, VISIBLE * np.max(total)):
+        raise SolverError(
+            f"the absorbing layer feeds the motion: the energy at {energy['time'][-1]:.4g} s is "
+            f"over {GROWTH:g} times that left after the sources, which ended at "
+            f"{energy['time'][quiet]:.4g} s; give soft ground at the sides quality factors, or "
+            "take mesh.kind = 'tetrahedra'"
+        )
 
 
 def balance_error(energy: dict[str, np.ndarray]) -> float:
