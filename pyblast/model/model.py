@@ -58,20 +58,32 @@ class InSitu:
         Both horizontal stresses over the vertical one.
     stress : tuple of 6 float, Pa
         Uniform stress in addition to the overburden: xx yy zz yz zx xy, tension positive.
+    water_table : float or None, m
+        Height below which water under hydrostatic pressure fills joints and pores; None: dry.
+        Overburden and uniform stress are total; joints and ground slip, open and yield by the
+        effective stress, total plus pressure (tension positive). The pressure stays as it is
+        during the run.
+    water_density : float, kg/m3
 
     Raises
     ------
     InputError
-        If the stress is not six finite numbers, or gravity or the ratio is negative.
+        If the stress is not six finite numbers, the height is not finite, or gravity, the ratio
+        or the density is negative.
     """
 
     gravity: float = 9.81
     horizontal_ratio: float = 0.5
     stress: tuple[float, ...] = (0.0,) * 6
+    water_table: float | None = None
+    water_density: float = 1000.0
 
     def __post_init__(self) -> None:
-        """Check gravity, ratio and stress."""
-        for name, unit in (("gravity", " m/s2"), ("horizontal_ratio", "")):
+        """Check gravity, ratio, stress and water."""
+        if self.water_table is not None and not np.isfinite(self.water_table):
+            raise InputError(f"insitu.water_table: must be finite, got {self.water_table} m")
+        numbers = ("gravity", " m/s2"), ("horizontal_ratio", ""), ("water_density", " kg/m3")
+        for name, unit in numbers:
             value = getattr(self, name)
             if not 0.0 <= value < np.inf:
                 raise InputError(f"insitu.{name}: must not be negative, got {value:g}{unit}")
@@ -80,6 +92,13 @@ class InSitu:
             raise InputError(
                 f"insitu.stress: must be six finite numbers xx yy zz yz zx xy, got {self.stress}"
             )
+
+    def pore_pressure(self, height: np.ndarray) -> np.ndarray:
+        """Return the pressure (n,) in Pa of the water at heights (n,) in m."""
+        height = np.asarray(height, dtype=float)
+        if self.water_table is None:
+            return np.zeros_like(height)
+        return self.water_density * self.gravity * np.maximum(self.water_table - height, 0.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -279,6 +279,8 @@ class InSituConfig(Section):
     gravity_m_per_s2: NotNegative = 9.81
     horizontal_ratio: NotNegative = 0.5
     stress_mpa: Annotated[list[float], Field(min_length=6, max_length=6)] = Field([0.0] * 6)
+    water_table_m: float | None = None
+    water_density_kg_per_m3: Positive = 1000.0
 
 
 class AbsorbingLayerConfig(Section):

@@ -294,7 +294,10 @@ def make_insitu(config):
     if config is None:
         return None
     stress = to_si("stress_mpa", config.stress_mpa)[1]
-    return InSitu(config.gravity_m_per_s2, config.horizontal_ratio, tuple(stress))
+    return InSitu(
+        config.gravity_m_per_s2, config.horizontal_ratio, tuple(stress),
+        config.water_table_m, config.water_density_kg_per_m3,
+    )  # fmt: skip
 
 
 def make_boundaries(config, face=None, media=None):

@@ -112,13 +112,29 @@ def joint_tractions(model: Model) -> np.ndarray:
     return np.einsum("cij,cj->ci", both[:, TENSOR], contacts.normal)
 
 
+def effective_tractions(model: Model, traction: np.ndarray) -> np.ndarray:
+    """Return tractions (n_contacts, 3) in Pa less the pressure of the water in the joints."""
+    contacts = model.nodes.contacts
+    if contacts is None or _insitu(model).water_table is None:
+        return traction
+    pressure = _insitu(model).pore_pressure(model.nodes.points[contacts.minus, 2])
+    return traction + pressure[:, None] * contacts.normal
+
+
+def effective_stress(model: Model) -> np.ndarray:
+    """Return the in-situ stress (n_zones, 6) in Pa less the pressure of the water in the pores."""
+    mesh = model.mesh
+    pressure = _insitu(model).pore_pressure(mesh.points[mesh.zones, 2].mean(axis=1))
+    return insitu_stress(model) + pressure[:, None] * [1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+
+
 def joint_pressures(model: Model) -> dict[str, float]:
-    """Return the mean in-situ normal pressure in Pa of each joint, by surface."""
+    """Return the mean effective in-situ normal pressure in Pa of each joint, by surface."""
     pressures = {joint.surface: joint.insitu_pressure for joint in model.joints}
     contacts = model.nodes.contacts
     if model.insitu is None or contacts is None:
         return pressures
-    traction = joint_tractions(model)
+    traction = effective_tractions(model, joint_tractions(model))
     normal = -np.einsum("ci,ci->c", traction, contacts.normal)
     area = np.bincount(contacts.joint, contacts.area, len(contacts.names))
     mean = np.bincount(contacts.joint, contacts.area * normal, len(contacts.names)) / area
@@ -131,7 +147,7 @@ def static_loads(model: Model, geometry: dict[str, Any]) -> tuple[np.ndarray, np
     Returns
     -------
     node_load : (n_nodes, 3) float64, N
-    contact_initial : (n_contacts, 3) float64, Pa
+    contact_initial : (n_contacts, 3) float64, Pa, effective
     scale : float, N
         Sum of the corner forces of the in-situ stress.
     """
@@ -147,6 +163,7 @@ def static_loads(model: Model, geometry: dict[str, Any]) -> tuple[np.ndarray, np
         force = nodes.contacts.area[:, None] * traction
         np.add.at(load, nodes.contacts.minus, force)
         np.add.at(load, nodes.contacts.plus, -force)
+        traction = effective_tractions(model, traction)
     return load, traction, float(np.linalg.norm(corner, axis=2).sum())
 
 
@@ -180,7 +197,7 @@ def static_arrays(model: Model, geometry: dict[str, Any]) -> tuple[dict[str, Any
         return {**arrays, **without_layer(geometry)}, scale
     moduli = (model.zone_values("first_lame"), model.zone_values("shear"))
     arrays |= dict(zip(("zone_lambda", "zone_shear"), moduli, strict=True))
-    arrays["row_initial"] = stressed_rows(geometry, insitu_stress(model))
+    arrays["row_initial"] = stressed_rows(geometry, effective_stress(model))
     return {**arrays, **stiffness_arrays(model.tetrahedral, {**geometry, **arrays})}, scale
 
 
@@ -232,7 +249,8 @@ def yield_states(
     -------
     zone : (n,) int64
     stress : (n, 6) float64, Pa
-        Total stress by the law of the zone, before averaging over patches; theory.md (2.32).
+        Stress by the law of the zone, before averaging over patches; theory.md (2.32). Under a
+        water table it is the effective stress.
     plastic : (n, 2) float64
         Accumulated plastic shear and tensile strain.
     """

@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 from pyblast import core
-from pyblast.errors import SolverError
+from pyblast.errors import InputError, SolverError
 from pyblast.mesh.builder import Layer, structured_box
 from pyblast.model.boundary import Fixed, Roller, Viscous
 from pyblast.model.joint import Joint
-from pyblast.model.material import Material
+from pyblast.model.material import Material, MohrCoulomb
 from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.source import PointForce, TimeFunction
-from pyblast.solver.initial_stress import after_static
+from pyblast.solver.initial_stress import after_static, yield_states
 from pyblast.solver.run import prepare, simulate
+from verification.cases import water
 from verification.columns import ROCK, ricker
 from verification.contact import properties
 
@@ -201,3 +202,41 @@ def test_a_gap_outlives_the_static_stage_under_any_law(law):
     for share, presses in ((0.99, False), (1.01, True)):
         closed = moved(constants, state, -share * gap)
         assert np.all((closed["contact_traction"][:, 2] < 0.0) == presses)
+
+
+def test_water_takes_its_pressure_off_the_stress_by_which_ground_yields():
+    rock = Material.from_speeds(
+        2500.0, 4000.0, 2000.0, cohesion=1e6, friction=0.6, tension=1e5, law=MohrCoulomb(0.1)
+    )
+    mesh = structured_box((2, 2, 8), (20.0, 20.0, 80.0))
+    model = Model(
+        mesh, {"rock": rock}, boundaries=[*map(Roller, SIDES), Fixed("bottom")],
+        insitu=InSitu(GRAVITY, 0.5, water_table=50.0),
+    )  # fmt: skip
+    prepared = prepare(model, 0.01)
+
+    zone, stress, _ = yield_states(prepared.constants, prepared.state)
+
+    heights = model.mesh.points[model.mesh.zones[zone], 2].mean(axis=1)
+    pressure = 1000.0 * GRAVITY * np.maximum(50.0 - heights, 0.0)
+    vertical = -2500.0 * GRAVITY * (80.0 - heights)
+    assert stress[:, 2] == pytest.approx(vertical + pressure, rel=0.02, abs=3e4)
+    assert stress[:, 0] == pytest.approx(0.5 * vertical + pressure, rel=0.02, abs=3e4)
+
+
+@pytest.mark.parametrize("head", [0.0, 20.0])
+def test_a_joint_keeps_the_shear_of_its_effective_stress(head):
+    strength = water.COHESION + water.FRICTION * GRAVITY * (40.0 * 2500.0 - 1000.0 * head)
+
+    assert water.resistance(60.0 + head) == pytest.approx(strength, rel=1e-4)
+
+
+def test_water_above_the_ground_presses_below_its_level_only():
+    assert InSitu(10.0, water_table=5.0).pore_pressure([7.0, 5.0, 2.0]).tolist() == [0.0, 0.0, 3e4]
+
+
+def test_water_without_a_level_or_with_a_negative_weight_is_refused():
+    with pytest.raises(InputError, match=r"insitu.water_table: must be finite"):
+        InSitu(water_table=np.inf)
+    with pytest.raises(InputError, match=r"insitu.water_density: must not be negative"):
+        InSitu(water_density=-1.0)
