@@ -267,7 +267,9 @@ def run(recordings, folder, part=(0, 1)):
     drops = [sets.decimated(shot, 10) for shot in sets.ball_drops(recordings)]
     forces = {"wghs": sets.ricker(), "ball_drop": sets.hertz_force(recordings)}
     sealed = {row["trial"]: row["sha256"] for row in json.loads(SEALED.read_text())}
-    for truth in drawn()[part[0] :: part[1]]:
+    trials = drawn()
+    order = np.random.default_rng(0).permutation(len(trials))
+    for truth in [trials[k] for k in order[part[0] :: part[1]]]:
         assert sealed[truth["trial"]] == digest(truth), "the truths are not those that were sealed"
         force = forces[truth["set"]]
         groups = shots_of(truth, hammer, drops)
