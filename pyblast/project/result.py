@@ -185,6 +185,8 @@ def summarise(project, checked, run, simulated, comparisons):
         "band": input_band(project),
         "limit_curves": list(project.config.run.limit_curves),
         "blast": None if blast is None else blast_table(project.blast),
+        "undamped": undamped_plane(project),
+        "houses": house_positions(project),
         "receivers": receiver_tables(project, simulated),
         "compliance": compliance_table(project, simulated),
         "comparisons": {n: comparison_table(c) for n, c in comparisons.items()},
@@ -374,6 +376,22 @@ def blast_table(blast):
             for id_, collar, toe, charge, time in holes
         ],
     }
+
+
+def undamped_plane(project):
+    """Return lower left and upper right corner, m, of the ground without padding; None if all."""
+    mesh, layer = project.config.mesh, project.absorbing_layer
+    if mesh.size_m is not None:
+        low = mesh.origin_m[:2]
+        return [list(low), [a + b for a, b in zip(low, mesh.size_m[:2], strict=True)]]
+    return None if layer is None else [[side[k] for side in layer.box[:2]] for k in (0, 1)]
+
+
+def house_positions(project):
+    """Return the position of each house of [delays] that has one, m."""
+    delays = project.config.delays
+    houses = [] if delays is None else delays.houses
+    return {h.name: h.position_m for h in houses if h.position_m is not None}
 
 
 def compliance_table(project, simulated):

@@ -12,7 +12,7 @@ from ..blasts.compliance import ORIENTATION, explain
 from ..project.result import Result, plain, write_text
 from ..signals.comparison import load_limits
 from ..units import plain_number
-from . import figures
+from . import figures, maps
 from .figures import limits_figure
 
 SPECTRUM_TOP = 40.0
@@ -199,6 +199,7 @@ def _figures(result):
     summary = result.summary
     wide = _spectrum_top(summary)
     rows = [
+        *_plan_figures(result),
         *_limit_figures(result),
         *_receiver_figures(result, wide),
         *_input_figures(result, wide),
@@ -300,6 +301,20 @@ def _end(seismogram):
     """Return the time in s after which a seismogram stays below a hundredth of its peak."""
     size = np.nanmax(np.abs(seismogram.velocity), axis=1)
     return 1.2 * float(seismogram.times[np.flatnonzero(size > 0.01 * size.max())[-1]])
+
+
+def _plan_figures(result):
+    """Yield the plan of holes, receivers and faults over contours of peak velocity."""
+    image = maps.plan_figure(result)
+    if image is None:
+        return
+    words = "Plan of the model"
+    if maps.surface(result)[2] is not None:
+        words += (
+            f" with contours of the peak vector sum over its surface, up to "
+            f"{result.summary['band']:.3g} Hz (surface_peaks.csv and .asc)"
+        )
+    yield "Plan", f"{words}; numbers are the order of firing.", ("mesh", "blast"), image
 
 
 def _section_figures(result):
