@@ -241,10 +241,8 @@ def pairs_of_near_receivers(case):
 def swapped_channels(scene, motion, target, share):
     """Two receivers have changed places: each record has the name of the other."""
     a, b = (scene.case.receivers.index(name) for name in target.split(AND))
-    gain = scene.case.gain if scene.case.gain is not None else np.ones(len(scene.case.receivers))
-    first, second = motion[:, a] / gain[a], motion[:, b] / gain[b]
-    changed = _with(motion, a, motion[:, a] + share * gain[b] * (second - first))
-    return _with(changed, b, motion[:, b] + share * gain[a] * (first - second))
+    between = share * (motion[:, b] - motion[:, a])
+    return _with(_with(motion, a, motion[:, a] + between), b, motion[:, b] - between)
 
 
 @hypothesis(
