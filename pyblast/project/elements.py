@@ -1,6 +1,7 @@
 """Choice of the elements of a project: spectral hexahedra where the ground allows it."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -8,6 +9,7 @@ from ..errors import InputError, named_error
 from ..mesh.grid import Layer
 from ..mesh.hexahedral_ground import SIDES, NotMapped, build_hexahedra
 from ..mesh.mesh import Mesh, edge_lengths
+from ..model.material import ConstantQ
 from .ground import joints_and_faults, make_mesh, mean_edge
 
 ORDER = 5
@@ -18,6 +20,7 @@ WAVELENGTHS = 3.0
 OF_FITS = 0.005  # by that rule, which gives 2 to 4 % of the motion in a whole band
 FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
+SOFT = 0.3  # S speed over that of the ground beneath: docs/quality/verification.md
 TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
 
 
@@ -195,6 +198,18 @@ def _obstacle(config, materials):
         return "a plane wave enters ground of tetrahedra only"
     if _frequency(config) is None and mesh.edge_m is None and mesh.edges_per_wavelength is None:
         return "neither mesh.frequency_hz nor mesh.edge_m says how fine it shall be"
+    return _soft_soil(config, materials) if sides.viscous and config.signature is None else None
+
+
+def _soft_soil(config, materials):
+    """Return which ground would take energy from an absorbing layer, or None; theory.md (4.18)."""
+    for upper, lower in pairwise(part.material for part in config.mesh.layers):
+        soil, rock = materials[upper], materials[lower]
+        if soil.cs < SOFT * rock.cs and not isinstance(soil.law, ConstantQ):
+            return (
+                f"{upper!r} has {soil.cs / rock.cs:.2g} of the S speed of {lower!r} and no quality "
+                "factors, and an absorbing layer would feed its motion; give it qp and qs"
+            )
     return None
 
 

@@ -18,7 +18,7 @@ from ..signals.spectra import dominant_frequency, significant_duration, zero_cro
 from ..solver.model_file import read_arrays, write_arrays
 from ..solver.preparation import versions
 from .ground import joint_of_surface
-from .inputs import input_band
+from .inputs import input_band, instrument_table
 from .plausibility import level_table, level_words, peak_of, plausible_at, window_at
 
 KIND = "result"
@@ -185,6 +185,13 @@ def summarise(project, checked, run, simulated, comparisons):
         "band": input_band(project),
         "limit_curves": list(project.config.run.limit_curves),
         "blast": None if blast is None else blast_table(project.blast),
+        "undamped": undamped_plane(project),
+        "houses": house_positions(project),
+        "instruments": {
+            part.name: instrument_table(part.recorded, project.records[part.name])
+            for part in project.config.receivers
+            if part.recorded is not None
+        },
         "receivers": receiver_tables(project, simulated),
         "compliance": compliance_table(project, simulated),
         "comparisons": {n: comparison_table(c) for n, c in comparisons.items()},
@@ -374,6 +381,22 @@ def blast_table(blast):
             for id_, collar, toe, charge, time in holes
         ],
     }
+
+
+def undamped_plane(project):
+    """Return lower left and upper right corner, m, of the ground without padding; None if all."""
+    mesh, layer = project.config.mesh, project.absorbing_layer
+    if mesh.size_m is not None:
+        low = mesh.origin_m[:2]
+        return [list(low), [a + b for a, b in zip(low, mesh.size_m[:2], strict=True)]]
+    return None if layer is None else [[side[k] for side in layer.box[:2]] for k in (0, 1)]
+
+
+def house_positions(project):
+    """Return the position of each house of [delays] that has one, m."""
+    delays = project.config.delays
+    houses = [] if delays is None else delays.houses
+    return {h.name: h.position_m for h in houses if h.position_m is not None}
 
 
 def compliance_table(project, simulated):

@@ -2,7 +2,7 @@
 
 import base64
 import io
-from math import cos, radians, sin
+from math import ceil, cos, radians, sin
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -13,11 +13,16 @@ from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..mesh import tetrahedra
-from ..mesh.faces import face_keys, zone_faces
+from ..mesh.faces import face_vectors, pair_faces, zone_faces
 from ..signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
 
 _TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
 NUDGE = 1.2345e-5
+EYE = 28.0, -122.0  # degrees, height and azimuth from east to north
+_TOWARDS_THE_EYE = np.array([
+    cos(radians(EYE[0])) * cos(radians(EYE[1])), cos(radians(EYE[0])) * sin(radians(EYE[1])),
+    sin(radians(EYE[0])),
+])  # fmt: skip
 
 
 def section_of_zones(points, zones, north):
@@ -71,27 +76,23 @@ def _crossings(points, height, cells, edges):
     return places[..., [0, 2]], crossed
 
 
-def outer_triangles(zones, n_nodes, surfaces):
-    """Return triangles of named surfaces and the zone behind each.
+def outer_skin(points, zones):
+    """Return the outward triangles of the boundary of a mesh, without the sides of its joints.
 
     Parameters
     ----------
+    points : (n_nodes, 3) float64, m
     zones : (n_zones, 4) int32
-    n_nodes : int
-    surfaces : sequence of (n, 3) int32
 
     Returns
     -------
     triangles : (n, 3) int32
     zone : (n,) int64
+        The zone behind each.
     """
-    triangles = np.concatenate([np.empty((0, 3), np.int32), *surfaces])
-    faces = zone_faces(zones)
-    keys = face_keys(faces, n_nodes)
-    order = np.argsort(keys)
-    wanted = face_keys(triangles, n_nodes)
-    at = np.minimum(np.searchsorted(keys, wanted, sorter=order), len(keys) - 1)
-    return triangles, order[at] // 4
+    welded = np.unique(points, axis=0, return_inverse=True)[1].reshape(-1)
+    single = np.sort(pair_faces(welded[zones], len(points))[2])
+    return zone_faces(zones)[single], single // 4
 
 
 GROUND = ("#cdb58c", "#8fa3ad", "#5b6570", "#a7b08a", "#b48a78", "#7a8fb0")
@@ -102,6 +103,7 @@ SOURCE_UNITS = {
     "moment": "N m/s, 1 kg", "force": "N", "tensor": "N m/s", "pressure": "Pa", "air": "Pa",
 }  # fmt: skip
 DPI = 110
+MOST_SAMPLES = 4000  # of a seismogram in a page
 _ABOVE = {
     "loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "ncol": 2, "fontsize": 7, "frameon": False,
     "borderaxespad": 0.0,
@@ -277,13 +279,10 @@ def _draw_receivers(axes, summary, points):
 
 def blocks_figure(result):
     """Draw the blocks seen from the south-west and above, each in a shade of its material."""
-    mesh, surfaces = result.arrays["mesh"], result.arrays["surfaces"]
-    joints = result.summary["mesh_names"]["joints"]
-    seen = [n for n in ("west", "south", "top") if n in surfaces]
-    seen = seen or [n for n in surfaces if n not in joints]
-    triangles, zone = outer_triangles(
-        mesh["zones"], len(mesh["points"]), [surfaces[n] for n in seen]
-    )
+    mesh = result.arrays["mesh"]
+    triangles, zone = outer_skin(mesh["points"], mesh["zones"])
+    seen = face_vectors(mesh["points"], triangles) @ _TOWARDS_THE_EYE > 0.0
+    triangles, zone = triangles[seen], zone[seen]
     figure = _figure(9.6, 6.0)
     axes = figure.add_subplot(projection="3d")
     colours = _block_colours(result, zone)
@@ -296,7 +295,7 @@ def blocks_figure(result):
     low, high = mesh["points"].min(axis=0), mesh["points"].max(axis=0)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.15)
-    axes.view_init(elev=28.0, azim=-122.0)
+    axes.view_init(elev=EYE[0], azim=EYE[1])
     axes.set_xlabel("east  m")
     axes.set_ylabel("north  m")
     axes.set_zlabel("height  m")
@@ -446,3 +445,40 @@ def peaks_of(motion, summed):
     if summed:
         rows.append((SUM, motion.pvs, float(frequency[np.nanargmax(motion.ppv)])))
     return [row for row in rows if row[1] > 0.0]
+
+
+def waveforms(seismograms) -> list[dict]:
+    """Return the motion of all receivers for the interactive figures, in mm/s.
+
+    A record of more than `MOST_SAMPLES` keeps the smallest and the largest of each interval. Values
+    are little-endian 16-bit integers in base64, times ``scale``.
+
+    Parameters
+    ----------
+    seismograms : callable
+        Returns the seismograms by receiver of "recorded" or "simulated".
+    """
+    places: dict[str, list] = {}
+    for kind in ("recorded", "simulated"):
+        for name, motion in seismograms(kind).items():
+            step = max(1, ceil(2 * len(motion.velocity) / MOST_SAMPLES))
+            for k in np.flatnonzero(motion.present):
+                values = 1e3 * motion.velocity[:, k]
+                dt = motion.dt
+                if step > 2:
+                    values, dt = _thinned(values, step), 0.5 * step * motion.dt
+                scale = float(np.abs(values).max()) / 32000.0 or 1.0
+                packed = np.round(values / scale).astype("<i2").tobytes()
+                places.setdefault(name, []).append(
+                    {"kind": kind, "name": motion.components[k], "start": motion.start, "dt": dt,
+                     "scale": scale, "values": base64.b64encode(packed).decode()}
+                )  # fmt: skip
+    return [{"place": name, "traces": traces} for name, traces in places.items()]
+
+
+def _thinned(values, step):
+    """Return smallest and largest of every ``step`` values, in the order of their times."""
+    whole = values[: len(values) // step * step].reshape(-1, step)
+    first, last = whole.argmin(axis=1), whole.argmax(axis=1)
+    picked = np.sort(np.stack([first, last], axis=1), axis=1)
+    return np.take_along_axis(whole, picked, axis=1).ravel()

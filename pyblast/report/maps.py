@@ -4,12 +4,265 @@ from pathlib import Path
 
 import meshio
 import numpy as np
+from matplotlib.collections import LineCollection
+from matplotlib.tri import Triangulation
 
 from ..errors import ReadError
+from ..mesh.faces import face_table, face_vectors, pair_faces, zone_of_face
+from ..mesh.hexahedra import face_nodes
 from ..mesh.mesh import edge_lengths
 from ..project.checks_ground import carried_frequency
 from ..project.result import write_text
 from ..solver.initial_stress import yield_states
+from ..units import plain_number
+from . import figures
+
+UPWARD = 0.2  # least vertical part of the normal of a face that a plan shows
+MOST_CELLS = 400  # of a grid along its longer side
+NO_DATA = -9999.0
+LABELLED_HOLES = 60
+
+
+def surface_of(model):
+    """Return what a plan shows of a model: the faces of its boundary that look upward.
+
+    Returns
+    -------
+    points : (n_points, 3) float64, m
+        All nodes on these faces, those of hexahedra of high order too.
+    triangles : (n, 3) int64
+    node : (n_points,) int64
+        Node of the model at each point.
+    """
+    zones, points = model.mesh.zones, model.nodes.points
+    welded = np.unique(model.mesh.points, axis=0, return_inverse=True)[1].reshape(-1)
+    single = pair_faces(welded[zones], len(model.mesh.points))[2]
+    zone, local = zone_of_face(zones, np.sort(single))
+    if model.mesh.hexahedral:
+        quads = model.nodes.zone_nodes[zone[:, None, None], face_nodes(model.mesh.order)[local]]
+        corners = [quads[:, :-1, :-1], quads[:, 1:, :-1], quads[:, 1:, 1:], quads[:, :-1, 1:]]
+        corners = np.stack([part.ravel() for part in corners], axis=1)
+        triangles = np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+    else:
+        triangles = model.nodes.zone_nodes[zone[:, None], face_table(zones)[local]]
+    node, triangles = np.unique(_upward(points, triangles), return_inverse=True)
+    return points[node], triangles.reshape(-1, 3), node
+
+
+def _upward(points, triangles):
+    """Return the triangles whose outward normal points upward."""
+    normal = face_vectors(points, triangles)
+    return triangles[normal[:, 2] > UPWARD * np.linalg.norm(normal, axis=1)]
+
+
+def surface(result):
+    """Return points (n_points, 3) m, triangles (n, 3) and peak velocity m/s of what a plan shows.
+
+    Without the padding of an absorbing layer; the peaks are None where the result holds none.
+    """
+    stored, box = result.arrays.get("surface_peaks"), result.summary.get("undamped")
+    if stored is not None:
+        points, triangles, peak = (stored[name] for name in ("points", "triangles", "velocity"))
+    else:
+        points, peak = result.arrays["mesh"]["points"], None
+        triangles = _upward(points, figures.outer_skin(points, result.arrays["mesh"]["zones"])[0])
+    if box is not None:
+        corners = points[triangles][:, :, :2]
+        overlaps = (corners.max(axis=1) > box[0]) & (corners.min(axis=1) < box[1])
+        triangles = triangles[overlaps.all(axis=1)]
+    return points, triangles, peak if peak is not None and np.any(peak > 0.0) else None
+
+
+def plan_figure(result):
+    """Draw the plan: contours of peak velocity, holes by firing order, receivers, faults, houses.
+
+    Returns
+    -------
+    str or None
+        A data URI; None where no face looks upward.
+    """
+    (points, triangles, peak), summary = surface(result), result.summary
+    if not len(triangles):
+        return None
+    plan = Triangulation(points[:, 0], points[:, 1], triangles)
+    low, high = _extent(summary.get("undamped") or points[triangles.ravel(), :2], summary)
+    ratio = (high[1] - low[1]) / (high[0] - low[0])
+    figure = figures._figure(9.6, float(np.clip(8.0 * ratio + 1.2, 3.2, 9.0)))
+    axes = figure.subplots()
+    if peak is None:
+        axes.triplot(plan, color="#e5e5e5", lw=0.3)
+    else:
+        _draw_contours(figure, axes, plan, 1e3 * peak.astype(float))
+    _draw_faults(axes, result, points[np.unique(triangles)])
+    _draw_sources(figure, axes, summary)
+    for names, mark, colour, word in (
+        (summary["receivers"], "v", figures.SIMULATED, "receiver"),
+        (summary.get("houses", {}), "s", "#1d4ed8", "house"),
+    ):
+        for number, (name, table) in enumerate(names.items()):
+            position = table["position"] if isinstance(table, dict) else table
+            axes.plot(
+                *position[:2], mark, ms=7, color=colour, mec="white", mew=0.7,
+                label=word if number == 0 else None,
+            )  # fmt: skip
+            axes.annotate(
+                name, position[:2], (0, 7), textcoords="offset points", fontsize=8, ha="center",
+                bbox={"fc": "white", "alpha": 0.75, "lw": 0, "pad": 0.6},
+            )  # fmt: skip
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim(low[1], high[1])
+    axes.set_aspect("equal")
+    axes.ticklabel_format(useOffset=False, style="plain")
+    axes.set_xlabel("east  m")
+    axes.set_ylabel("north  m")
+    axes.tick_params(labelsize=8)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=5, fontsize=7, frameon=False)
+    return figures._uri(figure)
+
+
+def _extent(plane, summary):
+    """Return the lower left and upper right corner (2,) m that hold the surface and all marks."""
+    plane = np.asarray(plane, dtype=float)
+    marks = [table["position"][:2] for table in summary["receivers"].values()]
+    marks += [hole["collar"][:2] for hole in (summary.get("blast") or {"holes": []})["holes"]]
+    size = np.ptp(plane, axis=0).max()
+    near = [m for m in marks if np.all(np.abs(m - plane.mean(axis=0)) < 1.5 * size)]
+    both = np.vstack([plane, *[np.reshape(m, (1, 2)) for m in near]])
+    edge = 0.03 * np.ptp(both, axis=0).max()
+    return both.min(axis=0) - edge, both.max(axis=0) + edge
+
+
+def _draw_contours(figure, axes, plan, peak):
+    """Fill the surface by peak velocity in mm/s, with lines at round values."""
+    shown = peak[plan.triangles]
+    most = float(np.percentile(shown, 99.8))
+    least = max(float(shown.min()), 1e-3 * most)
+    levels = [
+        m * 10.0**k for k in range(-9, 9) for m in (1.0, 2.0, 5.0)
+        if least / 2.5 <= m * 10.0**k <= 2.5 * most
+    ]  # fmt: skip
+    drawn = np.clip(peak, levels[0] * 1.0001, levels[-1])
+    filled = axes.tricontourf(
+        plan, np.log10(drawn), levels=np.log10(levels), cmap="YlOrBr", extend="both"
+    )
+    lines = axes.tricontour(
+        plan, np.log10(drawn), levels=np.log10(levels), colors="#5b4636", linewidths=0.6
+    )
+    words = {np.log10(level): plain_number(level) for level in levels}
+    axes.clabel(lines, fmt=lambda value: words.get(value, ""), fontsize=7)
+    bar = figure.colorbar(filled, ax=axes, shrink=0.85, label="peak vector sum  mm/s")
+    bar.set_ticks(np.log10(levels), labels=[plain_number(level) for level in levels])
+
+
+def _draw_faults(axes, result, seen):
+    """Draw the traces of joints and faults on the surface: edges with both ends on it."""
+    points, names = result.arrays["mesh"]["points"], result.summary["mesh_names"]
+    on_surface = {tuple(p) for p in seen.tolist()}
+    labelled = set()
+    for name in names["joints"]:
+        corners = points[result.arrays["surfaces"][name]]
+        edges = corners[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2, 3)
+        up = [tuple(a) in on_surface and tuple(b) in on_surface for a, b in edges.tolist()]
+        fault = name in names["faults"]
+        colour, width, word = (
+            (figures.FAULT, 1.8, "fault") if fault else (figures.INK, 0.6, "joint")
+        )
+        axes.add_collection(LineCollection(edges[up][:, :, :2], colors=colour, linewidths=width))
+        if any(up) and word not in labelled:
+            axes.plot([], [], color=colour, lw=width, label=word)
+            labelled.add(word)
+
+
+def _draw_sources(figure, axes, summary):
+    """Draw holes coloured by firing time and numbered by order, and other sources inside."""
+    blast = summary.get("blast")
+    if blast is not None:
+        holes = blast["holes"]
+        times = np.array([hole["time"] for hole in holes])
+        position = np.array([hole["collar"][:2] for hole in holes])
+        dots = axes.scatter(
+            *position.T, c=1e3 * times, cmap="viridis", s=46 if len(holes) <= 40 else 14, zorder=4,
+            edgecolors="white", linewidths=0.6, label="hole, by firing order",
+        )  # fmt: skip
+        order = np.unique(np.round(times, 6), return_inverse=True)[1] + 1
+        for number, at in zip(order[:LABELLED_HOLES], position, strict=False):
+            axes.annotate(
+                str(number), at, (5, 3), textcoords="offset points", fontsize=6.5, zorder=5
+            )
+        if times.max() > times.min():
+            figure.colorbar(dots, ax=axes, shrink=0.6, label="fires at  ms")
+    sources = summary["sources"]
+    for number, table in enumerate((*sources["forces"], *sources["tensors"])):
+        label = "source" if number == 0 else None
+        axes.plot(*table["position"][:2], "*", color=figures.FAULT, mec="white", ms=10, label=label)
+
+
+def write_surface(folder, result):
+    """Write peak velocity over the surface: nodes as CSV, a grid as ESRI ASCII.
+
+    Parameters
+    ----------
+    folder : path
+    result : Result
+        One without peak velocities, or without faces that look upward, writes nothing.
+    """
+    points, triangles, peak = surface(result)
+    if peak is None or not len(triangles):
+        return
+    node = np.unique(triangles)
+    rows = np.c_[points[node], 1e3 * peak[node]]
+    lines = [",".join(f"{value:.9g}" for value in row) for row in rows.tolist()]
+    head = "east_m,north_m,height_m,peak_vector_sum_mm_per_s"
+    write_text(Path(folder) / "surface_peaks.csv", "\n".join([head, *lines]) + "\n")
+    write_text(Path(folder) / "surface_peaks.asc", ascii_grid(points, triangles, 1e3 * peak))
+
+
+def ascii_grid(points, triangles, values):
+    """Return values of nodes as an ESRI ASCII grid, linear within each triangle.
+
+    Parameters
+    ----------
+    points : (n_nodes, 3) float64, m
+    triangles : (n, 3) int
+        Seen from above.
+    values : (n_nodes,) float
+        -9999 is written outside of all triangles.
+
+    Returns
+    -------
+    str
+        Rows from north to south; the cell is half of the median edge, at most 400 along a side.
+    """
+    plane = points[:, :2].astype(float)
+    low, high = plane[triangles.ravel()].min(axis=0), plane[triangles.ravel()].max(axis=0)
+    edges = np.linalg.norm(plane[triangles] - plane[np.roll(triangles, 1, axis=1)], axis=2)
+    cell = float(max(0.5 * np.median(edges), (high - low).max() / MOST_CELLS))
+    count = np.maximum(1, np.ceil((high - low) / cell - 1e-9).astype(int))
+    east, north = (low[k] + cell * (0.5 + np.arange(count[k])) for k in range(2))
+    rows = _on_grid(plane[triangles], np.asarray(values, dtype=float)[triangles], east, north)[::-1]
+    head = (
+        f"ncols {count[0]}\nnrows {count[1]}\nxllcorner {low[0]:.9g}\nyllcorner {low[1]:.9g}\n"
+        f"cellsize {cell:.9g}\nNODATA_value {NO_DATA:.0f}\n"
+    )
+    return head + "\n".join(" ".join(f"{v:.6g}" for v in row) for row in rows.tolist()) + "\n"
+
+
+def _on_grid(corners, values, east, north):
+    """Interpolate values (n, 3) of triangles (n, 3, 2) at cell centres; rows by north."""
+    grid, cell = np.full((len(north), len(east)), NO_DATA), 1e-9
+    for triangle, at_corners in zip(corners, values, strict=True):
+        (x0, y0), (x1, y1) = triangle.min(axis=0), triangle.max(axis=0)
+        columns = slice(*np.searchsorted(east, (x0 - cell, x1 + cell)))
+        rows = slice(*np.searchsorted(north, (y0 - cell, y1 + cell)))
+        matrix = np.vstack([triangle.T, np.ones(3)])
+        if columns.start == columns.stop or rows.start == rows.stop:
+            continue
+        x, y = np.meshgrid(east[columns], north[rows])
+        share = np.linalg.solve(matrix, np.stack([x.ravel(), y.ravel(), np.ones(x.size)]))
+        inside = (share >= -1e-9).all(axis=0).reshape(x.shape)
+        grid[rows, columns][inside] = (at_corners @ share).reshape(x.shape)[inside]
+    return grid
 
 
 def zone_fields(model):

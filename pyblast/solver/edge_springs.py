@@ -220,3 +220,11 @@ def _has_springs(model, group):
     """Return whether the zones of a group become springs."""
     equal = all(branch.shear == branch.compression for branch in model.branches(group))
     return equal and model.law(group).name in LINEAR
+
+
+def common_edges(constants):
+    """Return the constants of models, without edge springs if these differ."""
+    same = all(
+        np.array_equal(constants[0][name], each[name]) for each in constants for name in EDGE_ARRAYS
+    )
+    return constants if same else [without_edges(each) for each in constants]

@@ -24,7 +24,7 @@ from . import assembly
 from .assembly import Step
 from .edge_springs import run_bytes
 from .free_field import side_loads
-from .initial_stress import after_static, static_arrays
+from .initial_stress import after_static, can_yield, static_arrays
 from .model_file import write_model
 from .time_step import CriticalStep
 
@@ -57,6 +57,7 @@ def versions(input_hash: str) -> dict[str, str]:
 
 
 LEDGER_EVERY = 20
+PEAK_SAMPLES = 20  # of a period, for the peak velocity of nodes
 CHUNK_SECONDS = 0.05  # wall time between returns to Python
 STATIC_ROUND = 100  # steps between convergence checks
 STATIC_TOLERANCE = 1e-5
@@ -226,3 +227,16 @@ def export(prepared: Prepared, path: str | Path) -> None:
     steps = {"n_steps": prepared.n_steps, "ledger_every": LEDGER_EVERY}
     constants = core.numbered(prepared.constants)
     write_model(path, constants, prepared.state, steps, prepared.fingerprint)
+
+
+def peak_interval(dt: float, frequency: float, prepared: Prepared) -> int:
+    """Return the steps between samples of peak velocity: at least 20 a period of a frequency in Hz.
+
+    It divides the rounds of the energy balance or holds whole rounds. Where zones may yield it
+    holds whole rounds always, since their check is made at the start of each chunk.
+    """
+    most = max(1, int(1.0 / (PEAK_SAMPLES * frequency * dt)))
+    constants = prepared.constants
+    if most >= LEDGER_EVERY or (not constants["hex_order"] and can_yield(constants).any()):
+        return max(1, most // LEDGER_EVERY) * LEDGER_EVERY
+    return max(k for k in range(1, LEDGER_EVERY) if LEDGER_EVERY % k == 0 and k <= most)

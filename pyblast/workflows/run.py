@@ -11,6 +11,7 @@ from ..errors import Finding, InputError, ReadError
 from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
+from ..project.inputs import input_band
 from ..project.plausibility import CODE as LEVEL
 from ..project.plausibility import (
     Peak,
@@ -34,7 +35,15 @@ from ..project.result import (
     write_text,
 )
 from ..recordings.recording import read_recording
-from ..report.maps import write_joints, write_motion, write_zones, yield_fields, zone_fields
+from ..report.maps import (
+    surface_of,
+    write_joints,
+    write_motion,
+    write_surface,
+    write_zones,
+    yield_fields,
+    zone_fields,
+)
 from ..report.run import write_report
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
@@ -207,6 +216,7 @@ def run(
                 resume=checkpoint if goes_on else None,
                 snapshot_times=[t + project.lead for t in project.config.run.snapshots_s],
                 prepared=prepared,
+                peaks_to=input_band(project),
             )
         except KeyboardInterrupt:
             raise Interrupted(
@@ -248,7 +258,8 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         "recorded": project.recorded,
     }
     shown, contacts = project.model.shown, project.model.nodes.contacts
-    mesh = shown.mesh
+    mesh, (points, triangles, node) = shown.mesh, surface_of(project.model)
+    surface = points, triangles, run_.peak_velocity[node]
     arrays = {group: {n: s.velocity for n, s in g.items()} for group, g in groups.items()}
     arrays |= {
         "sources": source_tables(project),
@@ -257,6 +268,7 @@ def _conclude(project: Project, checked: Check, run_: Run, folder: Path) -> Outc
         "zones": {n: v[shown.zone] for n, v in zone_fields(project.model).items()},
         "energy": run_.energy,
         "state": run_.state,
+        "surface_peaks": dict(zip(("points", "triangles", "velocity"), surface, strict=True)),
         "snapshots": {
             f"{t - project.lead:.6f}": v[shown.node] for t, v in run_.snapshots.items()
         },
@@ -286,9 +298,11 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
     summary = plain(outcome.result.summary)
     write_summary(folder / "summary.json", summary)
     write_text(folder / "compliance.csv", compliance_csv(summary["compliance"]["rows"]))
+    write_surface(folder, outcome.result)
     shown = model.shown
     mesh, displacement = shown.mesh, run_.state["displacement"][shown.node]
-    moved = {"displacement": displacement}
+    peak = run_.peak_velocity[shown.node]
+    moved = {"displacement": displacement, "peak_velocity": peak}
     fields = {**zone_fields(model), **yield_fields(run_)}
     fields = {name: values[shown.zone] for name, values in fields.items()}
     write_zones(folder / "zones.vtu", mesh.points, mesh.zones, fields, moved)

@@ -99,3 +99,17 @@ def test_a_source_in_the_absorbing_layer_is_refused(project):
 
     with pytest.raises(InputError, match="lies in the absorbing layer"):
         _ = one.model
+
+
+def test_soft_soil_without_attenuation_takes_tetrahedra(project):
+    def on_rock(**loss):
+        soil = {"density_kg_per_m3": 1800.0, "cp_m_per_s": 600.0, "cs_m_per_s": 300.0, **loss}
+        layers = [{"material": "soil", "thickness_m": 20.0}, {"material": "rock"}]
+        return project(
+            {"layers": layers, "faults": [], "edge_m": 10.0},
+            materials={**TABLES["materials"], "soil": soil},
+            joints={},
+        ).ground.reason
+
+    assert "an absorbing layer would feed its motion; give it qp and qs" in on_rock()
+    assert on_rock(qp=40.0, qs=20.0, quality_band_hz=[2.0, 30.0]).startswith("hexahedra")

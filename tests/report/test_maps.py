@@ -1,0 +1,96 @@
+import numpy as np
+import pytest
+from small_project import written
+
+from pyblast.mesh.builder import structured_box
+from pyblast.project.result import Result, read_result
+from pyblast.report.figures import blocks_figure, outer_skin
+from pyblast.report.maps import ascii_grid, plan_figure, surface, surface_of
+from pyblast.workflows import run
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("maps")
+    return run.run(written(folder), report=False).folder
+
+
+def read_grid(text):
+    lines = text.splitlines()
+    head = {name: float(value) for name, value in (line.split() for line in lines[:6])}
+    return head, np.array([[float(v) for v in line.split()] for line in lines[6:]])
+
+
+def test_a_grid_holds_a_plane_exactly_with_rows_from_the_north():
+    mesh = structured_box((4, 3, 1), (40.0, 30.0, 10.0))
+    values = 2.0 * mesh.points[:, 0] - mesh.points[:, 1] + 100.0
+
+    head, grid = read_grid(ascii_grid(mesh.points, mesh.surfaces["top"], values))
+
+    assert grid.shape == (head["nrows"], head["ncols"])
+    east = head["xllcorner"] + head["cellsize"] * (0.5 + np.arange(grid.shape[1]))
+    north = head["yllcorner"] + head["cellsize"] * (0.5 + np.arange(grid.shape[0]))[::-1]
+    expected = 2.0 * east[None, :] - north[:, None] + 100.0
+    known = grid != -9999.0
+    assert known.mean() > 0.8
+    np.testing.assert_allclose(grid[known], expected[known], rtol=1e-5)
+
+
+def test_the_skin_is_closed_and_leaves_joints_out(folder):
+    result = read_result(folder / "result.h5")
+    points, zones = (result.arrays["mesh"][name] for name in ("points", "zones"))
+
+    triangles, zone = outer_skin(points, zones)
+
+    corners = points[triangles]
+    area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    np.testing.assert_allclose(area.sum(axis=0), 0.0, atol=1e-9)
+    assert np.linalg.norm(area, axis=1).sum() == pytest.approx(2.0 * (1200 + 1800 + 600))
+    assert np.linalg.norm(area[:, 2:], axis=1).sum() == pytest.approx(2.0 * 1200)
+    assert zone.max() < len(zones)
+
+
+def test_blocks_are_drawn_whole_whatever_the_surfaces_are_called(folder):
+    result = read_result(folder / "result.h5")
+    named = blocks_figure(result)
+    joints = set(result.summary["mesh_names"]["joints"])
+    renamed = {n if n in joints else f"my {n}": s for n, s in result.arrays["surfaces"].items()}
+
+    assert blocks_figure(Result({**result.arrays, "surfaces": renamed}, result.summary)) == named
+    assert plan_figure(result).startswith("data:image/png")
+
+
+def test_peaks_of_the_surface_hold_those_of_the_receiver(folder):
+    result = read_result(folder / "result.h5")
+    table = np.genfromtxt(folder / "surface_peaks.csv", delimiter=",", names=True)
+    (name, receiver), *_ = result.summary["receivers"].items()
+    away = np.hypot(
+        table["east_m"] - receiver["position"][0], table["north_m"] - receiver["position"][1]
+    )
+
+    near = table["peak_vector_sum_mm_per_s"][away <= 15.0]
+
+    assert len(table) == len(np.unique(surface(result)[1]))
+    assert near.min() <= 1e3 * receiver["simulated"]["pvs"] <= 1.02 * near.max(), name
+
+
+@pytest.mark.parametrize("order", [None, 3])
+def test_a_surface_holds_all_nodes_on_the_top_and_its_whole_area(order):
+    from pyblast.model.material import Material
+    from pyblast.model.model import Model
+
+    mesh = structured_box(
+        (4, 3, 1), (40.0, 30.0, 10.0), **({} if order is None else {"order": order})
+    )
+    model = Model(mesh, {"rock": Material.from_speeds(2700.0, 5000.0, 3000.0)})
+
+    points, triangles, node = surface_of(model)
+
+    corners = points[triangles][:, :, :2]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = 0.5 * (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+    assert (area > 0.0).all()
+    assert area.sum() == pytest.approx(1200.0)
+    assert (points[:, 2] == points[:, 2].max()).all()
+    np.testing.assert_array_equal(points, model.nodes.points[node])
+    assert len(points) == (20 if order is None else 13 * 10)
