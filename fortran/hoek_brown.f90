@@ -91,7 +91,7 @@ contains
     end function present
 
     pure function strength(rock, confining) result(largest)
-        !! Largest compression that the rock bears beside a confining one [Pa].
+        !! Largest compression that the rock supports beside a confining one [Pa].
         type(surface), intent(in) :: rock
         real(dp), intent(in) :: confining
         real(dp) :: largest

@@ -334,7 +334,7 @@ class HoekBrown:
     --------
     >>> rock = HoekBrown.of_rock_mass(30e6, 15.0, 50.0, 0.5)
     >>> round(rock.m, 3), round(rock.s, 5), round(rock.a, 3)
-    (1.395, 0.00127, 0.506)
+    (1.387, 0.00127, 0.506)
     """
 
     sigci: float
