@@ -1,7 +1,7 @@
 """Configuration: the tables of a project file about blast, input, run and analyses; its reader."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
@@ -24,6 +24,7 @@ from .config_ground import (
 from .section import (
     Band,
     Bearing,
+    CandidateConfig,
     Count,
     Curve,
     Inclination,
@@ -40,6 +41,7 @@ from .section import (
     read_toml,
     sentence_of,
     value_at,
+    with_candidate,
 )
 
 DEFAULT_METHOD = "levenberg"  # docs/decisions.md, "Least squares by default"
@@ -135,31 +137,6 @@ class DelaysConfig(Section):
         return self
 
 
-class CandidateConfig(Section):
-    """A suspect of the user: what of the ground is otherwise, as a part of a project file."""
-
-    name: Name
-    mesh: dict[str, Any] = Field({})
-    materials: dict[Name, dict[str, Any]] = Field({})
-    joints: dict[Name, dict[str, Any]] = Field({})
-    ground: dict[str, Any] = Field({})
-
-    @property
-    def tables(self) -> dict[str, dict]:
-        """The tables that it changes."""
-        return self.model_dump(exclude={"name"}, exclude_defaults=True)
-
-    @model_validator(mode="after")
-    def _something(self):
-        """Ask for a change."""
-        if not self.tables:
-            raise ValueError("changes nothing; give mesh, materials, joints or ground")
-        fixed = {"size_m", "origin_m", "file"} & set(self.mesh)
-        if fixed:
-            raise ValueError(f"mesh.{min(fixed)}: the box of the project stays; leave it out")
-        return self
-
-
 class DiagnosisConfig(Section):
     """Diagnosis: records, band, noise window and candidates."""
 
@@ -167,6 +144,22 @@ class DiagnosisConfig(Section):
     band_hz: Band | None = None
     noise_window_s: Span | None = None
     candidates: list[CandidateConfig] = Field([])
+    until_s: Positive | None = None
+    trusted: list[Name] = Field([])
+    held_out: list[Name] = Field([])
+    source_s: Positive | None = None
+    trigger_s: Positive | None = None
+    calibrate: bool = True
+
+    @model_validator(mode="after")
+    def _one_role(self):
+        """Refuse a blast in two lists, and two ways in which a source may be unknown."""
+        both = sorted(set(self.trusted) & set(self.held_out))
+        if both:
+            raise ValueError(f"the blast {both[0]!r} is in trusted and in held_out; keep one")
+        if self.source_s is not None and self.trigger_s is not None:
+            raise ValueError("source_s and trigger_s exclude one another; keep one")
+        return self
 
     @model_validator(mode="after")
     def _named_once(self):
@@ -480,21 +473,3 @@ def check_config(table, name="project.toml", full=False) -> Config:
         if value_at(config, key) is None:
             raise InputError(f"{name}: assumed: {key!r} must name a key of this file")
     return config
-
-
-def with_candidate(config: Config, candidate: CandidateConfig) -> Config:
-    """Return a `Config` with the tables of a candidate of its diagnosis in place of its own.
-
-    Faults and joint sets go by their names: one of a new name is added. Other lists are replaced.
-
-    Raises
-    ------
-    InputError
-        If this breaks a rule; one sentence with candidate, key, rule and value.
-    """
-    own = config.model_dump(exclude_unset=True, exclude={"diagnosis"})
-    try:
-        return Config.model_validate(merged(own, candidate.tables, by_name=True))
-    except (ValidationError, RecursionError) as error:
-        rule = sentence_of(error, Config)
-        raise InputError(f"diagnosis.candidates.{candidate.name}: {rule}") from None

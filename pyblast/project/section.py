@@ -2,10 +2,17 @@
 
 import difflib
 import tomllib
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from ..blasts.published_laws import BY_NAME
 from ..errors import InputError, ReadError
@@ -165,6 +172,10 @@ class RecordingConfig(Section):
     full_scale_mm_per_s: Positive | None = None
     unit: str | None = None
     start_s: float | None = None
+    serial_number: str | None = None
+    calibration_date: str | None = None
+    location: str | None = None
+    operator: str | None = None
 
 
 def value_at(config, path):
@@ -284,6 +295,49 @@ def read_toml(path):
         raise InputError(f"{path.name}: not valid TOML: {_lowered(str(error))}") from None
     except (RecursionError, ValueError):
         raise InputError(f"{path.name}: nested too deeply to be a project file") from None
+
+
+class CandidateConfig(Section):
+    """A suspect of the user: what of the ground is otherwise, as a part of a project file."""
+
+    name: Name
+    mesh: dict[str, Any] = Field({})
+    materials: dict[Name, dict[str, Any]] = Field({})
+    joints: dict[Name, dict[str, Any]] = Field({})
+    ground: dict[str, Any] = Field({})
+
+    @property
+    def tables(self) -> dict[str, dict]:
+        """The tables that it changes."""
+        return self.model_dump(exclude={"name"}, exclude_defaults=True)
+
+    @model_validator(mode="after")
+    def _something(self):
+        """Ask for a change."""
+        if not self.tables:
+            raise ValueError("changes nothing; give mesh, materials, joints or ground")
+        fixed = {"size_m", "origin_m", "file"} & set(self.mesh)
+        if fixed:
+            raise ValueError(f"mesh.{min(fixed)}: the box of the project stays; leave it out")
+        return self
+
+
+def with_candidate(config, candidate: CandidateConfig):
+    """Return a `Config` with the tables of a candidate of its diagnosis in place of its own.
+
+    Faults and joint sets go by their names: one of a new name is added. Other lists are replaced.
+
+    Raises
+    ------
+    InputError
+        If this breaks a rule; one sentence with candidate, key, rule and value.
+    """
+    own = config.model_dump(exclude_unset=True, exclude={"diagnosis"})
+    try:
+        return type(config).model_validate(merged(own, candidate.tables, by_name=True))
+    except (ValidationError, RecursionError) as error:
+        rule = sentence_of(error, type(config))
+        raise InputError(f"diagnosis.candidates.{candidate.name}: {rule}") from None
 
 
 def merged(table: dict, other: dict, by_name: bool = False) -> dict:
