@@ -352,11 +352,11 @@ class Project:
         tables = (("mesh", mesh), ("ground", ground))
         tables = {key: table for key, table in tables if table is not None}
         parts["config"] = self.config.model_copy(update=tables)
-        own = parts.setdefault("joints", self.joints)
+        held = parts.setdefault("joints", self.joints)
         stale = {"sources", "model", "absorbing_layer"}
         if tables or surface is not None:
             stale |= {"mesh", "ground"}
-        if [j.surface for j in self.joints] != [j.surface for j in own]:
+        if [j.surface for j in self.joints] != [j.surface for j in held]:
             stale |= {"mesh"}
         other = {} if surface is None else {"surface": surface}
         every = [
@@ -369,15 +369,11 @@ class Project:
             given = {"receivers": tuple(receivers)}
             every = [replace(each, given=each.given | given) for each in every]
         if records is not None:
-            every = [
-                replace(each, given=each.given | {"records": records.get(each.name, {})})
-                for each in every
-            ]
+            own = [{"records": records.get(each.name, {})} for each in every]
+            every = [replace(e, given=e.given | part) for e, part in zip(every, own, strict=True)]
         if materials is not None:
-            every = [
-                replace(each, given=each.given | {name: getattr(each, name) for name in ENTERS})
-                for each in every
-            ]
+            own = [{name: getattr(each, name) for name in ENTERS} for each in every]
+            every = [replace(e, given=e.given | part) for e, part in zip(every, own, strict=True)]
         parts = {"materials": self.materials, "fields": self.fields} | parts
         return replace(every[0], further=tuple(every[1:]), **parts)
 
