@@ -72,7 +72,7 @@ def predictions(case, asked, values, effects, folder) -> dict:
     further = predict(case, blast, values, effects, folder)
     there = case.project.changed(receivers=(Receiver(HIDDEN, place),))
     project = diagnosed(there, values, effects)
-    forward = Forward(replace(case, project=there, receivers=(HIDDEN,)), folder)
+    forward = Forward(replace(case, project=there, receivers=(HIDDEN,)), folder, fine=True)
     changed = [_fired(project, name, effects) for name in case.blasts]
     heard = forward.simulate([(one, b) for (one, _), b in zip(changed, case.blasts, strict=True)])
     hidden = np.stack([delayed(v, -lead) for v, (_, lead) in zip(heard, changed, strict=True)])

@@ -98,6 +98,7 @@ def horizontal_positions(project) -> np.ndarray:
     config, blast = project.config, project.blast
     parts = [*config.receivers, *config.point_forces, *config.moment_tensors]
     positions = [part.position_m[:2] for part in parts]
+    positions += [receiver.position[:2] for receiver in project.given.get("receivers", ())]
     if blast is not None and config.holes_inside is not None:
         positions += [*blast.collar[:, :2], *blast.toe[:, :2]]
     return np.array(positions, dtype=float).reshape(-1, 2)

@@ -351,11 +351,11 @@ class Project:
         parts |= {key: tuple(parts[key]) for key in ("joints", "fields") if key in parts}
         tables = {k: t for k, t in (("mesh", mesh), ("ground", ground)) if t is not None}
         parts["config"] = self.config.model_copy(update=tables)
-        own = parts.setdefault("joints", self.joints)
+        held = parts.setdefault("joints", self.joints)
         stale = {"sources", "model", "absorbing_layer"}
         if tables or surface is not None:
             stale |= {"mesh", "ground"}
-        if [j.surface for j in self.joints] != [j.surface for j in own]:
+        if [j.surface for j in self.joints] != [j.surface for j in held]:
             stale |= {"mesh"}
         other = {} if surface is None else {"surface": surface}
         every = [

@@ -169,7 +169,8 @@ def test_a_project_file_holds_what_the_small_site_holds(tmp_path):
     np.testing.assert_allclose(found.blasts["B1"].times, site.blasts["B1"].times)
 
 
-def test_a_project_has_the_records_and_sends_the_motion_of_its_site(tmp_path):
+def test_a_project_has_the_records_and_sends_the_motion_of_its_site(tmp_path, monkeypatch):
+    monkeypatch.setattr("pyblast.diagnosis.forward.is_single", lambda _: False)
     case = case_of(believed())
     same = case_of(with_further(load_project(written(tmp_path, case.project))))
 
@@ -319,7 +320,8 @@ def test_a_project_is_read_where_a_diagnosis_begins(tmp_path, monkeypatch):
     assert calls == ["small"]
 
 
-def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_path):
+def test_a_project_and_its_case_folder_foretell_the_same_of_a_further_blast(tmp_path, monkeypatch):
+    monkeypatch.setattr("pyblast.diagnosis.forward.is_single", lambda _: False)
     site = whole()
     project = written(tmp_path, site, ("extent_m = [50, 30]", ""))
     zeros = dict.fromkeys(site.blasts, "2024-05-01T12:00:00")

@@ -118,9 +118,15 @@ def test_a_diagnosis_is_the_same_each_time():
 
 def test_a_finer_mesh_corrects_all_runs_and_the_answer(monkeypatch):
     monkeypatch.setitem(LIBRARY, MOVED.name, MOVED)
-    true = with_values(small_site(), calibrated_parameters(small_site()), TRUE)
+    site = small_site()
+    layers = [
+        one.model_copy(update={"edge_m": 1.5 * one.edge_m}) for one in site.config.mesh.layers
+    ]
+    coarse = {"kind": "hexahedra", "order": 3, "accuracy": 0.1, "layers": layers}  # as files may
+    site = site.changed(mesh=site.config.mesh.model_copy(update=coarse))
+    true = with_values(site, calibrated_parameters(site), TRUE)
     moved = MOVED.apply(true, "B1", east=8.0, north=-8.0)
-    case = recorded(small_site(), moved, fine=True)
+    case = recorded(site, moved, fine=True)
 
     told = diagnose(case.project, seed=3).summary
 
