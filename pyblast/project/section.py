@@ -168,6 +168,7 @@ class RecordingConfig(Section):
     format: str | None = None
     record: Count = 1
     mapping: str | None = None
+    sheet: str | None = None
     bearing_deg: Bearing | None = None
     full_scale_mm_per_s: Positive | None = None
     unit: str | None = None
