@@ -1,6 +1,6 @@
 """Calibration of uncertain wave speeds and joint stiffnesses, with a correction of mesh error."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,15 +8,16 @@ from scipy import fft, linalg, ndimage
 
 from ..errors import InputError
 from ..inference.gauss_newton import LeastSquares, gauss_newton
-from ..inference.likelihood import EnergyShares, Likelihood, StudentT
+from ..inference.likelihood import ENERGY_SHARE, EnergyShares, Likelihood, StudentT
 from ..inference.parameter import Parameter
 from ..model.anisotropy import Anisotropic
 from ..model.material import Material
 from ..project.flat_box import ground_materials
 from ..project.project import Project
-from .case import Case
+from .case import Case, case_of
 from .forward import Forward
 from .thresholds import SPEED_SIGMA, STIFFNESS_SIGMA, WRONG_UNIT
+from .trusted_shots import learned
 
 SMOOTHING = 0.1  # of the width of the band, over which the transfer function is averaged
 STEP = 0.5  # of each prior's standard deviation, for derivatives
@@ -209,7 +210,9 @@ class Baseline:
         return self.values / self.sigma
 
 
-def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
+def calibrate(
+    forward: Forward, fine: Forward | None = None, parameters: tuple[Parameter, ...] | None = None
+) -> Baseline:
     """Fit wave speeds and joint stiffness to the records of a case.
 
     Parameters
@@ -217,6 +220,8 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     forward : Forward
     fine : Forward, optional
         Forward simulation on a finer mesh; it runs the reference alone.
+    parameters : tuple of Parameter, optional
+        What is fitted; by default `calibrated_parameters`.
 
     Returns
     -------
@@ -234,14 +239,15 @@ def calibrate(forward: Forward, fine: Forward | None = None) -> Baseline:
     Damped Gauss-Newton with Broyden updates on the misfit of the likelihood and the priors.
     Derivatives are differences at the reference, where the mesh correction is computed, too.
     """
-    case, parameters = forward.case, calibrated_parameters(forward.case.project)
+    case = forward.case
+    parameters = calibrated_parameters(case.project) if parameters is None else parameters
     sigma = np.array([parameter.sigma for parameter in parameters])
 
     def project(x):
         return with_values(case.project, parameters, sigma * x)
 
     start, *moved = forward.motions([project(x) for x in [0.0 * sigma, *STEP * np.eye(len(sigma))]])
-    slopes = (np.array(moved).reshape(-1, *start.shape) - start) / STEP
+    slopes = (np.array(moved).reshape(len(moved), *start.shape) - start) / STEP
     reference = start if fine is None else fine.motion(case.project)
     correction = reference - start
     likelihood = likelihood_of(case, correction)
@@ -282,7 +288,8 @@ def likelihood_of(case: Case, correction=None) -> Likelihood:
     be permuted between them; theory.md (14.1).
     """
     changes = () if correction is None else (correction,)
-    return Likelihood(case, EnergyShares().covariance(case, mesh_changes=changes), StudentT())
+    error = EnergyShares() if case.share is None else EnergyShares(case.share)
+    return Likelihood(case, error.covariance(case, mesh_changes=changes), StudentT())
 
 
 def _is_small(step, _, now):
@@ -293,6 +300,8 @@ def _is_small(step, _, now):
 def _refuse_another_unit(likelihood, reference):
     """Refuse records whose unit cannot be m/s, by comparison with the simulated reference."""
     case, loud = likelihood.records, likelihood.noise_share < 0.5
+    if case.gain is not None or case.project.config.diagnosis.source_s is not None:
+        return  # their level says nothing
     recorded, simulated = (
         np.linalg.norm(case.band.project(motion), axis=(2, 3))
         for motion in (case.motion, reference)
@@ -304,3 +313,64 @@ def _refuse_another_unit(likelihood, reference):
             f"records: the median ratio of recorded to simulated motion is {ratio:.2g}; give "
             "records in m/s (in mm/s they are 1000 times as large), or correct source and charges"
         )
+
+
+def taught(everything: Case, forward_of: Callable[[Case], Forward]) -> Case:
+    """Return the case of the shots in question, with what the trusted shots tell.
+
+    Parameters
+    ----------
+    everything : Case
+        Of all shots; ``diagnosis.trusted`` and ``diagnosis.held_out`` of its project name theirs.
+    forward_of : callable
+        ``(case) -> Forward``.
+
+    Returns
+    -------
+    Case
+        Without trusted and held-out shots. With trusted shots: its ground is calibrated to them,
+        its receivers have the gains and the model error that they show.
+
+    Raises
+    ------
+    InputError
+        If no shot is left, or a name is not that of a shot.
+    SolverError
+        If a run fails.
+    """
+    project = everything.project
+    table = project.config.diagnosis
+    if table is None or not (table.trusted or table.held_out):
+        return everything
+    for name in (*table.trusted, *table.held_out):
+        if name not in everything.blasts:
+            raise InputError(
+                f"{project.path.name}: diagnosis: no blast {name!r}; there are "
+                f"{', '.join(everything.blasts)}"
+            )
+    names = [n for n in everything.blasts if n not in (*table.trusted, *table.held_out)]
+    if not names:
+        raise InputError(f"{project.path.name}: diagnosis: no blast is left that is not trusted or "
+                         "held out")  # fmt: skip
+    if not table.trusted:
+        return case_of(project, names)
+    teacher = case_of(project, table.trusted)
+    motion = forward_of(teacher).motion(project)
+    if table.calibrate:
+        baseline = calibrate(forward_of(learned(teacher, motion, ENERGY_SHARE)))
+        project = baseline.project
+        motion = forward_of(teacher).motion(project)
+    return like_taught(case_of(project, names), learned(teacher, motion, ENERGY_SHARE))
+
+
+def like_taught(case: Case, teacher: Case) -> Case:
+    """Return a case with the gains and model errors of the receivers of another one.
+
+    Receivers that the other one lacks have those of its median receiver.
+    """
+    parts = {}
+    for key in ("gain", "share"):
+        values = dict(zip(teacher.receivers, getattr(teacher, key), strict=True))
+        usual = float(np.median(getattr(teacher, key)))
+        parts[key] = np.array([values.get(name, usual) for name in case.receivers])
+    return replace(case, **parts)

@@ -27,9 +27,15 @@ class Case(Records):
     project : Project
         The reference ground with its blasts; all receivers are given, in geographic axes where
         both horizontals were recorded.
+    gain : (n_receivers,) float64, optional
+        Factor on simulated motion, as trusted shots show it.
+    share : (n_receivers,) float64, optional
+        Model error, share of the energy of a record, as trusted shots show it.
     """
 
     project: Project
+    gain: np.ndarray | None = None
+    share: np.ndarray | None = None
 
 
 def case_of(project: Project, blasts=None) -> Case:
@@ -76,7 +82,9 @@ def case_of(project: Project, blasts=None) -> Case:
             f"recording.band_hz: reaches to {limits[1]:g} Hz; at {1.0 / dt:g} samples a second "
             f"simulations are complete up to {PASS_BAND * 0.5 / dt:.4g} Hz; narrow it to that"
         )
-    after = 0.0, int(np.floor(_end(names, records) / dt + 1e-6)) + 1
+    table = project.config.diagnosis
+    end = min(_end(names, records), (table and table.until_s) or np.inf)
+    after = 0.0, int(np.floor(end / dt + 1e-6)) + 1
     first, last = window
     before = first, int(np.floor((last - first) / dt + 1e-6))
     (motion, valid), (noise, recorded) = (

@@ -93,15 +93,17 @@ def decide(
     """
     without = search.without_effects
     probability = _probabilities(search)
-    if not material(without.chi_square):
+    learned = search.scene.case.share is not None  # then evidence decides, however small
+    nothing = "UNKNOWN" if material(without.chi_square) else "NULL"
+    if nothing == "NULL" and not learned:
         return Decision("NULL", without, (), probability, 0.0, None)
     if not search.fits or threshold is None:
-        return Decision("UNKNOWN", without, (), probability, 0.0, None)
+        return Decision(nothing, without, (), probability, 0.0, None)
     chosen = _pruned(search, threshold)
     required = _required_evidence(threshold, chosen, *chosen.labels)
     if not chosen.effects or search.delta_ln_evidence(chosen) < required:
         best = chosen if chosen.effects else None
-        return Decision("UNKNOWN", without, (), probability, 0.0, None, best)
+        return Decision(nothing, without, (), probability, 0.0, None, best)
     case = search.scene.case
     untestable = any(effect.hypothesis.untestable(case) for effect in chosen.effects)
     rivals = _rivals(search, chosen, required if untestable else None)
@@ -112,7 +114,7 @@ def decide(
     likelihood = search.scene.baseline.likelihood
     share = likelihood.explained_share(without.chi_square, chosen.chi_square)
     basis = (probability, share, tested, chosen, mesh_change)
-    if not tested.supports or share < PARTIAL_SHARE:
+    if not tested.supports or (share < PARTIAL_SHARE and not learned):
         return Decision("UNKNOWN", without, (), *basis)
     more = more_remains(chosen.chi_square, share)
     alone = untestable and len(rivals) == 1

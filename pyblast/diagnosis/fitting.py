@@ -59,7 +59,7 @@ class Fitter:
     def belongs_to(self, numbers):
         """Return which parameters, (n,) bool, belong to effects of these numbers, from 0."""
         own = [number in numbers for number, *_ in self.parameters]
-        return np.array([False] * len(self.sigma) + own)
+        return np.array([False] * len(self.sigma) + own, dtype=bool)
 
     def start(self):
         """Return the parameters of the reference and of the effects as they were given."""

@@ -29,6 +29,7 @@ from ..runs.greens import LINEAR_ZONE_LAWS, PointSource, greens_functions
 from ..runs.parallel import CachedRun, run_all
 from ..signals.seismogram import Seismogram
 from .case import Case
+from .trusted_shots import with_source
 
 MOST_MESHES = 8
 LINEAR_JOINTS = "elastic", "kelvin", "maxwell"
@@ -96,7 +97,7 @@ class Forward:
         """
         runs = self.run([self.model(project, blast) for project, blast in pairs])
         return [
-            self._sampled(run.seismograms, self.lead(blast))
+            with_source(self.case, blast, self._sampled(run.seismograms, self.lead(blast)))
             for run, (_, blast) in zip(runs, pairs, strict=True)
         ]
 

@@ -135,6 +135,24 @@ TO_HOLD_OUT = {
 }
 
 
+def point_forces(case: Case) -> str:
+    """Require shots that are point forces, without holes."""
+    if all(
+        each.config.point_forces and each.config.blast is None
+        for each in (case.project, *case.project.further)
+    ):
+        return ""
+    return "not every shot is a point force: give [[point_forces]] in place of [blast]"
+
+
+def known_source(case: Case) -> str:
+    """Require point forces whose histories are known."""
+    table = case.project.config.diagnosis
+    if table is not None and table.source_s is not None:
+        return "the source is unknown (diagnosis.source_s), and no record tells what it should be"
+    return point_forces(case)
+
+
 OF_BLAST = " of blast "
 
 
@@ -193,9 +211,18 @@ def receivers_with_space(case: Case) -> tuple[str, ...]:
 
 
 def receivers_with_axes(case: Case) -> tuple[str, ...]:
-    """Return the names of the receivers whose records are along east and north."""
+    """Return the names of the receivers that recorded both, east and north."""
     rotated = {r.name for r in case.project.receivers if r.azimuth is not None}
-    return tuple(name for name in case.receivers if name not in rotated)
+    both = case.valid.any(axis=(0, 3))[:, :2].all(axis=1)
+    return tuple(
+        name for name, two in zip(case.receivers, both, strict=True) if two and name not in rotated
+    )
+
+
+def receivers_of_several_components(case: Case) -> tuple[str, ...]:
+    """Return the names of the receivers that recorded more than one component."""
+    several = case.valid.any(axis=(0, 3)).sum(axis=1) > 1
+    return tuple(name for name, more in zip(case.receivers, several, strict=True) if more)
 
 
 TARGETS = {"site": whole_site, "joint": joints, "blast": blasts, "receiver": receivers}

@@ -135,7 +135,7 @@ def search(scene: Scene, limit: int, progress: Callable = lambda *_: None) -> Se
     chosen = fit_calibrated(scene)
     state = Search(scene, limit, progress, chosen, chosen=chosen)
     testable = any(not hypothesis.untestable(scene.case) for hypothesis in LIBRARY.values())
-    if not (testable and material(chosen.chi_square)):
+    if not (testable and (material(chosen.chi_square) or scene.case.share is not None)):
         return state
     _fit_without_runs(state, chosen)
     state.screening = screen(state)

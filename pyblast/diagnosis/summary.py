@@ -1,20 +1,24 @@
 """Summary of a diagnosis: the content of ``diagnosis.json``, and where residuals come from."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from scipy import signal
 
 from ..inference.records import COMPONENTS
 from ..project.flat_box import extent_of
-from .calibration import Baseline
+from .calibration import Baseline, like_taught
+from .case import Case, case_of
 from .cross_validation import CrossValidation
 from .decision import RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
+from .effects import PredictionScene, Scene, with_motion_effects
 from .forward import surface_speed
 from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
 from .null_distribution import NullDistribution, detection_limits
 from .search import Search, means, worst
 from .thresholds import DECISIVE, DETECTABLE, MATERIAL
+from .trusted_shots import explained
 
 NOT_IN_LIBRARY = {"topography": "the project has no surface to compare with a plane"}
 UNSURE = "CLASS", "PARTIAL", "UNKNOWN"  # outcomes on which a prediction should not rely
@@ -60,6 +64,7 @@ def summarise(search: Search, null: NullDistribution | None, decision: Decision)
                 receiver.name for receiver in case.project.receivers
                 if receiver.name not in case.receivers
             ],
+            "clipped": _clipped(case),
             "excluded_share": round(float(np.mean(~case.valid)), 4),
         },
         "next_measurement": _next_measurement(search, decision, remainder),
@@ -79,6 +84,17 @@ def summarise(search: Search, null: NullDistribution | None, decision: Decision)
             "baseline_values": baseline.values.tolist(),
         },
     }  # fmt: skip
+
+
+def _clipped(case):
+    """Return the blasts in which a channel is clipped, by receiver."""
+    clipped = {}
+    projects = {each.name: each for each in (case.project, *case.project.further)}
+    for blast in case.blasts:
+        for name, record in projects[blast].records.items():
+            if np.any(record.clipped):
+                clipped.setdefault(name, []).append(blast)
+    return clipped
 
 
 def summary_lines(summary: Mapping) -> list[str]:
@@ -359,3 +375,45 @@ def _stack(envelope, lag, amplitude):
     for r, trace in enumerate(padded):
         sums += amplitude[:, :, r, None] * trace[lag[:, :, r, None] + times]
     return sums.max(axis=-1)
+
+
+def held_out_blasts(everything: Case, scene: Scene, decision: Decision) -> dict | None:
+    """Return what the answer explains of the blasts that were held out, None without any.
+
+    Parameters
+    ----------
+    everything : Case
+        Of all blasts; ``diagnosis.held_out`` of its project names them.
+    scene : Scene
+    decision : Decision
+
+    Raises
+    ------
+    SolverError
+        If a run fails.
+    """
+    table = everything.project.config.diagnosis
+    if table is None or not table.held_out:
+        return None
+    case, fit = scene.case, decision.fit
+    further = case_of(case.project, table.held_out)
+    further = further if case.share is None else like_taught(further, case)
+    forward = replace(scene.forward, case=further)
+    apart = [e for e in fit.effects if blast_and_hole(e.target)[0] not in case.blasts]
+    shares = []
+    for values, effects in ((scene.baseline.values, ()), (fit.values, apart)):
+        site = scene.project(values, effects)
+        assert site is not None  # it was fitted
+        own = PredictionScene(forward, site)
+        shares.append(explained(further, with_motion_effects(own, forward.motion(site), effects)))
+    before, after = shares
+    return {
+        "blasts": list(further.blasts),
+        "explained_before": float(np.nanmedian(before)),
+        "explained_after": float(np.nanmedian(after)),
+        "receivers": {
+            name: [float(np.nanmean(part[:, r])) for part in shares]
+            for r, name in enumerate(further.receivers)
+            if np.isfinite(before[:, r]).any()
+        },
+    }

@@ -105,9 +105,10 @@ def normal_equations(
     gradient : (n,) float64
     hessian : (n, n) float64
     """
-    scaled = (rows * weights[..., None]).reshape(len(rows), -1)
+    shape = len(rows), residual.size
+    scaled = (rows * weights[..., None]).reshape(shape)
     gradient = scaled @ residual.ravel() + slope
-    hessian = scaled @ rows.reshape(len(rows), -1).T
+    hessian = scaled @ rows.reshape(shape).T
     hessian = 0.5 * (hessian + hessian.T)
     hessian[np.diag_indices(len(rows))] += precision
     return gradient, hessian
@@ -196,6 +197,10 @@ def gauss_newton(
     """
     now = Minimum(np.asarray(x), simulated, problem.objective(x, simulated), jacobian)
     now.fresh = jacobian is not None
+    if not len(now.x):
+        now.jacobian = problem.jacobian(now.x, simulated) if jacobian is None else jacobian
+        now.hessian = np.zeros((0, 0))
+        return now
     for _ in count() if rounds is None else range(rounds):
         if now.jacobian is None or not (now.fresh or broyden or problem.jacobian is None):
             _refresh(problem, now)

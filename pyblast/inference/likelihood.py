@@ -47,13 +47,13 @@ class EnergyShares:
 
     Parameters
     ----------
-    energy : float
+    energy : float or (n_receivers,) float64
         Of the energy of a record above its noise.
     mesh : float
         Of the energy that a finer mesh changes.
     """
 
-    energy: float = ENERGY_SHARE
+    energy: float | np.ndarray = ENERGY_SHARE
     mesh: float = MESH_SHARE
 
     def covariance(self, records, simulated=None, mesh_changes=()) -> Whitener:
@@ -63,11 +63,12 @@ class EnergyShares:
         changed = np.zeros_like(held)
         for change in mesh_changes:
             changed = changed + band.project(change) ** 2
+        shares = np.broadcast_to(self.energy, held.shape[1:2])
         blocks = np.zeros((*held.shape, band.n_functions))
         for b, r in np.ndindex(held.shape[:2]):
             noise = np.diag(records.noise.covariance(band, b, r)).reshape(held.shape[2:])
             energy = max(np.sum(held[b, r] ** 2) - np.sum(noise), 0.0)
-            error = self.energy * energy + self.mesh * np.sum(changed[b, r])
+            error = shares[r] * energy + self.mesh * np.sum(changed[b, r])
             share = error / max(1, np.count_nonzero(noise))
             blocks[b, r] = np.where(noise > 0.0, share, 0.0)[..., None] * np.eye(band.n_functions)
         return whitener(records.noise, band, len(held), scattering=blocks, levels={SCATTER: 1.0})
@@ -179,6 +180,8 @@ class Likelihood:
 
     def whiten(self, motion) -> np.ndarray:
         """Return whitened coefficients (..., n_blasts, n_receivers, m) of motion in m/s."""
+        if not np.size(motion):  # derivatives by no parameter
+            return np.zeros((*np.shape(motion)[:-2], self.covariance.roots.shape[-1]))
         white = self.covariance.apply(motion)
         return white.reshape(*white.shape[:-2], -1)
 

@@ -1,6 +1,7 @@
 """Records on one sampling, their frequency band, and the noise in them."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from scipy import fft, linalg, signal, stats
@@ -37,6 +38,16 @@ class Band:
         """Number of functions of a channel."""
         return self.basis.shape[1]
 
+    @cached_property
+    def _lost(self):
+        """Channels without any function."""
+        return [channel for channel, functions in self.gapped.items() if not functions.any()]
+
+    @cached_property
+    def _partial(self):
+        """Functions of the channels with some invalid samples."""
+        return {channel: f for channel, f in self.gapped.items() if f.any()}
+
     def functions(self, channel):
         """Return the functions of one channel (blast, receiver, component)."""
         return self.gapped.get(channel, self.basis)
@@ -60,7 +71,9 @@ class Band:
         """
         motion = np.asarray(motion, dtype=float)
         held = motion @ self.basis
-        for channel, functions in self.gapped.items():
+        if self._lost:
+            held[(..., *np.transpose(self._lost), slice(None))] = 0.0
+        for channel, functions in self._partial.items():
             used = np.any(functions != 0.0, axis=1)
             held[(..., *channel, slice(None))] = (
                 motion[(..., *channel, slice(None))][..., used] @ functions[used]
@@ -76,7 +89,9 @@ class Band:
     def restore(self, coefficients):
         """Return the motion (..., n_samples) of coefficients; zero where invalid."""
         motion = coefficients @ self.basis.T
-        for channel, functions in self.gapped.items():
+        if self._lost:
+            motion[(..., *np.transpose(self._lost), slice(None))] = 0.0
+        for channel, functions in self._partial.items():
             held = coefficients[(..., *channel, slice(None))]
             motion[(..., *channel, slice(None))] = held @ functions.T
         return motion

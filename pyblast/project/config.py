@@ -140,6 +140,22 @@ class DiagnosisConfig(Section):
     blasts: list[Name] = Field([])
     band_hz: Band | None = None
     noise_window_s: Span | None = None
+    until_s: Positive | None = None
+    trusted: list[Name] = Field([])
+    held_out: list[Name] = Field([])
+    source_s: Positive | None = None
+    trigger_s: Positive | None = None
+    calibrate: bool = True
+
+    @model_validator(mode="after")
+    def _one_role(self):
+        """Refuse a blast in two lists, and two ways in which a source may be unknown."""
+        both = sorted(set(self.trusted) & set(self.held_out))
+        if both:
+            raise ValueError(f"the blast {both[0]!r} is in trusted and in held_out; keep one")
+        if self.source_s is not None and self.trigger_s is not None:
+            raise ValueError("source_s and trigger_s exclude one another; keep one")
+        return self
 
     @model_validator(mode="after")
     def _before(self):

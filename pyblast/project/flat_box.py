@@ -48,6 +48,7 @@ OTHER = {
 OF_MATERIALS = {
     "damping": "is damping of one frequency",
     "yielding": "makes ground that yields",
+    "hoek_brown": "makes ground that yields",
     "transverse": "makes ground stiffer in some directions",
     "joints": "makes ground stiffer in some directions",
 }

@@ -124,6 +124,29 @@ def read_record(config, folder) -> Recording:
     return replace(record, seismogram=replace(record.seismogram, start=config.start_s))
 
 
+HEADERS = {  # names of these in the headers of recorders
+    "calibration_date": ("calibration", "calibrated", "date of calibration", "calibration date"),
+    "location": ("location", "location:", "titlestring1", "monitor location"),
+    "operator": ("operator", "user name", "user name:"),
+}
+
+
+def instrument_table(config, recording) -> dict:
+    """Return serial number, calibration, location, operator and time of a record.
+
+    A key of the `RecordingConfig` goes before the header of the record; None where neither has it.
+    """
+    header = {
+        str(key).strip().lower(): str(value).strip() for key, value in recording.header.items()
+    }
+    table = {"instrument": recording.instrument or None, "time": recording.time or None}
+    table["serial_number"] = config.serial_number or recording.serial or None
+    for key, names in HEADERS.items():
+        written = next((header[name] for name in names if header.get(name, "?") != "?"), None)
+        table[key] = getattr(config, key) or written or None
+    return table
+
+
 def read_hole(config, folder) -> Seismogram:
     """Read a single-hole record and remove its mean, which superposition would multiply."""
     seismogram = read_record(config, folder).seismogram

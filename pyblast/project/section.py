@@ -165,6 +165,10 @@ class RecordingConfig(Section):
     full_scale_mm_per_s: Positive | None = None
     unit: str | None = None
     start_s: float | None = None
+    serial_number: str | None = None
+    calibration_date: str | None = None
+    location: str | None = None
+    operator: str | None = None
 
 
 def value_at(config, path):

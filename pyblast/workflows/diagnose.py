@@ -13,14 +13,14 @@ import numpy as np
 from obspy import UTCDateTime
 
 from ..blasts.hole_tables import read_blast
-from ..diagnosis.calibration import calibrate
+from ..diagnosis.calibration import calibrate, taught
 from ..diagnosis.case import Case, case_of
 from ..diagnosis.decision import Decision, decide
 from ..diagnosis.effects import Scene, effects_of, predict
 from ..diagnosis.forward import Forward, finer_mesh
 from ..diagnosis.null_distribution import NullDistribution, null_distribution
 from ..diagnosis.search import Search, search
-from ..diagnosis.summary import summarise
+from ..diagnosis.summary import held_out_blasts, summarise
 from ..errors import InputError, ReadError
 from ..project.case_folder import case_files, read_case_folder
 from ..project.flat_box import Discretization, band_of, check_holes, extent_of, flat_box, not_flat
@@ -108,14 +108,17 @@ def diagnose(
         If a run fails.
     """
     report, began = progress or (lambda *_: None), time.perf_counter()
-    case = case_of(project)
-    rough, fine = cuts or (cut_of(case.project), cut_of(case.project, fine=True))
+    everything = case_of(project)
+    rough, fine = cuts or (cut_of(everything.project), cut_of(everything.project, fine=True))
+    report("calibration", 0, 1)
+    case = taught(everything, lambda part: Forward(part, rough, folder, executor))
     forward = Forward(case, rough, folder, executor)
     finer = Forward(case, fine, folder, executor, fine=True)
-    if fine is None and (cuts or finer_mesh(case.project) is None):
-        finer = None
-    report("calibration", 0, 1)
-    baseline = calibrate(forward, finer)
+    if case.share is not None or (fine is None and (cuts or finer_mesh(case.project) is None)):
+        finer = None  # the model error that trusted shots show holds that of the mesh
+    table = case.project.config.diagnosis
+    fixed = case.share is not None or (table is not None and not table.calibrate)
+    baseline = calibrate(forward, finer, () if fixed else None)
     report("holes", 0, 1)
     scene = Scene(forward, baseline, forward.hole_motion(baseline.project))
     done = search(scene, budget, report)
@@ -124,6 +127,7 @@ def diagnose(
         null = null_distribution(scene, done.without_effects, done.screening, done.fits, seed)
     decision = decide(done, null, finer)
     summary = summarise(done, null, decision)
+    summary |= {"held_out_blasts": held_out_blasts(everything, scene, decision)}
     forwards = [forward] if finer is None else [forward, finer]
     summary |= {
         "runs": sum(each.runs for each in forwards),

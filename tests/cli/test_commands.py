@@ -27,7 +27,8 @@ def test_a_run_writes_everything(tmp_path):
     assert done.exit_code == 3, done.output
     names = {path.name for path in (tmp_path / "results" / "001").iterdir()}
     assert names == {
-        "result.h5", "summary.json", "report.html", "compliance.csv", "zones.vtu", "joints.vtu",
+        "result.h5", "summary.json", "report.html", "report_one_page.html", "compliance.csv",
+        "zones.vtu", "joints.vtu",
         "surface_peaks.csv", "surface_peaks.asc",
         "motion_000.vtu", "motion.pvd",
     }  # fmt: skip

@@ -2,9 +2,15 @@
 
 import numpy as np
 from scipy import fft
+from scipy.interpolate import make_interp_spline
 
 from ...inference.parameter import Parameter
-from ..hypotheses import hypothesis, receivers_with_axes
+from ..hypotheses import (
+    hypothesis,
+    receivers,
+    receivers_of_several_components,
+    receivers_with_axes,
+)
 
 SWAP = "two sensors that change places, or a calibration pulse"
 TAP = "a tap from a known side, or shots from three directions"
@@ -135,10 +141,149 @@ for _components, _form in ((0, "east"), (1, "north"), (2, "up"), (slice(None), "
     hypothesis(
         "sensor_orientation_or_polarity", form=_form, family="instrument", on="motion",
         target="receiver", axis="blasts",
-        targets=receivers_with_axes if _form in ("east", "north") else None,
+        targets={"east": receivers_with_axes, "north": receivers_with_axes,
+                 "up": receivers_of_several_components, "all": receivers}[_form],
         parameters=[Parameter("factor", mean=-1.0, sigma=0.3, starts=(-1.0,), low=-3.0, high=0.0)],
         decided_by=TAP,
     )(_flipped)  # fmt: skip
+
+
+FEWEST = 6  # receivers on a line
+STRAIGHT = 1e-3  # of its length, that receivers may stand beside it
+PER_WAVE = 2.5  # receivers to the shortest S wave, at least
+
+
+def receivers_on_a_line(case):
+    """List the receivers, if all stand on one straight line, dense enough to interpolate."""
+    positions = {r.name: np.array(r.position) for r in case.project.receivers}
+    places = np.array([positions[name] for name in case.receivers])
+    if len(places) < FEWEST:
+        return ()
+    along, beside = _along(places)
+    slowest = min(material.cs for material in case.project.materials.values())
+    gaps = np.diff(np.sort(along))
+    dense = gaps.min() > 0.0 and np.median(gaps) < slowest / (PER_WAVE * case.band.high)
+    return case.receivers if dense and beside < STRAIGHT * np.ptp(along) else ()
+
+
+def _along(places):
+    """Return the places along a line through all, and how far one stands beside it."""
+    centred = places - places.mean(axis=0)
+    axis = np.linalg.svd(centred)[2][0]
+    along = centred @ (axis * np.sign(axis[np.argmax(np.abs(axis))]))
+    return along, np.max(np.linalg.norm(centred - np.multiply.outer(centred @ axis, axis), axis=1))
+
+
+@hypothesis(
+    "wrong_coordinates",
+    form="along the line",
+    family="receiver",
+    on="motion",
+    target="receiver",
+    targets=receivers_on_a_line,
+    axis="blasts",
+    parameters=[
+        Parameter("along", mean=0.0, sigma=8.0, unit="m", starts=(-2.0, 2.0), low=-30.0, high=30.0,
+                  null=0.0)
+    ],
+    decided_by="a survey of the receiver",
+)  # fmt: skip
+def moved_along_line(scene, motion, target, along):
+    """This receiver stood elsewhere on its line; motion there follows from its neighbours."""
+    case = scene.case
+    positions = {r.name: np.array(r.position) for r in case.project.receivers}
+    places, _ = _along(np.array([positions[name] for name in case.receivers]))
+    gain = np.ones(len(places)) if case.gain is None else case.gain
+    at, order = case.receivers.index(target), np.argsort(places)
+    spline = make_interp_spline(places[order], np.eye(len(places))[order], 3)
+    stood = np.clip(places[at] + along, places.min(), places.max())
+    weights = (spline(stood) - spline(places[at])) / gain * gain[at]
+    return _with(motion, at, motion[:, at] + np.einsum("r,brct->bct", weights, motion))
+
+
+AND = " and "
+
+
+NEAR = 4  # other receivers with which one may have been swapped
+
+
+def pairs_of_near_receivers(case):
+    """List pairs of receivers that recorded a blast together, as "A and B".
+
+    Each with those nearest to it, `NEAR` of them.
+    """
+    positions = {r.name: np.array(r.position) for r in case.project.receivers}
+    places = np.array([positions[name] for name in case.receivers])
+    recorded = case.valid.any(axis=(2, 3)).astype(int)
+    distance = np.linalg.norm(places[:, None] - places, axis=-1)
+    distance[(recorded.T @ recorded == 0) | np.eye(len(places), dtype=bool)] = np.inf
+    nearest = np.argsort(distance, axis=1, kind="stable")[:, :NEAR]
+    pairs = {
+        (min(a, b), max(a, b))
+        for a, others in enumerate(nearest.tolist())
+        for b in others
+        if np.isfinite(distance[a, b])
+    }
+    return tuple(f"{case.receivers[a]}{AND}{case.receivers[b]}" for a, b in sorted(pairs))
+
+
+@hypothesis(
+    "swapped_channels",
+    family="instrument",
+    on="motion",
+    target="pair",
+    targets=pairs_of_near_receivers,
+    axis="blasts",
+    single=True,
+    parameters=[Parameter("share", mean=1.0, sigma=0.2, starts=(1.0,), low=0.0, high=1.5)],
+    decided_by="a tap beside each of the two receivers",
+)
+def swapped_channels(scene, motion, target, share):
+    """Two receivers have changed places: each record has the name of the other."""
+    a, b = (scene.case.receivers.index(name) for name in target.split(AND))
+    between = share * (motion[:, b] - motion[:, a])
+    return _with(_with(motion, a, motion[:, a] + between), b, motion[:, b] - between)
+
+
+@hypothesis(
+    "weak_coupling",
+    family="instrument",
+    on="motion",
+    target="receiver",
+    axis="blasts",
+    parameters=[
+        Parameter("resonance", mean=40.0, sigma=0.7, unit="Hz", log=True, starts=(20.0, 60.0),
+                  low=3.0, high=400.0),
+        Parameter("damping", mean=0.2, sigma=0.5, log=True, starts=(0.2,), low=0.03, high=1.0),
+    ],
+    decided_by="the same receiver after it was fastened or buried anew",
+)  # fmt: skip
+def weak_coupling(scene, motion, target, resonance, damping):
+    """This receiver was loosely coupled to the ground: it resonates, and loses what is above."""
+
+    def coupled(spectrum, frequency):
+        s = 1j * frequency / resonance
+        return spectrum * (1.0 + 2.0 * damping * s) / (1.0 + 2.0 * damping * s + s**2)
+
+    return _filtered(scene, motion, target, coupled)
+
+
+@hypothesis(
+    "clipped_channel",
+    family="instrument",
+    on="motion",
+    target="receiver",
+    axis="blasts",
+    parameters=[
+        Parameter("level", mean=0.4, sigma=0.25, starts=(0.25, 0.5), low=0.02, high=1.0, null=1.0)
+    ],
+    decided_by="the raw samples of this channel, or a lower gain",
+)
+def clipped_channel(scene, motion, target, level):
+    """This channel was clipped, at a share of the largest motion that it should have recorded."""
+    at = scene.case.receivers.index(target)
+    most = level * np.max(np.abs(motion[:, at]))
+    return _with(motion, at, np.clip(motion[:, at], -most, most))
 
 
 def _filtered(scene, motion, target, change):

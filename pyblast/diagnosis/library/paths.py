@@ -1,10 +1,11 @@
 """Effects on the path from blast to receiver: laws of joints."""
 
 import numpy as np
+from scipy import fft
 
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
-from ..hypotheses import elastic_joints, hypothesis
+from ..hypotheses import elastic_joints, hypothesis, point_forces, unknown_quality
 
 STIFFEST = 20.0  # largest tangent stiffness of a closing joint, over that at rest
 NEVER = 1e12  # Pa, a tensile strength that is never reached
@@ -180,3 +181,32 @@ def joint_viscous_fill(project, target, relaxation):
 def joint_creeping_fill(project, target, relaxation):
     """The fill of this joint creeps: it passes less than a spring does, of low frequencies too."""
     return _filled(project, target, "maxwell", relaxation)
+
+
+@hypothesis(
+    "attenuation_Q",
+    form="along all paths",
+    family="path",
+    on="motion",
+    target="site",
+    axis="both",
+    parameters=[
+        Parameter("loss", mean=0.0, sigma=0.03, starts=(0.02,), low=-0.1, high=0.3, null=0.0)
+    ],
+    decided_by="receivers at distances of three to one, without a joint between them",
+    needs=(unknown_quality,),
+    simulated=(point_forces,),
+)
+def loss_along_paths(scene, motion, target, loss):
+    """Waves lose the same share 1/Q of energy in each cycle, beyond what the model has."""
+    del target
+    n, dt = motion.shape[-1], scene.case.dt
+    frequency = fft.rfftfreq(2 * n, dt)
+    times = dt * np.arange(n)
+    low, high = scene.case.band.low, scene.case.band.high
+    band = np.clip(frequency, low, 2.0 * high)
+    late = np.log(band / np.sqrt(low * high)) / np.pi
+    lost = np.exp(-np.pi * loss * np.multiply.outer(times, band))
+    phase = -2j * np.pi * frequency * np.multiply.outer(times, 1.0 - loss * late)
+    operator = fft.irfft(lost * np.exp(phase), 2 * n)[:, :n]
+    return motion @ operator

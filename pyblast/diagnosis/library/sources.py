@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from scipy import fft
 
 from ...inference.parameter import Parameter
 from ...model.ground_fields import DamagedZone
@@ -12,6 +13,7 @@ from ..hypotheses import (
     holes,
     holes_inside,
     hypothesis,
+    known_source,
     superposed,
 )
 
@@ -214,3 +216,46 @@ def damaged_zone(project, target, reduction, length):
     chosen = [project.blasts[target]] if target else project.blasts.values()
     holes = np.concatenate([np.stack([each.collar, each.toe], axis=1) for each in chosen])
     return project.changed(fields=(*project.fields, DamagedZone(holes, reduction, length)))
+
+
+WEAKEST = 0.05  # of the largest in its spectrum: a source is not divided by less
+
+
+@hypothesis(
+    "source_function",
+    family="source",
+    on="motion",
+    target="blast",
+    axis="receivers",
+    parameters=[
+        Parameter("duration", mean=1.0, sigma=0.4, log=True, starts=(0.7, 1.5), low=0.2, high=5.0,
+                  null=1.0),
+        Parameter("impulse", mean=1.0, sigma=1.0, log=True, starts=(0.4, 2.5), low=0.01, high=100.0,
+                  null=1.0),
+        Parameter("shift", mean=0.0, sigma=2e-3, unit="s", starts=(0.0,), low=-0.05, high=0.05,
+                  null=0.0),
+    ],
+    decided_by="a force gauge at the source, or a receiver beside it",
+    simulated=(known_source,),
+)  # fmt: skip
+def source_function(scene, motion, target, duration, impulse, shift):
+    """The force of this shot was longer or shorter, stronger or weaker than assumed."""
+    case, n = scene.case, motion.shape[-1]
+    if target not in case.blasts:
+        return motion
+    force = case.project.of(target).inside.forces[0]
+    size = fft.next_fast_len(2 * n, real=True)
+    frequency = fft.rfftfreq(size, case.dt)
+    times = force.dt * np.arange(len(force.values))
+
+    def spectrum(at):
+        return np.exp(-2j * np.pi * np.multiply.outer(at, times)) @ force.values
+
+    reference = spectrum(frequency)
+    least = WEAKEST * np.max(np.abs(reference))
+    weak = np.conj(reference) / np.maximum(np.abs(reference) ** 2, least**2)
+    change = impulse * spectrum(duration * frequency) * weak
+    change = change * np.exp(-2j * np.pi * frequency * shift)
+    at, motion = case.blasts.index(target), motion.copy()
+    motion[at] = fft.irfft(fft.rfft(motion[at], size) * change, size)[..., :n]
+    return motion

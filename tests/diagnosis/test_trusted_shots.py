@@ -1,0 +1,130 @@
+"""Trusted shots: the source is what all receivers share, gains and model errors are receivers'."""
+
+from dataclasses import make_dataclass
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pyblast.diagnosis.library.instruments import pairs_of_near_receivers, swapped_channels
+from pyblast.diagnosis.library.paths import loss_along_paths
+from pyblast.diagnosis.trusted_shots import explained, learned, with_source
+from pyblast.project.config import DiagnosisConfig
+
+DT, N, RECEIVERS = 2e-3, 300, 8
+TIMES = DT * np.arange(N)
+
+
+def pulse(at, peak=20.0):
+    """Return a zero-phase pulse at a time in s."""
+    x = (np.pi * peak * (TIMES - at)) ** 2
+    return (1.0 - 2.0 * x) * np.exp(-x)
+
+
+def waves(late=0.0, scale=1.0):
+    """Return one vertical wave a receiver, further receivers later and weaker."""
+    motion = np.zeros((RECEIVERS, 3, N))
+    for r in range(RECEIVERS):
+        motion[r, 2] = scale / (1.0 + r) * pulse(0.15 + 0.02 * r + late)
+    return motion
+
+
+def case_of(recorded, gain=None, **table):
+    """Return records of one or several shots (n_shots, n_receivers, 3, n)."""
+    fields = {
+        "motion": recorded, "valid": np.abs(recorded).sum(axis=-1, keepdims=True) > 0.0,
+        "gain": gain, "share": None, "dt": DT,
+        "band": SimpleNamespace(low=8.0, high=40.0),
+        "blasts": tuple(f"S{b}" for b in range(len(recorded))),
+        "receivers": tuple(f"G{r}" for r in range(RECEIVERS)),
+        "project": SimpleNamespace(
+            config=SimpleNamespace(diagnosis=DiagnosisConfig(**table)),
+            receivers=[
+                SimpleNamespace(name=f"G{r}", position=(2.0 * r, 0.0, 0.0))
+                for r in range(RECEIVERS)
+            ],
+        ),
+    }  # fmt: skip
+    case = make_dataclass("Case", list(fields))(**fields)
+    case.valid = np.broadcast_to(case.valid, recorded.shape)
+    return case
+
+
+def test_a_common_source_is_found_whatever_one_receiver_says():
+    recorded = 0.7 * waves(late=0.012) - 0.4 * waves(late=-0.02)
+    recorded[3] *= -1.0
+    case = case_of(recorded[None], source_s=0.06)
+
+    shares = explained(case, with_source(case, "S0", waves())[None])[0]
+
+    assert np.all(np.delete(shares, 3) > 0.97)
+    assert shares[3] < -1.0
+
+
+def test_a_late_shot_is_moved_by_its_delay_alone():
+    case = case_of(waves(late=0.006, scale=3.0)[None], trigger_s=0.02)
+
+    moved = with_source(case, "S0", waves())
+
+    np.testing.assert_allclose(moved, waves(late=0.006), atol=5e-2)
+
+
+def test_gains_and_model_error_are_those_of_the_records():
+    gains = np.array([1.0, 0.5, 2.0, -1.0, 1.0, 1.0, 1.0, 1.0])
+    recorded = np.stack([gains[:, None, None] * waves(late=0.01 * b) for b in range(3)])
+    simulated = np.stack([waves(late=0.01 * b) for b in range(3)])
+
+    taught = learned(case_of(recorded), simulated, 0.01)
+
+    np.testing.assert_allclose(taught.gain, gains, rtol=1e-6)
+    np.testing.assert_allclose(taught.share, 0.01, rtol=1e-6)  # the least
+
+
+def test_a_gain_that_changes_from_shot_to_shot_is_a_model_error():
+    recorded = np.stack([waves() for _ in range(3)])
+    recorded[1, 5] *= 3.0
+
+    share = learned(case_of(recorded), np.stack([waves()] * 3), 0.01).share
+
+    assert np.argmax(share) == 5
+    assert share[5] > 0.1
+
+
+def test_loss_is_the_exponential_of_travel_time():
+    scene = SimpleNamespace(case=case_of(waves()[None]))
+    motion = waves()[None]
+
+    lost = loss_along_paths(scene, motion, "", 0.04)
+
+    f = np.fft.rfftfreq(N, DT)
+    ratio = np.abs(np.fft.rfft(lost[0, 4, 2])) / np.abs(np.fft.rfft(motion[0, 4, 2]))
+    inside = (f > 12.0) & (f < 35.0)
+    expected = np.exp(-np.pi * f * 0.04 * 0.23)
+    np.testing.assert_allclose(ratio[inside], expected[inside], rtol=0.06)
+    np.testing.assert_allclose(loss_along_paths(scene, motion, "", 0.0), motion, atol=1e-12)
+
+
+def test_two_swaps_of_the_same_channels_undo_one_another():
+    case = case_of(waves()[None], gain=np.linspace(0.5, 2.0, RECEIVERS))
+    scene, pair = SimpleNamespace(case=case), "G1 and G2"
+
+    once = swapped_channels(scene, waves()[None], pair, 1.0)
+
+    assert pair in pairs_of_near_receivers(case)
+    assert "G0 and G7" not in pairs_of_near_receivers(case)
+    np.testing.assert_allclose(once[0, 1], waves()[2], atol=1e-12)
+    np.testing.assert_allclose(swapped_channels(scene, once, pair, 1.0), waves()[None], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ({"trusted": ["a"], "held_out": ["a"]}, "keep one"),
+        ({"source_s": 0.1, "trigger_s": 0.1}, "exclude one another"),
+        ({"until_s": -1.0}, "greater than 0"),
+        ({"source_s": 0.0}, "greater than 0"),
+    ],
+)
+def test_contradictory_roles_are_refused(table, said):
+    with pytest.raises(ValueError, match=said):
+        DiagnosisConfig(**table)
