@@ -124,7 +124,7 @@ def project_of(site: Site) -> Project:
         "holes_inside": {"moment_rate_file": "source.csv"},
         "diagnosis": {"noise_window_s": list(site.noise_window)},
     }  # fmt: skip
-    inside = Inside(Firing(np.zeros(1), 1.0), site.moment_rate, (), (), (), None)
+    inside = Inside(Firing(np.zeros(1), np.ones(1)), site.moment_rate, (), (), (), None)
     given = {"inside": inside, "receivers": site.receivers, "records": {}}
     config = check_config(tables)
     ground = {
@@ -135,7 +135,7 @@ def project_of(site: Site) -> Project:
         replace(make_project(config, "drawn.toml", {**given, "blast": blast}), name=name, **ground)
         for name, blast in site.blasts.items()
     )
-    return replace(first, further=tuple(further))
+    return replace(first, further=tuple(further)).changed(blasts=site.blasts)
 
 
 def draw_site(rng, poor=False) -> Site:

@@ -20,7 +20,7 @@ from .project import Project, make_project
 from .section import Name, Section, Span, sentence_of
 
 TABLE = "site.toml"
-PADDING = 0.5  # of the longest S wavelength of the band
+PADDING = 0.2  # of the longest S wavelength of the band
 PADDING_EDGES = 3.0  # ratio of edges in the padding to those in the box
 
 

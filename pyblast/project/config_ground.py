@@ -13,6 +13,7 @@ from .section import (
     Box,
     Count,
     Dip,
+    Fraction,
     FrictionAngle,
     Infill,
     Law,
@@ -180,6 +181,22 @@ class YieldingConfig(Section):
     tensile_strain_percent: NotNegative = 0.0
 
 
+class HoekBrownConfig(Section):
+    """Ground that yields by Hoek and Brown."""
+
+    sigci_mpa: Positive
+    mi: Positive
+    gsi: Annotated[float, Field(ge=5.0, le=100.0)]
+    disturbance: Fraction = 0.0
+    dilation_angle_deg: FrictionAngle = 0.0
+    tension_kpa: NotNegative | None = None
+    m_residual: Positive | None = None
+    s_residual: NotNegative | None = None
+    tension_residual_kpa: NotNegative | None = None
+    shear_strain_percent: NotNegative = 0.0
+    tensile_strain_percent: NotNegative = 0.0
+
+
 class TransverseConfig(Section):
     """Elastic constants of ground that is isotropic in planes: schist, thin layers."""
 
@@ -221,6 +238,7 @@ class MaterialConfig(Section):
     quality_reference_hz: Positive | None = None
     damping: DampingConfig | None = None
     yielding: YieldingConfig | None = None
+    hoek_brown: HoekBrownConfig | None = None
     transverse: TransverseConfig | None = None
     joints: list[MediumJointsConfig] = Field([])
 
@@ -237,6 +255,7 @@ class MaterialConfig(Section):
         laws = {
             "qp": self.qp is not None,
             "yielding": self.yielding is not None,
+            "hoek_brown": self.hoek_brown is not None,
             "transverse or joints": self.transverse is not None or bool(self.joints),
         }
         given = [name for name, wanted in laws.items() if wanted]

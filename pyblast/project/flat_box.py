@@ -48,6 +48,7 @@ OTHER = {
 OF_MATERIALS = {
     "damping": "is damping of one frequency",
     "yielding": "makes ground that yields",
+    "hoek_brown": "makes ground that yields",
     "transverse": "makes ground stiffer in some directions",
     "joints": "makes ground stiffer in some directions",
 }
@@ -207,7 +208,7 @@ def _not_flat(config, project):
     rate = project.inside.moment_rate
     if rate is not None and moment_begins(rate) < 0.0:
         return "the moment rate of holes_inside begins before a hole fires"
-    return "mesh.quadratic asks for the mesh of the project" if config.mesh.quadratic else ""
+    return ""
 
 
 def band_of(config) -> tuple[float, float] | None:

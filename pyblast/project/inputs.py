@@ -476,6 +476,8 @@ def named_files(config) -> list[str]:
     names += [part.file for parts in several for part in parts]
     records = [part.recorded for part in (config.signature, *config.receivers) if part]
     names += [name for r in records if r is not None for name in (r.file, r.mapping)]
+    for candidate in config.diagnosis.candidates if config.diagnosis else ():
+        names.append(candidate.mesh.get("surface_file"))
     return [name for name in names if name is not None]
 
 

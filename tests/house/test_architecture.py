@@ -38,6 +38,7 @@ ORDER = [
     "elasticity",
     "principal_stresses",
     "mohr_coulomb",
+    "hoek_brown",
     "zone_laws",
     "tet4",
     "tet4_batch",
