@@ -1,9 +1,12 @@
 """Tables of a project file about the ground: mesh, materials, joints, boundaries, sources."""
 
+import itertools
+import math
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
+from ..units import plain_number
 from .section import (
     Band,
     Bearing,
@@ -110,6 +113,32 @@ class MeshConfig(Section):
             if names.count(name) > 1:
                 raise ValueError(
                     f"the name {name!r} is given to two joint sets, faults or fractures"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _faults_within(self):
+        """Refuse faults whose plane does not meet the box; those under a surveyed surface may."""
+        if self.size_m is None or self.surface_file is not None:
+            return self
+        out = self.padding_m or 0.0
+        low = [self.origin_m[0] - out, self.origin_m[1] - out, self.origin_m[2] - out]
+        high = [a + b for a, b in zip(self.origin_m, self.size_m, strict=True)]
+        high = [high[0] + out, high[1] + out, high[2]]
+        for fault in self.faults:
+            dip, azimuth = math.radians(fault.dip_deg), math.radians(fault.dip_direction_deg)
+            normal = (
+                math.sin(dip) * math.sin(azimuth), math.sin(dip) * math.cos(azimuth), math.cos(dip)
+            )  # fmt: skip
+            sides = [
+                sum(n * (x - p) for n, x, p in zip(normal, corner, fault.through_m, strict=True))
+                for corner in itertools.product(*zip(low, high, strict=True))
+            ]
+            if min(sides) > 0.0 or max(sides) < 0.0:
+                away = min(abs(min(sides)), abs(max(sides)))
+                raise ValueError(
+                    f"faults.{fault.name}: its plane passes the box of the mesh at "
+                    f"{plain_number(away)} m; move through_m, or leave the fault out"
                 )
         return self
 

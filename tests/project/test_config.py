@@ -137,3 +137,11 @@ def test_a_damaged_project_never_raises_anything_else(tmp_path, seed):
     path.write_text("".join(letters), encoding="utf-8")
 
     assert "\n" not in message_of(path)
+
+
+@pytest.mark.parametrize("through", ["[300, 0, 0]", "[-1, 0, 5]"])
+def test_a_fault_outside_the_box_is_refused_as_such(tmp_path, through):
+    path = written(tmp_path, ("through_m = [30, 0, 0]", f"through_m = {through}"))
+
+    with pytest.raises(InputError, match=r"faults.F1: its plane passes the box .* move through_m"):
+        load_project(path)
