@@ -1,6 +1,5 @@
 """Tables of a project file about the ground: mesh, materials, joints, boundaries, sources."""
 
-import itertools
 import math
 from typing import Annotated, Literal
 
@@ -122,23 +121,20 @@ class MeshConfig(Section):
         if self.size_m is None or self.surface_file is not None:
             return self
         out = self.padding_m or 0.0
-        low = [self.origin_m[0] - out, self.origin_m[1] - out, self.origin_m[2] - out]
-        high = [a + b for a, b in zip(self.origin_m, self.size_m, strict=True)]
-        high = [high[0] + out, high[1] + out, high[2]]
+        half = [0.5 * size + out for size in self.size_m]
+        centre = [a + 0.5 * b for a, b in zip(self.origin_m, self.size_m, strict=True)]
+        half[2], centre[2] = half[2] - 0.5 * out, centre[2] - 0.5 * out  # no padding on top
         for fault in self.faults:
             dip, azimuth = math.radians(fault.dip_deg), math.radians(fault.dip_direction_deg)
-            normal = (
-                math.sin(dip) * math.sin(azimuth), math.sin(dip) * math.cos(azimuth), math.cos(dip)
-            )  # fmt: skip
-            sides = [
-                sum(n * (x - p) for n, x, p in zip(normal, corner, fault.through_m, strict=True))
-                for corner in itertools.product(*zip(low, high, strict=True))
-            ]
-            if min(sides) > 0.0 or max(sides) < 0.0:
-                away = min(abs(min(sides)), abs(max(sides)))
+            east, north = math.sin(azimuth), math.cos(azimuth)
+            normal = math.sin(dip) * east, math.sin(dip) * north, math.cos(dip)
+            parts = zip(normal, centre, fault.through_m, strict=True)
+            at = sum(n * (c - p) for n, c, p in parts)
+            reach = sum(abs(n * h) for n, h in zip(normal, half, strict=True))
+            if abs(at) > reach:
                 raise ValueError(
                     f"faults.{fault.name}: its plane passes the box of the mesh at "
-                    f"{plain_number(away)} m; move through_m, or leave the fault out"
+                    f"{plain_number(abs(at) - reach)} m; move through_m, or leave the fault out"
                 )
         return self
 
