@@ -3,8 +3,8 @@ import random
 import pytest
 from small_project import TEXT, written
 
+from pyblast.config.config import read_config
 from pyblast.errors import InputError, PyblastError, ReadError
-from pyblast.project.config import read_config
 from pyblast.project.project import load_project
 
 DEEP = "x = " + 3000 * "[" + 3000 * "]"
