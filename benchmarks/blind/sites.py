@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pyblast.blasts.blast import Blast, Firing
+from pyblast.config.config import check_config
 from pyblast.mesh.mesh import Mesh
 from pyblast.model.boundary import Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.material import Damping, Material
 from pyblast.model.model import Model, Receiver, SpongeLayer
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.project.config import check_config
 from pyblast.project.flat_box import OUTER, Discretization, FlatBox, Plane, flat_mesh
 from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project

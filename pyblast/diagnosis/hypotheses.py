@@ -224,9 +224,11 @@ def receivers_with_space(case: Case) -> tuple[str, ...]:
 def receivers_with_axes(case: Case) -> tuple[str, ...]:
     """Return the names of the receivers that recorded both, east and north."""
     rotated = {r.name for r in case.project.receivers if r.azimuth is not None}
-    both = case.valid.any(axis=(0, 3))[:, :2].all(axis=1)
+    both = np.all(np.any(case.valid, axis=(0, 3))[:, :2], axis=1)
     return tuple(
-        name for name, two in zip(case.receivers, both, strict=True) if two and name not in rotated
+        name
+        for name, two in zip(case.receivers, both.tolist(), strict=True)
+        if two and name not in rotated
     )
 
 

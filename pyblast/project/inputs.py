@@ -16,6 +16,7 @@ from ..blasts.signature import (
     superpose,
     travel_shifts,
 )
+from ..config.section import read_time_function
 from ..errors import InputError, named_error
 from ..model.boundary import StressInput, VelocityInput
 from ..model.source import PlaneWave, TimeFunction, polarisation
@@ -23,7 +24,6 @@ from ..recordings.recording import Recording, read_recording
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..signals.spectra import LowPassed, dominant_frequency, lowpass
 from ..units import to_si
-from .section import read_time_function
 
 QUIET_CYCLES = 3.0
 FREE_SURFACE = 2.0  # ground over unbounded rock

@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..blasts.blast import Blast, Firing
+from ..config.config import Config, check_config, read_config
+from ..config.ground import GroundConfig, MeshConfig
+from ..config.section import changed_tables, value_at
 from ..errors import InputError, named_error
 from ..mesh.mesh import Mesh
 from ..model.joint import Joint
@@ -18,8 +21,6 @@ from ..model.model import Model, Receiver, SpongeLayer
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
-from .config import Config, check_config, read_config
-from .config_ground import GroundConfig, MeshConfig
 from .elements import Ground, horizontal_positions, make_ground, needs_of
 from .ground import (
     joint_of_surface,
@@ -55,7 +56,6 @@ from .places import (
     place_receivers,
     place_sources,
 )
-from .section import changed_tables, value_at
 from .surface import make_surface
 
 STEP_FACTOR = {False: 0.8, True: 0.95}  # over a bound of tetrahedra, over the limit of hexahedra

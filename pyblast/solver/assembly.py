@@ -36,9 +36,8 @@ from .hexahedra import (
     no_packs,
     pack_arrays,
 )
-from .largest_frequency import Product
 from .loads import Loads, dynamic_conditions, model_loads, no_conditions, surface_impedance
-from .time_step import CriticalStep, assembled_step, critical_step
+from .time_step import CriticalStep, Product, assembled_step, critical_step
 
 Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
 DOMAIN_ZONES = 1024

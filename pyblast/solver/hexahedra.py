@@ -10,8 +10,7 @@ from ..errors import InputError
 from ..mesh import hexahedra
 from ..mesh.hexahedra import AbsorbingLayer
 from ..model.model import Model
-from .largest_frequency import largest_eigenvalue, longest_step, with_joints
-from .time_step import CriticalStep, contact_bounds
+from .time_step import CriticalStep, contact_bounds, largest_eigenvalue, longest_step, with_joints
 
 REFLECTION = 1e-7  # amplitude that a wave of normal incidence would keep
 STRENGTH = 7.0  # real stretch at the outer edge

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 
 from pyblast.blasts.blast import Blast, Firing
+from pyblast.config.config import check_config
 from pyblast.diagnosis.calibration import Baseline, calibrated_parameters, likelihood_of
 from pyblast.diagnosis.case import Case, case_of
 from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import Forward
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
-from pyblast.project.config import check_config
 from pyblast.project.elements import for_band
 from pyblast.project.flat_box import Discretization
 from pyblast.project.inputs import Inside

@@ -10,13 +10,13 @@ import pytest
 from library_scene import applied, scene, sent, shared
 from small_site import TABLES, small_site
 
+from pyblast.config.config import check_config
+from pyblast.config.ground import FaultConfig
 from pyblast.diagnosis import search as module
 from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.geometry import _fault, _on_top
 from pyblast.errors import InputError, SolverError
-from pyblast.project.config import check_config
-from pyblast.project.config_ground import FaultConfig
 from pyblast.project.places import on_ground
 
 STIFF, WEAK = {"kn": 3e10, "ks": 3e10}, {"kn": 1e8, "ks": 1e8}

@@ -9,11 +9,11 @@ from library_scene import applied, first, scene, sent, shared
 from scipy import fft
 from small_site import DT, SAMPLES, small_site
 
+from pyblast.config.ground import LayerConfig
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.ground import Fabric
 from pyblast.model.anisotropy import christoffel, stiffness_of
-from pyblast.project.config_ground import LayerConfig
 from pyblast.project.flat_box import flat_box
 
 

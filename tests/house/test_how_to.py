@@ -9,9 +9,9 @@ import pytest
 from small_project import INSIDE, TEXT
 
 from pyblast.blasts.hole_tables import read_blast
-from pyblast.project.config import Config
+from pyblast.config.config import Config
+from pyblast.config.section import merged
 from pyblast.project.project import make_project
-from pyblast.project.section import merged
 from pyblast.recordings.recording import read_recording
 
 PAGE = (Path(__file__).parents[2] / "docs" / "guide" / "how_to.md").read_text(encoding="utf-8")

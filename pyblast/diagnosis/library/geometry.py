@@ -6,15 +6,15 @@ from itertools import pairwise
 
 import numpy as np
 
+from ...config.ground import FaultConfig
+from ...config.section import with_candidate
 from ...errors import InputError
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ...model.material import Material
-from ...project.config_ground import FaultConfig
 from ...project.elements import for_band
 from ...project.flat_box import band_of, ground_materials, is_anisotropic
 from ...project.ground import joint_of_surface, make_joint, make_material
-from ...project.section import with_candidate
 from ..hypotheses import hypothesis, remeshable
 
 UPRIGHT = 90.0  # deg

@@ -6,12 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from ...config.ground import FaultConfig
 from ...errors import InputError
 from ...inference.parameter import Parameter
 from ...model.anisotropy import anisotropic, jointed, stiffness_of
 from ...model.joint import Joint
 from ...model.material import Material
-from ...project.config_ground import FaultConfig
 from ...project.flat_box import (
     band_of,
     constant_q,

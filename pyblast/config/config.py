@@ -6,20 +6,15 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from ..errors import InputError
-from .config_ground import (
+from .ground import (
     AbsorbingLayerConfig,
-    AirBlastConfig,
     BoundariesConfig,
     DampingConfig,
     GroundConfig,
-    HolesInsideConfig,
     InSituConfig,
     JointConfig,
     MaterialConfig,
     MeshConfig,
-    MomentTensorConfig,
-    PointForceConfig,
-    PressureConfig,
 )
 from .section import (
     Band,
@@ -42,6 +37,13 @@ from .section import (
     sentence_of,
     value_at,
     with_candidate,
+)
+from .sources import (
+    AirBlastConfig,
+    HolesInsideConfig,
+    MomentTensorConfig,
+    PointForceConfig,
+    PressureConfig,
 )
 
 DEFAULT_METHOD = "levenberg"  # docs/decisions.md, "Least squares by default"
