@@ -5,15 +5,14 @@ import io
 import math
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError, ReadError
-from ..recordings.hand_tables import HEAD_LINES, delimiter_of, hole_columns
-from ..recordings.raw import decode_table
+from ..recordings.hand_tables import HEAD_LINES, decode_table, delimiter_of, hole_columns
 from ..units import split_key, to_si
 from .blast import Blast
 
@@ -38,7 +37,7 @@ class Layout:
     """
 
     name: str
-    columns: dict[str, int | str]
+    columns: Mapping[str, int | str]
     needs: tuple[str, ...] = ()
     axes: str = "east_north"
     angle_from: str = ""

@@ -17,7 +17,7 @@ from pydantic import (
 from ..blasts.published_laws import BY_NAME
 from ..errors import InputError, ReadError
 from ..model.source import TimeFunction
-from ..recordings.raw import decode_table
+from ..recordings.hand_tables import decode_table
 from ..signals.comparison import load_limits
 from ..units import STEEPEST, plain_number, to_si
 

@@ -1,16 +1,152 @@
-"""Tables made by hand: the usual column titles of motion and of holes in several languages."""
+"""Tables made by hand: Excel workbooks, and usual column titles in several languages."""
 
+import csv
+import io
 import re
-import unicodedata
+import zipfile
 from collections.abc import Sequence
+from datetime import date, datetime, time
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from ..errors import InputError, ReadError
 from ..units import FACTORS
-from .raw import RawRecord, read_columns, split_line, uniform_step, unit_factor, velocity_factor
+from .raw import (
+    RawRecord,
+    is_pressure,
+    overpressure,
+    plain_word,
+    read_columns,
+    refuse_other_files,
+    refuse_sheet,
+    split_line,
+    uniform_step,
+    unit_factor,
+    velocity_factor,
+)
+
+MAGIC = b"PK\x03\x04"
+LARGEST_UNPACKED = 500_000_000  # bytes of all parts of a workbook
+
+
+def is_workbook(content: bytes) -> bool:
+    """Tell whether the content of a file is an Excel workbook (.xlsx, .xlsm)."""
+    if not content.startswith(MAGIC):
+        return False
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return "xl/workbook.xml" in archive.namelist()
+    except (zipfile.BadZipFile, OSError):
+        return False
+
+
+def sheet_lines(path: Path, content: bytes, sheet: str | None = None) -> list[str]:
+    """Read one sheet of a workbook as lines of CSV, line n for row n.
+
+    Parameters
+    ----------
+    path : Path
+        For messages.
+    content : bytes
+    sheet : str, optional
+        Name of the sheet; may be left out where only one has cells.
+
+    Returns
+    -------
+    list of str
+        Comma-separated; numbers as they are stored, with a decimal point; dates in ISO form.
+
+    Raises
+    ------
+    InputError
+        If no sheet has this name, or none is named and several have cells; lists the sheets.
+    ReadError
+        If the workbook is damaged, protected by a password, or unpacks to more than 500 MB.
+    """
+    _check_size(path, content)
+    import openpyxl
+    from openpyxl.utils.exceptions import InvalidFileException
+
+    try:
+        book = openpyxl.load_workbook(io.BytesIO(content), read_only=True, data_only=True)
+        try:
+            tables = {table.title: table for table in book.worksheets}
+            if sheet is not None and sheet not in tables:
+                raise InputError(
+                    f"{path}: has no sheet {sheet!r}; its sheets are {', '.join(tables)}"
+                )
+            wanted = tables.values() if sheet is None else [tables[sheet]]
+            lines = {table.title: _lines(table) for table in wanted}
+        finally:
+            book.close()
+    except (KeyError, ValueError, OSError, InvalidFileException, SyntaxError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise ReadError(f"{path}: is a damaged Excel workbook ({error})"[:300]) from None
+    filled = {name: rows for name, rows in lines.items() if rows}
+    if not filled:
+        what = "workbook" if sheet is None else f"sheet {sheet!r}"
+        raise ReadError(f"{path}: the {what} is empty, expected a table")
+    if len(filled) > 1:
+        raise InputError(
+            f"{path}: has several sheets ({', '.join(filled)}); name one by sheet = "
+            f"{next(iter(filled))!r}"
+        )
+    return next(iter(filled.values()))
+
+
+def _check_size(path, content):
+    """Refuse a workbook that unpacks to more than memory should hold."""
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        size = sum(part.file_size for part in archive.infolist())
+    if size > LARGEST_UNPACKED:
+        most = LARGEST_UNPACKED // 10**6
+        raise ReadError(f"{path}: unpacks to {size // 10**6} MB, at most {most} MB are read")
+
+
+def _lines(table):
+    """Return the rows of a sheet as lines of CSV, without empty rows at the end."""
+    lines = []
+    for row in table.iter_rows(values_only=True):
+        cells = [_text(value) for value in row]
+        while cells and not cells[-1]:
+            cells.pop()
+        buffer = io.StringIO()
+        csv.writer(buffer, lineterminator="").writerow(cells)
+        lines.append(buffer.getvalue() if cells else "")
+    while lines and not lines[-1]:
+        lines.pop()
+    return lines
+
+
+def _text(value) -> str:
+    """Write the value of a cell on one line."""
+    if value is None:
+        return ""
+    if isinstance(value, (datetime, date, time)):
+        return value.isoformat()
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        return str(int(value))
+    return " ".join(str(value).split())
+
+
+def decode_table(path: Path, sheet: str | None = None) -> str:
+    """Read a table in UTF-8 or a sheet of a workbook; refuse other files with the remedy."""
+    content = path.read_bytes()
+    if is_workbook(content):
+        return "\n".join(sheet_lines(Path(path.name), content, sheet))
+    refuse_sheet(path.name, sheet)
+    refuse_other_files(path.name, content)
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ReadError(
+            f"{path.name}: is not UTF-8 text (first at byte {error.start}); save it as CSV in UTF-8"
+        ) from None
+    if "\0" in text:
+        raise ReadError(f"{path.name}: holds zero bytes, so it is no text; save the table as CSV")
+    return text
+
 
 # English, German, French, Spanish, Portuguese, Italian, Dutch, Polish, Turkish and Russian titles,
 # in lower case, without accents and signs
@@ -81,9 +217,6 @@ METRES = ("x", "y", "z", "x_toe", "y_toe", "z_toe", "length")  # may stand witho
 _SPELLINGS = {"kgs": "kg", "lbs": "lb", "sec": "s", "msec": "ms", "metre": "m", "°": "deg"}
 MOTION = ("longitudinal", "transverse", "vertical", "east", "north")
 HEAD_LINES = 60  # of a file, among which the row of titles is looked for
-REFERENCE_PRESSURE = 20e-6  # Pa, of decibels in air
-_DECIBELS = ("db", "dbl", "dblin", "dblinear", "dbz")
-_PRESSURES = {"psi": 6894.757293168, "mbar": 100.0, "mb": 100.0, "hpa": 100.0, "bar": 1e5}
 _BRACKETS = re.compile(r"(.*?)[\s_,:/]*[\[(]\s*(.+?)\s*[\])]*\s*")
 
 
@@ -100,12 +233,6 @@ def _index(words):
 
 
 _MOTION_WORDS, _HOLE_WORDS = _index(WORDS), _index(HOLE_WORDS)
-
-
-def plain_word(text: str) -> str:
-    """Write a title in lower case without accents, blanks and signs: "Höhe [m]" is "hohem"."""
-    spread = unicodedata.normalize("NFKD", text.replace("ı", "i").replace("ł", "l").casefold())
-    return "".join(c for c in spread if c.isalnum())
 
 
 def read_title(text: str, words: dict[str, str] | None = None) -> Title:
@@ -159,7 +286,7 @@ def _is_unit(text):
     try:
         unit_factor(text, "")
     except ReadError:
-        return plain_word(text) in (*_DECIBELS, *_PRESSURES)
+        return is_pressure(text)
     return True
 
 
@@ -319,12 +446,11 @@ def _columns(where, titles):
             f"{where}: a column of motion is missing, such as 'Vert (mm/s)'; found only "
             f"{', '.join(columns)}"
         )
-    bare = [name for name, n in columns.items() if not titles[n].unit]
-    if bare:
-        example = "'Time (s)'" if bare[0] == "time" else f"'{bare[0].capitalize()} (mm/s)'"
+    lost = [name for name, n in columns.items() if not titles[n].unit]
+    if lost:
+        example = "'Time (s)'" if lost[0] == "time" else f"'{lost[0].capitalize()} (mm/s)'"
         raise ReadError(
-            f"{where}: the unit of {', '.join(bare)} is missing; write it into the title, such as "
-            f"{example}"
+            f"{where}: the unit of {', '.join(lost)} is missing; write it into the title: {example}"
         )
     return columns
 
@@ -337,43 +463,5 @@ def _lacking(channels):
     lacking = [name for name in axes if name not in channels]
     if not lacking:
         return ()
-    some = "columns for" if len(lacking) > 1 else "a column for"
-    return (f"{some} {' and '.join(lacking)} missing; taken as not recorded",)
-
-
-def overpressure(samples: np.ndarray, unit: str, where: str) -> np.ndarray:
-    """Return samples of a microphone in Pa.
-
-    Parameters
-    ----------
-    samples : (n_samples,) float64
-    unit : str
-        Pa, kPa, hPa, mbar, psi, or dB(L): linear decibels above 20 µPa, whose sign is lost.
-    where : str
-        For messages.
-
-    Raises
-    ------
-    ReadError
-        If the unit is none of pressure.
-    """
-    plain = plain_word(unit.split("(")[0]) if unit.lower().startswith("pa") else plain_word(unit)
-    if plain in _DECIBELS:
-        return REFERENCE_PRESSURE * 10.0 ** (samples / 20.0)
-    factor = _PRESSURES.get(plain) or {"pa": 1.0, "kpa": 1e3}.get(plain)
-    if factor is None:
-        raise ReadError(
-            f"{where}: the microphone must be in Pa, kPa, mbar, psi or dB(L), got '{unit[:40]}'"
-        )
-    return factor * samples
-
-
-def decibels(pressure: float) -> float:
-    """Return a peak of air overpressure in dB(L), 20 log10 (p / 20 µPa).
-
-    Examples
-    --------
-    >>> round(decibels(20.0), 1)
-    120.0
-    """
-    return 20.0 * float(np.log10(max(abs(pressure), 1e-12) / REFERENCE_PRESSURE))
+    words = "columns for" if len(lacking) > 1 else "a column for"
+    return (f"{words} {' and '.join(lacking)} missing; taken as not recorded",)

@@ -3,6 +3,7 @@
 import csv
 import math
 import re
+import unicodedata
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,7 +14,6 @@ from ..errors import InputError, ReadError
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import zero_crossing_frequency
 from ..units import FACTORS
-from .workbook import is_workbook, sheet_lines
 
 MAX_FILE_BYTES = 2_000_000_000
 MAX_LINE = 100_000
@@ -98,24 +98,6 @@ def refuse_other_files(where: Path | str, content: bytes) -> None:
         binary = magic != b":U" or b"\0" in content[:32]
         if content.startswith(magic) and binary:
             raise ReadError(f"{where}: {sentence}")
-
-
-def decode_table(path: Path, sheet: str | None = None) -> str:
-    """Read a table in UTF-8 or a sheet of a workbook; refuse other files with the remedy."""
-    content = path.read_bytes()
-    if is_workbook(content):
-        return "\n".join(sheet_lines(Path(path.name), content, sheet))
-    refuse_sheet(path.name, sheet)
-    refuse_other_files(path.name, content)
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ReadError(
-            f"{path.name}: is not UTF-8 text (first at byte {error.start}); save it as CSV in UTF-8"
-        ) from None
-    if "\0" in text:
-        raise ReadError(f"{path.name}: holds zero bytes, so it is no text; save the table as CSV")
-    return text
 
 
 def refuse_sheet(where: Path | str, sheet: str | None) -> None:
@@ -462,3 +444,57 @@ def constant_offset(samples: np.ndarray) -> float:
         return 0.0
     peak = float(np.max(np.abs(samples - level)))
     return level if abs(level) > LEAST_OFFSET * peak else 0.0
+
+
+REFERENCE_PRESSURE = 20e-6  # Pa, of decibels in air
+_DECIBELS = ("db", "dbl", "dblin", "dblinear", "dbz")
+_PRESSURES = {"psi": 6894.757293168, "mbar": 100.0, "mb": 100.0, "hpa": 100.0, "bar": 1e5}
+
+
+def plain_word(text: str) -> str:
+    """Write a title in lower case without accents, blanks and signs: "Höhe [m]" is "hohem"."""
+    spread = unicodedata.normalize("NFKD", text.replace("ı", "i").replace("ł", "l").casefold())
+    return "".join(c for c in spread if c.isalnum())
+
+
+def is_pressure(text: str) -> bool:
+    """Tell whether a text is a unit of air overpressure, decibels included."""
+    return plain_word(text) in (*_DECIBELS, *_PRESSURES, "pa", "kpa")
+
+
+def overpressure(samples: np.ndarray, unit: str, where: str) -> np.ndarray:
+    """Return samples of a microphone in Pa.
+
+    Parameters
+    ----------
+    samples : (n_samples,) float64
+    unit : str
+        Pa, kPa, hPa, mbar, psi, or dB(L): linear decibels above 20 µPa, whose sign is lost.
+    where : str
+        For messages.
+
+    Raises
+    ------
+    ReadError
+        If the unit is none of pressure.
+    """
+    plain = plain_word(unit.split("(")[0]) if unit.lower().startswith("pa") else plain_word(unit)
+    if plain in _DECIBELS:
+        return REFERENCE_PRESSURE * 10.0 ** (samples / 20.0)
+    factor = _PRESSURES.get(plain) or {"pa": 1.0, "kpa": 1e3}.get(plain)
+    if factor is None:
+        raise ReadError(
+            f"{where}: the microphone must be in Pa, kPa, mbar, psi or dB(L), got '{unit[:40]}'"
+        )
+    return factor * samples
+
+
+def decibels(pressure: float) -> float:
+    """Return a peak of air overpressure in dB(L), 20 log10 (p / 20 µPa).
+
+    Examples
+    --------
+    >>> round(decibels(20.0), 1)
+    120.0
+    """
+    return 20.0 * float(np.log10(max(abs(pressure), 1e-12) / REFERENCE_PRESSURE))

@@ -11,7 +11,7 @@ from obspy import UTCDateTime
 
 from ..errors import InputError, PyblastWarning, ReadError
 from ..signals.seismogram import BLAST_AXES, GEOGRAPHIC, Seismogram
-from .hand_tables import decibels, read_hand_table, recognises_hand_table
+from .hand_tables import is_workbook, read_hand_table, recognises_hand_table, sheet_lines
 from .raw import (
     MAX_FILE_BYTES,
     RawRecord,
@@ -19,6 +19,7 @@ from .raw import (
     check_printed,
     clipped_samples,
     constant_offset,
+    decibels,
     decode_lines,
     is_dead,
     plateau_level,
@@ -34,7 +35,6 @@ from .tables import (
     recognises_generic,
     refuse_histogram,
 )
-from .workbook import is_workbook, sheet_lines
 
 __all__ = [
     "FORMATS", "Gather", "Recording", "read_gather", "read_recording", "read_stations",
@@ -84,7 +84,7 @@ class Recording:
     dead: tuple[str, ...] = ()
     time: str = ""
     overpressure: np.ndarray | None = None
-    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
 
     @property
     def peak_overpressure(self) -> float:
@@ -306,7 +306,7 @@ def _recording(path, raw, bearing, full_scale):
     header = {**raw.header, "unit": raw.unit}
     return Recording(
         seismogram, raw.instrument, raw.serial, full_scale, clipped, header, checks, dead, raw.time,
-        raw.microphone, tuple(map(float, offset)),
+        raw.microphone, tuple(offset.tolist()),
     )  # fmt: skip
 
 

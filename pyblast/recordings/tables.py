@@ -12,13 +12,13 @@ import numpy as np
 
 from ..errors import InputError, ReadError
 from ..units import FACTORS, split_key, to_si
-from .hand_tables import overpressure
 from .raw import (
     Printed,
     RawRecord,
     common_velocity_factor,
     decode_lines,
     number,
+    overpressure,
     quantity,
     read_bytes,
     read_columns,

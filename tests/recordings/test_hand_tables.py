@@ -9,9 +9,9 @@ from recorder_files import write
 
 from pyblast.blasts.hole_tables import read_blast
 from pyblast.errors import InputError, PyblastWarning, ReadError
-from pyblast.recordings.hand_tables import decibels
+from pyblast.recordings.raw import decibels
 from pyblast.recordings.recording import read_recording
-from pyblast.recordings.workbook import workbook_of
+from pyblast.workflows import workbook_of
 
 openpyxl = pytest.importorskip("openpyxl")
 TIMES = np.arange(200) / 1000.0
@@ -52,7 +52,7 @@ def test_units_may_stand_in_the_row_below(tmp_path):
     text = table(["Time", "Vert"], [TIMES, COMPONENTS[:, 0]]).split("\n")
     path = write(tmp_path, "\n".join([text[0], "[s],[in/s]", *text[1:]]))
 
-    with pytest.warns(PyblastWarning, match="longitudinal and transverse missing"):
+    with pytest.warns(PyblastWarning, match="east and north missing"):
         record = read_recording(path)[0].seismogram
 
     assert record.ppv[2] == pytest.approx(0.0254 * 8.0, rel=0.02)
