@@ -39,6 +39,7 @@ ORDER = [
     "principal_stresses",
     "mohr_coulomb",
     "hoek_brown",
+    "ubiquitous_joints",
     "zone_laws",
     "tet4",
     "tet4_batch",
