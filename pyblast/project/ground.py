@@ -333,7 +333,7 @@ def make_boundaries(config, face=None, media=None):
     return boundaries
 
 
-def refuse_open_sides(config, mesh):
+def refuse_open_sides(config, mesh, planes=()):
     """Refuse sides without a condition, which would reflect the waves of holes inside.
 
     Parameters
@@ -341,6 +341,8 @@ def refuse_open_sides(config, mesh):
     config : BoundariesConfig
     mesh : Mesh
         Split; its joints are no sides.
+    planes : collection of str
+        Names of planes inside, which may be closed.
 
     Raises
     ------
@@ -354,9 +356,9 @@ def refuse_open_sides(config, mesh):
         *config.free,
         "top",
     }
-    joints = () if mesh.contacts is None else mesh.contacts.names
+    inside = {*planes, *(() if mesh.contacts is None else mesh.contacts.names)}
     for surface in mesh.surfaces:
-        if surface not in named and surface not in joints:
+        if surface not in named and surface not in inside:
             raise InputError(
                 f"boundaries.viscous: lacks {surface!r}; the waves of holes inside the model must "
                 "leave through viscous sides (or name the side in another list)"

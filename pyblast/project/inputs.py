@@ -16,6 +16,7 @@ from ..blasts.signature import (
     superpose,
     travel_shifts,
 )
+from ..config.section import read_time_function
 from ..errors import InputError, named_error
 from ..model.boundary import StressInput, VelocityInput
 from ..model.source import PlaneWave, TimeFunction, polarisation
@@ -23,7 +24,6 @@ from ..recordings.recording import Recording, read_recording
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..signals.spectra import LowPassed, dominant_frequency, lowpass
 from ..units import to_si
-from .section import read_time_function
 
 QUIET_CYCLES = 3.0
 FREE_SURFACE = 2.0  # ground over unbounded rock
@@ -476,6 +476,8 @@ def named_files(config) -> list[str]:
     names += [part.file for parts in several for part in parts]
     records = [part.recorded for part in (config.signature, *config.receivers) if part]
     names += [name for r in records if r is not None for name in (r.file, r.mapping)]
+    for candidate in config.diagnosis.candidates if config.diagnosis else ():
+        names.append(candidate.mesh.get("surface_file"))
     return [name for name in names if name is not None]
 
 

@@ -214,6 +214,7 @@ def _figures(result):
         *_input_figures(result, wide),
         *_source_figures(result, wide),
         *_section_figures(result),
+        *_stereonet_figures(summary),
         (
             "Blocks",
             f"{summary['model']['blocks']} blocks, each in a shade of its material, seen from the "
@@ -324,6 +325,19 @@ def _plan_figures(result):
             f"{result.summary['band']:.3g} Hz (surface_peaks.csv and .asc)"
         )
     yield "Plan", f"{words}; numbers are the order of firing.", ("mesh", "blast"), image
+
+
+def _stereonet_figures(summary):
+    """Yield the stereonet of joint sets and faults."""
+    image = maps.stereonet_figure(summary["joints"], summary["mesh_names"]["faults"])
+    if image is not None:
+        yield (
+            "Stereonet",
+            "Great circles and poles of joint sets and faults, dip/dip direction in degrees; lower "
+            "hemisphere, equal area.",
+            ("joints", "mesh"),
+            image,
+        )
 
 
 def _section_figures(result):

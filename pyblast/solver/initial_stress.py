@@ -13,8 +13,8 @@ from ..mesh.tetrahedra import shape_gradients
 from ..model.joint import carried_over
 from ..model.material import PLASTIC
 from ..model.model import InSitu, Model
-from .absorbing_layer import without_layer
 from .assembly import initial_state, stiffness_arrays
+from .hexahedra import without_layer
 from .loads import static_conditions
 
 BINS = 200

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from pyblast.config.ground import BoundariesConfig, InSituConfig, MaterialConfig, MeshConfig
 from pyblast.model.anisotropy import HoekBrown, jointed, transverse
 from pyblast.model.joint import Joint
 from pyblast.model.material import Material
-from pyblast.project.config_ground import BoundariesConfig, InSituConfig, MaterialConfig, MeshConfig
 from pyblast.project.ground import jointed_media, make_boundaries, make_insitu, make_material
 
 ROCK = {"density_kg_per_m3": 2700.0, "cp_m_per_s": 4000.0, "cs_m_per_s": 2300.0}
