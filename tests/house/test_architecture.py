@@ -40,6 +40,7 @@ ORDER = [
     "principal_stresses",
     "mohr_coulomb",
     "hoek_brown",
+    "ubiquitous_joints",
     "zone_laws",
     "tet4",
     "tet4_batch",
