@@ -1,20 +1,19 @@
-"""Data quality: dead and clipped channels, polarity, timing, geometry, sensor response."""
+"""Data quality: dead and clipped channels, polarity, timing, geometry."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import fft, signal
 
 from ..errors import InputError
 from ..recordings.raw import at_level, is_dead, plateau_level
 from .shots import (
+    NEEDED,
     SIGNIFICANCE,
     Decision,
     Shot,
     correlation,
-    permutation_p,
     phase_randomised,
     shifted,
 )
@@ -117,16 +116,21 @@ def odd_channels(
         One per anomalous receiver, the most significant first; a single NULL if there is none. A
         positive "shift" [s] is late; a positive "move" [m] is a true position farther along the
         line than the coordinate. ``held_out``: share of energy that the neighbours predict in
-        held-out shots, as recorded and corrected. "no_signal" is an anomalous receiver that
-        correlates with its neighbours no better than phase-randomised noise.
+        held-out shots, as recorded and corrected; a name needs more than half of the way from the
+        first to the share of the median receiver. "no_signal" is an anomalous receiver that
+        correlates with its neighbours no better than phase-randomised noise. Gain, response and
+        coupling are not tried.
 
     Notes
     -----
     Lag of shot s: ``shift + move * slowness_s``, medians over shots. The largest robust z-score is
     compared with the maximum of as many normal draws at the 5 % level; theory.md (15.1).
     """
-    if len(shots) < 4 or any(len(s.channels) != len(shots[0].channels) for s in shots):
-        raise InputError("odd_channels: needs at least 4 shots at the same receivers")
+    if len(shots) < 4 or any(list(s.channels) != list(shots[0].channels) for s in shots):
+        raise InputError(
+            "odd_channels: needs at least 4 shots at the same receivers; leave out of all shots "
+            "what clips in one (Shot.only)"
+        )
     shots, decisions = [shot.banded(band) for shot in shots], []
     while len(decisions) < MOST:
         decision = _most_anomalous(shots, band, reach, seed)
@@ -211,17 +215,20 @@ def _most_anomalous(shots, band, reach, seed):
         )  # fmt: skip
     value = float(values[kind][where])
     before, after = _explained([shots[n] for n in held], where, kind, value, reach)
+    usual = _usually_explained([shots[n] for n in held], reach)
     half_width = _half_width(misfits, kind, where, values[kind])
     label, outcome = LABELS[kind], "NAMED"
     position = shots[0].places[where + 1]
     if kind and len({shots[n].source < position for n in fitted}) == 1:
         label, outcome = " | ".join(LABELS[1:]), "CLASS"
-    if after <= before:
+    small = after - before <= NEEDED * max(usual - before, 0.0) or after <= before
+    if small:
         outcome = "UNKNOWN"
     return Decision(
         outcome, label,
         f"deviates by {scores[kind, where]:.1f} robust standard deviations of the others; the "
-        f"{100 * SIGNIFICANCE:.0f} % level of the null distribution is {threshold:.1f}",
+        f"{100 * SIGNIFICANCE:.0f} % level of the null distribution is {threshold:.1f}"
+        + f"; too small a gain for a name: others have {usual:.2f}" * small,
         (int(misfits.channels[where]),),
         {("factor", "shift", "move")[kind]: (value, value - half_width, value + half_width)},
         band=band, p_value=p_value, held_out=(before, after),
@@ -313,6 +320,16 @@ def _half_width(misfits, kind, where, values):
     return float(1.645 * 1.4826 * np.hypot(own, others))
 
 
+def _usually_explained(shots, reach):
+    """Return the share of energy that the neighbours predict of the median receiver."""
+    left = [
+        [np.sum((shot.motion[n] - p) ** 2) / np.sum(shot.motion[n] ** 2)
+         for p, n, _ in _predicted(shot, reach)]
+        for shot in shots
+    ]  # fmt: skip
+    return float(1.0 - np.median(np.mean(left, axis=0)))
+
+
 def _explained(shots, where, kind, value, reach):
     """Return the share of energy that the neighbours predict, as recorded and corrected."""
     residual, total = np.zeros(2), 0.0
@@ -332,103 +349,3 @@ def _explained(shots, where, kind, value, reach):
             residual[k] += np.sum((motion - predicted) ** 2) / np.sum(motion**2)
         total += 1.0
     return tuple(float(x) for x in 1.0 - residual / total)
-
-
-N_CURVES, N_BANDS, TAPERS, WIDTH = 999, 24, 7, 4.0
-
-
-def sensor_response(
-    first: ArrayLike,
-    second: ArrayLike,
-    dt: float,
-    band: tuple[float, float],
-    *,
-    names: tuple[str, str],
-    reference: str | None = None,
-    seed: int = 0,
-) -> Decision:
-    """Test for a sensor response: spectral ratio of two sensors side by side, at two places.
-
-    Parameters
-    ----------
-    first, second : (2, n_samples) float
-        Records by each sensor at two places, of the same source.
-    dt : float, s
-    band : tuple of 2 float, Hz
-    names : tuple of 2 str
-    reference : str, optional
-        Sensor with a known flat response; without it the result is a class of both.
-    seed : int
-
-    Returns
-    -------
-    Decision
-        "instrument_response" of the other sensor, or a class of both; "span" is the ratio of its
-        largest to its smallest response in the band. ``held_out``: rms of the log ratio at a
-        place, after a constant gain and after the curve of the other place.
-
-    Notes
-    -----
-    Source, path and site cancel in the ratio of two records at one place. Surrogates: the training
-    curve, phase-randomised, theory.md (15.3).
-    """
-    first, second = np.asarray(first, float), np.asarray(second, float)
-    if first.shape != second.shape or first.shape[0] != 2:
-        raise InputError(
-            f"sensor_response: needs 2 places for each sensor, got {first.shape}, {second.shape}"
-        )
-    if reference is not None and reference not in names:
-        raise InputError(f"sensor_response.reference: must be one of {names}, got {reference!r}")
-    edges = np.geomspace(band[0], band[1], N_BANDS + 1)
-    curves = np.log(_levels(first, dt, edges) / _levels(second, dt, edges))
-    before, after = log_misfits(curves)
-    rng = np.random.default_rng(seed)
-    pairs = (log_misfits(curves, phase_randomised(curves, rng)) for _ in range(N_CURVES))
-    drawn = [flat - bent for flat, bent in pairs]
-    p_value = permutation_p(before - after, drawn)
-    response = curves.mean(axis=0)
-    if reference == names[0]:
-        response = -response
-    named = after < before and p_value <= SIGNIFICANCE
-    target = tuple(name for name in names if name != reference)
-    outcome = ("NAMED" if reference else "CLASS") if named else "NULL"
-    why = f"natural log of the ratio of {names[0]} to {names[1]}: rms {before:.2f} after one "
-    why += f"gain, {after:.2f} after the curve of the other place"
-    if outcome == "CLASS":
-        why += "; which of the two is not flat needs a reference"
-    return Decision(
-        outcome, "instrument_response", why, target if named else (),
-        _span(curves, edges, response) if named else {}, band=band, p_value=p_value,
-        held_out=(before, after),
-    )  # fmt: skip
-
-
-def log_misfits(curves: np.ndarray, trained: np.ndarray | None = None) -> tuple[float, float]:
-    """Return the rms log misfit of each place to a gain, and to a curve, of the other place."""
-    trained = curves if trained is None else trained
-    flat = curves - curves[::-1].mean(axis=1, keepdims=True)
-    bent = curves - trained[::-1]
-    return float(np.sqrt(np.mean(flat**2))), float(np.sqrt(np.mean(bent**2)))
-
-
-def _levels(records, dt, edges):
-    """Return multitaper amplitudes in bands (2, N_BANDS)."""
-    n = records.shape[1]
-    frequency = fft.rfftfreq(n, dt)
-    tapers = signal.windows.dpss(n, WIDTH, TAPERS)
-    power = np.mean(np.abs(fft.rfft(records[:, None] * tapers)) ** 2, axis=1)
-    index = np.digitize(frequency, edges) - 1
-    if len(np.unique(index[(index >= 0) & (index < N_BANDS)])) < N_BANDS:
-        raise InputError(f"sensor_response.band: {n} samples are too few for {N_BANDS} bands")
-    return np.sqrt(np.stack([power[:, index == k].mean(axis=1) for k in range(N_BANDS)], axis=1))
-
-
-def _span(curves, edges, response):
-    """Return the ratio of largest to smallest response and the frequency of the largest."""
-    spans = np.exp(np.ptp(curves, axis=1))
-    loudest = int(np.argmax(response))
-    return {
-        "span": (float(np.exp(np.ptp(response))), float(spans.min()), float(spans.max())),
-        "loudest": (float(np.sqrt(edges[loudest] * edges[loudest + 1])),
-                    float(edges[loudest]), float(edges[loudest + 1])),
-    }  # fmt: skip

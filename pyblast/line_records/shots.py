@@ -113,6 +113,7 @@ def correlation(
 
 OUTCOMES = ("NAMED", "CLASS", "UNKNOWN", "NULL")
 SIGNIFICANCE = 0.05
+NEEDED = 0.5  # of what an effect could explain of held-out records, for a name
 
 
 @dataclass(frozen=True)
