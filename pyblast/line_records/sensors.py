@@ -9,6 +9,7 @@ from .shots import NEEDED, SIGNIFICANCE, Decision, permutation_p, phase_randomis
 
 N_CURVES, N_BANDS, TAPERS, WIDTH = 999, 24, 7, 4.0
 KINDS = {"a geophone": 2, "an accelerometer": 0}  # power of the frequency below the corner
+RESOLVED = 2.0  # largest ratio of the ends of the interval of a corner
 N_CORNERS, DAMPINGS = 8, (0.1, 0.7)  # where the fit of a corner starts
 MIDDLES = (np.arange(8) + 0.5) / 8  # of a band, at which its power is averaged
 
@@ -41,11 +42,12 @@ def sensor_response(
     Decision
         "instrument_response" of the other sensor, or a class of both. "departure": rms of the log
         ratio about one gain. Where a sensor of one corner explains more than half of that at the
-        place that was not fitted, "corner" [Hz] and "damping" (of critical) as well, of the
-        response of the first to the second, or of its inverse if the first is the reference:
-        above the corner flat as of a geophone, or below it as of an accelerometer. ``held_out``:
-        rms of the log ratio at a place, after a constant gain and after the curve of the other
-        place; a name needs more than half of the departure explained.
+        place that was not fitted, and its corner is known within a factor of 2, "corner" [Hz] and
+        "damping" (of critical) as well, of the response of the first to the second, or of its
+        inverse if the first is the reference: above the corner flat as of a geophone, or below it
+        as of an accelerometer. ``held_out``: rms of the log ratio at a place, after a constant
+        gain and after the curve of the other place; a name needs more than half of the departure
+        explained.
 
     Notes
     -----
@@ -81,7 +83,7 @@ def sensor_response(
         parameters |= fitted
         why += f"; one corner, as of {kind}"
     elif significant:
-        why += "; no sensor of one corner explains half of it at the other place"
+        why += "; no corner in the band is resolved"
     if outcome == "CLASS":
         why += "; which of the two is not flat needs a reference"
     return Decision(
@@ -118,7 +120,7 @@ def _size(response):
 
 
 def _one_corner(response, frequency):
-    """Return the kind of a sensor of one corner with its parameters; None if none suffices.
+    """Return the kind of a sensor of one corner with its parameters; None if none is resolved.
 
     Each place is fitted alone and has to explain the other; ends are 90 % intervals from the
     scatter about the fit of both.
@@ -141,6 +143,8 @@ def _one_corner(response, frequency):
     sigma = np.sqrt(np.diag(np.linalg.pinv(fit.jac.T @ fit.jac)) * 2.0 * fit.cost / freedom)
     ends = [np.clip(fit.x + side * 1.645 * sigma, *_bounds(frequency)) for side in (0.0, -1.0, 1.0)]
     best, low, high = np.exp(ends)
+    if high[0] > RESOLVED * low[0]:
+        return None
     return kind, {
         name: (float(best[n]), float(low[n]), float(high[n]))
         for n, name in enumerate(("corner", "damping"))
