@@ -2,8 +2,9 @@
 
 Two steps: `seal` draws what is concealed in each trial from a seed and writes the SHA-256 of each
 truth, with its salt, into simulated_truths.json; `run` makes project files, calls the command,
-opens the truths, and writes simulated.json. Arguments: the step, the folder of recordings, a
-folder for project files and runs.
+opens the truths, and keeps their rows; `gather` writes simulated.json and the table of the page.
+Arguments: the step, the folder of recordings, a folder for project files and runs, and a part such
+as 0/2.
 """
 
 import hashlib
@@ -21,6 +22,8 @@ from scipy import fft
 SEED = 20261123
 SEALED = Path(__file__).with_name("simulated_truths.json")
 ROWS = Path(__file__).with_name("simulated.json")
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "quality" / "real_recordings.md"
+BEGIN, END = "<!-- simulated: begin -->\n", "<!-- simulated: end -->"
 HAMMER = [
     *["gain", "polarity", "clock", "coordinates"] * 3,
     *["swap", "response", "clip", "loss"] * 2,
@@ -293,11 +296,56 @@ def gather(folder):
         row["explained_by_truth"] = float(np.mean(best)) if best else None
         if best and row["explained_after"] is not None and row["right"]:
             row["right"] = bool(row["explained_after"] > NEEDED * row["explained_by_truth"])
+    best = {}
+    for path in folder.glob("*/*/diagnosis.json"):
+        said = json.loads(path.read_text(encoding="utf-8"))
+        best[path.parts[-3], said["wall_s"]] = said["evidence"]["best_labels"]
     for row in rows:
         row.pop("receivers", None)
+        row["best"] = best.get((row["set"], row.get("wall_s")), [])
     text = ",\n".join(json.dumps(row) for row in rows)
     text = json.dumps(json.loads(f"[{text}]", parse_float=lambda x: float(f"{float(x):.4g}")))
     ROWS.write_text(text.replace("}, {", "},\n{") + "\n", encoding="utf-8")
+    write_table(json.loads(text))
+
+
+def table(rows):
+    """Return the rows of the page on real recordings, and what they sum up to."""
+    lines = [
+        "| set | concealed | at | answer | named, or best candidate | right "
+        "| explained before, after, by the truth |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        shares = [row.get(f"explained_{when}") for when in ("before", "after", "by_truth")]
+        shares = ", ".join("–" if share is None else f"{share:.2f}" for share in shares)
+        found = ", ".join(row["named"]) or f"({', '.join(row.get('best') or ['–'])})"
+        where = " and ".join(row["targets"])
+        kind = "nothing" if row["concealed"] is None else row["concealed"]
+        right = "yes" if row["right"] else "no" if row["named"] or kind == "nothing" else "–"
+        lines.append(
+            f"| {row['set']} | {kind} | {where} | {row['outcome']} | {found} | {right} | {shares} |"
+        )
+    hidden = [row for row in rows if row["concealed"] is not None]
+    nulls = [row for row in rows if row["concealed"] is None]
+    named = [row for row in rows if row["named"]]
+    right = [row for row in hidden if row["right"]]
+    alarms = [row for row in nulls if row["named"]]
+    lines += [
+        "",
+        f"{len(rows)} of the {len(drawn())} sealed trials have run. "
+        f"{len(right)} of {len(hidden)} concealed effects were named rightly (target two thirds), "
+        f"{len([r for r in named if r['right']])} of {len(named)} names were right, and "
+        f"{len(alarms)} of {len(nulls)} untouched sets had a name.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def write_table(rows):
+    """Write the table into the page between its marks."""
+    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+    text = before + BEGIN + table(rows) + END + rest.split(END)[1]
+    PAGE.write_text(text, encoding="utf-8")
 
 
 def main():
