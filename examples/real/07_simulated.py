@@ -289,12 +289,13 @@ def run(recordings, folder, part=(0, 1)):
 def gather(folder):
     """Write simulated.json from the rows of all parts."""
     rows = [json.loads(line) for line in (folder / "rows.jsonl").read_text().splitlines()]
+    rows = [row for row in rows if row["outcome"] != "FAILED"]
     rows.sort(key=lambda row: row["trial"])
     for row in rows:
         nulls = [r["receivers"] for r in rows if r["set"] == row["set"] and r["concealed"] is None]
         best = [r[row["targets"][0]] for r in nulls if row["targets"] and row["targets"][0] in r]
         row["explained_by_truth"] = float(np.mean(best)) if best else None
-        if best and row["explained_after"] is not None and row["right"]:
+        if best and row["right"] and row["concealed"] != "clip":
             row["right"] = bool(row["explained_after"] > NEEDED * row["explained_by_truth"])
     best = {}
     for path in folder.glob("*/*/diagnosis.json"):
