@@ -87,7 +87,7 @@ def main(arguments):
         }  # fmt: skip
         if name == "waves":
             _key_figures(results)
-        ordered = {part: results[part] for part in (*PARTS, "site") if part in results}
+        ordered = {part: results[part] for part in (*PARTS, "site", "diagnosis") if part in results}
         write_text(RESULTS, json.dumps(ordered, indent=1) + "\n")
     if effort != "quick":
         page.write(PARTS, results)

@@ -6,17 +6,17 @@ import numpy as np
 
 from pyblast.diagnosis import library  # noqa: F401  fills the library
 from pyblast.diagnosis.hypotheses import LIBRARY
-from pyblast.project.flat_box import constant_q, flat_model
+from pyblast.project.elements import for_band
+from pyblast.project.flat_box import constant_q
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
-from pyblast.workflows.diagnose import cut_of
 
 from .blind.sites import AFTER, BAND, DT, draw_site, project_of
 from .marching import LEDGER_EVERY, Steps
 from .timing import interleaved, median, on, ratio
 
 TITLE = "Single precision"
-BLAST, DRAWN, CLOSED = "B2", 31, 0.5  # as of the zones of a diagnosis
+BLAST, DRAWN, CLOSED = "B2", 31, 0.5  # as of the hexahedra of a diagnosis
 QUALITY = 40.0, 20.0
 SITES = {"quick": 1, "usual": 4, "long": 12}
 NAMES = "double", "single"
@@ -24,7 +24,7 @@ ROUNDS = 40  # of a march, that fit into the records
 
 
 def measure(effort):
-    """Return ns of a zone and step, their ratios, and the largest differences over the peak."""
+    """Return ns of a node and step, their ratios, and the largest differences over the peak."""
     drawn = [project_of(draw_site(np.random.default_rng([DRAWN, n]))) for n in range(SITES[effort])]
     found = {}
     for law, changed in laws().items():
@@ -53,8 +53,7 @@ def laws():
 
 def in_eight(site):
     """Return the model of the largest blast as a diagnosis runs it, but in eight bytes."""
-    cut = cut_of(site)
-    return replace(flat_model(site, BLAST, cut), single=False)
+    return site.changed(mesh=for_band(site, BAND[1])).of(BLAST).model
 
 
 def difference(model):
@@ -68,13 +67,13 @@ def difference(model):
 
 
 def times(model):
-    """Return ns of a zone and step of one thread both ways, and their ratio."""
+    """Return ns of a node and step of one thread both ways, and their ratio."""
     ready = {name: prepare(replace(model, single=name == "single"), AFTER * DT) for name in NAMES}
     n_steps = LEDGER_EVERY * max(1, ready["double"].n_steps // LEDGER_EVERY // ROUNDS)
     took = interleaved({name: on(1, Steps(one, n_steps)) for name, one in ready.items()})
-    count = n_steps * len(model.mesh.zones) * 1e-9
+    count = n_steps * len(model.nodes.points) * 1e-9
     return {
-        "zones": len(model.mesh.zones),
+        "nodes": len(model.nodes.points),
         **{f"ns, {name}": median(some) / count for name, some in took.items()},
         "ratio": ratio(took["double"], took["single"]),
     }
@@ -83,14 +82,14 @@ def times(model):
 def lines(found):
     """Return the table of this part."""
     told = [
-        "Sites drawn as those of the blind benchmark, zones of 15 nodes as a diagnosis uses them; "
+        "Sites drawn as those of the blind benchmark, hexahedra as a diagnosis uses them; "
         "one thread. Energies that pressure stores in closed joints are good to 1e-3 only.",
         "",
-        "| ground | zones | ns a zone and step | single precision | times as fast "
+        "| ground | nodes | ns a node and step | single precision | times as fast "
         "| largest difference over the peak |",
         "|---|---|---|---|---|---|",
     ]
     for law, one in found.items():
-        each = [f"{one[key]:.0f}" for key in ("zones", "ns, double", "ns, single")]
+        each = [f"{one[key]:.0f}" for key in ("nodes", "ns, double", "ns, single")]
         told.append(f"| {law} | {' | '.join(each)} | {one['ratio']:.2f} | {one['apart']:.0e} |")
     return told

@@ -5,7 +5,7 @@ module pyblast_mohr_coulomb
     use pyblast_principal_stresses, only : cross, principal
     implicit none
     private
-    public :: mohr_coulomb, yield_margins
+    public :: flow_plastically, mohr_coulomb, plastic_flow, share, yield_margins
 
     real(dp), parameter :: rounding = 1e-12_dp
 
@@ -22,8 +22,7 @@ contains
         real(dp), intent(inout) :: state(n_zone_state)
         real(dp), intent(out) :: stress(6), stored
         real(dp), intent(inout) :: lost              !! [J/m3]
-        real(dp) :: n_phi, n_psi, uniaxial, cutoff, value(3), axes(3, 3), flow(3), change(6), part
-        integer :: k
+        real(dp) :: n_phi, n_psi, uniaxial, cutoff, value(3), axes(3, 3), flow(3)
 
         stress = initial + hooke(lambda, shear, strain - state(7:12))
         call strength(property, state(13), state(14), n_phi, n_psi, uniaxial, cutoff)
@@ -31,23 +30,39 @@ contains
             call principal(stress, value, axes)
             if (n_phi*value(1) - value(3) > uniaxial .or. value(1) > cutoff) then
                 flow = plastic_flow(lambda, shear, n_phi, n_psi, uniaxial, cutoff, value)
-                do k = 1, 3
-                    change(k) = sum(flow*axes(k, :)**2)
-                end do
-                change(4) = 2.0_dp*sum(flow*axes(2, :)*axes(3, :))
-                change(5) = 2.0_dp*sum(flow*axes(3, :)*axes(1, :))
-                change(6) = 2.0_dp*sum(flow*axes(1, :)*axes(2, :))
-                state(7:12) = state(7:12) + change
-                stress = initial + hooke(lambda, shear, strain - state(7:12))
-                lost = lost + work(0.5_dp*(stress + initial + state(1:6)), change)
-                part = -sum(min(flow, 0.0_dp))
-                state(13) = state(13) + (1.0_dp + n_psi)*part
-                state(14) = state(14) + max(0.0_dp, sum(flow) - (n_psi - 1.0_dp)*part)
+                call flow_plastically(lambda, shear, n_psi, initial, strain, flow, axes, state, &
+                                      stress, lost)
             end if
         end if
         state(1:6) = stress - initial
         stored = work(initial + 0.5_dp*state(1:6), strain - state(7:12))
     end subroutine mohr_coulomb
+
+    pure subroutine flow_plastically(lambda, shear, n_psi, initial, strain, flow, axes, state, &
+                                     stress, lost)
+        !! Add a principal plastic strain to the state; find the stress and the plastic work.
+        real(dp), intent(in) :: lambda, shear        !! Lame moduli [Pa]
+        real(dp), intent(in) :: n_psi                !! of dilation
+        real(dp), intent(in) :: initial(6), strain(6), flow(3), axes(3, 3)
+        real(dp), intent(inout) :: state(n_zone_state)
+        real(dp), intent(out) :: stress(6)
+        real(dp), intent(inout) :: lost              !! [J/m3]
+        real(dp) :: change(6), part
+        integer :: k
+
+        do k = 1, 3
+            change(k) = sum(flow*axes(k, :)**2)
+        end do
+        change(4) = 2.0_dp*sum(flow*axes(2, :)*axes(3, :))
+        change(5) = 2.0_dp*sum(flow*axes(3, :)*axes(1, :))
+        change(6) = 2.0_dp*sum(flow*axes(1, :)*axes(2, :))
+        state(7:12) = state(7:12) + change
+        stress = initial + hooke(lambda, shear, strain - state(7:12))
+        lost = lost + work(0.5_dp*(stress + initial + state(1:6)), change)
+        part = -sum(min(flow, 0.0_dp))
+        state(13) = state(13) + (1.0_dp + n_psi)*part
+        state(14) = state(14) + max(0.0_dp, sum(flow) - (n_psi - 1.0_dp)*part)
+    end subroutine flow_plastically
 
     pure subroutine yield_margins(n, property, lambda, shear, initial, strain, yield_margin)
         !! Strain that zones which never yielded can gain before one may; theory.md (2.43).

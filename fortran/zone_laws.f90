@@ -5,6 +5,7 @@ module pyblast_zone_laws
     !! has_memory is total: it gives the whole stress, initial stress included.
     use pyblast_kinds, only : dp, n_zone_properties, n_zone_state
     use pyblast_elasticity, only : anisotropic, hooke, work
+    use pyblast_hoek_brown, only : hoek_brown, hoek_brown_margins
     use pyblast_mohr_coulomb, only : mohr_coulomb, yield_margins
     implicit none
     private
@@ -29,6 +30,10 @@ contains
             signature = "mohr-coulomb: cohesion friction dilation tension cohesion_residual " &
                 // "friction_residual dilation_residual tension_residual shear_strain " &
                 // "tensile_strain | excess plastic_strain plastic_shear plastic_tension"
+        case (4)
+            signature = "hoek-brown: sigci m s a dilation tension m_residual s_residual " &
+                // "tension_residual shear_strain tensile_strain | excess plastic_strain " &
+                // "plastic_shear plastic_tension"
         case default
             signature = ""
         end select
@@ -39,7 +44,7 @@ contains
         integer, intent(in) :: law
         logical :: yes
 
-        yes = law == 3
+        yes = law == 3 .or. law == 4
     end function has_memory
 
     pure subroutine zone_yield_margins(law, n, property, lambda, shear, initial, strain, yield_margin)
@@ -54,6 +59,8 @@ contains
         select case (law)
         case (3)
             call yield_margins(n, property, lambda, shear, initial, strain, yield_margin)
+        case (4)
+            call hoek_brown_margins(n, property, lambda, shear, initial, strain, yield_margin)
         case default
             yield_margin = 0.0_dp
         end select
@@ -91,6 +98,8 @@ contains
         select case (law)
         case (3)
             call mohr_coulomb(property, lambda, shear, initial, strain, state, stress, stored, lost)
+        case (4)
+            call hoek_brown(property, lambda, shear, initial, strain, state, stress, stored, lost)
         case default
             stress = initial + elastic_stress(law, property, lambda, shear, strain)
             stored = 0.5_dp*work(stress - initial, strain) + work(initial, strain)

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 
     # Model: ground, joints, boundaries, sources, receivers
     from .model.model import InSitu, Model, Receiver, SpongeLayer
+    from .model.anisotropy import HoekBrown
     from .model.material import ConstantQ, Damping, Material, MohrCoulomb
     from .model.joint import Joint
     from .model.boundary import Fixed, FreeField, Roller, StressInput, VelocityInput, Viscous
@@ -67,9 +68,9 @@ __all__ = [
     # Mesh
     "Mesh", "build_mesh", "structured_box", "read_mesh",
     # Model: ground, joints, boundaries, sources, receivers
-    "InSitu", "Model", "Receiver", "SpongeLayer", "ConstantQ", "Damping", "Material", "MohrCoulomb",
-    "Joint", "Fixed", "FreeField", "Roller", "StressInput", "VelocityInput", "Viscous", "PlaneWave",
-    "Hole", "PointForce", "TimeFunction",
+    "InSitu", "Model", "Receiver", "SpongeLayer", "ConstantQ", "Damping", "HoekBrown", "Material",
+    "MohrCoulomb", "Joint", "Fixed", "FreeField", "Roller", "StressInput", "VelocityInput",
+    "Viscous", "PlaneWave", "Hole", "PointForce", "TimeFunction",
     # Solve
     "simulate",
     # Project files: read, check, run, report

@@ -16,6 +16,7 @@ the tables alone.
 """
 
 import json
+import re
 import sys
 import time
 from dataclasses import replace
@@ -214,7 +215,8 @@ def table(result):
 def _grown(row):
     """Return the cell of a growth: what is left, and the rate where that is more than rounding."""
     if row["rate_per_s"] is None:
-        return "**stopped: it grew beyond five times the start**"
+        when = re.search(r"the energy at ([\d.e+-]+) s", row["stopped"])
+        return f"**grows: the run stopped{f' at {when[1]} s' if when else ''}**"
     if row["left"] < ROUNDING:
         return f"{row['left']:.1e}"
     cell = f"{row['left']:.1e}, {row['rate_per_s']:+.2g}"

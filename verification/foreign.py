@@ -1,9 +1,12 @@
 """Sites recorded by an independent program, diagnosed, and only then set beside their truth.
 
     python -m verification.foreign [FOLDER OF CASES] [--keep FOLDER] [case ...]
+    python -m verification.foreign --sites [FOLDER OF SITES] [--keep FOLDER] [case ...]
 
-Nothing of these truths enters the program: they are read here, after the answer is written. Rows
-that ``verification/foreign.json`` has already are kept, so a study that was stopped goes on.
+The first has flat layers and upright joints, as case folders; the second has real geometry, as
+project files (in ``PYBLAST_SITES`` by default). Nothing of these truths enters the program: they
+are read here, after the answer is written. Rows that ``verification/foreign.json`` or
+``verification/sites.json`` has already are kept, so a study that was stopped goes on.
 """
 
 import json
@@ -15,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.timing import machine
 from pyblast.inference.records import band_functions
 from pyblast.project.result import write_text
 from pyblast.recordings.recording import read_stations
@@ -22,9 +26,9 @@ from pyblast.runs.parallel import workers
 from pyblast.workflows.diagnose import diagnose_folder, predict_file
 
 ROOT = Path(__file__).resolve().parents[1]
-OUT = ROOT / "verification" / "foreign.json"
 PAGE = ROOT / "docs" / "quality" / "diagnosis.md"
-BEGIN, END = "<!-- cases: from verification/foreign.json -->", "<!-- end of cases -->"
+STUDIES = {"cases": "foreign.json", "sites": "sites.json"}
+PROJECT = "B2.toml"
 BLAST = "H1"
 MISFIT = "misfit of the further blast, calibrated → diagnosed"
 
@@ -32,16 +36,20 @@ MISFIT = "misfit of the further blast, calibrated → diagnosed"
 def judged(cases, name, keep, executor):
     """Diagnose one case, predict its further blast, and open its truth."""
     folder, out = cases / name, keep / name
+    if (folder / PROJECT).is_file():
+        folder = folder / PROJECT
     answer = diagnose_folder(folder, out, executor=executor, progress=_told)
     truth_folder = cases / "truth" / name
     misfits = {}
     for model, baseline in (("diagnosed", False), ("calibrated", True)):
         path = out / f"{model}.mseed"
         predict_file(folder, out, answer, truth_folder / f"{BLAST}_holes.csv", path, baseline)
-        misfits[model] = _misfit(truth_folder / f"{BLAST}.mseed", path, folder)
+        misfits[model] = _misfit(truth_folder / f"{BLAST}.mseed", path, _band(folder))
     truth = tomllib.loads((truth_folder / "truth.toml").read_text())
+    geometry = {"geometry": truth["template"]} if "template" in truth else {}
     return {
         "truth": truth["effects"],
+        **geometry,
         "outcome": answer["outcome"],
         "labels": [one["label"] for one in answer["effects"]],
         "named": [one["label"] for one in answer["effects"] if one["named"]],
@@ -55,7 +63,22 @@ def judged(cases, name, keep, executor):
         "runs": answer["runs"],
         "wall_s": answer["wall_s"],
         "kept_s": answer["kept_s"],
+        "machine": machine(),
+        "load": round(os.getloadavg()[1], 1),
     }
+
+
+def times(rows):
+    """Return the median and the longest time of diagnoses with their machine and load.
+
+    Kept runs count as if they had been run again on all processors.
+    """
+    seconds = [row["wall_s"] + row["kept_s"] / os.cpu_count() for row in rows]
+    return {
+        "median_s": round(float(np.median(seconds)), 1), "worst_s": round(max(seconds), 1),
+        "cases": len(rows), "machine": rows[-1]["machine"],
+        "load": max(row["load"] for row in rows),
+    }  # fmt: skip
 
 
 def _told(stage, done, total):
@@ -63,14 +86,20 @@ def _told(stage, done, total):
     print(f"  {stage} {done}/{total}", flush=True)
 
 
-def _misfit(recorded, predicted, folder):
+def _band(folder):
+    """Return the band in Hz that a case folder or a project compares."""
+    if folder.is_file():
+        return tomllib.loads(folder.read_text())["diagnosis"]["band_hz"]
+    return tomllib.loads((folder / "site.toml").read_text())["recording"]["band_hz"]
+
+
+def _misfit(recorded, predicted, band_hz):
     """Return the median over receivers of the energy of the difference over that of the record."""
-    table = tomllib.loads((folder / "site.toml").read_text())["recording"]
     there, here = (read_stations(path) for path in (recorded, predicted))
     found = []
     for name, one in there.items():
         record = one.seismogram
-        band = band_functions(len(record.velocity), record.dt, table["band_hz"])
+        band = band_functions(len(record.velocity), record.dt, band_hz)
         data, model = (v.T @ band.basis for v in (record.velocity, here[name].seismogram.velocity))
         found.append(np.sum((data - model) ** 2) / np.sum(data**2))
     return round(float(np.median(found)), 5)
@@ -79,15 +108,18 @@ def _misfit(recorded, predicted, folder):
 def table(rows):
     """Return the lines of the table in the page."""
     heads = "case", "truth", "outcome", "effects reported", "explained", MISFIT, "runs", "min"
+    if any("geometry" in row for row in rows.values()):
+        heads = (heads[0], "geometry", *heads[1:])
     yield "| " + " | ".join(heads) + " |"
-    yield "|---|---|---|---|---|---|---|---|"
+    yield "|---" * len(heads) + "|"
     for name, row in sorted(rows.items()):
         said = ", ".join(row["labels"]) or "–"
+        where = f" | {row['geometry']}" if "geometry" in row else ""
         before, after = (
             100.0 * row["further_blast_misfit"][k] for k in ("calibrated", "diagnosed")
         )
         yield (
-            f"| {name} | {', '.join(row['truth'])} | {row['outcome']} | {said} | "
+            f"| {name}{where} | {', '.join(row['truth']) or 'null'} | {row['outcome']} | {said} | "
             f"{row['explained']:.2f} | {before:.1f} → {after:.1f} % | {row['runs']} | "
             f"{(row['wall_s'] + row.get('kept_s', 0.0) / os.cpu_count()) / 60.0:.0f} |"
         )
@@ -95,6 +127,8 @@ def table(rows):
 
 def main(arguments):
     """Diagnose the cases that are asked for, and write the page."""
+    study = "sites" if "--sites" in arguments else "cases"
+    arguments = [one for one in arguments if one != "--sites"]
     keep = None
     if "--keep" in arguments:
         at = arguments.index("--keep")
@@ -102,22 +136,31 @@ def main(arguments):
         del arguments[at : at + 2]
     names = [one for one in arguments if one.startswith("case-")]
     folders = [one for one in arguments if one not in names]
-    cases = Path(folders[0] if folders else ROOT.parent / "shared" / "cases")
+    given = os.environ.get("PYBLAST_SITES") if study == "sites" else None
+    cases = Path(folders[0] if folders else given or ROOT.parent / "shared" / study)
     if not (cases / "truth").is_dir():
         print(f"foreign: skipped, no case folders in {cases}")
         return
-    rows = json.loads(OUT.read_text()) if OUT.is_file() else {}
+    out = ROOT / "verification" / STUDIES[study]
+    rows = json.loads(out.read_text()) if out.is_file() else {}
     with tempfile.TemporaryDirectory() as temporary, workers() as executor:
         for name in names or sorted(p.name for p in cases.glob("case-*")):
             if name in rows:
                 continue
             print(name, flush=True)
-            rows[name] = judged(cases, name, keep or Path(temporary), executor)
-            print(f"  {rows[name]}", flush=True)
-            write_text(OUT, json.dumps(dict(sorted(rows.items())), indent=1) + "\n")
+            row = judged(cases, name, keep or Path(temporary), executor)
+            rows = (json.loads(out.read_text()) if out.is_file() else {}) | {name: row}
+            print(f"  {row}", flush=True)
+            write_text(out, json.dumps(dict(sorted(rows.items())), indent=1) + "\n")
+    _write_page(study, rows)
+
+
+def _write_page(study, rows):
+    """Write the table of a study into the page."""
+    begin, end = f"<!-- {study}: from verification/{STUDIES[study]} -->", f"<!-- end of {study} -->"
     text = PAGE.read_text()
-    before, after = text.split(BEGIN)[0], text.split(END)[1]
-    write_text(PAGE, before + "\n".join([BEGIN, *table(rows), END]) + after)
+    before, after = text.split(begin)[0], text.split(end)[1]
+    write_text(PAGE, before + "\n".join([begin, *table(rows), end]) + after)
 
 
 if __name__ == "__main__":

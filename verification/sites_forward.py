@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import obspy
 
-from pyblast.project.config import Config
+from pyblast.config.config import Config
 from pyblast.project.project import load_project, make_project
 from pyblast.project.result import write_text
 from pyblast.solver.preparation import prepare

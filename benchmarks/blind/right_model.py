@@ -12,7 +12,6 @@ from pyblast.diagnosis.fitting import fit, fit_partly
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY, blast_and_hole
 from pyblast.diagnosis.search import starting_effects
-from pyblast.workflows.diagnose import cut_of
 
 from .case_files import read_asked
 from .running import case_in, predictions
@@ -31,8 +30,8 @@ def right(store: Path, name: str, truth: dict) -> dict:
     """
     case = case_in(store, name)
     runs = store / "runs" / name
-    forward = Forward(case, cut_of(case.project), runs)
-    baseline = calibrate(forward, Forward(case, cut_of(case.project, fine=True), runs))
+    forward = Forward(case, runs)
+    baseline = calibrate(forward, Forward(case, runs, fine=True))
     motion = motion_of(store, name, truth)
     found = {"length": length(case, baseline, motion), "predicted": None}
     scene = Scene(forward, baseline, forward.hole_motion(baseline.project))

@@ -21,7 +21,7 @@ from pyblast.model.model import Receiver
 from pyblast.project.case_folder import read_case_folder
 from pyblast.project.result import plain
 from pyblast.runs.parallel import WHOLE, code_hash
-from pyblast.workflows.diagnose import cut_of, diagnose
+from pyblast.workflows.diagnose import diagnose
 
 from .case_files import read_asked
 from .sealing import LOCKS, freeze
@@ -69,11 +69,10 @@ def predictions(case, asked, values, effects, folder) -> dict:
         lists of few digits, and the names of ``blasts`` and ``receivers``.
     """
     blast, place = asked
-    cut = cut_of(case.project)
-    further = predict(case, cut, blast, values, effects, folder)
+    further = predict(case, blast, values, effects, folder)
     there = case.project.changed(receivers=(Receiver(HIDDEN, place),))
     project = diagnosed(there, values, effects)
-    forward = Forward(replace(case, project=there, receivers=(HIDDEN,)), cut, folder)
+    forward = Forward(replace(case, project=there, receivers=(HIDDEN,)), folder, fine=True)
     changed = [_fired(project, name, effects) for name in case.blasts]
     heard = forward.simulate([(one, b) for (one, _), b in zip(changed, case.blasts, strict=True)])
     hidden = np.stack([delayed(v, -lead) for v, (_, lead) in zip(heard, changed, strict=True)])

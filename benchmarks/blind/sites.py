@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pyblast.blasts.blast import Blast, Firing
+from pyblast.config.config import check_config
 from pyblast.mesh.mesh import Mesh
 from pyblast.model.boundary import Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.material import Damping, Material
 from pyblast.model.model import Model, Receiver, SpongeLayer
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.project.config import check_config
 from pyblast.project.flat_box import OUTER, Discretization, FlatBox, Plane, flat_mesh
 from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project
@@ -124,7 +124,7 @@ def project_of(site: Site) -> Project:
         "holes_inside": {"moment_rate_file": "source.csv"},
         "diagnosis": {"noise_window_s": list(site.noise_window)},
     }  # fmt: skip
-    inside = Inside(Firing(np.zeros(1), 1.0), site.moment_rate, (), (), (), None)
+    inside = Inside(Firing(np.zeros(1), np.ones(1)), site.moment_rate, (), (), (), None)
     given = {"inside": inside, "receivers": site.receivers, "records": {}}
     config = check_config(tables)
     ground = {
@@ -135,7 +135,7 @@ def project_of(site: Site) -> Project:
         replace(make_project(config, "drawn.toml", {**given, "blast": blast}), name=name, **ground)
         for name, blast in site.blasts.items()
     )
-    return replace(first, further=tuple(further))
+    return replace(first, further=tuple(further)).changed(blasts=site.blasts)
 
 
 def draw_site(rng, poor=False) -> Site:

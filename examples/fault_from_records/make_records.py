@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from pyblast import simulate
-from pyblast.project.config import check_config
+from pyblast.config.config import check_config
 from pyblast.project.project import make_project
 from pyblast.project.result import write_csv
 

@@ -18,7 +18,7 @@ import numpy as np
 from pyblast import back_analyse, design_survey, read_gather
 from pyblast.back_analysis.parameters import simulate
 from pyblast.back_analysis.trials import evaluate
-from pyblast.project.config import check_config
+from pyblast.config.config import check_config
 from pyblast.project.project import make_project
 from pyblast.project.result import write_csv
 from pyblast.workflows.back_analysis import RESULT, slip_summary

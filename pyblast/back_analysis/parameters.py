@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..config.config import BackAnalysisConfig
+from ..config.section import check_path
 from ..errors import InputError, named_error
 from ..inference.parameter import Parameter
-from ..project.config import BackAnalysisConfig
 from ..project.project import CHEAP, Project, load_project, vary
-from ..project.section import check_path
 from ..signals.seismogram import Seismogram
 from ..solver.assembly import time_step
 from ..solver.run import run_many

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..config.config import ReceiverConfig
 from ..core import BATCH_SIZE
 from ..errors import InputError
 from ..inference.covariance import LEVELS
 from ..inference.gauss_newton import DIFFERENCE
 from ..inference.parameter import Parameter, Problem, problem_of
 from ..inference.records import band_functions
-from ..project.config import ReceiverConfig
 from ..project.inputs import input_band
 from ..project.places import on_ground
 from ..project.project import Project, make_project

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from ..config.section import number_paths, value_at
 from ..errors import InputError, PyblastError
 from ..inference.error_model import mesh_error
 from ..inference.likelihood import Gaussian, InferredLevels, Likelihood
@@ -12,7 +13,6 @@ from ..inference.records import Noise, Records, band_functions, check_sampling, 
 from ..project.elements import convergence
 from ..project.inputs import input_band
 from ..project.project import Project, vary
-from ..project.section import number_paths, value_at
 from .parameters import simulate
 
 SAMPLES_PER_PERIOD = 8.0  # of the highest frequency of the band

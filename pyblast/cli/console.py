@@ -3,6 +3,8 @@
 Modules that take long to load are imported where they are used.
 """
 
+import codecs
+import io
 import math
 import sys
 import time
@@ -41,9 +43,26 @@ STAGES = {
     "analyses": "analyses of lines",
     "writing": "results and report",
 }
+ASCII = {
+    "°": " deg", "×": "x", "√": "sqrt ", "–": "-", "−": "-", "…": "...", "µ": "u", "²": "2",
+    "³": "3",
+}  # fmt: skip
 WIDE = None if sys.stdout.isatty() else 120  # columns of a log
 _out = Console(highlight=False, soft_wrap=True, width=WIDE)
 _err = Console(highlight=False, soft_wrap=True, stderr=True)
+
+
+def _spelt(error: UnicodeError) -> tuple[str, int]:
+    """Spell what the encoding of a terminal lacks."""
+    assert isinstance(error, UnicodeEncodeError)
+    lacking = error.object[error.start : error.end]
+    return "".join(ASCII.get(letter, "?") for letter in lacking), error.end
+
+
+codecs.register_error("spelt", _spelt)
+for _stream in (sys.stdout, sys.stderr):
+    if isinstance(_stream, io.TextIOWrapper):
+        _stream.reconfigure(errors="spelt")
 
 
 def say(text: object) -> None:

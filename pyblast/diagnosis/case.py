@@ -7,8 +7,8 @@ import numpy as np
 from ..errors import InputError, named_error
 from ..inference.records import COMPONENTS, Records, band_functions, gather, noise_of
 from ..model.model import Receiver
-from ..project.elements import for_band
-from ..project.flat_box import band_of, check_flat, flat_box, not_flat, place_in_box
+from ..project.elements import for_band, horizontal_positions
+from ..project.flat_box import band_of, check_flat, not_flat
 from ..project.ground import damages_material
 from ..project.project import Project
 from ..signals.seismogram import GEOGRAPHIC, PASS_BAND
@@ -108,13 +108,12 @@ def _gathered(project, highest):
     A receiver is simulated along east and north if its record has both horizontals, else along the
     axes of its record.
     """
-    if not_flat(project):
-        project = _with_mesh(project, highest)
+    project = _with_mesh(project, highest)
     receivers, records, parts = {}, {}, {}
     for each in (project, *project.further):
         records[each.name] = {}
         parts[each.name] = {"blast": each.blast, "inside": each.inside}
-        for receiver in _receivers(each, project):
+        for receiver in each.receivers:
             position = tuple(map(float, receiver.position))
             if receivers.setdefault(receiver.name, (position, receiver.azimuth))[0] != position:
                 raise InputError(
@@ -149,7 +148,9 @@ def _with_mesh(project, highest):
     """
     reach = 0.5 * max(material.cs for material in project.materials.values()) / highest
     aside = reach * np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
-    within = np.concatenate([project.within + step for step in aside])
+    every = (project, *project.further)
+    positions = np.concatenate([horizontal_positions(each) for each in every])
+    within = np.concatenate([positions + step for step in aside])
     project = replace(project, given={**project.given, "within": within})
     project = project.changed(mesh=for_band(project, highest))
     shared = {"ground": project.ground}
@@ -161,13 +162,6 @@ def _with_mesh(project, highest):
         for each in project.further
     )
     return replace(project, given={**project.given, **shared}, further=further)
-
-
-def _receivers(blast, project):
-    """Return the receivers of the project of a blast: given, in a flat box, or in the mesh."""
-    if "receivers" in blast.given or not_flat(project):
-        return blast.receivers
-    return place_in_box(blast.config.receivers, flat_box(project))
 
 
 def _geographic(record, azimuth):

@@ -8,8 +8,8 @@ import numpy as np
 from scipy import fft
 
 from ..blasts.blast import Blast
-from ..errors import InputError
-from ..project.flat_box import Discretization, quality_of
+from ..errors import InputError, SolverError
+from ..project.flat_box import quality_of
 from ..project.project import Project
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated, calibrated_parameters, with_values
@@ -121,19 +121,31 @@ class Scene:
         Returns
         -------
         list of (n_blasts, n_receivers, 3, n_samples) float64, m/s, or None
-            None where effects are impossible.
+            None where effects are impossible, or cannot be simulated.
 
         Raises
         ------
         SolverError
-            If a run fails.
+            If a run without effects fails.
         """
         blasts = tuple(range(len(self.case.blasts)) if blasts is None else blasts)
         keys = [(tuple(map(float, values)), _acting(effects, "site")) for values, effects in states]
         projects = {key: self.project(*key) for key in dict.fromkeys(keys)}
         possible = [key for key, project in projects.items() if project is not None]
-        self._run([(key, b) for key in possible for b in blasts], projects)
+        possible = self._possible(possible, blasts, projects)
         return [self._gathered(key, blasts) if key in possible else None for key in keys]
+
+    def _possible(self, keys, blasts, projects):
+        """Run states and return those whose runs succeed; one by one if any fails."""
+        try:
+            self._run([(key, b) for key in keys for b in blasts], projects)
+        except (InputError, SolverError):
+            if len(keys) > 1:
+                return [key for key in keys if self._possible([key], blasts, projects)]
+            if not keys[0][1]:
+                raise
+            return []
+        return keys
 
     def _run(self, required, projects):
         """Run the states that are not stored, together with their mesh controls."""
@@ -155,13 +167,17 @@ class Scene:
             self._simulated[key, b] = motion + correction
 
     def _mesh_control(self, effects):
-        """Return the reference project with the mesh of effects, but without the effects."""
-        project = self.case.project
+        """Return the reference project with the mesh of effects, but without the effects.
+
+        Hexahedra need none: another grid of them changes less than the model error.
+        """
+        reference = project = self.case.project
         for effect in effects:
             control = effect.hypothesis.mesh_control
             if control is not None:
                 project = control(project, effect.target, **effect.parameters)
-        return project
+        alike = project is not reference and reference.mesh.hexahedral and project.mesh.hexahedral
+        return reference if alike else project
 
     def _gathered(self, key, blasts):
         """Return the motion of one state; records in blasts that were not asked for."""
@@ -260,7 +276,6 @@ def diagnosed(project: Project, values, effects: Sequence[Effect]) -> Project:
 
 def predict(
     case: Case,
-    cut: Discretization | None,
     blast: Blast,
     values,
     effects: Sequence[Effect] = (),
@@ -271,8 +286,6 @@ def predict(
     Parameters
     ----------
     case : Case
-    cut : Discretization or None
-        Discretization of a flat box, None for the mesh of the project.
     blast : Blast
     values : (n_calibrated,) float
         Values of a diagnosis.
@@ -295,17 +308,15 @@ def predict(
     """
     answer = diagnosed(case.project, values, effects)
     reference, project = (with_blast(each, FURTHER, blast) for each in (case.project, answer))
-    forward = Forward(replace(case, project=reference, blasts=(FURTHER,)), cut, folder)
+    forward = Forward(replace(case, project=reference, blasts=(FURTHER,)), folder, fine=True)
     scene = PredictionScene(forward, project)
     return with_motion_effects(scene, forward.motion(project), effects)[0]
 
 
 def with_blast(project: Project, name: str, blast: Blast) -> Project:
     """Return a project with a single blast in place of its own."""
-    parts = {k: v for k, v in project.given.items() if k not in ("records", "inside")}
-    single = replace(project, name=name, further=(), given={**parts, "blast": blast})
-    inside = replace(project.inside, firing=single.firing)
-    return replace(single, given={**single.given, "inside": inside})
+    parts = {key: part for key, part in project.given.items() if key != "records"}
+    return replace(project, name=name, further=(), given=parts).firing_as(blast)
 
 
 @dataclass(eq=False)

@@ -12,15 +12,7 @@ from ..errors import InputError
 from ..mesh.mesh import locate
 from ..model.model import Model, Receiver
 from ..project.elements import refined, with_laws
-from ..project.flat_box import (
-    Discretization,
-    flat_box,
-    flat_mesh,
-    flat_model,
-    ground_materials,
-    is_anisotropic,
-    not_flat,
-)
+from ..project.flat_box import ground_materials
 from ..project.ground import damages_material
 from ..project.inputs import make_input
 from ..project.places import on_ground, placed_again, refuse_outside
@@ -46,8 +38,6 @@ class Forward:
     Parameters
     ----------
     case : Case
-    cut : Discretization or None
-        Discretization of a flat box; None takes the mesh of the project.
     folder : path, optional
         Folder of stored runs.
     executor : Executor, optional
@@ -61,7 +51,6 @@ class Forward:
     """
 
     case: Case
-    cut: Discretization | None
     folder: str | None = None
     executor: Executor | None = None
     fine: bool = False
@@ -115,7 +104,7 @@ class Forward:
 
     def lead(self, blast: str) -> float:
         """Return the time in s from the start of a run to the first firing of a blast."""
-        return 0.0 if self.cut is not None else self.case.project.of(blast).lead
+        return self.case.project.of(blast).lead
 
     def hole_motion(self, project: Project) -> dict[str, np.ndarray]:
         """Simulate each hole with its planned charge, fired at zero, by blast.
@@ -170,16 +159,12 @@ class Forward:
         InputError
             If its ground can't be meshed, or a source or receiver lies outside of it.
         """
-        if self.cut is None:
-            return self._own(project, blast)
-        cut = self.cut.of(project.materials)
-        mesh = self._kept(geometry(project), lambda: flat_mesh(flat_box(project), cut))
-        return flat_model(project, blast, self.cut, mesh)
+        return self._own(project, blast)
 
     def holds(self, project: Project) -> bool:
         """Tell whether the ground of a project can be meshed and holds all its holes."""
         changed = geometry(project) != geometry(self.case.project)
-        if self.cut is not None or (project.config.holes_inside is None and not changed):
+        if project.config.holes_inside is None and not changed:
             return True
         try:
             for blast in self.case.blasts:
@@ -215,13 +200,11 @@ class Forward:
         """Return the mesh of a project, built once for its geometry."""
         alone = damages_material(project.config.ground)
         key = geometry(project), blast if alone else ""
-        return self._kept(key, lambda: _meshed(project, blast))
-
-    def _kept(self, key, build):
-        """Return the mesh of a key; the oldest is given up for a new one."""
         if key not in self._meshes:
             self._meshes = dict(list(self._meshes.items())[1 - MOST_MESHES :])
-            self._meshes[key] = build()
+            own = project.of(blast)
+            own = replace(own, given={**own.given, "ground": project.ground})
+            self._meshes[key] = own.mesh
         return self._meshes[key]
 
     def _sampled(self, seismograms: Mapping[str, Seismogram], lead: float = 0.0) -> np.ndarray:
@@ -246,22 +229,11 @@ def finer_mesh(project: Project):
     return refined(project.config.mesh, project.mesh.hexahedral, linear)
 
 
-def _meshed(project, blast):
-    """Return the mesh of a project for one blast."""
-    own = project.of(blast)
-    return replace(own, given={**own.given, "ground": project.ground}).mesh
-
-
 def geometry(project):
     """Return the parts of a project that determine its mesh, as a key."""
     config, surface = project.config, project.given.get("surface")
     laws = tuple((name, rock.law.name) for name, rock in project.materials.items())
     joints = tuple(joint.surface for joint in project.joints)
-    if not not_flat(project):
-        mesh = config.mesh
-        layers = tuple((layer.material, layer.thickness_m) for layer in mesh.layers)
-        planes = tuple(fault.model_dump_json() for fault in mesh.faults)
-        return layers, planes, joints, is_anisotropic(project.materials)
     tables = config.mesh, config.ground, config.boundaries
     heights = None if surface is None else np.asarray(surface, dtype=float).tobytes()
     return *(table.model_dump_json() for table in tables), heights, joints, laws
@@ -381,8 +353,6 @@ def probe_positions_inside(case: Case, receiver, offsets) -> list[np.ndarray] | 
     at = np.asarray(receiver.position, dtype=float)
     grid = [(x, y) for x in offsets for y in offsets]
     positions = [np.add(receiver.position, (x, y, 0.0)) for x, y in grid]
-    if not not_flat(case.project):
-        return positions
     mesh = case.project.mesh
     try:
         if "top" in mesh.surfaces:

@@ -82,6 +82,17 @@ def flat_layers(case: Case) -> str:
     )
 
 
+def remeshable(case: Case) -> str:
+    """Require ground that the project describes, so that it can be meshed with each change."""
+    mesh = case.project.config.mesh
+    if mesh.file is not None:
+        return (
+            f"the mesh is read from {mesh.file}, and its geometry can't be changed: describe the "
+            "ground by mesh.layers and mesh.faults"
+        )
+    return ""
+
+
 def holes_inside(case: Case) -> str:
     """Require holes as sources inside the model."""
     if all(each.config.holes_inside for each in (case.project, *case.project.further)):
@@ -213,9 +224,11 @@ def receivers_with_space(case: Case) -> tuple[str, ...]:
 def receivers_with_axes(case: Case) -> tuple[str, ...]:
     """Return the names of the receivers that recorded both, east and north."""
     rotated = {r.name for r in case.project.receivers if r.azimuth is not None}
-    both = case.valid.any(axis=(0, 3))[:, :2].all(axis=1)
+    both = np.all(np.any(case.valid, axis=(0, 3))[:, :2], axis=1)
     return tuple(
-        name for name, two in zip(case.receivers, both, strict=True) if two and name not in rotated
+        name
+        for name, two in zip(case.receivers, both.tolist(), strict=True)
+        if two and name not in rotated
     )
 
 
@@ -275,6 +288,8 @@ class Hypothesis:
         empty if it can.
     single : bool
         Whether only the best target is claimed, however many would pay.
+    further : tuple of (str, tuple of float)
+        Further starting values of some parameters, tried where the best screened target is.
     begins : callable or None
         ``(scene) -> tuple of values``, one of each parameter: a further starting point, estimated
         from the residuals of the calibrated site.
@@ -297,6 +312,7 @@ class Hypothesis:
     simulated: tuple[Callable, ...] = ()
     single: bool = False
     begins: Callable | None = None
+    further: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
     @property
     def name(self) -> str:
@@ -319,6 +335,7 @@ LIBRARY: dict[str, Hypothesis] = {}
 def hypothesis(
     label, *, family, on, target, axis, parameters, form="", targets=None, mesh_control=None,
     linear=True, decided_by="", needs=(), simulated=(), single=False, begins=None,
+    further=(),
 ):  # fmt: skip
     """Enter the decorated function into the library; arguments as of `Hypothesis`.
 
@@ -343,7 +360,7 @@ def hypothesis(
         entry = Hypothesis(
             label, form, " ".join(claim.split()), family, on, target, possible, axis,
             tuple(parameters), function, mesh_control, linear, decided_by, needs, simulated, single,
-            begins,
+            begins, tuple(further),
         )  # fmt: skip
         if entry.name in LIBRARY:
             raise InputError(f"hypothesis {entry.name}: is in the library already")

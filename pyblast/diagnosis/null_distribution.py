@@ -180,12 +180,14 @@ def _jacobians(
     fitted = {fit.where: fit for fit in fits if len(fit.effects) == 1}
     for result in screening:
         fit = fitted.get(frozenset([result.effect.where]))
-        change = likelihood.whiten(result.change)[None] if fit is None else fit.effect_jacobian
+        change = likelihood.whiten(result.change)[None]
+        if fit is not None and len(fit.effect_jacobian):
+            change = fit.effect_jacobian
         yield result.effect.label, [change], len(result.effect.hypothesis.targets(case))
     screened = {frozenset([result.effect.where]) for result in screening}
     for where, fit in fitted.items():  # forms that were not screened
         hypothesis = fit.effects[0].hypothesis
-        if hypothesis.on == "site" and where not in screened:
+        if hypothesis.on == "site" and where not in screened and len(fit.effect_jacobian):
             yield hypothesis.label, [fit.effect_jacobian], len(hypothesis.targets(case))
     for hypothesis in LIBRARY.values():
         if hypothesis.on == "site":

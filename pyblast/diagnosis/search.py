@@ -327,12 +327,28 @@ def _fit_by_runs(search, screening: Sequence[ScreeningResult], base, most):
         if result.effect.label in labels:
             continue
         labels.add(result.effect.label)
+        result = _from_further_starts(search, result)
         search.progress(f"fit {result.effect.label}", done, max(most, surely))
         runs_before = search.scene.forward.runs
         fitted = fit(search.scene, (*base.effects, result.effect), x_ref, result.blasts, base)
         if fitted is not None:
             search.add(fitted)
         done += search.scene.forward.runs > runs_before
+
+
+def _from_further_starts(search, result):
+    """Return the best screening result of an effect and of its hypothesis' further starts."""
+    effect, x_ref = result.effect, np.zeros(len(search.without_effects.values))
+    names = [parameter.name for parameter in effect.hypothesis.parameters]
+    tried = [result]
+    for name, starts in effect.hypothesis.further:
+        at, own = names.index(name), tried[0].effect.values
+        others = [replace(effect, values=(*own[:at], (start,), *own[at + 1 :])) for start in starts]
+        search.scene.simulate([(x_ref, (other,)) for other in others], result.blasts)
+        results = [_screening_result(search, other, x_ref, result.blasts) for other in others]
+        tried = [*tried, *filter(None, results)]
+        tried.sort(key=lambda each: -each.share)
+    return tried[0]
 
 
 def _refit_around_leaders(search):

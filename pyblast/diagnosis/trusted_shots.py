@@ -150,7 +150,7 @@ def learned(case: Case, motion: np.ndarray, least: float) -> Case:
     gave, in the mean, and never less than that of the median receiver.
     """
     recorded = _in_band(case, np.where(case.valid, case.motion, 0.0))
-    simulated = _in_band(case, np.where(case.valid.any(axis=-1)[..., None], motion, 0.0))
+    simulated = _in_band(case, np.where(np.any(case.valid, axis=-1, keepdims=True), motion, 0.0))
     energy = np.sum(recorded**2, axis=(2, 3))
     exists = energy > 0.0
     unit = np.where(exists, 1.0 / np.maximum(energy, 1e-300), 0.0)
@@ -186,7 +186,9 @@ def explained(case: Case, motion: np.ndarray) -> np.ndarray:
         Not a number where there is no record.
     """
     recorded = _in_band(case, np.where(case.valid, case.motion, 0.0))
-    residual = recorded - _in_band(case, np.where(case.valid.any(axis=-1)[..., None], motion, 0.0))
+    residual = recorded - _in_band(
+        case, np.where(np.any(case.valid, axis=-1, keepdims=True), motion, 0.0)
+    )
     energy = np.sum(recorded**2, axis=(2, 3))
     return np.where(
         energy > 0.0, 1.0 - np.sum(residual**2, axis=(2, 3)) / np.maximum(energy, 1e-300), np.nan

@@ -198,7 +198,9 @@ def gauss_newton(
     now = Minimum(np.asarray(x), simulated, problem.objective(x, simulated), jacobian)
     now.fresh = jacobian is not None
     if not len(now.x):
-        now.jacobian = problem.jacobian(now.x, simulated) if jacobian is None else jacobian
+        if jacobian is None and problem.jacobian is not None:
+            jacobian = problem.jacobian(now.x, simulated)
+        now.jacobian = jacobian
         now.hessian = np.zeros((0, 0))
         return now
     for _ in count() if rounds is None else range(rounds):

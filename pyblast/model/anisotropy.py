@@ -1,5 +1,6 @@
-"""Anisotropic and effective media: layered, schistose, jointed and saturated rock."""
+"""Rock masses as media: layered, schistose, jointed, saturated, broken (Hoek and Brown)."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..units import check_modulus
+from ..units import check_modulus, check_tangent
 from .material import Material
 
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
@@ -295,3 +296,148 @@ def saturated_rock(
     pores = porosity / fluid_bulk + (1.0 - porosity) / solid_bulk - share / solid_bulk
     bulk = dry.bulk + (1.0 - share) ** 2 / pores
     return replace(dry, density=dry.density + porosity * fluid_density, bulk=bulk)
+
+
+@dataclass(frozen=True)
+class HoekBrown:
+    """Hoek-Brown plasticity with tension cut-off, hardening or softening.
+
+    Largest compression ``sigma1 = sigma3 + sigci (m sigma3/sigci + s)**a``.
+
+    Parameters
+    ----------
+    sigci : float, Pa
+        Uniaxial compressive strength of the intact rock.
+    m, s, a : float
+        Of the rock mass; see `of_rock_mass`.
+    dilation : float
+        Tangent of the dilation angle.
+    tension : float or None, Pa
+        Tensile strength, at most and by default that of the surface, ``s sigci/m``.
+    m_residual, s_residual : float or None
+    tension_residual : float or None, Pa
+        Each is the peak value where not given.
+    shear_strain, tensile_strain : float
+        Plastic strains over which m and s, and the tension, fall to their residual values.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range, or the dilation exceeds the friction at high stress.
+
+    Notes
+    -----
+    E. Hoek, C. Carranza-Torres, B. Corkum, Hoek-Brown failure criterion - 2002 edition, Proc.
+    NARMS-TAC, Toronto 2002, 267-273; theory.md (2.49), (2.50). Softening depends on the mesh.
+
+    Examples
+    --------
+    >>> rock = HoekBrown.of_rock_mass(30e6, 15.0, 50.0, 0.5)
+    >>> round(rock.m, 3), round(rock.s, 5), round(rock.a, 3)
+    (1.387, 0.00127, 0.506)
+    """
+
+    sigci: float
+    m: float
+    s: float
+    a: float = 0.5
+    dilation: float = 0.0
+    tension: float | None = None
+    m_residual: float | None = None
+    s_residual: float | None = None
+    tension_residual: float | None = None
+    shear_strain: float = 0.0
+    tensile_strain: float = 0.0
+    name: ClassVar[str] = "hoek-brown"
+    branches = ()  # no relaxation
+
+    @classmethod
+    def of_rock_mass(
+        cls, sigci: float, mi: float, gsi: float, disturbance: float = 0.0, **law: float
+    ) -> "HoekBrown":
+        """Return the law of a rock mass.
+
+        Parameters
+        ----------
+        sigci : float, Pa
+        mi : float
+            Of the intact rock.
+        gsi : float
+            Geological strength index, 0 to 100.
+        disturbance : float
+            0, undisturbed, to 1, by blasting.
+        **law : float
+            Other parameters of the law.
+        """
+        if not 0.0 <= gsi <= 100.0 or not 0.0 <= disturbance <= 1.0 or not mi > 0.0:
+            raise InputError(
+                "material.gsi: needs gsi from 0 to 100, disturbance from 0 to 1 and a positive "
+                f"mi, got {gsi:g}, {disturbance:g} and {mi:g}"
+            )
+        m = mi * math.exp((gsi - 100.0) / (28.0 - 14.0 * disturbance))
+        s = math.exp((gsi - 100.0) / (9.0 - 3.0 * disturbance))
+        a = 0.5 + (math.exp(-gsi / 15.0) - math.exp(-20.0 / 3.0)) / 6.0
+        return cls(sigci, m, s, a, **law)
+
+    def __post_init__(self) -> None:
+        """Check the strengths."""
+        for name in ("sigci", "m"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise InputError(f"material.{name}: must be positive, got {getattr(self, name):g}")
+        for name in ("s", "dilation", "tension", "s_residual", "tension_residual",
+                     "shear_strain", "tensile_strain"):  # fmt: skip
+            value = getattr(self, name)
+            if value is not None and not 0.0 <= value < math.inf:
+                raise InputError(f"material.{name}: must be finite and not negative, got {value:g}")
+        if self.m_residual is not None and not 0.0 < self.m_residual < math.inf:
+            raise InputError(f"material.m_residual: must be positive, got {self.m_residual:g}")
+        if not 0.5 <= self.a <= 1.0:
+            raise InputError(f"material.a: must lie between 0.5 and 1, got {self.a:g}")
+        check_tangent("material.dilation", self.dilation)
+        friction = self.equivalent(self.sigci)[1]
+        if self.dilation > friction:
+            raise InputError(
+                f"material.dilation: must not exceed the friction up to sigci, got tangents "
+                f"{self.dilation:g} and {friction:g}; dilation above friction creates energy"
+            )
+
+    def strength(self, confining: ArrayLike) -> np.ndarray:
+        """Return the largest compression in Pa beside confining pressures (n,) in Pa."""
+        confining = np.asarray(confining, dtype=float)
+        inner = np.maximum(self.m * confining / self.sigci + self.s, 0.0)
+        return confining + self.sigci * inner**self.a
+
+    def equivalent(self, largest: float) -> tuple[float, float]:
+        """Return cohesion in Pa and friction (tangent) of the fitted Mohr-Coulomb line.
+
+        Parameters
+        ----------
+        largest : float, Pa
+            Confining pressure up to which the line is fitted; equations (12) and (13) of Hoek,
+            Carranza-Torres and Corkum (2002).
+        """
+        a, m, s = self.a, self.m, self.s
+        share = largest / self.sigci
+        power = (s + m * share) ** (a - 1.0)
+        both = (1.0 + a) * (2.0 + a)
+        sine = 6.0 * a * m * power / (2.0 * both + 6.0 * a * m * power)
+        cohesion = self.sigci * ((1.0 + 2.0 * a) * s + (1.0 - a) * m * share) * power
+        cohesion /= both * math.sqrt(1.0 + 6.0 * a * m * power / both)
+        return cohesion, sine / math.sqrt(1.0 - sine**2)
+
+    def moduli(self, material: Material) -> tuple[float, float]:
+        """Return the elastic Lame moduli, Pa."""
+        return material.first_lame, material.shear
+
+    def properties(self, material: Material) -> dict[str, float]:  # noqa: ARG002
+        """Return peak and residual strengths for the routine."""
+        tip = self.s * self.sigci / self.m
+        tension = tip if self.tension is None else min(self.tension, tip)
+        residual = {
+            "m_residual": self.m if self.m_residual is None else self.m_residual,
+            "s_residual": self.s if self.s_residual is None else self.s_residual,
+            "tension_residual": tension if self.tension_residual is None else self.tension_residual,
+        }
+        own = {k: getattr(self, k) for k in ("sigci", "m", "s", "a", "dilation")}
+        strains = {k: getattr(self, k) for k in ("shear_strain", "tensile_strain")}
+        return {**own, "tension": tension, **residual, **strains}

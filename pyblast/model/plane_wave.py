@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import InputError
 from ..mesh.mesh import surface_areas, surface_zones
 from .boundary import Viscous
+from .material import PLASTIC
 from .model import Model
 from .source import PlaneWave, TimeFunction
 
@@ -162,7 +163,7 @@ def _medium(model, surfaces):
     for group in {model.mesh.groups[n] for n in model.mesh.zone_group[zones]}:
         for surface in surfaces:
             law = (media[surface].get(group) or model.materials[group]).law
-            if law.name not in ("elastic", "mohr-coulomb") or law.branches:
+            if law.name not in ("elastic", *PLASTIC) or law.branches:
                 raise InputError(
                     f"plane_wave: needs ground behind {surface!r} that is isotropic and does not "
                     f"attenuate, got the law {type(law).__name__} of '{group}'"

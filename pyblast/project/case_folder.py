@@ -8,19 +8,27 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from ..blasts.hole_tables import read_blast
+from ..config.config import check_config
+from ..config.section import Name, Section, Span, sentence_of
 from ..errors import InputError, ReadError, named_error
 from ..model.joint import Joint
 from ..model.material import Material
 from ..model.source import TimeFunction
 from ..recordings.recording import read_stations
-from .config import check_config
-from .flat_box import OUTER, check_flat, constant_q, flat_box, moment_begins, place_in_box
+from .flat_box import (
+    OUTER,
+    check_flat,
+    constant_q,
+    flat_box,
+    moment_begins,
+    place_in_box,
+    refuse_beyond,
+)
 from .inputs import Inside
 from .project import Project, make_project
-from .section import Name, Section, Span, sentence_of
 
 TABLE = "site.toml"
-PADDING = 0.5  # of the longest S wavelength of the band
+PADDING = 0.2  # of the longest S wavelength of the band
 PADDING_EDGES = 3.0  # ratio of edges in the padding to those in the box
 
 
@@ -367,6 +375,7 @@ def _tables(case, blast, records):
 
 def _fault(joint, box):
     """Return the table of a joint as a fault."""
+    refuse_beyond(joint.id, joint.position, box.x if joint.axis == "x" else box.y)
     across = {"name": joint.id, "dip_deg": 90, "dip_direction_deg": 90 if joint.axis == "x" else 0}
     along = box.y if joint.axis == "x" else box.x
     middle, down, sizes = 0.5 * (along[0] + along[1]), 0.0, {}

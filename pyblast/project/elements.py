@@ -17,8 +17,9 @@ ORDER = 5
 # falls with the power below of their number: docs/quality/performance.md.
 NODES_FOR_ONE_PER_CENT = {2: 9.0, 3: 5.9, 4: 4.6, 5: 4.3, 6: 4.0, 7: 4.0, 8: 4.1}
 WAVELENGTHS = 3.0
-OF_FITS = 0.005  # by that rule, which gives 2 to 4 % of the motion in a whole band
+OF_FITS, ORDER_OF_FITS = 0.015, 4  # by that rule: 0.1 to 1 % of the energy of a whole band
 FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
+LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadratic ones
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
 SOFT = 0.3  # S speed over that of the ground beneath: docs/quality/verification.md
 TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
@@ -97,6 +98,7 @@ def horizontal_positions(project) -> np.ndarray:
     config, blast = project.config, project.blast
     parts = [*config.receivers, *config.point_forces, *config.moment_tensors]
     positions = [part.position_m[:2] for part in parts]
+    positions += [receiver.position[:2] for receiver in project.given.get("receivers", ())]
     if blast is not None and config.holes_inside is not None:
         positions += [*blast.collar[:, :2], *blast.toe[:, :2]]
     return np.array(positions, dtype=float).reshape(-1, 2)
@@ -124,6 +126,9 @@ def for_band(project, highest: float, accuracy: float = OF_FITS):
     ]
     sizes = {"edge_m": min(edges), "edges_per_wavelength": None, "frequency_hz": None}
     other = {**sizes, "layers": layers, "quadratic": linear, "accuracy": accuracy}
+    other["order"] = mesh.order or ORDER_OF_FITS
+    if mesh.padding_edge_m is not None:  # of tetrahedra, where a hypothesis needs them
+        other["padding_edge_m"] = max(mesh.padding_edge_m, 2.0 * max(edges))
     fitted = mesh.model_copy(update=other)
     return fitted if project.changed(mesh=fitted).ground.mesh.hexahedral else mesh
 
@@ -131,12 +136,12 @@ def for_band(project, highest: float, accuracy: float = OF_FITS):
 def with_laws(mesh, materials):
     """Return a `MeshConfig` whose quadratic zones are linear ones, if a law of layers needs them.
 
-    Their edges are shorter in the ratio of `TETRAHEDRA`.
+    Their edges are shorter, so that a run takes about as long.
     """
     laws = {materials[part.material].law.name for part in mesh.layers}
     if not mesh.quadratic or laws <= {"elastic"}:
         return mesh
-    return _scaled(mesh, TETRAHEDRA[True] / TETRAHEDRA[False], quadratic=False)
+    return _scaled(mesh, LINEAR_EDGE, quadratic=False)
 
 
 def _scaled(mesh, factor, **other):

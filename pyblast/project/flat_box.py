@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..blasts.blast import Blast
+from ..config.section import value_at
 from ..errors import InputError
 from ..mesh.block_cutter import SIDES
 from ..mesh.builder import Layer, structured_box
@@ -16,7 +17,6 @@ from ..model.model import Model, Receiver, SpongeLayer
 from ..model.source import Hole
 from .places import box_of, make_absorbing_layer
 from .project import Project
-from .section import value_at
 
 BEYOND_BAND = 3.0  # factor by which the band of constant Q exceeds that of the records, both ways
 SPEEDS = 30.0, 10_000.0  # m/s, of waves in ground
@@ -48,6 +48,7 @@ OTHER = {
 OF_MATERIALS = {
     "damping": "is damping of one frequency",
     "yielding": "makes ground that yields",
+    "hoek_brown": "makes ground that yields",
     "transverse": "makes ground stiffer in some directions",
     "joints": "makes ground stiffer in some directions",
 }
@@ -207,7 +208,7 @@ def _not_flat(config, project):
     rate = project.inside.moment_rate
     if rate is not None and moment_begins(rate) < 0.0:
         return "the moment rate of holes_inside begins before a hole fires"
-    return "mesh.quadratic asks for the mesh of the project" if config.mesh.quadratic else ""
+    return ""
 
 
 def band_of(config) -> tuple[float, float] | None:
@@ -411,17 +412,21 @@ def check_flat(project: Project):
     for plane in ground.planes:
         if plane.name in SIDES:
             raise InputError(f"joints.{plane.name}: is a side of the box; take another name")
-        start, end = ground.box["xy".index(plane.axis)]
-        if not start < plane.position < end:
-            raise InputError(
-                f"joints.{plane.name}.position: must lie within the box, {start:g} to {end:g} m, "
-                f"got {plane.position:g}"
-            )
+        refuse_beyond(plane.name, plane.position, ground.box["xy".index(plane.axis)])
         _check_extents(ground, plane)
     for receiver in project.receivers:
         refuse_outside_box(ground.box, f"receivers.{receiver.name}", receiver.position)
     for name, blast in project.blasts.items():
         check_holes(ground.box, name, blast)
+
+
+def refuse_beyond(name, position, sides):
+    """Refuse an upright joint that does not lie between two sides of the box (2,) in m."""
+    if not sides[0] < position < sides[1]:
+        raise InputError(
+            f"joints.{name}.position: must lie within the box, {sides[0]:g} to {sides[1]:g} m, "
+            f"got {position:g}"
+        )
 
 
 def _check_thicknesses(ground):

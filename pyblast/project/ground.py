@@ -11,7 +11,7 @@ from ..mesh.builder import Fault, JointSet, Layer, build_mesh, structured_box
 from ..mesh.grid import upward_normal
 from ..mesh.importer import read_mesh
 from ..mesh.mesh import Mesh
-from ..model.anisotropy import jointed, transverse
+from ..model.anisotropy import HoekBrown, jointed, transverse
 from ..model.boundary import Fixed, FreeField, Roller, Viscous
 from ..model.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_group
 from ..model.joint import POSITIVE, Joint, may_be_left_out, saturated
@@ -197,7 +197,7 @@ def jointed_media(config, materials, joints, pressures):
     return media
 
 
-LAWS = ("yielding", "transverse", "joints")
+LAWS = ("yielding", "hoek_brown", "transverse", "joints")
 QUALITY = ("qp", "qs", "quality_band_hz", "quality_reference_hz")
 CORNER = 15.0  # of the low-pass over the central frequency: leaves 0.756 of the step at 5 %
 
@@ -212,11 +212,20 @@ def make_material(config):
     if config.yielding is not None:
         flow = config.yielding.model_dump(exclude_none=True)
         values["law"] = MohrCoulomb(**dict(to_si(key, value) for key, value in flow.items()))
+    if config.hoek_brown is not None:
+        values["law"] = _hoek_brown(config.hoek_brown)
     material = _elastic(config, values)
     for part in config.joints:
         across, stiffness = _planes(part)
         material = jointed(material, across, **stiffness)
     return material
+
+
+def _hoek_brown(config):
+    """Turn a `HoekBrownConfig` into a law."""
+    mass = config.sigci_mpa * 1e6, config.mi, config.gsi, config.disturbance
+    rest = config.model_dump(exclude={"sigci_mpa", "mi", "gsi", "disturbance"}, exclude_none=True)
+    return HoekBrown.of_rock_mass(*mass, **dict(to_si(k, value) for k, value in rest.items()))
 
 
 def make_materials(config) -> dict[str, Material]:
@@ -321,7 +330,7 @@ def make_boundaries(config, face=None, media=None):
     return boundaries
 
 
-def refuse_open_sides(config, mesh):
+def refuse_open_sides(config, mesh, planes=()):
     """Refuse sides without a condition, which would reflect the waves of holes inside.
 
     Parameters
@@ -329,6 +338,8 @@ def refuse_open_sides(config, mesh):
     config : BoundariesConfig
     mesh : Mesh
         Split; its joints are no sides.
+    planes : collection of str
+        Names of planes inside, which may be closed.
 
     Raises
     ------
@@ -342,9 +353,9 @@ def refuse_open_sides(config, mesh):
         *config.free,
         "top",
     }
-    joints = () if mesh.contacts is None else mesh.contacts.names
+    inside = {*planes, *(() if mesh.contacts is None else mesh.contacts.names)}
     for surface in mesh.surfaces:
-        if surface not in named and surface not in joints:
+        if surface not in named and surface not in inside:
             raise InputError(
                 f"boundaries.viscous: lacks {surface!r}; the waves of holes inside the model must "
                 "leave through viscous sides (or name the side in another list)"

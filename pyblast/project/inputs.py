@@ -16,6 +16,7 @@ from ..blasts.signature import (
     superpose,
     travel_shifts,
 )
+from ..config.section import read_time_function
 from ..errors import InputError, named_error
 from ..model.boundary import StressInput, VelocityInput
 from ..model.source import PlaneWave, TimeFunction, polarisation
@@ -23,7 +24,6 @@ from ..recordings.recording import Recording, read_recording
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..signals.spectra import LowPassed, dominant_frequency, lowpass
 from ..units import to_si
-from .section import read_time_function
 
 QUIET_CYCLES = 3.0
 FREE_SURFACE = 2.0  # ground over unbounded rock
@@ -122,6 +122,29 @@ def read_record(config, folder) -> Recording:
     if config.start_s is None:
         return record
     return replace(record, seismogram=replace(record.seismogram, start=config.start_s))
+
+
+HEADERS = {  # names of these in the headers of recorders
+    "calibration_date": ("calibration", "calibrated", "date of calibration", "calibration date"),
+    "location": ("location", "location:", "titlestring1", "monitor location"),
+    "operator": ("operator", "user name", "user name:"),
+}
+
+
+def instrument_table(config, recording) -> dict:
+    """Return serial number, calibration, location, operator and time of a record.
+
+    A key of the `RecordingConfig` goes before the header of the record; None where neither has it.
+    """
+    header = {
+        str(key).strip().lower(): str(value).strip() for key, value in recording.header.items()
+    }
+    table = {"instrument": recording.instrument or None, "time": recording.time or None}
+    table["serial_number"] = config.serial_number or recording.serial or None
+    for key, names in HEADERS.items():
+        written = next((header[name] for name in names if header.get(name, "?") != "?"), None)
+        table[key] = getattr(config, key) or written or None
+    return table
 
 
 def read_hole(config, folder) -> Seismogram:
@@ -453,6 +476,8 @@ def named_files(config) -> list[str]:
     names += [part.file for parts in several for part in parts]
     records = [part.recorded for part in (config.signature, *config.receivers) if part]
     names += [name for r in records if r is not None for name in (r.file, r.mapping)]
+    for candidate in config.diagnosis.candidates if config.diagnosis else ():
+        names.append(candidate.mesh.get("surface_file"))
     return [name for name in names if name is not None]
 
 

@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..blasts.blast import Blast, Firing
+from ..config.config import Config, check_config, read_config
+from ..config.ground import GroundConfig, MeshConfig
+from ..config.section import changed_tables, value_at
 from ..errors import InputError, named_error
 from ..mesh.mesh import Mesh
 from ..model.joint import Joint
@@ -18,10 +21,9 @@ from ..model.model import Model, Receiver, SpongeLayer
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
-from .config import Config, check_config, read_config
-from .config_ground import GroundConfig, MeshConfig
 from .elements import Ground, horizontal_positions, make_ground, needs_of
 from .ground import (
+    joint_of_surface,
     jointed_media,
     make_boundaries,
     make_damping,
@@ -54,7 +56,6 @@ from .places import (
     place_receivers,
     place_sources,
 )
-from .section import changed_tables, value_at
 from .surface import make_surface
 
 STEP_FACTOR = {False: 0.8, True: 0.95}  # over a bound of tetrahedra, over the limit of hexahedra
@@ -264,7 +265,7 @@ class Project:
         sources, receivers, layer = self.sources, self.receivers, self.absorbing_layer
         with named_error(self.path.name):
             if config.holes_inside or config.moment_tensors:
-                refuse_open_sides(config.boundaries, mesh)
+                refuse_open_sides(config.boundaries, mesh, joint_of_surface(config.mesh))
             model = Model(
                 mesh=mesh,
                 materials=self.materials,
@@ -304,6 +305,13 @@ class Project:
         parts = {"materials": self.materials, "joints": self.joints, "fields": self.fields}
         return replace(own, config=config, further=(), **parts)
 
+    def firing_as(self, blast: Blast) -> "Project":
+        """Return the project of one blast with another; the moment rate of 1 kg stays."""
+        given = {key: part for key, part in self.given.items() if key not in ("inside", "input")}
+        fired = replace(self, given={**given, "blast": blast})
+        fired.given["inside"] = replace(self.inside, firing=fired.firing)
+        return fired
+
     def changed(
         self,
         *,
@@ -341,14 +349,13 @@ class Project:
         parts = {"materials": materials, "joints": joints, "fields": fields}
         parts = {key: value for key, value in parts.items() if value is not None}
         parts |= {key: tuple(parts[key]) for key in ("joints", "fields") if key in parts}
-        tables = {"mesh": mesh, "ground": ground}
-        tables = {key: table for key, table in tables.items() if table is not None}
+        tables = {k: t for k, t in (("mesh", mesh), ("ground", ground)) if t is not None}
         parts["config"] = self.config.model_copy(update=tables)
-        own = parts.setdefault("joints", self.joints)
+        held = parts.setdefault("joints", self.joints)
         stale = {"sources", "model", "absorbing_layer"}
         if tables or surface is not None:
             stale |= {"mesh", "ground"}
-        if [j.surface for j in self.joints] != [j.surface for j in own]:
+        if [j.surface for j in self.joints] != [j.surface for j in held]:
             stale |= {"mesh"}
         other = {} if surface is None else {"surface": surface}
         every = [
@@ -356,23 +363,20 @@ class Project:
             for each in (self, *self.further)
         ]
         if blasts is not None:
-            every = [replace(each, given={**each.given, "blast": blasts[each.name]})
-                     for each in every if each.name in blasts]  # fmt: skip
+            every = [each.firing_as(blasts[each.name]) for each in every if each.name in blasts]
         if receivers is not None:
-            every = [replace(each, given={**each.given, "receivers": tuple(receivers)})
-                     for each in every]  # fmt: skip
+            every = [replace(e, given=e.given | {"receivers": tuple(receivers)}) for e in every]
         if records is not None:
-            every = [replace(each, given={**each.given, "records": records.get(each.name, {})})
-                     for each in every]  # fmt: skip
-        if materials is not None:
-            names = "inside", "signature", "input"
             every = [
-                replace(each, given=each.given | {name: getattr(each, name) for name in names})
-                for each in every
+                replace(e, given=e.given | {"records": records.get(e.name, {})}) for e in every
             ]
-        first, *further = every
-        shared = {"materials": self.materials, "fields": self.fields}
-        return replace(first, further=tuple(further), **shared | parts)
+        if materials is not None:
+            every = [
+                replace(e, given=e.given | {name: getattr(e, name) for name in ENTERS})
+                for e in every
+            ]
+        parts = {"materials": self.materials, "fields": self.fields} | parts
+        return replace(every[0], further=tuple(every[1:]), **parts)
 
     @cached_property
     def input_files(self) -> dict[str, str]:
@@ -382,6 +386,7 @@ class Project:
         return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
 
 
+ENTERS = "inside", "signature", "input"
 OF_GROUND = "mesh", "boundaries", "absorbing_layer", "ground", "damping", "insitu"
 SHARED = (
     "mesh", "materials", "joints", "boundaries", "absorbing_layer", "ground", "damping", "insitu",

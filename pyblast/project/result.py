@@ -18,7 +18,7 @@ from ..signals.spectra import dominant_frequency, significant_duration, zero_cro
 from ..solver.model_file import read_arrays, write_arrays
 from ..solver.preparation import versions
 from .ground import joint_of_surface
-from .inputs import input_band
+from .inputs import input_band, instrument_table
 from .plausibility import level_table, level_words, peak_of, plausible_at, window_at
 
 KIND = "result"
@@ -187,6 +187,11 @@ def summarise(project, checked, run, simulated, comparisons):
         "blast": None if blast is None else blast_table(project.blast),
         "undamped": undamped_plane(project),
         "houses": house_positions(project),
+        "instruments": {
+            part.name: instrument_table(part.recorded, project.records[part.name])
+            for part in project.config.receivers
+            if part.recorded is not None
+        },
         "receivers": receiver_tables(project, simulated),
         "compliance": compliance_table(project, simulated),
         "comparisons": {n: comparison_table(c) for n, c in comparisons.items()},

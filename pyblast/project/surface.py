@@ -1,11 +1,10 @@
 """What cuts the ground of a project beside planes: benches, surveyed surfaces, fractures."""
 
 from dataclasses import replace
-from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
 
+from ..config.section import read_columns
 from ..errors import Finding, InputError, named_error
 from ..mesh.faces import face_vectors
 from ..mesh.grid import Fault, upward_normal
@@ -18,72 +17,9 @@ from ..model.fractures import (
     terminated,
 )
 from ..model.terrain import Bench, bench_triangles, bending, burdens, read_terrain, toe_of
-from .section import Band, Bearing, Dip, Name, Point, Positive, Section, read_columns
 
 LARGEST_LEAN = 0.5  # degrees from the plane of a joint, mean over its area
 LEAST_LEAN = 0.05  # degrees, below which the worst facet gets no note
-
-
-class FractureConfig(Section):
-    """Fractures of limited extent that share a joint: mapped in a file, or drawn from laws."""
-
-    name: Name
-    joint: Name | None = None
-    file: str | None = None
-    dip_deg: Dip | None = None
-    dip_direction_deg: Bearing | None = None
-    fisher_kappa: Positive | None = None
-    p32: Positive | None = None
-    radius_law: Literal["constant", "exponential", "lognormal", "power"] = "constant"
-    radius_m: Positive | None = None
-    radius_deviation_m: Positive | None = None
-    radius_exponent: Positive | None = None
-    radius_range_m: Band | None = None
-    seed: Annotated[int, Field(ge=0)] = 0
-    ends_at: list[Name] = Field([])
-
-    @model_validator(mode="after")
-    def _file_or_laws(self):
-        """Ask for a file, or for the laws of a set."""
-        self._one_of(("file",), ("dip_deg", "dip_direction_deg", "fisher_kappa", "p32"))
-        needs = {"power": ("radius_exponent", "radius_range_m")}.get(
-            self.radius_law,
-            ("radius_m", "radius_deviation_m") if self.radius_law == "lognormal" else ("radius_m",),
-        )
-        sizes = ("radius_m", "radius_deviation_m", "radius_exponent", "radius_range_m")
-        given = {key for key in sizes if getattr(self, key) is not None}
-        if self.file is not None:
-            needs = ()
-        missing = [key for key in needs if key not in given]
-        allowed = {*needs, "radius_range_m"} if self.file is None else set()
-        if self.radius_law == "constant":
-            allowed.discard("radius_range_m")
-        if missing or given - allowed:
-            wrong = missing or sorted(given - allowed)
-            what = "is missing with" if missing else "does not go with"
-            law = "file" if self.file is not None else f"radius_law = {self.radius_law!r}"
-            raise ValueError(f"{wrong[0]} {what} {law}")
-        return self
-
-
-class BenchConfig(Section):
-    """A bench: its crest, and its toe or the height and dip of its face."""
-
-    crest_m: list[Point] | None = None
-    crest_file: str | None = None
-    toe_m: list[Point] | None = None
-    toe_file: str | None = None
-    height_m: Positive | None = None
-    face_dip_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
-
-    @model_validator(mode="after")
-    def _lines(self):
-        """Ask for one crest and one toe."""
-        self._one_of(("crest_m",), ("crest_file",))
-        self._one_of(("toe_m",), ("toe_file",), ("height_m",))
-        if self.height_m is None and "face_dip_deg" in self.model_fields_set:
-            raise ValueError("face_dip_deg goes with height_m; the toe gives the dip")
-        return self
 
 
 def make_surface(config, folder) -> np.ndarray | None:
@@ -124,8 +60,8 @@ def make_fractures(config, folder) -> list[Fault]:
                         f"ends_at: {name!r} must be a fault of [[mesh.faults]] without radius_m "
                         "and extent_m"
                     )
-                angles = np.radians([fault.dip_deg, fault.dip_direction_deg])
-                ends.append(Fault(name, *angles, tuple(fault.through_m)))
+                dip, azimuth = np.radians([fault.dip_deg, fault.dip_direction_deg])
+                ends.append(Fault(name, dip, azimuth, tuple(fault.through_m)))
             fractures += terminated(_fractures(part, config, folder), ends)
     return fractures
 
@@ -134,13 +70,14 @@ def _fractures(part, config, folder):
     """Return the fractures of one table as far as they reach into the box."""
     box = np.column_stack([config.origin_m, np.add(config.origin_m, config.size_m)])
     if part.file is None:
+        low, high = part.radius_range_m or (0.0, np.inf)
         sizes = SizeLaw(
             part.radius_law, part.radius_m or 1.0, part.radius_deviation_m or 0.0,
-            part.radius_exponent or 0.0, tuple(part.radius_range_m or (0.0, np.inf)),
+            part.radius_exponent or 0.0, (low, high),
         )  # fmt: skip
-        angles = np.radians([part.dip_deg, part.dip_direction_deg])
+        dip, azimuth = np.radians([part.dip_deg, part.dip_direction_deg])
         kappa, density = part.fisher_kappa, part.p32
-        return FractureSet(part.name, *angles, kappa, density, sizes, part.seed).draw(box)
+        return FractureSet(part.name, dip, azimuth, kappa, density, sizes, part.seed).draw(box)
     mapped = [replace(f, name=part.name) for f in read_fractures(folder / part.file, part.name)]
     return refuse_many(part.name, [each for each in mapped if area_within(each, box) > 0.0])
 

@@ -352,7 +352,7 @@ def calibration_rows(summary: dict) -> list[dict]:
 def assumptions(diagnosis: Diagnosis, summary: dict) -> list[str]:
     """Return the assumptions of a diagnosis, one sentence each."""
     scene = diagnosis.search.scene
-    case, cut, quality = scene.case, scene.forward.cut, quality_of(scene.case.project)
+    case, quality = scene.case, quality_of(scene.case.project)
     labels = sorted({hypothesis.label for hypothesis in LIBRARY.values()})
     lost = 1.0 - float(np.mean(case.valid))
     finer = "; a finer mesh of the reference site corrects them" if np.any(
@@ -370,9 +370,7 @@ def assumptions(diagnosis: Diagnosis, summary: dict) -> list[str]:
         "larger. Noise is estimated from the windows before the blasts.",
         "Nothing is reported as missing while the mean square misfit of every receiver and every "
         f"blast is below {MATERIAL:g} times noise and model error.",
-        f"The ground is made of {elements_of(case.project)}{finer}."
-        if cut is None
-        else f"Zones are quadratic, with edges of {cut.edge:.3g} m{finer}.",
+        f"The ground is made of {elements_of(case.project)}{finer}.",
         "Attenuation of the reference site: "
         + ("none." if quality is None else f"Qp {quality[0]:g}, Qs {quality[1]:g}."),
         f"The library holds {len(labels)} effects: {', '.join(labels)}. Anything else can only be "

@@ -2,7 +2,7 @@
 
 import base64
 import io
-from math import cos, radians, sin
+from math import ceil, cos, radians, sin
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -103,6 +103,7 @@ SOURCE_UNITS = {
     "moment": "N m/s, 1 kg", "force": "N", "tensor": "N m/s", "pressure": "Pa", "air": "Pa",
 }  # fmt: skip
 DPI = 110
+MOST_SAMPLES = 4000  # of a seismogram in a page
 _ABOVE = {
     "loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "ncol": 2, "fontsize": 7, "frameon": False,
     "borderaxespad": 0.0,
@@ -444,3 +445,40 @@ def peaks_of(motion, summed):
     if summed:
         rows.append((SUM, motion.pvs, float(frequency[np.nanargmax(motion.ppv)])))
     return [row for row in rows if row[1] > 0.0]
+
+
+def waveforms(seismograms) -> list[dict]:
+    """Return the motion of all receivers for the interactive figures, in mm/s.
+
+    A record of more than `MOST_SAMPLES` keeps the smallest and the largest of each interval. Values
+    are little-endian 16-bit integers in base64, times ``scale``.
+
+    Parameters
+    ----------
+    seismograms : callable
+        Returns the seismograms by receiver of "recorded" or "simulated".
+    """
+    places: dict[str, list] = {}
+    for kind in ("recorded", "simulated"):
+        for name, motion in seismograms(kind).items():
+            step = max(1, ceil(2 * len(motion.velocity) / MOST_SAMPLES))
+            for k in np.flatnonzero(motion.present):
+                values = 1e3 * motion.velocity[:, k]
+                dt = motion.dt
+                if step > 2:
+                    values, dt = _thinned(values, step), 0.5 * step * motion.dt
+                scale = float(np.abs(values).max()) / 32000.0 or 1.0
+                packed = np.round(values / scale).astype("<i2").tobytes()
+                places.setdefault(name, []).append(
+                    {"kind": kind, "name": motion.components[k], "start": motion.start, "dt": dt,
+                     "scale": scale, "values": base64.b64encode(packed).decode()}
+                )  # fmt: skip
+    return [{"place": name, "traces": traces} for name, traces in places.items()]
+
+
+def _thinned(values, step):
+    """Return smallest and largest of every ``step`` values, in the order of their times."""
+    whole = values[: len(values) // step * step].reshape(-1, step)
+    first, last = whole.argmin(axis=1), whole.argmax(axis=1)
+    picked = np.sort(np.stack([first, last], axis=1), axis=1)
+    return np.take_along_axis(whole, picked, axis=1).ravel()

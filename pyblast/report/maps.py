@@ -198,6 +198,80 @@ def _draw_sources(figure, axes, summary):
         axes.plot(*table["position"][:2], "*", color=figures.FAULT, mec="white", ms=10, label=label)
 
 
+def stereonet_figure(joints, faults):
+    """Draw joint sets and faults in a stereonet: lower hemisphere, equal area.
+
+    Parameters
+    ----------
+    joints : dict of str to dict
+        With ``dip`` and ``dip_direction`` in degrees; those without are left out.
+    faults : sequence of str
+        Names that are drawn as faults.
+
+    Returns
+    -------
+    str or None
+        A data URI: great circles and poles; None where no joint has an orientation.
+    """
+    shown = {
+        (name, row["dip"], row["dip_direction"], name in faults)
+        for name, row in joints.items()
+        if row.get("dip") is not None
+    }
+    if not shown:
+        return None
+    figure = figures._figure(5.2, 4.4)
+    axes = figure.subplots()
+    circle = np.linspace(0.0, 2.0 * np.pi, 181)
+    axes.plot(np.sin(circle), np.cos(circle), color=figures.INK, lw=0.9)
+    for degrees, letter in ((0, "N"), (90, "E"), (180, "S"), (270, "W")):
+        angle = np.radians(degrees)
+        axes.text(1.07 * np.sin(angle), 1.07 * np.cos(angle), letter, ha="center", va="center")
+    for number, (name, dip, direction, fault) in enumerate(sorted(shown)):
+        colour = figures.FAULT if fault else f"C{number}"
+        axes.plot(*great_circle(dip, direction).T, color=colour, lw=1.6 if fault else 1.0)
+        x, y = pole(dip, direction)
+        axes.plot(x, y, "o", color=colour, ms=6, label=f"{name} {dip:02.0f}/{direction:03.0f}")
+    axes.set_aspect("equal")
+    axes.axis("off")
+    axes.legend(loc="center left", bbox_to_anchor=(1.05, 0.5), fontsize=8, frameon=False)
+    return figures._uri(figure)
+
+
+def equal_area(trend, plunge):
+    """Project lines downward: equal area, lower hemisphere of radius 1.
+
+    Parameters
+    ----------
+    trend, plunge : (n,) float, rad
+        Clockwise from north, downward.
+
+    Returns
+    -------
+    (n, 2) float64
+        East and north; ``sqrt(2) sin((pi/2 - plunge) / 2)`` from the centre.
+    """
+    away = np.sqrt(2.0) * np.sin(0.25 * np.pi - 0.5 * np.asarray(plunge))
+    return np.stack([away * np.sin(trend), away * np.cos(trend)], axis=-1)
+
+
+def pole(dip, direction):
+    """Return the pole (2,) of a plane, dip and dip direction in degrees."""
+    return equal_area(np.radians(direction + 180.0), np.radians(90.0 - dip))
+
+
+def great_circle(dip, direction):
+    """Return the great circle (91, 2) of a plane, dip and dip direction in degrees."""
+    dip, direction = np.radians(dip), np.radians(direction)
+    rake = np.linspace(0.0, np.pi, 91)
+    strike = np.array([-np.cos(direction), np.sin(direction), 0.0])
+    down = np.array(
+        [np.cos(dip) * np.sin(direction), np.cos(dip) * np.cos(direction), -np.sin(dip)]
+    )
+    east, north, up = np.outer(strike, np.cos(rake)) + np.outer(down, np.sin(rake))
+    return equal_area(np.arctan2(east, north), np.arcsin(np.clip(-up, -1.0, 1.0)))
+
+
 def write_surface(folder, result):
     """Write peak velocity over the surface: nodes as CSV, a grid as ESRI ASCII.
 

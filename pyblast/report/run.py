@@ -1,9 +1,9 @@
 """Report of a run: one HTML page that says the answer first, then figures, findings and tables."""
 
-import base64
 import math
 from dataclasses import replace
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 from jinja2 import Environment, FunctionLoader, StrictUndefined
@@ -17,20 +17,21 @@ from .figures import limits_figure
 
 SPECTRUM_TOP = 40.0
 NOTHING_LIMITED = {"rows": [], "chosen": False}
-MOST_SAMPLES = 4000  # of a seismogram in the page
 MOST_PICTURES = 12  # of receivers, so that the page stays below 6 MB
 SOURCES = {"forces": "point forces", "tensors": "moment tensors", "pressures": "pressed surfaces"}
 
 
 def write_report(path, result: Result):
-    """Write the report of a result.
+    """Write the report of a result, and the A4 page beside it (``report_one_page.html``).
 
     Parameters
     ----------
     path : path
     result : Result
     """
+    path = Path(path)
     write_text(path, render(result))
+    write_text(path.with_name(f"{path.stem}_one_page.html"), render_one_page(result))
 
 
 def render(result: Result) -> str:
@@ -46,9 +47,49 @@ def render(result: Result) -> str:
         explain=explain,
         figures=_figures(result),
         severities=_by_severity(summary["findings"]),
-        waves=waveforms(result),
+        waves=figures.waveforms(result.seismograms),
         assumed=_assumed_under(summary["assumed"]),
     )
+
+
+def render_one_page(result: Result) -> str:
+    """Return one A4 page for each receiver with a record, or for the one nearest to its limit."""
+    result = replace(result, summary=plain(result.summary))
+    summary, motions = result.summary, result.seismograms("simulated")
+    rows = (summary.get("compliance") or NOTHING_LIMITED)["rows"]
+    recorded = result.seismograms("recorded")
+    worst = max(rows, key=lambda row: row["share"] or 0.0, default=None)
+    names = list(recorded) or ([worst["receiver"]] if worst else list(motions)[:1])
+    return page("one_page.html").render(
+        s=summary,
+        sheets=[_sheet(result, name, recorded.get(name), motions.get(name)) for name in names],
+        curves=load_limits(),
+        explain=explain,
+        answer=answer(summary),
+        instruments=summary.get("instruments", {}),
+        compliance=summary.get("compliance") or NOTHING_LIMITED,
+    )
+
+
+def _sheet(result, name, recorded, simulated):
+    """Return what the A4 page of a receiver shows."""
+    kind, motion = ("simulated", simulated) if recorded is None else ("recorded", recorded)
+    colour = figures.SIMULATED if recorded is None else figures.RECORDED
+    summary = result.summary
+    names = summary.get("limit_curves") or ORIENTATION
+    rows = (summary.get("compliance") or NOTHING_LIMITED)["rows"]
+    chosen, curves = [key for key in names if key in load_limits()], load_limits()
+    own = [row for row in rows if (row["receiver"], row["kind"]) == (name, kind)]
+    return {
+        "receiver": name,
+        "kind": kind,
+        "rows": own,
+        "worst": max(own, key=lambda row: row["share"] or 0.0, default=None),
+        "table": summary["receivers"][name][kind],
+        "position": summary["receivers"][name]["position"],
+        "waves": figures.motion_figure({kind: motion}, [colour], _spectrum_top(summary)),
+        "limits": limits_figure({kind: {name: motion}}, [curves[key] for key in chosen])[0],
+    }
 
 
 def answer(summary) -> list[tuple[str, str]]:
@@ -145,38 +186,6 @@ def _by_severity(findings):
     return groups
 
 
-def waveforms(result: Result) -> list[dict]:
-    """Return the motion of all receivers for the interactive figures, in mm/s.
-
-    A record of more than `MOST_SAMPLES` keeps the smallest and the largest of each interval. Values
-    are little-endian 16-bit integers in base64, times ``scale``.
-    """
-    places: dict[str, list] = {}
-    for kind in ("recorded", "simulated"):
-        for name, motion in result.seismograms(kind).items():
-            step = max(1, math.ceil(2 * len(motion.velocity) / MOST_SAMPLES))
-            for k in np.flatnonzero(motion.present):
-                values = 1e3 * motion.velocity[:, k]
-                dt = motion.dt
-                if step > 2:
-                    values, dt = _thinned(values, step), 0.5 * step * motion.dt
-                scale = float(np.abs(values).max()) / 32000.0 or 1.0
-                packed = np.round(values / scale).astype("<i2").tobytes()
-                places.setdefault(name, []).append(
-                    {"kind": kind, "name": motion.components[k], "start": motion.start, "dt": dt,
-                     "scale": scale, "values": base64.b64encode(packed).decode()}
-                )  # fmt: skip
-    return [{"place": name, "traces": traces} for name, traces in places.items()]
-
-
-def _thinned(values, step):
-    """Return smallest and largest of every ``step`` values, in the order of their times."""
-    whole = values[: len(values) // step * step].reshape(-1, step)
-    first, last = whole.argmin(axis=1), whole.argmax(axis=1)
-    picked = np.sort(np.stack([first, last], axis=1), axis=1)
-    return np.take_along_axis(whole, picked, axis=1).ravel()
-
-
 def page(name):
     """Return the template of a page, which escapes every name that users give."""
     here = resources.files("pyblast.report") / "templates"
@@ -205,6 +214,7 @@ def _figures(result):
         *_input_figures(result, wide),
         *_source_figures(result, wide),
         *_section_figures(result),
+        *_stereonet_figures(summary),
         (
             "Blocks",
             f"{summary['model']['blocks']} blocks, each in a shade of its material, seen from the "
@@ -315,6 +325,19 @@ def _plan_figures(result):
             f"{result.summary['band']:.3g} Hz (surface_peaks.csv and .asc)"
         )
     yield "Plan", f"{words}; numbers are the order of firing.", ("mesh", "blast"), image
+
+
+def _stereonet_figures(summary):
+    """Yield the stereonet of joint sets and faults."""
+    image = maps.stereonet_figure(summary["joints"], summary["mesh_names"]["faults"])
+    if image is not None:
+        yield (
+            "Stereonet",
+            "Great circles and poles of joint sets and faults, dip/dip direction in degrees; lower "
+            "hemisphere, equal area.",
+            ("joints", "mesh"),
+            image,
+        )
 
 
 def _section_figures(result):

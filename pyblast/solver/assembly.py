@@ -28,12 +28,16 @@ from ..mesh.tetrahedra import shape_gradients
 from ..mesh.tetrahedra import volumes as tetrahedron_volumes
 from ..model.model import Model
 from ..model.source import TimeFunction
-from .absorbing_layer import layer_arrays, no_layer
 from .edge_springs import edge_arrays
-from .hexahedra import critical_step_of_hexahedra, no_packs, pack_arrays
-from .largest_frequency import Product
+from .hexahedra import (
+    critical_step_of_hexahedra,
+    layer_arrays,
+    no_layer,
+    no_packs,
+    pack_arrays,
+)
 from .loads import Loads, dynamic_conditions, model_loads, no_conditions, surface_impedance
-from .time_step import CriticalStep, assembled_step, critical_step
+from .time_step import CriticalStep, Product, assembled_step, critical_step
 
 Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
 DOMAIN_ZONES = 1024

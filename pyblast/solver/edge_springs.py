@@ -7,11 +7,12 @@ import numpy as np
 from ..core import ZONE_LAWS
 from ..mesh.nodes import Nodes
 from ..mesh.tetrahedra import EDGES, shape_gradients, volumes
+from ..model.material import PLASTIC
 from ..model.model import Model
 
 ALWAYS_USED, BATCH_ONLY = 2, 1  # use of the edges of a set: in all runs, in batches only
 MOST_SKEW = 0.7  # fraction of skew edges above which zones are as fast in a single run
-LINEAR = ("elastic", "anisotropic", "mohr-coulomb")  # stress or its elastic part
+LINEAR = ("elastic", "anisotropic", *PLASTIC)  # stress or its elastic part
 ROUNDING = 1e-13
 CHUNK = 2**14  # zones whose springs are computed at once
 UPPER = np.triu_indices(6)

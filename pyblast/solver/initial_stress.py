@@ -11,9 +11,10 @@ from ..mesh.mesh import volumes
 from ..mesh.spectral_nodes import SpectralNodes
 from ..mesh.tetrahedra import shape_gradients
 from ..model.joint import carried_over
+from ..model.material import PLASTIC
 from ..model.model import InSitu, Model
-from .absorbing_layer import without_layer
 from .assembly import initial_state, stiffness_arrays
+from .hexahedra import without_layer
 from .loads import static_conditions
 
 BINS = 200
@@ -158,7 +159,7 @@ def static_loads(model: Model, geometry: dict[str, Any]) -> tuple[np.ndarray, np
     mass = model.zone_values("density") * volumes(model.mesh)
     load[:, 2] -= _insitu(model).gravity * nodes.sums(mass)
     traction = geometry["contact_initial"]
-    if nodes.contacts is not None:
+    if nodes.contacts is not None and nodes.contacts.names:
         traction = joint_tractions(model)
         force = nodes.contacts.area[:, None] * traction
         np.add.at(load, nodes.contacts.minus, force)
@@ -201,12 +202,12 @@ def static_arrays(model: Model, geometry: dict[str, Any]) -> tuple[dict[str, Any
     return {**arrays, **stiffness_arrays(model.tetrahedral, {**geometry, **arrays})}, scale
 
 
-PLASTIC, HARDENING = slice(6, 12), slice(12, 14)  # columns of row_state of plastic zones
+STRAIN, HARDENING = slice(6, 12), slice(12, 14)  # columns of row_state of plastic zones
 
 
 def can_yield(constants: dict[str, Any]) -> np.ndarray:
     """Return whether the law of each zone is plastic, (n_zones,) bool."""
-    yields = constants["set_law"] == ZONE_LAWS["mohr-coulomb"].number
+    yields = np.isin(constants["set_law"], [ZONE_LAWS[name].number for name in PLASTIC])
     return np.repeat(yields[constants["domain_set"]], np.diff(constants["domain_zone_start"]))
 
 
@@ -291,7 +292,7 @@ def excess_stress(constants: dict[str, Any], state: dict[str, Any]) -> np.ndarra
     mean = _dilations(constants, motion)[(patch + constants["domain_patch_start"][domain])[shared]]
     strain[shared, :3] += ((mean - strain[shared, :3].sum(axis=1)) / 3.0)[:, None]
     yields = can_yield(constants)
-    strain[yields] -= state["row_state"][constants["zone_row"][yields], PLASTIC]
+    strain[yields] -= state["row_state"][constants["zone_row"][yields], STRAIN]
     stress = constants["zone_shear"][:, None] * strain * ([2.0] * 3 + [1.0] * 3)
     stress[:, :3] += (constants["zone_lambda"] * strain[:, :3].sum(axis=1))[:, None]
     return stress

@@ -35,23 +35,80 @@ def write_arrays(
     path, array_attributes = Path(path), array_attributes or {}
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with h5py.File(beside, "w", libver=("earliest", "v110")) as file:
-            file["run/schema"] = np.int32(SCHEMA)
-            for name, value in attributes.items():
-                file.attrs[name] = value
-            for group, arrays in groups.items():
-                for name, value in arrays.items():
-                    dataset = file.create_dataset(f"{group}/{name}", data=value)
-                    dataset.attrs.update(array_attributes.get(f"{group}/{name}", {}))
-            file.flush()
-        with beside.open("rb") as file:
-            os.fsync(file.fileno())
+        with beside.open("w+b", buffering=0) as raw:
+            storage = _Storage(raw)
+            try:
+                _write_groups(storage, groups, attributes, array_attributes)
+            finally:
+                if storage.error is not None:
+                    raise storage.error
+            os.fsync(raw.fileno())
         beside.replace(path)
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else error  # that of HDF5 is a paragraph
         raise ReadError(f"{path}: can't be written ({reason})") from None
     finally:
         beside.unlink(missing_ok=True)
+
+
+def _write_groups(storage, groups, attributes, array_attributes):
+    """Write groups of arrays as HDF5 into a storage."""
+    with h5py.File(storage, "w", libver=("earliest", "v110")) as file:
+        file["run/schema"] = np.int32(SCHEMA)
+        for name, value in attributes.items():
+            file.attrs[name] = value
+        for group, arrays in groups.items():
+            for name, value in arrays.items():
+                dataset = file.create_dataset(f"{group}/{name}", data=value)
+                dataset.attrs.update(array_attributes.get(f"{group}/{name}", {}))
+
+
+class _Storage:
+    """File that HDF5 writes into; it keeps the first error, such as a full disk, and goes on.
+
+    HDF5 does not survive a write that fails while it closes a file: the process would end.
+    """
+
+    def __init__(self, raw):
+        self.raw, self.error = raw, None
+
+    def _unless_failed(self, work, *values):
+        """Do some work on the file; return 0 where it fails or has failed before."""
+        if self.error is not None:
+            return 0
+        try:
+            return work(*values)
+        except OSError as error:
+            self.error = error
+            return 0
+
+    def seek(self, offset, whence=0):
+        """Go to a byte."""
+        return self._unless_failed(self.raw.seek, offset, whence)
+
+    def tell(self):
+        """Return the current byte."""
+        return self._unless_failed(self.raw.tell)
+
+    def readinto(self, buffer):
+        """Read bytes into a buffer."""
+        return self._unless_failed(self.raw.readinto, buffer)
+
+    read = readinto
+
+    def write(self, data):
+        """Write all bytes."""
+        rest = memoryview(data).cast("B")
+        while len(rest) and self.error is None:
+            rest = rest[self._unless_failed(self.raw.write, rest) :]
+        return len(data)
+
+    def truncate(self, size):
+        """Set the size of the file."""
+        return self._unless_failed(self.raw.truncate, size)
+
+    def flush(self):
+        """Do nothing: what is written stands in no buffer."""
 
 
 def read_arrays(path: str | Path) -> tuple[dict[str, dict[str, Any]], dict[str, Any]]:

@@ -20,10 +20,10 @@ from ..back_analysis.search import (
 )
 from ..back_analysis.survey_design import SurveyDesign, survey_design_of
 from ..back_analysis.trials import TrialLog, Trials, identity
+from ..config.config import BackAnalysisConfig
 from ..errors import Finding, PyblastError
 from ..inference.likelihood import MISFITS
 from ..project.checks import check
-from ..project.config import BackAnalysisConfig
 from ..project.plausibility import CODE as LEVEL
 from ..project.project import Project, load_project
 from ..project.result import comparison_table, motion_table, write_summary

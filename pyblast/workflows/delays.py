@@ -10,9 +10,9 @@ import numpy as np
 
 from ..blasts.blast import Blast
 from ..blasts.signature import travel_shifts
+from ..config.config import DelaysConfig
 from ..errors import InputError, named_error
 from ..planning import DelayPlan, FiringScatter, plan_delays, rows_pattern
-from ..project.config import DelaysConfig
 from ..project.inputs import make_firing, read_hole
 from ..project.project import Project, load_project
 from ..project.result import write_summary

@@ -23,7 +23,7 @@ from ..diagnosis.search import Search, search
 from ..diagnosis.summary import held_out_blasts, summarise
 from ..errors import InputError, ReadError
 from ..project.case_folder import case_files, read_case_folder
-from ..project.flat_box import Discretization, band_of, check_holes, extent_of, flat_box, not_flat
+from ..project.flat_box import check_holes, extent_of
 from ..project.plausibility import expected_peaks, level_findings
 from ..project.project import Project, load_project, with_further
 from ..project.result import plain, write_bytes, write_summary
@@ -39,9 +39,6 @@ REPORT = "report.html"
 RUNS = "runs"
 STARTED = "unfinished.json"
 BUDGET = 400
-EDGE, FINE_EDGE = 0.6, 0.38  # edges of quadratic zones, in wavelengths of S at the top of the band
-PADDING, FINE_PADDING = 0.2, 0.4  # in wavelengths of S at the bottom of the band
-GROWTH, FINE_GROWTH = 1.15, 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +70,6 @@ def diagnose(
     budget: int = BUDGET,
     seed: int = 1,
     executor: Executor | None = None,
-    cuts: tuple[Discretization, Discretization | None] | None = None,
     progress: Callable | None = None,
 ) -> Diagnosis:
     """Diagnose which physics a project lacks, from its records.
@@ -90,9 +86,6 @@ def diagnose(
         Of the null distribution.
     executor : Executor, optional
         As for `run_all`.
-    cuts : tuple of Discretization and Discretization or None, optional
-        Discretizations of a flat box for most runs, and for those that correct them; by default
-        from wavelengths. Any other project has its own elements, see `for_band`.
     progress : callable, optional
         Called with (stage, done, total).
 
@@ -109,13 +102,11 @@ def diagnose(
     """
     report, began = progress or (lambda *_: None), time.perf_counter()
     everything = case_of(project)
-    rough, fine = cuts or (cut_of(everything.project), cut_of(everything.project, fine=True))
     report("calibration", 0, 1)
-    case = taught(everything, lambda part: Forward(part, rough, folder, executor))
-    forward = Forward(case, rough, folder, executor)
-    finer = Forward(case, fine, folder, executor, fine=True)
-    if case.share is not None or (fine is None and (cuts or finer_mesh(case.project) is None)):
-        finer = None  # the model error that trusted shots show holds that of the mesh
+    case = taught(everything, lambda part: Forward(part, folder, executor))
+    forward, finer = Forward(case, folder, executor), None
+    if case.share is None and finer_mesh(case.project) is not None:
+        finer = Forward(case, folder, executor, fine=True)  # trusted shots show the mesh's error
     table = case.project.config.diagnosis
     fixed = case.share is not None or (table is not None and not table.calibrate)
     baseline = calibrate(forward, finer, () if fixed else None)
@@ -139,27 +130,6 @@ def diagnose(
         "finished": done.finished,
     }
     return Diagnosis(scene, done, null, decision, plain(summary))
-
-
-def cut_of(project: Project, fine: bool = False) -> Discretization | None:
-    """Return the discretization of a flat box into quadratic zones for its band, else None.
-
-    By the slowest layer of at least half its shortest wavelength; thinner layers have zones of
-    their own height.
-    """
-    band = band_of(project.config)
-    if not_flat(project) or band is None:
-        return None
-    low, high = band
-    layers = [(project.materials[name].cs, t) for name, t in flat_box(project).layers]
-    speeds = [cs for cs, thickness in layers if thickness is None or thickness > 0.5 * cs / high]
-    edge, padding, growth = (
-        (FINE_EDGE, FINE_PADDING, FINE_GROWTH) if fine else (EDGE, PADDING, GROWTH)
-    )
-    slowest = min(speeds)
-    return Discretization(
-        edge * slowest / high, padding * slowest / low, growth, quadratic=True, single=True
-    )
 
 
 def read_case(path) -> Project:
@@ -276,7 +246,7 @@ def predict_file(folder, output, summary, holes, path, baseline=False, runs=None
     values = model["baseline_values"] if baseline else model["values"]
     effects = () if baseline else effects_of(model)
     folder_of_runs = runs or Path(output) / RUNS
-    motion = predict(case, cut_of(case.project, fine=True), blast, values, effects, folder_of_runs)
+    motion = predict(case, blast, values, effects, folder_of_runs)
     write_bytes(path, _as_recorded(case, motion))
 
 

@@ -5,7 +5,7 @@ from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
-from small_site import CUT, recorded, small_site
+from small_site import recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.effects import Scene
@@ -16,7 +16,7 @@ from pyblast.diagnosis.hypotheses import LIBRARY
 @cache
 def scene():
     """Return the small site, believed and true alike, and what its holes send."""
-    forward = Forward(recorded(small_site()), CUT)
+    forward = Forward(recorded(small_site()))
     motion = forward.motion(small_site())
     baseline = SimpleNamespace(project=small_site(), motion=motion)
     there = object.__new__(Scene)  # without the memory of a calibration
@@ -33,7 +33,7 @@ def applied(name, target, site=None, **knobs):
 @cache
 def first():
     """Return the solver for the first blast alone."""
-    return Forward(replace(scene().case, blasts=("S1",)), CUT)
+    return Forward(replace(scene().case, blasts=("S1",)))
 
 
 def sent(site):

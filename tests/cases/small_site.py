@@ -5,13 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from pyblast.blasts.blast import Blast, Firing
+from pyblast.config.config import check_config
 from pyblast.diagnosis.calibration import Baseline, calibrated_parameters, likelihood_of
 from pyblast.diagnosis.case import Case, case_of
 from pyblast.diagnosis.effects import Scene
 from pyblast.diagnosis.forward import Forward
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
-from pyblast.project.config import check_config
+from pyblast.project.elements import for_band
 from pyblast.project.flat_box import Discretization
 from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project
@@ -32,7 +33,7 @@ def small_site() -> Project:
         "S1": holes([[30.0, 30.0]], [10.0], [0.0]),
         "B1": holes([[30.0, 30.0], [34.0, 36.0], [38.0, 42.0]], [60.0] * 3, [0.0, 0.03, 0.06]),
     }
-    config, first = check_config(TABLES), Firing(np.zeros(1), 1.0)
+    config, first = check_config(TABLES), Firing(np.zeros(1), np.ones(1))
     given = {
         "receivers": tuple(Receiver(f"R{n}", place) for n, place in enumerate(places)),
         "inside": Inside(first, pulse, (), (), (), None),
@@ -42,7 +43,8 @@ def small_site() -> Project:
         replace(make_project(config, "small.toml", {**given, "blast": blast}), name=name)
         for name, blast in blasts.items()
     )
-    return replace(one, further=(other,))
+    site = replace(one, further=(other,)).changed(blasts=blasts)
+    return site.changed(mesh=for_band(site, BAND[1]))
 
 
 TABLES = {
@@ -73,8 +75,10 @@ def holes(places, charge, times):
     return Blast("", collar, toe, np.array(charge), np.array(times), np.full(n, 0.1))
 
 
-def recorded(site: Project, truth: Project | None = None, noise=0.003, seed=1, change=None) -> Case:
-    """Return a project with records of the truth: coloured noise, a share of the peak, added."""
+def recorded(
+    site: Project, truth: Project | None = None, noise=0.003, seed=1, change=None, fine=False
+):
+    """Return a case with records of the truth: coloured noise, a share of the peak, added."""
     blank = {
         blast: {r.name: _recording(np.zeros((BEFORE + SAMPLES, 3))) for r in site.receivers}
         for blast in site.blasts
@@ -86,7 +90,7 @@ def recorded(site: Project, truth: Project | None = None, noise=0.003, seed=1, c
             one.seismogram.velocity.setflags(write=True)
             one.seismogram.velocity[:] = rng.normal(size=one.seismogram.velocity.shape)
     case = case_of(first)
-    motion = Forward(case, CUT).motion(truth or site)
+    motion = Forward(case, fine=fine).motion(truth or site)
     if change is not None:
         motion = change(motion)
     records = {}
@@ -101,7 +105,7 @@ def recorded(site: Project, truth: Project | None = None, noise=0.003, seed=1, c
 
 def scene_of(case: Case) -> Scene:
     """Return a case of the small site as if it were calibrated: one run of each blast."""
-    forward = Forward(case, CUT)
+    forward = Forward(case)
     motion = forward.motion(case.project)
     times = DT * np.arange(case.n_samples)
     stretched = times * np.gradient(motion, DT, axis=-1)

@@ -1,5 +1,8 @@
 import json
+import os
 import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 
@@ -27,7 +30,8 @@ def test_a_run_writes_everything(tmp_path):
     assert done.exit_code == 3, done.output
     names = {path.name for path in (tmp_path / "results" / "001").iterdir()}
     assert names == {
-        "result.h5", "summary.json", "report.html", "compliance.csv", "zones.vtu", "joints.vtu",
+        "result.h5", "summary.json", "report.html", "report_one_page.html", "compliance.csv",
+        "zones.vtu", "joints.vtu",
         "surface_peaks.csv", "surface_peaks.asc",
         "motion_000.vtu", "motion.pvd",
     }  # fmt: skip
@@ -308,3 +312,14 @@ def test_a_result_without_a_plausible_range_is_drawn_and_compared(tmp_path, outc
 
     assert call("report", tmp_path).exit_code == 0
     assert "D36" not in call("compare", tmp_path / "R1.csv", tmp_path / "result.h5").output
+
+
+def test_a_console_without_unicode_gets_the_words_spelt_out():
+    code = "from pyblast.cli import console; console.say('60° √2 × 3 – 漢')"
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
+    )
+
+    assert done.stdout == "60 deg sqrt 2 x 3 - ?\n"

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from small_site import CUT, recorded, small_site
+from small_site import recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast import InputError
@@ -29,7 +29,7 @@ def site():
 def scene(change=None):
     """Return the calibrated small site, and what each of its holes sends."""
     case = recorded(small_site(), site(), change=change)
-    forward = Forward(case, CUT)
+    forward = Forward(case)
     baseline = calibrate(forward)
     return Scene(forward, baseline, forward.hole_motion(baseline.project))
 
@@ -67,7 +67,7 @@ def test_records_in_another_unit_are_refused_before_anything_is_called_missing(u
     case = recorded(small_site(), site(), change=lambda motion: unit * motion)
 
     with pytest.raises(InputError, match="the median ratio of recorded to simulated motion"):
-        calibrate(Forward(case, CUT))
+        calibrate(Forward(case))
 
 
 def test_nothing_is_found_where_nothing_is_hidden():

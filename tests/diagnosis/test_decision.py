@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from small_fits import NULL, SLOW, fits, with_holes
-from small_site import CUT, recorded, scene_of, small_site
+from small_site import recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.cross_validation import CrossValidation, cross_validate
@@ -128,7 +128,7 @@ def test_an_effect_on_top_of_another_is_fitted_by_fewer_runs_as_well():
         runs.append(here.forward.runs - before)
     anew, held = found
 
-    assert runs[1] < 0.5 * runs[0]
+    assert runs[1] <= 0.5 * runs[0]
     assert held.log_evidence == pytest.approx(anew.log_evidence, abs=1.0)
     assert held.effects[1].values[0][0] == pytest.approx(8e-3, abs=1e-3)
     assert held.effects[0].values[0][0] == pytest.approx(anew.effects[0].values[0][0], rel=0.05)
@@ -176,7 +176,7 @@ def test_an_answer_that_a_finer_mesh_leaves_without_evidence_may_be_the_mesh():
 def test_what_a_finer_mesh_is_held_against_is_what_was_fitted():
     here, *_ = fits()
     damped = fit(here, (Effect("attenuation_Q", "", ((25.0,),)),))
-    fine, runs = Forward(here.case, CUT), here.forward.runs
+    fine, runs = Forward(here.case), here.forward.runs
 
     same, change = on_finer_mesh(here, fine, damped)
 

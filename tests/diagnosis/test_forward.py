@@ -1,13 +1,13 @@
 """What a diagnosis counts of its runs."""
 
-from small_site import CUT, recorded, small_site
+from small_site import recorded, small_site
 
 from pyblast.diagnosis.forward import Forward
 
 
 def test_a_run_counts_as_kept_once_and_only_if_it_was_there_before(tmp_path):
     case = recorded(small_site())
-    made, after = (Forward(case, CUT, tmp_path) for _ in range(2))
+    made, after = (Forward(case, tmp_path) for _ in range(2))
 
     for forward in (made, after):
         for _ in range(2):

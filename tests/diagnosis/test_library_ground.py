@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from library_scene import applied, first, scene, sent, shared
 from scipy import fft
-from small_site import CUT, DT, SAMPLES, small_site
+from small_site import DT, SAMPLES, small_site
 
+from pyblast.config.ground import LayerConfig
 from pyblast.diagnosis.forward import Forward
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.ground import Fabric
 from pyblast.model.anisotropy import christoffel, stiffness_of
-from pyblast.project.config_ground import LayerConfig
-from pyblast.project.flat_box import flat_box, flat_mesh
+from pyblast.project.flat_box import flat_box
 
 
 def test_every_effect_lists_where_it_may_be():
@@ -121,7 +121,7 @@ def test_no_joint_is_missing_outside_of_the_box(target, offset):
     inside = applied("missing_joint", target, offset=0.99 * offset, **stiff)
     outside = applied("missing_joint", target, offset=offset, **stiff)
 
-    assert f"missing {target}" in flat_mesh(flat_box(inside), CUT).surfaces
+    assert f"missing {target}" in inside.mesh.surfaces
     assert outside is None
 
 
@@ -135,13 +135,14 @@ def test_bare_sites_are_cut_into_the_zones_of_the_effect(name):
     )
 
     near = 1.5 if name == "soft_surface_layer" else 0.0  # m: cut as a layer nearly as thick
-    cut, wanted = (np.unique(mesh.points, axis=0) for mesh in (bare, there))
+    inside = [mesh.points[mesh.points[:, 2] >= -60.0] for mesh in (bare, there)]
+    cut, wanted = (np.unique(points, axis=0) for points in inside)  # without the layer below
     np.testing.assert_allclose(cut, wanted, rtol=0.0, atol=near)
 
 
 def mesh_of(project):
-    """Return the mesh of a flat box."""
-    return flat_mesh(flat_box(project), CUT.of(project.materials))
+    """Return the mesh on which a project is run."""
+    return Forward(scene().case).model(project, "S1").mesh
 
 
 def test_a_closing_joint_is_as_stiff_at_rest_as_it_is_listed():
@@ -219,7 +220,7 @@ def test_fissures_slow_waves_across_them_and_none_change_nothing():
 
 def test_fissures_delay_the_receivers_across_them():
     knobs = {"normal": 0.4, "shear": 0.3}
-    coarse = Forward(first().case, replace(CUT, edge=45.0))
+    coarse = Forward(first().case)
     bare = coarse.motion(
         LIBRARY["anisotropy"].mesh_control(small_site(), "", azimuth=0.0, **knobs)
     )[0]
@@ -245,7 +246,8 @@ def test_damaged_rock_delays_all_that_leaves_it():
 def test_undamaged_rock_is_as_it_was():
     same = sent(applied("damaged_zone", "B1", reduction=0.0, length=5.0))
 
-    np.testing.assert_array_equal(same, scene().baseline.motion[:1])
+    motion = scene().baseline.motion[:1]
+    np.testing.assert_allclose(same, motion, rtol=0.0, atol=5e-4 * np.abs(motion).max())  # single
 
 
 @pytest.mark.parametrize(("thickness", "slower"), [(6.0, 0.15), (4.0, 0.15), (8.0, 0.2)])

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from library_scene import applied, received, scene, sent, shared
 from scipy import fft
-from small_site import CUT, DT, SAMPLES, small_site
+from small_site import DT, SAMPLES, small_site
 
 from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.forward import Forward
@@ -39,7 +39,8 @@ def test_a_wrong_pace_fires_all_holes_but_the_first_at_other_times():
 
     np.testing.assert_array_equal(heard[0], motion[0])
     late = sent_by(small_site().changed(blasts=blasts | {"B1": later}))
-    assert shared(heard[1], late) < 1e-3
+    band = scene().case.band
+    assert shared(band.project(heard[1]), band.project(late)) < 1e-3
     assert shared(motion[1], late) > 0.1
 
 
@@ -53,7 +54,7 @@ def silenced(n):
 
 def sent_by(site):
     """Return what the last blast of a site sends, (n_receivers, 3, n_samples) m/s."""
-    return Forward(scene().case, CUT).simulate([(site, "B1")])[0]
+    return Forward(scene().case).simulate([(site, "B1")])[0]
 
 
 def test_a_slow_clock_delays_one_receiver():

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from small_site import CUT, recorded, small_site
+from small_site import recorded, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.effects import Effect, predict
@@ -24,6 +24,6 @@ def test_an_air_blast_moves_the_ground_that_it_was_fitted_on(monkeypatch, effect
     monkeypatch.setattr(Forward, "motion", lambda *_: still)
 
     values = [0.1, -0.1, 0.2, 0.0]
-    foretold = predict(case, CUT, case.project.blasts["B1"], values, effects)
+    foretold = predict(case, case.project.blasts["B1"], values, effects)
 
     np.testing.assert_array_equal(foretold, moved[case.blasts.index("B1")])

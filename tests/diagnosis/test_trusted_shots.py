@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from pyblast.config.config import DiagnosisConfig
 from pyblast.diagnosis.library.instruments import pairs_of_near_receivers, swapped_channels
 from pyblast.diagnosis.library.paths import loss_along_paths
 from pyblast.diagnosis.trusted_shots import explained, learned, with_source
-from pyblast.project.config import DiagnosisConfig
 
 DT, N, RECEIVERS = 2e-3, 300, 8
 TIMES = DT * np.arange(N)

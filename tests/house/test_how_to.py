@@ -9,8 +9,8 @@ import pytest
 from small_project import INSIDE, TEXT
 
 from pyblast.blasts.hole_tables import read_blast
-from pyblast.project.config import Config
-from pyblast.project.config import _merged as merged
+from pyblast.config.config import Config
+from pyblast.config.section import merged
 from pyblast.project.project import make_project
 from pyblast.recordings.recording import read_recording
 

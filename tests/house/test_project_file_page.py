@@ -8,11 +8,11 @@ from typing import get_args, get_origin
 
 import pytest
 
+from pyblast.config.config import Config
+from pyblast.config.ground import JointConfig
+from pyblast.config.section import Section
 from pyblast.core import JOINT_LAWS
 from pyblast.model.joint import may_be_left_out
-from pyblast.project.config import Config
-from pyblast.project.config_ground import JointConfig
-from pyblast.project.section import Section
 from pyblast.units import split_key
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from small_site import TABLES
 
+from pyblast.config.config import check_config
 from pyblast.errors import InputError
-from pyblast.project.config import check_config
 from pyblast.project.elements import NODES_FOR_ONE_PER_CENT, nodes_per_wavelength
 from pyblast.project.project import make_project
 

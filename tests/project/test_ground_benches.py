@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from pyblast.config.ground import BenchConfig, FractureConfig, MeshConfig
 from pyblast.errors import InputError
 from pyblast.project import checks, surface
-from pyblast.project.config_ground import MeshConfig
 from pyblast.project.project import load_project
-from pyblast.project.surface import BenchConfig, benches_of, read_surface
+from pyblast.project.surface import benches_of, read_surface
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bench" / "project.toml"
 
@@ -100,7 +100,7 @@ LAWS = {"name": "a", "dip_deg": 9, "dip_direction_deg": 9, "fisher_kappa": 9, "p
 )
 def test_half_a_set_of_fractures_is_refused(keys, message):
     with pytest.raises(ValidationError, match=message):
-        surface.FractureConfig(**keys)
+        FractureConfig(**keys)
 
 
 def test_fractures_that_end_at_an_unknown_fault_are_refused(tmp_path):

@@ -3,8 +3,8 @@
 import pytest
 from pydantic import ValidationError
 
+from pyblast.config.ground import JointConfig
 from pyblast.errors import InputError
-from pyblast.project.config_ground import JointConfig
 from pyblast.project.ground import make_joint
 
 SPRINGS = {"kn_gpa_per_m": 1.0, "ks_gpa_per_m": 0.5}

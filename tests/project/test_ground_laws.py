@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from pyblast.model.anisotropy import jointed, transverse
+from pyblast.config.ground import BoundariesConfig, InSituConfig, MaterialConfig, MeshConfig
+from pyblast.model.anisotropy import HoekBrown, jointed, transverse
 from pyblast.model.joint import Joint
 from pyblast.model.material import Material
-from pyblast.project.config_ground import BoundariesConfig, InSituConfig, MaterialConfig, MeshConfig
 from pyblast.project.ground import jointed_media, make_boundaries, make_insitu, make_material
 
 ROCK = {"density_kg_per_m3": 2700.0, "cp_m_per_s": 4000.0, "cs_m_per_s": 2300.0}
@@ -59,6 +59,20 @@ def test_joints_make_the_rock_a_softer_medium():
     assert found.law.stiffness == pytest.approx(wanted.law.stiffness, rel=1e-9, abs=1.0)
 
 
+MASS = {"sigci_mpa": 30.0, "mi": 12.0, "gsi": 55.0, "disturbance": 0.3}
+
+
+def test_a_rock_mass_is_read_with_its_indices():
+    found = material(hoek_brown={**MASS, "dilation_angle_deg": 10.0, "tension_kpa": 20.0}).law
+
+    wanted = HoekBrown.of_rock_mass(
+        30e6, 12.0, 55.0, 0.3, dilation=np.tan(np.radians(10.0)), tension=2e4
+    )
+    assert found.name == "hoek-brown"
+    for name in ("sigci", "m", "s", "a", "dilation", "tension"):
+        assert getattr(found, name) == pytest.approx(getattr(wanted, name))
+
+
 def test_transverse_ground_needs_no_other_constants():
     found = make_material(MaterialConfig(density_kg_per_m3=2700.0, transverse=SCHIST, **STRONG))
 
@@ -75,6 +89,7 @@ def test_transverse_ground_needs_no_other_constants():
     [
         ({**STRONG, "yielding": {}, "joints": [SETS]}, "exclude one another"),
         ({"yielding": {}}, "cohesion_kpa is missing beside yielding"),
+        ({"hoek_brown": MASS, "yielding": {}}, "exclude one another"),
         ({"transverse": SCHIST}, "give one of"),
     ],
 )

@@ -9,12 +9,12 @@ from typer.testing import CliRunner
 
 from pyblast.blasts.signature import SmoothPulse, cavity_moment, cavity_response
 from pyblast.cli.commands import app
+from pyblast.config.sources import ChargedHoleConfig, HolesInsideConfig
 from pyblast.errors import InputError, ReadError
 from pyblast.mesh.mesh import edge_lengths, locate
 from pyblast.model.boundary import StressInput, VelocityInput
 from pyblast.model.material import Material
 from pyblast.project.checks import check
-from pyblast.project.config_ground import ChargedHoleConfig, HolesInsideConfig
 from pyblast.project.inputs import central_frequency, input_band, make_moment_rate
 from pyblast.project.project import load_project
 

@@ -147,8 +147,8 @@ def test_the_stress_on_a_viscous_face_is_doubled(tmp_path):
 
 
 def test_edges_follow_from_edges_per_wavelength():
+    from pyblast.config.ground import LayerConfig, MeshConfig
     from pyblast.model.material import Material
-    from pyblast.project.config_ground import LayerConfig, MeshConfig
     from pyblast.project.ground import mean_edge
 
     soil = Material(2000.0, 125e6, 57.7e6)

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pyblast.config.config import check_config
 from pyblast.model.source import PointForce, TimeFunction
-from pyblast.project.config import check_config
 from pyblast.project.project import load_project, make_project
 from pyblast.solver.run import simulate
 from pyblast.workflows import run

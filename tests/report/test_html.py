@@ -8,8 +8,14 @@ from small_project import written
 
 from pyblast import Seismogram
 from pyblast.project.result import Result, read_result, write_csv
-from pyblast.report.figures import limits_figure, peaks_of, section_of_surface, section_of_zones
-from pyblast.report.run import angle, number, render, scaled, waveforms
+from pyblast.report.figures import (
+    limits_figure,
+    peaks_of,
+    section_of_surface,
+    section_of_zones,
+    waveforms,
+)
+from pyblast.report.run import angle, number, render, render_one_page, scaled
 from pyblast.signals.comparison import load_limits
 from pyblast.workflows import run
 
@@ -70,7 +76,7 @@ def test_the_page_warns_of_failing_checks_and_short_records_before_the_peaks(pag
 def test_figures_are_those_of_the_project_not_of_a_paper(page):
     assert "of the paper" not in page
     images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert len(images) == 9
+    assert len(images) == 10
     assert all(base64.b64decode(image)[:8] == b"\x89PNG\r\n\x1a\n" for image in images)
 
 
@@ -107,7 +113,7 @@ def test_seismograms_in_the_page_keep_their_peaks():
     seismograms = {"simulated": {"R1": heads}, "recorded": {}}
     result = Result({"simulated": {"R1": motion.velocity}}, {"seismograms": seismograms})
 
-    (place,) = waveforms(result)
+    (place,) = waveforms(result.seismograms)
 
     for trace, peak in zip(place["traces"], motion.ppv, strict=False):
         values = np.frombuffer(base64.b64decode(trace["values"]), "<i2") * trace["scale"]
@@ -186,3 +192,21 @@ def test_a_section_cuts_a_joint_in_its_trace():
     assert np.sort(segments[0], axis=0) == pytest.approx(
         np.array([[1.0, 0.0], [1.0, 3.0]]), abs=1e-3
     )
+
+
+def test_the_a4_page_holds_what_an_inspector_asks_for(tmp_path):
+    project = run.load_project(written(tmp_path))
+    write_csv(tmp_path / "R1.csv", project.input.motion.rotated(np.pi / 2.0))
+    facts = 'serial_number = "UM<1>", calibration_date = "2026-01-02", operator = "A. Blaster"'
+    path = written(
+        tmp_path, ('name = "R1"', f'name = "R1"\nrecorded = {{ file = "R1.csv", {facts} }}')
+    )
+    outcome = run.run(path)
+
+    text = (outcome.folder / "report_one_page.html").read_text(encoding="utf-8")
+
+    for part in ("UM&lt;1&gt;", "2026-01-02", "A. Blaster", "kg", "vector sum", "Limit ="):
+        assert part in text
+    assert text.count("data:image/png") == 2
+    assert text == render_one_page(outcome.result)
+    assert (outcome.folder / "report.html").stat().st_size < 6e6

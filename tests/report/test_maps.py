@@ -5,7 +5,16 @@ from small_project import written
 from pyblast.mesh.builder import structured_box
 from pyblast.project.result import Result, read_result
 from pyblast.report.figures import blocks_figure, outer_skin
-from pyblast.report.maps import ascii_grid, plan_figure, surface, surface_of
+from pyblast.report.maps import (
+    ascii_grid,
+    equal_area,
+    great_circle,
+    plan_figure,
+    pole,
+    stereonet_figure,
+    surface,
+    surface_of,
+)
 from pyblast.workflows import run
 
 
@@ -94,3 +103,24 @@ def test_a_surface_holds_all_nodes_on_the_top_and_its_whole_area(order):
     assert (points[:, 2] == points[:, 2].max()).all()
     np.testing.assert_array_equal(points, model.nodes.points[node])
     assert len(points) == (20 if order is None else 13 * 10)
+
+
+def test_a_stereonet_is_equal_area_and_poles_stand_normal_to_their_planes():
+    np.testing.assert_allclose(pole(0.0, 77.0), 0.0, atol=1e-12)
+    np.testing.assert_allclose(pole(90.0, 90.0), [-1.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(np.hypot(*pole(60.0, 135.0)) ** 2, 2.0 * np.sin(np.pi / 6.0) ** 2)
+    for dip, direction in ((30.0, 45.0), (60.0, 200.0), (90.0, 0.0)):
+        circle = great_circle(dip, direction)
+        radius = np.hypot(*circle.T)
+        assert radius.max() == pytest.approx(1.0)
+        nearest = circle[radius.argmin()]  # the line of dip
+        np.testing.assert_allclose(
+            nearest, equal_area(np.radians(direction), np.radians(dip)), atol=1e-9
+        )
+
+
+def test_a_stereonet_is_drawn_of_joints_with_an_orientation_only():
+    rows = {"F1": {"dip": 60.0, "dip_direction": 135.0}, "mine": {"dip": None}}
+
+    assert stereonet_figure(rows, ["F1"]).startswith("data:image/png")
+    assert stereonet_figure({"mine": {"dip": None}}, []) is None

@@ -240,3 +240,11 @@ def test_water_without_a_level_or_with_a_negative_weight_is_refused():
         InSitu(water_table=np.inf)
     with pytest.raises(InputError, match=r"insitu.water_density: must not be negative"):
         InSitu(water_density=-1.0)
+
+
+def test_a_mesh_split_along_no_joint_rests_under_its_weight():
+    mesh = structured_box((2, 2, 4), (20.0, 20.0, 40.0)).split([])
+    model = Model(mesh, {"rock": ROCK}, boundaries=[*map(Roller, SIDES), Fixed("bottom")],
+                  insitu=InSitu(GRAVITY, 0.5))  # fmt: skip
+
+    assert not np.abs(prepare(model, 0.01).state["velocity"]).any()

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from small_site import CUT, DT, recorded, small_site
+from small_site import DT, recorded, small_site
 
 from pyblast.diagnosis.calibration import calibrated_parameters, with_values
 from pyblast.diagnosis.hypotheses import LIBRARY
@@ -28,8 +28,8 @@ def no_runs(monkeypatch):
 def found(change=None):
     """Diagnose the small site with other values and one change of its records."""
     true = with_values(small_site(), calibrated_parameters(small_site()), TRUE)
-    case = recorded(small_site(), true, change=change)
-    return diagnose(case.project, cuts=(CUT, None), seed=3).summary
+    case = recorded(small_site(), true, change=change, fine=True)
+    return diagnose(case.project, seed=3).summary
 
 
 def late(motion):
@@ -97,8 +97,8 @@ def test_one_silent_hole_is_a_misfire_of_that_hole_and_not_of_all_charges():
     site = small_site()
     silent = replace(site.blasts["B1"], charge=np.array([60.0, 1e-6, 60.0]))
     true = with_values(site, calibrated_parameters(site), TRUE)
-    case = recorded(site, true.changed(blasts={**site.blasts, "B1": silent}))
-    made = diagnose(case.project, cuts=(CUT, None), seed=3)
+    case = recorded(site, true.changed(blasts={**site.blasts, "B1": silent}), fine=True)
+    made = diagnose(case.project, seed=3)
 
     assert made.summary["outcome"] == "NAMED"
     (effect,) = made.summary["effects"]
@@ -118,11 +118,17 @@ def test_a_diagnosis_is_the_same_each_time():
 
 def test_a_finer_mesh_corrects_all_runs_and_the_answer(monkeypatch):
     monkeypatch.setitem(LIBRARY, MOVED.name, MOVED)
-    true = with_values(small_site(), calibrated_parameters(small_site()), TRUE)
+    site = small_site()
+    layers = [
+        one.model_copy(update={"edge_m": 1.5 * one.edge_m}) for one in site.config.mesh.layers
+    ]
+    coarse = {"kind": "hexahedra", "order": 3, "accuracy": 0.1, "layers": layers}  # as files may
+    site = site.changed(mesh=site.config.mesh.model_copy(update=coarse))
+    true = with_values(site, calibrated_parameters(site), TRUE)
     moved = MOVED.apply(true, "B1", east=8.0, north=-8.0)
-    case = recorded(small_site(), moved)  # of the finer zones
+    case = recorded(site, moved, fine=True)
 
-    told = diagnose(case.project, cuts=(replace(CUT, edge=2.0 * CUT.edge), CUT), seed=3).summary
+    told = diagnose(case.project, seed=3).summary
 
     assert told["outcome"] == "NAMED"
     assert told["mesh_error"]["energy_share"] > 0.03  # of the energy: three times what may be

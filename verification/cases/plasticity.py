@@ -1,4 +1,4 @@
-"""Mohr-Coulomb ground: a triaxial test, a hole in stressed ground, a strip footing."""
+"""Ground that yields: triaxial tests, a hole in stressed ground, a strip footing."""
 
 from dataclasses import replace
 
@@ -7,6 +7,7 @@ import numpy as np
 from pyblast import core
 from pyblast.mesh.builder import structured_box
 from pyblast.mesh.mesh import Mesh, volumes
+from pyblast.model.anisotropy import HoekBrown
 from pyblast.model.boundary import Fixed, VelocityInput
 from pyblast.model.material import Material, MohrCoulomb
 from pyblast.model.model import InSitu, Model
@@ -252,3 +253,51 @@ def strip_footing(fineness):
         Curve(name, settled, exact, values, "settlement over half width", "pressure / cohesion")
         for name, values in (("with patches", pressure), ("without patches", locked))
     ]
+
+
+@case(
+    "L25",
+    "Triaxial test of a rock mass after Hoek and Brown",
+    source="sigma_1 = sigma_3 + sigci (m sigma_3/sigci + s)^a, and its fitted line (2002)",
+    gate="C",
+    tolerance={
+        "strength, unconfined": 1e-6,
+        "strength at 1 MPa": 1e-6,
+        "strength at 20 MPa": 1e-6,
+        "dilation slope": 1e-3,
+        "area under the equivalent line": 0.03,
+    },
+    quick=True,
+    note="sigci 30 MPa, mi 12, GSI 55, D 0.3. The area under the line of equations (12) and (13) "
+    "up to 2 MPa is compared with that under the curve, which the program gives.",
+)
+def rock_mass():
+    """Strength under three confinements, dilation, and the equivalent line at low stress."""
+    law = HoekBrown.of_rock_mass(30e6, 12.0, 55.0, 0.3, dilation=DILATION)
+    rock = Material.from_speeds(2600.0, 4000.0, 2300.0, law=law)
+    strains = np.linspace(0.0, -0.03, 121)
+
+    def largest(confining):
+        """Return the strength in Pa that the routine gives, and the motion of the sides."""
+        axial, side = sampled(rock, strains, confining)
+        return -axial[-1], side
+
+    names = {0.0: ", unconfined", 1e6: " at 1 MPa", 20e6: " at 20 MPa"}
+    readings = [
+        Reading.relative(f"strength{name}", law.strength(p), largest(p)[0])
+        for p, name in names.items()
+    ]
+    slope = np.diff(largest(1e6)[1])[-30:].mean() / np.diff(strains)[0]
+    readings.append(Reading.relative("dilation slope", -0.5 * flow_number(DILATION), slope))
+    pressures = np.linspace(0.0, 2e6, 21)
+    curve = np.array([largest(p)[0] for p in pressures])
+    line = np.array([triaxial_strength(p, *law.equivalent(2e6)) for p in pressures])
+    areas = np.trapezoid(curve, pressures), np.trapezoid(line, pressures)
+    readings.append(Reading.relative("area under the equivalent line", *areas))
+    x = 1e-6 * pressures
+    return readings, [
+        Curve("strength", x, 1e-6 * law.strength(pressures), 1e-6 * curve,
+              "confining stress, MPa", "largest compression, MPa"),
+        Curve("equivalent line", x, 1e-6 * law.strength(pressures), 1e-6 * line,
+              "confining stress, MPa", "largest compression, MPa"),
+    ]  # fmt: skip

@@ -6,12 +6,12 @@ from itertools import pairwise
 
 import numpy as np
 
+from ...config.ground import FaultConfig
 from ...errors import InputError
 from ...inference.parameter import Parameter
 from ...model.anisotropy import anisotropic, jointed, stiffness_of
 from ...model.joint import Joint
 from ...model.material import Material
-from ...project.config_ground import FaultConfig, LayerConfig
 from ...project.flat_box import (
     band_of,
     constant_q,
@@ -25,6 +25,7 @@ from ..hypotheses import (
     ground_without_loss,
     hypothesis,
     receivers_with_space,
+    remeshable,
     space_around_receivers,
     three_directions,
     unknown_quality,
@@ -239,9 +240,9 @@ ALIKE = 2.0  # ratio of thicknesses whose meshes differ by less than the model e
 
 def _layered(project, thickness, slower):
     """Return a project with a slower layer on top; None if the first layer is too thin for it."""
-    ground = flat_box(project)
-    name, first = ground.layers[0]
-    if thickness > 0.9 * (first or np.ptp(ground.box[2])):
+    mesh = project.config.mesh
+    name, first = mesh.layers[0].material, mesh.layers[0].thickness_m
+    if thickness > 0.9 * (first or mesh.size_m[2]):
         return None
     own, rock = "soft", project.materials[name]
     while own in project.materials:
@@ -251,9 +252,9 @@ def _layered(project, thickness, slower):
     else:
         soft = Material.from_speeds(rock.density, slower * rock.cp, slower * rock.cs)
         soft = replace(soft, law=rock.law)
-    mesh, rest = project.config.mesh, None if first is None else first - thickness
+    rest = None if first is None else first - thickness
     layers = [
-        LayerConfig(material=own, thickness_m=float(thickness)),
+        mesh.layers[0].model_copy(update={"material": own, "thickness_m": float(thickness)}),
         mesh.layers[0].model_copy(update={"thickness_m": rest}),
         *mesh.layers[1:],
     ]
@@ -276,7 +277,7 @@ def _resonant_layer(scene):
     7.2.1.1); slow soil on rock does so for so long that a start at another frequency fails.
     """
     case, project = scene.case, scene.baseline.project
-    rock = project.materials[flat_box(project).layers[0][0]]
+    rock = project.materials[project.config.mesh.layers[0].material]
     recorded, simulated = (case.in_band(each) for each in (case.motion, scene.baseline.motion))
     size = np.linalg.norm(recorded, axis=(2, 3), keepdims=True)
     shares = (recorded - simulated)[:, :, :2] / np.maximum(size, np.finfo(float).tiny)
@@ -311,7 +312,7 @@ def _resonant_layer(scene):
         ),
     ],
     decided_by="a receiver on bare rock beside one on the ground, or a hammer test",
-    simulated=(flat_layers,),
+    simulated=(remeshable,),
 )
 def soft_surface_layer(project, target, thickness, slower):
     """A slower layer that the site does not list lies on top."""

@@ -161,7 +161,7 @@ def receivers_on_a_line(case):
         return ()
     along, beside = _along(places)
     slowest = min(material.cs for material in case.project.materials.values())
-    gaps = np.diff(np.sort(along))
+    gaps: np.ndarray = np.diff(np.sort(along))
     dense = gaps.min() > 0.0 and np.median(gaps) < slowest / (PER_WAVE * case.band.high)
     return case.receivers if dense and beside < STRAIGHT * np.ptp(along) else ()
 

@@ -3,8 +3,8 @@ import random
 import pytest
 from small_project import TEXT, written
 
+from pyblast.config.config import read_config
 from pyblast.errors import InputError, PyblastError, ReadError
-from pyblast.project.config import read_config
 from pyblast.project.project import load_project
 
 DEEP = "x = " + 3000 * "[" + 3000 * "]"
@@ -137,3 +137,11 @@ def test_a_damaged_project_never_raises_anything_else(tmp_path, seed):
     path.write_text("".join(letters), encoding="utf-8")
 
     assert "\n" not in message_of(path)
+
+
+@pytest.mark.parametrize("through", ["[300, 0, 0]", "[-1, 0, 5]"])
+def test_a_fault_outside_the_box_is_refused_as_such(tmp_path, through):
+    path = written(tmp_path, ("through_m = [30, 0, 0]", f"through_m = {through}"))
+
+    with pytest.raises(InputError, match=r"faults.F1: its plane passes the box .* move through_m"):
+        load_project(path)

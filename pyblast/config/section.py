@@ -2,10 +2,17 @@
 
 import difflib
 import tomllib
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from ..blasts.published_laws import BY_NAME
 from ..errors import InputError, ReadError
@@ -165,6 +172,10 @@ class RecordingConfig(Section):
     full_scale_mm_per_s: Positive | None = None
     unit: str | None = None
     start_s: float | None = None
+    serial_number: str | None = None
+    calibration_date: str | None = None
+    location: str | None = None
+    operator: str | None = None
 
 
 def value_at(config, path):
@@ -284,6 +295,84 @@ def read_toml(path):
         raise InputError(f"{path.name}: not valid TOML: {_lowered(str(error))}") from None
     except (RecursionError, ValueError):
         raise InputError(f"{path.name}: nested too deeply to be a project file") from None
+
+
+class CandidateConfig(Section):
+    """A suspect of the user: what of the ground is otherwise, as a part of a project file."""
+
+    name: Name
+    mesh: dict[str, Any] = Field({})
+    materials: dict[Name, dict[str, Any]] = Field({})
+    joints: dict[Name, dict[str, Any]] = Field({})
+    ground: dict[str, Any] = Field({})
+
+    @property
+    def tables(self) -> dict[str, dict]:
+        """The tables that it changes."""
+        return self.model_dump(exclude={"name"}, exclude_defaults=True)
+
+    @model_validator(mode="after")
+    def _something(self):
+        """Ask for a change."""
+        if not self.tables:
+            raise ValueError("changes nothing; give mesh, materials, joints or ground")
+        fixed = {"size_m", "origin_m", "file"} & set(self.mesh)
+        if fixed:
+            raise ValueError(f"mesh.{min(fixed)}: the box of the project stays; leave it out")
+        return self
+
+
+def with_candidate(config, candidate: CandidateConfig):
+    """Return a `Config` with the tables of a candidate of its diagnosis in place of its own.
+
+    Faults and joint sets go by their names: one of a new name is added. Other lists are replaced.
+
+    Raises
+    ------
+    InputError
+        If this breaks a rule; one sentence with candidate, key, rule and value.
+    """
+    own = config.model_dump(exclude_unset=True, exclude={"diagnosis"})
+    try:
+        return type(config).model_validate(merged(own, candidate.tables, by_name=True))
+    except (ValidationError, RecursionError) as error:
+        rule = sentence_of(error, type(config))
+        raise InputError(f"diagnosis.candidates.{candidate.name}: {rule}") from None
+
+
+def merged(table: dict, other: dict, by_name: bool = False) -> dict:
+    """Return a table with the values of another in place of its own, table by table.
+
+    Parameters
+    ----------
+    table, other : dict
+        Tables of a project file, nested.
+    by_name : bool
+        Whether lists of tables with names are merged by these; other lists are replaced.
+
+    Examples
+    --------
+    >>> faults = {"faults": [{"name": "F1", "dip_deg": 60}]}
+    >>> merged(faults, {"faults": [{"name": "F1", "dip_deg": 70}, {"name": "F2"}]}, by_name=True)
+    {'faults': [{'name': 'F1', 'dip_deg': 70}, {'name': 'F2'}]}
+    """
+    result = dict(table)
+    for key, value in other.items():
+        own = result.get(key)
+        if isinstance(value, dict) and isinstance(own, dict):
+            value = merged(own, value, by_name)
+        elif by_name and isinstance(own, list) and _have_names(value) and _have_names(own):
+            known = {part["name"]: part for part in own}
+            changed = {v["name"]: merged(known.get(v["name"], {}), v, by_name) for v in value}
+            value = [*(known | changed).values()]
+        result[key] = value
+    return result
+
+
+def _have_names(value):
+    """Tell whether a value is a list of tables with names."""
+    listed = isinstance(value, list) and bool(value)
+    return listed and all(isinstance(part, dict) and "name" in part for part in value)
 
 
 def sentence_of(error, root) -> str:

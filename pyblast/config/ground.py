@@ -1,28 +1,28 @@
 """Tables of a project file about the ground: mesh, materials, joints, boundaries, sources."""
 
+import math
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, model_validator
 
+from ..units import plain_number
 from .section import (
     Band,
     Bearing,
     Box,
     Count,
     Dip,
+    Fraction,
     FrictionAngle,
     Infill,
-    Law,
     Name,
     NotNegative,
-    Place,
     Point,
     Positive,
     Quality,
     Section,
     Size,
 )
-from .surface import BenchConfig, FractureConfig
 
 
 class LayerConfig(Section):
@@ -57,6 +57,68 @@ class FaultConfig(Section):
     through_m: Point
     radius_m: Positive | None = None
     extent_m: Annotated[list[Positive], Field(min_length=2, max_length=2)] | None = None
+
+
+class FractureConfig(Section):
+    """Fractures of limited extent that share a joint: mapped in a file, or drawn from laws."""
+
+    name: Name
+    joint: Name | None = None
+    file: str | None = None
+    dip_deg: Dip | None = None
+    dip_direction_deg: Bearing | None = None
+    fisher_kappa: Positive | None = None
+    p32: Positive | None = None
+    radius_law: Literal["constant", "exponential", "lognormal", "power"] = "constant"
+    radius_m: Positive | None = None
+    radius_deviation_m: Positive | None = None
+    radius_exponent: Positive | None = None
+    radius_range_m: Band | None = None
+    seed: Annotated[int, Field(ge=0)] = 0
+    ends_at: list[Name] = Field([])
+
+    @model_validator(mode="after")
+    def _file_or_laws(self):
+        """Ask for a file, or for the laws of a set."""
+        self._one_of(("file",), ("dip_deg", "dip_direction_deg", "fisher_kappa", "p32"))
+        needs = {"power": ("radius_exponent", "radius_range_m")}.get(
+            self.radius_law,
+            ("radius_m", "radius_deviation_m") if self.radius_law == "lognormal" else ("radius_m",),
+        )
+        sizes = ("radius_m", "radius_deviation_m", "radius_exponent", "radius_range_m")
+        given = {key for key in sizes if getattr(self, key) is not None}
+        if self.file is not None:
+            needs = ()
+        missing = [key for key in needs if key not in given]
+        allowed = {*needs, "radius_range_m"} if self.file is None else set()
+        if self.radius_law == "constant":
+            allowed.discard("radius_range_m")
+        if missing or given - allowed:
+            wrong = missing or sorted(given - allowed)
+            what = "is missing with" if missing else "does not go with"
+            law = "file" if self.file is not None else f"radius_law = {self.radius_law!r}"
+            raise ValueError(f"{wrong[0]} {what} {law}")
+        return self
+
+
+class BenchConfig(Section):
+    """A bench: its crest, and its toe or the height and dip of its face."""
+
+    crest_m: list[Point] | None = None
+    crest_file: str | None = None
+    toe_m: list[Point] | None = None
+    toe_file: str | None = None
+    height_m: Positive | None = None
+    face_dip_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
+
+    @model_validator(mode="after")
+    def _lines(self):
+        """Ask for one crest and one toe."""
+        self._one_of(("crest_m",), ("crest_file",))
+        self._one_of(("toe_m",), ("toe_file",), ("height_m",))
+        if self.height_m is None and "face_dip_deg" in self.model_fields_set:
+            raise ValueError("face_dip_deg goes with height_m; the toe gives the dip")
+        return self
 
 
 class MeshConfig(Section):
@@ -112,6 +174,29 @@ class MeshConfig(Section):
                 )
         return self
 
+    @model_validator(mode="after")
+    def _faults_within(self):
+        """Refuse faults whose plane does not meet the box; those under a surveyed surface may."""
+        if self.size_m is None or self.surface_file is not None:
+            return self
+        out = self.padding_m or 0.0
+        half = [0.5 * size + out for size in self.size_m]
+        centre = [a + 0.5 * b for a, b in zip(self.origin_m, self.size_m, strict=True)]
+        half[2], centre[2] = half[2] - 0.5 * out, centre[2] - 0.5 * out  # no padding on top
+        for fault in self.faults:
+            dip, azimuth = math.radians(fault.dip_deg), math.radians(fault.dip_direction_deg)
+            east, north = math.sin(azimuth), math.cos(azimuth)
+            normal = math.sin(dip) * east, math.sin(dip) * north, math.cos(dip)
+            parts = zip(normal, centre, fault.through_m, strict=True)
+            at = sum(n * (c - p) for n, c, p in parts)
+            reach = sum(abs(n * h) for n, h in zip(normal, half, strict=True))
+            if abs(at) > reach:
+                raise ValueError(
+                    f"faults.{fault.name}: its plane passes the box of the mesh at "
+                    f"{plain_number(abs(at) - reach)} m; move through_m, or leave the fault out"
+                )
+        return self
+
     @property
     def files(self) -> list[str | None]:
         """Return the files that the ground is read from."""
@@ -146,6 +231,22 @@ class YieldingConfig(Section):
     cohesion_residual_kpa: NotNegative | None = None
     friction_residual_angle_deg: FrictionAngle | None = None
     dilation_residual_angle_deg: FrictionAngle | None = None
+    tension_residual_kpa: NotNegative | None = None
+    shear_strain_percent: NotNegative = 0.0
+    tensile_strain_percent: NotNegative = 0.0
+
+
+class HoekBrownConfig(Section):
+    """Ground that yields by Hoek and Brown."""
+
+    sigci_mpa: Positive
+    mi: Positive
+    gsi: Annotated[float, Field(ge=5.0, le=100.0)]
+    disturbance: Fraction = 0.0
+    dilation_angle_deg: FrictionAngle = 0.0
+    tension_kpa: NotNegative | None = None
+    m_residual: Positive | None = None
+    s_residual: NotNegative | None = None
     tension_residual_kpa: NotNegative | None = None
     shear_strain_percent: NotNegative = 0.0
     tensile_strain_percent: NotNegative = 0.0
@@ -192,6 +293,7 @@ class MaterialConfig(Section):
     quality_reference_hz: Positive | None = None
     damping: DampingConfig | None = None
     yielding: YieldingConfig | None = None
+    hoek_brown: HoekBrownConfig | None = None
     transverse: TransverseConfig | None = None
     joints: list[MediumJointsConfig] = Field([])
 
@@ -208,6 +310,7 @@ class MaterialConfig(Section):
         laws = {
             "qp": self.qp is not None,
             "yielding": self.yielding is not None,
+            "hoek_brown": self.hoek_brown is not None,
             "transverse or joints": self.transverse is not None or bool(self.joints),
         }
         given = [name for name, wanted in laws.items() if wanted]
@@ -343,116 +446,3 @@ class GroundConfig(Section):
     gradient: GradientConfig | None = None
     damaged_zone: DamagedZoneConfig | None = None
     heterogeneity: HeterogeneityConfig | None = None
-
-
-Tensor = Annotated[list[float], Field(min_length=6, max_length=6)]
-
-
-class ChargedHoleConfig(Section):
-    """The moment of a charged hole in closed form."""
-
-    material: Name
-    charge_kg: Positive
-    radius_m: Positive
-    peak_time_ms: Positive
-    pressure_mpa: Positive | None = None
-    peak_mm_per_s: Positive | None = None
-    law: Law | None = None
-    distance_m: Positive | None = None
-
-    @model_validator(mode="after")
-    def _one_level(self):
-        """Ask for one level: of pressure, or of velocity at a distance."""
-        self._one_of(("pressure_mpa",), ("peak_mm_per_s",), ("law",))
-        if (self.pressure_mpa is None) != (self.distance_m is not None):
-            raise ValueError("distance_m goes with peak_mm_per_s or law, and is needed there")
-        return self
-
-
-class HolesInsideConfig(Section):
-    """The holes of the blast as sources inside the model: points, or columns that detonate."""
-
-    moment_rate_file: str | None = None
-    charged_hole: ChargedHoleConfig | None = None
-    spread_m: NotNegative | None = None
-    detonation_m_per_s: Positive | None = None
-    primed_at: Literal["toe", "collar"] | None = None
-
-    @model_validator(mode="after")
-    def _one_moment(self):
-        """Ask for one of the two, and for columns that are whole."""
-        self._one_of(("moment_rate_file",), ("charged_hole",))
-        if self.primed_at is not None and self.detonation_m_per_s is None:
-            raise ValueError("detonation_m_per_s is missing beside primed_at")
-        if self.spread_m is not None and self.detonation_m_per_s is not None:
-            raise ValueError("spread_m and detonation_m_per_s exclude one another; keep one")
-        return self
-
-
-class PointForceConfig(Section):
-    """A force at a point; without height it acts on the surface "top"."""
-
-    position_m: Place
-    direction: Point
-    file: str
-
-    @model_validator(mode="after")
-    def _somewhere(self):
-        """Refuse a direction without length."""
-        if not any(self.direction):
-            raise ValueError("direction must not be [0, 0, 0]")
-        return self
-
-
-class MomentTensorConfig(Section):
-    """A moment tensor at a point."""
-
-    position_m: Point
-    tensor: Tensor
-    file: str
-    spread_m: NotNegative | None = None
-
-    @model_validator(mode="after")
-    def _something(self):
-        """Refuse a tensor that is nothing."""
-        if not any(self.tensor):
-            raise ValueError("tensor must not be zero")
-        return self
-
-
-class PressureConfig(Section):
-    """A pressure on a surface; with a start and a speed it runs over it."""
-
-    surface: Name
-    file: str
-    start_m: Point | None = None
-    speed_m_per_s: Positive | None = None
-
-    @model_validator(mode="after")
-    def _both(self):
-        """Ask for both, where it begins and how fast it runs."""
-        if (self.start_m is None) != (self.speed_m_per_s is None):
-            raise ValueError("start_m and speed_m_per_s go together")
-        return self
-
-
-class AirBlastConfig(Section):
-    """Pressure through the air over a free surface, from the collars of the blast."""
-
-    surface: Name = "top"
-    file: str | None = None
-    pressure_kpa: Positive | None = None
-    duration_ms: Positive | None = None
-    reference_m: Positive = 1.0
-    reference_charge_kg: Positive | None = None
-    exponent: NotNegative = 1.0
-    charge_exponent: NotNegative | None = None
-    speed_m_per_s: Positive = 340.0
-
-    @model_validator(mode="after")
-    def _one_pulse(self):
-        """Ask for a pulse, as a file or in closed form, and for both or none of the charge."""
-        self._one_of(("file",), ("pressure_kpa", "duration_ms"))
-        if (self.reference_charge_kg is None) != (self.charge_exponent is None):
-            raise ValueError("reference_charge_kg and charge_exponent go together")
-        return self

@@ -6,24 +6,20 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from ..errors import InputError
-from .config_ground import (
+from .ground import (
     AbsorbingLayerConfig,
-    AirBlastConfig,
     BoundariesConfig,
     DampingConfig,
     GroundConfig,
-    HolesInsideConfig,
     InSituConfig,
     JointConfig,
     MaterialConfig,
     MeshConfig,
-    MomentTensorConfig,
-    PointForceConfig,
-    PressureConfig,
 )
 from .section import (
     Band,
     Bearing,
+    CandidateConfig,
     Count,
     Curve,
     Inclination,
@@ -36,9 +32,18 @@ from .section import (
     RecordingConfig,
     Section,
     Span,
+    merged,
     read_toml,
     sentence_of,
     value_at,
+    with_candidate,
+)
+from .sources import (
+    AirBlastConfig,
+    HolesInsideConfig,
+    MomentTensorConfig,
+    PointForceConfig,
+    PressureConfig,
 )
 
 DEFAULT_METHOD = "levenberg"  # docs/decisions.md, "Least squares by default"
@@ -135,11 +140,12 @@ class DelaysConfig(Section):
 
 
 class DiagnosisConfig(Section):
-    """Diagnosis: records, band and noise window."""
+    """Diagnosis: records, band, noise window and candidates."""
 
     blasts: list[Name] = Field([])
     band_hz: Band | None = None
     noise_window_s: Span | None = None
+    candidates: list[CandidateConfig] = Field([])
     until_s: Positive | None = None
     trusted: list[Name] = Field([])
     held_out: list[Name] = Field([])
@@ -155,6 +161,13 @@ class DiagnosisConfig(Section):
             raise ValueError(f"the blast {both[0]!r} is in trusted and in held_out; keep one")
         if self.source_s is not None and self.trigger_s is not None:
             raise ValueError("source_s and trigger_s exclude one another; keep one")
+        return self
+
+    @model_validator(mode="after")
+    def _named_once(self):
+        """Refuse candidates of one name."""
+        if len({each.name for each in self.candidates}) < len(self.candidates):
+            raise ValueError("candidates: two have the same name; give each its own")
         return self
 
     @model_validator(mode="after")
@@ -375,6 +388,16 @@ class Config(Section):
         return self
 
     @model_validator(mode="after")
+    def _whole_candidates(self):
+        """Refuse candidates with which this is no project file."""
+        try:
+            for each in self.diagnosis.candidates if self.diagnosis else ():
+                with_candidate(self, each)
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        return self
+
+    @model_validator(mode="after")
     def _free_field(self):
         """Refuse free-field sides that no input from below would reach."""
         if not self.boundaries.free_field:
@@ -443,7 +466,7 @@ def check_config(table, name="project.toml", full=False) -> Config:
     if full and variant is None:
         raise InputError(f"{name}: {VARIANT}: missing; the file has no table [{VARIANT}]")
     if full:
-        table = _merged(table, variant)
+        table = merged(table, variant)
     try:
         config = Config.model_validate(table)
     except (ValidationError, RecursionError) as error:
@@ -452,13 +475,3 @@ def check_config(table, name="project.toml", full=False) -> Config:
         if value_at(config, key) is None:
             raise InputError(f"{name}: assumed: {key!r} must name a key of this file")
     return config
-
-
-def _merged(table, variant):
-    """Return a table with the values of a variant in place of its own, table by table."""
-    merged = dict(table)
-    for key, value in variant.items():
-        if isinstance(value, dict) and isinstance(merged.get(key), dict):
-            value = _merged(merged[key], value)
-        merged[key] = value
-    return merged

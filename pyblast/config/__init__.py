@@ -1,0 +1,1 @@
+"""Tables of a project file, read and checked."""

@@ -1,0 +1,119 @@
+"""Tables of a project file about sources: holes inside, forces, moment tensors, pressures."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from .section import Law, Name, NotNegative, Place, Point, Positive, Section
+
+Tensor = Annotated[list[float], Field(min_length=6, max_length=6)]
+
+
+class ChargedHoleConfig(Section):
+    """The moment of a charged hole in closed form."""
+
+    material: Name
+    charge_kg: Positive
+    radius_m: Positive
+    peak_time_ms: Positive
+    pressure_mpa: Positive | None = None
+    peak_mm_per_s: Positive | None = None
+    law: Law | None = None
+    distance_m: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_level(self):
+        """Ask for one level: of pressure, or of velocity at a distance."""
+        self._one_of(("pressure_mpa",), ("peak_mm_per_s",), ("law",))
+        if (self.pressure_mpa is None) != (self.distance_m is not None):
+            raise ValueError("distance_m goes with peak_mm_per_s or law, and is needed there")
+        return self
+
+
+class HolesInsideConfig(Section):
+    """The holes of the blast as sources inside the model: points, or columns that detonate."""
+
+    moment_rate_file: str | None = None
+    charged_hole: ChargedHoleConfig | None = None
+    spread_m: NotNegative | None = None
+    detonation_m_per_s: Positive | None = None
+    primed_at: Literal["toe", "collar"] | None = None
+
+    @model_validator(mode="after")
+    def _one_moment(self):
+        """Ask for one of the two, and for columns that are whole."""
+        self._one_of(("moment_rate_file",), ("charged_hole",))
+        if self.primed_at is not None and self.detonation_m_per_s is None:
+            raise ValueError("detonation_m_per_s is missing beside primed_at")
+        if self.spread_m is not None and self.detonation_m_per_s is not None:
+            raise ValueError("spread_m and detonation_m_per_s exclude one another; keep one")
+        return self
+
+
+class PointForceConfig(Section):
+    """A force at a point; without height it acts on the surface "top"."""
+
+    position_m: Place
+    direction: Point
+    file: str
+
+    @model_validator(mode="after")
+    def _somewhere(self):
+        """Refuse a direction without length."""
+        if not any(self.direction):
+            raise ValueError("direction must not be [0, 0, 0]")
+        return self
+
+
+class MomentTensorConfig(Section):
+    """A moment tensor at a point."""
+
+    position_m: Point
+    tensor: Tensor
+    file: str
+    spread_m: NotNegative | None = None
+
+    @model_validator(mode="after")
+    def _something(self):
+        """Refuse a tensor that is nothing."""
+        if not any(self.tensor):
+            raise ValueError("tensor must not be zero")
+        return self
+
+
+class PressureConfig(Section):
+    """A pressure on a surface; with a start and a speed it runs over it."""
+
+    surface: Name
+    file: str
+    start_m: Point | None = None
+    speed_m_per_s: Positive | None = None
+
+    @model_validator(mode="after")
+    def _both(self):
+        """Ask for both, where it begins and how fast it runs."""
+        if (self.start_m is None) != (self.speed_m_per_s is None):
+            raise ValueError("start_m and speed_m_per_s go together")
+        return self
+
+
+class AirBlastConfig(Section):
+    """Pressure through the air over a free surface, from the collars of the blast."""
+
+    surface: Name = "top"
+    file: str | None = None
+    pressure_kpa: Positive | None = None
+    duration_ms: Positive | None = None
+    reference_m: Positive = 1.0
+    reference_charge_kg: Positive | None = None
+    exponent: NotNegative = 1.0
+    charge_exponent: NotNegative | None = None
+    speed_m_per_s: Positive = 340.0
+
+    @model_validator(mode="after")
+    def _one_pulse(self):
+        """Ask for a pulse, as a file or in closed form, and for both or none of the charge."""
+        self._one_of(("file",), ("pressure_kpa", "duration_ms"))
+        if (self.reference_charge_kg is None) != (self.charge_exponent is None):
+            raise ValueError("reference_charge_kg and charge_exponent go together")
+        return self

@@ -1,0 +1,445 @@
+"""Geometry that differs from the model: joints of any dip, misplaced faults, benches, suspects."""
+
+import math
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from ...config.ground import FaultConfig
+from ...config.section import with_candidate
+from ...errors import InputError
+from ...inference.parameter import Parameter
+from ...model.joint import Joint
+from ...model.material import Material
+from ...project.elements import for_band
+from ...project.flat_box import band_of, ground_materials, is_anisotropic
+from ...project.ground import joint_of_surface, make_joint, make_material
+from ..hypotheses import hypothesis, remeshable
+
+UPRIGHT = 90.0  # deg
+STEEP = 60.0  # deg, dip of candidate planes where no plane is listed
+COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+EDGES = 1.5  # candidate planes per shortest S wavelength in the fastest layer
+NEAREST = 0.25  # of that spacing, least distance of an unlisted joint from listed parallel ones
+PARALLEL = 1e-6  # deg
+SURVEY = 9  # rows of places along a slope, and places of a row
+BEYOND = 2.0  # box diagonals that a slope covers on either side
+
+
+def _as_meshed(project, changed):
+    """Return a changed project, or None where its mesh needs another kind of zones."""
+    try:
+        alike = not project.ground.mesh.hexahedral or changed.ground.mesh.hexahedral
+    except InputError:
+        return None
+    return changed if alike else None
+
+
+def _direction(degrees):
+    """Return the horizontal unit vector (2,) of a bearing."""
+    return np.array([math.sin(math.radians(degrees)), math.cos(math.radians(degrees))])
+
+
+def _highest(project):
+    """Return the highest frequency in Hz that is compared."""
+    band = band_of(project.config)
+    assert band is not None  # a case has one
+    return band[1]
+
+
+def _top(project):
+    """Return the height in m of the flat top of the box."""
+    mesh = project.config.mesh
+    return mesh.origin_m[2] + mesh.size_m[2]
+
+
+def _centre(project):
+    """Return the horizontal centre (2,) in m of the box."""
+    mesh = project.config.mesh
+    return np.add(mesh.origin_m[:2], 0.5 * np.array(mesh.size_m[:2]))
+
+
+def _orientation(part):
+    """Return dip and dip direction in deg of a listed plane; of upright ones below 180."""
+    turn = 180.0 if part.dip_deg == UPRIGHT else 360.0
+    return part.dip_deg, part.dip_direction_deg % turn
+
+
+def _listed(project):
+    """Return the orientations of all faults and joint sets, each once."""
+    mesh = project.config.mesh
+    return tuple(dict.fromkeys(_orientation(part) for part in (*mesh.faults, *mesh.joint_sets)))
+
+
+def _along_axes(orientation):
+    """Tell whether a plane is upright and along x or y."""
+    return orientation[0] == UPRIGHT and orientation[1] % 90.0 == 0.0
+
+
+def oblique_planes(case) -> str:
+    """Require a listed plane that is not upright along x or y."""
+    if any(not _along_axes(each) and each[0] > 0.0 for each in _listed(case.project)):
+        return ""
+    return "no listed fault or joint set dips or is oblique: other forms try all directions"
+
+
+def no_planes(case) -> str:
+    """Require ground without listed planes, so that one of any dip fits its zones."""
+    if not _listed(case.project):
+        return ""
+    return "zones fit one family of dipping planes: a further one is tried parallel to the listed"
+
+
+def _on_top(places, dip, direction, project):
+    """Return where planes through places (n, 3) meet the top, in m along the dip direction."""
+    slope = 0.0 if dip == UPRIGHT else 1.0 / math.tan(math.radians(dip))
+    along = (places[:, :2] - _centre(project)) @ _direction(direction)
+    return along + slope * (places[:, 2] - _top(project))
+
+
+def _candidates(case, orientations):
+    """Name candidate planes of orientations, between holes and receivers, away from listed ones."""
+    project, names = case.project, []
+    fastest = max(project.materials[name].cs for name in ground_materials(project))
+    spacing = fastest / (EDGES * case.band.high)
+    holes = np.concatenate([blast.centres for blast in project.blasts.values()])
+    receivers = np.array([r.position for r in project.receivers if r.name in case.receivers])
+    for dip, direction in orientations:
+        at = _on_top(np.concatenate([holes, receivers]), dip, direction, project)
+        own = [p for p in project.config.mesh.faults if _orientation(p) == (dip, direction)]
+        through = np.array([p.through_m for p in own], dtype=float).reshape(-1, 3)
+        inner = [*at[: len(holes)], *_on_top(through, dip, direction, project)]
+        stops = [at.min(), *sorted(p for p in inner if at.min() < p < at.max()), at.max()]
+        names += [
+            f"dip {dip:g} to {direction:g} at {position:.1f}"
+            for before, after in pairwise(stops)
+            for position in between(before, after, spacing)
+        ]
+    return tuple(names)
+
+
+def between(before: float, after: float, spacing: float) -> np.ndarray:
+    """Return evenly spaced places in a gap, half a spacing from its ends; none if it is narrow.
+
+    Examples
+    --------
+    >>> between(0.0, 60.0, 20.0).tolist(), between(0.0, 9.0, 20.0).tolist()
+    ([20.0, 40.0], [])
+    """
+    if after - before <= 0.5 * spacing:
+        return np.zeros(0)
+    span = max(after - before - spacing, 0.0)
+    count = max(int(np.ceil(span / spacing)), 1)
+    return 0.5 * (before + after - span) + span * (np.arange(count) + 0.5) / count
+
+
+def parallel_planes(case) -> tuple[str, ...]:
+    """Name candidate planes parallel to listed dipping or oblique ones, and upright across them."""
+    orientations = []
+    for dip, direction in _listed(case.project):
+        if dip > 0.0 and not _along_axes((dip, direction)):
+            orientations += [(dip, direction), (UPRIGHT, (direction + 90.0) % 180.0)]
+    return _candidates(case, dict.fromkeys(orientations))
+
+
+def dipping_planes(case) -> tuple[str, ...]:
+    """Name candidate planes that dip in eight directions or are upright along two diagonals."""
+    dipping = [(STEEP, 45.0 * k) for k in range(len(COMPASS))]
+    return _candidates(case, [*dipping, (UPRIGHT, 45.0), (UPRIGHT, 135.0)])
+
+
+def _fault(project, target, offset, turn=0.0, steeper=0.0):
+    """Return the `FaultConfig` of a candidate plane; None outside of the box or beside another."""
+    _, dip, _, direction, _, position = target.split()
+    dip, direction = float(dip) + math.degrees(steeper), float(direction) + math.degrees(turn)
+    if dip > UPRIGHT:
+        dip, direction = 2.0 * UPRIGHT - dip, direction + 180.0
+    x, y = _centre(project) + (float(position) + offset) * _direction(float(target.split()[3]))
+    mesh = project.config.mesh
+    low, high = np.array(mesh.origin_m[:2]), np.add(mesh.origin_m, mesh.size_m)[:2]
+    if not (np.all(low < (x, y)) and np.all((x, y) < high)):
+        return None
+    return FaultConfig(
+        name=f"missing {target}", dip_deg=dip, dip_direction_deg=direction % 360.0,
+        through_m=[float(x), float(y), _top(project)],
+    )  # fmt: skip
+
+
+def _apart(project, fault):
+    """Tell whether a plane keeps its distance from listed parallel ones."""
+    fastest = max(project.materials[name].cs for name in ground_materials(project))
+    least = NEAREST * fastest / (EDGES * _highest(project))
+    dip, direction = _orientation(fault)
+    along = _direction(direction)
+    for other in project.config.mesh.faults:
+        turned = np.subtract(_orientation(other), (dip, direction))
+        gap = np.subtract(other.through_m[:2], fault.through_m[:2]) @ along
+        slope = 0.0 if dip == UPRIGHT else 1.0 / math.tan(math.radians(dip))
+        gap += slope * (other.through_m[2] - fault.through_m[2])
+        if np.all(np.abs(turned) < PARALLEL) and abs(gap) < least:
+            return False
+    return True
+
+
+def _with_joint(project, target, kn, ks, **where):
+    """Return a project with one more joint on a candidate plane; None if it can't be meshed."""
+    fault = _fault(project, target, **where)
+    if fault is None or not _apart(project, fault):
+        return None
+    mesh = project.config.mesh
+    mesh = mesh.model_copy(update={"faults": [*mesh.faults, fault]})
+    joint = Joint(fault.name, "elastic", {"kn": kn, "ks": ks})
+    return _as_meshed(project, project.changed(mesh=mesh, joints=(*project.joints, joint)))
+
+
+OFFSET = Parameter("offset", mean=0.0, sigma=10.0, unit="m", starts=(0.0,), low=-40.0, high=40.0)
+STIFFNESSES = (
+    Parameter("kn", mean=1e9, sigma=1.5, unit="Pa/m", log=True, starts=(1e9,), low=2e7, high=5e10),
+    Parameter("ks", mean=4e8, sigma=1.5, unit="Pa/m", log=True, starts=(4e8,), low=1e7, high=2e10),
+)
+BOTH_SIDES = "receivers close to the plane on both sides, or a blast on its other side"
+
+
+@hypothesis(
+    "missing_joint",
+    form="parallel",
+    family="path",
+    on="site",
+    target="plane",
+    targets=parallel_planes,
+    axis="both",
+    parameters=[OFFSET, *STIFFNESSES],
+    decided_by=BOTH_SIDES,
+    simulated=(remeshable, oblique_planes),
+)
+def parallel_joint(project, target, offset, kn, ks):
+    """A joint that the model does not list lies parallel to a listed plane, or across it."""
+    return _with_joint(project, target, kn, ks, offset=offset)
+
+
+@hypothesis(
+    "missing_joint",
+    form="dipping",
+    family="path",
+    on="site",
+    target="plane",
+    targets=dipping_planes,
+    axis="both",
+    parameters=[
+        OFFSET,
+        Parameter("turn", mean=0.0, sigma=0.3, unit="rad", starts=(0.0,), low=-0.8, high=0.8),
+        Parameter("steeper", mean=0.0, sigma=0.25, unit="rad", starts=(0.0,), low=-0.6, high=0.6),
+        *STIFFNESSES,
+    ],
+    decided_by=BOTH_SIDES,
+    simulated=(remeshable, no_planes),
+)
+def dipping_joint(project, target, offset, turn, steeper, kn, ks):
+    """A joint of any strike and dip crosses ground in which the model lists none."""
+    return _with_joint(project, target, kn, ks, offset=offset, turn=turn, steeper=steeper)
+
+
+def families(case) -> tuple[str, ...]:
+    """Name the faults that share an orientation, together."""
+    parallel = {}
+    for fault in case.project.config.mesh.faults:
+        parallel.setdefault(_orientation(fault), []).append(fault.name)
+    return tuple(", ".join(names) for names in parallel.values())
+
+
+def faults_of_families(case) -> tuple[str, ...]:
+    """Name the faults that are parallel to another, each on its own."""
+    together = [family.split(", ") for family in families(case)]
+    return tuple(name for family in together if len(family) > 1 for name in family)
+
+
+def _moved(project, target, dip, turn, shift):
+    """Return a project whose faults of some names are turned and shifted; None if impossible."""
+    mesh, names, faults = project.config.mesh, target.split(", "), []
+    for fault in mesh.faults:
+        if fault.name in names:
+            steeper = fault.dip_deg + math.degrees(dip)
+            if not 0.0 < steeper <= UPRIGHT:
+                return None
+            x, y = np.add(fault.through_m[:2], shift * _direction(fault.dip_direction_deg))
+            bearing = (fault.dip_direction_deg + math.degrees(turn)) % 360.0
+            through = [float(x), float(y), fault.through_m[2]]
+            changed = {"dip_deg": steeper, "dip_direction_deg": bearing, "through_m": through}
+            fault = fault.model_copy(update=changed)
+        faults.append(fault)
+    return _as_meshed(project, project.changed(mesh=mesh.model_copy(update={"faults": faults})))
+
+
+SHIFT = Parameter("shift", mean=0.0, sigma=6.0, unit="m", starts=(-6.0, 6.0), low=-30.0, high=30.0)
+SURVEYED = "a borehole through the fault, or its outcrop surveyed again"
+
+
+@hypothesis(
+    "wrong_geometry",
+    family="path",
+    on="site",
+    target="fault",
+    targets=families,
+    axis="both",
+    parameters=[
+        Parameter(
+            "dip", mean=0.0, sigma=0.12, unit="rad", starts=(-0.12, 0.12), low=-0.5, high=0.5
+        ),
+        Parameter(
+            "turn", mean=0.0, sigma=0.15, unit="rad", starts=(-0.15, 0.15), low=-0.7, high=0.7
+        ),
+        SHIFT,
+    ],
+    decided_by=SURVEYED,
+    simulated=(remeshable,),
+)
+def wrong_geometry(project, target, dip, turn, shift):
+    """This fault, with those parallel to it, has another dip, direction or place than listed."""
+    return _moved(project, target, dip, turn, shift)
+
+
+@hypothesis(
+    "wrong_geometry",
+    form="place",
+    family="path",
+    on="site",
+    target="fault",
+    targets=faults_of_families,
+    axis="both",
+    parameters=[SHIFT],
+    decided_by=SURVEYED,
+    simulated=(remeshable,),
+)
+def misplaced_fault(project, target, shift):
+    """One of several parallel faults is elsewhere than listed."""
+    return _moved(project, target, 0.0, 0.0, shift)
+
+
+def flat_top(case) -> str:
+    """Require a flat top, from which a slope can be left out."""
+    mesh = case.project.config.mesh
+    if case.project.given.get("surface") is not None or mesh.surface_file or mesh.benches:
+        return "the model has a surveyed surface: give another one in [[diagnosis.candidates]]"
+    return ""
+
+
+def directions(case) -> tuple[str, ...]:
+    """Name the directions into which a slope may rise or fall."""
+    del case
+    return COMPASS
+
+
+@hypothesis(
+    "topography",
+    family="path",
+    on="site",
+    target="direction",
+    targets=directions,
+    axis="both",
+    parameters=[
+        Parameter(
+            "height", mean=0.0, sigma=10.0, unit="m", starts=(-8.0, 8.0), low=-40.0, high=40.0
+        ),
+        Parameter(
+            "position", mean=0.0, sigma=30.0, unit="m", starts=(0.0,), low=-120.0, high=120.0
+        ),
+        Parameter(
+            "width", mean=10.0, sigma=0.6, unit="m", log=True, starts=(10.0,), low=2.0, high=60.0
+        ),
+        Parameter("turn", mean=0.0, sigma=0.25, unit="rad", starts=(0.0,), low=-0.8, high=0.8),
+    ],
+    decided_by="a survey of the ground surface",
+    further=(("position", (-40.0, -20.0, 20.0, 40.0)),),
+    simulated=(remeshable, flat_top),
+)
+def slope(project, target, height, position, width, turn):
+    """A bench or slope is left out: the ground beyond it, in this direction, is higher or lower."""
+    along = _direction(45.0 * COMPASS.index(target) + math.degrees(turn))
+    across = np.array([-along[1], along[0]])
+    reach = BEYOND * math.hypot(*project.config.mesh.size_m[:2])
+    edges = position + width * np.linspace(-0.5, 0.5, SURVEY)
+    rows = np.array([-reach, *edges, reach])
+    heights = _top(project) + height * np.clip((rows - position) / width + 0.5, 0.0, 1.0)
+    sides = np.linspace(-reach, reach, SURVEY)
+    middle = project.within.mean(axis=0)
+    places = [
+        (*(middle + row * along + side * across), z)
+        for row, z in zip(rows, heights, strict=True) for side in sides
+    ]  # fmt: skip
+    return _as_meshed(project, project.changed(surface=np.array(places)))
+
+
+def isotropic_materials(case) -> tuple[str, ...]:
+    """Name the materials of the ground whose two speeds may change."""
+    project = case.project
+    isotropic = not is_anisotropic(project.materials)
+    return tuple(ground_materials(project)) if isotropic else ()
+
+
+@hypothesis(
+    "rock_speed",
+    family="path",
+    on="site",
+    target="material",
+    targets=isotropic_materials,
+    axis="both",
+    parameters=[
+        Parameter("p", mean=1.0, sigma=0.15, log=True, starts=(1.0,), low=0.4, high=2.0),
+        Parameter("s", mean=1.0, sigma=0.15, log=True, starts=(0.9, 1.1), low=0.4, high=2.0),
+    ],
+    decided_by="a hammer test or a crosshole survey in this material",
+)
+def rock_speed(project, target, p, s):
+    """The wave speeds of this material are off by more than their prior allows."""
+    rock = project.materials[target]
+    if not rock.cp * p > math.sqrt(4.0 / 3.0) * rock.cs * s:
+        return None
+    moduli = Material.from_speeds(rock.density, rock.cp * p, rock.cs * s)
+    faster = _with_moduli(rock, moduli)
+    return project.changed(materials={**project.materials, target: faster})
+
+
+def _with_moduli(rock, moduli):
+    """Return a material with the moduli of another."""
+    return replace(rock, bulk=moduli.bulk, shear=moduli.shear)
+
+
+def named_candidates(case) -> str:
+    """Require candidates in the project file."""
+    return "" if suspects(case) else "the project file has no [[diagnosis.candidates]]: add some"
+
+
+def suspects(case) -> tuple[str, ...]:
+    """Name the candidates of the project file."""
+    table = case.project.config.diagnosis
+    return () if table is None else tuple(each.name for each in table.candidates)
+
+
+@hypothesis(
+    "candidate",
+    family="path",
+    on="site",
+    target="candidate",
+    targets=suspects,
+    axis="both",
+    parameters=[],
+    decided_by="a survey of what this candidate changes",
+    simulated=(named_candidates, remeshable),
+)
+def candidate(project, target):
+    """The ground is as this candidate of the project file says."""
+    given = next(each for each in project.config.diagnosis.candidates if each.name == target)
+    config = with_candidate(project.config, given)
+    materials = {name: make_material(config.materials[name]) for name in given.materials}
+    known, joints = {joint.surface: joint for joint in project.joints}, []
+    for surface, entry in joint_of_surface(config.mesh).items():
+        if entry in given.joints or surface not in known:
+            where = f"diagnosis.candidates.{target}.joints.{entry}"
+            known[surface] = make_joint(where, surface, config.joints[entry])
+        joints.append(known[surface])
+    materials = {**project.materials, **materials}
+    changed = project.changed(
+        materials=materials, joints=joints, mesh=config.mesh, ground=config.ground
+    )
+    return changed.changed(mesh=for_band(changed, _highest(project)))

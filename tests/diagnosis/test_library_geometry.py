@@ -1,0 +1,286 @@
+"""Hypotheses on geometry change what they say, on ground with and without dipping planes."""
+
+import math
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from library_scene import applied, scene, sent, shared
+from small_site import TABLES, small_site
+
+from pyblast.config.config import check_config
+from pyblast.config.ground import FaultConfig
+from pyblast.diagnosis import search as module
+from pyblast.diagnosis.effects import Effect, Scene
+from pyblast.diagnosis.hypotheses import LIBRARY
+from pyblast.diagnosis.library.geometry import _fault, _on_top
+from pyblast.errors import InputError, SolverError
+from pyblast.project.places import on_ground
+
+STIFF, WEAK = {"kn": 3e10, "ks": 3e10}, {"kn": 1e8, "ks": 1e8}
+
+
+@cache
+def site(*dips, direction=100.0):
+    """Return the small site with parallel faults of some dips in place of its upright one."""
+    project = small_site()
+    faults = [
+        FaultConfig(name=f"F{n}", dip_deg=dip, dip_direction_deg=direction,
+                    through_m=[60.0 + 25.0 * n, 45.0, 0.0])
+        for n, dip in enumerate(dips)
+    ]  # fmt: skip
+    joints = [replace(project.joints[0], surface=fault.name) for fault in faults]
+    mesh = project.config.mesh.model_copy(update={"faults": faults})
+    sources = [c for blast in project.blasts.values() for c in blast.centres]
+    within = np.array([*sources, *(r.position for r in project.receivers)])[:, :2]
+    project = replace(project, given={**project.given, "within": within})
+    return project.changed(mesh=mesh, joints=joints)
+
+
+def listed(name, project):
+    """Return the targets of a hypothesis in a project."""
+    return LIBRARY[name].targets(replace(scene().case, project=project))
+
+
+def untestable(name, project):
+    """Return why a hypothesis cannot be tested in a project."""
+    return LIBRARY[name].untestable(replace(scene().case, project=project))
+
+
+def test_missing_joints_are_parallel_to_listed_planes_or_of_any_dip_without_them():
+    parallel, free = (
+        listed("missing_joint/parallel", site(60.0)),
+        listed("missing_joint/dipping", site()),
+    )
+
+    assert {name.rpartition(" at ")[0] for name in parallel} == {
+        "dip 60 to 100", "dip 90 to 10",
+    }  # fmt: skip
+    assert {name.split()[3] for name in free if "dip 60" in name} == {
+        f"{45 * k}" for k in range(8)
+    }  # fmt: skip
+    assert listed("missing_joint/dipping", site(60.0)) == ()
+    assert "one family" in untestable("missing_joint/dipping", site(60.0))
+    assert "oblique" in untestable("missing_joint/parallel", site())
+
+
+def test_candidate_planes_pass_between_holes_and_receivers():
+    project = site()
+    blasts, receivers = project.blasts.values(), project.receivers
+    places = np.array([*(c for b in blasts for c in b.centres), *(r.position for r in receivers)])
+    for target in listed("missing_joint/dipping", project):
+        _, dip, _, direction, _, place = target.split()
+        at = _on_top(places, float(dip), float(direction), project)
+        assert at.min() < float(place) < at.max()
+
+
+def test_a_plane_through_a_place_meets_the_top_up_the_dip():
+    project = site()
+    (deep,) = _on_top(np.array([[60.0, 45.0, -20.0]]), 60.0, 90.0, project)
+
+    assert deep == pytest.approx(-20.0 / math.tan(math.radians(60.0)))
+
+
+def test_a_plane_steeper_than_upright_dips_the_other_way():
+    fault = _fault(site(), "dip 60 to 90 at 5.0", 0.0, 0.0, math.radians(40.0))
+
+    assert (fault.dip_deg, fault.dip_direction_deg) == pytest.approx((80.0, 270.0))
+
+
+def test_a_missing_joint_too_stiff_to_move_changes_less_than_the_model_error():
+    target = "dip 80 to 100 at -22.0"
+    there = applied("missing_joint/parallel", target, site(80.0), offset=2.0, **STIFF)
+
+    assert there.ground.mesh.hexahedral
+    joined, bare = (scene().case.in_band(sent(each)) for each in (there, site(80.0)))
+    assert shared(joined, bare) < 0.1  # 1 % of the energy
+
+
+def test_a_weak_dipping_joint_weakens_what_crosses_it():
+    there = applied(
+        "missing_joint/dipping", "dip 60 to 90 at 20.0", site(), offset=0.0, turn=0.0,
+        steeper=0.0, **WEAK,
+    )  # fmt: skip
+    changed, bare = sent(there), sent(site())
+    energy = np.sum(changed**2, axis=(0, 2, 3)) / np.sum(bare**2, axis=(0, 2, 3))
+
+    assert np.all(energy[2:] < 0.7)  # R2 and R3 are behind it
+
+
+@pytest.mark.parametrize("offset", [500.0, -16.0])
+def test_no_joint_is_missing_outside_of_the_box_or_beside_a_listed_one(offset):
+    target = "dip 60 to 100 at 16.0"
+
+    assert applied("missing_joint/parallel", target, site(60.0), offset=offset, **STIFF) is None
+
+
+def test_faults_of_one_family_turn_together_and_back():
+    names = listed("wrong_geometry", site(60.0, 60.0))
+    turned = applied("wrong_geometry", names[0], site(60.0, 60.0), dip=0.1, turn=-0.2, shift=5.0)
+    back = applied("wrong_geometry", names[0], turned, dip=-0.1, turn=0.2, shift=0.0)
+    first, second = turned.config.mesh.faults
+
+    assert names == ("F0, F1",)
+    assert first.dip_deg == second.dip_deg == pytest.approx(60.0 + math.degrees(0.1))
+    assert [f.dip_deg for f in back.config.mesh.faults] == pytest.approx([60.0, 60.0])
+    assert [f.dip_direction_deg for f in back.config.mesh.faults] == pytest.approx([100.0] * 2)
+    moved = np.subtract(first.through_m, site(60.0, 60.0).config.mesh.faults[0].through_m)
+    assert moved == pytest.approx([5.0 * math.sin(math.radians(100.0)),
+                                   5.0 * math.cos(math.radians(100.0)), 0.0])  # fmt: skip
+
+
+def test_one_of_parallel_faults_moves_alone_and_no_fault_overturns():
+    moved = applied("wrong_geometry/place", "F1", site(60.0, 60.0), shift=4.0)
+    before = site(60.0, 60.0).config.mesh.faults
+
+    assert listed("wrong_geometry/place", site(60.0)) == ()
+    assert moved.config.mesh.faults[0] == before[0]
+    assert moved.config.mesh.faults[1] != before[1]
+    assert applied("wrong_geometry", "F0", site(60.0), dip=0.6, turn=0.0, shift=0.0) is None
+
+
+def test_ground_beyond_a_slope_is_higher_or_lower():
+    knobs = {"position": 0.0, "width": 30.0, "turn": 0.0}
+    lower = applied("topography", "E", site(), height=-6.0, **knobs)
+    diagonal = applied("topography", "N", site(), height=-6.0, **knobs | {"turn": math.pi / 4})
+    middle = site().within.mean(axis=0)
+
+    assert lower.ground.mesh.hexahedral
+    assert on_ground(lower.mesh, np.add(middle, (30.0, 5.0)))[2] == pytest.approx(-6.0, abs=0.5)
+    assert on_ground(lower.mesh, np.subtract(middle, (30.0, 5.0)))[2] == pytest.approx(0.0, abs=0.5)
+    north_east = applied("topography", "NE", site(), height=-6.0, **knobs)
+    np.testing.assert_allclose(diagonal.given["surface"], north_east.given["surface"], atol=1e-9)
+
+
+def test_a_slope_without_height_changes_nothing():
+    flat = applied("topography", "S", site(), height=0.0, position=5.0, width=9.0, turn=0.1)
+
+    assert shared(sent(flat), sent(site())) < 1e-3
+
+
+def test_a_slope_is_not_sought_where_the_surface_was_surveyed():
+    surveyed = site().config.mesh.model_copy(update={"surface_file": "surface.csv"})
+    config = site().config.model_copy(update={"mesh": surveyed})
+
+    assert "[[diagnosis.candidates]]" in untestable("topography", replace(site(), config=config))
+
+
+def test_a_mesh_that_was_read_says_what_would_make_it_testable():
+    read = site().config.mesh.model_copy(update={"file": "ground.msh"})
+    config = site().config.model_copy(update={"mesh": read})
+    project = replace(site(), config=config)
+
+    for name in ("missing_joint/parallel", "wrong_geometry", "topography", "soft_surface_layer"):
+        assert "mesh.layers" in untestable(name, project)
+
+
+def test_speeds_of_rock_change_by_their_factors():
+    before = site().materials["rock"]
+    after = applied("rock_speed", "rock", site(), p=1.1, s=0.9).materials["rock"]
+
+    assert (after.cp, after.cs) == pytest.approx((1.1 * before.cp, 0.9 * before.cs))
+    assert applied("rock_speed", "rock", site(), p=0.6, s=1.4) is None
+
+
+SECOND = {
+    "name": "second",
+    "mesh": {"faults": [{"name": "J2", "dip_deg": 90.0, "dip_direction_deg": 90.0,
+                         "through_m": [90.0, 45.0, 0.0]}]},
+    "joints": {"J2": {"law": "elastic", "kn_gpa_per_m": 0.1, "ks_gpa_per_m": 0.1}},
+}  # fmt: skip
+
+
+def with_candidates(*candidates):
+    """Return the configuration of the small site with candidates."""
+    return check_config(
+        {**TABLES, "diagnosis": {**TABLES["diagnosis"], "candidates": list(candidates)}}
+    )
+
+
+def test_a_candidate_adds_its_fault_to_the_ground():
+    project = replace(small_site(), config=with_candidates(SECOND))
+    there = applied("candidate", "second", project)
+
+    assert listed("candidate", project) == ("second",)
+    assert [joint.surface for joint in there.joints] == ["J1", "J2"]
+    assert there.joints[0] is project.joints[0]
+    assert there.joints[1].properties["kn"] == pytest.approx(1e8)
+    assert set(there.mesh.contacts.names) == {"J1", "J2"}
+
+
+def test_a_candidate_changes_a_listed_fault_and_a_material():
+    changed = {"name": "softer", "materials": {"rock": {"cs_m_per_s": 1500.0}},
+               "mesh": {"faults": [{"name": "J1", "dip_deg": 80.0}]}}  # fmt: skip
+    there = applied("candidate", "softer", replace(small_site(), config=with_candidates(changed)))
+
+    assert there.materials["rock"].cs == pytest.approx(1500.0)
+    assert there.materials["rock"].cp == pytest.approx(2800.0)
+    assert there.config.mesh.faults[0].dip_deg == 80.0
+    assert there.config.mesh.faults[0].through_m == [60.0, 45.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("candidate", "message"),
+    [
+        ({"name": "nothing"}, "changes nothing"),
+        ({"name": "box", "mesh": {"size_m": [1.0, 1.0, 1.0]}}, "the box of the project stays"),
+        ({"name": "bad", "mesh": {"edge": 3.0}}, "candidates.bad: mesh.edge: unknown key"),
+        ({"name": "rock", "materials": {"rock": {"cs_m_per_s": -1.0}}}, "must be positive"),
+        ({"name": "flat", "mesh": {"layers": [{"material": "clay"}]}}, "must be one of rock"),
+        ({"name": "x", "blast": {}}, "unknown key"),
+    ],
+)
+def test_a_candidate_that_breaks_a_rule_is_refused_in_one_sentence(candidate, message):
+    with pytest.raises(InputError, match=message.replace("[", r"\[")):
+        with_candidates(candidate)
+
+
+def test_two_candidates_need_two_names():
+    with pytest.raises(InputError, match="same name"):
+        with_candidates(SECOND, SECOND)
+
+
+def test_further_starts_are_tried_where_the_best_screened_target_is(monkeypatch):
+    best = Effect("topography", "N", ((8.0,), (0.0,), (10.0,), (0.0,)))
+    result, tried = module.ScreeningResult(best, 0.2, np.zeros(0), (0,)), []
+
+    def screened(_, effect, __, blasts):
+        tried.append((effect.target, effect.values[1][0], blasts))
+        near = effect.values[1][0] == 20.0
+        return replace(result, effect=effect, share=0.6) if near else None
+
+    there = SimpleNamespace(simulate=lambda *_: None)
+    none = SimpleNamespace(values=np.zeros(2))
+    monkeypatch.setattr(module, "_screening_result", screened)
+    found = module._from_further_starts(SimpleNamespace(scene=there, without_effects=none), result)
+
+    assert found.effect.values == ((8.0,), (20.0,), (10.0,), (0.0,))
+    assert tried == [("N", at, (0,)) for at in (-40.0, -20.0, 20.0, 40.0)]
+
+
+def test_a_state_that_can_not_be_run_is_impossible_and_the_others_are_run(monkeypatch):
+    done = []
+
+    def run(_, required, __):
+        if any(key[1] == ("bad",) for key, _ in required):
+            raise SolverError("the energy grows")
+        done.extend(required)
+
+    monkeypatch.setattr(Scene, "_run", run)
+    there = object.__new__(Scene)
+    states = [((0.0,), ()), ((0.0,), ("bad",)), ((0.0,), ("good",))]
+
+    assert there._possible(states, [0, 1], {}) == [states[0], states[2]]
+    assert done == [(key, b) for key in (states[0], states[2]) for b in (0, 1)]
+
+
+def test_a_reference_that_can_not_be_run_ends_the_diagnosis(monkeypatch):
+    def fail(*_):
+        raise SolverError("the energy grows")
+
+    monkeypatch.setattr(Scene, "_run", fail)
+
+    with pytest.raises(SolverError):
+        object.__new__(Scene)._possible([((0.0,), ())], [0], {})
