@@ -345,8 +345,8 @@ def table(rows):
     alarms = [row for row in nulls if row["named"]]
     lines += [
         "",
-        f"{len(rows)} of the {len(drawn())} sealed trials have run. "
-        f"{len(right)} of {len(hidden)} concealed effects were named rightly (target two thirds), "
+        f"{len(rows)} of the {len(drawn())} sealed trials have run.",
+        f"{len(right)} of {len(hidden)} concealed effects were named rightly (target two thirds),",
         f"{len([r for r in named if r['right']])} of {len(named)} names were right, and "
         f"{len(alarms)} of {len(nulls)} untouched sets had a name.",
     ]
