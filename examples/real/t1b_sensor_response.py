@@ -8,7 +8,7 @@ noise; the acoustic record put right by the spectrum of the *other* place. Argum
 import numpy as np
 from keeper import Sealed, folder_of_recordings, keep
 
-from pyblast.line_records.sensors import sensor_response
+from pyblast.line_records.quality import sensor_response
 
 BAND, DT, PLACES = (60e3, 600e3), 1e-7, ("frontcenter", "fronttop")
 NAMES = ("acoustic", "laser")

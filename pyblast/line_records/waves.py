@@ -419,20 +419,20 @@ def without_outliers(picks: Picks) -> Picks:
     outlier if it falls by 3.5 squared, or by 3.5 squared times the squared median deviation (in
     units of a normal one) if that is above 1.
     """
-    kept = np.arange(len(picks.speed))
-    while len(kept) > FEWEST:
-        without = [float(np.sum(_bends(picks, np.delete(kept, k)) ** 2)) for k in range(len(kept))]
+    used = np.arange(len(picks.speed))
+    while len(used) > FEWEST:
+        without = [float(np.sum(_bends(picks, np.delete(used, k)) ** 2)) for k in range(len(used))]
         worst = int(np.argmin(without))
-        scale = max(1.0, 1.4826 * float(np.median(np.abs(_bends(picks, np.delete(kept, worst))))))
-        if np.sum(_bends(picks, kept) ** 2) - without[worst] < (OUTLIER * scale) ** 2:
+        scale = max(1.0, 1.4826 * float(np.median(np.abs(_bends(picks, np.delete(used, worst))))))
+        if np.sum(_bends(picks, used) ** 2) - without[worst] < (OUTLIER * scale) ** 2:
             break
-        kept = np.delete(kept, worst)
-    return Picks(picks.frequency[kept], picks.speed[kept], picks.sigma[kept])
+        used = np.delete(used, worst)
+    return Picks(picks.frequency[used], picks.speed[used], picks.sigma[used])
 
 
-def _bends(picks, kept):
+def _bends(picks, used):
     """Return deviations (n - 2,) of picks from the line through both neighbours, normalised."""
-    x, speed, variance = np.log(picks.frequency[kept]), picks.speed[kept], picks.sigma[kept] ** 2
+    x, speed, variance = np.log(picks.frequency[used]), picks.speed[used], picks.sigma[used] ** 2
     share = (x[1:-1] - x[:-2]) / (x[2:] - x[:-2])
     away = speed[1:-1] - (1.0 - share) * speed[:-2] - share * speed[2:]
     return away / np.sqrt(variance[1:-1] + (1.0 - share) ** 2 * variance[:-2]

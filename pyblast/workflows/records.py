@@ -9,8 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..line_records.field_records import FieldRecord, read_folder
-from ..line_records.quality import odd_channels
-from ..line_records.sensors import sensor_response
+from ..line_records.quality import odd_channels, sensor_response
 from ..line_records.shots import Decision, Shot, shot_of
 from ..line_records.waves import NEAREST, Picks, air_wave, phase_speeds, soft_layer
 from ..project.result import plain, write_summary

@@ -9,9 +9,8 @@ from line_shots import DT, FREQUENCY, N, ground, shot, tampered
 from examples.real.blast_cause import blast_cause
 from examples.real.closure_law import closure_law, hyperbola
 from pyblast.errors import InputError
-from pyblast.line_records.quality import dead_and_clipped, masked, odd_channels
-from pyblast.line_records.sensors import sensor_response
-from pyblast.line_records.shots import shifted
+from pyblast.line_records.quality import odd_channels, sensor_response
+from pyblast.line_records.shots import dead_and_clipped, masked, shifted
 from pyblast.line_records.waves import (
     Picks,
     air_wave,
