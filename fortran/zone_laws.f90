@@ -7,6 +7,7 @@ module pyblast_zone_laws
     use pyblast_elasticity, only : anisotropic, hooke, work
     use pyblast_hoek_brown, only : hoek_brown, hoek_brown_margins
     use pyblast_mohr_coulomb, only : mohr_coulomb, yield_margins
+    use pyblast_ubiquitous_joints, only : ubiquitous_joints
     implicit none
     private
     public :: elastic_stress, has_memory, zone_law_signature, zone_yield_margins, zone_stress
@@ -34,6 +35,9 @@ contains
             signature = "hoek-brown: sigci m s a dilation tension m_residual s_residual " &
                 // "tension_residual shear_strain tensile_strain | excess plastic_strain " &
                 // "plastic_shear plastic_tension"
+        case (5)
+            signature = "ubiquitous: normal_x normal_y normal_z cohesion friction dilation " &
+                // "tension | excess plastic_strain slip opening"
         case default
             signature = ""
         end select
@@ -44,7 +48,7 @@ contains
         integer, intent(in) :: law
         logical :: yes
 
-        yes = law == 3 .or. law == 4
+        yes = law >= 3
     end function has_memory
 
     pure subroutine zone_yield_margins(law, n, property, lambda, shear, initial, strain, yield_margin)
@@ -100,6 +104,9 @@ contains
             call mohr_coulomb(property, lambda, shear, initial, strain, state, stress, stored, lost)
         case (4)
             call hoek_brown(property, lambda, shear, initial, strain, state, stress, stored, lost)
+        case (5)
+            call ubiquitous_joints(property, lambda, shear, initial, strain, state, stress, stored, &
+                                   lost)
         case default
             stress = initial + elastic_stress(law, property, lambda, shear, strain)
             stored = 0.5_dp*work(stress - initial, strain) + work(initial, strain)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from pyblast import core
-from pyblast.model.anisotropy import HoekBrown, jointed
+from pyblast.model.anisotropy import HoekBrown, UbiquitousJoints, jointed
 from pyblast.model.material import Material, MohrCoulomb
 
 ROCK = Material.from_speeds(2600.0, 4000.0, 2300.0, cohesion=1e6, friction=0.5, tension=4e5)
@@ -13,6 +13,7 @@ MATERIALS = {
     "elastic": ROCK,
     "anisotropic": jointed(ROCK, (1.0, 0.3, 0.5), 3.0, 1e10, 4e9),
     "mohr-coulomb": replace(ROCK, law=MohrCoulomb(0.2, cohesion_residual=3e5, shear_strain=2e-3)),
+    "ubiquitous": replace(ROCK, law=UbiquitousJoints((0.6, 0.0, 0.8), 2e5, 0.4, 0.1, 1e5)),
     "hoek-brown": replace(
         ROCK, law=HoekBrown(2e7, 2.0, 0.01, 0.51, 0.1, m_residual=1.0, shear_strain=2e-3)
     ),
@@ -60,6 +61,9 @@ def turned_material(name, turn):
     material = MATERIALS[name]
     if name == "anisotropic":
         material = replace(material, law=material.law.turned(turn))
+    if name == "ubiquitous":
+        normal = tuple(turn @ material.law.normal)
+        material = replace(material, law=replace(material.law, normal=normal))
     return material
 
 

@@ -261,6 +261,17 @@ class HoekBrownConfig(Section):
     tensile_strain_percent: NotNegative = 0.0
 
 
+class UbiquitousConfig(Section):
+    """Elastic rock that slips and opens on parallel planes everywhere."""
+
+    dip_deg: Dip
+    dip_direction_deg: Bearing
+    cohesion_kpa: NotNegative
+    friction_angle_deg: FrictionAngle
+    dilation_angle_deg: FrictionAngle = 0.0
+    tension_kpa: NotNegative = 0.0
+
+
 class TransverseConfig(Section):
     """Elastic constants of ground that is isotropic in planes: schist, thin layers."""
 
@@ -303,6 +314,7 @@ class MaterialConfig(Section):
     damping: DampingConfig | None = None
     yielding: YieldingConfig | None = None
     hoek_brown: HoekBrownConfig | None = None
+    ubiquitous: UbiquitousConfig | None = None
     transverse: TransverseConfig | None = None
     joints: list[MediumJointsConfig] = Field([])
 
@@ -320,6 +332,7 @@ class MaterialConfig(Section):
             "qp": self.qp is not None,
             "yielding": self.yielding is not None,
             "hoek_brown": self.hoek_brown is not None,
+            "ubiquitous": self.ubiquitous is not None,
             "transverse or joints": self.transverse is not None or bool(self.joints),
         }
         given = [name for name, wanted in laws.items() if wanted]

@@ -441,3 +441,59 @@ class HoekBrown:
         own = {k: getattr(self, k) for k in ("sigci", "m", "s", "a", "dilation")}
         strains = {k: getattr(self, k) for k in ("shear_strain", "tensile_strain")}
         return {**own, "tension": tension, **residual, **strains}
+
+
+@dataclass(frozen=True)
+class UbiquitousJoints:
+    """Elastic rock with parallel planes of weakness everywhere: Coulomb strength, no tension.
+
+    Parameters
+    ----------
+    normal : tuple of 3 float
+        Of the planes.
+    cohesion, tension : float, Pa
+        The tension is limited to the apex, cohesion over friction.
+    friction, dilation : float
+        Tangents; the dilation at most the friction.
+
+    Raises
+    ------
+    InputError
+        If a value is out of range; theory.md (2.51), (2.52).
+    """
+
+    normal: tuple[float, float, float]
+    cohesion: float
+    friction: float
+    dilation: float = 0.0
+    tension: float = 0.0
+    name: ClassVar[str] = "ubiquitous"
+    branches = ()  # no relaxation
+
+    def __post_init__(self) -> None:
+        """Check the strengths."""
+        length = float(np.linalg.norm(self.normal))
+        if not 0.0 < length < math.inf:
+            raise InputError(f"material.normal: must be finite and not zero, got {self.normal}")
+        object.__setattr__(self, "normal", tuple(float(x) / length for x in self.normal))
+        for name in ("cohesion", "friction", "dilation", "tension"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise InputError(f"material.{name}: must be finite and not negative, got {value:g}")
+        check_tangent("material.friction", self.friction)
+        if self.dilation > self.friction:
+            raise InputError(
+                f"material.dilation: must not exceed the friction, got tangents {self.dilation:g} "
+                f"and {self.friction:g}; dilation above friction creates energy"
+            )
+
+    def moduli(self, material: Material) -> tuple[float, float]:
+        """Return the elastic Lame moduli, Pa."""
+        return material.first_lame, material.shear
+
+    def properties(self, material: Material) -> dict[str, float]:  # noqa: ARG002
+        """Return the normal and the strengths for the routine."""
+        tip = self.cohesion / self.friction if self.friction > 0.0 else math.inf
+        own = {k: getattr(self, k) for k in ("cohesion", "friction", "dilation")}
+        axes = dict(zip(("normal_x", "normal_y", "normal_z"), self.normal, strict=True))
+        return {**axes, **own, "tension": min(self.tension, tip)}

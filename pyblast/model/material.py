@@ -15,7 +15,7 @@ from ..units import check_density, check_modulus, check_speed, check_tangent
 
 MECHANISMS = 3  # relaxation mechanisms of a constant Q
 FIT_POINTS = 60  # frequencies of its fit
-PLASTIC = ("mohr-coulomb", "hoek-brown")  # laws of ground that yields
+PLASTIC = ("mohr-coulomb", "hoek-brown", "ubiquitous")  # laws of ground that yields
 INSIDE = np.geomspace(0.5, 1.5, 12)  # first relaxation rate over the low end of the band
 
 

@@ -49,6 +49,7 @@ OF_MATERIALS = {
     "damping": "is damping of one frequency",
     "yielding": "makes ground that yields",
     "hoek_brown": "makes ground that yields",
+    "ubiquitous": "makes ground that slips",
     "transverse": "makes ground stiffer in some directions",
     "joints": "makes ground stiffer in some directions",
 }

@@ -11,7 +11,7 @@ from ..mesh.builder import Fault, JointSet, Layer, build_mesh, structured_box
 from ..mesh.grid import upward_normal
 from ..mesh.importer import read_mesh
 from ..mesh.mesh import Mesh
-from ..model.anisotropy import HoekBrown, jointed, transverse
+from ..model.anisotropy import HoekBrown, UbiquitousJoints, jointed, transverse
 from ..model.boundary import Fixed, FreeField, Roller, Viscous
 from ..model.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_group
 from ..model.joint import POSITIVE, Joint, may_be_left_out, saturated
@@ -197,7 +197,7 @@ def jointed_media(config, materials, joints, pressures):
     return media
 
 
-LAWS = ("yielding", "hoek_brown", "transverse", "joints")
+LAWS = ("yielding", "hoek_brown", "ubiquitous", "transverse", "joints")
 QUALITY = ("qp", "qs", "quality_band_hz", "quality_reference_hz")
 CORNER = 15.0  # of the low-pass over the central frequency: leaves 0.756 of the step at 5 %
 
@@ -214,6 +214,9 @@ def make_material(config):
         values["law"] = MohrCoulomb(**dict(to_si(key, value) for key, value in flow.items()))
     if config.hoek_brown is not None:
         values["law"] = _hoek_brown(config.hoek_brown)
+    if config.ubiquitous is not None:
+        normal, strength = _planes(config.ubiquitous)
+        values["law"] = UbiquitousJoints(tuple(normal), **strength)
     material = _elastic(config, values)
     for part in config.joints:
         across, stiffness = _planes(part)

@@ -10,7 +10,7 @@ from pyblast import core
 from verification.zone import INITIAL, MATERIALS, Zone, strain_cycle, turned_column, turned_zone
 
 EACH = pytest.mark.parametrize("name", core.ZONE_LAWS)
-LOSING = ("mohr-coulomb", "hoek-brown")
+LOSING = ("mohr-coulomb", "hoek-brown", "ubiquitous")
 
 
 def led(zone, strains):

@@ -27,6 +27,7 @@ ONE_ROOM = {
     "_core_single": {"core"},
     "gmsh": {"mesh.gmsh"},
     "emcee": {"inference.posterior"},
+    "openpyxl": {"recordings.hand_tables", "workflows"},  # read, written
 }
 ORDER = [
     "kinds",
@@ -39,6 +40,7 @@ ORDER = [
     "principal_stresses",
     "mohr_coulomb",
     "hoek_brown",
+    "ubiquitous_joints",
     "zone_laws",
     "tet4",
     "tet4_batch",

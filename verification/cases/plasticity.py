@@ -1,5 +1,6 @@
 """Ground that yields: triaxial tests, a hole in stressed ground, a strip footing."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from pyblast import core
 from pyblast.mesh.builder import structured_box
 from pyblast.mesh.mesh import Mesh, volumes
-from pyblast.model.anisotropy import HoekBrown
+from pyblast.model.anisotropy import HoekBrown, UbiquitousJoints
 from pyblast.model.boundary import Fixed, VelocityInput
 from pyblast.model.material import Material, MohrCoulomb
 from pyblast.model.model import InSitu, Model
@@ -25,8 +26,10 @@ from verification.solutions.plasticity import (
     yielded_radius,
 )
 from verification.suite import Curve, Reading, case
+from verification.zone import Zone
 
 CONFINING, COHESION, FRICTION, DILATION = 2e6, 1e6, np.tan(0.6), np.tan(0.2)
+PLANES = (40.0, 50.0, 60.0, 70.0, 80.0)  # dips in degrees
 GRADED = 0.4  # of the footing's half width: where cells are twice as long as beside its edge
 FAR, STRENGTH = 30e6, {"cohesion": 3.45e6, "friction": np.tan(np.radians(30.0))}
 
@@ -301,3 +304,54 @@ def rock_mass():
         Curve("equivalent line", x, 1e-6 * law.strength(pressures), 1e-6 * line,
               "confining stress, MPa", "largest compression, MPa"),
     ]  # fmt: skip
+
+
+@case(
+    "L26",
+    "Rock with one set of planes of weakness",
+    source="sigma_1 = sigma_3 + 2 (c + sigma_3 tan phi)/((1 - tan phi cot b) sin 2b) (Jaeger 1960)",
+    gate="C",
+    tolerance={f"strength at {angle:g} degrees": 1e-6 for angle in PLANES},
+    quick=True,
+    note="Triaxial tests under 2 MPa of rock whose planes dip by b, with a cohesion of 0.5 MPa and "
+    "a friction angle of 30 degrees. Sides may strain alike and shear freely.",
+)
+def weak_planes():
+    """Compare the axial stress at slip with the strength of the plane, by dip."""
+    cohesion, friction, confining = 5e5, np.tan(np.radians(30.0)), 2e6
+    measured, expected = [], []
+    for angle in np.radians(PLANES):
+        law = UbiquitousJoints((np.sin(angle), 0.0, np.cos(angle)), cohesion, friction)
+        zone = Zone("ubiquitous", -confining * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0]),
+                    Material.from_speeds(2600.0, 4000.0, 2300.0, law=law))  # fmt: skip
+        measured.append(-driven_axially(zone, -0.004, 200, confining))
+        steep = (1.0 - friction / np.tan(angle)) * np.sin(2.0 * angle)
+        expected.append(confining + 2.0 * (cohesion + confining * friction) / steep)
+    readings = [
+        Reading.relative(f"strength at {angle:g} degrees", *pair)
+        for angle, *pair in zip(PLANES, expected, measured, strict=True)
+    ]
+    curve = Curve("triaxial strength", np.array(PLANES), 1e-6 * np.array(expected),
+                  1e-6 * np.array(measured), "dip of the planes, degrees",
+                  "largest compression, MPa")  # fmt: skip
+    return readings, [curve]
+
+
+def driven_axially(zone, last, steps, confining):
+    """Strain a zone along z, its other stresses held; return the axial stress in Pa."""
+    wanted = -confining * np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+    free = np.array([0, 1, 3, 4, 5])
+    strain = np.zeros(6)
+    lame, shear = zone.moduli
+    elastic = np.diag([2.0 * shear] * 3 + [shear] * 3)
+    elastic[:3, :3] += lame
+    for axial in np.linspace(0.0, last, steps + 1)[1:]:
+        strain[2] = axial
+        for _ in range(400):
+            trial = copy.deepcopy(zone)
+            excess = (trial.strain(strain) - wanted)[free]
+            if np.abs(excess).max() < 1e-9 * confining:
+                break
+            strain[free] -= np.linalg.solve(elastic[np.ix_(free, free)], excess)
+        zone.strain(strain.copy())
+    return zone.stress[2]
