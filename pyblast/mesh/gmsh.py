@@ -146,7 +146,7 @@ def _slide(points, zones, projectors, weight, colour, waiting):
     weight = weight[zone]
     sharpness, gradients = _sharpness(corners)
     own = gradients[local, :, rows].T
-    turned = sum(_dot(one, own) * one for one in gradients)
+    turned = sum(_dot(slope, own) * slope for slope in gradients)
     force = np.where(np.isfinite(sharpness), weight * sharpness, weight)
     downhill = np.stack([np.bincount(owner, force * part, count) for part in turned], axis=1)
     downhill = np.einsum("nij,nj->ni", projectors[nodes], downhill)
@@ -188,7 +188,7 @@ def _sharpness(corners):
     size = np.sqrt(_dot(a, a) * _dot(b, b) * _dot(c, c))
     sound = volume > _FLAT * size
     gradients = np.stack(areas) / np.where(sound, volume, size)
-    return np.where(sound, sum(_dot(one, one) for one in gradients), np.inf), gradients
+    return np.where(sound, sum(_dot(slope, slope) for slope in gradients), np.inf), gradients
 
 
 def _dot(a, b):
