@@ -153,7 +153,7 @@ def _slide(points, zones, projectors, weight, colour, waiting):
     reach = np.full(count, np.inf)
     np.minimum.at(reach, owner, 1.0 / np.sqrt(_dot(own, own)))
     length = np.maximum(np.linalg.norm(downhill, axis=1), np.finfo(float).tiny)
-    downhill *= (reach / length)[:, None]
+    downhill = downhill / length[:, None] * reach[:, None]
     before = np.bincount(owner, weight * sharpness**2, count)
     staying = np.ones(count, dtype=bool)
     for share in _STEPS:
