@@ -119,7 +119,7 @@ def test_superposition_needs_no_mesh(tmp_path, command):
     assert "holes" in done.output
     refused = call("run", path)
     assert refused.exit_code == 2
-    assert "mesh: missing" in refused.output
+    assert "mesh, materials, run: missing; add them" in refused.output
 
 
 def test_holes_inside_shake_a_receiver_as_the_run_of_the_project_does(tmp_path):
@@ -158,9 +158,10 @@ def test_the_page_shows_houses_limits_and_the_time_of_each_hole(tmp_path):
     _, folder = optimise_delays(planned(tmp_path, table, HOUSE.replace("farm", "<farm>")))
 
     page = (folder / "report.html").read_text()
-    rows = re.findall(r"<tr><td>(.*?)</td><td>(.*?)</td><td>(.*?)</td></tr>", page)
+    firing = page[page.index("<h2>Firing times</h2>") :]
+    rows = re.findall(r"<tr><td>(.*?)</td><td>(.*?)</td><td>(.*?)</td></tr>", firing)
     assert rows == [("1-1", "0", "0"), ("2-1", "40", "50")]
-    assert page.count("data:image/png") == 2
+    assert page.count("data:image/png") == 3
     assert "&lt;farm&gt;" in page
     assert "<farm>" not in page
 
