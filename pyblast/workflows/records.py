@@ -14,7 +14,7 @@ from ..line_records.shots import Decision, Shot, shot_of
 from ..line_records.waves import NEAREST, Picks, air_wave, phase_speeds, soft_layer
 from ..project.result import plain, write_summary
 from ..recordings.recording import Recording
-from ..report.records import LineView, write_records_report
+from ..report.records import CLOSED_LISTS, LineView, write_records_report
 from ..signals.spectra import zero_crossing_frequency
 from ..solver.preparation import versions
 from . import Progress, csv_table, new_folder, silent, write_tables
@@ -114,6 +114,7 @@ def analyse_records(
         "files": [quality_of(record) for record in records],
         "skipped": [{"file": name, "reason": reason} for name, reason in skipped],
         "analyses": [row for row in results if "outcome" in row],
+        "closed_lists": CLOSED_LISTS,
         "not_analysed": [row for row in results if "outcome" not in row],
         "seed": seed,
         "provenance": versions(_hash(folder, records)),
@@ -376,9 +377,10 @@ def _sensors(
     """Compare two sensors that stood side by side at two places."""
     stood: dict[tuple, dict[str, tuple[np.ndarray, float]]] = {}
     for record in records:
+        spoilt = record.gather.dead | record.gather.clipped.any(axis=1)
         for n, sensor in enumerate(record.sensor):
             position = record.gather.receiver_positions[n]
-            if sensor and np.isfinite(position).all():
+            if sensor and not spoilt[n] and np.isfinite(position).all():
                 key = tuple(np.round(position / SAME_PLACE).astype(int))
                 stood.setdefault(key, {}).setdefault(
                     sensor, (record.gather.data[n], record.gather.dt)
@@ -392,8 +394,8 @@ def _sensors(
     if pair is None:
         return _refusal(
             "sensor response", "",
-            "no two sensors stood side by side at two places; the column 'sensor' of --geometry "
-            "names them",
+            "no two sensors with sound records stood side by side at two places; the column "
+            "'sensor' of --geometry names them",
         )  # fmt: skip
     first, second, places = pair
     rows = [[each[name] for each in places[:2]] for name in (first, second)]
