@@ -164,11 +164,8 @@ _PAZ_KEYS = {"poles", "zeros", "gain", "sensitivity"}
 
 
 def read_traces(path: Path, content: bytes, name: str) -> "list[obspy.Trace]":
-    """Read traces of a known format; raise ReadError for samples that are not finite.
-
-    obspy gets the bytes, never the path, which it could take for a pattern, an address or an
-    archive.
-    """
+    """Read traces of a known format; raise ReadError for samples that are not finite."""
+    # obspy gets the bytes, never the path: it could take that for a pattern or an address
     import obspy
 
     check_bytes(path, content, name)
