@@ -142,6 +142,7 @@ def instrument_table(config, recording) -> dict:
     }
     table = {"instrument": recording.instrument or None, "time": recording.time or None}
     table["serial_number"] = config.serial_number or recording.serial or None
+    table |= {"overpressure": recording.peak_overpressure, "db": recording.peak_overpressure_db}
     for key, names in HEADERS.items():
         written = next((header[name] for name in names if header.get(name, "?") != "?"), None)
         table[key] = getattr(config, key) or written or None

@@ -397,10 +397,7 @@ SHARED = (
 def with_further(project: Project) -> Project:
     """Return a project with those that its table [diagnosis] names: blasts in the same ground.
 
-    Raises
-    ------
-    InputError
-        If a name appears twice, or the ground or the moment rate of a hole differs.
+    Raises InputError if a name appears twice, or the ground or the moment rate of a hole differs.
     """
     table, folder = project.config.diagnosis, project.folder
     every = (project, *(load_project(folder / name) for name in (table.blasts if table else ())))
@@ -417,14 +414,16 @@ def with_further(project: Project) -> Project:
     return replace(project, further=every[1:])
 
 
-def load_project(path, full=False) -> Project:
+def load_project(path, full=False, ground=True) -> Project:
     """Load a project file; mesh, records and model are built when first used.
 
     Parameters
     ----------
     path : path
     full : bool
-        Whether the table ``[full]`` overrides the rest, for a larger run of the same project.
+        Whether the table ``[full]`` overrides the rest.
+    ground : bool
+        Whether the file must describe the ground; superposition and delays do without.
 
     Returns
     -------
@@ -438,7 +437,7 @@ def load_project(path, full=False) -> Project:
         If a rule is broken; one sentence with file, key, rule and value.
     """
     path = Path(path)
-    return make_project(read_config(path, full), path)
+    return make_project(read_config(path, full, ground), path)
 
 
 def make_project(config, path, given=None) -> Project:

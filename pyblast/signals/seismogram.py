@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import fft, signal
+import scipy
 
 from ..errors import InputError
 from ..units import check_angle
@@ -161,7 +161,7 @@ class Seismogram:
                 f"seismogram filter: corners must lie between 0 and the Nyquist frequency "
                 f"{nyquist:g} Hz, got {', '.join(f'{c:g}' for c in corners)} Hz"
             )
-        sections = signal.butter(
+        sections = scipy.signal.butter(
             FILTER_ORDER,
             corners[0] if kind == "lowpass" else corners,
             kind,
@@ -169,7 +169,7 @@ class Seismogram:
             output="sos",
         )
         padding = min(len(self.velocity) - 1, math.ceil(3.0 / (min(corners) * self.dt)))
-        filtered = signal.sosfiltfilt(sections, self.velocity, axis=0, padlen=padding)
+        filtered = scipy.signal.sosfiltfilt(sections, self.velocity, axis=0, padlen=padding)
         return replace(self, velocity=filtered)
 
     def rotated(self, azimuth: float) -> "Seismogram":
@@ -217,7 +217,7 @@ class Seismogram:
 
 def fast_length(n_samples: int) -> int:
     """Return the next length from ``n_samples`` on for which real Fourier transforms are fast."""
-    return fft.next_fast_len(n_samples, real=True)  # type: ignore[return-value]
+    return scipy.fft.next_fast_len(n_samples, real=True)  # type: ignore[return-value]
 
 
 def _refuse_gaps(velocity, components):
@@ -241,7 +241,7 @@ def _sine_series_at(motion, dt, first, new_dt, n_samples):
         return np.zeros((n_samples, 3)) + 0.0 * motion[0]
     duration = dt * (len(motion) - 1)
     waves = np.arange(1, n_waves + 1)
-    amplitude = np.asarray(fft.dst(motion[1:-1], type=1, axis=0)) / (n_waves + 1)
+    amplitude = np.asarray(scipy.fft.dst(motion[1:-1], type=1, axis=0)) / (n_waves + 1)
     if new_dt > dt:
         nyquist = 0.5 / new_dt
         above = (waves / (2.0 * duration) / nyquist - PASS_BAND) / (1.0 - PASS_BAND)
@@ -249,5 +249,5 @@ def _sine_series_at(motion, dt, first, new_dt, n_samples):
         amplitude = amplitude * taper[:, None]
     turn = np.pi * new_dt / duration
     amplitude = amplitude * np.exp(1j * np.pi * waves * first / duration)[:, None]
-    series = signal.czt(amplitude, n_samples, w=np.exp(1j * turn), a=1.0, axis=0)
+    series = scipy.signal.czt(amplitude, n_samples, w=np.exp(1j * turn), a=1.0, axis=0)
     return np.imag(series * np.exp(1j * turn * np.arange(n_samples))[:, None])
