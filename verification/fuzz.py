@@ -78,7 +78,7 @@ def tetrahedra():
     layers = [*(Layer(name, 4.0) for name in names[:-1]), Layer(names[-1])]
     planes = {law: ("x", 8.0 * (n + 1)) for n, law in enumerate(laws)}
     edges = np.arange(0.0, 8.0 * len(laws) + 9.0, 4.0)
-    grid = edges, [0.0, 4.0], np.arange(-16.0, 1.0, 4.0)
+    grid = edges, [0.0, 4.0], np.arange(-4.0 * len(names), 1.0, 4.0)
     push = Seismogram(np.outer(np.hanning(21), [0.2, 0.1, 0.05]), 1e-3)
     return Model(
         structured_box(*grid, layers=layers, planes=planes).split(laws),

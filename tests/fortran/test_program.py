@@ -190,7 +190,7 @@ def test_all_laws_of_zones_and_joints_together_march_to_the_same_bits(tmp_path):
     laws = list(core.JOINT_LAWS)
     planes = {law: ("x", 8.0 * (n + 1)) for n, law in enumerate(laws)}
     edges = np.arange(0.0, 8.0 * len(laws) + 9.0, 4.0)
-    grid = edges, [0.0, 4.0], np.arange(-16.0, 1.0, 4.0)
+    grid = edges, [0.0, 4.0], np.arange(-4.0 * len(names), 1.0, 4.0)
     mesh = structured_box(*grid, layers=layers, planes=planes)
     time = np.arange(0.0, 0.05, 1e-3)
     push = Seismogram(np.outer(np.sin(np.pi * time / 0.025) ** 3, [2.0, 1.0, 0.5]), 1e-3)
