@@ -13,13 +13,22 @@ from ..blasts.compliance import METHOD, assess_all, conclusion
 from ..errors import Finding, ReadError
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
+from ..recordings.recording import instrument_table
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
 from ..solver.model_file import read_arrays, write_arrays
 from ..solver.preparation import versions
 from .ground import joint_of_surface
-from .inputs import input_band, instrument_table
-from .plausibility import level_table, level_words, peak_of, plausible_at, window_at
+from .inputs import input_band
+from .plausibility import (
+    level_rank,
+    level_table,
+    level_words,
+    moment_rate_words,
+    peak_of,
+    plausible_at,
+    window_at,
+)
 
 KIND = "result"
 
@@ -188,7 +197,7 @@ def summarise(project, checked, run, simulated, comparisons):
         "undamped": undamped_plane(project),
         "houses": house_positions(project),
         "instruments": {
-            part.name: instrument_table(part.recorded, project.records[part.name])
+            part.name: instrument_table(project.records[part.name], vars(part.recorded))
             for part in project.config.receivers
             if part.recorded is not None
         },
@@ -315,10 +324,8 @@ def source_summary(project):
             {"position": centre, "charge": s.charge, "time": s.time - project.lead}
             for centre, s in zip(centres, holes, strict=True)
         ],
-        "moment_rate": config and (
-            config.moment_rate_file
-            or f"closed form of a charged hole, {level_words(config.charged_hole)}"
-        ),
+        "moment_rate": config and moment_rate_words(project),
+        "level": config and level_rank(project),
         "exponent": holes[0].exponent if holes else None,
         "spread": getattr(holes[0], "spread", None) if holes else None,
         "detonation": config and config.detonation_m_per_s,
