@@ -10,8 +10,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 from pyblast.core import HEX_WIDTH
 from pyblast.mesh import tetrahedra
 from pyblast.mesh.mesh import locate
-from pyblast.mesh.nodes import nodes_of
-from pyblast.mesh.ordering import morton_keys, renumbered
+from pyblast.mesh.nodes import morton_keys, nodes_of, renumbered
 from pyblast.solver.assembly import zone_packs
 
 from .compiled import called, compiled, plain

@@ -6,7 +6,7 @@ Ground that is linear marches by its edges; what it would cost by zones is timed
 import numpy as np
 
 from pyblast.mesh.mesh import Mesh
-from pyblast.mesh.ordering import renumbered
+from pyblast.mesh.nodes import renumbered
 from pyblast.mesh.tetrahedra import volumes
 from pyblast.model.material import Damping
 

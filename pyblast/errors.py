@@ -79,4 +79,5 @@ def named_error(where):
     try:
         yield
     except (InputError, ReadError) as error:
-        raise type(error)(f"{where}: {error}") from None
+        said = str(error)
+        raise type(error)(said if said.startswith(f"{where}: ") else f"{where}: {said}") from None

@@ -15,8 +15,7 @@ from benchmarks.box_solution import roller_box
 from benchmarks.marching import March
 from benchmarks.timing import median, on
 from pyblast.mesh.builder import Layer, build_mesh
-from pyblast.mesh.nodes import nodes_of
-from pyblast.mesh.ordering import renumbered
+from pyblast.mesh.nodes import nodes_of, renumbered
 from pyblast.mesh.tetrahedra import volumes
 from pyblast.model.boundary import Roller
 from pyblast.model.model import Model, Receiver

@@ -2,8 +2,10 @@
 
 Two steps: `seal` draws what is concealed in each trial from a seed and writes the SHA-256 of each
 truth, with its salt, into simulated_truths.json; `run` makes project files, calls the command,
-opens the truths, and writes simulated.json. Arguments: the step, the folder of recordings, a
-folder for project files and runs.
+opens the truths, and keeps their rows; `gather` writes simulated.json and the table of the page.
+Arguments: the step, the folder of recordings, a folder for project files and runs, and a part such
+as 0/2, or a set. Trials go in an order that is drawn, too; those that have a row are not run again,
+and a trial that is interrupted has none.
 """
 
 import hashlib
@@ -21,6 +23,8 @@ from scipy import fft
 SEED = 20261123
 SEALED = Path(__file__).with_name("simulated_truths.json")
 ROWS = Path(__file__).with_name("simulated.json")
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "quality" / "real_recordings.md"
+BEGIN, END = "<!-- simulated: begin -->\n", "<!-- simulated: end -->"
 HAMMER = [
     *["gain", "polarity", "clock", "coordinates"] * 3,
     *["swap", "response", "clip", "loss"] * 2,
@@ -34,6 +38,7 @@ NAMES = {
     "ball": "source_function",
 }  # fmt: skip
 PHYSICS = "loss", "ball"
+REFUSED = 2  # exit status of an input that is refused
 NEEDED = 0.5  # of what the truth explains beyond the believed model, for a name to be right
 
 
@@ -225,9 +230,11 @@ def diagnosed(folder, truth, changed, groups, force):
          str(folder / truth["set"])], capture_output=True, text=True, check=False,
     )  # fmt: skip
     last = done.stdout.strip().splitlines()[-1] if done.stdout.strip() else done.stderr
+    if done.returncode not in (0, REFUSED):
+        print(done.stdout, done.stderr, flush=True)
+        raise SystemExit(done.returncode)
     if "results: " not in last:
-        print(done.stdout, done.stderr)
-        return None
+        return done.stderr
     result = Path(last.rsplit("results: ", 1)[1])
     return json.loads((result / "diagnosis.json").read_text(encoding="utf-8"))
 
@@ -237,8 +244,8 @@ def row_of(truth, targets, said):
     kind = truth["concealed"]
     row = {"set": truth["set"], "trial": truth["trial"], "concealed": kind, "targets": targets,
            "physics": kind in PHYSICS, "blind": True, "sha256": digest(truth)}  # fmt: skip
-    if said is None:
-        return row | {"outcome": "FAILED", "named": [], "right": False,
+    if isinstance(said, str):
+        return row | {"outcome": "REFUSED", "named": [], "right": False, "reason": said,
                       "explained_before": None, "explained_after": None}  # fmt: skip
     named = [e["label"] for e in said["effects"] if e["named"]]
     where = [e["target"] if isinstance(e["target"], str) else " and ".join(e["target"])
@@ -254,6 +261,8 @@ def row_of(truth, targets, said):
     return row | {
         "outcome": said["outcome"], "named": named, "where": where, "class": said["class"],
         "right": bool(right), "explained_before": before, "explained_after": after,
+        "best": said["evidence"]["best_labels"],
+        "code_sha256": said["provenance"]["code_sha256"],
         "receivers": {k: v[0] for k, v in held["receivers"].items()},
         "delta_ln_evidence": said["evidence"]["delta_ln_evidence"],
         "null_threshold": said["evidence"]["null_threshold"],
@@ -261,8 +270,16 @@ def row_of(truth, targets, said):
     }  # fmt: skip
 
 
-def run(recordings, folder, part=(0, 1)):
-    """Run all trials, or every n-th, and write their rows."""
+def rows_of(folder):
+    """Return the rows of the trials that were run, by trial."""
+    path = folder / "rows.jsonl"
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
+    rows = [json.loads(line) for line in text.splitlines()]
+    return {row["trial"]: row for row in rows}
+
+
+def run(recordings, folder, part=(0, 1), only=None):
+    """Run the trials, every n-th of them, or those of a set, and write their rows."""
     hammer = sets.wghs_shots(recordings)
     drops = [sets.decimated(shot, 10) for shot in sets.ball_drops(recordings)]
     forces = {"wghs": sets.ricker(), "ball_drop": sets.hertz_force(recordings)}
@@ -270,6 +287,8 @@ def run(recordings, folder, part=(0, 1)):
     trials = drawn()
     order = np.random.default_rng(0).permutation(len(trials))
     for truth in [trials[k] for k in order[part[0] :: part[1]]]:
+        if truth["trial"] in rows_of(folder) or only not in (None, truth["set"]):
+            continue
         assert sealed[truth["trial"]] == digest(truth), "the truths are not those that were sealed"
         force = forces[truth["set"]]
         groups = shots_of(truth, hammer, drops)
@@ -285,19 +304,60 @@ def run(recordings, folder, part=(0, 1)):
 
 def gather(folder):
     """Write simulated.json from the rows of all parts."""
-    rows = [json.loads(line) for line in (folder / "rows.jsonl").read_text().splitlines()]
-    rows.sort(key=lambda row: row["trial"])
+    rows = sorted(rows_of(folder).values(), key=lambda row: row["trial"])
     for row in rows:
-        nulls = [r["receivers"] for r in rows if r["set"] == row["set"] and r["concealed"] is None]
+        same = [r for r in rows if r["set"] == row["set"] and "receivers" in r]
+        nulls = [r["receivers"] for r in same if r["concealed"] is None]
         best = [r[row["targets"][0]] for r in nulls if row["targets"] and row["targets"][0] in r]
         row["explained_by_truth"] = float(np.mean(best)) if best else None
-        if best and row["explained_after"] is not None and row["right"]:
+        if best and row["right"] and row["concealed"] != "clip":
             row["right"] = bool(row["explained_after"] > NEEDED * row["explained_by_truth"])
     for row in rows:
         row.pop("receivers", None)
     text = ",\n".join(json.dumps(row) for row in rows)
     text = json.dumps(json.loads(f"[{text}]", parse_float=lambda x: float(f"{float(x):.4g}")))
     ROWS.write_text(text.replace("}, {", "},\n{") + "\n", encoding="utf-8")
+    write_table(json.loads(text))
+
+
+def table(rows):
+    """Return the rows of the page on real recordings, and what they sum up to."""
+    lines = [
+        "| set | concealed | at | answer | named, or best candidate | right "
+        "| explained before, after, by the truth |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        shares = [row.get(f"explained_{when}") for when in ("before", "after", "by_truth")]
+        shares = ", ".join("–" if share is None else f"{share:.2f}" for share in shares)
+        best = [] if row["outcome"] in ("NULL", "REFUSED") else row["best"]
+        found = ", ".join(row["named"]) or (f"({', '.join(best)})" if best else "–")
+        where = " and ".join(row["targets"])
+        kind = "nothing" if row["concealed"] is None else row["concealed"]
+        right = "yes" if row["right"] else "no" if row["named"] or kind == "nothing" else "–"
+        lines.append(
+            f"| {row['set']} | {kind} | {where} | {row['outcome']} | {found} | {right} | {shares} |"
+        )
+    hidden = [row for row in rows if row["concealed"] is not None]
+    nulls = [row for row in rows if row["concealed"] is None]
+    named = [row for row in rows if row["named"]]
+    right = [row for row in hidden if row["right"]]
+    alarms = [row for row in nulls if row["named"]]
+    lines += [
+        "",
+        f"{len(rows)} of the {len(drawn())} sealed trials have run.",
+        f"{len(right)} of {len(hidden)} concealed effects were named rightly (target two thirds),",
+        f"{len([r for r in named if r['right']])} of {len(named)} names were right, and "
+        f"{len(alarms)} of {len(nulls)} untouched sets had a name.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def write_table(rows):
+    """Write the table into the page between its marks."""
+    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
+    text = before + BEGIN + table(rows) + END + rest.split(END)[1]
+    PAGE.write_text(text, encoding="utf-8")
 
 
 def main():
@@ -311,8 +371,13 @@ def main():
     if step == "gather":
         gather(folder)
         return
-    part = tuple(int(x) for x in rest[2].split("/")) if len(rest) > 2 else (0, 1)
-    run(recordings_folder(rest[:1]), folder, part)
+    part, only = (0, 1), None
+    for word in rest[2:]:
+        if "/" in word:
+            part = tuple(int(x) for x in word.split("/"))
+        else:
+            only = word
+    run(recordings_folder(rest[:1]), folder, part, only)
 
 
 if __name__ == "__main__":

@@ -57,19 +57,23 @@ def write_project(out, ground, shots, force, diagnosis):
     rows = "".join(f"{t:.9g},{f:.6g}\n" for t, f in zip(*force, strict=True))
     (out / "force.csv").write_text("time_s,force_n\n" + rows, encoding="utf-8")
     names = [f"{shot.name}.toml" for shot in shots]
+    places = {name: place for shot in shots for name, place in shot.receivers.items()}
+    places = dict(sorted(places.items()))  # the same in all files, so that they share runs
     for shot in shots:
         first = shot is shots[0]
         keys = {"blasts": names[1:], **diagnosis} if first else diagnosis
-        (out / f"{shot.name}.toml").write_text(_project(ground, shot, keys), encoding="utf-8")
+        (out / f"{shot.name}.toml").write_text(
+            _project(ground, shot, keys, places), encoding="utf-8"
+        )
         (out / f"{shot.name}.mseed").write_bytes(_records(shot))
     return out / names[0]
 
 
-def _project(ground, shot, diagnosis):
+def _project(ground, shot, diagnosis, places):
     """Return the text of a project file of one shot."""
     table = "".join(f"{key} = {json.dumps(value)}\n" for key, value in diagnosis.items())
     there, receivers = recorded(shot), ""
-    for name, place in shot.receivers.items():
+    for name, place in places.items():
         receivers += f"\n[[receivers]]\nname = {json.dumps(name)}\n"
         receivers += f"position_m = {json.dumps(list(place))}\n"
         if name in there:

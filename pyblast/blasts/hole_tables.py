@@ -5,14 +5,14 @@ import io
 import math
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError, ReadError
-from ..recordings.raw import decode_table
+from ..recordings.hand_tables import HEAD_LINES, decode_table, delimiter_of, hole_columns
 from ..units import split_key, to_si
 from .blast import Blast
 
@@ -37,7 +37,7 @@ class Layout:
     """
 
     name: str
-    columns: dict[str, int | str]
+    columns: Mapping[str, int | str]
     needs: tuple[str, ...] = ()
     axes: str = "east_north"
     angle_from: str = ""
@@ -47,22 +47,13 @@ _PLACE = {"x_m": "x_m", "y_m": "y_m", "z_m": "z_m"}
 _TOE = {"x_toe_m": "x_toe_m", "y_toe_m": "y_toe_m", "z_toe_m": "z_toe_m"}
 _DECK = {"deck_top_m": "deck_top_m", "deck_base_m": "deck_base_m", "diameter_mm": "diameter_mm"}
 _LOGIC = {
-    "blast": "blast",
-    "id": "hole_id",
-    "diameter_mm": "diameter",
-    "length_m": "length",
-    "inclination_deg": "angle",
-    "bearing_deg": "bearing",
-    "delay_ms": "time",
-}
+    "blast": "blast", "id": "hole_id", "diameter_mm": "diameter", "length_m": "length",
+    "inclination_deg": "angle", "bearing_deg": "bearing", "delay_ms": "time",
+}  # fmt: skip
 _KIRRA_PLACES = {
-    "x_m": "startxlocation",
-    "y_m": "startylocation",
-    "z_m": "startzlocation",
-    "x_toe_m": "endxlocation",
-    "y_toe_m": "endylocation",
-    "z_toe_m": "endzlocation",
-}
+    "x_m": "startxlocation", "y_m": "startylocation", "z_m": "startzlocation",
+    "x_toe_m": "endxlocation", "y_toe_m": "endylocation", "z_toe_m": "endzlocation",
+}  # fmt: skip
 WITH_HEADER = (
     Layout(
         "pyblast hole table",
@@ -138,12 +129,8 @@ def _kirra_columns(first, **others):
 
 
 _KIRRA_LONG = {
-    "blast": 0,
-    "diameter_mm": 15,
-    "from_hole": 17,
-    "relative_delay_ms": 18,
-    "charge_kg": 26,
-}
+    "blast": 0, "diameter_mm": 15, "from_hole": 17, "relative_delay_ms": 18, "charge_kg": 26,
+}  # fmt: skip
 WITHOUT_HEADER = {
     4: {"id": 0, "x_m": 1, "y_m": 2, "z_m": 3},
     7: _kirra_columns(0),
@@ -207,8 +194,10 @@ OPTIONS = {
 }
 
 
-def read_blast(path: str | Path, mapping: str | Path | dict | None = None) -> Blast:
-    """Read a hole table; the layout is detected from the columns.
+def read_blast(
+    path: str | Path, mapping: str | Path | dict | None = None, sheet: str | None = None
+) -> Blast:
+    """Read a hole table, CSV or Excel; the layout is detected from the columns.
 
     Parameters
     ----------
@@ -219,6 +208,8 @@ def read_blast(path: str | Path, mapping: str | Path | dict | None = None) -> Bl
         ``x_m``, ``delay_ms``, ``relative_delay_ms`` with ``from_hole``, ``inclination_deg``...).
         ``[table]`` may hold ``delimiter``, ``decimal``, ``header`` (false), ``skip_lines``,
         ``axes`` ("east_north" or "north_east") and ``angle_from`` ("vertical", "horizontal").
+    sheet : str, optional
+        Sheet of an Excel workbook; may be left out where only one has cells.
 
     Returns
     -------
@@ -237,10 +228,12 @@ def read_blast(path: str | Path, mapping: str | Path | dict | None = None) -> Bl
     """
     path = Path(path)
     asked, options = (None, {}) if mapping is None else _read_mapping(mapping)
-    rows = _read_rows(path, options)
+    rows = _read_rows(path, options, sheet)
     names = rows[0][1]
     if asked is None:
         layout, has_header = recognise(names)
+        if layout is None:
+            layout, rows, has_header = _by_hand(path, rows)
     else:
         has_header = options.get("header", True)
         layout = _locate(path, asked, names, has_header)
@@ -252,7 +245,7 @@ def read_blast(path: str | Path, mapping: str | Path | dict | None = None) -> Bl
     rows = rows[1:] if has_header else rows
     if not rows:
         raise ReadError(f"{path.name}: a header but no holes")
-    columns = _read_columns(path, layout, rows, options.get("decimal", "."))
+    columns = _read_columns(path, layout, rows, options.get("decimal") or _decimal_mark(rows))
     try:
         return _assemble(layout, columns)
     except (InputError, ReadError) as error:
@@ -296,17 +289,35 @@ def absolute_times(names: Sequence[str], origins: Sequence[str], delays: np.ndar
     return times
 
 
-def _read_rows(path, options):
-    """Rows of a CSV file with their line numbers; blank lines and # comments are left out."""
+def _by_hand(path, rows):
+    """Find a row of usual titles among the first; return layout, rows from there, and success."""
+    for n, (line, titles) in enumerate(rows[:HEAD_LINES]):
+        columns = hole_columns(f"{path.name} line {line}", titles)
+        if columns:
+            return Layout("table with usual titles", columns), rows[n:], True
+    return None, rows, False
+
+
+def _decimal_mark(rows):
+    """Return the decimal mark of the numbers: a comma where no number has a point."""
+    cells = [cell for _, fields in rows for cell in fields]
+    comma = any(re.fullmatch(r"[-+]?\d+,\d+", cell) for cell in cells)
+    return "," if comma and not any(re.fullmatch(r"[-+]?\d*\.\d+", cell) for cell in cells) else "."
+
+
+def _read_rows(path, options, sheet):
+    """Rows of a table with their line numbers; blank lines and # comments are left out."""
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise ReadError(f"{path.name}: larger than {LARGEST_FILE // 10**6} MB, no hole table")
-        text = decode_table(path)
+        text = decode_table(path, sheet)
     except ReadError:
         raise
     except OSError as error:
         raise ReadError(f"{path}: can't be read: {error.strerror}") from None
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=options.get("delimiter", ","))
+    first = next((x for x in text.splitlines() if x.strip() and not x.startswith("#")), "")
+    delimiter = options.get("delimiter") or delimiter_of(first)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
     rows = []
     try:
         for fields in reader:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy import stats
 
 from ..errors import InputError, ReadError
-from ..recordings.raw import decode_table
+from ..recordings.hand_tables import decode_table
 from ..units import FACTORS, split_key
 
 FEWEST, NARROWEST, BEYOND = 6, 2.0, 1.5

@@ -200,6 +200,7 @@ class BlastConfig(Section):
     row_bearing_deg: Bearing = 0.0
     file: str | None = None
     mapping: str | None = None
+    sheet: str | None = None
     shift_m: Point = Field([0.0, 0.0, 0.0])
     explosive_kg_per_m3: Positive = 850.0
     reference_charge_kg: Positive | None = None

@@ -18,7 +18,7 @@ from ..blasts.published_laws import BY_NAME
 from ..blasts.site_law import scaled_distance_ppv
 from ..errors import InputError, ReadError
 from ..model.source import TimeFunction
-from ..recordings.raw import decode_table
+from ..recordings.hand_tables import decode_table
 from ..signals.comparison import load_limits
 from ..units import STEEPEST, plain_number, to_si
 
@@ -190,6 +190,7 @@ class RecordingConfig(Section):
     format: str | None = None
     record: Count = 1
     mapping: str | None = None
+    sheet: str | None = None
     bearing_deg: Bearing | None = None
     full_scale_mm_per_s: Positive | None = None
     unit: str | None = None

@@ -9,8 +9,7 @@ from . import hexahedra
 from .faces import face_keys, face_table, pair_faces, zone_faces, zone_of_face
 from .grid import kuhn_zones
 from .mesh import Contacts, Mesh, components, merge_pairs, surface_faces
-from .nodes import stored
-from .ordering import morton_keys
+from .nodes import morton_keys, stored
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..mesh.mesh import Mesh, edge_lengths, volumes
-from ..mesh.nodes import Nodes, nodes_of
-from ..mesh.ordering import make_patches, renumbered
+from ..mesh.nodes import Nodes, make_patches, nodes_of, renumbered
 from ..mesh.spectral_nodes import SpectralNodes, View, spectral_nodes, view
 from ..units import check_angle
 from .boundary import Boundary, SpongeLayer, StressInput, Viscous, check_boundaries

@@ -60,7 +60,7 @@ def make_blast(config, folder) -> Blast:
     shift = np.array(config.shift_m)
     if config.file is not None:
         mapping = None if config.mapping is None else folder / config.mapping
-        blast = read_blast(folder / config.file, mapping)
+        blast = read_blast(folder / config.file, mapping, config.sheet)
         moved = {"collar": blast.collar + shift, "toe": blast.toe + shift}
         return replace(blast, **moved, explosive_density=config.explosive_kg_per_m3)
     row = math.radians(config.row_bearing_deg)
@@ -117,6 +117,7 @@ def read_record(config, folder) -> Recording:
         ),
         mapping=None if config.mapping is None else folder / config.mapping,
         unit=config.unit,
+        sheet=config.sheet,
     )
     if config.record > len(records):
         raise InputError(f"record: {config.file} has {len(records)} records, got {config.record}")

@@ -3,6 +3,7 @@
 import csv
 import math
 import re
+import unicodedata
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -47,6 +48,10 @@ class RawRecord:
         Values computed by the instrument, for the self-check.
     unit : str
         "m_per_s", or "counts" while the instrument response is still in the samples.
+    microphone : (n_samples,) float64, Pa, or None
+        Air overpressure.
+    notes : tuple of str
+        Remarks of the reader.
     """
 
     channels: dict[str, np.ndarray]
@@ -60,6 +65,8 @@ class RawRecord:
     header: dict[str, Any] = field(default_factory=dict)
     printed: dict[str, Printed] = field(default_factory=dict)
     unit: str = "m_per_s"
+    microphone: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
 
 
 def read_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
@@ -75,8 +82,8 @@ def read_bytes(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
 
 
 _OTHER_FILES = {
-    b"PK\x03\x04": "is an Excel workbook or a zip archive; save the sheet as CSV",
-    b"\xd0\xcf\x11\xe0": "is an Excel workbook; save the sheet as CSV",
+    b"PK\x03\x04": "is a zip archive or a damaged Excel workbook; save the sheet as CSV",
+    b"\xd0\xcf\x11\xe0": "is an Excel workbook of the old kind; save it as .xlsx or CSV",
     b"%PDF": "is a PDF document; export the table as CSV",
     b"\x55\x3a": "is a recording in SEG-2, no table; read it with read_gather",
     b"\x3a\x55": "is a recording in SEG-2, no table; read it with read_gather",
@@ -93,19 +100,10 @@ def refuse_other_files(where: Path | str, content: bytes) -> None:
             raise ReadError(f"{where}: {sentence}")
 
 
-def decode_table(path: Path) -> str:
-    """Read a table in UTF-8; refuse other files with their kind and the remedy."""
-    content = path.read_bytes()
-    refuse_other_files(path.name, content)
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ReadError(
-            f"{path.name}: is not UTF-8 text (first at byte {error.start}); save it as CSV in UTF-8"
-        ) from None
-    if "\0" in text:
-        raise ReadError(f"{path.name}: holds zero bytes, so it is no text; save the table as CSV")
-    return text
+def refuse_sheet(where: Path | str, sheet: str | None) -> None:
+    """Refuse the name of a sheet beside a file that is no workbook."""
+    if sheet is not None:
+        raise InputError(f"{where}: is no Excel workbook; leave out sheet = {sheet!r}")
 
 
 def decode_lines(path: Path, content: bytes) -> list[str]:
@@ -411,3 +409,92 @@ def _within(name, printed: Printed, value, dt):
     if printed.bound == "<":
         return bool(value <= printed.value + slack)
     return bool(abs(value - printed.value) <= slack)
+
+
+QUIET_SHARE, SHORTEST_QUIET = 0.1, 16  # of a record at either end, and in samples
+LEAST_OFFSET, LARGEST_CHANGE = 0.05, 0.3  # of the peak; of the offset, between the two ends
+
+
+def constant_offset(samples: np.ndarray) -> float:
+    """Return the constant offset of a channel, 0 where there is none or it is not sure.
+
+    Parameters
+    ----------
+    samples : (n_samples,) float64
+
+    Returns
+    -------
+    float
+        Mean of the medians of the first and the last tenth, where these differ by at most 30 % of
+        it and it exceeds 5 % of the peak about it.
+
+    Examples
+    --------
+    >>> pulse = np.zeros(400)
+    >>> pulse[100:200] = np.sin(np.linspace(0.0, 20.0, 100))
+    >>> constant_offset(pulse), round(constant_offset(pulse + 0.2), 9)
+    (0.0, 0.2)
+    """
+    n = int(QUIET_SHARE * len(samples))
+    if n < SHORTEST_QUIET or not np.all(np.isfinite(samples)) or is_dead(samples):
+        return 0.0
+    first, last = float(np.median(samples[:n])), float(np.median(samples[-n:]))
+    level = 0.5 * (first + last)
+    if abs(first - last) > LARGEST_CHANGE * abs(level):
+        return 0.0
+    peak = float(np.max(np.abs(samples - level)))
+    return level if abs(level) > LEAST_OFFSET * peak else 0.0
+
+
+REFERENCE_PRESSURE = 20e-6  # Pa, of decibels in air
+_DECIBELS = ("db", "dbl", "dblin", "dblinear", "dbz")
+_PRESSURES = {"psi": 6894.757293168, "mbar": 100.0, "mb": 100.0, "hpa": 100.0, "bar": 1e5}
+
+
+def plain_word(text: str) -> str:
+    """Write a title in lower case without accents, blanks and signs: "Höhe [m]" is "hohem"."""
+    spread = unicodedata.normalize("NFKD", text.replace("ı", "i").replace("ł", "l").casefold())
+    return "".join(c for c in spread if c.isalnum())
+
+
+def is_pressure(text: str) -> bool:
+    """Tell whether a text is a unit of air overpressure, decibels included."""
+    return plain_word(text) in (*_DECIBELS, *_PRESSURES, "pa", "kpa")
+
+
+def overpressure(samples: np.ndarray, unit: str, where: str) -> np.ndarray:
+    """Return samples of a microphone in Pa.
+
+    Parameters
+    ----------
+    samples : (n_samples,) float64
+    unit : str
+        Pa, kPa, hPa, mbar, psi, or dB(L): linear decibels above 20 µPa, whose sign is lost.
+    where : str
+        For messages.
+
+    Raises
+    ------
+    ReadError
+        If the unit is none of pressure.
+    """
+    plain = plain_word(unit.split("(")[0]) if unit.lower().startswith("pa") else plain_word(unit)
+    if plain in _DECIBELS:
+        return REFERENCE_PRESSURE * 10.0 ** (samples / 20.0)
+    factor = _PRESSURES.get(plain) or {"pa": 1.0, "kpa": 1e3}.get(plain)
+    if factor is None:
+        raise ReadError(
+            f"{where}: the microphone must be in Pa, kPa, mbar, psi or dB(L), got '{unit[:40]}'"
+        )
+    return factor * samples
+
+
+def decibels(pressure: float) -> float:
+    """Return a peak of air overpressure in dB(L), 20 log10 (p / 20 µPa).
+
+    Examples
+    --------
+    >>> round(decibels(20.0), 1)
+    120.0
+    """
+    return 20.0 * float(np.log10(max(abs(pressure), 1e-12) / REFERENCE_PRESSURE))

@@ -11,26 +11,41 @@ from obspy import UTCDateTime
 
 from ..errors import InputError, PyblastWarning, ReadError
 from ..signals.seismogram import BLAST_AXES, GEOGRAPHIC, Seismogram
+from .hand_tables import is_workbook, read_hand_table, recognises_hand_table, sheet_lines
 from .raw import (
     MAX_FILE_BYTES,
     RawRecord,
     at_level,
     check_printed,
     clipped_samples,
+    constant_offset,
+    decibels,
     decode_lines,
     is_dead,
     plateau_level,
     read_bytes,
+    refuse_sheet,
 )
 from .seismic import GATHER_HEADERS, deconvolve, read_traces, sniff_seismic, station_records
-from .tables import TEXT_FORMATS, TextFormat, read_generic, read_mapped, recognises_generic
+from .tables import (
+    TEXT_FORMATS,
+    TextFormat,
+    read_generic,
+    read_mapped,
+    recognises_generic,
+    refuse_histogram,
+)
 
 __all__ = [
     "FORMATS", "Gather", "Recording", "read_gather", "read_recording", "read_stations",
     "remove_response",
 ]  # fmt: skip
 FASTEST_GROUND = 1e3
-_TEXT_ROWS = {**TEXT_FORMATS, "CSV": TextFormat(recognises_generic, read_generic)}
+_TEXT_ROWS = {
+    **TEXT_FORMATS,
+    "CSV": TextFormat(recognises_generic, read_generic),
+    "HAND_TABLE": TextFormat(recognises_hand_table, read_hand_table),
+}
 _STATION_FORMATS = ("MSEED", "SAC", "GSE2")
 FORMATS = (*_TEXT_ROWS, "MAPPED", *_STATION_FORMATS)
 
@@ -53,6 +68,10 @@ class Recording:
         Components with constant samples.
     time : str
         ISO time stamp of the file.
+    overpressure : (n_samples,) float64, Pa, or None
+        Of the microphone.
+    offset : tuple of 3 float, m/s
+        Constant offset that was taken off each component of the file, before any rotation.
     """
 
     seismogram: Seismogram
@@ -64,6 +83,18 @@ class Recording:
     checks: tuple[tuple[str, float, float, bool], ...] = ()
     dead: tuple[str, ...] = ()
     time: str = ""
+    overpressure: np.ndarray | None = None
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
+
+    @property
+    def peak_overpressure(self) -> float:
+        """Peak of the air overpressure [Pa]; NaN without a microphone."""
+        return np.nan if self.overpressure is None else float(np.max(np.abs(self.overpressure)))
+
+    @property
+    def peak_overpressure_db(self) -> float:
+        """The same in dB(L), linear decibels above 20 µPa."""
+        return np.nan if self.overpressure is None else decibels(self.peak_overpressure)
 
     def __post_init__(self) -> None:
         """Check the shape of the clipping marks."""
@@ -85,6 +116,7 @@ def read_recording(
     time_zero: str | UTCDateTime | None = None,
     orientations: dict[str, tuple[float, float]] | None = None,
     max_bytes: int = MAX_FILE_BYTES,
+    sheet: str | None = None,
 ) -> list[Recording]:
     """Read all recordings of a file.
 
@@ -108,6 +140,8 @@ def read_recording(
         For seismological channels that are not named E, N, Z.
     max_bytes : int
         Largest size of a file.
+    sheet : str, optional
+        Sheet of an Excel workbook; may be left out where only one has cells.
 
     Returns
     -------
@@ -123,8 +157,8 @@ def read_recording(
 
     Notes
     -----
-    Warns (PyblastWarning) of dead channels, of clipping, and of differences between the samples and
-    the values printed by the instrument.
+    Warns (PyblastWarning) of dead channels, of clipping, of a constant offset, which is taken off,
+    and of differences between the samples (before that) and the values printed by the instrument.
 
     Examples
     --------
@@ -133,7 +167,8 @@ def read_recording(
     """
     paths = [Path(path)] if isinstance(path, (str, Path)) else [Path(item) for item in path]
     data = [read_bytes(item, max_bytes) for item in paths]
-    format = _choose_format(paths[0], data[0], format, mapping)
+    lines = _text_lines(paths[0], data[0], sheet)
+    format = _choose_format(paths[0], data[0], lines, format, mapping)
     if format in _STATION_FORMATS:
         traces = [
             trace
@@ -148,7 +183,8 @@ def read_recording(
     elif len(paths) > 1:
         raise InputError(f"{paths[1]}: only one-channel files can be read together")
     else:
-        lines = decode_lines(paths[0], data[0])
+        lines = decode_lines(paths[0], data[0]) if lines is None else lines
+        refuse_histogram(paths[0], lines)
         reader = _TEXT_ROWS.get(format)
         if reader is not None:
             raws = [reader.read(paths[0], lines)]
@@ -216,7 +252,15 @@ def remove_response(recording: Recording, response: str | Path | dict) -> Record
     )
 
 
-def _choose_format(path, content, format, mapping):
+def _text_lines(path, content, sheet):
+    """Return the lines of a sheet of a workbook or of text, None for seismological formats."""
+    if is_workbook(content):
+        return sheet_lines(path, content, sheet)
+    refuse_sheet(path, sheet)
+    return decode_lines(path, content) if sniff_seismic(content) is None else None
+
+
+def _choose_format(path, content, lines, format, mapping):
     """Return the format of a file by its content, checked against the requested one."""
     if format is not None and format not in FORMATS:
         raise InputError(f"format: must be one of {', '.join(FORMATS)}, got '{format}'")
@@ -228,7 +272,7 @@ def _choose_format(path, content, format, mapping):
     if detected in ("SEG2", "SEGY"):
         raise InputError(f"{path}: is a gather ({detected}), read it with read_gather")
     if detected is None:
-        head = decode_lines(path, content)[:60]
+        head = (lines or [])[:60]
         detected = next(
             (name for name, row in _TEXT_ROWS.items() if head and row.recognises(head)), None
         )
@@ -253,13 +297,17 @@ def _recording(path, raw, bearing, full_scale):
     dead = tuple(name for name, samples in raw.channels.items() if is_dead(samples))
     seismogram = Seismogram(velocity, raw.dt, raw.start, raw.label, axes)
     checks = check_printed(raw.printed, seismogram)
-    _report(path, raw, dead, clipped, checks)
+    offset = np.array([0.0 if raw.unit == "counts" else constant_offset(x) for x in velocity.T])
+    if np.any(offset):
+        seismogram = replace(seismogram, velocity=velocity - offset)
+    _report(path, raw, dead, clipped, checks, dict(zip(axes, offset, strict=True)))
     if bearing is not None:
         seismogram, clipped = _rotated(path, seismogram, clipped, bearing)
     header = {**raw.header, "unit": raw.unit}
     return Recording(
-        seismogram, raw.instrument, raw.serial, full_scale, clipped, header, checks, dead, raw.time
-    )
+        seismogram, raw.instrument, raw.serial, full_scale, clipped, header, checks, dead, raw.time,
+        raw.microphone, tuple(offset.tolist()),
+    )  # fmt: skip
 
 
 def _rotated(path, seismogram, clipped, bearing):
@@ -288,9 +336,13 @@ def _refuse_nonsense(path, raw, full_scale):
             )
 
 
-def _report(path, raw, dead, clipped, checks):
-    """Warn of dead channels, clipping and differences from the printed values."""
+def _report(path, raw, dead, clipped, checks, offsets):
+    """Warn of notes, dead channels, clipping, offsets and differences from printed values."""
     where = f"{path}, {raw.label}"
+    for note in raw.notes:
+        _warn(f"{where}: {note}")
+    if taken := [f"{1e3 * level:.3g} mm/s ({n})" for n, level in offsets.items() if level]:
+        _warn(f"{where}: a constant offset of {', '.join(taken)} was taken off")
     if dead:
         _warn(f"{where}: {', '.join(dead)} never moves, the channel is dead")
     if np.any(clipped):

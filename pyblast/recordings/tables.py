@@ -18,6 +18,7 @@ from .raw import (
     common_velocity_factor,
     decode_lines,
     number,
+    overpressure,
     quantity,
     read_bytes,
     read_columns,
@@ -34,6 +35,7 @@ COMPONENT_NAMES = {
     "z": "vertical", "long": "longitudinal", "l": "longitudinal", "radial": "longitudinal",
     "longitudinal": "longitudinal", "e": "east", "east": "east", "n": "north", "north": "north",
 }  # fmt: skip
+_MICROPHONES = ("micl", "mic", "mic1", "microphone")
 _PRINTED = {
     "ppv": "PPV",
     "zcfreq": "zero-crossing frequency",
@@ -60,7 +62,7 @@ def read_instantel_ascii(path: Path, lines: list[str]) -> RawRecord:
         key, separator, value = line.strip().strip('"').partition(" :")
         if separator:
             header.setdefault(" ".join(key.split()).rstrip(":"), value.strip())
-    names = _channels(path, titles + 1, lines[titles].split())
+    names = _channels(path, titles + 1, lines[titles].split(), _MICROPHONES)
     rows = [(n + 1, lines[n].split()) for n in range(titles + 1, len(lines))]
     return _instantel(path, header, names, rows)
 
@@ -76,7 +78,7 @@ def read_instantel_csv(path: Path, lines: list[str]) -> RawRecord:
         if cells and cells[0]:
             value = (cells[1:] or [""])[0]
             header[cells[0]] = "; ".join(filter(None, [header.get(cells[0]), value]))
-    names = _channels(path, titles + 1, cells)
+    names = _channels(path, titles + 1, cells, _MICROPHONES)
     rows = [
         (n + 1, split_line(path, n + 1, lines[n], delimiter)) for n in range(titles + 1, len(lines))
     ]
@@ -175,7 +177,9 @@ def _instantel(path, header, names, rows):
     rate = _required(path, header, keys.get("samplerate", "Sample Rate"), "sps").value
     dt = sampling_step(rate, f"{path}, '{keys['samplerate']}'")
     columns = read_columns(path, rows, names)
+    pressure = columns.pop("microphone", None)
     channels = {name: factor * values for name, values in columns.items()}
+    loud, notes = _instantel_pressure(path, header.get(keys.get("units"), ""), pressure)
 
     def field(*spellings, unit="s"):
         key = next((keys[s] for s in spellings if s in keys), None)
@@ -200,8 +204,17 @@ def _instantel(path, header, names, rows):
         f"Instantel {version}".strip(), header.get(keys.get("serialnumber"), ""),
         full_scale.value if full_scale else None,
         _time_stamp(header.get(keys.get("eventtime"), ""), header.get(keys.get("eventdate"), "")),
-        header, printed,
+        header, printed, microphone=loud, notes=notes,
     )  # fmt: skip
+
+
+def _instantel_pressure(path, units, samples):
+    """Return the samples of the microphone in Pa, and a note where its unit is not given."""
+    unit = next(iter(re.split(r" and |;", units)[1:]), "").strip()
+    if samples is None or not unit:
+        note = "the unit of the microphone is missing in 'Units'; its channel is left out"
+        return None, () if samples is None else (note,)
+    return overpressure(samples, unit, f"{path}, 'Units'"), ()
 
 
 def _printed(field, unit):
@@ -225,11 +238,22 @@ def _start_from_peak(channels, dt, printed):
     return 0.0
 
 
-def _channels(path, line, titles):
+def refuse_histogram(path: Path, lines: list[str]) -> None:
+    """Refuse the histogram export of a seismograph, which holds no waveform."""
+    for number_, line in enumerate(lines[:60], 1):
+        if re.search(r"event\s*type\W.*histogram", line, re.IGNORECASE):
+            raise ReadError(
+                f"{path}, line {number_}: is a histogram (peaks of intervals), no waveform; "
+                "export the full waveform of the event"
+            )
+
+
+def _channels(path, line, titles, microphones=()):
     """Return the columns of the components, by the names that instruments use."""
     names = {}
     for column, title in enumerate(titles):
-        name = COMPONENT_NAMES.get(title.strip('"').lower())
+        plain = title.strip('"').lower()
+        name = "microphone" if plain in microphones else COMPONENT_NAMES.get(plain)
         if name in names:
             raise ReadError(
                 f"{path}, line {line}: columns {names[name] + 1} and {column + 1} are both "
@@ -237,7 +261,7 @@ def _channels(path, line, titles):
             )
         if name:
             names[name] = column
-    if not names:
+    if not set(names) - {"microphone"}:
         raise ReadError(
             f"{path}, line {line}: expected a row of channels such as Tran, Vert, "
             f"Long, got '{' '.join(titles)[:40]}'"

@@ -22,8 +22,7 @@ from ..core import (
     to_fortran,
 )
 from ..mesh.mesh import locate, volumes
-from ..mesh.nodes import Nodes
-from ..mesh.ordering import MOST
+from ..mesh.nodes import MOST, Nodes
 from ..mesh.tetrahedra import shape_gradients
 from ..mesh.tetrahedra import volumes as tetrahedron_volumes
 from ..model.model import Model

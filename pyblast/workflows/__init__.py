@@ -5,14 +5,20 @@ folder; a finished result is never changed. The same command goes on with an unf
 the same input, unless ``fresh`` is set.
 """
 
+import csv
+import io
+import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError, PyblastError, ReadError
 
 LARGEST_FOLDER = 9999
+LONGEST_NAME = 31  # characters of the name of a sheet, by Excel
+MOST_ROWS = 200_000  # of a table that is written as a sheet; longer ones are left to their CSV
 Progress = Callable[[str, int, int], None]
 Say = Callable[[str], None]
 
@@ -125,3 +131,67 @@ def _lock(folder: Path) -> int | None:
         os.close(handle)
         return -1
     return handle
+
+
+def workbook_of(tables: Mapping[str, str]) -> bytes:
+    """Return an Excel workbook with one sheet for each table of CSV.
+
+    Parameters
+    ----------
+    tables : mapping of str to str
+        Name of the sheet (cut to 31 characters) to comma-separated text whose first row holds the
+        heads. Cells that read as finite numbers become numbers; no cell becomes a formula.
+
+    Returns
+    -------
+    bytes
+        Tables of more than 200 000 rows are left out.
+    """
+    import openpyxl
+    from openpyxl.cell import WriteOnlyCell
+    from openpyxl.styles import Font
+
+    book = openpyxl.Workbook(write_only=True)
+    used: set[str] = set()
+    for name, text in tables.items():
+        rows = list(csv.reader(io.StringIO(text, newline="")))
+        if len(rows) > MOST_ROWS:
+            continue
+        sheet = book.create_sheet(_sheet_name(name, used))
+        sheet.freeze_panes = "A2"
+        for n, row in enumerate(rows):
+            cells = [WriteOnlyCell(sheet) for _ in row]
+            for cell, value in zip(cells, map(_value, row), strict=True):
+                cell.value = value
+                if isinstance(value, str):
+                    cell.data_type = "s"
+                if n == 0:
+                    cell.font = Font(bold=True)
+            sheet.append(cells)
+    if not used:
+        book.create_sheet("empty")
+    buffer = io.BytesIO()
+    book.save(buffer)
+    return buffer.getvalue()
+
+
+def _sheet_name(name, used):
+    """Return a name that Excel allows and no other sheet has."""
+    clean = "".join("_" if c in "[]:*?/\\'" else c for c in name)[:LONGEST_NAME] or "table"
+    unique, n = clean, 1
+    while unique.lower() in used:
+        n += 1
+        unique = f"{clean[: LONGEST_NAME - 4]} {n}"
+    used.add(unique.lower())
+    return unique
+
+
+def _value(text) -> Any:
+    """Return a number where a cell reads as one, its text otherwise."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if text == "" or "_" in text or not math.isfinite(number):
+        return "".join(c for c in text if c >= " ") or None
+    return number

@@ -13,7 +13,7 @@ from benchmarks.kernels import Naive, bytes_per_zone, shuffled
 from benchmarks.marching import ROCK, March, cube, prepared, rock_model
 from benchmarks.timing import interleaved, ratio
 from pyblast import core
-from pyblast.mesh.ordering import renumbered
+from pyblast.mesh.nodes import renumbered
 
 
 def test_the_naive_loop_marches_as_the_model_does():

@@ -207,8 +207,8 @@ def test_a_table_in_another_encoding_is_refused(table, encoding, message):
 
 
 @pytest.mark.parametrize(("content", "message"), [
-    (b"PK\x03\x04\x14\0", "is an Excel workbook or a zip archive; save the sheet as CSV"),
-    (b"\xd0\xcf\x11\xe0\xa1", "is an Excel workbook; save the sheet as CSV"),
+    (b"PK\x03\x04\x14\0", "is a zip archive or a damaged Excel workbook; save the sheet as CSV"),
+    (b"\xd0\xcf\x11\xe0\xa1", "is an Excel workbook of the old kind; save it as .xlsx or CSV"),
     (b"\x55\x3a\x01\0", "is a recording in SEG-2, no table"),
 ])  # fmt: skip
 def test_another_kind_of_file_is_named_with_the_remedy(tmp_path, content, message):

@@ -11,7 +11,7 @@ from pyblast import core
 from pyblast.errors import InputError
 from pyblast.mesh.builder import Layer, structured_box
 from pyblast.mesh.mesh import Mesh
-from pyblast.mesh.ordering import MOST
+from pyblast.mesh.nodes import MOST
 from pyblast.model.boundary import Fixed, Roller, StressInput, VelocityInput, Viscous
 from pyblast.model.joint import Joint
 from pyblast.model.material import Material, MohrCoulomb
