@@ -330,8 +330,7 @@ def within_band(rate, corner, carried) -> tuple[TimeFunction, float | None]:
 def _low_passed(rate, corner):
     """Low-pass a time function without phase shift; it then begins and ends in quiet."""
     quiet = math.ceil(QUIET_CYCLES / (corner * rate.dt))
-    values = np.pad(rate.values, quiet)
-    motion = replace(shape(rate, values), start=rate.start - quiet * rate.dt)
+    motion = replace(shape(rate, np.pad(rate.values, quiet)), start=rate.start - quiet * rate.dt)
     passed = motion.lowpassed(corner)
     return TimeFunction(passed.velocity[:, 0], rate.dt, passed.start)
 

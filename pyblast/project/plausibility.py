@@ -167,8 +167,8 @@ def radiated_peak(project, distance: float) -> float:
     """
     inside, rock = project.inside, rock_of_holes(project)
     rate = inside.moment_rate
-    one = moment_velocity(rate.values, rate.dt, distance, rock.density, rock.cp)
-    history = superpose(shape(rate, one), inside.firing).velocity[:, 0]
+    alone = moment_velocity(rate.values, rate.dt, distance, rock.density, rock.cp)
+    history = superpose(shape(rate, alone), inside.firing).velocity[:, 0]
     return FREE_SURFACE * float(np.abs(history).max())
 
 

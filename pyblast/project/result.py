@@ -13,7 +13,7 @@ from ..blasts.compliance import METHOD, assess_all, conclusion
 from ..errors import Finding, ReadError
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
-from ..recordings.recording import instrument_table
+from ..recordings.tables import instrument_table
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
 from ..solver.model_file import read_arrays, write_arrays

@@ -1,7 +1,7 @@
 """Recordings and shot gathers: all formats read by content, in SI, checked and rotated."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -495,30 +495,3 @@ def _clipped(data, full_scale):
     if not levels:
         return np.zeros(data.shape, bool), None
     return np.any([at_level(np.abs(data), level) for level in levels], axis=0), max(levels)
-
-
-HEADERS = {  # names of these in the headers of recorders
-    "calibration_date": ("calibration", "calibrated", "date of calibration", "calibration date"),
-    "location": ("location", "location:", "titlestring1", "monitor location"),
-    "operator": ("operator", "user name", "user name:"),
-}
-
-
-def instrument_table(recording: Recording, given: Mapping[str, str | None]) -> dict:
-    """Return serial number, calibration, location, operator and time of a record.
-
-    Parameters
-    ----------
-    recording : Recording
-    given : mapping of str to str or None
-        Keys such as "serial_number", which go before the header; None where neither has a value.
-    """
-    header = {
-        str(key).strip().lower(): str(value).strip() for key, value in recording.header.items()
-    }
-    table = {"instrument": recording.instrument or None, "time": recording.time or None}
-    table["serial_number"] = given.get("serial_number") or recording.serial or None
-    for key, names in HEADERS.items():
-        written = next((header[name] for name in names if header.get(name, "?") != "?"), None)
-        table[key] = given.get(key) or written or None
-    return table
