@@ -379,7 +379,10 @@ def test_the_layer_is_stable_over_many_steps_from_noise(ground):
     run = simulate(one, 6.0, prepared=replace(prepared, state=state))
 
     energy = run.energy["kinetic"] + run.energy["strain"]
-    assert np.abs(energy[-1]) < 1e-8 * energy[0]
+    at = energy[np.linspace(0, len(energy) - 1, 9).astype(int)] / energy[0]
+    heard = at > 1e-14  # of the start; below is round-off
+    assert at[-1] < 1e-5
+    assert np.all(at[1:][heard[1:]] < 0.9 * at[:-1][heard[1:]])
 
 
 def ledger(total, given):
