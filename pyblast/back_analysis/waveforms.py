@@ -311,7 +311,7 @@ def mesh_errors_of(projects, motion, receivers, window, prepare=lambda _, other:
 
 PER_KNOT = 2  # samples between the knots of the splines
 KNOTS_PER_PERIOD = 8.0  # of the highest frequency
-SMOOTHING = np.logspace(-8.0, 2.0, 41)  # shares of the largest squared singular value
+SMOOTHING = np.logspace(-3.0, 2.0, 26)  # of the largest eigenvalue; less leaves what lies above
 FINE = 10  # steps of the spline a sample
 
 
@@ -386,14 +386,14 @@ def fit_moment_rate(
     }
     rough = np.diff(np.eye(count), 2, axis=0)
     rough = rough.T @ rough
-    found, smoothing, spread = _smooth(list(parts.values()), rough)
-    misfit = {name: _left(part, found) for name, part in parts.items()}
+    fitted, smoothing, spread = _smooth(list(parts.values()), rough)
+    misfit = {name: _unexplained(part, fitted) for name, part in parts.items()}
     others = {
         name: [part for other, part in parts.items() if other != name]
         for name in parts if len(parts) > 1
     }  # fmt: skip
     without = {name: _smooth(rest, rough)[0] for name, rest in others.items()}
-    held_out = {name: _left(parts[name], coefficients) for name, coefficients in without.items()}
+    held_out = {name: _unexplained(parts[name], others) for name, others in without.items()}
     times = np.arange((count + 3) * PER_KNOT + 1) * dt
     shapes = spline(times[:, None] / (PER_KNOT * dt) - np.arange(count))
     variance = np.einsum("ti,ij,tj->t", shapes, spread, shapes)
@@ -403,7 +403,7 @@ def fit_moment_rate(
         jackknife = (n - 1) / n * ((each - each.mean(axis=0)) ** 2).sum(axis=0)
         variance = np.maximum(variance, jackknife)
     deviation = np.sqrt(variance)
-    return MomentRateFit(times, shapes @ found, deviation, misfit, held_out, band, smoothing)
+    return MomentRateFit(times, shapes @ fitted, deviation, misfit, held_out, band, smoothing)
 
 
 def _quiet(motion, band):
@@ -451,9 +451,10 @@ def _smooth(parts, rough):
         weights = share * rough + 1e-12 * np.eye(len(right))
         inverse = np.linalg.inv(normal + largest * weights)
         residual = data - matrix @ (inverse @ right)
-        freedom = np.trace(inverse @ normal)
-        left = residual @ residual * n_free / len(data)
-        return left / max(n_free - freedom, 1.0) ** 2, inverse, left / max(n_free - freedom, 1.0)
+        n_fitted = np.trace(inverse @ normal)
+        residual_energy = residual @ residual * n_free / len(data)
+        n_left = max(n_free - n_fitted, 1.0)
+        return residual_energy / n_left**2, inverse, residual_energy / n_left
 
     share = min(SMOOTHING, key=lambda share: solved(share)[0])
     _, inverse, variance = solved(share)
@@ -462,7 +463,7 @@ def _smooth(parts, rough):
     return inverse @ right, float(share), spread
 
 
-def _left(part, coefficients) -> float:
+def _unexplained(part, coefficients) -> float:
     """Return the share of the energy of data that coefficients leave unexplained."""
     matrix, data = part
     return float(np.sum((data - matrix @ coefficients) ** 2) / np.sum(data**2))

@@ -417,8 +417,8 @@ def show_moment_rate(fit: "MomentRateFit", folder: Path) -> None:
         f"moment rate of 1 kg, up to {fit.band:.3g} Hz: peak {peak:.3g} N m/s +- "
         f"{abs(100.0 * deviation / peak):.2g} % at {1e3 * figures['peak_at_s']:.3g} ms"
     )
-    for name, left in fit.misfit.items():
-        told = fit.held_out.get(name)
-        words = "" if told is None else f", {100 * told:.2g} % by the other receivers alone"
-        say(f"{name}: {100 * left:.2g} % of the energy unexplained{words}")
+    for name, misfit in fit.misfit.items():
+        held_out = fit.held_out.get(name)
+        words = "" if held_out is None else f", {100 * held_out:.2g} % by the other receivers alone"
+        say(f"{name}: {100 * misfit:.2g} % of the energy unexplained{words}")
     say(f"results: {folder}; set holes_inside.moment_rate_file to its moment_rate.csv")

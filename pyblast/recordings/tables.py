@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,9 +28,6 @@ from .raw import (
     unit_factor,
     velocity_factor,
 )
-
-if TYPE_CHECKING:
-    from .recording import Recording
 
 COMPONENT_NAMES = {
     "tran": "transverse", "t": "transverse", "transverse": "transverse",
@@ -452,7 +449,7 @@ HEADERS = {  # names of these in the headers of recorders
 }
 
 
-def instrument_table(recording: "Recording", given: Mapping[str, str | None]) -> dict:
+def instrument_table(recording: Any, given: Mapping[str, str | None]) -> dict:
     """Return serial number, calibration, location, operator and time of a record.
 
     Parameters

@@ -8,7 +8,6 @@ from small_project import INSIDE, written
 
 from pyblast.back_analysis.waveforms import spline
 from pyblast.errors import InputError
-from pyblast.project.inputs import radiated
 from pyblast.project.project import load_project
 from pyblast.project.result import write_csv
 from pyblast.solver.run import simulate
@@ -25,7 +24,7 @@ def shot(folder, noise=0.0):
         for name, (x, y) in PLACES.items()
     )
     text = INSIDE[: INSIDE.index("[[receivers]]")] + "RECEIVERS" + INSIDE[INSIDE.index("[run]") :]
-    for old, new in (("duration_s = 0.1", "duration_s = 0.6"), ("time_ms = 40", "time_ms = 80")):
+    for old, new in (("duration_s = 0.1", "duration_s = 0.8"), ("time_ms = 40", "time_ms = 80")):
         assert old in text
         text = text.replace(old, new)
     bare = receivers.replace("recorded", "# recorded")
@@ -44,13 +43,13 @@ def shot(folder, noise=0.0):
 def test_the_moment_rate_that_made_the_records_is_found_again(tmp_path, noise):
     truth, path = shot(tmp_path, noise)
 
-    fit, folder = find_moment_rate(path, length=0.3)
+    fit, folder = find_moment_rate(path, length=0.45)
 
     rate = truth.inside.moment_rate
     times = rate.start + rate.dt * np.arange(len(rate.values))
     wanted = 1.5 * np.interp(fit.times, times, rate.values, 0.0, 0.0)
     error = np.abs(fit.rate - wanted)
-    assert error.max() < (0.04 if noise == 0.0 else 0.15) * wanted.max()
+    assert error.max() < (0.04 if noise == 0.0 else 0.06) * wanted.max()
     assert max(fit.misfit.values()) < (1e-3 if noise == 0.0 else 0.05)
     if noise:
         assert np.mean(error < 3.0 * fit.deviation) > 0.8
@@ -59,7 +58,7 @@ def test_the_moment_rate_that_made_the_records_is_found_again(tmp_path, noise):
 
 def test_the_table_is_the_moment_rate_of_the_next_project(tmp_path):
     truth, path = shot(tmp_path)
-    _, folder = find_moment_rate(path, length=0.3)
+    _, folder = find_moment_rate(path, length=0.45)
     text = path.read_text()
     start = text.index("[holes_inside")
     table = f'[holes_inside]\nmoment_rate_file = "{folder}/moment_rate.csv"\n'
@@ -67,9 +66,8 @@ def test_the_table_is_the_moment_rate_of_the_next_project(tmp_path):
 
     found = load_project(path)
 
-    assert np.abs(radiated(found.inside.moment_rate).velocity[:, 0]).max() == pytest.approx(
-        1.5 * np.abs(radiated(truth.inside.moment_rate).velocity[:, 0]).max(), rel=0.1
-    )
+    peaks = [project.inside.moment_rate.values.max() for project in (truth, found)]
+    assert peaks[1] == pytest.approx(1.5 * peaks[0], rel=0.05)
 
 
 def test_splines_add_up_to_one():
