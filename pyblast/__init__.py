@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from .model.model import InSitu, Model, Receiver, SpongeLayer
     from .model.anisotropy import HoekBrown
     from .model.material import ConstantQ, Damping, Material, MohrCoulomb
-    from .model.joint import Joint
+    from .model.joint import Joint, infill_stiffness
     from .model.boundary import Fixed, FreeField, Roller, StressInput, VelocityInput, Viscous
     from .model.plane_wave import PlaneWave
     from .model.source import Hole, PointForce, TimeFunction
@@ -69,8 +69,8 @@ __all__ = [
     "Mesh", "build_mesh", "structured_box", "read_mesh",
     # Model: ground, joints, boundaries, sources, receivers
     "InSitu", "Model", "Receiver", "SpongeLayer", "ConstantQ", "Damping", "HoekBrown", "Material",
-    "MohrCoulomb", "Joint", "Fixed", "FreeField", "Roller", "StressInput", "VelocityInput",
-    "Viscous", "PlaneWave", "Hole", "PointForce", "TimeFunction",
+    "MohrCoulomb", "Joint", "infill_stiffness", "Fixed", "FreeField", "Roller", "StressInput",
+    "VelocityInput", "Viscous", "PlaneWave", "Hole", "PointForce", "TimeFunction",
     # Solve
     "simulate",
     # Project files: read, check, run, report

@@ -9,7 +9,7 @@ import numpy as np
 import obspy
 from keeper import Sealed, folder_of_recordings, keep
 
-from pyblast.line_records.quality import dead_and_clipped
+from pyblast.line_records.shots import dead_and_clipped
 
 FULL_SCALE, DEAD = 2.82, [47, 58, 59]
 

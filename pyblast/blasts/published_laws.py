@@ -209,7 +209,7 @@ class Explosive:
         """Return the pressure in Pa on the wall of a hole, both diameters in m.
 
         Half the detonation pressure ``density velocity^2 / 4``; of a charge thinner than its hole
-        times (charge / hole diameter)^2.4: theory.md (15.5).
+        times (charge / hole diameter)^2.4: theory.md (16.5).
 
         Examples
         --------
@@ -252,7 +252,7 @@ def borehole_pressure(
     -----
     ``density velocity^2 / 8 (charge / hole diameter)^2.4``: half the Chapman-Jouguet pressure for
     a ratio of specific heats of 3, decoupled as in Atlas Powder Company, Explosives and Rock
-    Blasting (1987); not checked against the original; theory.md (15.5).
+    Blasting (1987); not checked against the original; theory.md (16.5).
     """
     for value in (density, velocity, charge_diameter, hole_diameter):
         if not 0.0 < value < np.inf:
@@ -289,7 +289,7 @@ def crushed_radius(
     -----
     ``0.812 r CZI^0.219`` with the index ``CZI = p^3 / (K strength^2)``, ``K = E/(1 + nu)``: Esen,
     Onederra and Bilgin (2003), Int. J. Rock Mech. Min. Sci. 40, 485-495, from 92 tests in
-    concrete; coefficients not checked against the original; theory.md (15.6).
+    concrete; coefficients not checked against the original; theory.md (16.6).
 
     Examples
     --------

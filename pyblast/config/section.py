@@ -35,7 +35,9 @@ Point = Annotated[list[float], Field(min_length=3, max_length=3)]
 Place = Annotated[list[float], Field(min_length=2, max_length=3)]
 Size = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 Span = Annotated[list[float], Field(min_length=2, max_length=2)]
-Box = Annotated[list[Span], Field(min_length=3, max_length=3)]
+Box = Annotated[
+    list[Span], Field(min_length=3, max_length=3), AfterValidator(lambda box: _ascending(box))
+]
 Band = Annotated[
     list[Positive], Field(min_length=2, max_length=2), AfterValidator(lambda band: _rising(band))
 ]
@@ -87,6 +89,16 @@ def _rising(band):
     if not band[0] < band[1]:
         raise ValueError(f"must rise from the lowest to the highest frequency, got {band}")
     return band
+
+
+def _ascending(box):
+    """Refuse a box that ends before it begins."""
+    for axis, (low, high) in zip("xyz", box, strict=True):
+        if not low < high:
+            raise ValueError(
+                f"needs low below high on each axis, got {low:g} and {high:g} for {axis}"
+            )
+    return box
 
 
 MAX_TABLE_BYTES = 100_000_000

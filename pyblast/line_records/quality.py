@@ -1,15 +1,15 @@
-"""Data quality: dead and clipped channels, polarity, timing, geometry, sensor response."""
+"""Data quality: polarity, timing and geometry of channels, response of sensors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import fft, signal
+from scipy import fft, optimize, signal
 
 from ..errors import InputError
-from ..recordings.raw import at_level, is_dead, plateau_level
 from .shots import (
+    NEEDED,
     SIGNIFICANCE,
     Decision,
     Shot,
@@ -18,54 +18,6 @@ from .shots import (
     phase_randomised,
     shifted,
 )
-
-
-def dead_and_clipped(data: ArrayLike) -> tuple[Decision, Decision]:
-    """Detect dead channels and clipped samples, which must be masked before any analysis.
-
-    Parameters
-    ----------
-    data : (n_channels, n_samples) float
-
-    Returns
-    -------
-    tuple of two Decision
-        "saturation" (``target`` holds pairs of channel and sample) and "dead_channel" (channels).
-
-    Notes
-    -----
-    A full scale found in one channel holds for all: they share a converter.
-    """
-    data = np.asarray(data, dtype=float)
-    dead = tuple(int(c) for c in np.flatnonzero([is_dead(samples) for samples in data]))
-    levels = [level for level in map(plateau_level, data) if level is not None]
-    marks = np.zeros(data.shape, bool)
-    for level in levels:
-        marks |= at_level(np.abs(data), level)
-    samples = tuple((int(c), int(n)) for c, n in np.argwhere(marks))
-    level = {"full_scale": (max(levels), min(levels), max(levels))} if levels else {}
-    return (
-        Decision(
-            "NAMED" if samples else "NULL", "saturation",
-            f"{len(samples)} samples stand at full scale" if samples else "no plateau at the ends",
-            samples, level,
-        ),
-        Decision(
-            "NAMED" if dead else "NULL", "dead_channel",
-            f"{len(dead)} channels never move" if dead else "all channels move", dead,
-        ),
-    )  # fmt: skip
-
-
-def masked(data: ArrayLike) -> np.ndarray:
-    """Return data with dead channels and clipped samples as NaN."""
-    clipped, dead = dead_and_clipped(data)
-    data = np.array(data, dtype=float)
-    for channel, sample in clipped.target:
-        data[channel, sample] = np.nan
-    data[list(dead.target)] = np.nan
-    return data
-
 
 N_DRAWS, MOST = 4000, 3
 FINER, RESOLVED = 8, 0.01  # lags per sample; smallest difference of two correlations
@@ -117,16 +69,21 @@ def odd_channels(
         One per anomalous receiver, the most significant first; a single NULL if there is none. A
         positive "shift" [s] is late; a positive "move" [m] is a true position farther along the
         line than the coordinate. ``held_out``: share of energy that the neighbours predict in
-        held-out shots, as recorded and corrected. "no_signal" is an anomalous receiver that
-        correlates with its neighbours no better than phase-randomised noise.
+        held-out shots, as recorded and corrected; a name needs more than half of the way from the
+        first to the share of the median receiver. "no_signal" is an anomalous receiver that
+        correlates with its neighbours no better than phase-randomised noise. Gain, response and
+        coupling are not tried.
 
     Notes
     -----
     Lag of shot s: ``shift + move * slowness_s``, medians over shots. The largest robust z-score is
     compared with the maximum of as many normal draws at the 5 % level; theory.md (15.1).
     """
-    if len(shots) < 4 or any(len(s.channels) != len(shots[0].channels) for s in shots):
-        raise InputError("odd_channels: needs at least 4 shots at the same receivers")
+    if len(shots) < 4 or any(list(s.channels) != list(shots[0].channels) for s in shots):
+        raise InputError(
+            "odd_channels: needs at least 4 shots at the same receivers; leave out of all shots "
+            "what clips in one (Shot.only)"
+        )
     shots, decisions = [shot.banded(band) for shot in shots], []
     while len(decisions) < MOST:
         decision = _most_anomalous(shots, band, reach, seed)
@@ -211,17 +168,20 @@ def _most_anomalous(shots, band, reach, seed):
         )  # fmt: skip
     value = float(values[kind][where])
     before, after = _explained([shots[n] for n in held], where, kind, value, reach)
+    usual = _usually_explained([shots[n] for n in held], reach)
     half_width = _half_width(misfits, kind, where, values[kind])
     label, outcome = LABELS[kind], "NAMED"
     position = shots[0].places[where + 1]
     if kind and len({shots[n].source < position for n in fitted}) == 1:
         label, outcome = " | ".join(LABELS[1:]), "CLASS"
-    if after <= before:
+    small = after - before <= NEEDED * max(usual - before, 0.0) or after <= before
+    if small:
         outcome = "UNKNOWN"
     return Decision(
         outcome, label,
         f"deviates by {scores[kind, where]:.1f} robust standard deviations of the others; the "
-        f"{100 * SIGNIFICANCE:.0f} % level of the null distribution is {threshold:.1f}",
+        f"{100 * SIGNIFICANCE:.0f} % level of the null distribution is {threshold:.1f}"
+        + f"; too small a gain for a name: others have {usual:.2f}" * small,
         (int(misfits.channels[where]),),
         {("factor", "shift", "move")[kind]: (value, value - half_width, value + half_width)},
         band=band, p_value=p_value, held_out=(before, after),
@@ -313,6 +273,16 @@ def _half_width(misfits, kind, where, values):
     return float(1.645 * 1.4826 * np.hypot(own, others))
 
 
+def _usually_explained(shots, reach):
+    """Return the share of energy that the neighbours predict of the median receiver."""
+    residual = [
+        [np.sum((shot.motion[n] - p) ** 2) / np.sum(shot.motion[n] ** 2)
+         for p, n, _ in _predicted(shot, reach)]
+        for shot in shots
+    ]  # fmt: skip
+    return float(1.0 - np.median(np.mean(residual, axis=0)))
+
+
 def _explained(shots, where, kind, value, reach):
     """Return the share of energy that the neighbours predict, as recorded and corrected."""
     residual, total = np.zeros(2), 0.0
@@ -335,6 +305,10 @@ def _explained(shots, where, kind, value, reach):
 
 
 N_CURVES, N_BANDS, TAPERS, WIDTH = 999, 24, 7, 4.0
+KINDS = {"a geophone": 2, "an accelerometer": 0}  # power of the frequency below the corner
+CORNER_RATIO = 2.0  # largest ratio of the ends of the interval of a corner
+N_CORNERS, DAMPINGS = 8, (0.1, 0.7)  # where the fit of a corner starts
+MIDDLES = (np.arange(8) + 0.5) / 8  # of a band, at which its power is averaged
 
 
 def sensor_response(
@@ -363,14 +337,19 @@ def sensor_response(
     Returns
     -------
     Decision
-        "instrument_response" of the other sensor, or a class of both; "span" is the ratio of its
-        largest to its smallest response in the band. ``held_out``: rms of the log ratio at a
-        place, after a constant gain and after the curve of the other place.
+        "instrument_response" of the other sensor, or a class of both. "departure": rms of the log
+        ratio about one gain. Where a sensor of one corner explains more than half of that at the
+        place that was not fitted, and its corner is known within a factor of 2, "corner" [Hz] and
+        "damping" (of critical) as well, of the response of the first to the second, or of its
+        inverse if the first is the reference: above the corner flat as of a geophone, or below it
+        as of an accelerometer. ``held_out``: rms of the log ratio at a place, after a constant
+        gain and after the curve of the other place; a name needs more than half of the departure
+        explained.
 
     Notes
     -----
     Source, path and site cancel in the ratio of two records at one place. Surrogates: the training
-    curve, phase-randomised, theory.md (15.3).
+    curve, phase-randomised, theory.md (15.3). A sensor of one corner: theory.md (15.6).
     """
     first, second = np.asarray(first, float), np.asarray(second, float)
     if first.shape != second.shape or first.shape[0] != 2:
@@ -386,20 +365,27 @@ def sensor_response(
     pairs = (log_misfits(curves, phase_randomised(curves, rng)) for _ in range(N_CURVES))
     drawn = [flat - bent for flat, bent in pairs]
     p_value = permutation_p(before - after, drawn)
-    response = curves.mean(axis=0)
-    if reference == names[0]:
-        response = -response
-    named = after < before and p_value <= SIGNIFICANCE
+    within = edges[:-1, None] + np.diff(edges)[:, None] * MIDDLES
+    response = -curves if reference == names[0] else curves
+    significant = after < before and p_value <= SIGNIFICANCE
+    named = significant and after**2 < (1.0 - NEEDED) * before**2
     target = tuple(name for name in names if name != reference)
-    outcome = ("NAMED" if reference else "CLASS") if named else "NULL"
+    outcome = ("NAMED" if reference else "CLASS") if named else "UNKNOWN" if significant else "NULL"
     why = f"natural log of the ratio of {names[0]} to {names[1]}: rms {before:.2f} after one "
     why += f"gain, {after:.2f} after the curve of the other place"
+    parameters = _size(response)
+    law = _one_corner(response, within) if significant else None
+    if law is not None:
+        kind, fitted = law
+        parameters |= fitted
+        why += f"; one corner, as of {kind}"
+    elif significant:
+        why += "; no corner in the band is resolved"
     if outcome == "CLASS":
         why += "; which of the two is not flat needs a reference"
     return Decision(
-        outcome, "instrument_response", why, target if named else (),
-        _span(curves, edges, response) if named else {}, band=band, p_value=p_value,
-        held_out=(before, after),
+        outcome, "instrument_response", why, target if significant else (),
+        parameters if significant else {}, band=band, p_value=p_value, held_out=(before, after),
     )  # fmt: skip
 
 
@@ -423,12 +409,73 @@ def _levels(records, dt, edges):
     return np.sqrt(np.stack([power[:, index == k].mean(axis=1) for k in range(N_BANDS)], axis=1))
 
 
-def _span(curves, edges, response):
-    """Return the ratio of largest to smallest response and the frequency of the largest."""
-    spans = np.exp(np.ptp(curves, axis=1))
-    loudest = int(np.argmax(response))
-    return {
-        "span": (float(np.exp(np.ptp(response))), float(spans.min()), float(spans.max())),
-        "loudest": (float(np.sqrt(edges[loudest] * edges[loudest + 1])),
-                    float(edges[loudest]), float(edges[loudest + 1])),
-    }  # fmt: skip
+def _size(response):
+    """Return the rms of log ratios (2, N_BANDS) about one gain, of their mean and of each place."""
+    each = np.std(response, axis=1)
+    return {"departure": (float(np.std(response.mean(axis=0))), float(each.min()),
+                          float(each.max()))}  # fmt: skip
+
+
+def _one_corner(response, frequency):
+    """Return the kind of a sensor of one corner with its parameters; None if none is resolved.
+
+    Each place is fitted alone and has to explain the other; ends are 90 % intervals from the
+    scatter about the fit of both.
+    """
+    fitted = {}
+    for kind, power in KINDS.items():
+        fits = [
+            _fitted_corner(np.atleast_2d(row), frequency, power) for row in (*response, response)
+        ]
+        residual = [
+            np.var(other - _log_response(fit.x, frequency, power))
+            for fit, other in zip(fits[:2], response[::-1], strict=True)
+        ]
+        fitted[kind] = float(np.mean(residual)), fits[2]
+    kind = min(fitted, key=lambda name: fitted[name][0])
+    residual, fit = fitted[kind]
+    if residual > (1.0 - NEEDED) * np.mean(np.var(response, axis=1)):
+        return None
+    n_free = max(fit.fun.size - 4, 1)
+    sigma = np.sqrt(np.diag(np.linalg.pinv(fit.jac.T @ fit.jac)) * 2.0 * fit.cost / n_free)
+    ends = [np.clip(fit.x + side * 1.645 * sigma, *_bounds(frequency)) for side in (0.0, -1.0, 1.0)]
+    best, low, high = np.exp(ends)
+    if high[0] > CORNER_RATIO * low[0]:
+        return None
+    return kind, {
+        name: (float(best[n]), float(low[n]), float(high[n]))
+        for n, name in enumerate(("corner", "damping"))
+    }
+
+
+def _fitted_corner(response, frequency, power):
+    """Fit logarithms of corner and damping to log ratios (n, N_BANDS), each with its own gain.
+
+    ``frequency`` (N_BANDS, n): within the bands.
+    """
+
+    def residual(x):
+        away = response - _log_response(x, frequency, power)
+        return (away - away.mean(axis=1, keepdims=True)).ravel()
+
+    bounds, lowest, highest = _bounds(frequency), frequency[0, 0], frequency[-1, -1]
+    corners = np.geomspace(lowest, highest, N_CORNERS)
+    starts = [(np.log(f), np.log(h)) for f in corners for h in DAMPINGS]
+    best = sorted(starts, key=lambda x: float(np.sum(residual(np.array(x)) ** 2)))[:3]
+    fits = [optimize.least_squares(residual, x, bounds=bounds, loss="soft_l1") for x in best]
+    return min(fits, key=lambda fit: fit.cost)
+
+
+def _bounds(frequency):
+    """Return the least and the largest logarithms of corner and damping."""
+    beyond = np.log(3.0)
+    low, high = np.log(frequency[[0, -1], [0, -1]])
+    return (low - beyond, np.log(0.01)), (high + beyond, np.log(3.0))
+
+
+def _log_response(x, frequency, power):
+    """Return ln |r^power / (1 + 2ihr - r^2)|, r frequency over corner, by band; (15.6)."""
+    corner, damping = np.exp(x)
+    r = frequency / corner
+    size = r ** (2 * power) / ((1.0 - r**2) ** 2 + (2.0 * damping * r) ** 2)
+    return 0.5 * np.log(size.mean(axis=1))

@@ -8,7 +8,16 @@ from numpy.typing import ArrayLike
 from scipy import fft, linalg, optimize, signal, stats
 
 from ..errors import InputError
-from .shots import SIGNIFICANCE, Decision, Shot, interval, jackknifed, permutation_p, shifted
+from .shots import (
+    NEEDED,
+    SIGNIFICANCE,
+    Decision,
+    Shot,
+    interval,
+    jackknifed,
+    permutation_p,
+    shifted,
+)
 
 AIR = (312.0, 361.0)  # m/s, speed of sound at -30 to 50 degrees C: 20.05 sqrt(T)
 AIR_SPEEDS = np.geomspace(120.0, 2000.0, 340)
@@ -50,7 +59,8 @@ def air_wave(shots: Sequence[Shot], band: tuple[float, float], *, seed: int = 0)
     Returns
     -------
     Decision
-        "air_blast" with "speed" [m/s] and "delay" [s]; ``window`` is its duration relative to the
+        "air_blast" with "speed" [m/s], "delay" [s] and "energy", the share of a record's energy in
+        the band that lies in the window; ``window`` is its duration relative to the
         time offset/speed. ``held_out`` is the share of energy in the window at every other
         receiver that its two neighbours predict, without and with the air wave. "UNKNOWN" is a
         wave of the speed of sound that does not start with the source or is dispersive.
@@ -84,12 +94,18 @@ def air_wave(shots: Sequence[Shot], band: tuple[float, float], *, seed: int = 0)
     window = _window(slants, estimate[0], delays)
     objection = _objection(shots, band, estimate[0], delays, window)
     held = held_out(shots, band, estimate[0], delays, window)
+    channels = sorted({int(c) for shot in shots for c in shot.channels})
+    shares = [
+        share for shot, delay in zip(shots, delays, strict=True)
+        for share in _energy_shares(shot.banded(band), estimate[0], delay, window)
+    ]  # fmt: skip
     return Decision(
         "UNKNOWN" if objection or held[1] <= held[0] else "NAMED", "air_blast",
         objection
         or f"a wave of {estimate[0]:.0f} m/s leaves the source at its time in all of the band",
-        tuple(int(c) for c in shots[0].channels),
-        {"speed": estimate, "delay": interval(delays)}, window, band, p_value, held,
+        tuple(channels),
+        {"speed": estimate, "delay": interval(delays), "energy": interval(shares)}, window, band,
+        p_value, held,
     )  # fmt: skip
 
 
@@ -160,6 +176,16 @@ def _window(slants, speed, delays):
     first = top - int(np.argmax(out[top::-1])) if out[: top + 1].any() else 0
     last = top + int(np.argmax(out[top:])) if out[top:].any() else len(lags) - 1
     return float(lags[first]), float(lags[last])
+
+
+def _energy_shares(shot, speed, delay, window):
+    """Return the share of the energy of each record in the window of the air wave."""
+    lag = shot.times - delay - shot.offsets[:, None] / speed
+    inside = (lag >= window[0]) & (lag <= window[1])
+    energy = shot.motion**2
+    whole = energy.sum(axis=1)
+    used = (shot.offsets > NEAREST) & (whole > 0.0)
+    return ((energy * inside).sum(axis=1)[used] / whole[used]).tolist()
 
 
 def _objection(shots, band, speed, delays, window):
@@ -277,6 +303,7 @@ def _matrices(heights, lame, mu):
 PHASE_SPEEDS = np.arange(80.0, 700.0, 2.0)
 N_PERMUTATIONS, N_FREQUENCIES, FEWEST = 999, 14, 6
 N_NULL_STACKS, AGREED = 20, 0.1  # relative scatter of picks over bootstrapped shots
+OUTLIER = 3.5  # standard deviations from a smooth curve
 STARTS = ((2.0, 0.7, 1.2), (5.0, 0.7, 1.4), (10.0, 0.8, 1.8))
 DEEPEST = 0.5  # of the longest wavelength, down to which Vs is given
 
@@ -314,24 +341,27 @@ def soft_layer(
     Decision
         "soft_surface_layer" with "thickness" [m], "vs_layer", "vs_below" and "vs_mean" [m/s], the
         time-averaged speed down to half the longest wavelength. ``held_out``: rms misfit of the
-        held-out phase speeds in standard deviations, by one speed and by the layer.
+        held-out phase speeds in standard deviations, by one speed and by the layer; a name needs
+        the layer to explain more than half of the squares that one speed leaves.
 
     Notes
     -----
-    Permutation test of the rank correlation of phase speed and frequency. Inverse dispersion is
-    "UNKNOWN", no soft layer.
+    Permutation test of the rank correlation of phase speed and frequency, of all picks; the layer
+    is fitted `without_outliers`. Inverse dispersion is "UNKNOWN", no soft layer. Neither a stiff
+    layer, a gradient nor a second layer is tried.
     """
     if len(shots) < 3 or len(held) < 3:
         raise InputError(f"soft_layer: needs 3 shots to fit and 3 to judge, got {len(shots)}, "
                          f"{len(held)}")  # fmt: skip
     frequencies = np.geomspace(band[0], band[1], N_FREQUENCIES)
-    picks, other = (phase_speeds(part, frequencies, seed=seed) for part in (shots, held))
+    raw, other = (phase_speeds(part, frequencies, seed=seed) for part in (shots, held))
+    picks, other = without_outliers(raw), without_outliers(other)
     if min(len(picks.speed), len(other.speed)) < FEWEST:
         return Decision("UNKNOWN", "soft_surface_layer",
                        "too few frequencies have one clear phase speed", band=band)  # fmt: skip
-    steep = stats.spearmanr(picks.frequency, picks.speed)[0]
+    steep = stats.spearmanr(raw.frequency, raw.speed)[0]
     rng = np.random.default_rng(seed)
-    drawn = [abs(stats.spearmanr(picks.frequency, rng.permutation(picks.speed))[0])
+    drawn = [abs(stats.spearmanr(raw.frequency, rng.permutation(raw.speed))[0])
              for _ in range(N_PERMUTATIONS)]  # fmt: skip
     p_value = permutation_p(abs(steep), drawn)
     one_speed = np.average(picks.speed, weights=picks.sigma**-2)
@@ -347,10 +377,12 @@ def soft_layer(
     values, spread = fit_layer(picks, poisson)
     before = _misfit(other, np.full(len(other.speed), one_speed))
     after = _misfit(other, _speeds(values, other.frequency, poisson))
+    left_out = len(raw.speed) - len(picks.speed)
     return Decision(
-        "NAMED" if after < before else "UNKNOWN", "soft_surface_layer",
+        "NAMED" if after**2 < (1.0 - NEEDED) * before**2 else "UNKNOWN", "soft_surface_layer",
         f"phase speeds fall from {picks.speed[0]:.0f} to {picks.speed[-1]:.0f} m/s; misfit of "
-        f"shots not fitted {before:.1f} standard deviations by one speed, {after:.1f} by the layer",
+        f"shots not fitted {before:.1f} standard deviations by one speed, {after:.1f} by the layer"
+        + f"; {left_out} of {len(raw.speed)} picks are outliers and not fitted" * (left_out > 0),
         parameters=_with_intervals(values, spread, picks), band=band, p_value=p_value,
         held_out=(before, after),
     )  # fmt: skip
@@ -377,6 +409,34 @@ def phase_speeds(
     clear &= most > null
     sigma = np.maximum(sigma, 0.01 * PHASE_SPEEDS[best])
     return Picks(frequencies[clear], PHASE_SPEEDS[best[clear]], sigma[clear])
+
+
+def without_outliers(picks: Picks) -> Picks:
+    """Leave out phase speeds that break an otherwise smooth curve, one at a time.
+
+    Roughness is the sum of squares of the deviations of picks from the line through their two
+    neighbours, each over its standard deviation. The pick without which it falls most is an
+    outlier if it falls by 3.5 squared, or by 3.5 squared times the squared median deviation (in
+    units of a normal one) if that is above 1.
+    """
+    used = np.arange(len(picks.speed))
+    while len(used) > FEWEST:
+        without = [float(np.sum(_bends(picks, np.delete(used, k)) ** 2)) for k in range(len(used))]
+        worst = int(np.argmin(without))
+        scale = max(1.0, 1.4826 * float(np.median(np.abs(_bends(picks, np.delete(used, worst))))))
+        if np.sum(_bends(picks, used) ** 2) - without[worst] < (OUTLIER * scale) ** 2:
+            break
+        used = np.delete(used, worst)
+    return Picks(picks.frequency[used], picks.speed[used], picks.sigma[used])
+
+
+def _bends(picks, used):
+    """Return deviations (n - 2,) of picks from the line through both neighbours, normalised."""
+    x, speed, variance = np.log(picks.frequency[used]), picks.speed[used], picks.sigma[used] ** 2
+    share = (x[1:-1] - x[:-2]) / (x[2:] - x[:-2])
+    away = speed[1:-1] - (1.0 - share) * speed[:-2] - share * speed[2:]
+    return away / np.sqrt(variance[1:-1] + (1.0 - share) ** 2 * variance[:-2]
+                          + share**2 * variance[2:])  # fmt: skip
 
 
 def _stacked(shot, frequencies, rng):

@@ -1,7 +1,7 @@
 """Tetrahedral meshing of cells by gmsh, and smoothing of thin zones."""
 
 from collections.abc import Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,8 +103,11 @@ def smoothed(points: np.ndarray, zones: np.ndarray, patches: Sequence[np.ndarray
     nodes = nodes[movable[nodes]]
     weight = tetrahedra.volumes(points, zones)
     colours = _colours(zones, nodes, len(points))
+    waiting = np.ones(len(points), dtype=bool)
     for _ in range(_SWEEPS):
-        moved = sum(_slide(points, zones, projectors, weight, colour) for colour in colours)
+        moved = sum(
+            _slide(points, zones, projectors, weight, colour, waiting) for colour in colours
+        )
         if moved <= _SETTLED * len(nodes):
             break
     return points
@@ -131,47 +134,76 @@ def _colours(zones, nodes, n_nodes):
     return colours
 
 
-def _slide(points, zones, projectors, weight, colour):
-    """Move the nodes of a colour downhill in place; return the number of moved nodes."""
-    count, rows = len(colour.nodes), np.arange(len(colour.zone))
-    corners, weight = points[zones[colour.zone]], weight[colour.zone]
+def _slide(points, zones, projectors, weight, colour, waiting):
+    """Move the waiting nodes of a colour downhill in place; return the number of moved nodes.
+
+    A node waits (n_nodes,) until it is tried, and again once a neighbour has moved.
+    """
+    nodes, zone, local, owner = _waiting_part(colour, waiting)
+    waiting[nodes] = False
+    count, rows = len(nodes), np.arange(len(zone))
+    corners = np.ascontiguousarray(points[zones[zone]].transpose(1, 2, 0))
+    weight = weight[zone]
     sharpness, gradients = _sharpness(corners)
-    own = gradients[rows, colour.local]
-    turned = np.einsum("zai,za->zi", gradients, np.einsum("zai,zi->za", gradients, own))
-    downhill = np.zeros((count, 3))
+    own = gradients[local, :, rows].T
+    turned = sum(_dot(slope, own) * slope for slope in gradients)
     force = np.where(np.isfinite(sharpness), weight * sharpness, weight)
-    np.add.at(downhill, colour.owner, force[:, None] * turned)
-    downhill = np.einsum("nij,nj->ni", projectors[colour.nodes], downhill)
+    downhill = np.stack([np.bincount(owner, force * part, count) for part in turned], axis=1)
+    downhill = np.einsum("nij,nj->ni", projectors[nodes], downhill)
     reach = np.full(count, np.inf)
-    np.minimum.at(reach, colour.owner, 1.0 / np.linalg.norm(own, axis=1))
+    np.minimum.at(reach, owner, 1.0 / np.sqrt(_dot(own, own)))
     length = np.maximum(np.linalg.norm(downhill, axis=1), np.finfo(float).tiny)
-    downhill *= (1.0 / length)[:, None]
-    downhill *= reach[:, None]
-    before = np.bincount(colour.owner, weight * sharpness**2)
-    waiting = np.ones(count, dtype=bool)
+    downhill = downhill / length[:, None] * reach[:, None]
+    before = np.bincount(owner, weight * sharpness**2, count)
+    staying = np.ones(count, dtype=bool)
     for share in _STEPS:
-        tried = corners.copy()
-        tried[rows, colour.local] += share * downhill[colour.owner]
-        after = np.bincount(colour.owner, weight * _sharpness(tried)[0] ** 2)
-        better = waiting & (after < (1.0 - _GAIN) * before)
-        points[colour.nodes[better]] += share * downhill[better]
-        waiting &= ~better
-    return count - np.count_nonzero(waiting)
+        part = np.flatnonzero(staying[owner])
+        tried = corners[:, :, part]
+        tried[local[part], :, np.arange(len(part))] += share * downhill[owner[part]]
+        after = np.bincount(owner[part], weight[part] * _sharpness(tried)[0] ** 2, count)
+        better = staying & (after < (1.0 - _GAIN) * before)
+        points[nodes[better]] += share * downhill[better]
+        staying &= ~better
+    waiting[zones[zone[~staying[owner]]]] = True
+    return count - np.count_nonzero(staying)
+
+
+def _waiting_part(colour, waiting):
+    """Return nodes, zones, corners and owners of the nodes of a colour that wait."""
+    chosen = waiting[colour.nodes]
+    rows = np.flatnonzero(chosen[colour.owner])
+    owner = (np.cumsum(chosen) - 1)[colour.owner[rows]]
+    return colour.nodes[chosen], colour.zone[rows], colour.local[rows], owner
 
 
 def _sharpness(corners):
-    """Return the sum of squared gradients (n,), infinite if inverted, and gradients (n, 4, 3)."""
-    a, b, c = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0)
-    gradients = np.stack([np.zeros_like(a), np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
-    volume = np.einsum("zi,zi->z", a, gradients[:, 1])
-    size = np.linalg.norm(corners[:, 1:] - corners[:, :1], axis=2).prod(axis=1)
+    """Return the sum of squared gradients (n,), infinite if inverted, and gradients (4, 3, n).
+
+    Corners (4, 3, n): components apart, so that each operation runs along memory.
+    """
+    a, b, c = corners[1:] - corners[0]
+    areas = [_cross(b, c), _cross(c, a), _cross(a, b)]
+    areas.insert(0, -sum(areas))
+    volume = _dot(a, areas[1])
+    size = np.sqrt(_dot(a, a) * _dot(b, b) * _dot(c, c))
     sound = volume > _FLAT * size
-    gradients /= np.where(sound, volume, size)[:, None, None]
-    gradients[:, 0] = -gradients[:, 1:].sum(axis=1)
-    return np.where(sound, np.einsum("zai,zai->z", gradients, gradients), np.inf), gradients
+    gradients = np.stack(areas) / np.where(sound, volume, size)
+    return np.where(sound, sum(_dot(slope, slope) for slope in gradients), np.inf), gradients
 
 
-_DELAUNAY = 1
+def _dot(a, b):
+    """Return the products (n,) of vectors (3, n)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a, b):
+    """Return the cross products (3, n) of vectors (3, n)."""
+    pairs = (1, 2), (2, 0), (0, 1)
+    return np.stack([a[i] * b[j] - a[j] * b[i] for i, j in pairs])
+
+
+_DELAUNAY, _HXT = 1, 10  # algorithms of gmsh; HXT is several times as fast
+_MANY = 50_000  # triangles on the faces of blocks from which on HXT is tried first
 _GROWTH = 0.3
 # Degrees between facets that gmsh takes for overlapping; its default of 0.1 refuses thin wedges.
 _NARROWEST = 0.001
@@ -256,7 +288,7 @@ def mesh_cells(
         patches = _add_geometry(gmsh, cells)
         _set_sizes(gmsh, boxes, edge)
         with _explained():
-            gmsh.model.mesh.generate(3)
+            _fill(gmsh)
         before = _count_slivers(*_read(gmsh, len(cells.faces))[1:3])
         for _ in range(_REPAIRS if optimize else 0):
             with _explained():
@@ -264,6 +296,19 @@ def mesh_cells(
             _smooth(gmsh, len(cells.faces), patches)
         points, zones, cell, surfaces = _collect(gmsh, cells, patches)
         return points, zones, cell, surfaces, (before, _count_slivers(points, zones))
+
+
+def _fill(gmsh):
+    """Mesh lines, faces and blocks; large meshes by HXT, and by Delaunay where that fails."""
+    gmsh.model.mesh.generate(2)
+    triangles = sum(len(tags) for tags in gmsh.model.mesh.getElements(2)[1])
+    if triangles >= _MANY:
+        gmsh.option.setNumber("Mesh.Algorithm3D", _HXT)
+        with suppress(Exception):
+            gmsh.model.mesh.generate(3)
+            return
+        gmsh.option.setNumber("Mesh.Algorithm3D", _DELAUNAY)
+    gmsh.model.mesh.generate(3)
 
 
 @contextmanager

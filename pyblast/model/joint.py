@@ -43,6 +43,61 @@ def may_be_left_out(law: str) -> set[str]:
     return {*FOLLOWED, *DEFAULTS.get(law, {}), *(("kn_max",) if law in STIFFEST else ())}
 
 
+# Ranges of thickness in m, of kn and of ks in Pa/m of clay infill: Infanti & Kanji (1978) as in
+# table 3 of Babanouri et al. (2013). Its last row says kn > 0.5 GPa/m, an error of the text by its
+# own column kn/ks = 5 beside ks > 1.0 GPa/m: 5.0 stands here.
+INFILL = (
+    ((0.05, 0.1), (0.1e9, 0.5e9), (0.01e9, 0.1e9)),
+    ((0.01, 0.02), (0.5e9, 2.0e9), (0.1e9, 0.6e9)),
+    ((0.0, 0.001), (5.0e9, math.inf), (1.0e9, math.inf)),
+)
+
+
+def infill_stiffness(
+    thinnest: float, thickest: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the published ranges of kn and ks of a fault with clay infill.
+
+    Parameters
+    ----------
+    thinnest, thickest : float, m
+        Range of the thickness of the infill.
+
+    Returns
+    -------
+    kn, ks : (float, float), Pa/m
+        Between rows of the table the range covers both; infill thicker than 100 mm may be softer
+        without limit, and infill below 1 mm stiffer.
+
+    Raises
+    ------
+    InputError
+        If the thicknesses do not ascend from zero.
+
+    Notes
+    -----
+    Infanti & Kanji (1978), as table 3 of Babanouri et al. (2013) gives it; not checked against the
+    original.
+
+    Examples
+    --------
+    >>> infill_stiffness(0.05, 0.1)
+    ((100000000.0, 500000000.0), (10000000.0, 100000000.0))
+    """
+    if not 0.0 <= thinnest <= thickest:
+        raise InputError(
+            f"infill: needs 0 <= thinnest <= thickest, got {thinnest:g} and {thickest:g} m"
+        )
+    thickest_row = INFILL[0][0][1]
+    first = max(n for n, row in enumerate(INFILL) if row[0][1] >= min(thinnest, thickest_row))
+    last = min(n for n, row in enumerate(INFILL) if row[0][0] <= thickest)
+    rows = INFILL[min(first, last) : max(first, last) + 1]
+    kn, ks = ((min(r[k][0] for r in rows), max(r[k][1] for r in rows)) for k in (1, 2))
+    if thickest > thickest_row:
+        kn, ks = (0.0, kn[1]), (0.0, ks[1])
+    return kn, ks
+
+
 @dataclass(frozen=True)
 class Joint:
     """Joint, joint set or fault: one surface of the mesh with one contact law.

@@ -8,6 +8,8 @@ import numpy as np
 
 from ..errors import Finding, by_wave
 from ..mesh.mesh import quality, surface_areas, volumes
+from ..mesh.quality import count_blocks
+from ..model.joint import infill_stiffness
 from ..solver import assembly, preparation, run
 from ..solver.edge_springs import run_bytes
 from ..solver.initial_stress import joint_pressures
@@ -153,35 +155,6 @@ def jointed_face(group, material, joint_sets, direction):
     )  # fmt: skip
 
 
-TET_VOLUME = 1.0 / (6.0 * math.sqrt(2.0))
-
-
-def coarse_zones(name, material, edge, volume, band, receivers=(), per_wave=10.0):
-    """D1: a material whose zones do not carry the band of the input; None where they do.
-
-    ``per_wave`` is how many edges a wavelength needs: 3 where zones have 15 nodes.
-    """
-    carried = material.cs / (per_wave * edge)
-    if carried >= band:
-        return None
-    needed = material.cs / (per_wave * band)
-    zones = [volume / (TET_VOLUME * size**3) for size in (edge, needed)]
-    stand = "stands" if len(receivers) == 1 else "stand"
-    on_it = f", and {', '.join(receivers)} {stand} on it" if receivers else ""
-    digits = 5 if f"{carried:.3g}" == f"{band:.3g}" else 3
-    return Finding(
-        "D1",
-        f"The mesh of '{name}' does not carry the input",
-        f"{edge:.{digits}g} m edges carry {carried:.{digits}g} Hz in '{name}' "
-        f"({1.25 * carried:.3g} Hz with {0.8 * per_wave:.2g} edges per wavelength), the input has "
-        f"{band:.{digits}g} Hz{on_it}; edges must be at most {needed:.{digits}g} m, which makes "
-        f"{plain_number(zones[1] / zones[0], 2)} times as many zones.",
-        True,
-        {"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
-         "zones_now": zones[0], "zones_needed": zones[1]},
-    )  # fmt: skip
-
-
 def short_model(length, materials, frequency):
     """D2: a model shorter than the wavelength of P waves at the central frequency."""
     waves = {name: (m.cp / frequency, m.cs / frequency) for name, m in materials.items()}
@@ -317,16 +290,33 @@ def infill_as_layer(name, joint, thicknesses):
     moduli = [(kn * t, ks * t) for t in thicknesses]
     listed = " to ".join(f"{plain_number(m / 1e6)}/{plain_number(g / 1e6)} MPa" for m, g in moduli)
     coherent = 0.0 <= poisson < 0.5
+    ranges = infill_stiffness(min(thicknesses), max(thicknesses))
+    within = all(low <= k <= high for k, (low, high) in zip((kn, ks), ranges, strict=True))
+    published = " and ".join(
+        f"{name} {_between(*ends)}" for name, ends in zip(("kn", "ks"), ranges, strict=True)
+    )
     return Finding(
         "D18",
         f"The infill of {name} read as a layer",
         f"{' to '.join(f'{100 * t:g} cm' for t in thicknesses)} of infill have M/G = {listed} and, "
         f"from kn/ks = {ratio:.2f}, a Poisson's ratio of {poisson:.2f}: "
-        f"{'coherent' if coherent else 'no material behaves so; check kn and ks'}.",
-        numbers={"poisson": poisson}
+        f"{'coherent' if coherent else 'no material behaves so; check kn and ks'}. Published for "
+        f"clay of this thickness (Infanti & Kanji 1978): {published} GPa/m, "
+        f"{'as here' if within else 'not as here'}.",
+        numbers={"poisson": poisson, "published": float(within)}
         | {f"m_{n + 1}": m for n, (m, _) in enumerate(moduli)}
         | {f"g_{n + 1}": g for n, (_, g) in enumerate(moduli)},
     )
+
+
+def _between(low, high):
+    """Describe a range of stiffness in GPa/m."""
+    low, high = 1e-9 * low, 1e-9 * high
+    if not low > 0.0:
+        return f"up to {plain_number(high)}" if math.isfinite(high) else "of any size"
+    if not math.isfinite(high):
+        return f"above {plain_number(low)}"
+    return f"{plain_number(low)} to {plain_number(high)}"
 
 
 def beyond_memory(needed, free):
@@ -371,6 +361,11 @@ class ModelSummary:
         Kind of zones, and why.
     groups : tuple of MaterialSummary
     zones, nodes, contacts, blocks : int
+    removable : int
+        Blocks that could move out through the free surface past their joints (Goodman & Shi 1985),
+        without regard to friction and weight.
+    removable_volume : float, m3
+        Of the largest of them.
     dt, undamped_dt : float, s
         Time step, and the critical one without stiffness damping.
     limited_by : str
@@ -388,6 +383,8 @@ class ModelSummary:
     nodes: int
     contacts: int
     blocks: int
+    removable: int
+    removable_volume: float
     dt: float
     undamped_dt: float
     limited_by: str
@@ -410,13 +407,16 @@ def summarise_model(project, measure=False) -> ModelSummary:
     geometry, limit = assembly.geometry_arrays(model)
     n_steps = int(np.ceil(project.duration / geometry["dt"]))
     mass = model.zone_values("density") * volumes(model.mesh)
+    blocks = count_blocks(model.mesh, ("top", *project.config.boundaries.free))
     return ModelSummary(
         elements=elements_of(project),
         groups=_groups(model, mass, limit.added_share),
         zones=len(model.mesh.zones),
         nodes=len(model.nodes.points),
         contacts=len(geometry["contact_area"]),
-        blocks=int(model.mesh.blocks().max()) + 1,
+        blocks=len(blocks.volumes),
+        removable=int(blocks.removable.sum()),
+        removable_volume=float(blocks.volumes[blocks.removable].max(initial=0.0)),
         dt=float(geometry["dt"]),
         undamped_dt=limit.undamped,
         limited_by=limit.limited_by,

@@ -22,6 +22,7 @@ FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
 LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadratic ones
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
 SOFT = 0.3  # S speed over that of the ground beneath: docs/quality/verification.md
+SIZED = ("layers", "refinements")  # parts of the mesh with edges of their own
 TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
 
 
@@ -150,12 +151,12 @@ def _scaled(mesh, factor, **other):
     def scaled(part):
         sizes = {key: getattr(part, key, None) for key in ("edge_m", "padding_edge_m")}
         sizes = {key: factor * value for key, value in sizes.items() if value is not None}
-        if part.edges_per_wavelength is not None:
+        if getattr(part, "edges_per_wavelength", None) is not None:
             sizes["edges_per_wavelength"] = part.edges_per_wavelength / factor
         return part.model_copy(update=sizes)
 
-    layers = [scaled(part) for part in mesh.layers]
-    return scaled(mesh).model_copy(update={"layers": layers, **other})
+    parts = {key: [scaled(part) for part in getattr(mesh, key)] for key in SIZED}
+    return scaled(mesh).model_copy(update={**parts, **other})
 
 
 def refined(mesh, hexahedral: bool, linear: bool):
@@ -189,6 +190,8 @@ def _obstacle(config, materials):
         return "benches are cut into the blocks of tetrahedra"
     if mesh.grid_cells is not None:
         return "mesh.grid_cells divides the box into tetrahedra"
+    if mesh.refinements:
+        return "mesh.refinements grade tetrahedra"
     for layer in mesh.layers:
         law = materials[layer.material].law.name if layer.material in materials else "elastic"
         if law != "elastic":

@@ -416,10 +416,10 @@ def make_mesh(config, materials, folder, surface=None) -> Mesh:
 
 def _grid(config, layers, surface):
     """Cut a regular grid; faults must lie on its planes."""
-    if config.joint_sets or config.fractures or surface is not None:
+    if config.joint_sets or config.fractures or config.refinements or surface is not None:
         raise InputError(
             "mesh.grid_cells: a regular grid takes faults only, no joint_sets, fractures, "
-            "surface_file or benches"
+            "refinements, surface_file or benches"
         )
     planes = {}
     for fault in config.faults:
@@ -458,6 +458,7 @@ def _jointed_rock(config, layers, surface, fractures):
             np.column_stack([low, low + size]), layers, sets, [*faults, *fractures],
             edge=config.edge_m,
             surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
+            refinements=[(part.box_m, part.edge_m) for part in config.refinements],
         )  # fmt: skip
 
 

@@ -398,6 +398,26 @@ def receiver_groups(project):
     return {r.name: name for r, name in zip(project.receivers, names, strict=True)}
 
 
+def edges_near_receivers(project, frequency):
+    """Return the mean edge in m within an S wavelength of each receiver, by material under it.
+
+    Returns
+    -------
+    dict of str to dict of str to float
+        By material, then by receiver.
+    """
+    mesh, stands = project.mesh, receiver_groups(project)
+    middles, edges = mesh.points[mesh.zones].mean(axis=1), {}
+    for receiver in project.receivers:
+        name = stands[receiver.name]
+        own = mesh.zone_group == mesh.groups.index(name)
+        distance = np.linalg.norm(middles - receiver.position, axis=1)
+        reach = max(project.materials[name].cs / frequency, distance[own].min())
+        mean = edge_lengths(mesh)[own & (distance <= reach)].mean()
+        edges.setdefault(name, {})[receiver.name] = float(mean)
+    return edges
+
+
 def face_materials(project):
     """Return the materials on the input face, dict of str to Material."""
     mesh = project.model.mesh

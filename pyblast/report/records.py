@@ -37,8 +37,20 @@ VALUES = {  # name and unit of a parameter
     "vs_layer": ("Vs of the layer", "m/s"),
     "vs_below": ("Vs below", "m/s"),
     "vs_mean": ("mean Vs down to half of the longest wavelength", "m/s"),
-    "span": ("largest over smallest response in the band", ""),
-    "loudest": ("frequency of the largest response", "Hz"),
+    "departure": ("rms of the log response about one gain", ""),
+    "corner": ("corner", "Hz"),
+    "damping": ("damping of critical", ""),
+    "energy": ("share of a record's energy in its window", ""),
+}
+CLOSED_LISTS = {  # what each analysis chooses from; nothing else can be its answer
+    "odd channels": "reversed polarity, timing error, geometry error or no signal of one receiver "
+    "at a time; not gain, response, coupling or exchanged channels",
+    "air wave": "a wave that leaves the source at its time with the speed of sound in air; other "
+    "waves are not named",
+    "layering": "one soft layer over a half-space, or one speed; not a stiff layer, a gradient or "
+    "further layers",
+    "sensor response": "one gain, one corner with its damping, or another curve, the same at both "
+    "places; not noise or coupling of one of them",
 }
 HELD_OUT = {
     "odd channels": "share of energy that the neighbours predict in held-out shots, as recorded "
@@ -99,6 +111,8 @@ def summary_lines(summary: dict) -> list[str]:
             else "the samples give the values that the instruments printed"
         )
     lines += [outcome_text(row) for row in summary["analyses"]]
+    if any(row["outcome"] in ("NAMED", "CLASS") for row in summary["analyses"]):
+        lines.append("each cause is the best of a closed list (closed_lists in records.json)")
     lines += [
         f"{row['analysis']}{_of(row)}: not analysed: {row['reason']}"
         for row in summary["not_analysed"]

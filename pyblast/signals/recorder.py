@@ -205,7 +205,7 @@ def response_spectra(
 
     Notes
     -----
-    Exact for straight lines: Nigam and Jennings (1969), BSSA 59; theory.md (15.1).
+    Exact for straight lines: Nigam and Jennings (1969), BSSA 59; theory.md (16.1).
 
     Examples
     --------
@@ -254,7 +254,7 @@ def oscillator(
     Returns
     -------
     displacement, velocity : (n + 1,) float64, m and m/s
-        Over the ground, from rest; exact at the ends of the steps: theory.md (15.1).
+        Over the ground, from rest; exact at the ends of the steps: theory.md (16.1).
     """
     natural = 2.0 * np.pi * frequency
     turn, drag = natural * np.sqrt(1.0 - damping**2), damping * natural
@@ -294,7 +294,7 @@ def shear_building(
 
     Notes
     -----
-    Sum of the modes, each exact for straight lines of velocity: theory.md (15.2).
+    Sum of the modes, each exact for straight lines of velocity: theory.md (16.2).
     """
     m, k = (np.atleast_1d(np.asarray(part, dtype=float)) for part in (mass, stiffness))
     if m.shape != k.shape or not (m > 0.0).all() or not (k > 0.0).all():
@@ -368,7 +368,7 @@ def tunnel_strain(
     -----
     St. John and Zahrah (1987) along the tunnel; Wang (1993), full slip between lining and ground,
     across it; as in Hashash and others (2001), Tunnelling and Underground Space Technology 16:
-    theory.md (15.3), (15.4). Waves much longer than the tunnel is wide. Not checked against the
+    theory.md (16.3), (16.4). Waves much longer than the tunnel is wide. Not checked against the
     originals.
 
     Examples

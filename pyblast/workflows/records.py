@@ -13,7 +13,7 @@ from ..line_records.quality import odd_channels, sensor_response
 from ..line_records.shots import Decision, Shot, shot_of
 from ..line_records.waves import NEAREST, Picks, air_wave, phase_speeds, soft_layer
 from ..project.result import plain, write_summary
-from ..report.records import LineView, write_records_report
+from ..report.records import CLOSED_LISTS, LineView, write_records_report
 from ..solver.preparation import versions
 from . import Progress, new_folder, silent
 
@@ -112,6 +112,7 @@ def analyse_records(
         "files": [quality_of(record) for record in records],
         "skipped": [{"file": name, "reason": reason} for name, reason in skipped],
         "analyses": [row for row in results if "outcome" in row],
+        "closed_lists": CLOSED_LISTS,
         "not_analysed": [row for row in results if "outcome" not in row],
         "seed": seed,
         "provenance": versions(_hash(folder, records)),
@@ -336,9 +337,10 @@ def _sensors(
     """Compare two sensors that stood side by side at two places."""
     stood: dict[tuple, dict[str, tuple[np.ndarray, float]]] = {}
     for record in records:
+        spoilt = record.gather.dead | record.gather.clipped.any(axis=1)
         for n, sensor in enumerate(record.sensor):
             position = record.gather.receiver_positions[n]
-            if sensor and np.isfinite(position).all():
+            if sensor and not spoilt[n] and np.isfinite(position).all():
                 key = tuple(np.round(position / SAME_PLACE).astype(int))
                 stood.setdefault(key, {}).setdefault(
                     sensor, (record.gather.data[n], record.gather.dt)
@@ -352,8 +354,8 @@ def _sensors(
     if pair is None:
         return _refusal(
             "sensor response", "",
-            "no two sensors stood side by side at two places; the column 'sensor' of --geometry "
-            "names them",
+            "no two sensors with sound records stood side by side at two places; the column "
+            "'sensor' of --geometry names them",
         )  # fmt: skip
     first, second, places = pair
     rows = [[each[name] for each in places[:2]] for name in (first, second)]

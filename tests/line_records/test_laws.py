@@ -9,9 +9,16 @@ from line_shots import DT, FREQUENCY, N, ground, shot, tampered
 from examples.real.blast_cause import blast_cause
 from examples.real.closure_law import closure_law, hyperbola
 from pyblast.errors import InputError
-from pyblast.line_records.quality import dead_and_clipped, masked, odd_channels, sensor_response
-from pyblast.line_records.shots import shifted
-from pyblast.line_records.waves import air_wave, rayleigh_speeds, soft_layer
+from pyblast.line_records.quality import odd_channels, sensor_response
+from pyblast.line_records.shots import dead_and_clipped, masked, shifted
+from pyblast.line_records.waves import (
+    Picks,
+    air_wave,
+    fit_layer,
+    rayleigh_speeds,
+    soft_layer,
+    without_outliers,
+)
 
 
 def test_a_line_of_good_receivers_has_no_odd_one():
@@ -100,8 +107,76 @@ def test_a_resonant_sensor_is_named_only_beside_one_known_to_be_flat():
     nothing = sensor_response(2.0 * flat, flat, 1e-4, band, names=names, reference="b")
 
     assert (known.outcome, known.target) == ("NAMED", ("a",))
+    assert known.parameters["corner"][1] < 800.0 < known.parameters["corner"][2]
+    assert known.parameters["damping"][0] == pytest.approx(0.15, abs=0.02)
     assert unknown.outcome == "CLASS"
     assert nothing.outcome == "NULL"
+
+
+@pytest.mark.parametrize("power", [0, 2])
+def test_a_sensor_of_one_corner_is_named_with_its_corner_and_damping(power):
+    flat = np.random.default_rng(3).normal(size=(2, 8000))
+    r = np.fft.rfftfreq(8000, 1e-4) / 700.0
+    bent = np.fft.irfft(np.fft.rfft(flat) * r**power / (1.0 - r**2 + 1j * r), 8000)
+
+    for first, second, reference in ((bent, flat, "b"), (flat, bent, "a")):
+        said = sensor_response(
+            first, second, 1e-4, (200.0, 3000.0), names=("a", "b"), reference=reference
+        )
+
+        assert said.outcome == "NAMED"
+        assert said.parameters["corner"][0] == pytest.approx(700.0, rel=0.03)
+        assert said.parameters["damping"][0] == pytest.approx(0.5, abs=0.05)
+        assert ("geophone" if power else "accelerometer") in said.reason
+
+
+def test_a_curve_of_many_peaks_has_a_size_and_no_corner():
+    flat = np.random.default_rng(3).normal(size=(2, 8000))
+    f = np.fft.rfftfreq(8000, 1e-4)
+    wavy = 0.8 * np.sin(6.0 * np.pi * np.log(np.maximum(f, 1.0) / 200.0) / np.log(15.0))
+    bent = np.fft.irfft(np.fft.rfft(flat) * np.exp(wavy), 8000)
+
+    said = sensor_response(bent, flat, 1e-4, (200.0, 3000.0), names=("a", "b"), reference="b")
+
+    assert said.outcome == "NAMED"
+    assert said.parameters.keys() == {"departure"}
+    assert said.parameters["departure"][0] == pytest.approx(0.8 / np.sqrt(2.0), rel=0.1)
+
+
+def test_shots_that_clip_at_different_receivers_are_not_mixed():
+    shots = ground()
+    spoilt = [one.only(np.arange(24) != (5 if n % 2 else 15)) for n, one in enumerate(shots)]
+
+    with pytest.raises(InputError, match="at the same receivers"):
+        odd_channels(spoilt, (10.0, 60.0))
+
+
+def test_a_shift_that_explains_little_is_not_named():
+    shots = tampered(ground(), late=6e-3)
+    for each in shots:
+        each.motion[9] += 2.0 * each.motion[9].std() * np.sin(2.0 * np.pi * 30.0 * each.times + 1.0)
+
+    said = odd_channels(shots, (10.0, 60.0))
+
+    assert [(v.outcome, v.label, v.target) for v in said] == [("UNKNOWN", "clock_error", (9,))]
+    assert said[0].p_value < 0.001
+    assert "too small a gain" in said[0].reason
+
+
+def test_outlying_picks_do_not_move_the_layer():
+    f = np.geomspace(10.0, 60.0, 14)
+    speed = rayleigh_speeds(f, [3.0], [150.0, 280.0])
+    right = Picks(f, speed, 0.01 * speed)
+    wrong = replace(
+        right, speed=speed + 120.0 * (np.arange(14) == 6) + 90.0 * (np.arange(14) == 11)
+    )
+
+    kept = without_outliers(wrong)
+
+    assert len(without_outliers(right).speed) == 14
+    assert np.setdiff1d(f, kept.frequency).tolist() == f[[6, 11]].tolist()
+    assert np.exp(fit_layer(kept, 0.4)[0][1]) == pytest.approx(150.0, rel=0.02)
+    assert np.exp(fit_layer(wrong, 0.4)[0][1]) != pytest.approx(150.0, rel=0.02)
 
 
 def test_a_hyperbola_of_closure_is_named_with_its_stiffness_and_a_line_is_not():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from examples.real.closure_law import closure_law
-from pyblast.line_records.quality import dead_and_clipped, odd_channels
-from pyblast.line_records.shots import shot_of
+from pyblast.line_records.quality import odd_channels
+from pyblast.line_records.shots import dead_and_clipped, shot_of
 from pyblast.line_records.waves import air_wave, soft_layer
 from pyblast.recordings.recording import read_gather
 

@@ -213,3 +213,20 @@ def test_normals_follow_dip_and_dip_direction():
 def test_wrong_input_is_refused_in_one_sentence(change, message):
     with pytest.raises(InputError, match=message):
         change()
+
+
+def test_edges_are_short_within_a_refinement_and_grow_beyond_it():
+    fine = (((10, 20), (10, 20), (10, 20)), 2.0)
+    mesh = build_mesh(((0, 60), (0, 30), (0, 20)), [Layer("rock")], edge=8.0, refinements=[fine])
+    middle = mesh.points[mesh.zones].mean(axis=1)
+    edges = meshes.edge_lengths(mesh).mean(axis=1)
+    within = ((middle > 12.0) & (middle < 18.0)).all(axis=1)
+
+    assert edges[within].mean() == pytest.approx(2.0, rel=0.1)
+    assert edges[middle[:, 0] > 45.0].mean() == pytest.approx(8.0, rel=0.2)
+
+
+def test_a_refinement_that_ends_before_it_begins_is_refused():
+    with pytest.raises(InputError, match="low < high"):
+        build_mesh(((0, 9), (0, 9), (0, 9)), [Layer("rock")], edge=3.0,
+                   refinements=[(((5, 4), (0, 9), (0, 9)), 1.0)])  # fmt: skip

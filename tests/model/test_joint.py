@@ -6,7 +6,7 @@ import pytest
 
 from pyblast.core import JOINT_LAWS
 from pyblast.errors import InputError
-from pyblast.model.joint import Joint, saturated
+from pyblast.model.joint import INFILL, Joint, infill_stiffness, saturated
 
 STRONG = {"kn": 1e9, "ks": 5e8, "cohesion": 1e5, "friction": 0.6, "tension": 2e4}
 
@@ -113,3 +113,19 @@ def test_a_joint_stiffens_with_a_power_of_the_pressure():
 def test_an_impossible_shear_before_the_blast_is_refused():
     with pytest.raises(InputError, match=r"joints\.J\.insitu_shear: must be three finite numbers"):
         Joint("J", "coulomb", STRONG, insitu_shear=(1.0, math.nan, 0.0))
+
+
+@pytest.mark.parametrize(("thickness", "kn", "ks"), INFILL)
+def test_infill_has_the_stiffness_of_its_row(thickness, kn, ks):
+    assert infill_stiffness(*thickness) == (kn, ks)
+
+
+def test_infill_between_rows_has_the_range_of_both_and_thicker_may_be_softer():
+    assert infill_stiffness(0.03, 0.03) == ((0.1e9, 2.0e9), (0.01e9, 0.6e9))
+    assert infill_stiffness(0.1, 0.5) == ((0.0, 0.5e9), (0.0, 0.1e9))
+    assert infill_stiffness(0.0005, 0.015) == ((0.5e9, math.inf), (0.1e9, math.inf))
+
+
+def test_infill_that_ends_before_it_begins_is_refused():
+    with pytest.raises(InputError, match="0 <= thinnest <= thickest"):
+        infill_stiffness(0.2, 0.1)

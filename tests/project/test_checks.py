@@ -38,7 +38,7 @@ def test_d1_frequency_carried_by_five_metre_zones(material, hz):
 
 
 def test_d1_the_soil_fails_and_says_what_it_would_cost():
-    finding = checks_ground.coarse_zones("soil", SOIL, 5.0, 1e5, 20.0, ["R1"])
+    finding = checks_loads.coarse_zones("soil", SOIL, 5.0, 1e5, 20.0, {"R1": 5.0})
 
     assert finding.failed
     assert finding.numbers["carried_8"] == pytest.approx(4.25, abs=0.01)
@@ -57,12 +57,20 @@ def test_d1_asks_three_edges_of_zones_with_15_nodes(tmp_path):
     found = [f for f in check(project, measure=False).findings if f.code == "D1"]
 
     assert [f.numbers["carried"] for f in found] == [pytest.approx(carried["soil"])]
-    assert checks_ground.coarse_zones("soil", SOIL, 2.7, 1e5, 20.0, (), 3.0) is None
+    assert checks_loads.coarse_zones("soil", SOIL, 2.7, 1e5, 20.0, {}, 3.0) is None
+
+
+def test_d1_does_not_fail_where_zones_are_short_around_the_receiver():
+    graded = checks_loads.coarse_zones("soil", SOIL, 5.0, 1e5, 20.0, {"R1": 0.8})
+
+    assert not graded.failed
+    assert "around R1 the zones are short enough" in graded.text
+    assert checks_loads.coarse_zones("soil", SOIL, 5.0, 1e5, 20.0, {"R1": 0.8, "R2": 1.0}).failed
 
 
 def test_d1_the_rocks_pass():
-    assert checks_ground.coarse_zones("schist", SCHIST, 5.0, 1e5, 20.0) is None
-    assert checks_ground.coarse_zones("magnetite", MAGNETITE, 5.0, 1e5, 20.0) is None
+    assert checks_loads.coarse_zones("schist", SCHIST, 5.0, 1e5, 20.0, {}) is None
+    assert checks_loads.coarse_zones("magnetite", MAGNETITE, 5.0, 1e5, 20.0, {}) is None
 
 
 def test_d2_wavelengths_at_four_hertz():
@@ -231,6 +239,14 @@ def test_d18_infill_of_ten_to_fifty_centimetres():
     moduli = [finding.numbers[k] / 1e6 for k in ("m_1", "m_2", "g_1", "g_2")]
     assert moduli == pytest.approx([11.4, 57.0, 2.5, 12.5], rel=1e-6)
     assert finding.numbers["poisson"] == pytest.approx(0.36, abs=0.005)
+    assert "kn up to 0.5 and ks up to 0.1 GPa/m, as here" in finding.text
+
+
+def test_d18_says_where_a_stiffness_is_not_that_of_clay_so_thick():
+    finding = checks_ground.infill_as_layer("F1", FAULT, [0.015])
+
+    assert finding.numbers["published"] == 0.0
+    assert "kn 0.5 to 2 and ks 0.1 to 0.6 GPa/m, not as here" in finding.text
 
 
 def test_d20_the_charge_fits():

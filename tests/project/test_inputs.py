@@ -168,7 +168,7 @@ REFUSED = [
     ("zero force", ("[[receivers]]", f"{FORCE.replace('-2', '0')}[[receivers]]"),
      "point_forces[1]: direction must not be [0, 0, 0]"),
     ("crooked layer", ("[[receivers]]", f"{LAYER.replace('[5, 50]', '[50, 5]')}[[receivers]]"),
-     "absorbing_layer: box_m needs low below high on each axis, got 50 and 5 for x"),
+     "absorbing_layer.box_m: needs low below high on each axis, got 50 and 5 for x"),
     ("full layer", ("[[receivers]]",
                   "[absorbing_layer]\nbox_m = [[0, 60], [0, 20], [0, 30]]\nwidth_m = 5\n"
                   "[[receivers]]"),
