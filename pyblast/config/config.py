@@ -31,11 +31,9 @@ from .section import (
     Positive,
     RecordingConfig,
     Section,
-    SiteLawConfig,
     Span,
     merged,
     read_toml,
-    refuse_two_levels,
     sentence_of,
     value_at,
     with_candidate,
@@ -46,6 +44,8 @@ from .sources import (
     MomentTensorConfig,
     PointForceConfig,
     PressureConfig,
+    SiteLawConfig,
+    refuse_two_levels,
 )
 
 DEFAULT_METHOD = "levenberg"  # docs/decisions.md, "Least squares by default"

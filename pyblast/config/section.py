@@ -15,7 +15,6 @@ from pydantic import (
 )
 
 from ..blasts.published_laws import BY_NAME
-from ..blasts.site_law import scaled_distance_ppv
 from ..errors import InputError, ReadError
 from ..model.source import TimeFunction
 from ..recordings.hand_tables import decode_table
@@ -60,14 +59,6 @@ class Section(BaseModel):
         missing = [key for key in begun[0] if getattr(self, key) is None]
         if missing:
             raise ValueError(f"{missing[0]} is missing beside {begun[0][0]}")
-
-
-def refuse_two_levels(section) -> None:
-    """Refuse two levels of a charged hole; without one it follows from a published law."""
-    keys = ("pressure_mpa", "peak_mm_per_s", "law", "site_law")
-    given = [key for key in keys if getattr(section, key) is not None]
-    if len(given) > 1:
-        raise ValueError(f"give {given[0]} or {given[1]}, not both")
 
 
 def _known(key):
@@ -180,19 +171,6 @@ def read_time_function(path, heads) -> TimeFunction:
             f"{where} they change by {steps[where - 2]:g} s"
         )
     return TimeFunction(values, float(dt), float(times[0]))
-
-
-class SiteLawConfig(Section):
-    """Scaled-distance law of the site: peak velocity k (R / W^charge_exponent)^-exponent."""
-
-    k_mm_per_s: Positive
-    exponent: Positive
-    charge_exponent: Positive = 0.5
-
-    def ppv(self, distance: float, charge: float) -> float:
-        """Return the peak velocity in m/s at a distance in m from a charge in kg."""
-        law = 1e-3 * self.k_mm_per_s, self.exponent, self.charge_exponent
-        return float(scaled_distance_ppv(distance, charge, *law))
 
 
 class RecordingConfig(Section):

@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from ..blasts.site_law import scaled_distance_ppv
 from .section import (
     Law,
     Name,
@@ -12,11 +13,30 @@ from .section import (
     Point,
     Positive,
     Section,
-    SiteLawConfig,
-    refuse_two_levels,
 )
 
 Tensor = Annotated[list[float], Field(min_length=6, max_length=6)]
+
+
+class SiteLawConfig(Section):
+    """Scaled-distance law of the site: peak velocity k (R / W^charge_exponent)^-exponent."""
+
+    k_mm_per_s: Positive
+    exponent: Positive
+    charge_exponent: Positive = 0.5
+
+    def ppv(self, distance: float, charge: float) -> float:
+        """Return the peak velocity in m/s at a distance in m from a charge in kg."""
+        law = 1e-3 * self.k_mm_per_s, self.exponent, self.charge_exponent
+        return float(scaled_distance_ppv(distance, charge, *law))
+
+
+def refuse_two_levels(section) -> None:
+    """Refuse two levels of a charged hole; without one it follows from a published law."""
+    keys = ("pressure_mpa", "peak_mm_per_s", "law", "site_law")
+    given = [key for key in keys if getattr(section, key) is not None]
+    if len(given) > 1:
+        raise ValueError(f"give {given[0]} or {given[1]}, not both")
 
 
 class ChargedHoleConfig(Section):
