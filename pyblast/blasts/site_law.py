@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from ..errors import InputError, ReadError
 from ..recordings.hand_tables import decode_table
@@ -58,11 +58,11 @@ class SiteLaw:
 
         Without the uncertainty of k, beta and s, which ``line(..., 0.95)`` includes.
         """
-        return float(self.k * 10.0 ** (stats.norm.ppf(0.95) * self.s))
+        return float(self.k * 10.0 ** (scipy.stats.norm.ppf(0.95) * self.s))
 
     def beta_interval(self, share: float = 0.90) -> tuple[float, float]:
         """Return the ends of the interval that holds beta with this probability."""
-        half = stats.t.ppf(0.5 + 0.5 * share, self.n - 2) * self.s / math.sqrt(self.breadth)
+        half = scipy.stats.t.ppf(0.5 + 0.5 * share, self.n - 2) * self.s / math.sqrt(self.breadth)
         return float(self.beta - half), float(self.beta + half)
 
     def line(self, distance: ArrayLike, charge: ArrayLike, share: float = 0.5) -> np.ndarray:
@@ -97,7 +97,7 @@ class SiteLaw:
             )
         away = np.log10(scaled) - self.middle
         spread = self.s * np.sqrt(1.0 + 1.0 / self.n + away**2 / self.breadth)
-        factor = 10.0 ** (stats.t.ppf(share, self.n - 2) * spread)
+        factor = 10.0 ** (scipy.stats.t.ppf(share, self.n - 2) * spread)
         return self.k * scaled**-self.beta * factor
 
     def largest_charge(self, distance: float, ppv: float, share: float = 0.95) -> float:
@@ -235,7 +235,7 @@ def _refuse_poor_places(scaled):
 
 def _refuse_no_fall(slope, error, n):
     """Raise InputError unless the peaks decrease significantly with distance."""
-    if slope + stats.t.ppf(SURE, n - 2) * error >= 0.0:
+    if slope + scipy.stats.t.ppf(SURE, n - 2) * error >= 0.0:
         raise InputError(
             f"site law: log PPV changes by {slope:.2f} +- {error:.2f} for each factor of ten of "
             "scaled distance, so it may not fall at all; a wider range of distances and charges "
@@ -254,7 +254,7 @@ def _notes(x, y, r2):
     bent, residual = np.linalg.lstsq(columns, y, rcond=None)[:2]
     if len(residual) and residual[0] > 0.0:
         error = math.sqrt(residual[0] / (len(x) - 3) * np.linalg.inv(columns.T @ columns)[0, 0])
-        if 2.0 * stats.t.sf(abs(bent[0]) / error, len(x) - 3) < CURVED:
+        if 2.0 * scipy.stats.t.sf(abs(bent[0]) / error, len(x) - 3) < CURVED:
             notes.append("the records bend away from a straight line; fit near and far apart")
     return tuple(notes)
 

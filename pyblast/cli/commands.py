@@ -5,7 +5,7 @@ import sys
 import warnings
 from importlib import metadata, resources
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,6 +17,9 @@ from ..errors import (
 )
 from . import console
 from .console import exit_codes
+
+if TYPE_CHECKING:
+    from ..project.project import Project
 
 ProjectFile = Annotated[Path, typer.Argument(help="Project file, such as project.toml.")]
 Full = Annotated[
@@ -38,6 +41,16 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+def _loaded(path: Path, full: bool = False, ground: bool = True) -> "Project":
+    """Load a project; what its file lacks is refused before the slow imports."""
+    from ..config.config import read_config
+
+    config = read_config(path, full, ground)
+    from ..project.project import make_project
+
+    return make_project(config, path)
 
 
 def _show_version(wanted: bool) -> None:
@@ -86,9 +99,7 @@ def run(
     fails.
     """
     with exit_codes():
-        from ..project.project import load_project
-
-        loaded = load_project(project, full)
+        loaded = _loaded(project, full)
         console.show_level(loaded)
         with console.Progress() as progress:
             if write_model is not None:
@@ -111,18 +122,17 @@ def run(
 def check(project: ProjectFile, full: Full = False):
     """Check a project: size and cost of its run, and findings about its model and data.
 
-    Shows volumes and masses, zones, the highest frequency that the mesh carries in each material,
-    time step, memory and cost, and the findings about model, input, records and back-analysis.
-    Exits with 3 if a check fails.
+    Shows volumes, zones, the highest frequency that the mesh carries in each material, time step,
+    memory and cost, and findings about model, input and records. Exits with 3 if a check fails.
     """
     with exit_codes():
+        loaded = _loaded(project, full)
         from ..back_analysis.findings import findings_of_table
         from ..back_analysis.search import is_recorded
         from ..project.checks import check as check_project
-        from ..project.project import load_project
 
-        loaded = load_project(project, full)
-        result = check_project(loaded)
+        with console.Progress() as progress:
+            result = check_project(loaded, progress=progress)
         console.show_check(result)
         if loaded.config.back_analysis is not None and not is_recorded(loaded):
             console.say("[back_analysis]: no record yet; use backanalyse --design-survey")
@@ -143,9 +153,7 @@ def mesh(
     The files hold material, block and the highest frequency carried for every zone.
     """
     with exit_codes():
-        from ..project.project import load_project
-
-        loaded = load_project(project, full)
+        loaded = _loaded(project, full)
         from ..workflows.run import write_mesh_files
 
         console.show_model_summary(write_mesh_files(loaded, out))
@@ -163,10 +171,9 @@ def superpose(
     low-pass, with the share of energy that the filter removed.
     """
     with exit_codes():
-        from ..project.project import load_project
+        loaded = _loaded(project, ground=False)
         from ..project.result import write_csv
 
-        loaded = load_project(project)
         if loaded.input is None:
             raise InputError(f"{project.name}: signature: missing; there is nothing to superpose")
         console.show_input(loaded)
@@ -186,11 +193,12 @@ def compare(
         float | None,
         typer.Option(help="From the instrument to the blast, degrees clockwise from north."),
     ] = None,
+    sheet: Annotated[str | None, typer.Option(help="Sheet of the record, of a workbook.")] = None,
 ):
     """Compare a record with a simulation.
 
-    Shows deviations of peaks, dominant frequencies, durations and waveforms of the three
-    components.
+    Shows deviations of peaks, dominant frequencies, durations and waveforms of the components,
+    and recorded air overpressure.
     """
     with exit_codes():
         if (low is None) != (high is None):
@@ -198,9 +206,8 @@ def compare(
         from ..workflows.run import compare_files
 
         band = None if low is None or high is None else (low, high)
-        comparison, level = compare_files(recorded, simulated, receiver, band, bearing)
-        console.show_comparison(comparison)
-        console.show_findings([level] if level else [])
+        files = recorded, simulated, receiver, band, bearing, sheet
+        console.show_compared(*compare_files(*files))
 
 
 @app.command()
@@ -219,8 +226,7 @@ def report(
         stored = read_result(path)
         from ..report.run import write_report
 
-        page = out or path.with_name("report.html")
-        write_report(page, stored)
+        write_report(page := out or path.with_name("report.html"), stored)
         console.say(f"written: {page}")
 
 
@@ -284,13 +290,11 @@ def delays(
     """Optimise the delays for the least vibration at some houses.
 
     Searches between the delays of table [delays], and compares the present and the best plan in a
-    Monte Carlo simulation with firing-time scatter. Writes delays.json and report.html. The same
-    command reuses the stored responses of the holes.
+    Monte Carlo simulation with firing-time scatter. Writes delays.json, report.html and tables.
+    Recorded holes need no mesh; stored responses of holes inside are reused.
     """
     with exit_codes():
-        from ..project.project import load_project
-
-        loaded = load_project(project, full)
+        loaded = _loaded(project, full, ground=False)
         from ..report.delays import delay_lines
         from ..workflows.delays import optimise_delays
 
@@ -298,8 +302,7 @@ def delays(
             table, folder = optimise_delays(
                 loaded, out, fresh=fresh, progress=progress, say=console.say
             )
-        for line in [*delay_lines(table), f"results: {folder}"]:
-            console.say(line)
+        console.say("\n".join([*delay_lines(table), f"results: {folder}"]))
 
 
 @app.command()
@@ -336,9 +339,7 @@ def backanalyse(
     --design-survey it needs no records, and writes survey.json and report.html.
     """
     with exit_codes():
-        from ..project.project import load_project
-
-        loaded = load_project(project, full)
+        loaded = _loaded(project, full)
         from ..workflows import back_analysis as workflow
 
         if design_survey:
@@ -468,8 +469,7 @@ def records(
                 folder, out, geometry=geometry, surface_band=surface_band, air_band=air_band,
                 sensor_band=sensor_band, reference=reference, seed=seed, progress=progress,
             )  # fmt: skip
-        for line in [*summary_lines(summary), f"results: {results}"]:
-            console.say(line)
+        console.say("\n".join([*summary_lines(summary), f"results: {results}"]))
         console.say(f"report:  {results / 'report.html'}")
 
 

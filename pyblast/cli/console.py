@@ -38,6 +38,7 @@ STAGES = {
     "input": "input motion",
     "mesh": "mesh",
     "check": "checks",
+    "timing": "timing of a few steps",
     "static": "initial stress",
     "dynamic": "time steps",
     "trials": "runs of the search",
@@ -251,6 +252,14 @@ def show_comparison(comparison: "Comparison", minimised: bool = True) -> None:
     _out.print(table)
     note = "" if minimised else ", which the search did not minimise"
     say(f"mean deviation of PPV and dominant frequency: {comparison.misfit:.1f} %{note}")
+
+
+def show_compared(comparison: "Comparison", level: "Finding | None", air: list[str]) -> None:
+    """Print a comparison of files, the recorded air overpressure, and a level that is far off."""
+    show_comparison(comparison)
+    for line in air:
+        say(line)
+    show_findings([level] if level else [])
 
 
 def show_outcome(outcome: "Outcome") -> None:

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, model_validator
 
 from ..errors import InputError
 from .ground import (
@@ -15,6 +15,7 @@ from .ground import (
     JointConfig,
     MaterialConfig,
     MeshConfig,
+    with_unused_ground,
 )
 from .section import (
     Band,
@@ -105,7 +106,7 @@ class DelaysConfig(Section):
     holes_per_row: Count | None = None
     band_hz: Band | None = None
     share_percent: Annotated[float, Field(gt=0.0, lt=100.0)] = 90.0
-    most_charge_kg: Positive | None = None
+    max_charge_per_8ms_kg: Positive | None = None
     scatter_ms: NotNegative = 0.0
     scatter_percent: NotNegative = 0.0
     charge_percent: NotNegative = 0.0
@@ -339,11 +340,13 @@ class Config(Section):
     diagnosis: DiagnosisConfig | None = None
 
     @model_validator(mode="after")
-    def _what_enters(self):
+    def _what_enters(self, info: ValidationInfo):
         """Ask for something that moves the ground, and refuse tables that would do nothing."""
         holes, face = self.holes_inside is not None, self.signature is not None
-        air = self.air_blast is not None
-        if not (holes or face or air or self.point_forces or self.moment_tensors or self.pressures):
+        air, needed = self.air_blast is not None, (info.context or {}).get("ground", True)
+        if needed and not (
+            holes or face or air or self.point_forces or self.moment_tensors or self.pressures
+        ):
             raise ValueError(
                 "signature: missing; add it, or [holes_inside], [[point_forces]], "
                 "[[moment_tensors]], [[pressures]] or [air_blast]"
@@ -354,7 +357,7 @@ class Config(Section):
             raise ValueError("holes_inside: needs [blast] with places, charges and firing times")
         if air and self.blast is None:
             raise ValueError("air_blast: needs [blast] with collars and firing times")
-        if self.blast is not None and not (holes or face or air):
+        if needed and self.blast is not None and not (holes or face or air):
             raise ValueError(
                 "blast: needs [signature], [holes_inside] or [air_blast] to enter the model"
             )
@@ -433,7 +436,7 @@ class Config(Section):
 VARIANT = "full"
 
 
-def read_config(path, full=False) -> Config:
+def read_config(path, full=False, ground=True) -> Config:
     """Read and check a project file.
 
     Parameters
@@ -441,6 +444,8 @@ def read_config(path, full=False) -> Config:
     path : path
     full : bool
         Whether the table ``[full]`` of the file overrides the rest.
+    ground : bool
+        Whether the file must describe ground, run and what enters it.
 
     Returns
     -------
@@ -454,10 +459,10 @@ def read_config(path, full=False) -> Config:
         If it is no TOML or breaks a rule; one sentence with file, key, rule and value.
     """
     path = Path(path)
-    return check_config(read_toml(path), path.name, full)
+    return check_config(read_toml(path), path.name, full, ground)
 
 
-def check_config(table, name="project.toml", full=False) -> Config:
+def check_config(table, name="project.toml", full=False, ground=True) -> Config:
     """Turn the tables of a project file, as nested dicts, into a `Config`."""
     table = dict(table)
     variant = table.pop(VARIANT, None)
@@ -466,7 +471,8 @@ def check_config(table, name="project.toml", full=False) -> Config:
     if full:
         table = merged(table, variant)
     try:
-        config = Config.model_validate(table)
+        table = table if ground else with_unused_ground(table)
+        config = Config.model_validate(table, context={"ground": ground})
     except (ValidationError, RecursionError) as error:
         raise InputError(f"{name}: {sentence_of(error, Config)}") from None
     for key in config.assumed:

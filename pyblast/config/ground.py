@@ -458,3 +458,18 @@ class GroundConfig(Section):
     gradient: GradientConfig | None = None
     damaged_zone: DamagedZoneConfig | None = None
     heterogeneity: HeterogeneityConfig | None = None
+
+
+def with_unused_ground(table: dict) -> dict:
+    """Return the tables of a project file with a ground and a run where it has none.
+
+    For commands that superpose and build no mesh: the box of one cell is never used. A file with
+    holes inside stays as it is, since it needs its own ground.
+    """
+    if "holes_inside" in table:
+        return table
+    rock = {"density_kg_per_m3": 2700, "young_mpa": 50000, "poisson": 0.25}
+    materials = table.get("materials") or {"rock": rock}
+    layers = [{"material": name} for name in list(materials)[:1]]
+    box = {"size_m": [1, 1, 1], "grid_cells": [1, 1, 1], "layers": layers}
+    return {"mesh": box, "materials": materials, "run": {"duration_s": 1.0}} | table

@@ -389,11 +389,16 @@ def _have_names(value):
 
 
 def sentence_of(error, root) -> str:
-    """Return the first validation error of pydantic in one sentence."""
+    """Return the first validation error of pydantic in one sentence, missing keys all at once."""
     if isinstance(error, RecursionError):
         return "nested too deeply to be a project file"
     mistakes = error.errors(include_url=False)
     first = min(mistakes, key=lambda item: item["type"] != "extra_forbidden")
+    missing = [_path(item["loc"]) for item in mistakes if item["type"] == "missing"]
+    if first["type"] == "missing" and len(missing) > 1:
+        others = len(mistakes) - len(missing)
+        more = f" ({others} more)" if others else ""
+        return f"{', '.join(missing)}: missing; add them{more}"
     more = f" ({len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
     where = f"{_path(first['loc'])}: " if first["loc"] else ""
     return f"{where}{_rule(first, root)}{more}"

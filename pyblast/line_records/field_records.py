@@ -20,7 +20,7 @@ from ..recordings.raw import (
     split_line,
     uniform_step,
 )
-from ..recordings.recording import Gather, read_gather, read_recording
+from ..recordings.recording import Gather, Recording, read_gather, read_recording
 from ..recordings.seismic import read_traces, sniff_seismic
 from ..units import FACTORS, split_key
 
@@ -59,6 +59,7 @@ class FieldRecord:
     sensor: tuple[str, ...]
     checks: tuple[tuple[str, float, float, bool], ...] = ()
     notes: tuple[str, ...] = ()
+    recording: Recording | None = None
 
     @property
     def stem(self) -> str:
@@ -123,7 +124,7 @@ def _read_file(path: Path) -> FieldRecord:
     """Read a file by its content."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        content = read_bytes(path)
+        recording, content = None, read_bytes(path)
         format = sniff_seismic(content)
         if format in ("SEG2", "SEGY"):
             gather, checks = read_gather(path), ()
@@ -136,10 +137,12 @@ def _read_file(path: Path) -> FieldRecord:
             gather, names = _from_table(path, decode_lines(path, content))
             checks = ()
         else:
-            gather, names, checks, format = _from_recording(path)
+            recording, gather, names, checks, format = _from_recording(path)
     notes = tuple(str(warning.message).removeprefix(f"{path}").lstrip(":, ") for warning in caught)
     blank = ("",) * len(names)
-    return FieldRecord(path.name, format, gather, tuple(names), blank, blank, checks, notes)
+    return FieldRecord(
+        path.name, format, gather, tuple(names), blank, blank, checks, notes, recording
+    )
 
 
 def _from_traces(path: Path, traces: Sequence) -> tuple[Gather, list[str]]:
@@ -222,7 +225,7 @@ def _from_table(path: Path, lines: list[str]) -> tuple[Gather, list[str]]:
     return _gather(path, data, dt, float(times[0]), unit, "", positions, positions[0]), names
 
 
-def _from_recording(path: Path) -> tuple[Gather, list[str], tuple, str]:
+def _from_recording(path: Path) -> tuple[Recording, Gather, list[str], tuple, str]:
     """Read the export of a blast seismograph: the components that are there."""
     recording = read_recording(path)[0]
     motion = recording.seismogram
@@ -236,7 +239,7 @@ def _from_recording(path: Path) -> tuple[Gather, list[str], tuple, str]:
         time=recording.time,
     )  # fmt: skip
     names = [motion.components[n] for n in present]
-    return gather, names, recording.checks, recording.instrument or "text"
+    return recording, gather, names, recording.checks, recording.instrument or "text"
 
 
 def _gather(path, data, dt, start, unit, time, places, source) -> Gather:

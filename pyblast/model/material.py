@@ -7,8 +7,8 @@ from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import nnls
 
 from ..errors import InputError
 from ..units import check_density, check_modulus, check_speed, check_tangent
@@ -189,7 +189,7 @@ def _shares(rates, band, quality):
     """Return the fitted fractions (3,) of mechanisms with given rates; theory.md (2.16)."""
     omega = 2.0 * np.pi * np.geomspace(band[0], band[1], FIT_POINTS)[:, None]
     matrix = (rates * omega + rates**2 / quality) / (rates**2 + omega**2)
-    return nnls(matrix, np.full(FIT_POINTS, 1.0 / quality))[0]
+    return scipy.optimize.nnls(matrix, np.full(FIT_POINTS, 1.0 / quality))[0]
 
 
 def _relative_to_unrelaxed(shares, rates, frequency):

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from ..errors import InputError
 from ..units import check_angle
@@ -53,7 +53,9 @@ class TimeFunction:
     def __call__(self, times: np.ndarray) -> np.ndarray:
         """Return the values at ``times`` (n,) by a cubic spline through the samples."""
         samples = self.start + self.dt * np.arange(len(self.values))
-        spline = make_interp_spline(samples, self.values, k=min(3, len(samples) - 1))
+        spline = scipy.interpolate.make_interp_spline(
+            samples, self.values, k=min(3, len(samples) - 1)
+        )
         inside = (times >= samples[0]) & ((times <= samples[-1]) | self.held)
         return np.where(inside, spline(np.clip(times, samples[0], samples[-1])), 0.0)
 

@@ -51,7 +51,7 @@ class Check:
         return any(finding.failed for finding in self.findings)
 
 
-def check(project, measure=True) -> Check:
+def check(project, measure=True, progress=None) -> Check:
     """Check a project before a run: summarise its model and report findings.
 
     Parameters
@@ -59,16 +59,24 @@ def check(project, measure=True) -> Check:
     project : Project
     measure : bool
         Whether to run a few steps to estimate the run time.
+    progress : callable, optional
+        Called with (stage, done, total).
 
     Returns
     -------
     Check
     """
+    tell = progress or (lambda *_: None)
+    tell("input", 0, 1)
     notes = () if project.blast is None else tuple(project.blast.checks())
     if project.recorded:
         notes += (f"Records to compare with: {', '.join(project.recorded)}.",)
+    tell("mesh", 0, 1)
     leaning = joint_planes(project)
+    tell("check", 0, 1)
     notes += ground_notes(project, leaning)
+    if measure:
+        tell("timing", 0, 1)
     summary = summarise_model(project, measure)
     candidates = [
         *_mesh_defects(project, summary),

@@ -432,3 +432,35 @@ def single_source(config) -> Blast:
         [[*p.position_m, 0.0][:3] for p in parts] or [[0.0] * 3], axis=0, keepdims=True
     )
     return Blast("source", centre, centre, np.full(1, np.nan), np.zeros(1))
+
+
+def blast_table(blast):
+    """Return charge, times and holes of a blast; times in s after the first firing."""
+    holes = zip(blast.hole_ids, blast.collar, blast.toe, blast.charge, blast.times, strict=True)
+    known = not np.isnan(blast.charge).any()
+    first = float(blast.times.min())
+    return {
+        "charge": float(blast.charge.sum()) if known else None,
+        "charge_per_8ms": blast.charge_per_window() if known else None,
+        "last": float(blast.times.max()) - first,
+        "holes": [
+            {"id": id_, "collar": collar, "toe": toe, "charge": charge, "time": time - first}
+            for id_, collar, toe, charge, time in holes
+        ],
+    }
+
+
+def undamped_plane(project):
+    """Return lower left and upper right corner, m, of the ground without padding; None if all."""
+    mesh, layer = project.config.mesh, project.absorbing_layer
+    if mesh.size_m is not None:
+        low = mesh.origin_m[:2]
+        return [list(low), [a + b for a, b in zip(low, mesh.size_m[:2], strict=True)]]
+    return None if layer is None else [[side[k] for side in layer.box[:2]] for k in (0, 1)]
+
+
+def house_positions(project):
+    """Return the position of each house of [delays] that has one, m."""
+    delays = project.config.delays
+    houses = [] if delays is None else delays.houses
+    return {h.name: h.position_m for h in houses if h.position_m is not None}

@@ -101,6 +101,15 @@ class Project:
     fields: tuple = ()
     given: dict[str, Any] = field(default_factory=dict)
 
+    @classmethod
+    def from_dict(cls, tables: dict[str, Any], folder: str | Path = ".") -> "Project":
+        """Make a project of nested tables, as in a project file; its files lie in a folder."""
+        return make_project(check_config(tables), Path(folder) / "project.toml")
+
+    def __repr__(self) -> str:
+        """Return title and file on one line."""
+        return f"<Project {self.title!r} of {self.path}>"
+
     @property
     def folder(self) -> Path:
         """Folder of the project file; other files are looked for there."""
@@ -327,22 +336,19 @@ class Project:
     ) -> "Project":
         """Return the project with other parts; what the sources do stays as it is.
 
-        Another geometry is another table ``mesh`` (faults, layers, box), ``ground`` (damaged zone)
-        or ``surface``, with ``joints`` and ``materials`` to match: the mesh is then built anew
-        when it is first used. A fault without a joint of its name stays closed; zones end on it.
+        Another geometry is another ``mesh``, ``ground`` or ``surface``, with ``joints`` and
+        ``materials`` to match: the mesh is built anew when first used. A fault without a joint of
+        its name stays closed; zones end on it.
 
         Parameters
         ----------
         materials, joints, fields
             Of the ground, in place of those that it has.
-        mesh : MeshConfig, optional
-        ground : GroundConfig, optional
+        mesh, ground : MeshConfig, GroundConfig, optional
         surface : (n, 3) float64, m, optional
             Surveyed top surface, in place of ``mesh.surface_file``.
         blasts : dict of str to Blast, optional
-            All that there are then.
         receivers : sequence of Receiver, optional
-            Of all blasts.
         records : dict of str to dict of str to Recording, optional
             By blast and receiver.
         """
@@ -381,7 +387,7 @@ class Project:
     @cached_property
     def input_files(self) -> dict[str, str]:
         """SHA-256 of the project file and of every file that it names."""
-        names = [self.path.name, *named_files(self.config)]
+        names = [*[self.path.name] * self.path.is_file(), *named_files(self.config)]
         files = {name: (self.folder / name).read_bytes() for name in names}
         return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
 
@@ -397,10 +403,7 @@ SHARED = (
 def with_further(project: Project) -> Project:
     """Return a project with those that its table [diagnosis] names: blasts in the same ground.
 
-    Raises
-    ------
-    InputError
-        If a name appears twice, or the ground or the moment rate of a hole differs.
+    Raises InputError if a name appears twice, or the ground or the moment rate of a hole differs.
     """
     table, folder = project.config.diagnosis, project.folder
     every = (project, *(load_project(folder / name) for name in (table.blasts if table else ())))
@@ -417,14 +420,16 @@ def with_further(project: Project) -> Project:
     return replace(project, further=every[1:])
 
 
-def load_project(path, full=False) -> Project:
+def load_project(path, full=False, ground=True) -> Project:
     """Load a project file; mesh, records and model are built when first used.
 
     Parameters
     ----------
     path : path
     full : bool
-        Whether the table ``[full]`` overrides the rest, for a larger run of the same project.
+        Whether the table ``[full]`` overrides the rest.
+    ground : bool
+        Whether the file must describe the ground; superposition and delays do without.
 
     Returns
     -------
@@ -432,13 +437,11 @@ def load_project(path, full=False) -> Project:
 
     Raises
     ------
-    ReadError
-        If a file can't be read.
-    InputError
-        If a rule is broken; one sentence with file, key, rule and value.
+    ReadError, InputError
+        If a file can't be read or a rule is broken; one sentence with file, key, rule and value.
     """
     path = Path(path)
-    return make_project(read_config(path, full), path)
+    return make_project(read_config(path, full, ground), path)
 
 
 def make_project(config, path, given=None) -> Project:
@@ -476,10 +479,7 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
         If only joints and damping differ, the model shares the mesh, so that `run_many` can run
         several at once. The mesh is rebuilt only if a change affects it.
 
-    Raises
-    ------
-    InputError
-        If a path names no number, or a value breaks a rule of the project file.
+    Raises InputError if a path names no number, or a value breaks a rule of the project file.
     """
     config = check_config(changed_tables(project.config, changes), project.path.name)
     known = {**project.given, **{k: v for k, v in vars(project).items() if k in PARTS}}

@@ -14,21 +14,14 @@ from ..errors import Finding, ReadError
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
 from ..recordings.tables import instrument_table
-from ..signals.seismogram import Seismogram
+from ..signals.seismogram import Named, Seismogram, html_table
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
 from ..solver.model_file import read_arrays, write_arrays
 from ..solver.preparation import versions
+from . import plausibility
 from .ground import joint_of_surface
 from .inputs import input_band
-from .plausibility import (
-    level_rank,
-    level_table,
-    level_words,
-    moment_rate_words,
-    peak_of,
-    plausible_at,
-    window_at,
-)
+from .places import blast_table, house_positions, undamped_plane
 
 KIND = "result"
 
@@ -52,14 +45,52 @@ class Result:
 
     def seismogram(self, group, name) -> Seismogram:
         """Return a seismogram of ``input``, ``simulated`` or ``recorded``."""
-        head = self.summary["seismograms"][group][name]
+        head = Named(Named(self.summary["seismograms"])[group])[name]
         return Seismogram(
             self.arrays[group][name], head["dt"], head["start"], name, tuple(head["components"])
         )
 
     def seismograms(self, group) -> dict[str, Seismogram]:
         """Return all seismograms of a group."""
-        return {name: self.seismogram(group, name) for name in self.summary["seismograms"][group]}
+        names = Named(self.summary["seismograms"])[group]
+        return Named({name: self.seismogram(group, name) for name in names})
+
+    def __repr__(self) -> str:
+        """Return title, receivers and conclusion on one line."""
+        names = ", ".join(self.summary.get("receivers", {}))
+        return f"<Result {self.summary.get('title', '')!r}: receivers {names or 'none'}>"
+
+    def _repr_html_(self) -> str:
+        """Return a small table of the peaks for a notebook."""
+        rows = [
+            (name, *(1e3 * value for value in (*motion.ppv, motion.pvs)))
+            for name, motion in self.seismograms("simulated").items()
+        ]
+        heads = "receiver", *(f"{n} mm/s" for n in ("PPV 1", "PPV 2", "vertical", "vector sum"))
+        return html_table(self.summary.get("title", "result"), heads, rows)
+
+    def to_pandas(self, group="simulated"):
+        """Return motions as a pandas DataFrame in m/s: time_s by (receiver, component)."""
+        import pandas  # pyright: ignore[reportMissingImports]
+
+        frames = {
+            name: pandas.DataFrame(motion.velocity, pandas.Index(motion.times.round(9)),
+                                   list(motion.components))
+            for name, motion in self.seismograms(group).items()
+        }  # fmt: skip
+        return pandas.concat(frames, axis=1).rename_axis("time_s")
+
+    def to_xarray(self, group="simulated"):
+        """Return all motions of a group as an xarray Dataset in m/s, one variable a receiver."""
+        import xarray  # pyright: ignore[reportMissingImports]
+
+        return xarray.Dataset({
+            name: xarray.DataArray(
+                motion.velocity, dims=("time", "component"), attrs={"units": "m/s"},
+                coords={"time": motion.times.round(9), "component": list(motion.components)},
+            )
+            for name, motion in self.seismograms(group).items()
+        })  # fmt: skip
 
 
 def seismogram_heads(groups):
@@ -101,14 +132,15 @@ def write_result(path, result):
 
 
 def read_result(path) -> Result:
-    """Read a result file.
+    """Read a result file, or the ``result.h5`` of a folder.
 
     Raises
     ------
     ReadError
         If it is no result file or incomplete.
     """
-    if not Path(path).is_file():
+    path = Path(path) / "result.h5" if Path(path).is_dir() else Path(path)
+    if not path.is_file():
         raise ReadError(f"{path}: no such file; give the folder of a run or its result.h5")
     arrays, attributes = read_arrays(path)
     if attributes.get("kind") != KIND or "json" not in arrays.get("summary", {}):
@@ -270,12 +302,9 @@ def joint_tables(project):
             "dip_direction": None if part is None else part.dip_direction_deg,
             "spacing": getattr(part, "spacing_m", None),
             "regions": list(getattr(part, "regions", ())),
-            "assumed": [
-                key.rsplit(".", 1)[-1]
-                for key in project.config.assumed
-                if key.startswith(f"joints.{entry[joint.surface]}")
-            ],
-        }
+            "assumed": [key.rsplit(".", 1)[-1] for key in project.config.assumed
+                        if key.startswith(f"joints.{entry[joint.surface]}")],
+        }  # fmt: skip
     return tables
 
 
@@ -288,7 +317,7 @@ def input_table(project):
         "face": config.input.face,
         "holes": len(stages.firing.times),
         "instants": sorted({float(t) for t in np.round(stages.firing.times, 6)}),
-        "signature": f"closed form of a charged hole, {level_words(cavity)}"
+        "signature": f"closed form of a charged hole, {plausibility.level_words(cavity)}"
         if cavity is not None else f"recorded, {config.signature.recorded.file}",
         "signature_distance": (
             None if cavity is None else math.dist(cavity.hole_m, cavity.receiver_m)
@@ -324,8 +353,8 @@ def source_summary(project):
             {"position": centre, "charge": s.charge, "time": s.time - project.lead}
             for centre, s in zip(centres, holes, strict=True)
         ],
-        "moment_rate": config and moment_rate_words(project),
-        "level": config and level_rank(project),
+        "moment_rate": config and plausibility.moment_rate_words(project),
+        "level": config and plausibility.level_rank(project),
         "exponent": holes[0].exponent if holes else None,
         "spread": getattr(holes[0], "spread", None) if holes else None,
         "detonation": config and config.detonation_m_per_s,
@@ -363,47 +392,21 @@ def receiver_tables(project, simulated):
     tables = {}
     for receiver in project.receivers:
         name = receiver.name
-        peaks = [peak_of(group[name]) for group in (simulated, project.recorded) if name in group]
+        peaks = [
+            plausibility.peak_of(group[name])
+            for group in (simulated, project.recorded)
+            if name in group
+        ]
         tables[name] = {
             "position": list(receiver.position),
             "azimuth": receiver.azimuth,
             "simulated": motion_table(simulated[name]),
             "recorded": motion_table(project.recorded[name]) if name in project.recorded else None,
-            **level_table(plausible_at(project, receiver.position), peaks),
+            **plausibility.level_table(
+                plausibility.plausible_at(project, receiver.position), peaks
+            ),
         }
     return tables
-
-
-def blast_table(blast):
-    """Return charge, times and holes of a blast; times in s after the first firing."""
-    holes = zip(blast.hole_ids, blast.collar, blast.toe, blast.charge, blast.times, strict=True)
-    known = not np.isnan(blast.charge).any()
-    first = float(blast.times.min())
-    return {
-        "charge": float(blast.charge.sum()) if known else None,
-        "charge_per_8ms": blast.charge_per_window() if known else None,
-        "last": float(blast.times.max()) - first,
-        "holes": [
-            {"id": id_, "collar": collar, "toe": toe, "charge": charge, "time": time - first}
-            for id_, collar, toe, charge, time in holes
-        ],
-    }
-
-
-def undamped_plane(project):
-    """Return lower left and upper right corner, m, of the ground without padding; None if all."""
-    mesh, layer = project.config.mesh, project.absorbing_layer
-    if mesh.size_m is not None:
-        low = mesh.origin_m[:2]
-        return [list(low), [a + b for a, b in zip(low, mesh.size_m[:2], strict=True)]]
-    return None if layer is None else [[side[k] for side in layer.box[:2]] for k in (0, 1)]
-
-
-def house_positions(project):
-    """Return the position of each house of [delays] that has one, m."""
-    delays = project.config.delays
-    houses = [] if delays is None else delays.houses
-    return {h.name: h.position_m for h in houses if h.position_m is not None}
 
 
 def compliance_table(project, simulated):
@@ -411,7 +414,7 @@ def compliance_table(project, simulated):
     curves = project.config.run.limit_curves
     rows = assess_all(
         {"recorded": project.recorded, "simulated": simulated},
-        {r.name: window_at(project, r.position) for r in project.receivers},
+        {r.name: plausibility.window_at(project, r.position) for r in project.receivers},
         curves,
     )
     tables = [row.table() for row in rows]

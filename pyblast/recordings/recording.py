@@ -4,10 +4,9 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from obspy import UTCDateTime
 
 from ..errors import InputError, PyblastWarning, ReadError
 from ..signals.seismogram import BLAST_AXES, GEOGRAPHIC, Seismogram
@@ -35,6 +34,9 @@ from .tables import (
     recognises_generic,
     refuse_histogram,
 )
+
+if TYPE_CHECKING:
+    from obspy import UTCDateTime
 
 __all__ = [
     "FORMATS", "Gather", "Recording", "read_gather", "read_recording", "read_stations",
@@ -113,7 +115,7 @@ def read_recording(
     full_scale: float | None = None,
     mapping: str | Path | None = None,
     unit: str | None = None,
-    time_zero: str | UTCDateTime | None = None,
+    time_zero: "str | UTCDateTime | None" = None,
     orientations: dict[str, tuple[float, float]] | None = None,
     max_bytes: int = MAX_FILE_BYTES,
     sheet: str | None = None,
@@ -197,7 +199,7 @@ def read_recording(
 def read_stations(
     path: str | Path,
     *,
-    time_zero: str | UTCDateTime | None = None,
+    time_zero: "str | UTCDateTime | None" = None,
     unit: str = "m_per_s",
     max_bytes: int = MAX_FILE_BYTES,
 ) -> dict[str, Recording]:

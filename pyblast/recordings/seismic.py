@@ -6,15 +6,16 @@ import warnings
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import obspy
-from obspy import Stream, Trace, UTCDateTime
 
 from ..errors import InputError, ReadError
 from ..units import FACTORS
 from .raw import RawRecord, read_bytes
+
+if TYPE_CHECKING:
+    import obspy
 
 _SEG2_SAMPLE_BYTES = {1: 2, 2: 4, 3: 2.5, 4: 4, 5: 8}
 _SEGY_SAMPLE_BYTES = {1: 4, 2: 4, 3: 2, 5: 4}
@@ -162,12 +163,11 @@ _MAX_METADATA_BYTES = 50_000_000
 _PAZ_KEYS = {"poles", "zeros", "gain", "sensitivity"}
 
 
-def read_traces(path: Path, content: bytes, name: str) -> list[obspy.Trace]:
-    """Read traces of a known format; raise ReadError for samples that are not finite.
+def read_traces(path: Path, content: bytes, name: str) -> "list[obspy.Trace]":
+    """Read traces of a known format; raise ReadError for samples that are not finite."""
+    # obspy gets the bytes, never the path: it could take that for a pattern or an address
+    import obspy
 
-    obspy gets the bytes, never the path, which it could take for a pattern, an address or an
-    archive.
-    """
     check_bytes(path, content, name)
     try:
         with warnings.catch_warnings():
@@ -197,10 +197,10 @@ def read_traces(path: Path, content: bytes, name: str) -> list[obspy.Trace]:
 
 def station_records(
     path: Path,
-    traces: list[obspy.Trace],
+    traces: "list[obspy.Trace]",
     *,
     unit: str | None = None,
-    time_zero: str | UTCDateTime | None = None,
+    time_zero: "str | obspy.UTCDateTime | None" = None,
     orientations: dict[str, tuple[float, float]] | None = None,
 ) -> list[RawRecord]:
     """Return one raw record per station from its channels.
@@ -215,6 +215,8 @@ def station_records(
         SEED sense: azimuth clockwise from north, dip positive down. Needed for channels that
         are not named E, N, Z.
     """
+    import obspy
+
     stations = {}
     for trace in _joined(path, traces):
         key = trace.id.rpartition(".")[0], trace.stats.channel[:-1]
@@ -228,6 +230,8 @@ def station_records(
 
 def deconvolve(record: RawRecord, response: str | Path | dict, where: str) -> dict:
     """Return each component in m/s after removal of the instrument response."""
+    import obspy
+
     inventory = None if isinstance(response, dict) else read_inventory(Path(response))
     if isinstance(response, dict) and set(response) != _PAZ_KEYS:
         raise InputError(
@@ -253,8 +257,10 @@ def deconvolve(record: RawRecord, response: str | Path | dict, where: str) -> di
     return cleaned
 
 
-def read_inventory(path: Path) -> obspy.Inventory:
+def read_inventory(path: Path) -> "obspy.Inventory":
     """Read StationXML; document types and entities are refused before parsing."""
+    import obspy
+
     content = read_bytes(path, _MAX_METADATA_BYTES)
     if b"<FDSNStationXML" not in content[:2000] or b"<!" in content.replace(b"<!--", b""):
         raise ReadError(f"{path}: expected StationXML without a document type, found other text")
@@ -272,6 +278,8 @@ def _first_sentence(error):
 
 def _joined(path, traces):
     """Join the pieces of each channel; raise ReadError for gaps and overlaps."""
+    import obspy
+
     stream = obspy.Stream(traces)
     try:
         stream.merge(method=-1)
@@ -369,15 +377,17 @@ def mseed_bytes(
     start : str
         ISO instant of the first sample.
     """
+    import obspy
+
     traces = []
     for three, names in zip(motion, channels, strict=True):
         for samples, name in zip(three, names, strict=True):
-            header = {"delta": dt, "starttime": UTCDateTime(start)}
-            trace = Trace(np.asarray(samples, dtype=np.float32), header)
+            header = {"delta": dt, "starttime": obspy.UTCDateTime(start)}
+            trace = obspy.Trace(np.asarray(samples, dtype=np.float32), header)
             trace.id = name
             traces.append(trace)
     buffer = io.BytesIO()
-    Stream(traces).write(buffer, format="MSEED")
+    obspy.Stream(traces).write(buffer, format="MSEED")
     return buffer.getvalue()
 
 

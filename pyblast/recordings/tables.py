@@ -463,6 +463,7 @@ def instrument_table(recording: Any, given: Mapping[str, str | None]) -> dict:
     }
     table = {"instrument": recording.instrument or None, "time": recording.time or None}
     table["serial_number"] = given.get("serial_number") or recording.serial or None
+    table |= {"overpressure": recording.peak_overpressure, "db": recording.peak_overpressure_db}
     for key, names in HEADERS.items():
         written = next((header[name] for name in names if header.get(name, "?") != "?"), None)
         table[key] = given.get(key) or written or None

@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from ..blasts.blast import CHARGE_WINDOW
 from ..project.result import plain, write_text
+from ..units import plain_number
 from .figures import INK, SIMULATED, _figure, _tidy, _uri
 from .run import page
 
@@ -27,6 +29,14 @@ def delay_lines(table) -> list[str]:
         f"{gained['after']:.3g}, as planned {gained['before']:.3g}; reduction "
         f"{100 * gained['reduction']:.3g} %, 90 % interval {100 * low:.3g} to {100 * high:.3g} %",
     ]
+    charge = table["charge_per_8ms_kg"]
+    if charge["after"] is not None:
+        allowed = charge["allowed"]
+        lines.append(
+            f"largest charge in any 8 ms: {plain_number(charge['after'])} kg, as planned "
+            f"{plain_number(charge['before'])} kg"
+            + ("" if allowed is None else f"; allowed {plain_number(allowed)} kg")
+        )
     for house in table["houses"]:
         lines.append(f"{house['name']}: limit {1e3 * house['limit']:.3g} mm/s{_curve(house)}")
         for name, words in (("before", "as planned"), ("after", "best delays")):
@@ -82,6 +92,34 @@ def _figures(summary):
         "region the result is robust to firing-time scatter, in a narrow one it is not.",
         tried_figure(summary),
     )
+    if summary["charge_per_8ms_kg"]["after"] is not None:
+        yield (
+            "Charge in 8 ms",
+            "Charge of each 8 ms after the first firing. These bins stand still; the largest "
+            "charge in any 8 ms, which the constraint limits, is at or above the highest.",
+            charges_figure(summary),
+        )
+
+
+def charges_figure(summary):
+    """Draw the charge in each 8 ms after the first firing, as planned and with the best delays."""
+    figure = _figure(8.6, 3.2)
+    axis = figure.subplots()
+    for name, words, colour in (("before", "as planned", PLANNED),
+                                ("after", "best delays", SIMULATED)):  # fmt: skip
+        starts, charges = np.array(summary["charge_histogram"][name]).T
+        axis.stairs(charges, 1e3 * np.append(starts, starts[-1] + CHARGE_WINDOW), color=colour,
+                    fill=name == "before", alpha=0.45 if name == "before" else 1.0,
+                    lw=1.4, label=words)  # fmt: skip
+    allowed = summary["charge_per_8ms_kg"]["allowed"]
+    if allowed is not None:
+        axis.axhline(allowed, color=LIMIT, lw=1.4, label="allowed")
+    axis.set_xlabel("after the first firing  ms")
+    axis.set_ylabel("charge in 8 ms  kg")
+    axis.set_ylim(bottom=0.0)
+    axis.legend(fontsize=7, frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))
+    _tidy(axis)
+    return _uri(figure)
 
 
 def houses_figure(summary):

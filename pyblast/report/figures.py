@@ -111,6 +111,11 @@ _ABOVE = {
 
 
 def motion_figure(seismograms, colours, top=None, t_max=None):
+    """Return `draw_motion` as a data URI."""
+    return _uri(draw_motion(seismograms, colours, top, t_max))
+
+
+def draw_motion(seismograms, colours, top=None, t_max=None) -> Figure:
     """Draw the seismograms of a receiver: rows T, V, L; columns time and frequency.
 
     Parameters
@@ -122,11 +127,6 @@ def motion_figure(seismograms, colours, top=None, t_max=None):
         Right end of the frequency axes.
     t_max : float, s, optional
         Right end of the time axes.
-
-    Returns
-    -------
-    str
-        A data URI.
     """
     first = next(iter(seismograms.values()))
     rows = sorted(range(3), key=lambda k: PAPER_ORDER.index(first.components[k]))
@@ -139,22 +139,12 @@ def motion_figure(seismograms, colours, top=None, t_max=None):
             if not record.present[component]:
                 continue
             motion = 1e3 * record.velocity[:, component]
-            row[0].plot(
-                record.times,
-                motion,
-                color=colour,
-                lw=0.9,
-                label=f"{name}, PPV {_short(np.abs(motion).max())}",
-            )
-            row[1].plot(
-                spectrum.frequency,
-                1e3 * spectrum.amplitude[:, component],
-                color=colour,
-                lw=1.1,
-                label="silent"
-                if np.isnan(dominant[component])
-                else f"peak at {_short(dominant[component])} Hz",
-            )
+            peak = f"{name}, PPV {_short(np.abs(motion).max())}"
+            hz = dominant[component]
+            row[0].plot(record.times, motion, color=colour, lw=0.9, label=peak)
+            label = "silent" if np.isnan(hz) else f"peak at {_short(hz)} Hz"
+            amplitude = 1e3 * spectrum.amplitude[:, component]
+            row[1].plot(spectrum.frequency, amplitude, color=colour, lw=1.1, label=label)
     for component, row in zip(rows, axes, strict=True):
         row[0].set_ylabel(f"{LETTERS[first.components[component]]}  mm/s")
         row[1].set_ylabel("mm/s/Hz")
@@ -165,7 +155,7 @@ def motion_figure(seismograms, colours, top=None, t_max=None):
     axes[2, 1].set_xlabel("frequency  Hz")
     axes[2, 0].set_xlim(min(0.0, first.start), t_max or first.times[-1])
     axes[2, 1].set_xlim(0.0, top or 0.5 / first.dt)
-    return _uri(figure)
+    return figure
 
 
 def source_figure(histories, top):
@@ -482,3 +472,17 @@ def _thinned(values, step):
     first, last = whole.argmin(axis=1), whole.argmax(axis=1)
     picked = np.sort(np.stack([first, last], axis=1), axis=1)
     return np.take_along_axis(whole, picked, axis=1).ravel()
+
+
+def draw_comparison(comparison) -> Figure:
+    """Draw the spectral ratio of a `Comparison`, simulated over recorded, of each component."""
+    figure = _figure(7.4, 3.6)
+    axis = figure.subplots()
+    for name, ratio in zip(comparison.components, comparison.spectral_ratio.T, strict=True):
+        axis.loglog(comparison.frequency, ratio, lw=1.2, label=name)
+    axis.axhline(1.0, color=INK, lw=0.8)
+    axis.set_xlabel("frequency  Hz")
+    axis.set_ylabel("simulated over recorded")
+    axis.legend(**_ABOVE)
+    _tidy(axis)
+    return figure

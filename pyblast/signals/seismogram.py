@@ -1,10 +1,13 @@
 """Seismograms: three components of particle velocity, recorded or simulated."""
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from html import escape
+from importlib import import_module
 
 import numpy as np
-from scipy import fft, signal
+import scipy
 
 from ..errors import InputError
 from ..units import check_angle
@@ -72,6 +75,55 @@ class Seismogram:
         velocity.setflags(write=False)
         object.__setattr__(self, "velocity", velocity)
         object.__setattr__(self, "components", tuple(self.components))
+
+    def __repr__(self) -> str:
+        """Return name, sampling and peaks on one line."""
+        peaks = ", ".join(f"{1e3 * peak:.3g}" for peak in self.ppv)
+        return (
+            f"<Seismogram {self.label!r}: {len(self.velocity)} samples of {1e3 * self.dt:.4g} ms, "
+            f"PPV {peaks} mm/s ({', '.join(self.components)})>"
+        )
+
+    def _repr_html_(self) -> str:
+        """Return a small table of peaks for a notebook."""
+        rows = zip(self.components, self.ppv, strict=True)
+        return html_table(
+            f"{self.label or 'seismogram'}, {self.duration:.3g} s from {self.start:.3g} s",
+            ("component", "PPV mm/s"),
+            [*((name, 1e3 * peak) for name, peak in rows), ("vector sum", 1e3 * self.pvs)],
+        )
+
+    def plot(self):
+        """Draw the components in time and frequency.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        return drawn("draw_motion", {self.label or "motion": self}, ("#c2410c",))
+
+    def to_obspy(self, time_zero: str | float = 0.0):
+        """Return the recorded components as traces in m/s.
+
+        Parameters
+        ----------
+        time_zero : str or float
+            ISO time, or seconds since 1970, of time 0.
+
+        Returns
+        -------
+        obspy.Stream
+            Channels are named by the first letter of the component; the station by the label.
+        """
+        import obspy
+
+        start = obspy.UTCDateTime(time_zero) + self.start
+        heads = {"delta": self.dt, "starttime": start, "station": self.label}
+        return obspy.Stream(
+            obspy.Trace(np.array(samples), heads | {"channel": name[0].upper()})
+            for name, samples in zip(self.components, self.velocity.T, strict=True)
+            if not np.isnan(samples[0])
+        )
 
     @property
     def times(self) -> np.ndarray:
@@ -161,7 +213,7 @@ class Seismogram:
                 f"seismogram filter: corners must lie between 0 and the Nyquist frequency "
                 f"{nyquist:g} Hz, got {', '.join(f'{c:g}' for c in corners)} Hz"
             )
-        sections = signal.butter(
+        sections = scipy.signal.butter(
             FILTER_ORDER,
             corners[0] if kind == "lowpass" else corners,
             kind,
@@ -169,7 +221,7 @@ class Seismogram:
             output="sos",
         )
         padding = min(len(self.velocity) - 1, math.ceil(3.0 / (min(corners) * self.dt)))
-        filtered = signal.sosfiltfilt(sections, self.velocity, axis=0, padlen=padding)
+        filtered = scipy.signal.sosfiltfilt(sections, self.velocity, axis=0, padlen=padding)
         return replace(self, velocity=filtered)
 
     def rotated(self, azimuth: float) -> "Seismogram":
@@ -215,9 +267,33 @@ class Seismogram:
         return replace(self, start=self.start + seconds)
 
 
+def drawn(name: str, *arguments):
+    """Call a function of the report that draws; it is loaded when a figure is asked for."""
+    return getattr(import_module("pyblast.report.figures"), name)(*arguments)
+
+
+def html_table(title: str, heads: Sequence[str], rows: Iterable[Sequence]) -> str:
+    """Return a small HTML table: text as it is, numbers with three digits."""
+
+    def line(cells, tag):
+        shown = (escape(c) if isinstance(c, str) else f"{c:.3g}" for c in cells)
+        return "<tr>" + "".join(f"<{tag}>{text}</{tag}>" for text in shown) + "</tr>"
+
+    body = "".join(line(row, "td") for row in rows)
+    return f"<table><caption>{escape(title)}</caption>{line(heads, 'th')}{body}</table>"
+
+
+class Named(dict):
+    """Dict whose missing keys are answered with the keys that are there."""
+
+    def __missing__(self, key):
+        """Raise KeyError that lists the keys."""
+        raise KeyError(f"no {key!r}; there are {', '.join(map(repr, self)) or 'none'}")
+
+
 def fast_length(n_samples: int) -> int:
     """Return the next length from ``n_samples`` on for which real Fourier transforms are fast."""
-    return fft.next_fast_len(n_samples, real=True)  # type: ignore[return-value]
+    return scipy.fft.next_fast_len(n_samples, real=True)  # type: ignore[return-value]
 
 
 def _refuse_gaps(velocity, components):
@@ -241,7 +317,7 @@ def _sine_series_at(motion, dt, first, new_dt, n_samples):
         return np.zeros((n_samples, 3)) + 0.0 * motion[0]
     duration = dt * (len(motion) - 1)
     waves = np.arange(1, n_waves + 1)
-    amplitude = np.asarray(fft.dst(motion[1:-1], type=1, axis=0)) / (n_waves + 1)
+    amplitude = np.asarray(scipy.fft.dst(motion[1:-1], type=1, axis=0)) / (n_waves + 1)
     if new_dt > dt:
         nyquist = 0.5 / new_dt
         above = (waves / (2.0 * duration) / nyquist - PASS_BAND) / (1.0 - PASS_BAND)
@@ -249,5 +325,5 @@ def _sine_series_at(motion, dt, first, new_dt, n_samples):
         amplitude = amplitude * taper[:, None]
     turn = np.pi * new_dt / duration
     amplitude = amplitude * np.exp(1j * np.pi * waves * first / duration)[:, None]
-    series = signal.czt(amplitude, n_samples, w=np.exp(1j * turn), a=1.0, axis=0)
+    series = scipy.signal.czt(amplitude, n_samples, w=np.exp(1j * turn), a=1.0, axis=0)
     return np.imag(series * np.exp(1j * turn * np.arange(n_samples))[:, None])

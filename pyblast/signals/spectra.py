@@ -5,9 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import fft, signal
-from scipy.signal.windows import dpss
-from scipy.sparse import csr_array
+import scipy
 
 from ..errors import InputError
 from .seismogram import Seismogram, fast_length
@@ -86,8 +84,8 @@ def amplitude_spectrum(seismogram: Seismogram, n_padded: int | None = None) -> S
         raise InputError(
             f"amplitude_spectrum.n_padded: must be at least {len(seismogram.velocity)}, got {n}"
         )
-    amplitude = seismogram.dt * np.abs(np.asarray(fft.rfft(seismogram.velocity, n, axis=0)))
-    return Spectrum(fft.rfftfreq(n, seismogram.dt), amplitude, "amplitude spectrum")
+    amplitude = seismogram.dt * np.abs(np.asarray(scipy.fft.rfft(seismogram.velocity, n, axis=0)))
+    return Spectrum(scipy.fft.rfftfreq(n, seismogram.dt), amplitude, "amplitude spectrum")
 
 
 def smoothed_spectrum(seismogram: Seismogram, bandwidth: float = BANDWIDTH) -> Spectrum:
@@ -127,7 +125,7 @@ def _smoothing(n_padded, dt, duration, bandwidth):
     """Return centres (500,) in Hz and the windows around them, sparse (500, n_frequencies)."""
     from obspy.signal.konnoohmachismoothing import konno_ohmachi_smoothing_window  # slow to load
 
-    frequency = fft.rfftfreq(n_padded, dt)
+    frequency = scipy.fft.rfftfreq(n_padded, dt)
     centres = np.geomspace(1.0 / duration, frequency[-1], N_SMOOTHED)
     reach = 10.0 ** (3.0 * math.pi / bandwidth)
     first = np.searchsorted(frequency, centres / reach)
@@ -140,7 +138,9 @@ def _smoothing(n_padded, dt, duration, bandwidth):
     ]
     ends = np.cumsum([0, *map(len, near)])
     shape = (N_SMOOTHED, len(frequency))
-    return centres, csr_array((np.concatenate(weight), np.concatenate(near), ends), shape)
+    return centres, scipy.sparse.csr_array(
+        (np.concatenate(weight), np.concatenate(near), ends), shape
+    )
 
 
 def multitaper_spectrum(seismogram: Seismogram, time_bandwidth: float = 4.0) -> Spectrum:
@@ -166,11 +166,11 @@ def multitaper_spectrum(seismogram: Seismogram, time_bandwidth: float = 4.0) -> 
             f"multitaper_spectrum.time_bandwidth: must lie between 1 and {n / 2:g}, "
             f"got {time_bandwidth:g}"
         )
-    tapers = np.asarray(dpss(n, time_bandwidth, n_tapers))
+    tapers = np.asarray(scipy.signal.windows.dpss(n, time_bandwidth, n_tapers))
     tapered = tapers[:, :, None] * centred.velocity
-    power = np.mean(np.abs(np.asarray(fft.rfft(tapered, axis=1))) ** 2, axis=0)
+    power = np.mean(np.abs(np.asarray(scipy.fft.rfft(tapered, axis=1))) ** 2, axis=0)
     return Spectrum(
-        fft.rfftfreq(n, centred.dt),
+        scipy.fft.rfftfreq(n, centred.dt),
         centred.dt * np.sqrt(n * power),
         f"multitaper spectrum, NW = {time_bandwidth:g}, {n_tapers} tapers",
     )
@@ -357,7 +357,7 @@ def lag(data: np.ndarray, model: np.ndarray, dt: float) -> tuple[float, float]:
     if not level > 0.0:
         return math.nan, math.nan
     pairs = zip(data.T, model.T, strict=True)
-    correlations = [signal.correlate(m, d, mode="full", method="fft") for d, m in pairs]
+    correlations = [scipy.signal.correlate(m, d, mode="full", method="fft") for d, m in pairs]
     correlation = np.asarray(sum(correlations)) / level
     top = int(np.argmax(correlation))
     move = 0.0

@@ -9,12 +9,13 @@ import csv
 import io
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, PyblastError, ReadError
+from ..project.result import write_bytes, write_text
 
 LARGEST_FOLDER = 9999
 LONGEST_NAME = 31  # characters of the name of a sheet, by Excel
@@ -131,6 +132,39 @@ def _lock(folder: Path) -> int | None:
         os.close(handle)
         return -1
     return handle
+
+
+def csv_table(heads: Sequence[str], rows: Iterable[Sequence]) -> str:
+    """Return a table as CSV: six digits, an empty cell where a value is missing.
+
+    Examples
+    --------
+    >>> print(csv_table(["name", "ppv_mm_per_s"], [["house, north", 1.25], ["barn", None]]))
+    name,ppv_mm_per_s
+    "house, north",1.25
+    barn,
+    <BLANKLINE>
+    """
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(heads)
+    writer.writerows([_cell(value) for value in row] for row in rows)
+    return buffer.getvalue()
+
+
+def _cell(value) -> str:
+    """Write one value of a table."""
+    if value is None or isinstance(value, str):
+        return value or ""
+    number = float(value)
+    return f"{number:.6g}" if math.isfinite(number) else ""
+
+
+def write_tables(folder: Path, tables: Mapping[str, str]) -> None:
+    """Write each table as ``NAME.csv``, and all of them into the workbook ``tables.xlsx``."""
+    for name, text in tables.items():
+        write_text(folder / f"{name}.csv", text)
+    write_bytes(folder / "tables.xlsx", workbook_of(tables))
 
 
 def workbook_of(tables: Mapping[str, str]) -> bytes:

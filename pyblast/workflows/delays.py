@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..blasts.blast import Blast
+from ..blasts.blast import CHARGE_WINDOW, Blast
 from ..blasts.signature import travel_shifts
 from ..config.config import DelaysConfig
 from ..errors import InputError, named_error
@@ -22,11 +22,12 @@ from ..runs.greens import greens_functions
 from ..runs.parallel import input_hash
 from ..signals.comparison import load_limits
 from ..solver.preparation import versions
-from . import Progress, Say, new_folder, silent
+from . import Progress, Say, csv_table, new_folder, silent, write_tables
 
 RESULT, REPORT = "delays.json", "report.html"
 RUNS = "runs"  # folder of stored responses, shared by all plans
 SHARES = (0.5, 0.9, 0.95)
+MOST_PLANS = 10
 
 
 def optimise_delays(
@@ -70,7 +71,7 @@ def optimise_delays(
         If a model can't be run.
     """
     if not isinstance(project, Project):
-        project = load_project(project, full)
+        project = load_project(project, full, ground=False)
     tell, where = progress or silent, f"{project.path.name}: delays"
     table, blast = _settings(project)
     limits = house_limits(project)
@@ -97,8 +98,9 @@ def optimise_delays(
         )  # fmt: skip
     tell("writing", 2, 2)
     folder = new_folder(out)
-    summary = summarise_delays(project, plan, pattern @ plan.best.delays)
+    summary = summarise_delays(project, plan, pattern)
     write_summary(folder / RESULT, summary)
+    write_tables(folder, delay_tables(summary))
     write_delay_report(folder / REPORT, summary)
     return summary, folder
 
@@ -217,7 +219,7 @@ def _recorded(project: Project, earliest: float, latest: float) -> BlastSpectra:
 
 def _allowed(project, used):
     """Return the check of the charge in 8 ms for times of the used holes, or None."""
-    most, blast = project.config.delays.most_charge_kg, project.blast
+    most, blast = project.config.delays.max_charge_per_8ms_kg, project.blast
     if most is None:
         return None
 
@@ -229,9 +231,77 @@ def _allowed(project, used):
     return allowed
 
 
-def summarise_delays(project: Project, plan: DelayPlan, times: np.ndarray) -> dict:
-    """Return the plain numbers of a delay plan; ``times`` (n_holes,) s of all its holes."""
+def best_plans(blast: Blast, plan: DelayPlan, pattern: np.ndarray) -> list[dict]:
+    """Return the ten best plans of a search, the best first.
+
+    Parameters
+    ----------
+    blast : Blast
+    plan : DelayPlan
+    pattern : (n_holes, 2) float
+        Number of delays between holes and between rows before each hole.
+    """
+    tried = np.array(plan.best.tried)
+    order = np.argsort(tried[:, -1], kind="stable")[:MOST_PLANS]
+    return [
+        {
+            "between_holes_s": holes,
+            "between_rows_s": rows,
+            "severity": severity,
+            "charge_per_8ms_kg": _charge_in_8_ms(blast, pattern @ (holes, rows)),
+            "last_s": float(np.ptp(pattern @ (holes, rows))),
+        }
+        for holes, rows, severity in tried[order]
+    ]
+
+
+def _charge_in_8_ms(blast, times):
+    """Return the largest charge in 8 ms of a blast with other times, None where unknown."""
+    if np.isnan(blast.charge).any():
+        return None
+    return replace(blast, times=times).charge_per_window()
+
+
+def charge_histogram(blast: Blast, times: np.ndarray) -> list[list[float]]:
+    """Return the charge in each 8 ms after the first firing: (start in s, charge in kg) rows.
+
+    Notes
+    -----
+    The bins stand still; the largest charge in any 8 ms lies at or above the highest of them.
+    """
+    since = times - times.min()
+    bins = np.floor(since / CHARGE_WINDOW + 1e-9).astype(int)
+    charges = np.bincount(bins, weights=np.nan_to_num(blast.charge))
+    return [[n * CHARGE_WINDOW, float(charge)] for n, charge in enumerate(charges)]
+
+
+def delay_tables(summary: dict) -> dict[str, str]:
+    """Return firing times, best plans and charges in 8 ms as CSV, by name."""
+    histograms = [
+        [name, 1e3 * start, charge]
+        for name, rows in summary["charge_histogram"].items()
+        for start, charge in rows
+    ]
+    return {
+        "firing_times": csv_table(
+            ("hole", "charge_kg", "x_m", "y_m", "z_m", "planned_ms", "best_ms"),
+            [[row["hole"], row["charge_kg"], *row["collar"], 1e3 * row["planned_s"],
+              1e3 * row["best_s"]] for row in summary["firing"]],
+        ),
+        "best_plans": csv_table(
+            ("between_holes_ms", "between_rows_ms", "ppv_over_limit", "charge_per_8ms_kg",
+             "last_ms"),
+            [[1e3 * row["between_holes_s"], 1e3 * row["between_rows_s"], row["severity"],
+              row["charge_per_8ms_kg"], 1e3 * row["last_s"]] for row in summary["best_plans"]],
+        ),
+        "charge_in_8_ms": csv_table(("plan", "start_ms", "charge_kg"), histograms),
+    }  # fmt: skip
+
+
+def summarise_delays(project: Project, plan: DelayPlan, pattern: np.ndarray) -> dict:
+    """Return the plain numbers of a delay plan; ``pattern`` (n_holes, 2) delays before a hole."""
     (table, blast), gained = _settings(project), plan.gain
+    times = pattern @ plan.best.delays
     curves, bands = load_limits(), {"before": plan.before, "after": plan.after}
     names = [house.recorded.file for house in table.houses if house.recorded is not None]
     files = project.input_files | {
@@ -242,9 +312,22 @@ def summarise_delays(project: Project, plan: DelayPlan, times: np.ndarray) -> di
         "assumed": list(project.config.assumed),
         "delays_s": {"between_holes": plan.best.delays[0], "between_rows": plan.best.delays[1]},
         "firing": [
-            {"hole": name, "planned_s": planned, "best_s": best}
-            for name, planned, best in zip(blast.hole_ids, blast.times, times, strict=True)
+            {"hole": name, "charge_kg": charge, "collar": collar, "planned_s": planned,
+             "best_s": best}
+            for name, charge, collar, planned, best in zip(
+                blast.hole_ids, blast.charge, blast.collar, blast.times, times, strict=True
+            )
         ],
+        "charge_per_8ms_kg": {
+            "before": _charge_in_8_ms(blast, blast.times),
+            "after": _charge_in_8_ms(blast, times),
+            "allowed": table.max_charge_per_8ms_kg,
+        },
+        "charge_histogram": {
+            "before": charge_histogram(blast, blast.times),
+            "after": charge_histogram(blast, times),
+        },
+        "best_plans": best_plans(blast, plan, pattern),
         "band_hz": table.band_hz,
         "share": gained.share,
         "severity": {"before": gained.before, "after": gained.after,

@@ -13,9 +13,11 @@ from ..line_records.quality import odd_channels, sensor_response
 from ..line_records.shots import Decision, Shot, shot_of
 from ..line_records.waves import NEAREST, Picks, air_wave, phase_speeds, soft_layer
 from ..project.result import plain, write_summary
+from ..recordings.recording import Recording
 from ..report.records import CLOSED_LISTS, LineView, write_records_report
+from ..signals.spectra import zero_crossing_frequency
 from ..solver.preparation import versions
-from . import Progress, new_folder, silent
+from . import Progress, csv_table, new_folder, silent, write_tables
 
 RESULT, REPORT = "records.json", "report.html"
 SURFACE_BAND, AIR_BAND = (10.0, 60.0), (120.0, 500.0)
@@ -120,6 +122,8 @@ def analyse_records(
     tell("writing", 0, 1)
     result = new_folder(folder.parent / f"{folder.name}_analysis" if out is None else out)
     write_summary(result / RESULT, summary)
+    if any(row["peaks"] for row in summary["files"]):
+        write_tables(result, {"peaks": peaks_csv(summary["files"])})
     write_records_report(result / REPORT, plain(summary), views)
     return plain(summary), result
 
@@ -148,8 +152,44 @@ def quality_of(record: FieldRecord) -> dict:
             {"name": name, "printed": printed, "from_samples": value}
             for name, printed, value, _ in wrong
         ],
+        "peaks": None if record.recording is None else peaks_of(record.recording),
         "notes": list(record.notes),
     }
+
+
+def peaks_of(recording: Recording) -> dict:
+    """Return peaks of the record of a blast seismograph: velocity, frequency, air overpressure."""
+    motion = recording.seismogram
+    return {
+        "components": list(motion.components),
+        "ppv": motion.ppv,
+        "frequency": zero_crossing_frequency(motion).hz,
+        "vector_sum": motion.pvs,
+        "overpressure": recording.peak_overpressure,
+        "overpressure_db": recording.peak_overpressure_db,
+        "offset": recording.offset,
+        "serial": recording.serial,
+    }
+
+
+PEAK_HEADS = (
+    "file", "serial", "time", "component", "ppv_mm_per_s", "zero_crossing_frequency_hz",
+    "vector_sum_mm_per_s", "air_overpressure_pa", "air_overpressure_db", "offset_mm_per_s",
+)  # fmt: skip
+
+
+def peaks_csv(files: Sequence[dict]) -> str:
+    """Return the peaks of all records of blast seismographs as CSV, one row a component."""
+    rows = []
+    for file in files:
+        peaks = file["peaks"]
+        for n, name in enumerate(peaks["components"] if peaks else ()):
+            values = (
+                1e3 * peaks["ppv"][n], peaks["frequency"][n], 1e3 * peaks["vector_sum"],
+                peaks["overpressure"], peaks["overpressure_db"], 1e3 * peaks["offset"][n],
+            )  # fmt: skip
+            rows.append([file["file"], peaks["serial"], file["time"], name, *values])
+    return csv_table(PEAK_HEADS, rows)
 
 
 def lines_of(records: Sequence[FieldRecord]) -> tuple[list[Line], list[dict]]:

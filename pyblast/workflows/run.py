@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from ..blasts.compliance import compliance_csv
 from ..errors import Finding, InputError, ReadError
 from ..model.model import Model
@@ -30,6 +32,7 @@ from ..project.result import (
     seismogram_heads,
     source_tables,
     summarise,
+    write_csv,
     write_result,
     write_summary,
     write_text,
@@ -47,11 +50,13 @@ from ..report.maps import (
 from ..report.run import write_report
 from ..signals.comparison import Comparison, compare
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
+from ..signals.spectra import smoothed_spectrum
 from ..solver import preparation
 from ..solver import run as solver
 from ..solver.model_file import read_arrays
 from ..solver.run import Run
-from . import Interrupted, Progress, Say, result_folder, silent
+from ..units import plain_number
+from . import Interrupted, Progress, Say, csv_table, result_folder, silent, write_tables
 
 CHECKPOINT = "checkpoint.h5"
 RESULT = "result.h5"
@@ -297,7 +302,8 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
     write_result(folder / RESULT, outcome.result)
     summary = plain(outcome.result.summary)
     write_summary(folder / "summary.json", summary)
-    write_text(folder / "compliance.csv", compliance_csv(summary["compliance"]["rows"]))
+    write_tables(folder, result_tables(summary))
+    write_curves(folder / "curves", outcome.result)
     write_surface(folder, outcome.result)
     shown = model.shown
     mesh, displacement = shown.mesh, run_.state["displacement"][shown.node]
@@ -310,6 +316,86 @@ def write_outcome(outcome: Outcome, model: Model) -> None:
         write_joints(folder / "joints.vtu", mesh, displacement)
     snapshots = {t: v[shown.node] for t, v in run_.snapshots.items()}
     write_motion(folder, mesh.points, mesh.zones, snapshots)
+
+
+def result_tables(summary: dict) -> dict[str, str]:
+    """Return the tables of a result as CSV, by name.
+
+    Parameters
+    ----------
+    summary : dict
+        Content of ``summary.json``.
+    """
+    heads = (
+        "receiver", "motion", "component", "x_m", "y_m", "z_m", "ppv_mm_per_s",
+        "dominant_frequency_hz", "zero_crossing_frequency_hz", "duration_s", "vector_sum_mm_per_s",
+    )  # fmt: skip
+    receivers = [
+        [
+            name, kind, component, *table["position"], _times(1e3, motion["ppv"][n]),
+            motion["dominant_frequency"][n], motion["zero_crossing_frequency"][n],
+            motion["duration"][n], _times(1e3, motion["pvs"]),
+        ]
+        for name, table in summary["receivers"].items()
+        for kind in ("simulated", "recorded") if (motion := table[kind]) is not None
+        for n, component in enumerate(motion["components"])
+    ]  # fmt: skip
+    deviations = ("ppv_deviation", "frequency_deviation", "duration_deviation", "waveform_misfit",
+                  "lag", "correlation")  # fmt: skip
+    comparisons = [
+        [name, component, *(table[key][n] for key in deviations), air.get("overpressure"),
+         air.get("db")]
+        for name, table in summary["comparisons"].items()
+        for air in [summary["instruments"].get(name, {})]
+        for n, component in enumerate(table["components"])
+    ]  # fmt: skip
+    tables = {
+        "receivers": csv_table(heads, receivers),
+        "compliance": compliance_csv(summary["compliance"]["rows"]),
+        "findings": csv_table(
+            ("code", "failed", "title", "text"),
+            [[f["code"], "yes" if f["failed"] else "no", f["title"], f["text"]]
+             for f in summary["findings"]],
+        ),
+    }  # fmt: skip
+    if comparisons:
+        tables["comparisons"] = csv_table(
+            ("receiver", "component", *deviations[:4], "lag_s", "correlation",
+             "recorded_air_overpressure_pa", "recorded_air_overpressure_db"), comparisons
+        )  # fmt: skip
+    if summary["blast"] is not None:
+        tables["holes"] = csv_table(
+            ("hole", "x_m", "y_m", "z_m", "x_toe_m", "y_toe_m", "z_toe_m", "charge_kg", "time_ms"),
+            [[h["id"], *h["collar"], *h["toe"], h["charge"], _times(1e3, h["time"])]
+             for h in summary["blast"]["holes"]],
+        )  # fmt: skip
+    return tables
+
+
+def _times(factor, value):
+    """Multiply a value that may be missing."""
+    return None if value is None else factor * value
+
+
+def write_curves(folder: Path, result: Result) -> None:
+    """Write every motion of a result as a CSV table that `read_recording` reads, and its spectrum.
+
+    The files are ``GROUP_RECEIVER.csv`` and ``GROUP_RECEIVER_spectrum.csv``, for the groups input,
+    simulated and recorded.
+    """
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise ReadError(f"{folder}: can't be made ({error.strerror or error})") from None
+    for group in ("input", "simulated", "recorded"):
+        for name, motion in result.seismograms(group).items():
+            stem = "".join(c if c.isalnum() or c in "-_." else "_" for c in f"{group}_{name}")
+            write_csv(folder / f"{stem}.csv", motion)
+            spectrum = smoothed_spectrum(motion)
+            write_text(folder / f"{stem}_spectrum.csv", csv_table(
+                ("frequency_hz", *(f"{c}_m" for c in motion.components)),
+                np.column_stack([spectrum.frequency, spectrum.amplitude]),
+            ))  # fmt: skip
 
 
 def write_mesh_files(project: Project, out: str | Path) -> ModelSummary:
@@ -333,10 +419,12 @@ def compare_files(
     receiver: str = "",
     band: tuple[float, float] | None = None,
     bearing_deg: float | None = None,
-) -> tuple[Comparison, Finding | None]:
+    sheet: str | None = None,
+) -> tuple[Comparison, Finding | None, list[str]]:
     """Compare a record with a receiver of a result file, or with another record.
 
-    Returns the finding about the level, too, where a result says what is plausible there.
+    Returns the finding about the level, too, where a result says what is plausible there, and
+    sentences on the air overpressure of records with a microphone.
 
     Parameters
     ----------
@@ -347,12 +435,16 @@ def compare_files(
     bearing_deg : float, optional
         From the instrument to the blast, clockwise from north, for records with a longitudinal
         component.
+    sheet : str, optional
+        Of the record, where it is a workbook.
     """
     bearing = None if bearing_deg is None else math.radians(bearing_deg)
-    record = read_recording(recorded, bearing=bearing)[0].seismogram
+    read = read_recording(recorded, bearing=bearing, sheet=sheet)[0]
+    record, air = read.seismogram, _air_lines(recorded, read)
     if Path(simulated).suffix != ".h5":
-        other = read_recording(simulated, bearing=bearing)[0].seismogram
-        return compare(record, other, band), None
+        other = read_recording(simulated, bearing=bearing)[0]
+        lines = air + _air_lines(simulated, other)
+        return compare(record, other.seismogram, band), None, lines
     result = read_result(simulated)
     motions = result.seismograms("simulated")
     if not receiver and len(motions) == 1:
@@ -368,4 +460,14 @@ def compare_files(
         Peak(f"{receiver}, recorded", peak_of(record), plausible, recorded=True),
         Peak(f"{receiver}, simulated", peak_of(motions[receiver]), plausible),
     )
-    return compare(record, motions[receiver], band), implausible_level(peaks)
+    return compare(record, motions[receiver], band), implausible_level(peaks), air
+
+
+def _air_lines(path, recording):
+    """Return the sentence on the air overpressure of a record, none without a microphone."""
+    if recording.overpressure is None:
+        return []
+    return [
+        f"{Path(path).name}: air overpressure {plain_number(recording.peak_overpressure)} Pa, "
+        f"{recording.peak_overpressure_db:.1f} dB(L)"
+    ]

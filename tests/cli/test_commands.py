@@ -31,6 +31,7 @@ def test_a_run_writes_everything(tmp_path):
     names = {path.name for path in (tmp_path / "results" / "001").iterdir()}
     assert names == {
         "result.h5", "summary.json", "report.html", "report_one_page.html", "compliance.csv",
+        "receivers.csv", "findings.csv", "holes.csv", "tables.xlsx", "curves",
         "zones.vtu", "joints.vtu",
         "surface_peaks.csv", "surface_peaks.asc",
         "motion_000.vtu", "motion.pvd",
@@ -128,7 +129,7 @@ def test_a_record_is_compared_with_a_receiver(tmp_path, outcome):
     result = outcome.folder / "result.h5"
     write_csv(tmp_path / "R1.csv", read_result(result).seismogram("simulated", "R1"))
 
-    found, _ = run.compare_files(tmp_path / "R1.csv", result)
+    found, *_ = run.compare_files(tmp_path / "R1.csv", result)
 
     assert found.misfit == pytest.approx(0.0, abs=1e-4)
     assert call("compare", tmp_path / "R1.csv", result).exit_code == 0
@@ -139,7 +140,7 @@ def test_a_record_in_east_and_north_is_turned_to_the_receiver(tmp_path, outcome)
     simulated = read_result(result).seismogram("simulated", "R1")
     write_csv(tmp_path / "R1.csv", simulated.rotated(np.pi / 2.0))
 
-    found, _ = run.compare_files(tmp_path / "R1.csv", result, "R1", (1.0, 20.0))
+    found, *_ = run.compare_files(tmp_path / "R1.csv", result, "R1", (1.0, 20.0))
 
     assert found.misfit == pytest.approx(0.0, abs=1e-3)
 

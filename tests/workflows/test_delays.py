@@ -1,5 +1,6 @@
 """Best delays from a project file: closed answers, the run they stand for, and mistakes."""
 
+import csv
 import json
 import re
 
@@ -70,12 +71,55 @@ def test_waves_that_travel_count_as_delays(tmp_path):
 
 
 def test_a_charge_in_8_ms_rules_out_delays(tmp_path):
-    table = TABLE.replace("[20, 80]", "[0, 30]") + "most_charge_kg = 500\n"
+    table = TABLE.replace("[20, 80]", "[0, 30]") + "max_charge_per_8ms_kg = 500\n"
 
     told, _ = optimise_delays(planned(tmp_path, table, hz=100.0))  # 5 ms would be half a period
 
     assert told["delays_s"]["between_rows"] >= 0.008
     assert min(row[1] for row in told["tried"].tolist()) >= 0.008
+
+
+def test_charges_best_plans_and_firing_times_are_said_before_and_after(tmp_path):
+    table = TABLE + "max_charge_per_8ms_kg = 500\n"
+    told, folder = optimise_delays(planned(tmp_path, table))
+
+    assert told["charge_per_8ms_kg"] == {"before": 450.0, "after": 450.0, "allowed": 500.0}
+    plans = told["best_plans"]
+    assert len(plans) == 10
+    assert [p["severity"] for p in plans] == sorted(p["severity"] for p in plans)
+    assert plans[0]["between_rows_s"] == told["delays_s"]["between_rows"]
+    assert {p["charge_per_8ms_kg"] for p in plans} == {450.0}
+    for name, last in (("before", 0.04), ("after", 0.05)):
+        rows = told["charge_histogram"][name]
+        assert sum(charge for _, charge in rows) == 900.0  # every hole once
+        assert rows[-1][0] == pytest.approx(last - last % 0.008, abs=1e-9)
+    with (folder / "firing_times.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [(r["hole"], r["planned_ms"], r["best_ms"]) for r in rows] == [
+        ("1-1", "0", "0"), ("2-1", "40", "50"),
+    ]  # fmt: skip
+    assert "Charge in 8 ms" in (folder / "report.html").read_text()
+    book = pytest.importorskip("openpyxl").load_workbook(folder / "tables.xlsx")
+    assert book.sheetnames == ["firing_times", "best_plans", "charge_in_8_ms"]
+
+
+@pytest.mark.parametrize("command", ["delays", "superpose"])
+def test_superposition_needs_no_mesh(tmp_path, command):
+    write_csv(tmp_path / "hole.csv", burst(10.0))
+    text = planned(tmp_path).read_text()
+    blast = text[text.index("[blast]") : text.index("[signature.cavity]")]
+    signature = '[signature]\nrecorded = { file = "hole.csv", bearing_deg = 90 }\n'
+    parts = {"delays": TABLE + HOUSE, "superpose": signature}
+    path = tmp_path / "no_mesh.toml"
+    path.write_text('title = "No mesh"\n' + blast + parts[command])
+
+    done = call(command, path)
+
+    assert done.exit_code == 0, done.output
+    assert "holes" in done.output
+    refused = call("run", path)
+    assert refused.exit_code == 2
+    assert "mesh, materials, run: missing; add them" in refused.output
 
 
 def test_holes_inside_shake_a_receiver_as_the_run_of_the_project_does(tmp_path):
@@ -114,9 +158,10 @@ def test_the_page_shows_houses_limits_and_the_time_of_each_hole(tmp_path):
     _, folder = optimise_delays(planned(tmp_path, table, HOUSE.replace("farm", "<farm>")))
 
     page = (folder / "report.html").read_text()
-    rows = re.findall(r"<tr><td>(.*?)</td><td>(.*?)</td><td>(.*?)</td></tr>", page)
+    firing = page[page.index("<h2>Firing times</h2>") :]
+    rows = re.findall(r"<tr><td>(.*?)</td><td>(.*?)</td><td>(.*?)</td></tr>", firing)
     assert rows == [("1-1", "0", "0"), ("2-1", "40", "50")]
-    assert page.count("data:image/png") == 2
+    assert page.count("data:image/png") == 3
     assert "&lt;farm&gt;" in page
     assert "<farm>" not in page
 
@@ -136,7 +181,7 @@ SILENT = '[[delays.houses]]\nname = "R1"\nlimit_mm_per_s = 1\n'
         (TABLE, HOUSE + HOUSE, "houses: 'farm' is named twice"),
         (TABLE.replace("[20, 80]", "[80, 20]"), HOUSE, "must be lowest and highest delay"),
         (TABLE + "holes_per_row = 3\n", HOUSE, "2 holes do not make rows of 3"),
-        (TABLE + "most_charge_kg = 1\n", HOUSE, "refuses every plan of the first grid"),
+        (TABLE + "max_charge_per_8ms_kg = 1\n", HOUSE, "refuses every plan of the first grid"),
         (TABLE + "band_hz = [900, 1000]\n", HOUSE, "low below"),
         (TABLE + "wave_speed_m_per_s = 3000\n", HOUSE, "each house needs position_m"),
         (TABLE, HOUSE.replace("limit_mm_per_s = 2\n", ""), "give one of limit_mm_per_s"),

@@ -1,5 +1,6 @@
 """The command for records without a model: reading, places, analyses, page, refusals."""
 
+import csv
 import json
 from dataclasses import replace
 
@@ -100,6 +101,28 @@ def test_a_seismograph_file_shows_whether_its_printed_peaks_agree(tmp_path):
     skipped = {row["file"]: row["reason"] for row in summary["skipped"]}
     assert skipped["notes.md"] == "is no record"
     assert "broken.sg2" in skipped
+
+
+def test_peaks_of_several_records_come_as_tables_with_the_air_overpressure(tmp_path):
+    folder = tmp_path / "records"
+    folder.mkdir()
+    for name, loud in (("one", True), ("two", False)):
+        (folder / f"{name}.txt").write_text(files.instantel_ascii(microphone=loud))
+
+    assert call("records", folder).exit_code == 0
+
+    results = tmp_path / "records_analysis" / "001"
+    with (results / "peaks.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["file"] for row in rows] == ["one.txt"] * 3 + ["two.txt"] * 3
+    assert {row["component"]: float(row["ppv_mm_per_s"]) for row in rows} == pytest.approx(
+        {"longitudinal": 8.0, "transverse": 12.5, "vertical": 20.0}, rel=1e-3
+    )
+    pressure = [row["air_overpressure_pa"] for row in rows]
+    assert pressure[0] != ""
+    assert pressure[3:] == [""] * 3
+    book = pytest.importorskip("openpyxl").load_workbook(results / "tables.xlsx")
+    assert book["peaks"].max_row == 7
 
 
 def test_sac_files_of_one_shot_are_joined_and_placed_by_their_headers(tmp_path):
