@@ -334,14 +334,6 @@ def input_table(project):
     }  # fmt: skip
 
 
-def source_tables(project):
-    """Return time in s and moment rate in N m/s, force in N or pressure in Pa of all sources."""
-    return {
-        name: np.column_stack([f.start + f.dt * np.arange(len(f.values)), f.values])
-        for name, f in project.inside.named.items()
-    }
-
-
 def source_summary(project):
     """Return position, charge and time of holes, other sources, the absorbing layer."""
     holes = [source for source in project.sources if isinstance(source, (Hole, Column))]
