@@ -467,14 +467,6 @@ def shape(function, values) -> Seismogram:
     return Seismogram(np.column_stack([values, missing, missing]), function.dt, function.start)
 
 
-def source_tables(project):
-    """Return time in s and moment rate in N m/s, force in N or pressure in Pa of all sources."""
-    return {
-        name: np.column_stack([f.start + f.dt * np.arange(len(f.values)), f.values])
-        for name, f in project.inside.named.items()
-    }
-
-
 def central_frequency(project):
     """Return the frequency in Hz that damping is set to, else the dominant one of the input."""
     if project.config.damping is not None:

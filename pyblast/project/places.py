@@ -464,3 +464,11 @@ def house_positions(project):
     delays = project.config.delays
     houses = [] if delays is None else delays.houses
     return {h.name: h.position_m for h in houses if h.position_m is not None}
+
+
+def source_tables(project):
+    """Return time in s and moment rate in N m/s, force in N or pressure in Pa of all sources."""
+    return {
+        name: np.column_stack([f.start + f.dt * np.arange(len(f.values)), f.values])
+        for name, f in project.inside.named.items()
+    }
