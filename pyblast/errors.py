@@ -11,6 +11,7 @@ code  meaning
 ====  ==========================================================================================
 """
 
+import re
 from collections.abc import Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -25,8 +26,25 @@ EXIT_CODES = {
 SOLVER_FAILED, WRONG_INPUT, NOT_TRUSTED, INTERRUPTED = 1, 2, 3, 130
 
 
+_POWER = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e\+(?:0\d|1[0-4])(?!\w)")
+
+
+def written_out(text: str) -> str:
+    """Write numbers below 1e15, such as 1.5e+07, of a sentence without powers of ten.
+
+    Examples
+    --------
+    >>> written_out("must be at most 1.5e+07 Pa, got -2e+09")
+    'must be at most 15000000 Pa, got -2000000000'
+    """
+    return _POWER.sub(lambda match: f"{float(match[0]):.0f}", text)
+
+
 class PyblastError(Exception):
     """Base class of all errors that pyblast raises on purpose."""
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*(written_out(a) if isinstance(a, str) else a for a in arguments))
 
 
 class InputError(PyblastError, ValueError):
@@ -66,6 +84,10 @@ class Finding:
     text: str
     failed: bool = False
     numbers: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Write large numbers of the text without powers of ten."""
+        object.__setattr__(self, "text", written_out(self.text))
 
 
 def by_wave(pairs: Mapping[str, tuple[float, float]]) -> dict[str, float]:

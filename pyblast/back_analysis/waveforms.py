@@ -1,4 +1,4 @@
-"""Records of a back-analysis on one sampling, and the covariance of their residuals."""
+"""Records of a back-analysis on one sampling: covariance of residuals, fit of a moment rate."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -13,6 +13,7 @@ from ..inference.records import Noise, Records, band_functions, check_sampling, 
 from ..project.elements import convergence
 from ..project.inputs import input_band
 from ..project.project import Project, vary
+from ..signals.seismogram import Seismogram
 from .parameters import simulate
 
 SAMPLES_PER_PERIOD = 8.0  # of the highest frequency of the band
@@ -306,3 +307,163 @@ def mesh_errors_of(projects, motion, receivers, window, prepare=lambda _, other:
         except PyblastError as error:
             return (), f"the mesh error is not estimated: {error}"
     return (mesh_error(motion, sampled_motion(motions, receivers, window), COARSER, order),), ""
+
+
+PER_KNOT = 2  # samples between the knots of the splines
+KNOTS_PER_PERIOD = 8.0  # of the highest frequency
+SMOOTHING = np.logspace(-3.0, 2.0, 26)  # of the largest eigenvalue; less leaves what lies above
+FINE = 10  # steps of the spline a sample
+
+
+@dataclass(frozen=True, eq=False)
+class MomentRateFit:
+    """Moment rate of 1 kg that explains the records of a signature shot.
+
+    Parameters
+    ----------
+    times : (n,) float64, s
+        From when the hole fires.
+    rate, deviation : (n,) float64, N m/s
+        And its standard deviation.
+    misfit, held_out : dict of str to float
+        Share of the energy of each record that stays unexplained: in the fit, and predicted from
+        the other receivers (empty with one).
+    band : float, Hz
+    smoothing : float
+        Share of the largest squared singular value, by generalised cross-validation.
+    """
+
+    times: np.ndarray
+    rate: np.ndarray
+    deviation: np.ndarray
+    misfit: dict[str, float]
+    held_out: dict[str, float]
+    band: float
+    smoothing: float
+
+    @property
+    def summary(self) -> dict:
+        """The figures of ``source.json``."""
+        peak = int(np.abs(self.rate).argmax())
+        return {
+            "band_hz": self.band, "misfit": self.misfit, "held_out_misfit": self.held_out,
+            "smoothing": self.smoothing, "peak_moment_rate_per_kg": self.rate[peak],
+            "peak_deviation": self.deviation[peak], "peak_at_s": self.times[peak],
+            "lasting_moment_per_kg": float(np.trapezoid(self.rate, self.times)),
+        }  # fmt: skip
+
+
+def spline(x: np.ndarray) -> np.ndarray:
+    """Return the cubic B-spline on the knots 0, 1, 2, 3, 4; its largest value is 2/3 at 2."""
+    away = np.abs(np.asarray(x) - 2.0)
+    outer = np.maximum(2.0 - away, 0.0) ** 3 / 6.0
+    return np.where(away < 1.0, outer - 4.0 * np.maximum(1.0 - away, 0.0) ** 3 / 6.0, outer)
+
+
+def fit_moment_rate(
+    motion: dict[str, Seismogram],
+    records: dict[str, Seismogram],
+    band: float,
+    dt: float,
+    count: int,
+) -> MomentRateFit:
+    """Fit records by a moment rate; theory.md (9.7), (9.8).
+
+    Parameters
+    ----------
+    motion : dict of str to Seismogram
+        Response by receiver to a spline as moment rate, see `spline`; 0 s is the first firing.
+    records : dict of str to Seismogram
+    band : float, Hz
+        Highest frequency that counts.
+    dt : float, s
+        Sampling; `PER_KNOT` samples lie between knots.
+    count : int
+        Of splines.
+    """
+    parts = {
+        name: _equations(motion[name], record, band, dt, count) for name, record in records.items()
+    }
+    rough = np.diff(np.eye(count), 2, axis=0)
+    rough = rough.T @ rough
+    fitted, smoothing, spread = _smooth(list(parts.values()), rough)
+    misfit = {name: _unexplained(part, fitted) for name, part in parts.items()}
+    others = {
+        name: [part for other, part in parts.items() if other != name]
+        for name in parts if len(parts) > 1
+    }  # fmt: skip
+    without = {name: _smooth(rest, rough)[0] for name, rest in others.items()}
+    held_out = {name: _unexplained(parts[name], others) for name, others in without.items()}
+    times = np.arange((count + 3) * PER_KNOT + 1) * dt
+    shapes = spline(times[:, None] / (PER_KNOT * dt) - np.arange(count))
+    variance = np.einsum("ti,ij,tj->t", shapes, spread, shapes)
+    if len(without) > 1:  # jackknife over receivers
+        n = len(without)
+        each = np.array([shapes @ coefficients for coefficients in without.values()])
+        jackknife = (n - 1) / n * ((each - each.mean(axis=0)) ** 2).sum(axis=0)
+        variance = np.maximum(variance, jackknife)
+    deviation = np.sqrt(variance)
+    return MomentRateFit(times, shapes @ fitted, deviation, misfit, held_out, band, smoothing)
+
+
+def _quiet(motion, band):
+    """Low-pass a motion that begins at rest, up to a cycle before its end."""
+    before = int(np.ceil(3.0 / (band * motion.dt)))
+    velocity = np.pad(np.nan_to_num(motion.velocity), ((before, 0), (0, 0)))
+    start = motion.start - before * motion.dt
+    return replace(motion, velocity=velocity, start=start).lowpassed(band)
+
+
+def _equations(response, record, band, dt, count):
+    """Return matrix and data of a receiver, both over the root mean square of the data."""
+    first = max(0.0, record.start)
+    last = min(response.times[-1], record.times[-1]) - 1.0 / band
+    present = np.flatnonzero(record.present)
+    response, record = (_quiet(motion, band) for motion in (response, record))
+    n_samples = int((last - first) / dt)
+    if n_samples < PER_KNOT * count:
+        raise InputError(
+            f"records: {record.label or 'one'} shares {last - first:.3g} s with the run, shorter "
+            "than the moment rate that is looked for"
+        )
+    times = first + dt * np.arange(n_samples)
+    columns, data = [], []
+    shifts = PER_KNOT * dt * np.arange(count)
+    for n in present:
+        wave = response.velocity[:, n]
+        columns.append(np.interp(times[:, None] - shifts, response.times, wave, 0.0, 0.0))
+        data.append(np.interp(times, record.times, record.velocity[:, n]))
+    data = np.concatenate(data)
+    size = np.sqrt(np.mean(data**2))
+    if size == 0.0:
+        raise InputError("records: one never moves; leave it out")
+    return np.concatenate(columns) / size, data / size
+
+
+def _smooth(parts, rough):
+    """Return coefficients, smoothing and covariance; generalised cross-validation."""
+    matrix, data = (np.concatenate(column) for column in zip(*parts, strict=True))
+    n_free = len(data) / (0.5 * KNOTS_PER_PERIOD * PER_KNOT)  # independent samples of the band
+    normal, right = matrix.T @ matrix, matrix.T @ data
+    largest = np.linalg.eigvalsh(normal)[-1]
+
+    def solved(share):
+        weights = share * rough + 1e-12 * np.eye(len(right))
+        inverse = np.linalg.inv(normal + largest * weights)
+        residual = data - matrix @ (inverse @ right)
+        n_fitted = np.trace(inverse @ normal)
+        residual_energy = residual @ residual * n_free / len(data)
+        n_left = max(n_free - n_fitted, 1.0)
+        return residual_energy / n_left**2, inverse, residual_energy / n_left
+
+    share = min(SMOOTHING, key=lambda share: solved(share)[0])
+    _, inverse, variance = solved(share)
+    oversampling = len(data) / n_free
+    spread = variance * oversampling * inverse @ normal @ inverse
+    return inverse @ right, float(share), spread
+
+
+def _unexplained(part, coefficients) -> float:
+    """Return the share of the energy of data that coefficients leave unexplained."""
+    matrix, data = part
+    return float(np.sum((data - matrix @ coefficients) ** 2) / np.sum(data**2))

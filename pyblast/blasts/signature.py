@@ -268,6 +268,26 @@ def pressure_for_peak(
     return replace(pulse, pressure=peak / float(np.max(np.abs(motion))))
 
 
+def moment_velocity(
+    moment_rate: np.ndarray, dt: float, distance: float, density: float, cp: float
+) -> np.ndarray:
+    """Return the radial velocity of an isotropic point source in unbounded rock.
+
+    Parameters
+    ----------
+    moment_rate : (n,) float64, N m/s
+    dt, distance, density, cp : float, SI
+
+    Returns
+    -------
+    (n,) float64, m/s
+        ``(M'/r^2 + M''/(r cp)) / (4 pi density cp^2)`` at the time r/cp later: theory.md (13.9).
+    """
+    slope = np.gradient(moment_rate, dt)
+    size = 4.0 * math.pi * density * cp**2
+    return (moment_rate / distance**2 + slope / (distance * cp)) / size
+
+
 def cavity_moment(
     radius: float, pressure: float | np.ndarray, cp: float, cs: float
 ) -> float | np.ndarray:

@@ -1,11 +1,8 @@
 """Commands of the program: arguments, errors as one sentence, exit codes."""
 
 import os
-import signal
 import sys
 import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from importlib import metadata, resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,15 +11,12 @@ import typer
 
 from ..errors import (
     EXIT_CODES,
-    INTERRUPTED,
     NOT_TRUSTED,
-    SOLVER_FAILED,
     WRONG_INPUT,
     InputError,
-    PyblastError,
-    SolverError,
 )
 from . import console
+from .console import exit_codes
 
 if TYPE_CHECKING:
     from ..project.project import Project
@@ -49,28 +43,6 @@ app = typer.Typer(
 )
 
 
-@contextmanager
-def exit_codes() -> Iterator[None]:
-    """Turn every error into one sentence and its exit code; SIGTERM counts as Ctrl-C."""
-    before = None
-    with suppress(ValueError):  # outside of the main thread, which alone receives signals
-        before = signal.signal(signal.SIGTERM, _interrupt)
-    try:
-        yield
-    except SolverError as error:
-        console.complain(error)
-        raise typer.Exit(SOLVER_FAILED) from None
-    except PyblastError as error:
-        console.complain(error)
-        raise typer.Exit(WRONG_INPUT) from None
-    except KeyboardInterrupt as stop:
-        console.complain(f"interrupted; {stop}" if stop.args else "interrupted")
-        raise typer.Exit(INTERRUPTED) from None
-    finally:
-        if before is not None:
-            signal.signal(signal.SIGTERM, before)
-
-
 def _loaded(path: Path, full: bool = False, ground: bool = True) -> "Project":
     """Load a project; what its file lacks is refused before the slow imports."""
     from ..config.config import read_config
@@ -79,11 +51,6 @@ def _loaded(path: Path, full: bool = False, ground: bool = True) -> "Project":
     from ..project.project import make_project
 
     return make_project(config, path)
-
-
-def _interrupt(_number: int, _frame: object) -> None:
-    """Handle SIGTERM as Ctrl-C."""
-    raise KeyboardInterrupt
 
 
 def _show_version(wanted: bool) -> None:
@@ -285,6 +252,29 @@ def sitelaw(
 
         law = fit_site_law(*read_site_records(records), charge_exponent)
         console.show_site_law(law, None if limit is None else 1e-3 * limit)
+
+
+@app.command()
+def source(
+    project: ProjectFile,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for the numbered results [source beside the project file]."),
+    ] = None,
+    length_ms: Annotated[float, typer.Option(help="Length of the moment rate.")] = 150.0,
+):
+    """Find the moment rate of 1 kg from the records of a signature shot.
+
+    Deconvolves the records at the receivers by the response of the model to the holes inside.
+    Writes moment_rate.csv for holes_inside.moment_rate_file, its uncertainty, and source.json with
+    the misfit.
+    """
+    with exit_codes():
+        from ..workflows.back_analysis import find_moment_rate
+
+        with console.Progress() as progress:
+            fit, folder = find_moment_rate(project, out, length=1e-3 * length_ms, progress=progress)
+        console.show_moment_rate(fit, folder)
 
 
 @app.command()

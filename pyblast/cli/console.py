@@ -6,9 +6,11 @@ Modules that take long to load are imported where they are used.
 import codecs
 import io
 import math
+import signal
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,10 +18,14 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 from rich.table import Table
+from typer import Exit
+
+from ..errors import INTERRUPTED, SOLVER_FAILED, WRONG_INPUT, PyblastError, SolverError
 
 if TYPE_CHECKING:
     from ..back_analysis.search import BackAnalysis
     from ..back_analysis.survey_design import SurveyDesign
+    from ..back_analysis.waveforms import MomentRateFit
     from ..blasts.site_law import SiteLaw
     from ..errors import Finding
     from ..project.checks import Check
@@ -74,6 +80,33 @@ def say(text: object) -> None:
 def complain(text: object) -> None:
     """Print a line to standard error."""
     _err.print(f"pyblast: {text}", markup=False)
+
+
+@contextmanager
+def exit_codes() -> Iterator[None]:
+    """Turn every error into one sentence and its exit code; SIGTERM counts as Ctrl-C."""
+    before = None
+    with suppress(ValueError):  # outside of the main thread, which alone receives signals
+        before = signal.signal(signal.SIGTERM, _interrupt)
+    try:
+        yield
+    except SolverError as error:
+        complain(error)
+        raise Exit(SOLVER_FAILED) from None
+    except PyblastError as error:
+        complain(error)
+        raise Exit(WRONG_INPUT) from None
+    except KeyboardInterrupt as stop:
+        complain(f"interrupted; {stop}" if stop.args else "interrupted")
+        raise Exit(INTERRUPTED) from None
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGTERM, before)
+
+
+def _interrupt(_number: int, _frame: object) -> None:
+    """Handle SIGTERM as Ctrl-C."""
+    raise KeyboardInterrupt
 
 
 class Progress:
@@ -383,3 +416,18 @@ def _number(value: float, digits: int) -> str:
 def _one_percent(value: float) -> str:
     """Show one fraction as percent."""
     return "-" if math.isnan(value) else f"{100 * value:+.1f} %"
+
+
+def show_moment_rate(fit: "MomentRateFit", folder: Path) -> None:
+    """Show a moment rate found from records: peak, misfit, uncertainty, file."""
+    figures = fit.summary
+    peak, deviation = figures["peak_moment_rate_per_kg"], figures["peak_deviation"]
+    say(
+        f"moment rate of 1 kg, up to {fit.band:.3g} Hz: peak {peak:.3g} N m/s +- "
+        f"{abs(100.0 * deviation / peak):.2g} % at {1e3 * figures['peak_at_s']:.3g} ms"
+    )
+    for name, misfit in fit.misfit.items():
+        held_out = fit.held_out.get(name)
+        words = "" if held_out is None else f", {100 * held_out:.2g} % by the other receivers alone"
+        say(f"{name}: {100 * misfit:.2g} % of the energy unexplained{words}")
+    say(f"results: {folder}; set holes_inside.moment_rate_file to its moment_rate.csv")

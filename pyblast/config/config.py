@@ -45,6 +45,8 @@ from .sources import (
     MomentTensorConfig,
     PointForceConfig,
     PressureConfig,
+    SiteLawConfig,
+    refuse_two_levels,
 )
 
 DEFAULT_METHOD = "levenberg"  # docs/decisions.md, "Least squares by default"
@@ -228,19 +230,14 @@ class CavityConfig(Section):
     pressure_mpa: Positive | None = None
     peak_mm_per_s: Positive | None = None
     law: Law | None = None
+    site_law: SiteLawConfig | None = None
     duration_s: Positive = 1.0
     sampling_hz: Positive = 1024.0
 
     @model_validator(mode="after")
     def _one_level(self):
         """Refuse two levels; without one it follows from the law for hard rock."""
-        given = [
-            key
-            for key in ("pressure_mpa", "peak_mm_per_s", "law")
-            if getattr(self, key) is not None
-        ]
-        if len(given) > 1:
-            raise ValueError(f"give {given[0]} or {given[1]}, not both")
+        refuse_two_levels(self)
         return self
 
 

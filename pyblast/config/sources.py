@@ -4,9 +4,39 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from .section import Law, Name, NotNegative, Place, Point, Positive, Section
+from ..blasts.site_law import scaled_distance_ppv
+from .section import (
+    Law,
+    Name,
+    NotNegative,
+    Place,
+    Point,
+    Positive,
+    Section,
+)
 
 Tensor = Annotated[list[float], Field(min_length=6, max_length=6)]
+
+
+class SiteLawConfig(Section):
+    """Scaled-distance law of the site: peak velocity k (R / W^charge_exponent)^-exponent."""
+
+    k_mm_per_s: Positive
+    exponent: Positive
+    charge_exponent: Positive = 0.5
+
+    def ppv(self, distance: float, charge: float) -> float:
+        """Return the peak velocity in m/s at a distance in m from a charge in kg."""
+        law = 1e-3 * self.k_mm_per_s, self.exponent, self.charge_exponent
+        return float(scaled_distance_ppv(distance, charge, *law))
+
+
+def refuse_two_levels(section) -> None:
+    """Refuse two levels of a charged hole; without one it follows from a published law."""
+    keys = ("pressure_mpa", "peak_mm_per_s", "law", "site_law")
+    given = [key for key in keys if getattr(section, key) is not None]
+    if len(given) > 1:
+        raise ValueError(f"give {given[0]} or {given[1]}, not both")
 
 
 class ChargedHoleConfig(Section):
@@ -19,14 +49,17 @@ class ChargedHoleConfig(Section):
     pressure_mpa: Positive | None = None
     peak_mm_per_s: Positive | None = None
     law: Law | None = None
+    site_law: SiteLawConfig | None = None
     distance_m: Positive | None = None
 
     @model_validator(mode="after")
     def _one_level(self):
-        """Ask for one level: of pressure, or of velocity at a distance."""
-        self._one_of(("pressure_mpa",), ("peak_mm_per_s",), ("law",))
-        if (self.pressure_mpa is None) != (self.distance_m is not None):
-            raise ValueError("distance_m goes with peak_mm_per_s or law, and is needed there")
+        """Ask for at most one level; a measured peak needs its distance."""
+        refuse_two_levels(self)
+        if self.pressure_mpa is not None and self.distance_m is not None:
+            raise ValueError("distance_m goes with a peak or a law, not with pressure_mpa")
+        if self.peak_mm_per_s is not None and self.distance_m is None:
+            raise ValueError("distance_m is missing beside peak_mm_per_s")
         return self
 
 
@@ -35,6 +68,7 @@ class HolesInsideConfig(Section):
 
     moment_rate_file: str | None = None
     charged_hole: ChargedHoleConfig | None = None
+    low_pass_hz: Positive | Literal["mesh", "none"] | None = None
     spread_m: NotNegative | None = None
     detonation_m_per_s: Positive | None = None
     primed_at: Literal["toe", "collar"] | None = None

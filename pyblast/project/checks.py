@@ -10,12 +10,13 @@ from ..errors import Finding, by_wave
 from ..mesh import quality
 from ..mesh.mesh import edge_lengths, surface_zones
 from ..model.boundary import Roller, Viscous
+from ..signals.spectra import highest_frequency
 from ..solver.initial_stress import joint_pressures
 from ..units import plain_number
 from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, summarise_model
 from .ground import joint_of_surface, set_stiffness
-from .inputs import central_frequency, highest_frequency, input_band, shape
+from .inputs import central_frequency, input_band, shape
 from .places import (
     edges_near_receivers,
     face_areas,

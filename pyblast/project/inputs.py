@@ -12,6 +12,7 @@ from ..blasts.signature import (
     SmoothPulse,
     cavity_moment,
     cavity_seismogram,
+    moment_velocity,
     pressure_for_peak,
     superpose,
     travel_shifts,
@@ -22,8 +23,9 @@ from ..model.boundary import StressInput, VelocityInput
 from ..model.source import PlaneWave, TimeFunction, polarisation
 from ..recordings.recording import Recording, read_recording
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
-from ..signals.spectra import LowPassed, dominant_frequency, lowpass
+from ..signals.spectra import LowPassed, dominant_frequency, highest_frequency, lowpass
 from ..units import to_si
+from .places import carried_frequency, level_distance
 
 QUIET_CYCLES = 3.0
 FREE_SURFACE = 2.0  # ground over unbounded rock
@@ -125,30 +127,6 @@ def read_record(config, folder) -> Recording:
     return replace(record, seismogram=replace(record.seismogram, start=config.start_s))
 
 
-HEADERS = {  # names of these in the headers of recorders
-    "calibration_date": ("calibration", "calibrated", "date of calibration", "calibration date"),
-    "location": ("location", "location:", "titlestring1", "monitor location"),
-    "operator": ("operator", "user name", "user name:"),
-}
-
-
-def instrument_table(config, recording) -> dict:
-    """Return serial number, calibration, location, operator and time of a record.
-
-    A key of the `RecordingConfig` goes before the header of the record; None where neither has it.
-    """
-    header = {
-        str(key).strip().lower(): str(value).strip() for key, value in recording.header.items()
-    }
-    table = {"instrument": recording.instrument or None, "time": recording.time or None}
-    table["serial_number"] = config.serial_number or recording.serial or None
-    table |= {"overpressure": recording.peak_overpressure, "db": recording.peak_overpressure_db}
-    for key, names in HEADERS.items():
-        written = next((header[name] for name in names if header.get(name, "?") != "?"), None)
-        table[key] = getattr(config, key) or written or None
-    return table
-
-
 def read_hole(config, folder) -> Seismogram:
     """Read a single-hole record and remove its mean, which superposition would multiply."""
     seismogram = read_record(config, folder).seismogram
@@ -161,9 +139,7 @@ def cavity_pulse(config, material):
     if config.pressure_mpa is not None:
         return replace(pulse, pressure=to_si("pressure_mpa", config.pressure_mpa)[1])
     distance = math.dist(config.hole_m, config.receiver_m)
-    peak = BY_NAME[config.law or HARD_ROCK.name].ppv(distance, config.charge_kg)
-    if config.peak_mm_per_s is not None:
-        peak = to_si("peak_mm_per_s", config.peak_mm_per_s)[1]
+    peak = level_peak(config, distance)
     rock = material.density, material.cp, material.cs
     return pressure_for_peak(*rock, config.radius_m, pulse, distance, peak)
 
@@ -282,10 +258,13 @@ SAMPLES_PER_DURATION = 100
 DURATIONS = 8
 SAMPLES_PER_PEAK_TIME = 200
 PEAK_TIMES = 10
+STEP_DOWN = 0.95  # between low-passes that are tried
 
 
-def make_moment_rate(config, exponent, materials, folder) -> TimeFunction:
-    """Turn a `HolesInsideConfig` into the moment rate of 1 kg, N m/s.
+def make_moment_rate(
+    config, exponent, materials, folder, distance=None, carried=None
+) -> tuple[TimeFunction, float | None]:
+    """Turn a `HolesInsideConfig` into the moment rate of 1 kg, N m/s, and its low-pass.
 
     Parameters
     ----------
@@ -294,14 +273,26 @@ def make_moment_rate(config, exponent, materials, folder) -> TimeFunction:
         Of the charge; takes the moment of the charged hole back to 1 kg.
     materials : dict of str to Material
     folder : Path
+    distance : float, m, optional
+        Where a law sets the level of a charged hole without distance_m.
+    carried : callable, optional
+        Returns the highest frequency in Hz that the mesh carries.
+
+    Returns
+    -------
+    TimeFunction
+    float or None, Hz
+        Low-pass; None where the pulse is as given.
 
     Notes
     -----
     ``M = pi a^3 p(t) cp^2/cs^2``, right for waves much longer than the cavity: theory.md (5.2).
-    A peak on the ground is twice that in unbounded rock.
+    A peak on the ground is twice that in unbounded rock; a law or a peak sets that of the motion
+    after the low-pass.
     """
     if config.moment_rate_file is not None:
-        return read_time_function(folder / config.moment_rate_file, MOMENT_RATE_HEADS)
+        rate = read_time_function(folder / config.moment_rate_file, MOMENT_RATE_HEADS)
+        return within_band(rate, config.low_pass_hz, carried)
     hole = config.charged_hole
     if hole.material not in materials:
         raise InputError(
@@ -309,22 +300,47 @@ def make_moment_rate(config, exponent, materials, folder) -> TimeFunction:
         )
     rock, peak = materials[hole.material], to_si("peak_time_ms", hole.peak_time_ms)[1]
     dt = peak / SAMPLES_PER_PEAK_TIME
-    pulse = SmoothPulse(1.0, peak)
-    if hole.pressure_mpa is not None:
-        pulse = replace(pulse, pressure=to_si("pressure_mpa", hole.pressure_mpa)[1])
-    else:
-        elastic, inside = (rock.density, rock.cp, rock.cs), ground_peak(hole) / FREE_SURFACE
-        pulse = pressure_for_peak(*elastic, hole.radius_m, pulse, hole.distance_m, inside)
-    pressure = pulse(dt * np.arange(PEAK_TIMES * SAMPLES_PER_PEAK_TIME + 1))
+    pressure = SmoothPulse(1.0, peak)(dt * np.arange(PEAK_TIMES * SAMPLES_PER_PEAK_TIME + 1))
     moment = cavity_moment(hole.radius_m, pressure, rock.cp, rock.cs)
-    return TimeFunction(np.gradient(moment, dt) / hole.charge_kg**exponent, dt)
+    unit = TimeFunction(np.gradient(moment, dt), dt)
+    unit, corner = within_band(unit, config.low_pass_hz or "mesh", carried)
+    if hole.pressure_mpa is not None:
+        level = to_si("pressure_mpa", hole.pressure_mpa)[1]
+    else:
+        away = hole.distance_m or distance
+        motion = moment_velocity(unit.values, unit.dt, away, rock.density, rock.cp)
+        level = level_peak(hole, away) / (FREE_SURFACE * float(np.abs(motion).max()))
+    return replace(unit, values=level * unit.values / hole.charge_kg**exponent), corner
 
 
-def ground_peak(hole) -> float:
-    """Return the peak velocity in m/s on the ground at distance_m of a `ChargedHoleConfig`."""
-    if hole.law is not None:
-        return BY_NAME[hole.law].ppv(hole.distance_m, hole.charge_kg)
-    return to_si("peak_mm_per_s", hole.peak_mm_per_s)[1]
+def within_band(rate, corner, carried) -> tuple[TimeFunction, float | None]:
+    """Low-pass a moment rate at a corner in Hz, or "mesh": to what it carries, or "none"."""
+    if corner == "mesh":
+        band = math.inf if carried is None else carried()
+        passed, corner = rate, None
+        while highest_frequency(radiated(passed)) > band:
+            corner = STEP_DOWN * (corner or band / STEP_DOWN)
+            passed = _low_passed(rate, corner)
+        return passed, corner
+    if corner in (None, "none"):
+        return rate, None
+    return _low_passed(rate, corner), corner
+
+
+def _low_passed(rate, corner):
+    """Low-pass a time function without phase shift; it then begins and ends in quiet."""
+    quiet = math.ceil(QUIET_CYCLES / (corner * rate.dt))
+    motion = replace(shape(rate, np.pad(rate.values, quiet)), start=rate.start - quiet * rate.dt)
+    passed = motion.lowpassed(corner)
+    return TimeFunction(passed.velocity[:, 0], rate.dt, passed.start)
+
+
+def level_peak(hole, distance) -> float:
+    """Return the peak velocity in m/s at a distance in m by the level of a charged hole."""
+    if hole.peak_mm_per_s is not None:
+        return to_si("peak_mm_per_s", hole.peak_mm_per_s)[1]
+    law = hole.site_law or BY_NAME[hole.law or HARD_ROCK.name]
+    return law.ppv(distance, hole.charge_kg)
 
 
 def make_air_pulse(config, folder) -> TimeFunction:
@@ -360,6 +376,8 @@ class Inside:
         Pa, one for each pressure on a surface.
     air_pulse : TimeFunction or None
         Pa, at the reference distance after its arrival there.
+    low_pass : float or None, Hz
+        Of the moment rate, where one was taken.
     """
 
     firing: Firing
@@ -368,6 +386,7 @@ class Inside:
     tensors: tuple[TimeFunction, ...]
     pressures: tuple[TimeFunction, ...]
     air_pulse: TimeFunction | None
+    low_pass: float | None = None
 
     @property
     def named(self) -> dict[str, TimeFunction]:
@@ -411,13 +430,19 @@ class Inside:
         )
 
 
-def read_inside(config, firing, materials, folder) -> Inside:
-    """Read the time functions of all sources of a `Config`."""
-    rate = air = None
+def read_inside(project) -> Inside:
+    """Read the time functions of all sources of a `Project`."""
+    config, materials, folder = project.config, project.materials, project.folder
+    rate = air = corner = None
     if config.holes_inside is not None:
-        exponent = config.blast.charge_exponent
+        exponent, hole = config.blast.charge_exponent, config.holes_inside.charged_hole
         with named_error("holes_inside"):
-            rate = make_moment_rate(config.holes_inside, exponent, materials, folder)
+            by_law = hole is not None and hole.pressure_mpa is None
+            distance = level_distance(config, project.blast) if by_law else None
+            rate, corner = make_moment_rate(
+                config.holes_inside, exponent, materials, folder, distance,
+                lambda: carried_frequency(project),
+            )  # fmt: skip
     if config.air_blast is not None:
         air = make_air_pulse(config.air_blast, folder)
     forces, tensors, pressures = (
@@ -428,7 +453,7 @@ def read_inside(config, firing, materials, folder) -> Inside:
             (config.pressures, PRESSURE_HEADS),
         )
     )
-    return Inside(firing, rate, forces, tensors, pressures, air)
+    return Inside(project.firing, rate, forces, tensors, pressures, air, corner)
 
 
 def radiated(function) -> Seismogram:
@@ -457,14 +482,6 @@ def input_band(project):
     return max(tops + [highest_frequency(motion) for motion in project.motions[len(tops) :]])
 
 
-def highest_frequency(motion):
-    """Return the frequency in Hz below which 95 % of the energy of a motion lies."""
-    velocity = np.nan_to_num(motion.velocity)
-    power = (np.abs(np.fft.rfft(velocity, axis=0)) ** 2).sum(axis=1)
-    frequency = np.fft.rfftfreq(len(velocity), motion.dt)
-    return float(frequency[np.searchsorted(np.cumsum(power), 0.95 * power.sum())])
-
-
 def named_files(config) -> list[str]:
     """Return the names of all files that a `Config` names."""
     names = config.mesh.files
@@ -481,12 +498,3 @@ def named_files(config) -> list[str]:
     for candidate in config.diagnosis.candidates if config.diagnosis else ():
         names.append(candidate.mesh.get("surface_file"))
     return [name for name in names if name is not None]
-
-
-def single_source(config) -> Blast:
-    """Return a blast of one hole at time 0 at the mean position of the sources of a `Config`."""
-    parts = (*config.point_forces, *config.moment_tensors)
-    centre = np.mean(
-        [[*p.position_m, 0.0][:3] for p in parts] or [[0.0] * 3], axis=0, keepdims=True
-    )
-    return Blast("source", centre, centre, np.full(1, np.nan), np.zeros(1))

@@ -1,14 +1,16 @@
 """Places in the mesh of a project: receivers, sources, absorbing layer, input face."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
+from ..blasts.blast import Blast
 from ..errors import InputError, named_error
 from ..mesh.faces import face_vectors
 from ..mesh.hexahedra import face_shapes, face_slopes
 from ..mesh.mesh import edge_lengths, locate, surface_zones
-from ..model.model import Receiver, SpongeLayer
+from ..model.model import Model, Receiver, SpongeLayer
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 
 
@@ -171,6 +173,34 @@ def make_absorbing_layer(config):
         return None
     ends = zip(mesh.origin_m, mesh.size_m, strict=True)
     return SpongeLayer(box_of((low, low + size) for low, size in ends), mesh.padding_m)
+
+
+def carried_frequency(project) -> float:
+    """Return the highest frequency in Hz that the mesh of a project carries in all its ground."""
+    mesh = project.mesh
+    model = Model(
+        mesh, project.materials, project.joints, quadratic=project.config.mesh.quadratic,
+        sponge=None if mesh.hexahedral else make_absorbing_layer(project.config),
+    )  # fmt: skip
+    return min(model.highest_frequency().values())
+
+
+def level_distance(config, blast) -> float:
+    """Return where a law sets the level of the charged hole of a `Config`, in m.
+
+    The geometric mean of the horizontal distances from the middle of the holes to the receivers,
+    unless distance_m is given.
+    """
+    hole = config.holes_inside.charged_hole
+    if hole is not None and hole.distance_m is not None:
+        return hole.distance_m
+    middle = blast.centres[:, :2].mean(axis=0)
+    away = [math.dist(part.position_m[:2], middle) for part in config.receivers]
+    if not away or min(away) <= 0.0:
+        raise InputError(
+            "charged_hole.distance_m: missing, and no distance to receivers stands for it"
+        )
+    return float(np.exp(np.mean(np.log(away))))
 
 
 def check_absorbing_layer(layer, mesh, positions):
@@ -395,6 +425,15 @@ def face_materials(project):
     return {mesh.groups[n]: project.materials[mesh.groups[n]] for n in numbers}
 
 
+def single_source(config) -> Blast:
+    """Return a blast of one hole at time 0 at the mean position of the sources of a `Config`."""
+    parts = (*config.point_forces, *config.moment_tensors)
+    centre = np.mean(
+        [[*p.position_m, 0.0][:3] for p in parts] or [[0.0] * 3], axis=0, keepdims=True
+    )
+    return Blast("source", centre, centre, np.full(1, np.nan), np.zeros(1))
+
+
 def blast_table(blast):
     """Return charge, times and holes of a blast; times in s after the first firing."""
     holes = zip(blast.hole_ids, blast.collar, blast.toe, blast.charge, blast.times, strict=True)
@@ -425,3 +464,11 @@ def house_positions(project):
     delays = project.config.delays
     houses = [] if delays is None else delays.houses
     return {h.name: h.position_m for h in houses if h.position_m is not None}
+
+
+def source_tables(project):
+    """Return time in s and moment rate in N m/s, force in N or pressure in Pa of all sources."""
+    return {
+        name: np.column_stack([f.start + f.dt * np.arange(len(f.values)), f.values])
+        for name, f in project.inside.named.items()
+    }

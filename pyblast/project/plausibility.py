@@ -7,11 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..blasts.published_laws import HARD_ROCK, PlausibleRange, plausible_ppv
-from ..blasts.signature import superpose
+from ..blasts.signature import moment_velocity, superpose
 from ..errors import Finding
 from ..signals.seismogram import Seismogram
 from ..units import plain_number
-from .inputs import FREE_SURFACE, radiated, shape
+from .inputs import FREE_SURFACE, shape
+from .places import level_distance
 
 CODE = "D36"
 ESTIMATE = 3.0  # how far an estimate before the run may be off
@@ -164,18 +165,18 @@ def radiated_peak(project, distance: float) -> float:
     Isotropic source of moment M in unbounded rock, doubled at the free surface, all holes at one
     distance: ``v = 2 (M'/r^2 + M''/(r cp)) / (4 pi density cp^2)``, theory.md (13.9).
     """
-    inside, config = project.inside, project.config.holes_inside
-    rocks = project.materials
-    if config.charged_hole is not None:
-        rock = rocks[config.charged_hole.material]
-    else:
-        rock = max(rocks.values(), key=lambda material: material.cp)
+    inside, rock = project.inside, rock_of_holes(project)
     rate = inside.moment_rate
-    near = superpose(shape(rate, rate.values), inside.firing).velocity[:, 0]
-    far = superpose(radiated(rate), inside.firing).velocity[:, 0]
-    history = near / distance**2 + far / (distance * rock.cp)
-    size = 4.0 * math.pi * rock.density * rock.cp**2
-    return FREE_SURFACE * float(np.abs(history).max()) / size
+    alone = moment_velocity(rate.values, rate.dt, distance, rock.density, rock.cp)
+    history = superpose(shape(rate, alone), inside.firing).velocity[:, 0]
+    return FREE_SURFACE * float(np.abs(history).max())
+
+
+def rock_of_holes(project):
+    """Return the `Material` around the holes inside: as named, or the fastest of the model."""
+    hole, rocks = project.config.holes_inside.charged_hole, project.materials
+    fastest = max(rocks.values(), key=lambda material: material.cp)
+    return fastest if hole is None else rocks[hole.material]
 
 
 def implausible_level(peaks: Iterable[Peak], advice: str = "") -> Finding | None:
@@ -230,15 +231,18 @@ def _record_advice(peaks) -> str:
 
 def source_advice(config) -> str:
     """Return what sets the level of the source of a `Config`, and what to do about it."""
-    if config.holes_inside is not None and config.holes_inside.charged_hole is not None:
-        return (
-            "The pulse of the charged hole sets the level: give peak_mm_per_s and distance_m in "
-            "place of pressure_mpa, by your own records, your site law (pyblast sitelaw) or a "
-            "published one, or a moment_rate_file from records. A mesh too coarse for the pulse "
-            "(D1) lowers the level further."
-        )
-    if config.holes_inside is not None:
+    inside = config.holes_inside
+    if inside is not None and inside.moment_rate_file is not None:
         return "Check the moment_rate_file: N m/s of 1 kg; and blast.charge_exponent."
+    if inside is not None:
+        by_pressure = inside.charged_hole.pressure_mpa is not None
+        sets = "pressure_mpa and radius_m set" if by_pressure else "a law or a peak sets"
+        less = "leave out pressure_mpa for a published law, or better " if by_pressure else ""
+        return (
+            f"In the charged hole {sets} the level: {less}give a moment_rate_file from records of "
+            "a signature shot (pyblast source), your site_law (pyblast sitelaw), or "
+            "peak_mm_per_s and distance_m."
+        )
     if config.signature is not None and config.signature.cavity is not None:
         return (
             "The closed form sets the level: give peak_mm_per_s by your own records or site law "
@@ -253,16 +257,54 @@ def source_advice(config) -> str:
     return "Check the forces and pressures beside the blast."
 
 
-def level_words(hole) -> str:
+def level_words(hole, distance=None) -> str:
     """Return what the level of a `CavityConfig` or `ChargedHoleConfig` rests on."""
     if hole.pressure_mpa is not None:
         return f"its level by a pressure of {plain_number(hole.pressure_mpa)} MPa"
-    at = getattr(hole, "distance_m", None) or math.dist(hole.hole_m, hole.receiver_m)
+    at = distance or math.dist(hole.hole_m, hole.receiver_m)
     if hole.peak_mm_per_s is not None:
         rests = f"a peak of {plain_number(hole.peak_mm_per_s)} mm/s"
+    elif hole.site_law is not None:
+        law = hole.site_law
+        rests = (
+            f"the site's law {plain_number(law.k_mm_per_s)} mm/s "
+            f"(R/W^{plain_number(law.charge_exponent)})^-{plain_number(law.exponent)}"
+        )
     else:
         rests = f"the law {hole.law or HARD_ROCK.name}"
     return f"its level by {rests} at {plain_number(at)} m"
+
+
+# Where a level of holes comes from, the most trusted first.
+TRUST = ("records of a moment rate", "the site's own law or peak", "a published law", "a pressure")
+
+
+def level_rank(project) -> dict:
+    """Return what the level of the holes inside rests on, its rank in trust, and the low-pass."""
+    hole = project.config.holes_inside.charged_hole
+    if hole is None:
+        rank = 1
+    elif hole.pressure_mpa is not None:
+        rank = 4
+    else:
+        rank = 2 if hole.peak_mm_per_s is not None or hole.site_law is not None else 3
+    return {
+        "rests_on": TRUST[rank - 1], "rank_of_trust": rank, "of": len(TRUST),
+        "low_pass_hz": project.inside.low_pass,
+    }  # fmt: skip
+
+
+def moment_rate_words(project) -> str:
+    """Return where the moment rate of holes inside comes from, and how it was low-passed."""
+    config = project.config.holes_inside
+    words = str(config.moment_rate_file)
+    if config.charged_hole is not None:
+        distance = level_distance(project.config, project.blast)
+        words = f"closed form of a charged hole, {level_words(config.charged_hole, distance)}"
+    corner = project.inside.low_pass
+    if corner is not None:
+        words += f", low-passed at {plain_number(corner)} Hz"
+    return words
 
 
 def level_findings(project, peaks: Iterable[Peak]) -> tuple[Finding, ...]:

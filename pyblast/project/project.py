@@ -47,7 +47,6 @@ from .inputs import (
     read_inside,
     read_record,
     shifts_of,
-    single_source,
 )
 from .places import (
     check_absorbing_layer,
@@ -55,6 +54,7 @@ from .places import (
     make_absorbing_layer,
     place_receivers,
     place_sources,
+    single_source,
 )
 from .surface import make_surface
 
@@ -174,7 +174,7 @@ class Project:
     def inside(self) -> Inside:
         """Return the histories of all sources beside a motion on a face."""
         with named_error(self.path.name):
-            return read_inside(self.config, self.firing, self.materials, self.folder)
+            return read_inside(self)
 
     @_part
     def motions(self) -> tuple[Seismogram, ...]:

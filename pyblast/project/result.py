@@ -13,14 +13,15 @@ from ..blasts.compliance import METHOD, assess_all, conclusion
 from ..errors import Finding, ReadError
 from ..model.material import ConstantQ
 from ..model.source import Column, Hole, MomentTensor, PointForce
+from ..recordings.tables import instrument_table
 from ..signals.seismogram import Named, Seismogram, html_table
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
 from ..solver.model_file import read_arrays, write_arrays
 from ..solver.preparation import versions
+from . import plausibility
 from .ground import joint_of_surface
-from .inputs import input_band, instrument_table
+from .inputs import input_band
 from .places import blast_table, house_positions, undamped_plane
-from .plausibility import level_table, level_words, peak_of, plausible_at, window_at
 
 KIND = "result"
 
@@ -228,7 +229,7 @@ def summarise(project, checked, run, simulated, comparisons):
         "undamped": undamped_plane(project),
         "houses": house_positions(project),
         "instruments": {
-            part.name: instrument_table(part.recorded, project.records[part.name])
+            part.name: instrument_table(project.records[part.name], vars(part.recorded))
             for part in project.config.receivers
             if part.recorded is not None
         },
@@ -316,7 +317,7 @@ def input_table(project):
         "face": config.input.face,
         "holes": len(stages.firing.times),
         "instants": sorted({float(t) for t in np.round(stages.firing.times, 6)}),
-        "signature": f"closed form of a charged hole, {level_words(cavity)}"
+        "signature": f"closed form of a charged hole, {plausibility.level_words(cavity)}"
         if cavity is not None else f"recorded, {config.signature.recorded.file}",
         "signature_distance": (
             None if cavity is None else math.dist(cavity.hole_m, cavity.receiver_m)
@@ -333,14 +334,6 @@ def input_table(project):
     }  # fmt: skip
 
 
-def source_tables(project):
-    """Return time in s and moment rate in N m/s, force in N or pressure in Pa of all sources."""
-    return {
-        name: np.column_stack([f.start + f.dt * np.arange(len(f.values)), f.values])
-        for name, f in project.inside.named.items()
-    }
-
-
 def source_summary(project):
     """Return position, charge and time of holes, other sources, the absorbing layer."""
     holes = [source for source in project.sources if isinstance(source, (Hole, Column))]
@@ -352,10 +345,8 @@ def source_summary(project):
             {"position": centre, "charge": s.charge, "time": s.time - project.lead}
             for centre, s in zip(centres, holes, strict=True)
         ],
-        "moment_rate": config and (
-            config.moment_rate_file
-            or f"closed form of a charged hole, {level_words(config.charged_hole)}"
-        ),
+        "moment_rate": config and plausibility.moment_rate_words(project),
+        "level": config and plausibility.level_rank(project),
         "exponent": holes[0].exponent if holes else None,
         "spread": getattr(holes[0], "spread", None) if holes else None,
         "detonation": config and config.detonation_m_per_s,
@@ -393,13 +384,19 @@ def receiver_tables(project, simulated):
     tables = {}
     for receiver in project.receivers:
         name = receiver.name
-        peaks = [peak_of(group[name]) for group in (simulated, project.recorded) if name in group]
+        peaks = [
+            plausibility.peak_of(group[name])
+            for group in (simulated, project.recorded)
+            if name in group
+        ]
         tables[name] = {
             "position": list(receiver.position),
             "azimuth": receiver.azimuth,
             "simulated": motion_table(simulated[name]),
             "recorded": motion_table(project.recorded[name]) if name in project.recorded else None,
-            **level_table(plausible_at(project, receiver.position), peaks),
+            **plausibility.level_table(
+                plausibility.plausible_at(project, receiver.position), peaks
+            ),
         }
     return tables
 
@@ -409,7 +406,7 @@ def compliance_table(project, simulated):
     curves = project.config.run.limit_curves
     rows = assess_all(
         {"recorded": project.recorded, "simulated": simulated},
-        {r.name: window_at(project, r.position) for r in project.receivers},
+        {r.name: plausibility.window_at(project, r.position) for r in project.receivers},
         curves,
     )
     tables = [row.table() for row in rows]

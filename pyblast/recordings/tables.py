@@ -3,10 +3,10 @@
 import difflib
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -440,3 +440,31 @@ def _refuse_commas(path, rows):
             raise InputError(
                 f"{path}, line {line}: found a decimal comma, the mapping says decimal = '.'"
             )
+
+
+HEADERS = {  # names of these in the headers of recorders
+    "calibration_date": ("calibration", "calibrated", "date of calibration", "calibration date"),
+    "location": ("location", "location:", "titlestring1", "monitor location"),
+    "operator": ("operator", "user name", "user name:"),
+}
+
+
+def instrument_table(recording: Any, given: Mapping[str, str | None]) -> dict:
+    """Return serial number, calibration, location, operator and time of a record.
+
+    Parameters
+    ----------
+    recording : Recording
+    given : mapping of str to str or None
+        Keys such as "serial_number", which go before the header; None where neither has a value.
+    """
+    header = {
+        str(key).strip().lower(): str(value).strip() for key, value in recording.header.items()
+    }
+    table = {"instrument": recording.instrument or None, "time": recording.time or None}
+    table["serial_number"] = given.get("serial_number") or recording.serial or None
+    table |= {"overpressure": recording.peak_overpressure, "db": recording.peak_overpressure_db}
+    for key, names in HEADERS.items():
+        written = next((header[name] for name in names if header.get(name, "?") != "?"), None)
+        table[key] = given.get(key) or written or None
+    return table

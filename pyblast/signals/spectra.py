@@ -270,6 +270,14 @@ def lowpass(seismogram: Seismogram, corner: float = LOW_PASS) -> LowPassed:
     return LowPassed(passed, removed, change, corner, MINUS_3_DB * corner)
 
 
+def highest_frequency(motion: Seismogram) -> float:
+    """Return the frequency in Hz below which 95 % of the energy of a motion lies."""
+    velocity = np.nan_to_num(motion.velocity)
+    power = (np.abs(np.fft.rfft(velocity, axis=0)) ** 2).sum(axis=1)
+    frequency = np.fft.rfftfreq(len(velocity), motion.dt)
+    return float(frequency[np.searchsorted(np.cumsum(power), 0.95 * power.sum())])
+
+
 def _without_mean(seismogram):
     """Subtract the mean of each component."""
     velocity = seismogram.velocity - np.mean(seismogram.velocity, axis=0)

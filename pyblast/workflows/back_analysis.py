@@ -1,4 +1,4 @@
-"""Back-analysis and survey design of a project: search, confirmation, files, report."""
+"""Back-analysis, survey design, moment rate of a project: search, confirmation, files, report."""
 
 import json
 from collections.abc import Sequence
@@ -20,13 +20,23 @@ from ..back_analysis.search import (
 )
 from ..back_analysis.survey_design import SurveyDesign, survey_design_of
 from ..back_analysis.trials import TrialLog, Trials, identity
+from ..back_analysis.waveforms import (
+    FINE,
+    KNOTS_PER_PERIOD,
+    PER_KNOT,
+    MomentRateFit,
+    fit_moment_rate,
+    spline,
+)
 from ..config.config import BackAnalysisConfig
-from ..errors import Finding, PyblastError
+from ..errors import Finding, InputError, PyblastError
 from ..inference.likelihood import MISFITS
+from ..model.source import TimeFunction
 from ..project.checks import check
+from ..project.places import carried_frequency
 from ..project.plausibility import CODE as LEVEL
 from ..project.project import Project, load_project
-from ..project.result import comparison_table, motion_table, write_summary
+from ..project.result import comparison_table, motion_table, write_summary, write_text
 from ..report.back_analysis import summarise_posterior, write_search_report
 from ..report.survey_design import (
     beside_laboratory,
@@ -34,9 +44,11 @@ from ..report.survey_design import (
     summarise_survey,
     write_survey_report,
 )
+from ..runs.greens import refuse_what_does_not_superpose
 from ..runs.parallel import input_hash
 from ..signals.comparison import in_common
 from ..solver.preparation import versions
+from ..solver.run import simulate as simulate_model
 from . import Interrupted, Progress, Say, new_folder, result_folder, silent
 
 TRIALS = "trials.jsonl"
@@ -284,3 +296,84 @@ def _blast_table(confirmed):
         "strength": {name: asdict(strength) for name, strength in confirmed.strength.items()},
         "factor": confirmed.factor,
     }
+
+
+RATE, UNCERTAINTY, SOURCE = "moment_rate.csv", "moment_rate_uncertainty.csv", "source.json"
+PULSE = 0.15  # s, default length of the moment rate
+
+
+def find_moment_rate(
+    project: Project | str | Path,
+    out: str | Path | None = None,
+    *,
+    length: float = PULSE,
+    progress: Progress | None = None,
+) -> tuple[MomentRateFit, Path]:
+    """Find the moment rate of 1 kg from the records of a signature shot in a project.
+
+    Parameters
+    ----------
+    project : Project or path
+        With holes inside, of one or more holes, and records; its moment rate is not used.
+    out : path, optional
+        Folder of numbered folders; default ``source`` beside the project file.
+    length : float, s
+        Of the moment rate, from when a hole fires.
+    progress : callable, optional
+
+    Returns
+    -------
+    MomentRateFit
+    Path
+        Folder with ``moment_rate.csv``, ``moment_rate_uncertainty.csv`` and ``source.json``.
+
+    Raises
+    ------
+    InputError
+        If there are no holes inside or no records, or the ground is not linear.
+
+    Notes
+    -----
+    One run with a cubic B-spline as moment rate gives the response to each of its shifts, and the
+    records are a sum of these: theory.md (9.7), (9.8).
+    """
+    project = project if isinstance(project, Project) else load_project(project)
+    if project.inside.moment_rate is None or not project.recorded:
+        raise InputError(
+            f"{project.path.name}: a moment rate is found from holes_inside and from records of "
+            "receivers; add receivers.recorded and the table [holes_inside.charged_hole]"
+        )
+    band = carried_frequency(project)
+    wanted = project.config.run.compare_band_hz
+    band = band if wanted is None else min(band, wanted[1])
+    dt = 1.0 / (KNOTS_PER_PERIOD * PER_KNOT * band)
+    knot = PER_KNOT * dt
+    count = int(np.ceil(length / knot)) - 3
+    if count < 4:
+        shortest = f"{7.0 * knot:.3g} s for motion up to {band:.3g} Hz"
+        raise InputError(f"length: must be at least {shortest}, got {length:g} s")
+    pulse = spline(np.arange(0.0, 4.0 + 1e-9, 1.0 / (FINE * PER_KNOT)))
+    unit = TimeFunction(pulse, dt / FINE)
+    inside = replace(project.inside, moment_rate=unit, low_pass=None)
+    given = {**project.given, "inside": inside, "mesh": project.mesh}
+    probe = replace(project, given=given)
+    refuse_what_does_not_superpose(probe.model)
+    run = simulate_model(probe.model, probe.duration, progress=progress)
+    motion = {name: s.shifted(-probe.lead) for name, s in run.seismograms.items()}
+    fit = fit_moment_rate(motion, project.recorded, band, dt, count)
+    folder = new_folder(out or project.folder / "source")
+    _write_rate(folder, fit, project)
+    return fit, folder
+
+
+def _write_rate(folder, fit, project):
+    """Write the moment rate, its uncertainty and the figures."""
+    head = "time_s,moment_rate_per_kg_Nm_per_s"
+    rows = [f"{t:.9g},{m:.9g}" for t, m in zip(fit.times, fit.rate, strict=True)]
+    write_text(folder / RATE, "\n".join([head, *rows]) + "\n")
+    lines = [f"{row},{s:.9g}" for row, s in zip(rows, fit.deviation, strict=True)]
+    head += ",standard_deviation_Nm_per_s"
+    write_text(folder / UNCERTAINTY, "\n".join([head, *lines]) + "\n")
+    summary = {"project": project.path.name, "exponent": project.config.blast.charge_exponent}
+    stamp = versions(input_hash(project.model, project.duration))
+    write_summary(folder / SOURCE, {**fit.summary, **summary, "versions": stamp})

@@ -14,6 +14,7 @@ from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
 from ..project.inputs import input_band
+from ..project.places import source_tables
 from ..project.plausibility import CODE as LEVEL
 from ..project.plausibility import (
     Peak,
@@ -30,7 +31,6 @@ from ..project.result import (
     read_result,
     record_findings,
     seismogram_heads,
-    source_tables,
     summarise,
     write_csv,
     write_result,

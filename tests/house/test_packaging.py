@@ -48,3 +48,35 @@ def test_links_of_readme_and_documents_lead_somewhere():
     for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
         for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_readme_stays_within_two_screens():
+    assert len(text("README.md").splitlines()) <= 105
+
+
+def test_grids_need_no_gmsh_and_text_records_no_obspy():
+    code = (
+        "import sys, pyblast; pyblast.structured_box((2, 2, 2), (1.0, 1.0, 1.0)); "
+        "import pyblast.recordings.recording; "
+        "sys.exit(bool({'gmsh', 'obspy', 'matplotlib'} & set(sys.modules)))"
+    )
+
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_wrong_project_is_refused_before_the_slow_imports(tmp_path):
+    (tmp_path / "project.toml").write_text('title = "nothing"')
+    code = (
+        "import sys\nfrom pyblast.cli.commands import app\n"
+        "try:\n    app(['check', sys.argv[1]], prog_name='pyblast')\n"
+        "except SystemExit as end:\n    assert end.code == 2\n"
+        "slow = {'obspy', 'h5py', 'matplotlib', 'scipy.stats', 'scipy.signal', 'scipy.optimize'}\n"
+        "sys.exit(str(slow & set(sys.modules)) if slow & set(sys.modules) else 0)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path / "project.toml")],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+
+    assert done.returncode == 0, done.stderr
+    assert "mesh, materials, run: missing; add them" in done.stderr

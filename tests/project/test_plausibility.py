@@ -7,14 +7,18 @@ import pytest
 from small_project import INSIDE, written
 
 from pyblast.blasts.blast import Blast
-from pyblast.blasts.published_laws import BY_NAME, plausible_ppv
+from pyblast.blasts.published_laws import BY_NAME, HARD_ROCK, plausible_ppv
+from pyblast.blasts.signature import moment_velocity
 from pyblast.errors import InputError
+from pyblast.project.inputs import input_band
 from pyblast.project.plausibility import (
     Peak,
     expected_peaks,
     implausible_level,
     input_peaks,
     level_findings,
+    level_rank,
+    moment_rate_words,
     plausible_at,
     radiated_peak,
 )
@@ -98,13 +102,13 @@ def test_a_level_by_a_peak_is_the_one_of_the_peak(tmp_path):
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
-        ("", "give one of pressure_mpa; peak_mm_per_s; law"),
-        ("law = 'AS 2187.2-1993'", "distance_m goes with peak_mm_per_s or law"),
-        ("pressure_mpa = 9\ndistance_m = 9", "distance_m goes with peak_mm_per_s or law"),
+        ("pressure_mpa = 9\nlaw = 'Oriard 1972'", "give pressure_mpa or law, not both"),
+        ("peak_mm_per_s = 9", "distance_m is missing beside peak_mm_per_s"),
+        ("pressure_mpa = 9\ndistance_m = 9", "distance_m goes with a peak or a law"),
         ("law = 'USBM'\ndistance_m = 9", "law: must be one of Oriard 1972, .*, got 'USBM'"),
     ],
 )
-def test_a_level_that_is_none_or_two_is_refused(tmp_path, keys, message):
+def test_two_levels_or_half_of_one_are_refused(tmp_path, keys, message):
     with pytest.raises(InputError, match=message):
         load_project(written(tmp_path, ("pressure_mpa = 100", keys), text=INSIDE))
 
@@ -199,3 +203,54 @@ def test_no_motion_at_all_is_outside():
 
     assert "0 mm/s, no motion" in found.text
     assert found.failed
+
+
+def peak_at(project, distance):
+    """Return the velocity on the ground at a distance of one hole of the project, m/s."""
+    rate, rock = project.inside.moment_rate, project.materials["rock"]
+    motion = moment_velocity(rate.values, rate.dt, distance, rock.density, rock.cp)
+    return 2.0 * 50.0 * np.abs(motion).max()
+
+
+def test_without_a_level_the_hole_has_that_of_the_law_for_hard_rock_at_the_receivers(tmp_path):
+    project = load_project(written(tmp_path, ("pressure_mpa = 100\n", ""), text=INSIDE))
+
+    (receiver,) = project.config.receivers
+    middle = project.blast.centres[:, :2].mean(axis=0)
+    distance = math.dist(receiver.position_m[:2], middle)
+    assert peak_at(project, distance) == pytest.approx(HARD_ROCK.ppv(distance, 50.0), rel=1e-9)
+    assert finding_of(project.path) == ()
+    assert level_rank(project)["rank_of_trust"] == 3
+
+
+def test_a_law_of_the_site_goes_before_a_published_one_and_scales_the_hole(tmp_path):
+    law = "distance_m = 40\nsite_law = { k_mm_per_s = 700, exponent = 1.4 }\n"
+    project = load_project(written(tmp_path, ("pressure_mpa = 100\n", law), text=INSIDE))
+
+    assert peak_at(project, 40.0) == pytest.approx(0.7 * (40.0 / 50.0**0.5) ** -1.4, rel=1e-9)
+    assert level_rank(project)["rank_of_trust"] == 2
+    assert "(R/W^0.5)^-1.4 at 40 m" in moment_rate_words(project)
+
+
+def test_a_pulse_too_short_for_the_mesh_is_low_passed_and_keeps_its_level(tmp_path):
+    change = ("pressure_mpa = 100\n", "distance_m = 40\nlaw = 'Oriard 1972'\n")
+    short = ("peak_time_ms = 40", "peak_time_ms = 1")
+    assert short[0] in INSIDE
+
+    project = load_project(written(tmp_path, change, short, text=INSIDE))
+
+    carried = min(project.model.highest_frequency().values())
+    assert input_band(project) <= carried
+    assert project.inside.low_pass < carried
+    peak = BY_NAME["Oriard 1972"].ppv(40.0, 50.0)
+    assert peak_at(project, 40.0) == pytest.approx(peak, rel=1e-9)
+    assert "low-passed at" in moment_rate_words(project)
+
+
+def test_a_pulse_that_the_mesh_carries_stays_as_it_is(tmp_path):
+    slow = ("peak_time_ms = 40", "peak_time_ms = 200")
+
+    project = load_project(written(tmp_path, slow, text=INSIDE))
+
+    assert project.inside.low_pass is None
+    assert project.inside.moment_rate.start == 0.0

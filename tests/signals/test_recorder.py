@@ -119,3 +119,102 @@ def test_an_anti_alias_filter_above_half_the_sampling_does_nothing():
 def test_nonsense_is_refused(make):
     with pytest.raises(InputError, match=r"recorder\..* must be positive"):
         make(-1.0)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.05, 0.7])
+def test_an_oscillator_follows_a_step_of_acceleration_exactly(damping):
+    natural, steps = 2.0 * np.pi * 7.0, 900
+    after = DT * np.arange(steps + 1)
+    turn, drag = natural * np.sqrt(1.0 - damping**2), damping * natural
+    wave = np.exp(-drag * after) * (np.cos(turn * after) + drag / turn * np.sin(turn * after))
+
+    moved, speed = recorder.oscillator(np.full(steps, 3.0), DT, 7.0, damping)
+
+    np.testing.assert_allclose(moved, -3.0 / natural**2 * (1.0 - wave), atol=1e-14)
+    np.testing.assert_allclose(
+        speed, -3.0 / turn * np.exp(-drag * after) * np.sin(turn * after), atol=1e-13
+    )
+
+
+def test_stiff_oscillators_feel_the_acceleration_and_soft_ones_the_displacement_of_the_ground():
+    motion = wave(10.0)
+    ground = np.abs(np.cumsum(motion.velocity, axis=0) * DT).max(axis=0)
+    largest = np.abs(np.diff(motion.velocity, axis=0) / DT).max(axis=0)
+
+    spectra = recorder.response_spectra(motion, [0.02, 400.0], damping=0.05)
+
+    np.testing.assert_allclose(spectra.sd[0], ground, rtol=0.02)
+    np.testing.assert_allclose(spectra.sa[1], largest, rtol=0.02)
+
+
+@pytest.mark.parametrize("damping", [0.05, 0.1])
+def test_at_resonance_a_long_wave_is_amplified_by_half_over_the_damping(damping):
+    motion = np.sin(2.0 * np.pi * 10.0 * TIMES)
+    steady = Seismogram(np.stack([motion] * 3, axis=1), DT)
+
+    spectra = recorder.response_spectra(steady, [10.0], damping)
+
+    assert spectra.psv[0, 0] == pytest.approx(1.0 / (2.0 * damping), rel=0.01)
+
+
+def test_missing_components_have_no_spectra_and_nonsense_is_refused():
+    motion = wave(10.0)
+    alone = Seismogram(motion.velocity * [1.0, np.nan, 1.0], DT)
+
+    assert np.isnan(recorder.response_spectra(alone, [5.0]).sd[0]).tolist() == [False, True, False]
+    with pytest.raises(InputError, match="frequency: must be positive"):
+        recorder.response_spectra(motion, [0.0])
+    with pytest.raises(InputError, match="damping: must lie from 0 to below 1, got 1"):
+        recorder.response_spectra(motion, [5.0], 1.0)
+
+
+def test_a_building_of_one_storey_is_an_oscillator():
+    motion, hz = wave(10.0), 6.0
+    stiffness = 5e3 * (2.0 * np.pi * hz) ** 2
+
+    moved = recorder.shear_building(motion, [5e3], [stiffness], 0.05)
+
+    slope = np.diff(motion.velocity[:, 0]) / DT
+    np.testing.assert_allclose(
+        moved[:, 0, 0], recorder.oscillator(slope, DT, hz, 0.05)[0], atol=1e-15
+    )
+
+
+def test_a_building_under_steady_acceleration_leans_as_its_weight_says():
+    ramp = Seismogram(np.stack([TIMES] * 3, axis=1), DT)  # 1 m/s2
+    mass, stiffness = np.array([4e4, 3e4, 2e4]), np.array([9e7, 7e7, 5e7])
+
+    moved = recorder.shear_building(ramp, mass, stiffness, 0.9)
+
+    shear = np.cumsum(mass[::-1])[::-1]  # carried by each storey
+    np.testing.assert_allclose(moved[-1, :, 0], -np.cumsum(shear / stiffness), rtol=1e-6)
+
+
+def test_masses_and_stiffnesses_go_in_pairs():
+    with pytest.raises(InputError, match="a positive mass and stiffness for each floor"):
+        recorder.shear_building(wave(10.0), [1e3, 1e3], [1e6])
+
+
+GROUND = {"cp": 3000.0, "cs": 1500.0, "density": 2400.0, "radius": 3.0}
+
+
+def test_a_lining_without_stiffness_ovals_as_an_open_circle_after_kirsch():
+    poisson = 1.0 / 3.0
+
+    soft = recorder.tunnel_strain(0.05, 5.0, **GROUND, thickness=1e-3, lining_young=1e6)
+
+    assert soft.ovaling == pytest.approx(2.0 * (1.0 - poisson) * 0.05 / 1500.0, rel=1e-6)
+    assert soft.shear == pytest.approx(0.05 / 1500.0)
+    assert soft.bending == pytest.approx(3.0 * 5.0 / 1500.0**2)
+
+
+def test_the_lining_bends_as_its_ovaling_says():
+    strain = recorder.tunnel_strain(
+        0.05, 5.0, **GROUND, thickness=0.02, lining_young=30e9, lining_poisson=0.0
+    )
+
+    # u = r dD/D cos 2a bends the ring by 3 u / r^2.
+    bent = 3.0 * strain.ovaling / 3.0 * 0.01
+    assert strain.hoop == pytest.approx(bent, rel=0.03)
+    with pytest.raises(InputError, match=r"tunnel_strain.thickness: must be positive, got 0"):
+        recorder.tunnel_strain(0.05, 5.0, **GROUND, thickness=0.0, lining_young=30e9)
