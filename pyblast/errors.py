@@ -26,11 +26,11 @@ EXIT_CODES = {
 SOLVER_FAILED, WRONG_INPUT, NOT_TRUSTED, INTERRUPTED = 1, 2, 3, 130
 
 
-_POWER = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e\+\d{2}(?!\w)")
+_POWER = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e\+(?:0\d|1[0-4])(?!\w)")
 
 
 def written_out(text: str) -> str:
-    """Write numbers such as 1.5e+07 of a sentence without powers of ten.
+    """Write numbers below 1e15, such as 1.5e+07, of a sentence without powers of ten.
 
     Examples
     --------

@@ -9,15 +9,19 @@ import pytest
 from pyblast.back_analysis.parameters import check_parameters
 from pyblast.inference.parameter import Parameter
 
-SCRIPT = Path(__file__).parents[2] / "examples" / "gol_e_gohar" / "twin.py"
+FOLDER = Path(__file__).parents[2] / "examples" / "gol_e_gohar"
+
+
+def loaded(name):
+    spec = spec_from_file_location(name, FOLDER / f"{name}.py")
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="module")
 def twin():
-    spec = spec_from_file_location("twin", SCRIPT)
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded("twin")
 
 
 @pytest.mark.parametrize("real", [False, True])
@@ -42,3 +46,14 @@ def test_noise_has_unit_level_and_repeats_with_its_seed(twin):
     assert first.std(axis=0) == pytest.approx([1.0] * 3, rel=1e-12)
     assert np.array_equal(first, second)
     assert origin
+
+
+def test_the_table_beside_the_paper_takes_the_place_of_the_last_one():
+    paper = loaded("paper")
+    row = {"quantity": "PPV", "unit": "mm/s", "measured": "a", "3DEC": "b",
+           "pyblast": {"vertical": 2.5}, "reason": "c"}  # fmt: skip
+    run = {"zones": 9, "duration": 2.0, "steps": 7, "wall_seconds": 1.0, "failed_checks": ["D4"]}
+    text = paper.page(paper.PAGE.read_text(encoding="utf-8"), {"rows": [row], "run": run})
+
+    assert "| PPV, mm/s | a | b | vertical 2.5 | c |" in text
+    assert paper.page(text, {"rows": [row], "run": run}) == text
