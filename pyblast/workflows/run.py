@@ -49,6 +49,7 @@ from ..report.maps import (
 )
 from ..report.run import write_report
 from ..signals.comparison import Comparison, compare
+from ..signals.recorder import response_spectra
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..signals.spectra import smoothed_spectrum
 from ..solver import preparation
@@ -378,10 +379,10 @@ def _times(factor, value):
 
 
 def write_curves(folder: Path, result: Result) -> None:
-    """Write every motion of a result as a CSV table that `read_recording` reads, and its spectrum.
+    """Write every motion of a result as a CSV table that `read_recording` reads, and its spectra.
 
-    The files are ``GROUP_RECEIVER.csv`` and ``GROUP_RECEIVER_spectrum.csv``, for the groups input,
-    simulated and recorded.
+    The files are ``GROUP_RECEIVER.csv``, with ``_spectrum`` the smoothed spectrum, with
+    ``_response`` PSV, SD and SA at 5 % damping, for the groups input, simulated and recorded.
     """
     try:
         folder.mkdir(exist_ok=True)
@@ -395,6 +396,14 @@ def write_curves(folder: Path, result: Result) -> None:
             write_text(folder / f"{stem}_spectrum.csv", csv_table(
                 ("frequency_hz", *(f"{c}_m" for c in motion.components)),
                 np.column_stack([spectrum.frequency, spectrum.amplitude]),
+            ))  # fmt: skip
+            response = response_spectra(motion)
+            kinds = {"psv_{}_m_per_s": response.psv, "sd_{}_m": response.sd,
+                     "sa_{}_m_per_s2": response.sa}  # fmt: skip
+            heads = [kind.format(c) for kind in kinds for c in motion.components]
+            write_text(folder / f"{stem}_response.csv", csv_table(
+                ("frequency_hz", *heads),
+                np.column_stack([response.frequency, *kinds.values()]),
             ))  # fmt: skip
 
 

@@ -46,10 +46,16 @@ def test_every_curve_of_a_run_is_a_table_that_is_read_again(tmp_path):
         "seismograms": heads}))  # fmt: skip
 
     names = sorted(path.name for path in (tmp_path / "curves").iterdir())
-    assert names == ["simulated_house_1_2.csv", "simulated_house_1_2_spectrum.csv"]
+    assert names == [
+        "simulated_house_1_2.csv",
+        "simulated_house_1_2_response.csv",
+        "simulated_house_1_2_spectrum.csv",
+    ]
     again = read_recording(tmp_path / "curves" / names[0])[0].seismogram
     np.testing.assert_allclose(again.velocity, motion, atol=1e-11)
-    spectrum = np.loadtxt(tmp_path / "curves" / names[1], delimiter=",", skiprows=1)
+    spectrum = np.loadtxt(tmp_path / "curves" / names[2], delimiter=",", skiprows=1)
+    response = np.loadtxt(tmp_path / "curves" / names[1], delimiter=",", skiprows=1)
+    assert response.shape[1] == 10
     assert spectrum.shape[1] == 4
     assert np.all(np.diff(spectrum[:, 0]) > 0.0)
 
