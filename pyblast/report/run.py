@@ -457,8 +457,7 @@ def number(value, digits=3):
         return "–"
     if not isinstance(value, float):
         return str(value)
-    text = f"{value:.{digits}g}"
-    return f"{float(text):.0f}" if 1e3 <= abs(value) < 1e9 else text
+    return plain_number(value, digits) if abs(value) < 1e9 else f"{value:.{digits}g}"
 
 
 def scaled(value, factor, digits=3):
