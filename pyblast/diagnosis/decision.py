@@ -85,7 +85,8 @@ def decide(
 
     Notes
     -----
-    A name requires evidence above the null threshold, on the finer mesh too; a lead over every
+    A name requires evidence above the null threshold, on the finer mesh too; beside other effects,
+    that a receiver with an effect of its own is the worst explained without it; a lead over every
     other label; predicted held-out records; little that remains unexplained; and a budget that
     sufficed for the other effects. An effect that these records cannot test
     (`Hypothesis.untestable`) is never named: all effects that explain much form its class. Leads
@@ -238,12 +239,25 @@ def _pruned(search, threshold):
                 search.delta_ln_evidence(chosen) - search.delta_ln_evidence(base)
                 >= _required_evidence(threshold, chosen, label)
                 and cross_validate(search.scene, base, chosen).supports
+                and _stands_out(search.scene.case.receivers, base, chosen, label)
             )
         ]  # fmt: skip
         if not as_good:
             break
         chosen = max(as_good, key=search.delta_ln_evidence)
     return chosen
+
+
+def _stands_out(receivers, base, chosen, label):
+    """Tell whether receivers with an effect of their own are the worst explained without it.
+
+    Errors of the ground repeat in each blast, so that an effect at any one receiver takes up its
+    share of what the other effects leave everywhere.
+    """
+    own = [e for e in chosen.effects if e.label == label and e.hypothesis.axis == "blasts"]
+    alone = np.isin(receivers, [effect.target for effect in own])
+    chi_square = base.chi_square.mean(axis=0)
+    return not alone.any() or chi_square[alone].min() >= chi_square[~alone].max(initial=0.0)
 
 
 def _each_is_tested(search, chosen, tested):

@@ -11,7 +11,14 @@ from small_site import recorded, scene_of, small_site
 
 import pyblast.diagnosis.library  # noqa: F401  fills the library
 from pyblast.diagnosis.cross_validation import CrossValidation, cross_validate
-from pyblast.diagnosis.decision import RESOLUTION, _without, decide, intervals, on_finer_mesh
+from pyblast.diagnosis.decision import (
+    RESOLUTION,
+    _stands_out,
+    _without,
+    decide,
+    intervals,
+    on_finer_mesh,
+)
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.forward import Forward
@@ -53,6 +60,16 @@ def test_records_of_which_an_effect_says_nothing_are_no_fold():
     found = cross_validate(here, slow, replace(both, motion=motion))
 
     assert [fold.name for fold in found.subsets] == ["R0", "R1", "R2"]
+
+
+def test_an_effect_of_a_receiver_beside_others_is_at_the_one_that_is_worst_explained():
+    here, _, slow, loud, both = fits()
+    names, (clock, charge) = here.case.receivers, both.effects
+    elsewhere = replace(both, effects=(replace(clock, target="R0"), charge))
+
+    assert _stands_out(names, loud, both, "clock_error")
+    assert not _stands_out(names, loud, elsewhere, "clock_error")
+    assert _stands_out(names, slow, elsewhere, charge.label)  # one of a blast needs not
 
 
 def test_the_base_of_a_set_is_the_fit_of_the_same_effects_at_the_same_places():
