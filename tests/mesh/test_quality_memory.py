@@ -158,5 +158,5 @@ def test_a_grid_that_does_not_fit_is_refused_before_it_is_made(machine):
 def test_a_mesh_that_does_not_fit_is_refused_before_gmsh_begins(machine):
     machine(1e3)
 
-    with pytest.raises(InputError, match=r"build_mesh: a mesh of about 1\.1e\+07 zones needs"):
+    with pytest.raises(InputError, match=r"build_mesh: a mesh of about 11000000 zones needs"):
         build_mesh(((0, 100), (0, 100), (0, 100)), [Layer("rock")], edge=1.0)
