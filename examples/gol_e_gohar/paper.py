@@ -85,8 +85,8 @@ def lines(found):
     fails = ", ".join(run["failed_checks"]) or "none"
     told = [
         f"{run['zones']} zones, {run['duration']:g} s of motion in {run['steps']} steps, "
-        f"{run['wall_seconds']:.0f} s for stress before the blast and motion. Checks that fail: "
-        f"{fails}.",
+        f"{run['wall_seconds']:.0f} s for stress before the blast and motion.",
+        f"Checks that fail: {fails}.",
         "",
         "| | paper, measured | paper, 3DEC | pyblast | reason of the difference |",
         "|---|---|---|---|---|",

@@ -223,9 +223,7 @@ def test_it_refuses_where_contacts_of_a_full_run_slip():
 
 
 def test_it_refuses_what_it_was_not_trained_for(small):
-    with pytest.raises(
-        InputError, match="reduced.kn: trained from 10{9} to 40{9}, got 50{9}"
-    ):
+    with pytest.raises(InputError, match=r"reduced.kn: trained from 10{9} to 40{9}, got 50{9}"):
         small.predict({**VALUES, "kn": 5e9})
     with pytest.raises(InputError, match="reduced: needs values of kn, ks, ratio, got kn"):
         small.predict({"kn": 2e9})
