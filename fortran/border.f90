@@ -4,6 +4,7 @@ module pyblast_border
     !! f2py reads this file, and no routine of it may have a derived type among its arguments. Each
     !! routine associates its arrays with the components of the types and calls a routine of the
     !! same task. Arguments are explained at the components in `pyblast_model_types`.
+    use omp_lib, only : omp_get_max_threads
     use pyblast_kinds, only : dp, hex_width, n_energies, n_joint_properties, n_joint_state, n_sums, &
         n_zone_properties, n_zone_state
     use pyblast_batch, only : n_batch
@@ -22,6 +23,7 @@ module pyblast_border
     private
     public :: advance, stored_at_rest
     public :: load_forces, reaction_forces, update_memory, viscous_forces, zone_forces
+    public :: n_threads
 
 contains
 
@@ -347,5 +349,10 @@ contains
         nodes = nodal_state(displacement=displacement, velocity=velocity, memory=memory)
         call follow(memory_rate, dt, nodes)
     end subroutine update_memory
+
+    integer function n_threads()
+        !! Number of threads that a run from this thread takes.
+        n_threads = omp_get_max_threads()
+    end function n_threads
 
 end module pyblast_border

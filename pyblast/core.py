@@ -111,6 +111,11 @@ def joint_bound(law, row):
     return _core.pyblast_joint_laws.joint_bound(law.number + 1, row)
 
 
+def n_threads():
+    """Return the number of OpenMP threads of a run that the calling thread starts."""
+    return int(_core.pyblast_border.n_threads())
+
+
 def stored_at_rest(constants, state):
     """Return the initial energy of the contacts, (n_contacts,) J/m2."""
     names = ("contact_normal", "contact_joint", "joint_law", "joint_property", "contact_initial")

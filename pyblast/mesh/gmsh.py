@@ -1,6 +1,7 @@
 """Tetrahedral meshing of cells by gmsh, and smoothing of thin zones."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
@@ -304,8 +305,9 @@ def _fill(gmsh):
     triangles = sum(len(tags) for tags in gmsh.model.mesh.getElements(2)[1])
     if triangles >= _MANY:
         gmsh.option.setNumber("Mesh.Algorithm3D", _HXT)
-        with suppress(Exception):
-            gmsh.model.mesh.generate(3)
+        # HXT sets the number of OpenMP threads of the thread that calls it, and leaves it at one.
+        with suppress(Exception), ThreadPoolExecutor(1) as own:
+            own.submit(gmsh.model.mesh.generate, 3).result()
             return
         gmsh.option.setNumber("Mesh.Algorithm3D", _DELAUNAY)
     gmsh.model.mesh.generate(3)

@@ -3,7 +3,6 @@
 import hashlib
 import logging
 import math
-import os
 import platform
 import time
 from collections.abc import Callable, Iterator
@@ -51,7 +50,7 @@ def versions(input_hash: str) -> dict[str, str]:
         "input_sha256": input_hash,
         "python": platform.python_version(),
         "machine": platform.machine(),
-        "threads": os.environ.get("OMP_NUM_THREADS", str(os.cpu_count())),
+        "threads": str(core.n_threads()),
         **{name: installed(name) for name in LIBRARIES},
     }
 

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from pyblast.mesh import tetrahedra
-from pyblast.mesh.builder import structured_box
+from pyblast import core
+from pyblast.mesh import gmsh, tetrahedra
+from pyblast.mesh.builder import Layer, build_mesh, structured_box
 from pyblast.mesh.gmsh import smoothed, tangent_projectors, thinness
 
 SIDES = ("west", "east", "south", "north", "bottom", "top")
@@ -66,3 +67,12 @@ def test_a_good_mesh_is_left_alone():
     patches = [mesh.surfaces[name] for name in SIDES]
 
     assert (smoothed(mesh.points, mesh.zones, patches) == mesh.points).all()
+
+
+def test_meshing_by_hxt_leaves_a_run_its_threads(monkeypatch):
+    monkeypatch.setattr(gmsh, "_MANY", 0)
+    before = core.n_threads()
+
+    build_mesh([[0.0, 40.0]] * 3, [Layer("rock")], edge=15.0)
+
+    assert core.n_threads() == before
