@@ -204,6 +204,7 @@ def _cross(a, b):
 
 
 _DELAUNAY, _HXT = 1, 10  # algorithms of gmsh; HXT is several times as fast
+_THINNEST = 1e-6  # of a zone with a volume; HXT leaves flat ones at times, not all repaired
 _MANY = 50_000  # triangles on the faces of blocks from which on HXT is tried first
 _GROWTH = 0.3
 # Degrees between facets that gmsh takes for overlapping; its default of 0.1 refuses thin wedges.
@@ -288,29 +289,37 @@ def mesh_cells(
     with _gmsh() as gmsh:
         patches = _add_geometry(gmsh, cells)
         _set_sizes(gmsh, boxes, edge)
+        repairs = _REPAIRS if optimize else 0
+        if _mesh_faces(gmsh) >= _MANY:
+            with suppress(MeshingError):
+                mesh = _fill(gmsh, _HXT, cells, patches, repairs)
+                if mesh[-1][1].thinnest > _THINNEST:
+                    return mesh
+            gmsh.model.mesh.clear()
+            _mesh_faces(gmsh)
+        return _fill(gmsh, _DELAUNAY, cells, patches, repairs)
+
+
+def _mesh_faces(gmsh):
+    """Mesh lines and faces; return the number of triangles."""
+    with _explained():
+        gmsh.model.mesh.generate(2)
+    return sum(len(tags) for tags in gmsh.model.mesh.getElements(2)[1])
+
+
+def _fill(gmsh, algorithm, cells, patches, repairs):
+    """Fill the blocks by an algorithm of gmsh, repair thin zones, and return what was made."""
+    gmsh.option.setNumber("Mesh.Algorithm3D", algorithm)
+    # HXT sets the number of OpenMP threads of the thread that calls it, and leaves it at one.
+    with _explained(), ThreadPoolExecutor(1) as own:
+        own.submit(gmsh.model.mesh.generate, 3).result()
+    before = _count_slivers(*_read(gmsh, len(cells.faces))[1:3])
+    for _ in range(repairs):
         with _explained():
-            _fill(gmsh)
-        before = _count_slivers(*_read(gmsh, len(cells.faces))[1:3])
-        for _ in range(_REPAIRS if optimize else 0):
-            with _explained():
-                gmsh.model.mesh.optimize("")
-            _smooth(gmsh, len(cells.faces), patches)
-        points, zones, cell, surfaces = _collect(gmsh, cells, patches)
-        return points, zones, cell, surfaces, (before, _count_slivers(points, zones))
-
-
-def _fill(gmsh):
-    """Mesh lines, faces and blocks; large meshes by HXT, and by Delaunay where that fails."""
-    gmsh.model.mesh.generate(2)
-    triangles = sum(len(tags) for tags in gmsh.model.mesh.getElements(2)[1])
-    if triangles >= _MANY:
-        gmsh.option.setNumber("Mesh.Algorithm3D", _HXT)
-        # HXT sets the number of OpenMP threads of the thread that calls it, and leaves it at one.
-        with suppress(Exception), ThreadPoolExecutor(1) as own:
-            own.submit(gmsh.model.mesh.generate, 3).result()
-            return
-        gmsh.option.setNumber("Mesh.Algorithm3D", _DELAUNAY)
-    gmsh.model.mesh.generate(3)
+            gmsh.model.mesh.optimize("")
+        _smooth(gmsh, len(cells.faces), patches)
+    points, zones, cell, surfaces = _collect(gmsh, cells, patches)
+    return points, zones, cell, surfaces, (before, _count_slivers(points, zones))
 
 
 @contextmanager

@@ -11,7 +11,6 @@ from functools import cache
 import numpy as np
 from numpy.polynomial import Legendre
 from numpy.typing import ArrayLike
-from scipy.spatial import KDTree
 
 from ..errors import InputError
 
@@ -22,6 +21,8 @@ FACES = np.array(
     [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]]
 )
 _NEWTON_STEPS = 50
+_NEAREST = 8  # zones that are tried for a place in none
+_TOGETHER = 64  # places at once, for the memory they need
 
 
 @cache
@@ -49,12 +50,10 @@ def slopes_on_line(order: int) -> np.ndarray:
 def line_values(order: int, places: np.ndarray) -> np.ndarray:
     """Return the Lagrange functions (..., order + 1) at reference coordinates (...)."""
     points, _ = lobatto(order)
-    apart = np.asarray(places, dtype=float)[..., None] - points
-    values = np.empty(apart.shape)
-    for k in range(order + 1):
-        others = np.delete(np.arange(order + 1), k)
-        values[..., k] = np.prod(apart[..., others] / (points[k] - points[others]), axis=-1)
-    return values
+    own = np.eye(order + 1, dtype=bool)
+    apart = np.asarray(places, dtype=float)[..., None, None] - points
+    factors = apart / np.where(own, 1.0, points[:, None] - points)
+    return np.prod(np.where(own, 1.0, factors), axis=-1)
 
 
 def line_slopes(order: int, places: np.ndarray) -> np.ndarray:
@@ -165,8 +164,17 @@ def edge_lengths(points: np.ndarray, zones: np.ndarray) -> np.ndarray:
     return np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=2)
 
 
+def zone_limits(places_of_zones: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and the highest coordinates (n_zones, 3) of the nodes of zones, in m."""
+    return places_of_zones.min(axis=1), places_of_zones.max(axis=1)
+
+
 def locate(
-    places_of_zones: np.ndarray, order: int, places: ArrayLike, tolerance: float | None = None
+    places_of_zones: np.ndarray,
+    order: int,
+    places: ArrayLike,
+    tolerance: float | None = None,
+    limits: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the zone that contains each place, and its reference coordinates.
 
@@ -180,6 +188,8 @@ def locate(
     tolerance : float, m
         Largest distance of a place outside the mesh, which is then moved to the nearest zone.
         Default: half of the longest diagonal of that zone over the root of 3.
+    limits : tuple of 2 (n_zones, 3) float64, m
+        `zone_limits` of the zones, if known.
 
     Returns
     -------
@@ -192,29 +202,43 @@ def locate(
         If a place lies farther outside than the tolerance.
     """
     places = np.atleast_2d(np.asarray(places, dtype=float))
-    low, high = places_of_zones.min(axis=1), places_of_zones.max(axis=1)
-    tree = KDTree(places_of_zones.mean(axis=1))
+    low, high = zone_limits(places_of_zones) if limits is None else limits
     zone, coordinates = np.empty(len(places), dtype=np.int64), np.empty((len(places), 3))
-    for n, point in enumerate(places):
-        margin = 0.05 * (high - low)
-        inside = ((point >= low - margin) & (point <= high + margin)).all(axis=1)
-        near = np.flatnonzero(inside)
-        if not len(near):
-            near = np.atleast_1d(tree.query(point, k=min(8, len(low)))[1])
-        local, excess = _reference_coordinates(places_of_zones[near], order, point)
-        best = int(np.argmin(excess.round(9)))
-        zone[n], coordinates[n] = near[best], np.clip(local[best], -1.0, 1.0)
+    for first in range(0, len(places), _TOGETHER):
+        chunk = slice(first, first + _TOGETHER)
+        zone[chunk], coordinates[chunk] = _nearest(places_of_zones, order, places[chunk], low, high)
     _refuse_outside(places_of_zones[zone], order, places, coordinates, tolerance)
     return zone, coordinates
 
 
-def _reference_coordinates(nodes, order, point):
-    """Return the reference coordinates (n, 3) of a place in zones by Newton, and their excess."""
+def _nearest(places_of_zones, order, places, low, high):
+    """Return the zone (n,) that holds each place, or the nearest, and reference coordinates."""
+    near = [_near_zones(point, low, high) for point in places]
+    owner = np.repeat(np.arange(len(places)), [len(zones) for zones in near])
+    tried = np.concatenate(near)
+    local, excess = _reference_coordinates(places_of_zones[tried], order, places[owner])
+    ranked = np.lexsort((excess.round(9), owner))
+    best = ranked[np.searchsorted(owner, np.arange(len(places)))]
+    return tried[best], np.clip(local[best], -1.0, 1.0)
+
+
+def _near_zones(point, low, high):
+    """Return the zones whose limits, 5 % wider, hold a point; else the `_NEAREST` to it."""
+    margin = 0.05 * (high - low)
+    inside = ((point >= low - margin) & (point <= high + margin)).all(axis=1)
+    if inside.any():
+        return np.flatnonzero(inside)
+    beside = np.linalg.norm(np.maximum(np.maximum(low - point, point - high), 0.0), axis=1)
+    return np.argsort(beside, kind="stable")[:_NEAREST]
+
+
+def _reference_coordinates(nodes, order, points):
+    """Return the reference coordinates (n, 3) of places in zones by Newton, and their excess."""
     x = np.zeros((len(nodes), 3))
     for _ in range(_NEWTON_STEPS):
         value = np.einsum("na,nac->nc", shape_values(order, x), nodes)
         slope = np.einsum("nar,nac->ncr", shape_slopes(order, x), nodes)
-        step = np.linalg.solve(slope, (point - value)[..., None])[..., 0]
+        step = np.linalg.solve(slope, (points - value)[..., None])[..., 0]
         x = np.clip(x + step, -1.5, 1.5)
         if np.abs(step).max() < 1e-13:
             break

@@ -274,6 +274,11 @@ class Mesh:
         return hexahedra.zone_nodes_places(self.points, self.zones, self.order)
 
     @cached_property
+    def zone_limits(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lowest and highest coordinates (n_zones, 3) in m of the nodes of hexahedra."""
+        return hexahedra.zone_limits(self.node_places)
+
+    @cached_property
     def surface_places(self) -> dict[str, np.ndarray]:
         """Results of `surface_faces`, by surface."""
         return {}
@@ -495,5 +500,6 @@ def locate(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the zone (n,) of points (n, 3), and barycentric (n, 4) or reference coordinates."""
     if mesh.hexahedral:
-        return hexahedra.locate(mesh.node_places, mesh.order, points, tolerance)
+        limits = mesh.zone_limits
+        return hexahedra.locate(mesh.node_places, mesh.order, points, tolerance, limits)
     return tetrahedra.locate(mesh.points, mesh.zones, points, tolerance)

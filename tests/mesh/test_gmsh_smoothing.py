@@ -76,3 +76,15 @@ def test_meshing_by_hxt_leaves_a_run_its_threads(monkeypatch):
     build_mesh([[0.0, 40.0]] * 3, [Layer("rock")], edge=15.0)
 
     assert core.n_threads() == before
+
+
+def test_a_flat_mesh_of_hxt_is_made_again_by_delaunay(monkeypatch):
+    def zones(made_by_hxt, allowed):
+        monkeypatch.setattr(gmsh, "_MANY", 0 if made_by_hxt else 10**9)
+        monkeypatch.setattr(gmsh, "_THINNEST", allowed)
+        return build_mesh([[0.0, 40.0]] * 3, [Layer("rock")], edge=8.0).zones
+
+    delaunay = zones(False, 0.0)
+
+    assert not np.array_equal(zones(True, 0.0), delaunay)
+    np.testing.assert_array_equal(zones(True, 1.0), delaunay)
