@@ -11,9 +11,9 @@ ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "pyblast"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FORTRAN = sorted((ROOT / "fortran").glob("*.f90"))
-MOST_MODULES = 130
+MOST_MODULES = 136
 MOST_IN_A_PACKAGE = 15  # to become 12
-MOST_LINES = 500
+MOST_LINES = 800  # an alarm: is there a second idea in the file?
 MOST_LINES_OF_A_FUNCTION = 60
 # From the ground up: a package imports only itself and what stands before it.
 PACKAGES = [
@@ -140,7 +140,7 @@ def test_a_tool_is_imported_in_one_room_only(tool):
 
 
 @pytest.mark.parametrize("path", [*MODULES, *FORTRAN], ids=lambda path: path.name)
-def test_no_file_is_longer_than_five_hundred_lines(path):
+def test_no_file_is_so_long_that_it_may_hold_a_second_idea(path):
     assert len(path.read_text().splitlines()) <= MOST_LINES
 
 
