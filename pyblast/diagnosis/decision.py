@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import stats
 from scipy.special import logsumexp
 
 from ..project.flat_box import is_anisotropic
@@ -13,7 +14,14 @@ from .fitting import Fit, corrected, fit
 from .forward import Forward
 from .null_distribution import NullDistribution
 from .search import Search, material, worst
-from .thresholds import DECISIVE, MESH_CHANGE, MOST_EXPLAINED, PARTIAL_SHARE, REMAINS
+from .thresholds import (
+    DECISIVE,
+    MESH_CHANGE,
+    MOST_EXPLAINED,
+    NULL_LEVEL,
+    PARTIAL_SHARE,
+    REMAINS,
+)
 
 # A label as those of the library, but without parameters.
 RESOLUTION = "numerical_resolution"
@@ -86,7 +94,7 @@ def decide(
     Notes
     -----
     A name requires evidence above the null threshold, on the finer mesh too; beside other effects,
-    that a receiver with an effect of its own is the worst explained without it; a lead over every
+    that a receiver with an effect of its own is an outlier without it; a lead over every
     other label; predicted held-out records; little that remains unexplained; and a budget that
     sufficed for the other effects. An effect that these records cannot test
     (`Hypothesis.untestable`) is never named: all effects that explain much form its class. Leads
@@ -249,15 +257,23 @@ def _pruned(search, threshold):
 
 
 def _stands_out(receivers, base, chosen, label):
-    """Tell whether receivers with an effect of their own are the worst explained without it.
+    """Tell whether receivers with an effect of their own are outliers among all without it.
 
     Errors of the ground repeat in each blast, so that an effect at any one receiver takes up its
-    share of what the other effects leave everywhere.
+    share of what the other effects leave everywhere. Grubbs' test (Technometrics 11, 1969), as the
+    deleted t statistic of the logarithm of chi-square plus one, that of the assumed errors.
     """
     own = [e for e in chosen.effects if e.label == label and e.hypothesis.axis == "blasts"]
     alone = np.isin(receivers, [effect.target for effect in own])
-    chi_square = base.chi_square.mean(axis=0)
-    return not alone.any() or chi_square[alone].min() >= chi_square[~alone].max(initial=0.0)
+    if not alone.any():
+        return True
+    size = np.log1p(base.chi_square.mean(axis=0))
+    least, others = size[alone].min(), size[~alone]
+    if len(others) < 2:
+        return False
+    error = others.std(ddof=1) * np.sqrt(1.0 + 1.0 / len(others))
+    most = stats.t.isf((1.0 - NULL_LEVEL) / len(size), len(others) - 1)
+    return bool(least - others.mean() > most * error)
 
 
 def _each_is_tested(search, chosen, tested):

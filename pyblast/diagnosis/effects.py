@@ -130,9 +130,10 @@ class Scene:
         """
         blasts = tuple(range(len(self.case.blasts)) if blasts is None else blasts)
         keys = [(tuple(map(float, values)), _acting(effects, "site")) for values, effects in states]
-        projects = {key: self.project(*key) for key in dict.fromkeys(keys)}
+        known = [key for key in keys if all((key, b) in self._simulated for b in blasts)]
+        projects = {key: self.project(*key) for key in dict.fromkeys(keys) if key not in known}
         possible = [key for key, project in projects.items() if project is not None]
-        possible = self._possible(possible, blasts, projects)
+        possible = [*known, *self._possible(possible, blasts, projects)]
         return [self._gathered(key, blasts) if key in possible else None for key in keys]
 
     def _possible(self, keys, blasts, projects):

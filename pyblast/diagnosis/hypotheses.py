@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -373,12 +374,13 @@ def hypothesis(
 
 
 def _where_simulated(targets, simulated):
-    """Return a function that lists targets only if an effect can be simulated."""
-    if not simulated:
-        return targets
+    """Return a function that lists targets, once a case, only if an effect can be simulated."""
+    listed: WeakKeyDictionary = WeakKeyDictionary()
 
     def possible(case):
-        return () if any(need(case) for need in simulated) else targets(case)
+        if case not in listed:
+            listed[case] = () if any(need(case) for need in simulated) else targets(case)
+        return listed[case]
 
     return possible
 

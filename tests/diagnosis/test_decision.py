@@ -62,6 +62,17 @@ def test_records_of_which_an_effect_says_nothing_are_no_fold():
     assert [fold.name for fold in found.subsets] == ["R0", "R1", "R2"]
 
 
+def test_the_worst_of_receivers_that_are_all_explained_poorly_does_not_stand_out():
+    here, _, _, loud, both = fits()
+
+    def alike(*chi_square):
+        return replace(loud, chi_square=np.array([chi_square, chi_square]))
+
+    assert both.effects[0].target == "R2"
+    assert not _stands_out(here.case.receivers, alike(2.1, 2.9, 3.1, 2.4), both, "clock_error")
+    assert _stands_out(here.case.receivers, alike(2.1, 2.4, 9.0, 2.3), both, "clock_error")
+
+
 def test_an_effect_of_a_receiver_beside_others_is_at_the_one_that_is_worst_explained():
     here, _, slow, loud, both = fits()
     names, (clock, charge) = here.case.receivers, both.effects
