@@ -23,7 +23,7 @@ def face_keys(faces: np.ndarray, n_nodes: int) -> np.ndarray:
 
     All nodes count: two hexahedra may share three corners and no face. In meshes of more than
     55,108 nodes the keys of quadrilaterals are mixed bits, of which a million faces have two
-    equal ones by a chance of 1e-7.
+    equal ones with a probability of 1e-7.
     """
     nodes = np.sort(np.asarray(faces, dtype=np.int64), axis=1)
     if n_nodes > _LARGEST_CUBE:
