@@ -19,8 +19,9 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
+from benchmarks.blind.flat_models import Discretization, flat_mesh, flat_model
 from pyblast.project.case_folder import read_case_folder
-from pyblast.project.flat_box import Discretization, band_of, flat_box, flat_mesh, flat_model
+from pyblast.project.flat_box import band_of, flat_box
 from pyblast.project.result import write_text
 from pyblast.signals.comparison import compare
 from pyblast.solver.run import simulate
