@@ -32,6 +32,8 @@ ONE_ROOM = {
     "_core_single": {"core"},
     "gmsh": {"mesh.gmsh"},
     "emcee": {"inference.posterior"},
+    "ezdxf": {"readers.drawings"},
+    "tifffile": {"readers.geometry"},
     "openpyxl": {"recordings.hand_tables", "workflows"},  # read, written
 }
 # Rooms that may use a tool, and in the second table those that are to leave it: no new one.
