@@ -39,8 +39,6 @@ ONE_ROOM = {
 # Rooms that may use a tool, and in the second table those that are to leave it: no new one.
 OWN_ROOMS = {
     "csv": {"readers.tables", "workflows"},
-    "ezdxf": {"readers.geometry"},
-    "tifffile": {"readers.geometry"},
     "importlib.import_module": {"diagnosis.library"},
     "numpy.loadtxt": {"readers.tables"},
 }
