@@ -261,8 +261,8 @@ def oscillator(
     # z = u' - conj(s) u with the pole s obeys z' = s z - a.
     gain = (pole - 1.0) / complex(-drag, turn)
     z = np.concatenate([[0.0], scipy.signal.lfilter([1.0], [1.0, -pole], -gain * acceleration)])
-    moved = z.imag / turn
-    return moved, z.real - drag * moved
+    moved = np.imag(z) / turn
+    return moved, np.real(z) - drag * moved
 
 
 def _filter(response):
