@@ -205,6 +205,7 @@ def _cross(a, b):
 
 
 _FRONTAL_QUADS, _QUADRILATERAL = 8, 3  # algorithm and kind of element of gmsh
+_HALVED = 1.5  # size of triangles whose parts have at most a wanted edge
 _WIDEST = 1.15  # edge of mapped faces of a section, over the wanted one
 _DELAUNAY, _HXT = 1, 10  # algorithms of gmsh; HXT is several times as fast
 _THINNEST = 1e-6  # of a zone with a volume; HXT leaves flat ones at times, not all repaired
@@ -451,6 +452,7 @@ def section_mesh(
     lines: np.ndarray,
     edge: float,
     edge_at: Callable[[float, float], float] | None = None,
+    blossom: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mesh a rectangle with quadrilaterals that conform to lines in it.
 
@@ -464,6 +466,8 @@ def section_mesh(
     edge : float, m
     edge_at : callable, optional
         Edge in m at a place (x, y), where it differs.
+    blossom : bool
+        Pair triangles by minimum-cost matching (Remacle et al. 2012), else one by one.
 
     Returns
     -------
@@ -493,13 +497,13 @@ def section_mesh(
                 "Smoothing": 10,
             }
             options |= {"Algorithm": _FRONTAL_QUADS, "MeshSizeMax": edge if mapped else 2 * edge}
-            options |= {"RecombinationAlgorithm": 3 if mapped else 1}
+            options |= {"RecombinationAlgorithm": 3 if mapped else int(blossom)}
             options |= {"SubdivisionAlgorithm": 0 if mapped else 1}  # all into quadrilaterals
             for option, value in options.items():
                 gmsh.option.setNumber(f"Mesh.{option}", value)
             if edge_at is not None:
                 gmsh.model.mesh.setSizeCallback(
-                    lambda _dim, _tag, x, y, _z, size: min(size, 2.0 * edge_at(x, y))
+                    lambda _dim, _tag, x, y, _z, size: min(size, _HALVED * edge_at(x, y))
                 )
             gmsh.model.mesh.generate(2)
         except Exception as error:

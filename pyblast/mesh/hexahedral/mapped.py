@@ -70,7 +70,7 @@ class Plane:
         return np.cross(self.normal, self.strike)
 
     def corners(self, reach: float) -> np.ndarray:
-        """Return the corners (4, 3) in m of the extent, else of a square of half width ``reach``."""
+        """Return the corners (4, 3) in m of the extent, else of a square of half width `reach`."""
         a, b = (reach, reach) if self.extent is None else (0.5 * np.array(self.extent))
         signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
         return np.array([self.point + i * a * self.strike + j * b * self.down for i, j in signs])
@@ -222,6 +222,17 @@ def extent_along(frame: np.ndarray, box: np.ndarray) -> np.ndarray:
     return np.column_stack([corners.min(axis=0), corners.max(axis=0)])
 
 
+def layer_beside(
+    opened: np.ndarray, limits: np.ndarray, width: np.ndarray, frame: np.ndarray
+) -> AbsorbingLayer | None:
+    """Return the absorbing layer beside open ends (3, 2) of limits (3, 2) in m, None without."""
+    if not opened.any():
+        return None
+    inner = np.where(opened, limits, [-np.inf, np.inf])
+    inside, wide, axes = (tuple(map(tuple, part)) for part in (inner, width, frame))
+    return AbsorbingLayer(inside, wide, axes)
+
+
 def merged(values: Sequence[float], ends: Sequence[float], tolerance: float) -> list[float]:
     """Return sorted values between two ends; those near an end or an earlier one are left out."""
     distinct = [float(end) for end in ends]
@@ -329,16 +340,22 @@ def build(
         except NotMapped as reason:
             reasons.append(str(reason))
     if not meshes:
-        raise NotMapped("; ".join(dict.fromkeys(reasons)))
+        raise NotMapped(reasons[0])
     return meshes[0] if len(meshes) == 1 else min(meshes, key=explicit_work)
+
+
+def is_plain(geometry: Geometry) -> bool:
+    """Tell whether all planes of a geometry lie along the axes, and so its grid has no slopes."""
+    parts = [fault.unit_normal for fault in geometry.faults]
+    normals = np.array(parts + [part.normal for part in geometry.joint_sets]).reshape(-1, 3)
+    return bool((np.sort(np.abs(normals), axis=1)[:, 1] < PARALLEL).all())
 
 
 def _frames(geometry, planes):
     """Return the axes (3, 3) of grids to try."""
     x, y, z = np.eye(3)
-    along = [_axis(plane, np.eye(3)) for plane in planes]
     normals = [plane.normal for plane in planes if np.hypot(*plane.normal[:2]) > PARALLEL]
-    if None not in along and all(np.abs(n).max() > 1.0 - PARALLEL**2 for n in normals):
+    if is_plain(geometry):
         return [np.eye(3)]
     frames = [np.eye(3), np.array([y, -x, z])]
     if not set(SIDES[:4]) & geometry.standing:
@@ -430,10 +447,9 @@ class _Grid:
                     self.family[-1] = east
                 continue
             if gap.min() < min(LEAST_GAP * self.edge, NARROWING * gap.max()):
-                raise NotMapped(
-                    f"{self.family[-1].name!r} and {each.name!r} come within {gap.min():.3g} m of "
-                    "each other in the box"
-                )
+                pair = f"{self.family[-1].name!r} and {each.name!r}"
+                narrow = f"come within {gap.min():.3g} m of each other"
+                raise NotMapped(f"{pair} {'meet' if gap.min() <= 0.0 else narrow} in the box")
             self.family.append(each)
 
     def _make_room(self, members):
@@ -468,7 +484,7 @@ class _Grid:
         low, high = self.range[axis]
         tolerance = ROUND * (high - low)
         levels = [self._position_of(*part[:2]) for part in self.parts if part[1] == axis]
-        ends = [end for part in self.parts for end in (part[2][axis], part[3][axis])]
+        ends = [float(end) for part in self.parts for end in (part[2][axis], part[3][axis])]
         if axis == 2:
             levels += list(self.geometry.limits[1:-1])
             levels += [] if self.surface is None else [self.level]
@@ -584,11 +600,7 @@ class _Grid:
         group = np.searchsorted(-limits[1:-1], -0.5 * (low + high)[:, 2])
         names = list(dict.fromkeys(layer.name for layer in layers))
         number = np.array([names.index(layer.name) for layer in layers])
-        layer = None
-        if self.open.any():
-            inner = np.where(self.open, self.range, [-np.inf, np.inf])
-            parts = (inner, self.width, self.frame)
-            layer = AbsorbingLayer(*(tuple(map(tuple, part)) for part in parts))
+        layer = layer_beside(self.open, self.range, self.width, self.frame)
         return Mesh(
             self.positions(lattice), zones, number[group], tuple(names),
             self._surfaces(zones, low, high), order=order, places=nodes, layer=layer,

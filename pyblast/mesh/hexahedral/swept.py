@@ -16,7 +16,6 @@ from scipy.optimize import minimize
 from .. import hexahedra
 from ..gmsh import MeshingError, quadrilateral_areas, section_mesh
 from ..grid import SIDES, Geometry
-from ..hexahedra import AbsorbingLayer
 from ..mesh import Mesh
 from ..quality import refuse_beyond_memory
 from .mapped import (
@@ -30,6 +29,7 @@ from .mapped import (
     Surface,
     divided,
     extent_along,
+    layer_beside,
     merged,
     planes_of,
     side_names,
@@ -85,41 +85,70 @@ def build(
     """
     planes, reasons = planes_of(geometry), []
     for frame in _frames(geometry, planes):
+        if not _suits(planes, frame):
+            continue
         try:
-            _refuse_planes(planes, frame)
-            return _Sweep(geometry, planes, np.asarray(sizes, dtype=float), frame, lines).mesh(
-                order
-            )
-        except MeshingError as reason:
+            sweep = _Sweep(geometry, planes, np.asarray(sizes, dtype=float), frame, lines)
+            return sweep.mesh(order)
+        except (MeshingError, NotMapped) as reason:
             reasons.append(str(reason))
-        except NotMapped as reason:
-            reasons.append(str(reason))
-    raise NotMapped("; ".join(dict.fromkeys(reasons)))
+    lacks = "no direction lies in all of its planes or stands across them"
+    raise NotMapped(reasons[0] if reasons else lacks)
 
 
 def _frames(geometry, planes):
-    """Return frames (3, 3) to try: two axes of the section, then the direction of the sweep."""
+    """Return frames (3, 3) to try: two axes of the section, then the direction of the sweep.
+
+    A ground that is turned by a quarter or mirrored has the section of the original.
+    """
     x, y, z = np.eye(3)
-    dips = [plane for plane in planes if PARALLEL < abs(plane.normal[2]) < 1.0 - PARALLEL]
-    frames = [] if dips else [np.array([x, y, z])]
-    frames += [np.array([first, z, np.cross(first, z)]) for first in (x, y)]
+    centre, size = geometry.box.mean(axis=1), np.ptp(geometry.box[:2], axis=1)
+    leaning = [plane for plane in planes if PARALLEL < plane.normal[2] < 1.0 - PARALLEL]
+    arrows = [plane.normal for plane in leaning]
+    arrows += [((plane.point - centre) @ plane.normal) * plane.normal for plane in planes]
+    arrows += [plane.point - centre for plane in planes if plane.extent is not None]
+    arrows += [
+        sign * axis
+        for number, axis in ((0, x), (1, y))
+        for side, sign in zip(SIDES[2 * number : 2 * number + 2], (-1.0, 1.0), strict=True)
+        if side in geometry.open_sides
+    ]
+
+    def along(axis, other=None):
+        """Return an axis in the sense of the first arrow that has one, or of a first product."""
+        parts = [arrow @ axis for arrow in arrows]
+        if other is not None:
+            parts += [(plane.normal @ axis) * (plane.normal @ other) for plane in planes]
+        return axis * next((np.sign(part) for part in parts if abs(part) > TINY), 1.0)
+
+    frames = []
+    if not leaning:
+        wide = size[0] - size[1]
+        if abs(wide) < TINY and planes:
+            wide = abs(planes[0].normal[0]) - abs(planes[0].normal[1])
+        first = along(x if wide >= 0.0 else y)
+        second = along(y if wide >= 0.0 else x, first)
+        frames.append(np.array([first, second, np.cross(first, second)]))
+    sections = [x, y]
     if not set(SIDES[:4]) & geometry.standing:
-        for plane in dips:
-            first = np.array([*plane.normal[:2], 0.0]) / np.hypot(*plane.normal[:2])
-            frames.append(np.array([first, z, np.cross(first, z)]))
+        sections += [plane.normal * [1.0, 1.0, 0.0] for plane in leaning]
+    for each in sections:
+        first = along(each / np.linalg.norm(each))
+        frames.append(np.array([first, z, np.cross(first, z)]))
     return frames
 
 
-def _refuse_planes(planes, frame):
-    """Raise NotMapped for a plane that neither contains the sweep nor stands across it."""
+def _suits(planes, frame):
+    """Tell whether each plane, and the extent of it, contains the sweep or stands across it."""
     sweep = frame[2]
     for plane in planes:
         along = abs(plane.normal @ sweep)
         if min(along, np.linalg.norm(np.cross(plane.normal, sweep))) > PARALLEL:
-            raise NotMapped(f"{plane.name!r} neither contains the sweep nor stands across it")
-        if plane.extent is not None and along < PARALLEL:
-            if min(abs(plane.strike @ sweep), abs(plane.down @ sweep)) > PARALLEL:
-                raise NotMapped(f"the extent of {plane.name!r} is oblique to the sweep")
+            return False
+        askew = min(abs(plane.strike @ sweep), abs(plane.down @ sweep)) > PARALLEL
+        if plane.extent is not None and along < PARALLEL and askew:
+            return False
+    return True
 
 
 def arrangement(
@@ -205,6 +234,15 @@ def _crowding(limits, segments, tolerance, edge):
         on = np.abs(used[:, axis] - limits[axis, end]) < 1e-9 * np.ptp(limits)
         lengths.append(np.diff(np.sort(used[on, 1 - axis])))
     return float(np.sum((edge / np.minimum(np.concatenate(lengths), edge)) ** 4 - 1.0))
+
+
+def _work(points, quads):
+    """Return the number of quadrilaterals over about the least stretch of their corners, in 1/m."""
+    a, b = (points[np.roll(quads, k, axis=1)] - points[quads] for k in (-1, 1))
+    area = _cross(a, b)
+    if not area.min() > 0.0:
+        return np.inf
+    return len(quads) * float(np.sqrt(((a**2 + b**2).sum(axis=-1) / area**2).max()))
 
 
 def smoothed(points, quads, lines, edge, fixed=()):
@@ -314,6 +352,7 @@ class _Sweep:
         self.geometry, self.planes, self.sizes, self.frame = geometry, planes, sizes, frame
         self.edge = float(min(sizes))
         self.vertical = abs(frame[2, 2]) > 0.5
+        self.upward = frame[2, 2]  # of a vertical sweep, else 0
         self.range = extent_along(frame, geometry.box)
         self.names = side_names(frame)
         self.open = np.array([[s in geometry.open_sides for s in pair] for pair in self.names])
@@ -322,10 +361,10 @@ class _Sweep:
         thin = [np.diff(-geometry.limits).min(), *(part.spacing for part in geometry.joint_sets)]
         self.tolerance = min(SAME * self.edge, APART * min(thin))
         self.surface = None if geometry.surface is None else Surface(geometry)
-        self.level = None if self.surface is None else self._reference()
+        self.level = None if self.surface is None else self._reference(self.surface)
         self._ease()
 
-    def _reference(self):
+    def _reference(self, surface):
         """Return the height below which the ground is level: no plane or layer ends above it."""
         heights = [self.geometry.limits[-1], *self.geometry.limits[1:-1]]
         for plane in self.planes:
@@ -336,7 +375,7 @@ class _Sweep:
             elif abs(plane.normal[2]) > PARALLEL:
                 raise NotMapped(f"{plane.name!r} dips and comes out of the ground surface")
         level = float(max(heights))
-        self.surface.refuse_above(level, min(self.edge, self.surface.highest - level))
+        surface.refuse_above(level, min(self.edge, surface.highest - level))
         return level
 
     def _ease(self):
@@ -344,8 +383,8 @@ class _Sweep:
         start = self.range[:2].copy()
 
         def crowding(limits):
-            segments = np.array([trace.ends for trace in self._traces(limits)]).reshape(-1, 2, 2)
-            return _crowding(limits, segments, self.tolerance, CROWDED * self.edge)
+            local, segments, _ = _local(limits, self._traces(limits))
+            return _crowding(local, segments, self.tolerance, CROWDED * self.edge)
 
         least = crowding(start)
         for axis, end in [*product((0, 1), (0, 1))] * 2:
@@ -390,7 +429,7 @@ class _Sweep:
             reach = 0.5 * plane.extent[1 - k]
         if np.isfinite(plane.heights).any():
             if self.vertical:
-                low, high = plane.heights
+                low, high = sorted(self.upward * np.array(plane.heights))
                 along = (low, high) if along is None else (max(low, along[0]), min(high, along[1]))
             else:
                 limits = limits.copy()
@@ -417,7 +456,9 @@ class _Sweep:
         positions = np.concatenate([np.column_stack([points, np.full(n, c)]) for c in line])
         middle = 0.5 * (line[1:] + line[:-1])
         centres = points[quads].mean(axis=1)
-        heights = np.repeat(middle, len(quads)) if self.vertical else np.tile(centres[:, 1], m)
+        heights = np.tile(centres[:, 1], m)
+        if self.vertical:
+            heights = np.repeat(self.upward * middle, len(quads))
         names = list(dict.fromkeys(layer.name for layer in self.geometry.layers))
         number = np.array([names.index(layer.name) for layer in self.geometry.layers])
         surfaces = self._sides(points, quads, m)
@@ -428,16 +469,32 @@ class _Sweep:
 
     def _section(self, traces):
         """Return points, quadrilaterals, and the edges (k, 2) on each trace of the section."""
-        limits = self.range[:2]
-        segments = np.array([trace.ends for trace in traces]).reshape(-1, 2, 2)
+        limits, segments, order = _local(self.range[:2], traces)
         vertices, chains = arrangement(limits, segments, self.tolerance)
         pairs = {(min(p), max(p)) for chain in chains for p in pairwise(chain)}
         beside = np.abs(vertices[:, :, None] - limits[None]) < 1e-12
         lines = [p for p in sorted(pairs) if not (beside[p[0]] & beside[p[1]]).any()]
-        points, quads = section_mesh(
-            limits, vertices, np.array(lines, dtype=int).reshape(-1, 2), self.edge,
-            self._edge_at if self.fine else None,
-        )  # fmt: skip
+        meshes, reasons = [], []
+        for blossom in (True, False):
+            try:
+                mesh = section_mesh(
+                    limits, vertices, np.array(lines, dtype=int).reshape(-1, 2), self.edge,
+                    self._edge_at if self.fine else None, blossom,
+                )  # fmt: skip
+                meshes.append(self._smoothed(*mesh, limits, vertices, chains))
+            except MeshingError as reason:
+                reasons.append(reason)
+        if not meshes:
+            raise reasons[0]
+        points, quads, sorted_edges = min(meshes, key=lambda mesh: _work(*mesh[:2]))
+        on_traces = [sorted_edges[k] for k in np.argsort(order)]
+        points += self.range[:2, 0]
+        for axis in (0, 1):
+            points[points[:, axis] == points[:, axis].max(), axis] = self.range[axis, 1]
+        return points, quads, on_traces
+
+    def _smoothed(self, points, quads, limits, vertices, chains):
+        """Return smoothed points, quadrilaterals, and the edges (k, 2) on each chain."""
         sides = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
         every = np.unique(np.sort(sides, axis=1), axis=0)
         tolerance = TINY * np.ptp(self.range)
@@ -464,7 +521,8 @@ class _Sweep:
         """Return the wanted edge in m at a place in the section."""
         edges = [self.edge]
         for part, limits in self.fine:
-            away = np.maximum(np.maximum(limits[:2, 0] - (x, y), (x, y) - limits[:2, 1]), 0.0)
+            at = self.range[:2, 0] + (x, y)
+            away = np.maximum(np.maximum(limits[:2, 0] - at, at - limits[:2, 1]), 0.0)
             edges.append(float(part.edge_at((0.0, 0.0), np.array([away.max()]))[0]))
         return min(edges)
 
@@ -489,7 +547,7 @@ class _Sweep:
             for axis, end in product((0, 1), (0, 1))
         }
         sides = np.concatenate([quads[:, [k, (k + 1) % 4]] for k in range(4)])
-        corners = sum(mask.astype(int) for mask in on.values())
+        corners = np.array([*on.values()]).sum(axis=0)
         more, drawn = [], [[] for _ in traces]
         for (axis, end), mask in on.items():
             if not self.open[axis, end]:
@@ -529,7 +587,8 @@ class _Sweep:
         sweep = self.frame[2]
         levels = [p.point @ sweep for p in self.planes if abs(p.normal @ sweep) > 0.5]
         if self.vertical:
-            levels += [*self.geometry.limits[1:-1], *([] if self.level is None else [self.level])]
+            heights = [*self.geometry.limits[1:-1], *([] if self.level is None else [self.level])]
+            levels += [float(self.upward * height) for height in heights]
         ends = [end for trace in traces if trace.along is not None for end in trace.along]
         anchors = merged(sorted(levels), (low, high), TINY)
         near = merged([*anchors[1:-1], *ends], (low, high), self.tolerance)
@@ -539,7 +598,7 @@ class _Sweep:
         for first, second in pairwise(anchors):
             edge = self.edge
             if self.vertical:
-                edge = self.sizes[int(self._layer_of(0.5 * (first + second)))]
+                edge = self.sizes[int(self._layer_of(0.5 * self.upward * (first + second)))]
             parts.append(divided(first, second, edge, fine))
         line = np.concatenate([*parts, [high]])
         self.cells = [line[1] - line[0], line[-1] - line[-2]] if self.vertical else [self.edge] * 2
@@ -611,36 +670,50 @@ class _Sweep:
     def _finished(self, positions, zones, group, names, surfaces, order):
         """Return the mesh in the ground, stretched to its surface."""
         axes = [0, 1, 2] if self.vertical else [0, 2, 1]  # the vertical is the last
-        frame = self.frame[axes] * (1.0 if self.vertical else np.array([[1.0], [-1.0], [1.0]]))
-        layer = None
-        if self.open.any():
-            inner = np.where(self.open, self.range, [-np.inf, np.inf])
-            width = np.full((3, 2), LAYER_CELLS * self.edge)
-            width[2] = LAYER_CELLS * np.array(self.cells)
-            inner, width = inner[axes], width[axes]
-            if not self.vertical:
-                inner[1], width[1] = -inner[1, ::-1], width[1, ::-1]
-            layer = AbsorbingLayer(*(tuple(map(tuple, part)) for part in (inner, width, frame)))
+        frame, limits, opened = self.frame[axes], self.range[axes], self.open[axes]
+        width = np.full((3, 2), LAYER_CELLS * self.edge)
+        width[2] = LAYER_CELLS * np.array(self.cells)
+        width = width[axes]
+        turned = 2 if self.upward < 0.0 else 1
+        if self.upward <= 0.0:  # up, and of the right hand where the sweep is level
+            frame = frame * np.where(np.arange(3) == turned, -1.0, 1.0)[:, None]
+            limits[turned] = -limits[turned, ::-1]
+            width[turned], opened[turned] = width[turned, ::-1], opened[turned, ::-1]
+        layer = layer_beside(opened, limits, width, frame)
         points, places = positions @ self.frame, None
         zones = upright(points, zones, frame)
         if self.surface is not None:
-            places = self._stretched(hexahedra.zone_nodes_places(points, zones, order))
-            points = self._stretched(points)
+            places = hexahedra.zone_nodes_places(points, zones, order)
+            points, places = (self._stretched(part, self.surface) for part in (points, places))
         return Mesh(
             points, zones, group, tuple(names), surfaces, order=order, places=places, layer=layer
         )
 
-    def _stretched(self, positions):
+    def _stretched(self, positions, surface):
         """Return positions (..., 3) above the reference height stretched to the surface."""
         along = positions @ self.frame.T
         level = np.abs(self.frame[:, 2]) < 0.5
         along[..., level] = np.clip(along[..., level], *self.range[level].T)
-        ground = self.surface.height((along @ self.frame)[..., :2])
+        ground = surface.height((along @ self.frame)[..., :2])
         z, top = positions[..., 2], self.geometry.box[2, 1]
         stretch = (ground - self.level) / (top - self.level)
         moved = positions.copy()
         moved[..., 2] = np.where(z > self.level, self.level + (z - self.level) * stretch, z)
         return moved
+
+
+def _local(limits, traces):
+    """Return limits (2, 2) and traces (n, 2, 2) from a corner of the section on, and their order.
+
+    Grounds that only differ in where they stand, or how their planes are listed, have the same
+    ones, bit by bit.
+    """
+    segments = np.array([trace.ends for trace in traces]).reshape(-1, 2, 2) - limits[:, 0]
+    segments = np.round(segments, 9)
+    turned = (segments[:, 1] < segments[:, 0]) @ [2, 1] > (segments[:, 1] > segments[:, 0]) @ [2, 1]
+    segments[turned] = segments[turned][:, ::-1]
+    order = np.lexsort(segments.reshape(-1, 4).T[::-1])
+    return np.round(limits - limits[:, :1], 9), segments[order], order
 
 
 def _on_line(points, start, end, tolerance):
