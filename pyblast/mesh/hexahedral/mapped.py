@@ -462,11 +462,11 @@ class _Grid:
                 continue
             for each in members:
                 away = sign * (each.at(self.corners) - self.range[0, end])
-                room = 0.5 * (self.edge if each.slopes.any() else pitch)
-                wanted = room if each.slopes.any() else LEAST_GAP * pitch
+                clear = 0.5 * (self.edge if each.slopes.any() else pitch)
+                wanted = clear if each.slopes.any() else LEAST_GAP * pitch
                 on_side = np.abs(away).max() <= ROUND * np.ptp(self.range[0])
                 if away.min() < wanted and not on_side:
-                    self.range[0, end] -= sign * (room - away.min())
+                    self.range[0, end] -= sign * (clear - away.min())
 
     def _reference(self):
         """Set the height below which nothing moves, under a surveyed surface."""
@@ -634,8 +634,8 @@ class _Grid:
     def _position_of(self, plane, axis):
         """Return the coordinate of a plane on its axis."""
         n, q = self.frame @ plane.normal, self.frame @ plane.point
-        place = q[axis] if axis else q[0] - (n[1:] / n[0]) @ (self.middle - q[1:])
-        return round(float(place), 9)
+        at = q[axis] if axis else q[0] - (n[1:] / n[0]) @ (self.middle - q[1:])
+        return round(float(at), 9)
 
 
 @dataclass(frozen=True, eq=False)

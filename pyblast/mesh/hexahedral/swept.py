@@ -211,15 +211,15 @@ def _cross(a, b):
 def _crossings(segments):
     """Return the points (n, 2) where two segments meet, and the two segments (n, 2) of each."""
     first, second = np.triu_indices(len(segments), 1)
-    start, way = segments[:, 0], segments[:, 1] - segments[:, 0]
-    length = np.hypot(*way.T)
-    sine = _cross(way[first], way[second])
+    start, step = segments[:, 0], segments[:, 1] - segments[:, 0]
+    length = np.hypot(*step.T)
+    sine = _cross(step[first], step[second])
     apart = start[second] - start[first]
     with np.errstate(divide="ignore", invalid="ignore"):
-        s, t = _cross(apart, way[second]) / sine, _cross(apart, way[first]) / sine
+        s, t = _cross(apart, step[second]) / sine, _cross(apart, step[first]) / sine
     meet = np.abs(sine) > 1e-12 * length[first] * length[second]
     meet &= (s >= -1e-9) & (s <= 1.0 + 1e-9) & (t >= -1e-9) & (t <= 1.0 + 1e-9)
-    at = start[first] + np.where(meet, s, 0.0)[:, None] * way[first]
+    at = start[first] + np.where(meet, s, 0.0)[:, None] * step[first]
     return at[meet], np.column_stack([first, second])[meet]
 
 
@@ -337,8 +337,8 @@ def upright(points: np.ndarray, zones: np.ndarray, frame: np.ndarray) -> np.ndar
         total = np.zeros(len(zones))
         for axis, weight in enumerate((1.0, 1.0, UPRIGHT)):
             upper = (np.arange(8) >> axis & 1).astype(bool)
-            way = points[turned[:, upper]].mean(axis=1) - points[turned[:, ~upper]].mean(axis=1)
-            total += weight * (way @ frame[axis]) / np.linalg.norm(way, axis=1)
+            step = points[turned[:, upper]].mean(axis=1) - points[turned[:, ~upper]].mean(axis=1)
+            total += weight * (step @ frame[axis]) / np.linalg.norm(step, axis=1)
         better = total > score + 1e-9
         best, score = np.where(better[:, None], turned, best), np.where(better, total, score)
     return best
@@ -420,7 +420,7 @@ class _Sweep:
 
     def _trace(self, plane, across, limits):
         """Return the trace of a plane along the sweep, an empty list outside of the limits."""
-        way = np.array([-across[1], across[0]]) / np.hypot(*across)
+        step = np.array([-across[1], across[0]]) / np.hypot(*across)
         at, reach, along = self.frame[:2] @ plane.point, np.inf, None
         if plane.extent is not None:
             k = 0 if abs(plane.strike @ self.frame[2]) > 0.5 else 1  # extent along the sweep
@@ -436,7 +436,7 @@ class _Sweep:
                 limits[1] = max(limits[1, 0], plane.heights[0]), min(limits[1, 1], plane.heights[1])
                 if limits[1, 0] >= limits[1, 1]:
                     return []
-        ends = _clipped(at, way, -reach, reach, limits)
+        ends = _clipped(at, step, -reach, reach, limits)
         return [] if ends is None else [_Trace(ends, plane, along)]
 
     def mesh(self, order: int) -> Mesh:
@@ -539,7 +539,7 @@ class _Sweep:
                 fresh.append((points[n, 0] + i * self.edge, points[n, 1] + j * self.edge))
             return numbers[n, i, j]
 
-        def step(n, axis, k):
+        def beyond(n, axis, k):
             return node(n, k, 0) if axis == 0 else node(n, 0, k)
 
         on = {
@@ -555,7 +555,7 @@ class _Sweep:
             pairs = [(k * (2 * end - 1), (k + 1) * (2 * end - 1)) for k in range(LAYER_CELLS)]
             for u, v in sides[mask[sides].all(axis=1)]:
                 more += [
-                    [step(u, axis, k), step(v, axis, k), step(v, axis, m), step(u, axis, m)]
+                    [beyond(u, axis, k), beyond(v, axis, k), beyond(v, axis, m), beyond(u, axis, m)]
                     for k, m in pairs
                 ]
             for number, (trace, own) in enumerate(zip(traces, edges, strict=True)):
@@ -563,7 +563,7 @@ class _Sweep:
                     continue
                 out = own[mask[own].any(axis=1) & ~mask[own].all(axis=1)]
                 for u in np.unique(out[mask[out] & (corners[out] == 1)]):
-                    drawn[number] += [(step(u, axis, k), step(u, axis, m)) for k, m in pairs]
+                    drawn[number] += [(beyond(u, axis, k), beyond(u, axis, m)) for k, m in pairs]
         for first, second in product((0, 1), (0, 1)):
             if self.open[0, first] and self.open[1, second]:
                 n = int(np.flatnonzero(on[0, first] & on[1, second])[0])
@@ -719,8 +719,8 @@ def _local(limits, traces):
 def _on_line(points, start, end, tolerance):
     """Tell which points (n, 2) lie on a straight line between two ends."""
     length = np.hypot(*(end - start))
-    way = (end - start) / length
-    along, away = (points - start) @ way, np.abs(_cross(points - start, way))
+    step = (end - start) / length
+    along, away = (points - start) @ step, np.abs(_cross(points - start, step))
     return (away < tolerance) & (along > -tolerance) & (along < length + tolerance)
 
 
@@ -730,17 +730,17 @@ def _drawn(pairs, n, levels):
     return np.concatenate([np.zeros((0, 4), dtype=int), *faces])
 
 
-def _clipped(start, way, low, high, limits):
-    """Return the ends (2, 2) of start + t way, low <= t <= high, in a rectangle, or None."""
+def _clipped(start, step, low, high, limits):
+    """Return the ends (2, 2) of start + t step, low <= t <= high, in a rectangle, or None."""
     for axis in (0, 1):
-        if abs(way[axis]) > 1e-12 * np.hypot(*way):
-            ends = np.sort((limits[axis] - start[axis]) / way[axis])
+        if abs(step[axis]) > 1e-12 * np.hypot(*step):
+            ends = np.sort((limits[axis] - start[axis]) / step[axis])
             low, high = max(low, ends[0]), min(high, ends[1])
         elif not limits[axis, 0] - 1e-9 <= start[axis] <= limits[axis, 1] + 1e-9:
             return None
-    if not (high - low) * np.hypot(*way) > 1e-6:
+    if not (high - low) * np.hypot(*step) > 1e-6:
         return None
-    ends = np.array([start + low * way, start + high * way])
+    ends = np.array([start + low * step, start + high * step])
     return np.clip(ends, *limits.T)
 
 
@@ -756,15 +756,15 @@ def _continued(traces, limits):
         others = [other.ends for k, other in enumerate(traces) if k != number]
         lines = np.concatenate([np.array(others).reshape(-1, 2, 2), sides])
         for tip, tail in (trace.ends, trace.ends[::-1]):
-            way = (tip - tail) / np.hypot(*(tip - tail))
+            step = (tip - tail) / np.hypot(*(tip - tail))
             across = lines[:, 1] - lines[:, 0]
-            sine = _cross(way, across)
+            sine = _cross(step, across)
             meet = np.abs(sine) > 1e-9 * np.hypot(*across.T)
             with np.errstate(divide="ignore", invalid="ignore"):
                 along = _cross(lines[:, 0] - tip, across) / sine
-                share = _cross(lines[:, 0] - tip, way) / sine
+                share = _cross(lines[:, 0] - tip, step) / sine
             meet &= (along > -1e-9) & (share >= -1e-9) & (share <= 1.0 + 1e-9)
             nearest = along[meet].min(initial=np.inf)
             if 1e-6 < nearest < np.inf:
-                more.append(_Trace(np.array([tip, tip + nearest * way])))
+                more.append(_Trace(np.array([tip, tip + nearest * step])))
     return more
