@@ -314,19 +314,6 @@ def stretches(n_steps: int, values: int) -> list[tuple[int, int]]:
     return [(first, min(count, n_steps - first)) for first in range(0, n_steps, count)]
 
 
-def point_loads(node: np.ndarray, history: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the load arrays of force histories (n_total, n, 3) in N at nodes (n,)."""
-    n_total, n = history.shape[:2]
-    return {
-        "load_node": np.repeat(node, 3).astype(np.int32),
-        "load_vector": np.tile(np.eye(3), (n, 1)),
-        "load_history": np.arange(3 * n, dtype=np.int32),
-        "load_delay": np.zeros(3 * n),
-        "load_member": np.full(3 * n, -1, dtype=np.int32),
-        "history": np.ascontiguousarray(history.reshape(n_total, 3 * n)),
-    }
-
-
 SAMPLES_PER_PERIOD = 8
 
 

@@ -24,7 +24,6 @@ from .linear_runs import (
     faces,
     flat,
     jump_matrix,
-    point_loads,
     refuse_nonlinear,
     refuse_slip,
     seismograms,
@@ -32,7 +31,7 @@ from .linear_runs import (
     stress_drive,
     stretches,
 )
-from .loads import surface_impedance
+from .loads import point_loads, surface_impedance
 from .preparation import prepare
 
 STEP = 1e-3  # relative, of wave speeds; impedances are linear in them
