@@ -12,19 +12,19 @@ import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.ndimage import map_coordinates
 
-from . import hexahedra, tetrahedra
+from . import hexahedra
 from .faces import pair_faces, zone_faces, zone_of_face
 from .grid import SIDES, Geometry, layer_limits
-from .mesh import Mesh, edge_lengths, locate, surface_faces
+from .mesh import Mesh, components, edge_lengths, locate, surface_faces
 
 OF_AREA = 0.01  # tolerance of areas, relative
 OF_WAVE = 0.02  # of lengths, over the shortest wavelength
 DEGREES = 0.5  # of angles
-OF_EDGE = 0.1  # of positions, over the mean edge of their zone
+OF_EDGE = 0.1  # of positions, over the distance of nodes there
 EXACT = 1e-6  # m
 RASTER = 400  # heights of a surface along each side of the box
 SAMPLES = 200  # of a plane under a surface, along strike and dip
-SLIVER = 1e-3  # of the squared spacing: planes of a set that cut less off a corner don't count
+OF_SCATTERED = 0.1  # of the area of many fractures, or of joints with intact parts
 DISC_SIDES = 12  # of the polygon that stands for a disc
 WAYS = ("west", "east"), ("south", "north"), ("below", "above")
 
@@ -67,22 +67,15 @@ class Row:
         return f"{self.name}, {self.quantity}: {asked}built {built}{within}"
 
 
-def as_built(
-    mesh: Mesh,
-    asked: Geometry | None,
-    positions: Mapping[str, np.ndarray] | None = None,
-    *,
-    wavelength: float,
-) -> tuple[Row, ...]:
-    """Survey a mesh.
+def as_built(mesh: Mesh, asked: Geometry | None, wavelength: float = np.inf) -> tuple[Row, ...]:
+    """Survey the ground of a mesh.
 
     Parameters
     ----------
     mesh : Mesh
+        Not split.
     asked : Geometry or None
         What it was asked for; None for a mesh that was read, whose joints are described.
-    positions : dict of str to (3,) float64, m
-        Sources and receivers.
     wavelength : float, m
         The shortest of S waves of interest, for the tolerance of lengths.
 
@@ -90,12 +83,45 @@ def as_built(
     -------
     tuple of Row
     """
-    short = OF_WAVE * wavelength
-    rows = list(_inner_surfaces(mesh) if asked is None else _ground(mesh, asked, short))
-    for name, position in (positions or {}).items():
-        rows += _position(mesh, name, np.asarray(position, dtype=float))
-        if asked is not None:
-            rows += _depths(mesh, asked, name, np.asarray(position, dtype=float), short)
+    if asked is None:
+        return tuple(_inner_surfaces(mesh))
+    return tuple(_ground(mesh, asked, OF_WAVE * wavelength))
+
+
+def positions_as_built(
+    mesh: Mesh, asked: Geometry | None, positions: Mapping[str, np.ndarray]
+) -> tuple[Row, ...]:
+    """Survey where sources and receivers stand in a mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Split.
+    asked : Geometry or None
+        With the layers below the positions.
+    positions : dict of str to (3,) float64, m
+
+    Returns
+    -------
+    tuple of Row
+    """
+    rows, levels, top = [], [], np.zeros((0, 3, 3))
+    if asked is not None and positions and len(asked.layers) > 1:
+        top = _facets(mesh, "top")[0]
+        levels = [
+            (lower, height, _of_faces(mesh, _boundaries(mesh, upper, lower))[0])
+            for upper, lower, height in _levels(asked)
+        ]
+    for name, position in positions.items():
+        position = np.asarray(position, dtype=float)
+        rows += _position(mesh, name, position)
+        highest = _heights(top, position).max(initial=-np.inf)
+        for lower, height, triangles in levels:
+            cuts = _heights(triangles, position)
+            if height < highest and len(cuts):
+                built = highest - cuts[np.abs(cuts - height).argmin()]
+                quantity = f"depth of {lower} below the ground, m"
+                rows.append(Row(name, quantity, float(highest - height), float(built)))
     return tuple(rows)
 
 
@@ -129,8 +155,9 @@ def _of_faces(mesh, faces):
         corners = mesh.points[zone_faces(mesh.zones)[faces]]
         return corners, corners.reshape(-1, 3)
     zone, local = zone_of_face(mesh.zones, faces)
-    order = mesh.order if mesh.places is not None else 1
-    places = mesh.places if order > 1 else mesh.points[mesh.zones]
+    order, places = 1, mesh.points[mesh.zones]
+    if mesh.places is not None:
+        order, places = mesh.order, mesh.places
     grid = places[zone[:, None, None], hexahedra.face_nodes(order)[local]]
     a, b, c, d = grid[:, :-1, :-1], grid[:, 1:, :-1], grid[:, 1:, 1:], grid[:, :-1, 1:]
     halves = [np.stack(part, axis=-2).reshape(-1, 3, 3) for part in ((a, b, c), (a, c, d))]
@@ -213,8 +240,8 @@ def _raster_of_triangles(surface, x, y):
     for corners in surface:
         (ax, ay, _), (bx, by, _), (cx, cy, _) = corners
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
-        i = slice(*np.searchsorted(x, [min(ax, bx, cx), max(ax, bx, cx)]) + [0, 1])
-        j = slice(*np.searchsorted(y, [min(ay, by, cy), max(ay, by, cy)]) + [0, 1])
+        i = slice(np.searchsorted(x, min(ax, bx, cx)), np.searchsorted(x, max(ax, bx, cx)) + 1)
+        j = slice(np.searchsorted(y, min(ay, by, cy)), np.searchsorted(y, max(ay, by, cy)) + 1)
         px, py = x[i, None] - ax, y[None, j] - ay
         if not px.size or not py.size or abs(area) < EXACT**2:
             continue
@@ -237,9 +264,9 @@ class _Plane:
     area: float
     centre: np.ndarray
     spacing: float | None = None
-    limited: bool = False
+    depth: float = np.inf  # of what it cuts off the box, at most
     ends: np.ndarray | None = None  # (3, 2), of a rectangle in flat ground
-    patches: bool = False  # of several fractures, which are no plane
+    scattered: bool = False  # fractures of many planes, or intact parts in a joint
 
 
 def _asked_planes(asked, box, ground):
@@ -252,16 +279,28 @@ def _asked_planes(asked, box, ground):
         part = _in_ground(corners, box, [(-np.inf, np.inf)], ground)
         rectangle = fault.extent is not None and ground is None
         triangles = _in_box(_fan(corners), box)
-        ends = np.stack([triangles.min((0, 1)), triangles.max((0, 1))], 1) if (
-            rectangle and len(triangles)) else None  # fmt: skip
-        limited = fault.extent is not None or fault.radius is not None
-        named.setdefault(fault.name, []).append(_Plane(
-            fault.name, normal, corners.mean(axis=0), *part, limited=limited, ends=ends,
-            patches=fault.polygon is not None,
-        ))  # fmt: skip
+        ends = None
+        if rectangle and len(triangles):
+            ends = np.stack([triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))], axis=1)
+        scattered = fault.polygon is not None
+        named.setdefault(fault.name, []).append(
+            _Plane(fault.name, normal, corners.mean(axis=0), *part, ends=ends, scattered=scattered)
+        )
     for joints in asked.joint_sets:
-        named[joints.name] = list(_planes_of_set(joints, asked, box, ground, reach))
+        earlier = [plane for planes in named.values() for plane in planes]
+        named[joints.name] = [
+            plane
+            for plane in _planes_of_set(joints, asked, box, ground, reach)
+            if not any(_holds(other, plane) for other in earlier)
+        ]
     yield from named.values()
+
+
+def _holds(other, plane):
+    """Return whether an earlier plane lies where a plane of a set would, which then has no facet."""
+    apart = abs((plane.point - other.point) @ other.normal)
+    parallel = np.linalg.norm(np.cross(plane.normal, other.normal))
+    return apart <= EXACT and parallel <= EXACT and other.area > (1.0 - OF_AREA) * plane.area
 
 
 def _planes_of_set(joints, asked, box, ground, reach):
@@ -277,13 +316,18 @@ def _planes_of_set(joints, asked, box, ground, reach):
     ]  # fmt: skip
     corners = np.array(np.meshgrid(*box)).reshape(3, -1).T
     heights = (corners - origin) @ normal / joints.spacing
-    for number in range(int(np.ceil(heights.min())), int(np.floor(heights.max())) + 1):
+    low, high = np.ceil(heights.min() + EXACT), np.floor(heights.max() - EXACT)
+    for number in range(int(low), int(high) + 1):  # without those that only touch the box
         point = origin + number * joints.spacing * normal
         outline = _rectangle(normal, None, point, reach, reach)
         area, centre = _in_ground(outline, box, levels, ground)
-        if area > SLIVER * joints.spacing**2:
+        if area > 0.0:
             area *= joints.persistence
-            yield _Plane(joints.name, normal, point, area, centre, joints.spacing)
+            yield _Plane(
+                joints.name, normal, point, area, centre, joints.spacing,
+                joints.spacing * float(min(number - heights.min(), heights.max() - number)),
+                scattered=joints.persistence < 1.0,
+            )  # fmt: skip
 
 
 def _outline(fault, normal, point, reach):
@@ -334,7 +378,8 @@ def _in_ground(corners, box, levels, ground):
             else:
                 parts.append(_under(triangles, ground))
     area = sum(part[0] for part in parts)
-    return area, sum(a * c for a, c in parts) / area if area else np.zeros(3)
+    weighed = np.sum([a * c for a, c in parts], axis=0)
+    return area, weighed / area if area else np.zeros(3)
 
 
 def _under(triangles, ground):
@@ -415,8 +460,11 @@ def _planes(mesh, planes, box, short):
     triangles, nodes = _facets(mesh, name)
     triangles = _in_box(triangles, box)
     area, centre = _area_of(triangles)
+    if first.scattered:
+        yield Row(name, "area, m2", asked, area, OF_SCATTERED * asked)
+        return
     yield Row(name, "area, m2", asked, area, OF_AREA * asked)
-    if not area or first.patches:
+    if not area:
         return
     middle = sum(plane.area * plane.centre for plane in planes) / asked
     near = max(short, 0.5 * OF_AREA * np.sqrt(asked))
@@ -424,11 +472,14 @@ def _planes(mesh, planes, box, short):
     yield from _orientation(name, first.normal, _vectors(triangles))
     inside = ((nodes > box[:, 0] - EXACT) & (nodes < box[:, 1] + EXACT)).all(axis=1)
     offsets = np.array([plane.point @ first.normal for plane in planes])
-    away = nodes[inside] @ first.normal
-    nearest = np.abs(away[:, None] - offsets).min(axis=1)
-    yield Row(name, "distance of its worst node, m", 0.0, float(nearest.max(initial=0.0)), short)
+    away = np.abs((nodes[inside] @ first.normal)[:, None] - offsets).min(axis=1)
+    worst, mean = away.max(initial=0.0), np.sqrt(np.square(away).mean()) if len(away) else 0.0
+    yield Row(name, "root mean square distance of its nodes, m", 0.0, float(mean), short)
+    # Tetrahedra bend joints to corners of others, within their own tolerance.
+    within = short if mesh.hexahedral else None
+    yield Row(name, "distance of its worst node, m", 0.0, float(worst), within)
     if first.spacing is not None:
-        yield from _spacing(first, offsets, triangles, short)
+        yield from _spacing(planes, offsets, triangles, short)
     if first.ends is not None:
         for axis, letter in enumerate("xyz"):
             for end, (word, take) in enumerate((("from", np.min), ("to", np.max))):
@@ -462,14 +513,15 @@ def _dip(normal):
     return float(dip), float(np.degrees(np.arctan2(*normal[:2])) % 360.0)
 
 
-def _spacing(plane, offsets, triangles, short):
-    """Yield the number of planes of a set and their spacing."""
+def _spacing(planes, offsets, triangles, short):
+    """Yield the number of planes of a set, but for those at corners, and their spacing."""
+    plane, wanted = planes[0], np.array([plane.depth > short for plane in planes])
     size = np.linalg.norm(_vectors(triangles), axis=1)
     away = triangles.mean(axis=1) @ plane.normal
     owner = np.abs(away[:, None] - offsets).argmin(axis=1)
     area = np.bincount(owner, size, len(offsets))
-    there = area > 0.5 * SLIVER * plane.spacing**2
-    yield Row(plane.name, "planes", float(len(offsets)), float(there.sum()), 0.5)
+    there = wanted & (area > 0.0)
+    yield Row(plane.name, "planes", float(wanted.sum()), float(there.sum()), 0.5)
     if there.sum() > 1:
         at = np.sort(np.bincount(owner, size * away, len(offsets))[there] / area[there])
         gaps = np.diff(at)
@@ -481,7 +533,10 @@ def _boundaries(mesh, upper, lower):
     """Return the numbers of faces between zones of two groups."""
     if not {upper, lower} <= set(mesh.groups):
         return np.zeros(0, dtype=int)
-    first, second, _, _ = mesh.paired_faces
+    zones = mesh.zones
+    if mesh.contacts is not None:
+        zones = components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1][zones]
+    first, second, _, _ = pair_faces(zones, len(mesh.points))
     group = mesh.zone_group[zone_of_face(mesh.zones, np.stack([first, second]))[0]]
     pair = sorted((mesh.groups.index(upper), mesh.groups.index(lower)))
     return first[(np.sort(group, axis=0) == np.array(pair)[:, None]).all(axis=0)]
@@ -496,44 +551,37 @@ def _levels(asked):
 
 
 def _layers(mesh, asked, box, ground, short):
-    """Yield height and area of the boundaries between layers."""
-    levels = list(_levels(asked))
+    """Yield area and height of the boundaries between layers."""
+    levels, everywhere = list(_levels(asked)), [(-np.inf, np.inf)]
     for upper, lower, height in levels:
-        same = np.array([z for a, b, z in levels if {a, b} == {upper, lower}])
+        same = [z for a, b, z in levels if {a, b} == {upper, lower}]  # soil, rock, soil
         triangles, nodes = _of_faces(mesh, _boundaries(mesh, upper, lower))
         inside = ((nodes > box[:, 0] - EXACT) & (nodes < box[:, 1] + EXACT)).all(axis=1)
-        own = nodes[inside][
-            np.abs(nodes[inside, 2:] - same).argmin(axis=1) == same.tolist().index(height)
-        ]
-        near = np.abs(triangles.mean(axis=1)[:, 2:] - same).argmin(axis=1) == same.tolist().index(
-            height
-        )
-        name = f"{upper} on {lower}"
+        own = nodes[inside & _nearest(nodes, height, same), 2]
         flat = np.array(
-            [
-                [x, y, height]
-                for x, y in zip(box[0, [0, 1, 1, 0]], box[1, [0, 0, 1, 1]], strict=True)
-            ]
+            [[box[0, i], box[1, j], height] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
         )
-        wanted = _in_ground(flat, box, [(-np.inf, np.inf)], ground)[0]
+        wanted = _in_ground(flat, box, everywhere, ground)[0]
+        near = _nearest(triangles.mean(axis=1), height, same)
         built = _area_of(_in_box(triangles[near], box))[0]
-        yield Row(
-            name,
-            "area, m2",
-            wanted,
-            built,
-            OF_AREA * max(wanted, float(np.ptp(box[:2], axis=1).prod())),
-        )
+        name, plan = f"{upper} on {lower}", float(np.ptp(box[:2], axis=1).prod())
+        yield Row(name, "area, m2", wanted, built, OF_AREA * plan)
         if len(own):
-            worst = own[np.abs(own[:, 2] - height).argmax(), 2]
-            yield Row(name, "height of its worst node, m", height, float(worst), short)
+            worst = float(own[np.abs(own - height).argmax()])
+            yield Row(name, "height of its worst node, m", height, worst, short)
+
+
+def _nearest(positions, height, heights):
+    """Return whether positions (n, 3) are nearer to one height than to others, (n,) bool."""
+    away = np.abs(positions[:, 2:] - np.array(heights))
+    return away.argmin(axis=1) == heights.index(height)
 
 
 def _position(mesh, name, position):
     """Yield where a source or receiver went, in which ground, and on which side of joints."""
     moved, zone = _moved(mesh, position[None])
-    edge = float(edge_lengths(mesh)[zone[0]].mean())
-    yield Row(name, "moved, m", 0.0, float(moved[0]), OF_EDGE * edge)
+    apart = float(edge_lengths(mesh)[zone[0]].mean()) / mesh.order
+    yield Row(name, "moved, m", 0.0, float(moved[0]), OF_EDGE * apart)
     yield Row(name, "ground", None, mesh.groups[mesh.zone_group[zone[0]]])
     middle = mesh.points[mesh.zones[zone[0]]].mean(axis=0)
     names = () if mesh.contacts is None else mesh.contacts.names
@@ -564,19 +612,6 @@ def _within(triangle, normal, position):
     return bool((across >= -EXACT * np.linalg.norm(edges, axis=1)).all())
 
 
-def _depths(mesh, asked, name, position, short):
-    """Yield the depth of each layer under a position."""
-    top = _heights(_facets(mesh, "top")[0], position).max(initial=-np.inf)
-    ground = asked.box[2, 1] if asked.surface is None else _Surface(asked)(position[:2])
-    for upper, lower, height in _levels(asked):
-        if height < ground:
-            cuts = _heights(_of_faces(mesh, _boundaries(mesh, upper, lower))[0], position)
-            built = top - cuts[np.abs(cuts - height).argmin()] if len(cuts) else np.nan
-            yield Row(
-                name, f"depth of {lower} below, m", float(ground - height), float(built), short
-            )
-
-
 def _heights(triangles, position):
     """Return the heights (n,) at which the vertical through a position cuts triangles."""
     plan = triangles[..., :2] - position[:2]
@@ -602,7 +637,7 @@ def _inner_surfaces(mesh):
         if not len(faces) or faces[0] in single:
             continue
         triangles, nodes = _of_faces(mesh, faces)
-        area, centre = _area_of(triangles)
+        area = _area_of(triangles)[0]
         normal = np.linalg.svd(nodes - nodes.mean(axis=0), full_matrices=False)[2][2]
         normal = normal * (-1.0 if normal[2] < 0.0 else 1.0)
         dip, towards = _dip(normal)

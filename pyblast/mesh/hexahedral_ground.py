@@ -14,6 +14,7 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from ..errors import InputError
 from . import hexahedra
+from .faces import sides
 from .grid import Fault, JointSet, Layer, layer_limits
 from .hexahedra import AbsorbingLayer
 from .mesh import Mesh
@@ -106,7 +107,8 @@ def build_hexahedra(
     slope = 0.0 if dip is None else 1.0 / np.tan(dip)
     inner = _inner(box, frame, within if turned else None, min(sizes))
     planes = _planes(joint_sets, faults, box, inner, frame, dip)
-    grid = _Grid(inner, slope, planes, limits, np.asarray(sizes, dtype=float), open_sides)
+    ends = [end for end, side in _looking(frame).items() if side in open_sides]
+    grid = _Grid(inner, slope, planes, limits, np.asarray(sizes, dtype=float), ends)
     count = np.prod([len(axis) - 1 for axis in grid.axes]) * order**3
     refuse_beyond_memory(f"mesh: a grid of {count} nodes of hexahedra", count * BYTES_PER_NODE)
     return grid.mesh(order, layers, limits, planes, frame, surface)
@@ -142,6 +144,16 @@ def _frame(sets, faults):
         return frame, None
     normal = dipping[0][1] * np.sign(dipping[0][1][2])
     return frame, float(np.arctan2(np.hypot(*normal[:2]), normal[2]))
+
+
+def _looking(frame):
+    """Return the side of the ground at which each end of the axes of a grid looks."""
+    named = {}
+    for number, end in enumerate(SIDES):
+        along = frame[number // 2] * (1.0 if number % 2 else -1.0)
+        axis = int(np.abs(along).round(6).argmax())
+        named[end] = SIDES[2 * axis + int(along[axis] > 0.0)]
+    return named
 
 
 def _refuse_parts(sets, faults):
@@ -335,7 +347,7 @@ class _Grid:
         group = np.searchsorted(-limits[1:-1], -0.5 * (low + high)[:, 2])
         names = list(dict.fromkeys(layer.name for layer in layers))
         number = np.array([names.index(layer.name) for layer in layers])
-        surfaces = self._surfaces(planes, zones, low, high, layers, group)
+        surfaces = self._surfaces(planes, points, zones, low, high, layers, group)
         layer = None
         if self.open.any():
             inner = np.where(self.open, self.inner, [-np.inf, np.inf])
@@ -346,14 +358,9 @@ class _Grid:
             order=order, places=nodes, layer=layer,
         )  # fmt: skip
 
-    def _surfaces(self, planes, zones, low, high, layers, group):
+    def _surfaces(self, planes, points, zones, low, high, layers, group):
         """Return the faces of the sides and of the planes; those of planes of the zone below."""
-        surfaces = {}
-        for axis in range(3):
-            for end, name in enumerate(SIDES[2 * axis : 2 * axis + 2]):
-                edge = (low, high)[end][:, axis]
-                at = np.flatnonzero(np.isclose(edge, self.axes[axis][-end], rtol=0, atol=1e-9))
-                surfaces[name] = zones[at][:, hexahedra.FACES[2 * axis + end]]
+        surfaces: dict[str, np.ndarray] = sides(points, zones)
         group_names = np.array([layer.name for layer in layers])[group]
         free = np.ones((len(zones), 3), dtype=bool)  # upper faces that no earlier plane has
         for plane in planes:
@@ -372,7 +379,7 @@ class _Grid:
             surfaces[plane.name] = np.concatenate([surfaces.get(plane.name, faces[:0]), faces])
         for name in {plane.name for plane in planes}:
             if not len(surfaces[name]):
-                raise InputError(f"mesh: {name!r} does not cut the model")
+                raise NotMapped(f"no line of the grid meets {name!r}")
         return surfaces
 
 

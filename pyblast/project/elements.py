@@ -1,16 +1,18 @@
 """Choice of the elements of a project: spectral hexahedra where the ground allows it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from ..errors import InputError, named_error
+from ..mesh.as_built import Row, as_built
 from ..mesh.grid import Layer
 from ..mesh.hexahedral_ground import SIDES, NotMapped, build_hexahedra
 from ..mesh.mesh import Mesh, edge_lengths
 from ..model.material import ConstantQ
-from .ground import joints_and_faults, make_mesh, mean_edge
+from .ground import joints_and_faults, make_geometry, make_mesh, mean_edge
+from .surface import make_fractures
 
 ORDER = 5
 # Nodes per shortest S wavelength for an error of 1 % over three wavelengths, by order; the error
@@ -22,6 +24,8 @@ FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
 LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadratic ones
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
 SOFT = 0.3  # S speed over that of the ground beneath: docs/quality/verification.md
+SHARP = 0.015  # of an edge: tolerance of tetrahedra where the usual one bends planes
+LISTED = 3  # rows of a survey in a sentence
 SIZED = ("layers", "refinements")  # parts of the mesh with edges of their own
 TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
 
@@ -35,10 +39,13 @@ class Ground:
     mesh : Mesh
     reason : str
         One sentence.
+    rows : tuple of Row
+        Survey of what was built beside what was asked for.
     """
 
     mesh: Mesh
     reason: str
+    rows: tuple[Row, ...] = ()
 
 
 def elements_of(project) -> str:
@@ -78,10 +85,19 @@ def make_ground(project) -> Ground:
     """
     config, materials = project.config, project.materials
     kind = config.mesh.kind
+    if config.mesh.file is not None:
+        mesh = make_mesh(config.mesh, materials, project.folder)
+        return Ground(mesh, "tetrahedra: the mesh is read from a file", as_built(mesh, None))
+    asked, wave = make_geometry(config, project.surface), shortest_wave(config, materials)
     obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
     if kind != "tetrahedra" and obstacle is None:
         try:
-            return _hexahedra(config, materials, project.surface, project.within)
+            ground = _hexahedra(config, materials, project.surface, project.within)
+            ground = replace(ground, rows=as_built(ground.mesh, asked, wavelength=wave))
+            wrong = differences(ground.rows)
+            if not wrong:
+                return ground
+            obstacle = f"hexahedra would build other ground than asked for: {wrong}"
         except NotMapped as reason:
             obstacle = str(reason).removeprefix("mesh: ")
     if kind == "hexahedra":
@@ -90,8 +106,67 @@ def make_ground(project) -> Ground:
             "take 'auto' or 'tetrahedra'"
         )
     reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
-    mesh = make_mesh(config.mesh, materials, project.folder, project.surface)
-    return Ground(mesh, reason)
+    return _tetrahedra(project, asked, wave, reason)
+
+
+def _tetrahedra(project, asked, wave, reason):
+    """Return a ground of tetrahedra, cut more sharply where the first cut bends planes."""
+    config, materials, folder = project.config, project.materials, project.folder
+    parts = _with_edges(config, materials)
+    asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder)))
+    sharp = SHARP * wave / TETRAHEDRA[parts.quadratic]
+    for tolerance in (parts.tolerance_m,) if parts.tolerance_m else (None, sharp):
+        cut = parts.model_copy(update={"tolerance_m": tolerance})
+        mesh = make_mesh(cut, materials, folder, project.surface)
+        rows = as_built(mesh, asked, wavelength=wave)
+        wrong = differences(rows)
+        if not wrong:
+            return Ground(mesh, reason, rows)
+        if parts.grid_cells is not None:
+            break
+    raise InputError(
+        f"mesh: the ground that is built differs from the one asked for: {wrong}; shorten edge_m "
+        "or tolerance_m there, or move planes and sides that nearly meet"
+    )
+
+
+def differences(rows) -> str:
+    """Return in words which rows of an as-built survey are beyond their tolerance, if any."""
+    wrong = [str(row) for row in rows if not row.good]
+    more = f" and {len(wrong) - LISTED} more" if len(wrong) > LISTED else ""
+    return "; ".join(wrong[:LISTED]) + more
+
+
+def shortest_wave(config, materials) -> float:
+    """Return the shortest S wavelength in m that a `Config` asks its mesh to carry."""
+    waves = []
+    for part in config.mesh.layers:
+        edge, top = None, _frequency(config)
+        if part.material in materials:
+            edge = mean_edge(config.mesh, part, materials[part.material])
+        if edge is not None:
+            waves.append(TETRAHEDRA[config.mesh.quadratic] * edge)
+        elif top is not None and part.material in materials:
+            waves.append(materials[part.material].cs / top)
+    if config.mesh.grid_cells is not None:
+        cells = np.array(config.mesh.size_m) / config.mesh.grid_cells
+        waves.append(TETRAHEDRA[config.mesh.quadratic] * float(cells.min()))
+    return min(waves, default=np.inf)
+
+
+def _with_edges(config, materials):
+    """Return the `MeshConfig` with edges of tetrahedra by frequency in layers without any."""
+    mesh, top = config.mesh, _frequency(config)
+    if mesh.grid_cells is not None or top is None:
+        return mesh
+    layers = []
+    for part in mesh.layers:
+        rock = materials.get(part.material)
+        if rock is not None and mean_edge(mesh, part, rock) is None:
+            edge = rock.cs / (TETRAHEDRA[mesh.quadratic] * top)
+            part = part.model_copy(update={"edge_m": edge})
+        layers.append(part)
+    return mesh.model_copy(update={"layers": layers})
 
 
 def horizontal_positions(project) -> np.ndarray:
@@ -245,7 +320,7 @@ def _hexahedra(config, materials, surface, within):
     with named_error("mesh"):
         built = build_hexahedra(
             np.column_stack([low, low + size]), layers, sets, faults, sizes=sizes, order=order,
-            open_sides=open_sides, within=within, surface=surface,
+            open_sides=open_sides, surface=surface,
         )  # fmt: skip
     edge = edge_lengths(built).max()
     ends = "an absorbing layer" if open_sides else "no absorbing layer"
