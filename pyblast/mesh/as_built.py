@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
-from scipy.ndimage import map_coordinates
+import scipy
 
 from . import hexahedra
 from .faces import pair_faces, zone_faces, zone_of_face
@@ -220,18 +219,23 @@ class _Surface:
         if self.stepped:
             self.raster = _raster_of_triangles(surface, x, y)
         else:
-            self.raster = LinearNDInterpolator(surface[:, :2], surface[:, 2])(plan)
+            self.raster = scipy.interpolate.LinearNDInterpolator(surface[:, :2], surface[:, 2])(
+                plan
+            )
         bare = np.isnan(self.raster)
         if bare.any():
             points = surface.reshape(-1, 3)
-            self.raster[bare] = NearestNDInterpolator(points[:, :2], points[:, 2])(plan[bare])
+            nearest = scipy.interpolate.NearestNDInterpolator(points[:, :2], points[:, 2])
+            self.raster[bare] = nearest(plan[bare])
         self.lowest, self.highest = float(self.raster.min()), float(self.raster.max())
 
     def __call__(self, plan):
         """Return the heights (...) in m at horizontal positions (..., 2)."""
         at = (np.asarray(plan) - self.low) / self.size * (RASTER - 1)
         order = 0 if self.stepped else 1
-        return map_coordinates(self.raster, np.moveaxis(at, -1, 0), order=order, mode="nearest")
+        return scipy.ndimage.map_coordinates(
+            self.raster, np.moveaxis(at, -1, 0), order=order, mode="nearest"
+        )
 
 
 def _raster_of_triangles(surface, x, y):
@@ -297,7 +301,7 @@ def _asked_planes(asked, box, ground):
 
 
 def _holds(other, plane):
-    """Return whether an earlier plane lies where a plane of a set would, which then has no facet."""
+    """Return whether an earlier plane has the facets of a plane of a set."""
     apart = abs((plane.point - other.point) @ other.normal)
     parallel = np.linalg.norm(np.cross(plane.normal, other.normal))
     return apart <= EXACT and parallel <= EXACT and other.area > (1.0 - OF_AREA) * plane.area
@@ -523,9 +527,9 @@ def _spacing(planes, offsets, triangles, short):
     there = wanted & (area > 0.0)
     yield Row(plane.name, "planes", float(wanted.sum()), float(there.sum()), 0.5)
     if there.sum() > 1:
-        at = np.sort(np.bincount(owner, size * away, len(offsets))[there] / area[there])
-        gaps = np.diff(at)
-        worst = float(gaps[np.abs(gaps - plane.spacing).argmax()])
+        at = np.bincount(owner, size * away, len(offsets))[there] / area[there]
+        wider = np.diff(at) - np.diff(offsets[there])
+        worst = plane.spacing + float(wider[np.abs(wider).argmax()])
         yield Row(plane.name, "spacing, m", plane.spacing, worst, short)
 
 

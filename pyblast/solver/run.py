@@ -15,7 +15,7 @@ from ..signals.seismogram import Seismogram
 from . import assembly
 from .assembly import Step
 from .edge_springs import common_edges
-from .model_file import read_checkpoint, write_checkpoint
+from .model_file import read_checkpoint, read_program_result, write_checkpoint
 from .preparation import LEDGER_EVERY, Chunks, Prepared, peak_interval, prepare, versions
 
 CHECKPOINT_SECONDS = 30.0
@@ -141,6 +141,28 @@ def simulate(
     return integration.result(time.perf_counter() - began)
 
 
+def integrated(model: Model, prepared: Prepared, path: str | Path) -> Run:
+    """Return the `Run` that the program ``pyblast-run`` made of a prepared model.
+
+    It holds no snapshots and no peaks of nodes, which that program does not record.
+
+    Raises
+    ------
+    InputError
+        If the file belongs to another model.
+    ReadError
+        If it is damaged or no such file.
+    """
+    empty = _Integration(model, prepared)
+    records = {"motion": empty.motion, "energy": empty.energy}
+    stored = read_program_result(
+        path, prepared.short_fingerprint, {"records": records, "state": prepared.state}
+    )
+    motion, energy = (stored["records"][name] for name in records)
+    run = collect(model, prepared, motion, energy, stored["state"], 0.0, {})
+    return replace(run, peak_velocity=np.zeros(len(stored["state"]["velocity"]), np.float32))
+
+
 class _Integration:
     """Time integration in progress: current step, state and records."""
 
@@ -233,17 +255,22 @@ def collect(
     snapshots: dict[float, np.ndarray],
 ) -> Run:
     """Return the `Run` of a completed integration."""
-    dt, seismograms = prepared.constants["dt"], {}
-    for number, receiver in enumerate(model.receivers):
-        record = Seismogram(motion[:, number], dt, 0.5 * dt, receiver.name)
-        if receiver.azimuth is not None:
-            record = record.rotated(receiver.azimuth)
-        seismograms[receiver.name] = record
+    dt = prepared.constants["dt"]
     ledger = _ledger(energy, dt)
     return Run(
-        seismograms, ledger, balance_error(ledger), dt, state, prepared, snapshots,
-        versions(prepared.fingerprint), wall_seconds,
+        seismograms(model, motion, dt), ledger, balance_error(ledger), dt, state, prepared,
+        snapshots, versions(prepared.fingerprint), wall_seconds,
     )  # fmt: skip
+
+
+def seismograms(model: Model, motion: np.ndarray, dt: float) -> dict[str, Seismogram]:
+    """Return motion (n_steps, n_receivers, 3) as seismograms in the receivers' directions."""
+    records = {}
+    for number, receiver in enumerate(model.receivers):
+        record = Seismogram(motion[:, number], dt, 0.5 * dt, receiver.name)
+        turned = record if receiver.azimuth is None else record.rotated(receiver.azimuth)
+        records[receiver.name] = turned
+    return records
 
 
 def failure(model: Model, prepared: Prepared, step: int, node: int) -> str:

@@ -10,7 +10,7 @@ from pyblast.config.ground import BenchConfig, FractureConfig, MeshConfig
 from pyblast.errors import InputError
 from pyblast.project import checks, surface
 from pyblast.project.project import load_project
-from pyblast.project.surface import benches_of, read_surface
+from pyblast.project.surface import benches_of, survey_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bench" / "project.toml"
 
@@ -40,7 +40,9 @@ def test_bench_lines_are_read_from_files_as_from_the_project(tmp_path):
     assert bench.crest.tolist() == [[30, 0, 5], [31, 20, 5]]
     assert bench.toe.tolist() == [[30, 0, 1], [31, 20, 1]]
     assert files.files == [None, None, "crest.csv", None]
-    assert read_surface(tmp_path / "crest.csv").tolist() == bench.crest.tolist()
+    table = MeshConfig(size_m=[60, 20, 9], edge_m=5, layers=[{"material": "a"}],
+                       surface_file="crest.csv")  # fmt: skip
+    assert survey_of(table, tmp_path).values.tolist() == bench.crest.tolist()
 
 
 @pytest.mark.parametrize(
@@ -69,7 +71,7 @@ FRACTURES = EXAMPLE.parents[1] / "fractures" / "project.toml"
 def test_fractures_of_a_project_are_cut_counted_and_end_at_the_fault():
     project = load_project(FRACTURES)
 
-    notes = surface.ground_notes(project, {})
+    notes = surface.ground_notes(project)
 
     assert any(note.startswith("Fractures bedding") and "seed 1" in note for note in notes)
     assert project.config.mesh.files == [None, None, "discs.csv", None]
