@@ -8,7 +8,6 @@ import numpy as np
 from ..errors import InputError
 from . import hexahedra, tetrahedra
 
-_UPRIGHT = 1e-6  # sine of the angle from the vertical below which a face is upright
 _LARGEST_CUBE = 2_000_000  # nodes of which three fit into 63 bits
 _LARGEST_FOURTH_POWER = 55_108  # the same for four
 _STEP, _FACTOR = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9)  # SplitMix64
@@ -102,21 +101,3 @@ def face_vectors(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     if faces.shape[1] == 4:
         return hexahedra.face_vectors(points, faces)
     return tetrahedra.triangle_vectors(points, faces)
-
-
-def sides(points: np.ndarray, zones: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the outward faces (n, 3 or 4) of a box-like mesh, not split, by where they look.
-
-    West, east, south and north are the upright faces within 45 degrees of these directions, bottom
-    and top the others; so names do not depend on the axes of a grid.
-    """
-    single = pair_faces(zones, len(points))[2]
-    faces = zone_faces(zones)[np.sort(single)]
-    vectors = face_vectors(points, faces)
-    upright = np.abs(vectors[:, 2]) < _UPRIGHT * np.linalg.norm(vectors, axis=1)
-    quarter = np.arctan2(vectors[:, 1], vectors[:, 0]) / (0.5 * np.pi) + 0.5 + _UPRIGHT
-    lateral = np.floor(quarter).astype(int) % 4
-    names = ["east", "north", "west", "south"]
-    at = {name: upright & (lateral == number) for number, name in enumerate(names)}
-    at |= {"bottom": ~upright & (vectors[:, 2] < 0.0), "top": ~upright & (vectors[:, 2] > 0.0)}
-    return {name: faces[at[name]] for name in ("west", "east", "south", "north", "bottom", "top")}

@@ -1,20 +1,22 @@
 """Choice of the elements of a project: spectral hexahedra where the ground allows it."""
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
 from ..errors import InputError, named_error
 from ..mesh.as_built import Row, as_built
-from ..mesh.grid import Layer
-from ..mesh.hexahedral_ground import SIDES, NotMapped, build_hexahedra
+from ..mesh.hexahedral import mapped, swept
+from ..mesh.hexahedral.mapped import NotMapped
 from ..mesh.mesh import Mesh, edge_lengths
+from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
-from .ground import joints_and_faults, make_geometry, make_mesh, mean_edge
+from .ground import make_geometry, make_mesh, mean_edge
 from .surface import make_fractures
 
-ORDER = 5
+ORDERS = (5, 3, 2, 4)  # tried, the first alone in a plain grid; a node costs the same in all
+BUILDERS = {"between the planes": mapped.build, "swept along one direction": swept.build}
 # Nodes per shortest S wavelength for an error of 1 % over three wavelengths, by order; the error
 # falls with the power below of their number: docs/quality/performance.md.
 NODES_FOR_ONE_PER_CENT = {2: 9.0, 3: 5.9, 4: 4.6, 5: 4.3, 6: 4.0, 7: 4.0, 8: 4.1}
@@ -92,14 +94,9 @@ def make_ground(project) -> Ground:
     obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
     if kind != "tetrahedra" and obstacle is None:
         try:
-            ground = _hexahedra(config, materials, project.surface, project.within)
-            ground = replace(ground, rows=as_built(ground.mesh, asked, wavelength=wave))
-            wrong = differences(ground.rows)
-            if not wrong:
-                return ground
-            obstacle = f"hexahedra would build other ground than asked for: {wrong}"
+            return _hexahedra(config, materials, asked, wave, project.reach)
         except NotMapped as reason:
-            obstacle = str(reason).removeprefix("mesh: ")
+            obstacle = str(reason)
     if kind == "hexahedra":
         raise InputError(
             f"mesh.kind: 'hexahedra' need a ground that is a mapped grid, but {obstacle}; "
@@ -115,15 +112,15 @@ def _tetrahedra(project, asked, wave, reason):
     parts = _with_edges(config, materials)
     asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder)))
     sharp = SHARP * wave / TETRAHEDRA[parts.quadratic]
-    for tolerance in (parts.tolerance_m,) if parts.tolerance_m else (None, sharp):
+    given = parts.tolerance_m is not None or parts.grid_cells is not None
+    wrong = ""
+    for tolerance in (parts.tolerance_m,) if given else (None, sharp):
         cut = parts.model_copy(update={"tolerance_m": tolerance})
         mesh = make_mesh(cut, materials, folder, project.surface)
-        rows = as_built(mesh, asked, wavelength=wave)
+        rows = as_built(mesh, asked, wave)
         wrong = differences(rows)
         if not wrong:
             return Ground(mesh, reason, rows)
-        if parts.grid_cells is not None:
-            break
     raise InputError(
         f"mesh: the ground that is built differs from the one asked for: {wrong}; shorten edge_m "
         "or tolerance_m there, or move planes and sides that nearly meet"
@@ -139,18 +136,17 @@ def differences(rows) -> str:
 
 def shortest_wave(config, materials) -> float:
     """Return the shortest S wavelength in m that a `Config` asks its mesh to carry."""
-    waves = []
-    for part in config.mesh.layers:
-        edge, top = None, _frequency(config)
-        if part.material in materials:
-            edge = mean_edge(config.mesh, part, materials[part.material])
+    mesh, top, waves = config.mesh, _frequency(config), []
+    for part in mesh.layers:
+        rock = materials.get(part.material)
+        edge = None if rock is None else mean_edge(mesh, part, rock)
         if edge is not None:
-            waves.append(TETRAHEDRA[config.mesh.quadratic] * edge)
-        elif top is not None and part.material in materials:
-            waves.append(materials[part.material].cs / top)
-    if config.mesh.grid_cells is not None:
-        cells = np.array(config.mesh.size_m) / config.mesh.grid_cells
-        waves.append(TETRAHEDRA[config.mesh.quadratic] * float(cells.min()))
+            waves.append(TETRAHEDRA[mesh.quadratic] * edge)
+        elif top is not None and rock is not None:
+            waves.append(rock.cs / top)
+    if mesh.grid_cells is not None:
+        cells = np.array(mesh.size_m) / mesh.grid_cells
+        waves.append(TETRAHEDRA[mesh.quadratic] * float(cells.min()))
     return min(waves, default=np.inf)
 
 
@@ -169,8 +165,13 @@ def _with_edges(config, materials):
     return mesh.model_copy(update={"layers": layers})
 
 
-def horizontal_positions(project) -> np.ndarray:
-    """Return the horizontal positions (n, 2) in m of receivers and sources of a project."""
+def survey_positions(project) -> np.ndarray:
+    """Return the horizontal positions (n, 2) in m of sources and receivers of all blasts."""
+    return np.concatenate([_horizontal(each) for each in (project, *project.further)])
+
+
+def _horizontal(project):
+    """Return the horizontal positions (n, 2) in m of receivers and sources of one blast."""
     config, blast = project.config, project.blast
     parts = [*config.receivers, *config.point_forces, *config.moment_tensors]
     positions = [part.position_m[:2] for part in parts]
@@ -304,36 +305,43 @@ def _frequency(config):
     return None if band is None else band[1]
 
 
-def _hexahedra(config, materials, surface, within):
-    """Return a ground of hexahedra."""
-    mesh = config.mesh
-    order = mesh.order or ORDER
-    low, size = np.array(mesh.origin_m), np.array(mesh.size_m)
-    layers = [Layer(part.material, part.thickness_m) for part in mesh.layers]
-    reach = _longest_path(within)
-    sizes = [_size(config, part, materials[part.material], order, reach) for part in mesh.layers]
-    enters = config.signature is not None  # through a side, whose waves would leave the layer
-    open_sides = [] if enters else [side for side in config.boundaries.viscous if side in SIDES]
-    if surface is not None and surface.ndim == 3:
-        raise NotMapped("the ground surface is given as triangles, which cut its blocks")
-    sets, faults = joints_and_faults(mesh)
-    with named_error("mesh"):
-        built = build_hexahedra(
-            np.column_stack([low, low + size]), layers, sets, faults, sizes=sizes, order=order,
-            open_sides=open_sides, surface=surface,
-        )  # fmt: skip
-    edge = edge_lengths(built).max()
-    ends = "an absorbing layer" if open_sides else "no absorbing layer"
-    zones = f"{len(built.zones)} zones"
-    reason = f"hexahedra of order {order}, edges up to {edge:.3g} m, {ends}: {zones}"
-    return Ground(built, reason)
+def _hexahedra(config, materials, geometry, wave, reach):
+    """Return a ground of hexahedra: of builders and orders that serve, that of the least work."""
+    orders = (config.mesh.order,) if config.mesh.order else ORDERS
+    builders = BUILDERS
+    if mapped.is_plain(geometry):
+        orders, builders = orders[:1], {"in a plain grid": mapped.build}
+    meshes, reasons = [], []
+    for order, (how, build) in product(orders, builders.items()):
+        sizes = [
+            _size(config, part, materials[part.material], order, reach)
+            for part in config.mesh.layers
+        ]
+        try:
+            with named_error("mesh"):
+                mesh = build(geometry, sizes, order)
+        except NotMapped as reason:
+            reasons.append(str(reason).removeprefix("mesh: "))
+            continue
+        meshes.append((explicit_work(mesh), how, mesh))
+    meshes = [each for each in meshes if np.isfinite(each[0])]
+    if not meshes:
+        raise NotMapped("; ".join(dict.fromkeys(reasons)) or "its hexahedra would be inverted")
+    wrong = ""
+    for _, how, mesh in sorted(meshes, key=lambda each: each[0]):
+        rows = as_built(mesh, geometry, wave)
+        wrong = differences(rows)
+        if not wrong:
+            edge = edge_lengths(mesh).max()
+            ends = "no absorbing layer" if mesh.layer is None else "an absorbing layer"
+            kind = f"hexahedra of order {mesh.order} {how}, edges up to {edge:.3g} m, {ends}"
+            return Ground(mesh, f"{kind}: {len(mesh.zones)} zones", rows)
+    raise NotMapped(f"they would build other ground than asked for: {wrong}")
 
 
-def _longest_path(within):
-    """Return the largest distance in m between sources and receivers."""
-    if not len(within):
-        return 0.0
-    return float(np.linalg.norm(np.ptp(within, axis=0)))
+def longest_path(positions: np.ndarray) -> float:
+    """Return the diagonal in m of what horizontal positions (n, 2) of a survey span."""
+    return float(np.linalg.norm(np.ptp(positions, axis=0))) if len(positions) else 0.0
 
 
 def _size(config, part, material, order, reach):
