@@ -92,7 +92,7 @@ def test_a_blast_is_that_of_its_run(parts, side):
 
 
 def test_a_column_detonates_in_its_stored_response():
-    column = Column(np.array([8.0, 11.0, 4.0]), np.array([8.0, 12.0, 11.0]), 20.0, 0.013, SHORT)
+    column = Column(np.array([8.0, 11.0, 4.0]), np.array([8.0, 12.0, 11.0]), 20.0, 0.02, SHORT)
     model = jointed(sources=[column])
 
     bank = greens_functions(model, DURATION)
