@@ -191,7 +191,7 @@ def blast_spectra(
                             for part, drive in parts) for parts in drives])  # fmt: skip
     spectra, n_samples = trimmed(spectra.transpose(2, 0, 1) / size)
     return BlastSpectra(
-        spectra, bank.receivers, 1.0 / (size * dt), n_samples, (0.5 - lead) * dt + earliest,
+        spectra, bank.receivers, 1.0 / (size * dt), n_samples, (-0.5 - lead) * dt + earliest,
         earliest, latest,
     )  # fmt: skip
 

@@ -190,7 +190,8 @@ class GreensFunctions:
         Number of the source and width R/cp in s of the parts of all sources, see `unit_loads`.
     receivers : tuple of Receiver
     response : (n_parts, n_receivers, 3, n_steps) float64, m/s per N m or per N
-        East, north, vertical; sample k half a step after k steps from the step of moment.
+        East, north, vertical; sample k half a step after k - 1 steps from the step of moment: the
+        interpolation of a delay below one step looks one step ahead.
     dt : float, s
         The time step of the model.
     within : float, m
@@ -215,7 +216,7 @@ class GreensFunctions:
     @property
     def duration(self) -> float:
         """Duration of the responses, s."""
-        return self.dt * self.response.shape[-1]
+        return self.dt * (self.response.shape[-1] - 1)
 
     @property
     def unfinished(self) -> float:
@@ -273,9 +274,9 @@ class GreensFunctions:
         InputError
             If a source is at no stored place.
         """
-        n_known = self.response.shape[-1]
+        n_known = self.response.shape[-1] - 1
         n = n_known if duration is None else max(2, int(np.ceil(duration / self.dt - 1e-9)))
-        size = fast_length(n + min(n, n_known))
+        size = fast_length(n + min(n, n_known) + 2)
         total = np.zeros((len(self.receivers), 3, size // 2 + 1), dtype=complex)
         numbers = self.numbers(sources)
         for response, (number, width) in zip(self.response, self.parts, strict=True):
@@ -283,10 +284,10 @@ class GreensFunctions:
             if not chosen:
                 continue
             drive = np.asarray(
-                sum(np.asarray(fft.rfft(self.increments(s, n, width), size)) for s in chosen)
+                sum(np.asarray(fft.rfft(self.increments(s, n + 1, width), size)) for s in chosen)
             )
-            total += np.asarray(fft.rfft(response[..., :n], size)) * drive
-        return self.seismograms(np.asarray(fft.irfft(total, size))[..., :n])
+            total += np.asarray(fft.rfft(response[..., : n + 1], size)) * drive
+        return self.seismograms(np.asarray(fft.irfft(total, size))[..., 1 : n + 1])
 
     def increments(self, source: PointSource, n_steps: int, width: float = 0.0) -> np.ndarray:
         """Return the increments of moment or force per step, (n_steps,), see `history`."""
@@ -489,7 +490,7 @@ def _from_sources(model, prepared, numbers):
     motion = np.concatenate(
         list(_unit_step_runs(prepared, [_part_loads(model, prepared)[n] for n in numbers], []))
     )
-    return [np.ascontiguousarray(response) for response in motion[1:].transpose(3, 1, 2, 0)]
+    return [np.ascontiguousarray(response) for response in motion.transpose(3, 1, 2, 0)]
 
 
 def _from_receivers(model, prepared, numbers):
@@ -510,7 +511,7 @@ def _from_receivers(model, prepared, numbers):
         np.tensordot(motion[:, len(model.receivers) :], table, axes=([1, 2], [1, 2]))
         for motion in _unit_step_runs(prepared, forces, nodes)
     ]
-    responses = np.concatenate(pieces)[1:].transpose(1, 2, 0)
+    responses = np.concatenate(pieces).transpose(1, 2, 0)
     return [np.ascontiguousarray(response) for response in responses]
 
 
