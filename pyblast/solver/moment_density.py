@@ -281,7 +281,7 @@ def deconvolved(moment: TimeFunction, width: float) -> TimeFunction:
     Notes
     -----
     Outside of the sphere the motion is then that of a point, reflections included: theory.md
-    (5.15), (5.16). Beyond omega R/cp of 2.6 the division is tapered off, to none at 5.2, where waves are
+    (5.16). Beyond omega R/cp of 2.6 the division is tapered off, to none at 5.2, where waves are
     too short for the elements that R is measured by.
     """
     if width == 0.0:
