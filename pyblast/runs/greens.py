@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from ..core import BATCH_SIZE, JOINT_LAWS
 from ..errors import InputError
@@ -284,10 +284,13 @@ class GreensFunctions:
             if not chosen:
                 continue
             drive = np.asarray(
-                sum(np.asarray(fft.rfft(self.increments(s, n + 1, width), size)) for s in chosen)
+                sum(
+                    np.asarray(scipy.fft.rfft(self.increments(s, n + 1, width), size))
+                    for s in chosen
+                )
             )
-            total += np.asarray(fft.rfft(response[..., : n + 1], size)) * drive
-        return self.seismograms(np.asarray(fft.irfft(total, size))[..., 1 : n + 1])
+            total += np.asarray(scipy.fft.rfft(response[..., : n + 1], size)) * drive
+        return self.seismograms(np.asarray(scipy.fft.irfft(total, size))[..., 1 : n + 1])
 
     def increments(self, source: PointSource, n_steps: int, width: float = 0.0) -> np.ndarray:
         """Return the increments of moment or force per step, (n_steps,), see `history`."""
