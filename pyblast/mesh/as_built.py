@@ -169,11 +169,11 @@ def _cut(triangles, normal, offset):
     inside = height <= 0.0
     count, parts = inside.sum(axis=1), [triangles[inside.all(axis=1)]]
     for single in (True, False):  # one corner inside, or one outside
-        some = count == (1 if single else 2)
-        odd = (inside if single else ~inside)[some].argmax(axis=1)
+        partly = count == (1 if single else 2)
+        odd = (inside if single else ~inside)[partly].argmax(axis=1)
         order = (odd[:, None] + np.arange(3)) % 3
-        a, b, c = np.take_along_axis(triangles[some], order[..., None], axis=1).swapaxes(0, 1)
-        h = np.take_along_axis(height[some], order, axis=1)
+        a, b, c = np.take_along_axis(triangles[partly], order[..., None], axis=1).swapaxes(0, 1)
+        h = np.take_along_axis(height[partly], order, axis=1)
         p = a + (h[:, 0] / (h[:, 0] - h[:, 1]))[:, None] * (b - a)
         q = a + (h[:, 0] / (h[:, 0] - h[:, 2]))[:, None] * (c - a)
         pieces = [(a, p, q)] if single else [(p, b, c), (p, c, q)]
@@ -222,11 +222,11 @@ class _Surface:
             self.raster = scipy.interpolate.LinearNDInterpolator(surface[:, :2], surface[:, 2])(
                 plan
             )
-        bare = np.isnan(self.raster)
-        if bare.any():
+        empty = np.isnan(self.raster)
+        if empty.any():
             points = surface.reshape(-1, 3)
             nearest = scipy.interpolate.NearestNDInterpolator(points[:, :2], points[:, 2])
-            self.raster[bare] = nearest(plan[bare])
+            self.raster[empty] = nearest(plan[empty])
         self.lowest, self.highest = float(self.raster.min()), float(self.raster.max())
 
     def __call__(self, plan):
@@ -437,10 +437,10 @@ def _moved(mesh, positions):
     zone, at = locate(mesh, positions, np.inf)
     if mesh.hexahedral:
         shapes = hexahedra.shape_values(mesh.order, at)
-        there = np.einsum("na,nac->nc", shapes, mesh.node_places[zone])
+        nearest = np.einsum("na,nac->nc", shapes, mesh.node_places[zone])
     else:
-        there = np.einsum("na,nac->nc", at, mesh.points[mesh.zones[zone]])
-    return np.linalg.norm(there - positions, axis=1), zone
+        nearest = np.einsum("na,nac->nc", at, mesh.points[mesh.zones[zone]])
+    return np.linalg.norm(nearest - positions, axis=1), zone
 
 
 def _top(mesh, box, ground, short):
@@ -524,11 +524,11 @@ def _spacing(planes, offsets, triangles, short):
     away = triangles.mean(axis=1) @ plane.normal
     owner = np.abs(away[:, None] - offsets).argmin(axis=1)
     area = np.bincount(owner, size, len(offsets))
-    there = wanted & (area > 0.0)
-    yield Row(plane.name, "planes", float(wanted.sum()), float(there.sum()), 0.5)
-    if there.sum() > 1:
-        at = np.bincount(owner, size * away, len(offsets))[there] / area[there]
-        wider = np.diff(at) - np.diff(offsets[there])
+    built = wanted & (area > 0.0)
+    yield Row(plane.name, "planes", float(wanted.sum()), float(built.sum()), 0.5)
+    if built.sum() > 1:
+        at = np.bincount(owner, size * away, len(offsets))[built] / area[built]
+        wider = np.diff(at) - np.diff(offsets[built])
         worst = plane.spacing + float(wider[np.abs(wider).argmax()])
         yield Row(plane.name, "spacing, m", plane.spacing, worst, short)
 

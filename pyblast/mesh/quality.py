@@ -88,7 +88,7 @@ def explicit_work(mesh: Mesh) -> float:
 
 
 def least_stretch(jacobian: np.ndarray) -> np.ndarray:
-    """Return the smallest singular value (...) of matrices (..., 3, 3), to about 1e-8 of the largest.
+    """Return the smallest singular value (...) of matrices (..., 3, 3), to 1e-8 of the largest.
 
     Notes
     -----

@@ -182,15 +182,15 @@ def refuse_uncovered(places, box):
     ]
     wanted = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     away = scipy.spatial.KDTree(plan).query(wanted)[0]
-    bare = away > reach
+    empty = away > reach
     if not gridded:
-        bare &= hull.find_simplex(wanted) < 0
-    if bare.any():
-        x, y = wanted[np.where(bare, away, -1.0).argmax()]
-        covered = 100.0 * (1.0 - bare.mean())
+        empty &= hull.find_simplex(wanted) < 0
+    if empty.any():
+        x, y = wanted[np.where(empty, away, -1.0).argmax()]
+        covered = 100.0 * (1.0 - empty.mean())
         raise InputError(
             f"surface: must cover the box of the mesh in plan, covers {covered:.3g} % of it; the "
-            f"nearest height to ({x:g}, {y:g}) m is {away[bare].max():.4g} m away; extend the "
+            f"nearest height to ({x:g}, {y:g}) m is {away[empty].max():.4g} m away; extend the "
             "survey, fill its holes, or move the box"
         )
 
