@@ -17,6 +17,7 @@ from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, summarise_model
 from .ground import joint_of_surface, set_stiffness
 from .inputs import central_frequency, input_band, shape
+from .level import expected_peaks, level_findings, unlikely_values
 from .places import (
     edges_near_receivers,
     face_areas,
@@ -25,8 +26,8 @@ from .places import (
     normal_axis,
     source_material,
 )
-from .plausibility import expected_peaks, level_findings, unlikely_values
 from .surface import bent_joint, ground_notes, joint_planes
+from .validity import band_finding, band_of
 
 
 @dataclass(frozen=True)
@@ -86,6 +87,7 @@ def check(project, measure=True, progress=None) -> Check:
         *_record_defects(project, summary),
         *boundary_defects(project),
         *level_findings(project, expected_peaks(project)),
+        band_finding(project, band_of(project)),
     ]
     findings = sorted(
         (finding for finding in candidates if finding is not None), key=lambda f: int(f.code[1:])
@@ -219,6 +221,8 @@ TET_VOLUME = 1.0 / (6.0 * math.sqrt(2.0))
 def coarse_zones(name, material, edge, volume, band, near, per_wave=10.0):
     """D1: a material whose zones do not carry the band of the input; None where they do.
 
+    Whether a receiver suffers by it says finding D40.
+
     Parameters
     ----------
     near : dict of str to float
@@ -248,7 +252,7 @@ def coarse_zones(name, material, edge, volume, band, near, per_wave=10.0):
         f"({1.25 * carried:.3g} Hz with {0.8 * per_wave:.2g} edges per wavelength), the input has "
         f"{band:.{digits}g} Hz{on_it}; edges must be at most {needed:.{digits}g} m, which makes "
         f"{plain_number(zones[1] / zones[0], 2)} times as many zones{around if graded else ''}.",
-        not graded,
+        False,
         {"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
          "zones_now": zones[0], "zones_needed": zones[1]}
         | {f"edge_at_{receiver}": short for receiver, short in near.items()},

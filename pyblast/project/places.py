@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from ..blasts.blast import Blast
 from ..errors import InputError, named_error
@@ -175,14 +176,32 @@ def make_absorbing_layer(config):
     return SpongeLayer(box_of((low, low + size) for low, size in ends), mesh.padding_m)
 
 
+def source_positions(project) -> np.ndarray:
+    """Return the positions (n, 3) in m of the sources of a project; none of what enters by a face.
+
+    Pressures stand in the middle of their surfaces.
+    """
+    config, mesh = project.config, project.mesh
+    rows = [on_ground(mesh, p.position_m) for p in (*config.point_forces, *config.moment_tensors)]
+    for part in config.pressures:
+        rows.append(mesh.points[np.unique(mesh.surfaces[part.surface])].mean(axis=0))
+    if config.holes_inside is not None:
+        rows += list(project.blast.centres)
+    elif config.air_blast is not None:
+        rows += list(project.blast.collar)
+    return np.array(rows, dtype=float).reshape(-1, 3)
+
+
 def carried_frequency(project) -> float:
-    """Return the highest frequency in Hz that the mesh of a project carries in all its ground."""
+    """Return the highest frequency in Hz that the mesh carries in the ground around the holes."""
     mesh = project.mesh
     model = Model(
         mesh, project.materials, project.joints, quadratic=project.config.mesh.quadratic,
         sponge=None if mesh.hexahedral else make_absorbing_layer(project.config),
     )  # fmt: skip
-    return min(model.highest_frequency().values())
+    _, zone = KDTree(mesh.points[mesh.zones].mean(axis=1)).query(project.blast.centres)
+    carried = model.highest_frequency()
+    return min(carried[mesh.groups[group]] for group in np.unique(mesh.zone_group[zone]))
 
 
 def level_distance(config, blast) -> float:

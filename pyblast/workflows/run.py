@@ -14,9 +14,8 @@ from ..model.model import Model
 from ..project.checks import Check, check
 from ..project.checks_ground import ModelSummary, summarise_model
 from ..project.inputs import input_band
-from ..project.places import source_tables
-from ..project.plausibility import CODE as LEVEL
-from ..project.plausibility import (
+from ..project.level import CODE as LEVEL
+from ..project.level import (
     Peak,
     implausible_level,
     level_findings,
@@ -24,6 +23,7 @@ from ..project.plausibility import (
     plausible_of_table,
     simulated_peaks,
 )
+from ..project.places import source_tables
 from ..project.project import Project, load_project
 from ..project.result import (
     Result,

@@ -11,7 +11,7 @@ from pyblast.blasts.published_laws import BY_NAME, HARD_ROCK, plausible_ppv
 from pyblast.blasts.signature import moment_velocity
 from pyblast.errors import InputError
 from pyblast.project.inputs import input_band
-from pyblast.project.plausibility import (
+from pyblast.project.level import (
     Peak,
     expected_peaks,
     implausible_level,
@@ -207,7 +207,8 @@ def test_no_motion_at_all_is_outside():
 
 def peak_at(project, distance):
     """Return the velocity on the ground at a distance of one hole of the project, m/s."""
-    rate, rock = project.inside.moment_rate, project.materials["rock"]
+    inside, rock = project.inside, project.materials["rock"]
+    rate = inside.unfiltered or inside.moment_rate
     motion = moment_velocity(rate.values, rate.dt, distance, rock.density, rock.cp)
     return 2.0 * 50.0 * np.abs(motion).max()
 
@@ -232,18 +233,23 @@ def test_a_law_of_the_site_goes_before_a_published_one_and_scales_the_hole(tmp_p
     assert "(R/W^0.5)^-1.4 at 40 m" in moment_rate_words(project)
 
 
-def test_a_pulse_too_short_for_the_mesh_is_low_passed_and_keeps_its_level(tmp_path):
+def test_a_law_sets_the_level_before_the_low_pass(tmp_path):
     change = ("pressure_mpa = 100\n", "distance_m = 40\nlaw = 'Oriard 1972'\n")
     short = ("peak_time_ms = 40", "peak_time_ms = 1")
     assert short[0] in INSIDE
 
     project = load_project(written(tmp_path, change, short, text=INSIDE))
 
+    inside = project.inside
     carried = min(project.model.highest_frequency().values())
     assert input_band(project) <= carried
-    assert project.inside.low_pass < carried
+    assert inside.low_pass < carried
     peak = BY_NAME["Oriard 1972"].ppv(40.0, 50.0)
     assert peak_at(project, 40.0) == pytest.approx(peak, rel=1e-9)
+    # The filter passes the moment at zero frequency as it is: it lifts no level.
+    low, whole = (rate.integral().values for rate in (inside.moment_rate, inside.unfiltered))
+    assert low.sum() == pytest.approx(whole.sum(), rel=1e-3)
+    assert inside.moment_rate.start == 0.0
     assert "low-passed at" in moment_rate_words(project)
 
 

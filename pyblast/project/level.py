@@ -1,4 +1,4 @@
-"""Plausibility: peaks for their charge and distance, and values for their unit."""
+"""Level of a blast: the law that anchors it, its energy, and the peaks to expect."""
 
 import math
 from collections.abc import Iterable
@@ -166,7 +166,7 @@ def radiated_peak(project, distance: float) -> float:
     distance: ``v = 2 (M'/r^2 + M''/(r cp)) / (4 pi density cp^2)``, theory.md (13.9).
     """
     inside, rock = project.inside, rock_of_holes(project)
-    rate = inside.moment_rate
+    rate = inside.unfiltered or inside.moment_rate
     alone = moment_velocity(rate.values, rate.dt, distance, rock.density, rock.cp)
     history = superpose(shape(rate, alone), inside.firing).velocity[:, 0]
     return FREE_SURFACE * float(np.abs(history).max())
