@@ -265,7 +265,7 @@ FREQUENCY = 20.0  # Hz, of a hole without one
 STEP_DOWN = 0.95  # between low-passes that are tried
 
 
-def make_moment_rate(config, exponent, materials, folder, distance=None) -> TimeFunction:
+def make_moment_rate(config, exponent, materials, folder, distance=math.nan) -> TimeFunction:
     """Turn a `HolesInsideConfig` into the moment rate of 1 kg, N m/s, with all its frequencies.
 
     Parameters
@@ -299,7 +299,7 @@ def make_moment_rate(config, exponent, materials, folder, distance=None) -> Time
     if hole.pressure_mpa is not None:
         level = to_si("pressure_mpa", hole.pressure_mpa)[1]
     else:
-        away = hole.distance_m or distance
+        away = float(hole.distance_m or distance)
         motion = moment_velocity(unit.values, unit.dt, away, rock.density, rock.cp)
         level = level_peak(hole, away) / (FREE_SURFACE * float(np.abs(motion).max()))
     return replace(unit, values=level * unit.values / hole.charge_kg**exponent)
@@ -443,7 +443,7 @@ def read_inside(project) -> Inside:
         exponent, hole = config.blast.charge_exponent, config.holes_inside.charged_hole
         with named_error("holes_inside"):
             by_law = hole is not None and hole.pressure_mpa is None
-            distance = level_distance(config, project.blast) if by_law else None
+            distance = level_distance(config, project.blast) if by_law else math.nan
             whole = make_moment_rate(config.holes_inside, exponent, materials, folder, distance)
             low_pass = config.holes_inside.low_pass_hz or ("none" if hole is None else "mesh")
             rate, corner = within_band(whole, low_pass, lambda: carried_frequency(project))
