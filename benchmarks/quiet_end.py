@@ -4,11 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pyblast.errors import InputError
+from pyblast import core
+from pyblast.errors import InputError, SolverError
 from pyblast.model.model import Model
 from pyblast.signals.seismogram import Seismogram
-from pyblast.solver.linear_runs import RecordedRun, seismograms
-from pyblast.solver.preparation import prepare
+from pyblast.solver.preparation import LEDGER_EVERY, prepare
+from pyblast.solver.run import seismograms
 
 CHECKS = 10  # in the time that receivers must be quiet
 FADED = 1e-6  # of the largest value of a history, per step: it has ended
@@ -57,6 +58,8 @@ def run_until_quiet(
     ------
     InputError
         If there is no receiver, or the share is not between 0 and 1.
+    SolverError
+        If the run is unstable.
     """
     if not model.receivers:
         raise InputError("receivers: none; a run ends when its receivers are quiet")
@@ -66,12 +69,14 @@ def run_until_quiet(
     dt = prepared.constants["dt"]
     window = max(CHECKS, int(np.ceil((_crossing(model) if still is None else still) / dt)))
     ended = _end_of_sources(prepared.constants)
-    state = {name: value.copy() for name, value in prepared.state.items()}
-    watch = RecordedRun(prepared.constants, state, np.zeros(0, dtype=int))
+    views, state = prepared.begun()
     motion, quiet, done = np.zeros((0, len(model.receivers), 3)), False, 0
     while not quiet and done < prepared.n_steps:
         count = min(window // CHECKS, prepared.n_steps - done)
-        motion = np.concatenate([motion, watch.advance(done, count).receivers])
+        more, _, failed = core.advance(views, state, done, count, LEDGER_EVERY)
+        if failed is not None:
+            raise SolverError(f"run: unstable at step {done + len(more)}")
+        motion = np.concatenate([motion, more[:, : len(model.receivers)]])
         done += count
         size = np.linalg.norm(motion, axis=2)
         peak = size.max(axis=0)

@@ -93,7 +93,6 @@ ASKED = {
     "29": {"swing*": Asked(0.005), "growth*": Asked(0.5)},
     "30": {"rupture time": Asked(0.02, 3.10395)},
     "31": {"*": Asked(1e-6)},
-    "32": {"<Jx, y>*": Asked(0.01), "*": Asked(0.01)},
     "33": {"*": Asked(1e-10)},
     "34": {"largest difference*": Asked(3.0)},
     "35": {"*": Asked(1e-10)},

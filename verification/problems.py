@@ -32,7 +32,6 @@ PROBLEMS = {
     "29": "Block on joint springs",
     "30": "Slip-weakening rupture",
     "31": "Reciprocity with joints",
-    "32": "Gradients by adjoint and Born",
     "33": "Superposition",
     "34": "Spectrum under firing scatter",
     "35": "Sensor, clock, rotation",

@@ -9,9 +9,9 @@ from scipy.stats import qmc
 from pyblast.core import JOINT_LAWS
 from pyblast.errors import InputError
 from pyblast.model.boundary import VelocityInput
+from pyblast.model.joint import STICKING_JOINTS
 from pyblast.model.model import Model
 from pyblast.solver.assembly import geometry_arrays, initial_state, time_step
-from pyblast.solver.linear_runs import STICKING_JOINTS, refuse_nonlinear
 from pyblast.solver.preparation import Prepared, prepare
 
 JOINT_KEYS = ("kn", "ks")
@@ -241,7 +241,29 @@ def family(model: Model, ranges: Ranges, duration: float, highest: float) -> Fam
 
 def _refuse(model):
     """Raise InputError for nonlinear models and for prescribed velocities."""
-    refuse_nonlinear(model, "a reduced model needs", ("elastic", *STICKING_JOINTS))
+    if model.quadratic:
+        raise InputError(
+            "model.quadratic: a reduced model needs zones of constant strain; leave quadratic out "
+            "and take shorter edges"
+        )
+    joints = ("elastic", *STICKING_JOINTS)
+    for joint in model.joints:
+        if joint.law not in joints:
+            raise InputError(
+                f"joints.{joint.surface}.law: a reduced model needs a stiffness that does not "
+                f"change, got '{joint.law}'; take one of {', '.join(joints)}"
+            )
+    for group in model.mesh.groups:
+        if model.law(group).name != "elastic":
+            raise InputError(
+                f"materials.{group}: a reduced model needs isotropic ground, elastic or "
+                f"attenuating, got '{model.law(group).name}'; take another law there"
+            )
+    if model.local_damping:
+        raise InputError(
+            "local_damping: a reduced model needs damping in proportion to motion, got "
+            f"{model.local_damping:g}; set it to zero"
+        )
     for boundary in model.boundaries:
         if isinstance(boundary, VelocityInput):
             raise InputError(

@@ -4,12 +4,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import fft
+from scipy import fft, sparse
 from scipy.linalg import lapack
 
 from pyblast.errors import InputError
-from pyblast.mesh.tetrahedra import volumes
-from pyblast.solver.linear_runs import SHEAR, strain_matrix
+from pyblast.mesh.mesh import Mesh
+from pyblast.mesh.tetrahedra import shape_gradients, volumes
 
 from .families import Family
 from .snapshots import orthonormal_basis
@@ -17,6 +17,12 @@ from .snapshots import orthonormal_basis
 PADDING = 0.15  # of the duration, over which held sources are tapered off
 ALIASED = 1e-4  # amplitude left of one period in the next
 TAPER = 1.25  # highest frequency solved over the highest of the motion
+SHEAR = np.array([2.0, 2.0, 2.0, 1.0, 1.0, 1.0])  # of xx yy zz and the engineering shears
+# Row of the strain, component of the motion, axis of the gradient; theory.md (2.1).
+STRAIN = (
+    (0, 0, 0), (1, 1, 1), (2, 2, 2), (3, 1, 2), (3, 2, 1), (4, 2, 0), (4, 0, 2), (5, 0, 1),
+    (5, 1, 0),
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,6 +256,22 @@ def _stiffness(model, zones, left, right):
         s += strain.reshape(-1, left.shape[1]).T @ whole.reshape(-1, right.shape[1])
         s -= 2.0 * dilation.T @ (shearing[:, None] * dilation[:, : right.shape[1]])
     return p, s
+
+
+def strain_matrix(mesh: Mesh, zones: np.ndarray, nodes: np.ndarray) -> sparse.csr_array:
+    """Return the matrix (6 n_zones, 3 n_nodes) from motion to strains; theory.md (2.1)."""
+    inner = shape_gradients(mesh.points, mesh.zones[zones])
+    gradient = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)
+    corner = 3 * np.searchsorted(nodes, mesh.zones[zones])
+    first = 6 * np.arange(len(zones))[:, None]
+    rows, columns, values = [], [], []
+    for row, component, axis in STRAIN:
+        rows.append(np.broadcast_to(first + row, corner.shape).ravel())
+        columns.append((corner + component).ravel())
+        values.append(gradient[:, :, axis].ravel())
+    places = np.concatenate(rows), np.concatenate(columns)
+    shape = (6 * len(zones), 3 * len(nodes))
+    return sparse.csr_array((np.concatenate(values), places), shape=shape)
 
 
 def _joints(contacts, left, right):

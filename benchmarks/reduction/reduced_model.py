@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pyblast.errors import InputError
+from pyblast.model.joint import FAILED, SLIP, STATUS, STICKING_JOINTS
 from pyblast.model.model import Model
 from pyblast.signals.seismogram import Seismogram
-from pyblast.solver.linear_runs import FAILED, SLIP, STATUS, STICKING_JOINTS, seismograms
-from pyblast.solver.run import Run, simulate
+from pyblast.solver.run import Run, seismograms, simulate
 
 from .families import Family, Ranges, family
 from .projection import Projection, check_sources, joint_jumps, project, solve

@@ -13,8 +13,8 @@ from ..inference.covariance import SCATTER, error_columns, whitener
 from ..inference.error_model import scattering
 from ..inference.likelihood import signed_residuals
 from ..inference.records import Band, Noise
+from ..model.joint import FAILED, SLIP, STICKING_JOINTS
 from ..project.ground import joint_of_surface
-from ..solver.linear_runs import FAILED, STICKING_JOINTS, by_number
 from ..solver.preparation import LEDGER_EVERY, prepare
 from ..solver.run import collect, failure
 from ..units import split_key
@@ -251,7 +251,7 @@ def run_with_slip(model, duration, highest, weakest=None, progress=None):
         As `run`.
     """
     prepared = prepare(model, duration, progress)
-    joints = by_number(model)
+    joints = model.numbered_joints
     other = {joint.surface: joint for joint in weakest or joints}
     variants = [joints, [other[joint.surface] for joint in joints]]
     strengths = [_strengths(variant, prepared.constants) for variant in variants]
@@ -351,9 +351,8 @@ def _by_surface(joints, run, least):
     constants, begun, ended = run.prepared.constants, run.prepared.state, run.state
     sticking = [JOINT_LAWS[name].number for name in STICKING_JOINTS]
     had = begun["contact_state"][:, FAILED] > 0.0
-    slip = slice(0, 3)
     has = (ended["contact_state"][:, FAILED] > begun["contact_state"][:, FAILED]) | (
-        ended["contact_state"][:, slip] != begun["contact_state"][:, slip]
+        ended["contact_state"][:, SLIP] != begun["contact_state"][:, SLIP]
     ).any(axis=1)
     strengths = {}
     for number, joint in enumerate(joints):

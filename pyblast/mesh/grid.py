@@ -42,6 +42,13 @@ def _check_orientation(name, dip, dip_direction):
     check_angle(f"{name}.dip_direction", dip_direction or 0.0)
 
 
+_SIDES = {"west": (0, 0), "east": (0, -1), "south": (1, 0), "north": (1, -1)} | {
+    "bottom": (2, 0),
+    "top": (2, -1),
+}
+SIDES = tuple(_SIDES)  # lower and upper end of each axis
+
+
 @dataclass(frozen=True)
 class Layer:
     """Layer of ground; layers are listed from the top down.
@@ -183,10 +190,47 @@ def layer_limits(layers: Sequence[Layer], top: float, bottom: float) -> np.ndarr
     return np.array(limits)
 
 
-_SIDES = {"west": (0, 0), "east": (0, -1), "south": (1, 0), "north": (1, -1)} | {
-    "bottom": (2, 0),
-    "top": (2, -1),
-}
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """Geometry that a mesh is asked for: box, layers, planes, surface, sides that stand.
+
+    Parameters
+    ----------
+    box : (3, 2) float64, m
+    layers : tuple of Layer, from the top down
+    joint_sets : tuple of JointSet
+    faults : tuple of Fault
+    surface : (n, 3) or (n, 3, 3) float64 or None, m
+        Surveyed top surface, positions or triangles; None: the top of the box.
+    standing : frozenset of str
+        Sides that may not move: free, fixed and input faces. A mesh may reach beyond the others,
+        where the ground goes on in an absorbing layer.
+    """
+
+    box: np.ndarray
+    layers: tuple[Layer, ...]
+    joint_sets: tuple[JointSet, ...] = ()
+    faults: tuple[Fault, ...] = ()
+    surface: np.ndarray | None = None
+    standing: frozenset[str] = frozenset(SIDES)
+
+    def __post_init__(self) -> None:
+        """Check the layers and the names of the sides."""
+        layer_limits(self.layers, *self.box[2, ::-1])
+        if not self.standing <= set(SIDES):
+            raise InputError(f"standing: must be of {', '.join(SIDES)}, got {self.standing}")
+
+    @property
+    def limits(self) -> np.ndarray:
+        """Heights (n_layers + 1,) in m between the layers, from the top down."""
+        return layer_limits(self.layers, *self.box[2, ::-1])
+
+    @property
+    def open_sides(self) -> tuple[str, ...]:
+        """Sides where the ground goes on."""
+        return tuple(side for side in SIDES if side not in self.standing)
+
+
 _AXES = {"x": 0, "y": 1, "z": 2}
 GROWTH = 1.08  # of cells outside the region of interest
 _PER_BOX = {"kuhn": 6, "alternating": 5, "centred": 12}

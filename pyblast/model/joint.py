@@ -28,6 +28,8 @@ POSITIVE = (
 TANGENTS = (
     "friction", "friction_residual", "friction_initial", "friction_dynamic", "dilation",
 )  # fmt: skip
+STICKING_JOINTS = ("coulomb", "softening")  # linear while no contact slips or opens
+SLIP, FAILED, STATUS = slice(0, 3), 3, 4  # columns of their state
 # States that belong to the displacement, which is zero at the start of a stage.
 RESET = (
     *("slip_x", "slip_y", "slip_z", "excess_x", "excess_y", "excess_z"),

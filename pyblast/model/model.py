@@ -241,6 +241,13 @@ class Model:
             if name not in surfaces:
                 raise InputError(f"joints.{name}: the mesh is split there, but no joint is given")
 
+    @property
+    def numbered_joints(self) -> list[Joint]:
+        """Joints in the order of the contacts' numbers."""
+        table = {joint.surface: joint for joint in self.joints}
+        split = self.mesh.contacts.names if self.mesh.contacts is not None else ()
+        return [table[name] for name in split]
+
     def with_joint(self, surface: str, **properties: float) -> "Model":
         """Return the model with changed properties (SI) of one joint."""
         joints = tuple(

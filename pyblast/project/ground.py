@@ -8,7 +8,7 @@ import numpy as np
 from ..core import JOINT_LAWS
 from ..errors import InputError, named_error
 from ..mesh.builder import Fault, JointSet, Layer, build_mesh, structured_box
-from ..mesh.grid import upward_normal
+from ..mesh.grid import SIDES, Geometry, upward_normal
 from ..mesh.importer import read_mesh
 from ..mesh.mesh import Mesh
 from ..model.anisotropy import HoekBrown, UbiquitousJoints, jointed, transverse
@@ -460,6 +460,31 @@ def _jointed_rock(config, layers, surface, fractures):
             surface=surface, padding=padding, tolerance=config.tolerance_m, seed=config.seed,
             refinements=[(part.box_m, part.edge_m) for part in config.refinements],
         )  # fmt: skip
+
+
+def make_geometry(config, surface=None) -> Geometry:
+    """Return the geometry of the ground that a `Config` asks for.
+
+    Parameters
+    ----------
+    config : Config
+    surface : (n, 3) or (n, 3, 3) float64, m, optional
+        Surveyed top surface.
+    """
+    mesh = config.mesh
+    low = np.array(mesh.origin_m, dtype=float)
+    enters = config.signature is not None  # through a side, whose waves would leave the layer
+    viscous = set() if enters else set(config.boundaries.viscous)
+    sets, faults = joints_and_faults(mesh)
+    with named_error("mesh"):
+        return Geometry(
+            np.column_stack([low, low + mesh.size_m]),
+            tuple(Layer(part.material, part.thickness_m) for part in mesh.layers),
+            tuple(sets),
+            tuple(faults),
+            surface,
+            standing=frozenset(SIDES) - viscous,
+        )
 
 
 def joints_and_faults(config):

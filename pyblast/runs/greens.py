@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 from scipy import fft
 
-from ..core import BATCH_SIZE
+from ..core import BATCH_SIZE, JOINT_LAWS
 from ..errors import InputError
 from ..mesh.mesh import locate
 from ..model.boundary import StressInput, VelocityInput
+from ..model.joint import FAILED, SLIP, STATUS, STICKING_JOINTS
 from ..model.model import Model, Receiver
 from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
 from ..signals.seismogram import Seismogram, fast_length
-from ..solver.linear_runs import STICKING_JOINTS, refuse_slip
 from ..solver.loads import ADDERS, Loads
-from ..solver.preparation import prepare
+from ..solver.preparation import Prepared, prepare
 from ..solver.run import simulate
 from .parallel import Cache, input_hash, run_loads
 
@@ -124,6 +124,30 @@ def refuse_what_does_not_superpose(model: Model) -> None:
     for part in ("sources", "receivers"):
         if not getattr(model, part):
             raise InputError(f"{part}: none; stored responses lead from sources to receivers")
+
+
+def refuse_slip(model: Model, prepared: Prepared, state: dict[str, Any]) -> None:
+    """Raise InputError if contacts have slipped or opened at the end of a run.
+
+    Raises
+    ------
+    InputError
+        Naming the joint and the number of contacts.
+    """
+    law = prepared.constants["joint_law"]
+    begun, ended = prepared.state["contact_state"], state["contact_state"]
+    moved = (ended[:, SLIP] != 0.0).any(axis=1) | (ended[:, STATUS] > 0.0)
+    moved |= ended[:, FAILED] > begun[:, FAILED]
+    for number, joint in enumerate(model.numbered_joints):
+        here = prepared.constants["contact_joint"] == number
+        if law[number] in [JOINT_LAWS[name].number for name in STICKING_JOINTS]:
+            count = np.count_nonzero(moved & here)
+            if count:
+                raise InputError(
+                    f"joints.{joint.surface}: {count} of {np.count_nonzero(here)} contacts slip "
+                    "or open in this run, which is not linear then; take the law 'elastic' or "
+                    "a weaker load"
+                )
 
 
 NEAR = 1e-6  # m, distance of equal positions

@@ -19,12 +19,13 @@ import numpy as np
 import scipy
 
 from .. import core
-from ..core import LEAST_SHARED
+from ..core import JOINT_LAWS, LEAST_SHARED
 from ..errors import InputError, ReadError, SolverError
 from ..mesh.nodes import feed
+from ..model.joint import STICKING_JOINTS
 from ..model.model import Model
 from ..signals.seismogram import Seismogram
-from ..solver.linear_runs import at_rest, node_receivers, stretches
+from ..solver.assembly import initial_state
 from ..solver.model_file import read_arrays, write_arrays
 from ..solver.preparation import LEDGER_EVERY, Prepared, fingerprint
 from ..solver.run import Run, simulate
@@ -379,6 +380,39 @@ def workers(count: int | None = None) -> Iterator[Processes]:
             del os.environ[THREADS]
         else:
             os.environ[THREADS] = before
+
+
+STRETCH_VALUES = 2**23  # numbers in one stretch: 64 MB
+
+
+def at_rest(constants: dict[str, Any]) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Return constants and state of a linear model at rest, without loads and initial stress."""
+    number = {name: law.number for name, law in JOINT_LAWS.items()}
+    sticking = np.isin(constants["joint_law"], [number[name] for name in STICKING_JOINTS])
+    unloaded = {
+        **constants,
+        "joint_law": np.where(sticking, number["elastic"], constants["joint_law"]).astype("i4"),
+        **{n: np.zeros_like(constants[n]) for n in ("contact_initial", "node_load", "row_initial")},
+        "fixed_history": np.full_like(constants["fixed_history"], -1),
+    }
+    return unloaded, initial_state(unloaded)
+
+
+def node_receivers(constants: dict[str, Any], nodes: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the receivers of a model, followed by one at every chosen node."""
+    corners = constants["receiver_node"].shape[1]  # or all nodes of a quadratic zone
+    node, weight = np.repeat(nodes[:, None], corners, axis=1), np.eye(corners)[:1]
+    weight = weight.repeat(len(node), axis=0)
+    return {
+        "receiver_node": np.concatenate([constants["receiver_node"], node]).astype(np.int32),
+        "receiver_weight": np.concatenate([constants["receiver_weight"], weight]),
+    }
+
+
+def stretches(n_steps: int, values: int) -> list[tuple[int, int]]:
+    """Return (first, count) of stretches of bounded memory, for a number of values per step."""
+    count = int(min(n_steps, max(1, STRETCH_VALUES // max(1, values))))
+    return [(first, min(count, n_steps - first)) for first in range(0, n_steps, count)]
 
 
 def run_loads(

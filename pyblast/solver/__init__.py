@@ -1,1 +1,1 @@
-"""Solver: assembly of models, explicit time integration, sensitivities."""
+"""Solver: assembly of models, explicit time integration."""

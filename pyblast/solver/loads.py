@@ -61,6 +61,19 @@ class Loads:
         }
 
 
+def point_loads(node: np.ndarray, history: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the load arrays of force histories (n_total, n, 3) in N at nodes (n,)."""
+    n_total, n = history.shape[:2]
+    return {
+        "load_node": np.repeat(node, 3).astype(np.int32),
+        "load_vector": np.tile(np.eye(3), (n, 1)),
+        "load_history": np.arange(3 * n, dtype=np.int32),
+        "load_delay": np.zeros(3 * n),
+        "load_member": np.full(3 * n, -1, dtype=np.int32),
+        "history": np.ascontiguousarray(history.reshape(n_total, 3 * n)),
+    }
+
+
 def model_loads(model: Model, impedance: Callable[[str], dict[int, np.ndarray]]) -> Loads:
     """Collect the loads of stress inputs and sources.
 

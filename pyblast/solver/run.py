@@ -233,17 +233,22 @@ def collect(
     snapshots: dict[float, np.ndarray],
 ) -> Run:
     """Return the `Run` of a completed integration."""
-    dt, seismograms = prepared.constants["dt"], {}
-    for number, receiver in enumerate(model.receivers):
-        record = Seismogram(motion[:, number], dt, 0.5 * dt, receiver.name)
-        if receiver.azimuth is not None:
-            record = record.rotated(receiver.azimuth)
-        seismograms[receiver.name] = record
+    dt = prepared.constants["dt"]
     ledger = _ledger(energy, dt)
     return Run(
-        seismograms, ledger, balance_error(ledger), dt, state, prepared, snapshots,
-        versions(prepared.fingerprint), wall_seconds,
+        seismograms(model, motion, dt), ledger, balance_error(ledger), dt, state, prepared,
+        snapshots, versions(prepared.fingerprint), wall_seconds,
     )  # fmt: skip
+
+
+def seismograms(model: Model, motion: np.ndarray, dt: float) -> dict[str, Seismogram]:
+    """Return motion (n_steps, n_receivers, 3) as seismograms in the receivers' directions."""
+    records = {}
+    for number, receiver in enumerate(model.receivers):
+        record = Seismogram(motion[:, number], dt, 0.5 * dt, receiver.name)
+        turned = record if receiver.azimuth is None else record.rotated(receiver.azimuth)
+        records[receiver.name] = turned
+    return records
 
 
 def failure(model: Model, prepared: Prepared, step: int, node: int) -> str:

@@ -4,6 +4,8 @@ import pytest
 from pyblast.errors import InputError
 from pyblast.mesh import mesh as meshes
 from pyblast.mesh.builder import Layer, structured_box
+from pyblast.mesh.faces import face_keys, pair_faces
+from pyblast.mesh.grid import Geometry
 from pyblast.mesh.mesh import Mesh
 from pyblast.mesh.tetrahedra import altitudes
 
@@ -231,3 +233,33 @@ def refused(change, message):
 )
 def test_wrong_input_is_refused_in_one_sentence(change, message):
     refused(change, message)
+
+
+@pytest.mark.parametrize("n_nodes", [9, 100_000])
+def test_faces_that_share_three_of_four_corners_have_different_keys(n_nodes):
+    faces = np.array([[0, 1, 3, 2], [0, 1, 3, 7], [2, 3, 1, 0]])
+
+    first, other, again = face_keys(faces, n_nodes)
+
+    assert first == again
+    assert first != other
+
+
+def test_two_hexahedra_with_three_corners_in_common_share_no_face():
+    zones = np.array([[0, 1, 2, 3, 4, 5, 6, 7], [0, 1, 2, 8, 9, 10, 11, 12]])
+
+    first, _, single, excess = pair_faces(zones, 13)
+
+    assert (len(first), len(single), len(excess)) == (0, 12, 0)
+
+
+def test_sides_without_a_demand_to_stand_are_open():
+    box = np.array([[0.0, 9.0], [0.0, 9.0], [-4.0, 0.0]])
+    layers = (Layer("soil", 1.0), Layer("rock"))
+
+    geometry = Geometry(box, layers, standing=frozenset(["top", "east"]))
+
+    assert geometry.open_sides == ("west", "south", "north", "bottom")
+    assert geometry.limits.tolist() == [0.0, -1.0, -4.0]
+    with pytest.raises(InputError, match="standing: must be of west"):
+        Geometry(box, layers, standing=frozenset(["up"]))

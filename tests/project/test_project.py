@@ -11,7 +11,6 @@ from pyblast.model.boundary import Roller, StressInput, Viscous
 from pyblast.project.checks import check
 from pyblast.project.project import load_project
 from pyblast.project.result import write_csv
-from pyblast.project.surface import read_surface
 from pyblast.signals.seismogram import Seismogram
 
 
@@ -198,9 +197,10 @@ def test_a_surveyed_surface_drapes_the_ground(tmp_path):
 )  # fmt: skip
 def test_a_broken_surface_is_refused_with_its_line(tmp_path, text, told):
     (tmp_path / "ground.csv").write_text(text)
+    path = written(tmp_path, ("grid_cells = [6, 2, 3]", 'edge_m = 10\nsurface_file = "ground.csv"'))
 
     with pytest.raises(ReadError, match=told):
-        read_surface(tmp_path / "ground.csv")
+        _ = load_project(path).surface
 
 
 def test_joint_sets_are_cut_to_their_layers(tmp_path):

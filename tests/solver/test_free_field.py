@@ -28,7 +28,6 @@ from pyblast.model.ground_fields import Gradient
 from pyblast.solver.free_field import GroundColumn, _Side, shake
 from pyblast.solver.preparation import _run_column, prepare
 from pyblast.solver.run import simulate
-from pyblast.solver.sensitivity import tangents
 from verification.columns import misfit, ricker
 
 SOIL = Material.from_speeds(1900.0, 600.0, 300.0)
@@ -261,11 +260,3 @@ def test_a_side_above_the_base_is_refused():
 
     with pytest.raises(InputError, match="must reach down to the level of the input"):
         refused(mesh=replace(mesh, surfaces=surfaces))
-
-
-def test_slopes_with_respect_to_speeds_that_columns_follow_are_refused():
-    model = slab(free("west", "east"), receivers=[Receiver("top", (0.0, 1.0, 40.0))])
-    stiffer = replace(model, materials={**MATERIALS, "rock": replace(ROCK, bulk=1.01 * ROCK.bulk)})
-
-    with pytest.raises(InputError, match="a FreeField follows the moduli"):
-        tangents(model, [stiffer], 0.01)

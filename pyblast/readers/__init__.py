@@ -1,0 +1,1 @@
+"""Readers of tables, and the log of what was read."""
