@@ -75,6 +75,7 @@ class HolesInsideConfig(Section):
     spread_m: NotNegative | None = None
     detonation_m_per_s: Positive | None = None
     primed_at: Literal["toe", "collar"] | None = None
+    core_m: Positive | None = None
 
     @model_validator(mode="after")
     def _one_moment(self):

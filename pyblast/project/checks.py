@@ -15,6 +15,7 @@ from ..solver.initial_stress import joint_pressures
 from ..units import plain_number
 from . import checks_ground
 from .checks_ground import ModelSummary, boundary_defects, summarise_model
+from .elastic_ground import elastic_finding
 from .ground import joint_of_surface, set_stiffness
 from .inputs import central_frequency, input_band, shape
 from .level import expected_peaks, level_findings, unlikely_values
@@ -88,6 +89,7 @@ def check(project, measure=True, progress=None) -> Check:
         *boundary_defects(project),
         *level_findings(project, expected_peaks(project)),
         band_finding(project, band_of(project)),
+        elastic_finding(project.elastic_ground, project.receivers),
     ]
     findings = sorted(
         (finding for finding in candidates if finding is not None), key=lambda f: int(f.code[1:])
@@ -104,7 +106,7 @@ def _mesh_defects(project, summary):
     near = edges_near_receivers(project, band)
     for group in summary.groups:
         yield coarse_zones(
-            group.name, project.materials[group.name], group.mean_edge, group.volume, band,
+            group.name, project.model.materials[group.name], group.mean_edge, group.volume, band,
             near.get(group.name, {}), project.model.edges_per_wavelength,
         )  # fmt: skip
     points = project.mesh.points
@@ -124,7 +126,7 @@ def _mesh_defects(project, summary):
 
 def _stiff(project, summary):
     """Return the stiff materials: P-wave speed at least half the largest."""
-    present = {group.name: project.materials[group.name] for group in summary.groups}
+    present = {group.name: project.model.materials[group.name] for group in summary.groups}
     fastest = max(material.cp for material in present.values())
     return {name: m for name, m in present.items() if m.cp >= 0.5 * fastest}
 
@@ -195,7 +197,7 @@ def _joint_defects(project, summary):
         for group in part.regions or rocks:
             yield checks_ground.jointed_speeds(
                 part.name, stiffness[part.name], part.spacing_m, group,
-                project.materials[group], centre,
+                project.model.materials[group], centre,
             )  # fmt: skip
 
 
@@ -252,8 +254,7 @@ def coarse_zones(name, material, edge, volume, band, near, per_wave=10.0):
         f"({1.25 * carried:.3g} Hz with {0.8 * per_wave:.2g} edges per wavelength), the input has "
         f"{band:.{digits}g} Hz{on_it}; edges must be at most {needed:.{digits}g} m, which makes "
         f"{plain_number(zones[1] / zones[0], 2)} times as many zones{around if graded else ''}.",
-        False,
-        {"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
+        numbers={"carried": carried, "carried_8": 1.25 * carried, "needed_edge": needed,
          "zones_now": zones[0], "zones_needed": zones[1]}
         | {f"edge_at_{receiver}": short for receiver, short in near.items()},
     )  # fmt: skip

@@ -365,7 +365,8 @@ def face_areas(project):
     group = mesh.zone_group[surface_zones(mesh, face)]
     area = np.linalg.norm(face_vectors(mesh.points, mesh.surfaces[face]), axis=1)
     return [
-        (float(area[group == n].sum()), project.materials[mesh.groups[n]]) for n in np.unique(group)
+        (float(area[group == n].sum()), project.model.materials[mesh.groups[n]])
+        for n in np.unique(group)
     ]
 
 
@@ -425,13 +426,13 @@ def edges_near_receivers(project, frequency):
     dict of str to dict of str to float
         By material, then by receiver.
     """
-    mesh, stands = project.mesh, receiver_groups(project)
+    mesh, stands = project.model.mesh, receiver_groups(project)
     middles, edges = mesh.points[mesh.zones].mean(axis=1), {}
     for receiver in project.receivers:
         name = stands[receiver.name]
         own = mesh.zone_group == mesh.groups.index(name)
         distance = np.linalg.norm(middles - receiver.position, axis=1)
-        reach = max(project.materials[name].cs / frequency, distance[own].min())
+        reach = max(project.model.materials[name].cs / frequency, distance[own].min())
         mean = edge_lengths(mesh)[own & (distance <= reach)].mean()
         edges.setdefault(name, {})[receiver.name] = float(mean)
     return edges
@@ -441,7 +442,7 @@ def face_materials(project):
     """Return the materials on the input face, dict of str to Material."""
     mesh = project.model.mesh
     numbers = np.unique(mesh.zone_group[surface_zones(mesh, project.config.input.face)])
-    return {mesh.groups[n]: project.materials[mesh.groups[n]] for n in numbers}
+    return {mesh.groups[n]: project.model.materials[mesh.groups[n]] for n in numbers}
 
 
 def single_source(config) -> Blast:

@@ -264,7 +264,7 @@ def summarise(project, checked, run, simulated, comparisons):
         "files_sha256": project.input_files,
         "mesh_names": {
             "groups": list(project.model.mesh.groups),
-            "joints": [joint.surface for joint in project.joints],
+            "joints": [joint.surface for joint in project.model.joints],
             "faults": project.faults,
         },
     }
@@ -339,7 +339,7 @@ def source_summary(project):
     """Return position, charge and time of holes, other sources, the absorbing layer."""
     holes = [source for source in project.sources if isinstance(source, (Hole, Column))]
     config, air = project.config.holes_inside, project.config.air_blast
-    layer = project.absorbing_layer
+    layer, ground = project.absorbing_layer, project.elastic_ground
     centres = [] if not holes else project.blast.centres[project.blast.charge != 0.0]
     return {
         "holes": [
@@ -350,6 +350,7 @@ def source_summary(project):
         "level": config and level.level_rank(project),
         "exponent": holes[0].exponent if holes else None,
         "spread": getattr(holes[0], "spread", None) if holes else None,
+        "core_m": None if ground is None else float(ground.radius.max()),
         "detonation": config and config.detonation_m_per_s,
         "forces": [
             {"position": s.position, "direction": s.direction}

@@ -12,7 +12,6 @@ from ..units import plain_number
 from .inputs import unfiltered
 from .places import normal_axis, source_positions
 
-CODE = "D40"
 LEAST_ENERGY, LEAST_PEAK = 0.95, 0.9  # shares of the blast's motion that a run has to hold
 SAMPLES = 200  # along the way to a receiver
 THIN = 8.0  # layers thinner than a wavelength over this move as one
@@ -141,12 +140,12 @@ def _held(whole, passed, carried):
     velocity = np.nan_to_num(passed.velocity)
     spectrum = np.fft.rfft(velocity, axis=0)
     spectrum[np.fft.rfftfreq(len(velocity), passed.dt) > carried] = 0.0
-    kept = np.fft.irfft(spectrum, len(velocity), axis=0)
+    carried_motion = np.fft.irfft(spectrum, len(velocity), axis=0)
     before = np.nan_to_num(whole.velocity)
     energy, peak = np.sum(before**2), np.abs(before).max()
     if not peak > 0.0:
         return 1.0, 1.0
-    return np.sum(kept**2) / energy, np.abs(kept).max() / peak
+    return np.sum(carried_motion**2) / energy, np.abs(carried_motion).max() / peak
 
 
 def band_finding(project, band: Band) -> Finding | None:
@@ -158,7 +157,7 @@ def band_finding(project, band: Band) -> Finding | None:
         corner = project.config.input.low_pass_hz
     filtered = "" if corner is None else f" (low-passed at {plain_number(corner)} Hz)"
     return Finding(
-        CODE,
+        "D40",
         "The run does not hold the motion of the blast",
         f"It holds motion up to {plain_number(band.carried)} Hz{filtered}, the blast has motion up "
         f"to {plain_number(band.needed)} Hz: {100 * band.energy_share:.2g} % of the energy and "

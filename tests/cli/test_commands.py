@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from command_line import call, spawn
-from small_project import TEXT, written
+from small_project import CARRIED, written
 
 import pyblast
 from pyblast.errors import EXIT_CODES
@@ -111,11 +111,7 @@ def test_a_check_that_fails_ends_with_code_three(tmp_path):
 
 
 def test_a_check_without_failure_ends_with_code_zero(tmp_path):
-    rock = TEXT.replace("bulk_mpa = 125\nshear_mpa = 57.7", "bulk_mpa = 15600\nshear_mpa = 7200")
-    rock = rock.replace("grid_cells = [6, 2, 3]", "grid_cells = [12, 4, 6]")
-    fine = rock.replace("peak_time_ms = 30", "peak_time_ms = 150")
-
-    assert call("check", written(tmp_path, text=fine)).exit_code == 0
+    assert call("check", written(tmp_path, *CARRIED)).exit_code == 0
 
 
 def test_the_superposed_motion_is_written_as_a_table(tmp_path):
