@@ -14,6 +14,8 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..mesh import tetrahedra
 from ..mesh.faces import face_vectors, pair_faces, zone_faces
+from ..signals.comparison import Comparison
+from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
 
 _TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
@@ -108,6 +110,22 @@ _ABOVE = {
     "loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "ncol": 2, "fontsize": 7, "frameon": False,
     "borderaxespad": 0.0,
 }  # fmt: skip
+
+
+def plot(what: Seismogram | Comparison) -> Figure:
+    """Draw a seismogram in time and frequency, or the spectral ratios of a comparison.
+
+    Parameters
+    ----------
+    what : Seismogram or Comparison
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    if isinstance(what, Comparison):
+        return draw_comparison(what)
+    return draw_motion({what.label or "motion": what}, (SIMULATED,))
 
 
 def draw_motion(seismograms, colours, top=None, t_max=None) -> Figure:
