@@ -13,6 +13,7 @@ from ..signals.seismogram import Seismogram
 from ..units import plain_number
 from .inputs import FREE_SURFACE, shape
 from .places import level_distance
+from .project import Project
 
 CODE = "D36"
 ESTIMATE = 3.0  # how far an estimate before the run may be off
@@ -39,7 +40,7 @@ def peak_of(motion: Seismogram) -> float:
     return float(np.nanmax(motion.ppv))
 
 
-def plausible_at(project, position) -> PlausibleRange | None:
+def plausible_at(project: Project, position) -> PlausibleRange | None:
     """Return the plausible range of peak velocity at a position.
 
     Parameters
@@ -58,7 +59,7 @@ def plausible_at(project, position) -> PlausibleRange | None:
     return None if window is None else plausible_ppv(*window)
 
 
-def window_at(project, position) -> tuple[float, float] | None:
+def window_at(project: Project, position) -> tuple[float, float] | None:
     """Return distance in m and charge in kg of the 8 ms that are nearest by scaled distance.
 
     None where no hole moves the ground or its charge is unknown.
@@ -96,7 +97,7 @@ def plausible_of_table(table: dict) -> PlausibleRange | None:
     return PlausibleRange(low, high, **table["charge_distance"], laws=tuple(table["laws"]))
 
 
-def simulated_peaks(project, simulated: dict[str, Seismogram]) -> list[Peak]:
+def simulated_peaks(project: Project, simulated: dict[str, Seismogram]) -> list[Peak]:
     """Return the simulated and recorded peaks of all receivers."""
     peaks = []
     for receiver in project.receivers:
@@ -108,7 +109,7 @@ def simulated_peaks(project, simulated: dict[str, Seismogram]) -> list[Peak]:
     return peaks
 
 
-def expected_peaks(project) -> list[Peak]:
+def expected_peaks(project: Project) -> list[Peak]:
     """Return peaks that are known before a run: recorded, of the input, of holes inside.
 
     No mesh is made: a receiver without height stands as high as the highest collar.
@@ -132,7 +133,7 @@ def expected_peaks(project) -> list[Peak]:
     return peaks
 
 
-def input_peaks(project) -> list[Peak]:
+def input_peaks(project: Project) -> list[Peak]:
     """Return the peaks of the single hole and of the whole blast where the motion enters."""
     config, stages = project.config, project.input
     if stages is None:
@@ -157,7 +158,7 @@ def input_peaks(project) -> list[Peak]:
     return peaks
 
 
-def radiated_peak(project, distance: float) -> float:
+def radiated_peak(project: Project, distance: float) -> float:
     """Return about which peak velocity in m/s the holes inside cause at a distance in m.
 
     Notes
@@ -172,7 +173,7 @@ def radiated_peak(project, distance: float) -> float:
     return FREE_SURFACE * float(np.abs(history).max())
 
 
-def rock_of_holes(project):
+def rock_of_holes(project: Project):
     """Return the `Material` around the holes inside: as named, or the fastest of the model."""
     hole, rocks = project.config.holes_inside.charged_hole, project.materials
     fastest = max(rocks.values(), key=lambda material: material.cp)
@@ -279,7 +280,7 @@ def level_words(hole, distance=None) -> str:
 TRUST = ("records of a moment rate", "the site's own law or peak", "a published law", "a pressure")
 
 
-def level_rank(project) -> dict:
+def level_rank(project: Project) -> dict:
     """Return what the level of the holes inside rests on, its rank in trust, and the low-pass."""
     hole = project.config.holes_inside.charged_hole
     if hole is None:
@@ -294,7 +295,7 @@ def level_rank(project) -> dict:
     }  # fmt: skip
 
 
-def moment_rate_words(project) -> str:
+def moment_rate_words(project: Project) -> str:
     """Return where the moment rate of holes inside comes from, and how it was low-passed."""
     config = project.config.holes_inside
     words = str(config.moment_rate_file)
@@ -307,7 +308,7 @@ def moment_rate_words(project) -> str:
     return words
 
 
-def level_findings(project, peaks: Iterable[Peak]) -> tuple[Finding, ...]:
+def level_findings(project: Project, peaks: Iterable[Peak]) -> tuple[Finding, ...]:
     """Return the finding about peaks of a project, if there is any."""
     finding = implausible_level(peaks, source_advice(project.config))
     return () if finding is None else (finding,)

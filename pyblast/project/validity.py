@@ -11,6 +11,7 @@ from ..signals.spectra import highest_frequency
 from ..units import plain_number
 from .inputs import unfiltered
 from .places import normal_axis, source_positions
+from .project import Project
 
 LEAST_ENERGY, LEAST_PEAK = 0.95, 0.9  # shares of the blast's motion that a run has to hold
 SAMPLES = 200  # along the way to a receiver
@@ -70,7 +71,7 @@ class Band:
         }  # fmt: skip
 
 
-def validity(project) -> tuple[ReceiverValidity, ...]:
+def validity(project: Project) -> tuple[ReceiverValidity, ...]:
     """Return where the run of a project holds, for each receiver.
 
     Notes
@@ -85,7 +86,7 @@ def validity(project) -> tuple[ReceiverValidity, ...]:
     )
 
 
-def _way(project, position):
+def _way(project: Project, position):
     """Return points (n, 3) from the sources of a project to a receiver."""
     share = np.linspace(0.0, 1.0, SAMPLES)[:, None]
     start = source_positions(project)
@@ -99,7 +100,7 @@ def _way(project, position):
     return start + share * (np.asarray(position) - start)
 
 
-def _least(project, points):
+def _least(project: Project, points):
     """Return the frequency in Hz that zones next to points carry, and which ground sets it."""
     model = project.model
     mesh = model.mesh
@@ -118,7 +119,7 @@ def _least(project, points):
     return carried[name], name
 
 
-def band_of(project) -> Band:
+def band_of(project: Project) -> Band:
     """Return the band of the run of a project beside that of its blast."""
     before, after = unfiltered(project), project.motions
     needed = max(highest_frequency(motion) for motion in before)
@@ -148,7 +149,7 @@ def _held(whole, passed, carried):
     return np.sum(carried_motion**2) / energy, np.abs(carried_motion).max() / peak
 
 
-def band_finding(project, band: Band) -> Finding | None:
+def band_finding(project: Project, band: Band) -> Finding | None:
     """D40: a run that holds less than the band of its blast; None where it holds it."""
     if band.complete:
         return None
@@ -170,7 +171,7 @@ def band_finding(project, band: Band) -> Finding | None:
     )  # fmt: skip
 
 
-def _price(project, band):
+def _price(project: Project, band):
     """Return what a mesh for the band of the blast would cost, a sentence."""
     model = project.model
     ratio = {name: band.needed / hz for name, hz in model.highest_frequency().items()}

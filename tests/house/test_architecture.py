@@ -57,7 +57,7 @@ UNTYPED_PROJECT = {
     "back_analysis.trials", "diagnosis.forward", "diagnosis.library.geometry",
     "diagnosis.library.ground", "diagnosis.library.paths", "diagnosis.library.sources",
     "project.checks", "project.checks_ground", "project.elements", "project.inputs",
-    "project.level", "project.places", "project.plausibility", "project.result",
+    "project.places", "project.result",
     "project.surface", "report.diagnosis_figures",
 }  # fmt: skip
 ORDER = [
