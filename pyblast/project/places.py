@@ -330,9 +330,14 @@ def _place_tensors(inside, config, mesh, lead):
     parts = zip(config.moment_tensors, inside.tensors, strict=True)
     for number, (part, history) in enumerate(parts):
         refuse_outside(mesh, {f"moment_tensors[{number + 1}]": np.array(part.position_m)})
-        xx, yy, zz, yz, zx, xy = part.tensor
-        tensor = np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
-        yield MomentTensor(np.array(part.position_m), tensor, lead, history, part.spread_m)
+        position = np.array(part.position_m)
+        yield MomentTensor(position, full_tensor(part.tensor), lead, history, part.spread_m)
+
+
+def full_tensor(six) -> np.ndarray:
+    """Return the symmetric tensor (3, 3) of xx, yy, zz, yz, zx, xy."""
+    xx, yy, zz, yz, zx, xy = six
+    return np.array([[xx, xy, zx], [xy, yy, yz], [zx, yz, zz]])
 
 
 def _place_air(inside, part, blast, mesh, lead):

@@ -258,7 +258,8 @@ def summarise(project, checked, run, simulated, comparisons):
         },
         "energy": {
             n: float(v[-1]) for n, v in run.energy.items() if n not in ("time", "unbalanced")
-        },
+        }
+        | level.source_energy(project, run.energy["input"]).table(),
         "seeds": {
             "mesh": project.config.mesh.seed,
             "blast": None if blast is None else blast.seed,
@@ -417,7 +418,7 @@ def receiver_tables(project, simulated, band):
             "carried_hz": carried[name],
             "simulated": simulated_table(simulated[name], band, carried[name]),
             "recorded": motion_table(project.recorded[name]) if name in project.recorded else None,
-            **level.level_table(level.plausible_at(project, receiver.position), peaks),
+            **level.level_table(project, receiver.position, peaks),
         }
     return tables
 

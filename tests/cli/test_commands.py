@@ -271,7 +271,7 @@ def test_a_run_whose_level_is_far_off_says_so_in_its_first_lines(tmp_path):
     summary = json.loads((tmp_path / "results" / "001" / "summary.json").read_text())
     assert summary["receivers"]["R1"]["implausible"] is True
     (found,) = (finding for finding in summary["findings"] if finding["code"] == "D36")
-    assert "R1" in found["numbers"]
+    assert "single hole times 0.001" in found["numbers"]
     page = (tmp_path / "results" / "001" / "report.html").read_text(encoding="utf-8")
     assert '<span class="fails">outside</span>' in page
     assert "Oriard 1972" in page

@@ -15,7 +15,6 @@ from pyblast.project.checks import check
 from pyblast.project.checks_ground import carried_frequency
 from pyblast.project.places import face_distance
 from pyblast.project.project import load_project
-from pyblast.signals.seismogram import Seismogram
 
 SOIL = Material(2000.0, 125e6, 57.7e6, cohesion=15e3)
 SCHIST = Material(2660.0, 15.6e9, 7.2e9, cohesion=11e6)
@@ -300,21 +299,3 @@ def test_the_distance_from_the_blast_to_the_face_comes_from_the_holes(tmp_path):
 
     assert distance == pytest.approx(39.0)
     assert math.isclose(reach, 10.0, abs_tol=2.0)
-
-
-def test_d21_the_energy_of_a_plane_wave_is_that_of_its_closed_form():
-    pulse = 0.5 * np.sin(np.linspace(0.0, np.pi, 1001))[:, None] * [1.0, 0.0, 0.0]
-    motion = Seismogram(pulse, 1e-4)
-
-    finding = checks_loads.load_energy(motion, [(1e4, MAGNETITE)], 1000.0)
-
-    assert finding.numbers["energy"] == pytest.approx(
-        1e4 * MAGNETITE.density * MAGNETITE.cp * 0.25 * 0.05, rel=1e-6
-    )
-    assert finding.numbers["share"] == pytest.approx(finding.numbers["energy"] / 3.8e9)
-
-
-def test_d21_is_silent_where_little_of_the_charge_becomes_waves():
-    motion = Seismogram(np.full((100, 3), 0.01), 1e-3)
-
-    assert checks_loads.load_energy(motion, [(1e4, MAGNETITE)], 27000.0) is None
