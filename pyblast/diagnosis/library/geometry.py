@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ...model.material import Material
-from ...project.elements import for_band
+from ...project.elements import for_band, survey_positions
 from ...project.flat_box import band_of, ground_materials, is_anisotropic
 from ...project.ground import joint_of_surface, make_joint, make_material
 from ..hypotheses import hypothesis, remeshable
@@ -362,7 +362,7 @@ def slope(project, target, height, position, width, turn):
     rows = np.array([-reach, *edges, reach])
     heights = _top(project) + height * np.clip((rows - position) / width + 0.5, 0.0, 1.0)
     sides = np.linspace(-reach, reach, SURVEY)
-    middle = project.within.mean(axis=0)
+    middle = survey_positions(project).mean(axis=0)
     places = [
         (*(middle + row * along + side * across), z)
         for row, z in zip(rows, heights, strict=True) for side in sides
