@@ -195,18 +195,16 @@ def make_absorbing_layer(config):
     return SpongeLayer(box_of((low, low + size) for low, size in ends), mesh.padding_m)
 
 
-def source_positions(project) -> np.ndarray:
+def radiating_positions(project) -> np.ndarray:
     """Return the positions (n, 3) in m of the sources of a project; none of what enters by a face.
 
-    Pressures stand in the middle of their surfaces.
+    Pressures stand in the middle of their surfaces, an air blast at its collars.
     """
     config, mesh = project.config, project.mesh
-    rows = [on_ground(mesh, p.position_m) for p in (*config.point_forces, *config.moment_tensors)]
+    rows = list(source_positions(project).values())
     for part in config.pressures:
         rows.append(mesh.points[np.unique(mesh.surfaces[part.surface])].mean(axis=0))
-    if config.holes_inside is not None:
-        rows += list(project.blast.centres)
-    elif config.air_blast is not None:
+    if config.air_blast is not None and not rows:
         rows += list(project.blast.collar)
     return np.array(rows, dtype=float).reshape(-1, 3)
 

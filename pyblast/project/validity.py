@@ -10,7 +10,7 @@ from ..mesh.mesh import edge_lengths
 from ..signals.spectra import highest_frequency
 from ..units import plain_number
 from .inputs import unfiltered
-from .places import normal_axis, source_positions
+from .places import normal_axis, radiating_positions
 from .project import Project
 
 LEAST_ENERGY, LEAST_PEAK = 0.95, 0.9  # shares of the blast's motion that a run has to hold
@@ -89,7 +89,7 @@ def validity(project: Project) -> tuple[ReceiverValidity, ...]:
 def _way(project: Project, position):
     """Return points (n, 3) from the sources of a project to a receiver."""
     share = np.linspace(0.0, 1.0, SAMPLES)[:, None]
-    start = source_positions(project)
+    start = radiating_positions(project)
     if len(start):
         start = start.mean(axis=0)
     else:
