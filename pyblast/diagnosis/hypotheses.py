@@ -126,7 +126,8 @@ def air_over_layers(case: Case) -> str:
             return "the project has [air_blast], and every run has it"
         if config.blast is None or np.isnan(each.blast.charge).any():
             return "there is no [blast] with a charge for each hole"
-        if not config.mesh.layers or config.mesh.surface_file is not None:
+        mesh = config.mesh
+        if not mesh.layers or mesh.benches or case.project.surface is not None:
             return "the ground is not flat: give flat [[mesh.layers]]"
     return ""
 

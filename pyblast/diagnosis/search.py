@@ -10,7 +10,15 @@ from ..errors import contained
 from .effects import Effect, Scene
 from .fitting import Fit, Fitter, fit, fit_calibrated, fit_partly
 from .hypotheses import LIBRARY, Hypothesis
-from .thresholds import DECISIVE, LEAST_OF_BEST, LEAST_SHARE, MATERIAL, MOST_EFFECTS, MOST_EXPLAINED
+from .thresholds import (
+    DECISIVE,
+    LEAST_OF_BEST,
+    LEAST_SHARE,
+    MATERIAL,
+    MOST_EFFECTS,
+    MOST_EXPLAINED,
+    REMAINS,
+)
 
 SCALE_SIGMA = 0.5  # prior standard deviation of the scale of a change simulated at one value
 REWEIGHTINGS = 6  # rounds of iteratively reweighted least squares
@@ -381,7 +389,9 @@ def _fit_by_runs(search, screening: Sequence[ScreeningResult], base, most):
         result = _from_further_starts(search, result)
         search.progress(f"fit {result.effect.label}", done, max(most, surely))
         runs_before = search.scene.forward.runs
-        fitted = _fitted(search.scene, (*base.effects, result.effect), x_ref, result.blasts, base)
+        effects, best = (*base.effects, result.effect), next(iter(search.leaders()), None)
+        rival = None if base.effects or best is None or not _explains(search, best) else best
+        fitted = _fitted(search.scene, effects, x_ref, result.blasts, base, rival)
         if fitted is not None:
             search.add(fitted)
         done += search.scene.forward.runs > runs_before
@@ -405,10 +415,14 @@ def _from_further_starts(search, result):
 def _refit_around_leaders(search):
     """Fit leaders that grow with charge again, from the best values around them, in all forms.
 
-    Their misfit has a narrow valley, and a minimisation may end on its side.
+    Their misfit has a narrow valley, and a minimisation may end on its side. One that leads by more
+    than decides, and leaves nothing that counts, is not fitted again.
     """
     scene, x_ref = search.scene, np.zeros(len(search.without_effects.values))
-    for leader in search.leaders():
+    leaders = search.leaders()
+    if len(leaders) == 1 and _explains(search, leaders[0]):
+        return
+    for leader in leaders:
         first = leader.effects[0]
         forms = [h for h in LIBRARY.values() if h.label == first.label and not h.linear]
         if not forms or not search.runs_left():
@@ -430,6 +444,14 @@ def _refit_around_leaders(search):
         fitted = _fitted(scene, (best,), x_ref, blasts, search.without_effects)
         if fitted is not None:
             search.add(fitted)
+
+
+def _explains(search, best):
+    """Tell whether a fit has enough evidence, and leaves nothing else that counts."""
+    likelihood = search.scene.baseline.likelihood
+    share = likelihood.explained_share(search.without_effects.chi_square, best.chi_square)
+    remains = worst(best.chi_square) >= REMAINS and share < MOST_EXPLAINED
+    return search.delta_ln_evidence(best) > DECISIVE and not remains
 
 
 def _explained(search):
