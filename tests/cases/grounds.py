@@ -21,7 +21,9 @@ CROSSING = {"name": "J2", "dip_deg": 75.0, "dip_direction_deg": 160.0, "joint": 
             "through_m": [60.0, 45.0, 0.0]}  # fmt: skip
 SET = {"name": "J1", "dip_deg": 70.0, "dip_direction_deg": 90.0, "spacing_m": 50.0}
 STRONG = {"cohesion_kpa": 9e3, "friction_angle_deg": 50.0, "tension_kpa": 5e3, "yielding": {}}
-SURVEY = np.array([[x, y, -0.02 * (x + 300.0)] for x in (-300.0, 60.0, 400.0) for y in (-300.0, 45.0, 400.0)])
+SURVEY = np.array(
+    [[x, y, -0.02 * (x + 300.0)] for x in (-300.0, 60.0, 400.0) for y in (-300.0, 45.0, 400.0)]
+)
 MESHES = {
     "flat": {"faults": []},
     "upright": {},
@@ -73,17 +75,30 @@ def site_on(ground):
     )
     project = replace(one, further=(other,)).changed(blasts=site.blasts)
     if ground == "survey":
-        return project.changed(surface=SURVEY, receivers=on_slope(site.receivers))
+        return project.changed(surface=survey(), receivers=on_slope(site.receivers))
     project = project.changed(
         receivers=below_bench(site.receivers) if ground == "bench" else site.receivers
     )
     return project.changed(mesh=for_band(project, BAND[1]))
 
 
+def survey():
+    """Return places (9, 3) of a surface that falls to the east, in m."""
+    plan = [(x, y) for x in (-300.0, 60.0, 400.0) for y in (-300.0, 45.0, 400.0)]
+    return np.array([(x, y, slope(x)) for x, y in plan])
+
+
+def slope(east):
+    """Return the height of that surface in m."""
+    return -0.02 * (east + 300.0)
+
+
 def on_slope(receivers):
     """Return receivers of the top on the surveyed surface."""
     return [
-        replace(r, position=(*r.position[:2], -0.02 * (r.position[0] + 300.0))) if r.position[2] == 0.0 else r
+        replace(r, position=(*r.position[:2], -0.02 * (r.position[0] + 300.0)))
+        if r.position[2] == 0.0
+        else r
         for r in receivers
     ]
 
