@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import linprog
-from scipy.spatial import KDTree
 
 from ..errors import InputError
+from . import hexahedra
 from .faces import face_keys, face_vectors, pair_faces, zone_faces, zone_of_face
 from .mesh import Mesh, components, edge_lengths, volumes
 
@@ -68,6 +68,24 @@ def refuse_beyond_memory(what: str, needed: float) -> None:
             f"{what} needs about {needed / 1e9:.3g} GB of memory, the machine has "
             f"{free / 1e9:.3g} GB left; take longer edges, fewer receivers or a shorter duration"
         )
+
+
+def explicit_work(mesh: Mesh) -> float:
+    """Return the work in 1/m of an explicit run on hexahedra: nodes over the shortest distance.
+
+    The distance of two neighbours along a line of nodes, under the least stretch of the mapping
+    (smallest singular value of its Jacobian), sets the time step. Infinite for inverted zones.
+    """
+    order = mesh.order if mesh.places is not None else 2  # corners have the extremes
+    nodes = mesh.node_places
+    if mesh.places is None:
+        nodes = hexahedra.zone_nodes_places(mesh.points, mesh.zones, order)
+    jacobian = hexahedra.jacobians(nodes, order)
+    if not np.linalg.det(jacobian).min() > 0.0:
+        return float("inf")
+    points, _ = hexahedra.lobatto(mesh.order)
+    stretch = np.linalg.svd(jacobian, compute_uv=False)[..., -1].min()
+    return float(len(mesh.zones) * mesh.order**3 / ((points[1] - points[0]) * stretch))
 
 
 # Smallest volume of a zone over its longest edge cubed, as in gmsh.
@@ -139,7 +157,7 @@ def _welded(mesh):
 def _refuse_coincident(mesh):
     """Raise InputError for coincident nodes that are not a contact."""
     reach = _COINCIDENT * np.ptp(mesh.points, axis=0).max()
-    pairs = KDTree(mesh.points, leafsize=16).query_pairs(reach, output_type="ndarray")
+    pairs = scipy.spatial.KDTree(mesh.points, leafsize=16).query_pairs(reach, output_type="ndarray")
     label = _welded(mesh)
     pairs = pairs[label[pairs[:, 0]] != label[pairs[:, 1]]]
     if len(pairs):
@@ -269,5 +287,7 @@ def _can_leave(joints, surface):
     joints = joints / np.linalg.norm(joints, axis=1)[:, None]
     joints = np.unique(joints.round(6), axis=0)
     out = surface.sum(axis=0) / np.linalg.norm(surface.sum(axis=0))
-    solution = linprog(-out, A_ub=joints, b_ub=np.full(len(joints), 1e-9), bounds=[(-1.0, 1.0)] * 3)
+    solution = scipy.optimize.linprog(
+        -out, A_ub=joints, b_ub=np.full(len(joints), 1e-9), bounds=[(-1.0, 1.0)] * 3
+    )
     return bool(solution.status == 0 and -solution.fun > 1e-3)

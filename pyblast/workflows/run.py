@@ -37,7 +37,7 @@ from ..project.result import (
     write_summary,
     write_text,
 )
-from ..recordings.recording import read_recording
+from ..recordings.recording import first_recording, read_recording
 from ..report.maps import (
     surface_of,
     write_joints,
@@ -234,6 +234,36 @@ def run(
         if report:
             write_report(outcome.folder / "report.html", outcome.result)
         checkpoint.unlink(missing_ok=True)
+    return outcome
+
+
+def conclude_program_run(
+    project: Project, stored: str | Path, out: str | Path | None = None
+) -> Outcome:
+    """Compare, tabulate and report what the program ``pyblast-run`` computed for a project.
+
+    Parameters
+    ----------
+    project : Project
+        Whose model ``pyblast run --write-model`` wrote.
+    stored : path
+        Result of ``pyblast-run``.
+    out : path, optional
+        Folder that takes numbered folders; ``results`` beside the project file by default.
+
+    Raises
+    ------
+    InputError, ReadError
+        If the file is damaged or belongs to another model.
+    """
+    checked = check(project, measure=False)
+    prepared = preparation.prepare(project.model, project.duration)
+    run_ = solver.integrated(project.model, prepared, stored)
+    out = project.folder / "results" if out is None else Path(out)
+    with result_folder(out, lambda _: False) as (folder, _):
+        outcome = _conclude(project, checked, run_, folder)
+        write_outcome(outcome, project.model)
+        write_report(outcome.folder / "report.html", outcome.result)
     return outcome
 
 
@@ -448,10 +478,10 @@ def compare_files(
         Of the record, where it is a workbook.
     """
     bearing = None if bearing_deg is None else math.radians(bearing_deg)
-    read = read_recording(recorded, bearing=bearing, sheet=sheet)[0]
+    read = first_recording(recorded, read_recording(recorded, bearing=bearing, sheet=sheet))
     record, air = read.seismogram, _air_lines(recorded, read)
     if Path(simulated).suffix != ".h5":
-        other = read_recording(simulated, bearing=bearing)[0]
+        other = first_recording(simulated, read_recording(simulated, bearing=bearing))
         lines = air + _air_lines(simulated, other)
         return compare(record, other.seismogram, band), None, lines
     result = read_result(simulated)

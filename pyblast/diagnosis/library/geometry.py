@@ -13,7 +13,7 @@ from ...errors import InputError
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ...model.material import Material
-from ...project.elements import for_band
+from ...project.elements import for_band, survey_positions
 from ...project.flat_box import band_of, ground_materials, is_anisotropic
 from ...project.ground import joint_of_surface, make_joint, make_material
 from ..hypotheses import hypothesis, remeshable
@@ -389,7 +389,7 @@ def slope(project, target, height, position, width, turn):
     edges = position + width * np.linspace(-0.5, 0.5, SURVEY)
     rows = np.array([-reach, *edges, reach])
     sides = np.linspace(-reach, reach, SURVEY)
-    middle = project.within.mean(axis=0)
+    middle = survey_positions(project).mean(axis=0)
     plan = [middle + row * along + side * across for row in rows for side in sides]
     places = np.column_stack([plan, np.full(len(plan), _top(project))])
     if survey is not None:
