@@ -440,6 +440,8 @@ def _map_figures(diagnosis, summary) -> Iterator[Figure]:
     targets = {effect.target for effect in diagnosis.decision.fit.effects} - {""}
     diagnosed = _diagnosed(diagnosis)
     depth = " Its depth is not resolved." if points else ""
+    if case.project.config.mesh.faults:
+        depth += " Of a joint, the line is its trace on the ground, the face what lies below."
     yield (
         "In plan and section",
         "Receivers by their misfit, the mean square over all blasts: 1 is that of noise and model "
