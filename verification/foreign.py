@@ -120,8 +120,8 @@ def intervals(effects, truth):
 
 
 def _told(stage, done, total):
-    """Say how far it is."""
-    print(f"  {stage} {done}/{total}", flush=True)
+    """Say how far it is, after the processor time."""
+    print(f"  {time.process_time():.0f} s  {stage} {done}/{total}", flush=True)
 
 
 def _band(folder):
