@@ -316,6 +316,7 @@ SURVEYED = "a borehole through the fault, or its outcrop surveyed again"
         SHIFT,
     ],
     decided_by=SURVEYED,
+    odd=True,
     simulated=(remeshable,),
 )
 def wrong_geometry(project, target, dip, turn, shift):
@@ -333,6 +334,7 @@ def wrong_geometry(project, target, dip, turn, shift):
     axis="both",
     parameters=[SHIFT],
     decided_by=SURVEYED,
+    odd=True,
     simulated=(remeshable,),
 )
 def misplaced_fault(project, target, shift):
@@ -377,6 +379,7 @@ def directions(case) -> tuple[str, ...]:
         Parameter("turn", mean=0.0, sigma=0.25, unit="rad", starts=(0.0,), low=-0.8, high=0.8),
     ],
     decided_by="a survey of the ground surface",
+    odd=True,
     further=(("position", (-40.0, -20.0, 20.0, 40.0)),),
     simulated=(remeshable, sampled_top),
 )
