@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
+from pyblast.errors import contained
 from pyblast.inference.records import band_functions
 from pyblast.project.result import write_text
 from pyblast.recordings.recording import read_stations
@@ -62,11 +63,12 @@ def judged(cases, name, keep, executor):
     answer = diagnose_folder(folder, out, executor=executor, progress=_told)
     spent = time.process_time() - began
     truth_folder = cases / "truth" / name
-    misfits = {}
+    misfits, failures = {}, {}
     for model, baseline in (("diagnosed", False), ("calibrated", True)):
-        path = out / f"{model}.mseed"
-        predict_file(folder, out, answer, truth_folder / f"{BLAST}_holes.csv", path, baseline)
-        misfits[model] = _misfit(truth_folder / f"{BLAST}.mseed", path, _band(folder))
+        path, misfits[model] = out / f"{model}.mseed", None
+        with contained(failures, f"prediction, {model}"):
+            predict_file(folder, out, answer, truth_folder / f"{BLAST}_holes.csv", path, baseline)
+            misfits[model] = _misfit(truth_folder / f"{BLAST}.mseed", path, _band(folder))
     truth = tomllib.loads((truth_folder / "truth.toml").read_text())
     geometry = {"geometry": truth["template"]} if "template" in truth else {}
     return {
@@ -85,7 +87,7 @@ def judged(cases, name, keep, executor):
         else answer["held_out"]["delta_ln_likelihood"],
         "intervals": intervals(answer["effects"], truth.get("parameters", {})),
         "further_blast_misfit": misfits,
-        "not_computed": [row["part"] for row in answer["not_computed"]],
+        "not_computed": [*(row["part"] for row in answer["not_computed"]), *failures],
         "runs": answer["runs"],
         "wall_s": answer["wall_s"],
         "kept_s": answer["kept_s"],
@@ -155,11 +157,13 @@ def table(rows):
         said = ", ".join(row["labels"]) or "–"
         where = f" | {row['geometry']}" if "geometry" in row else ""
         before, after = (
-            100.0 * row["further_blast_misfit"][k] for k in ("calibrated", "diagnosed")
-        )
+            "–" if row["further_blast_misfit"][k] is None
+            else f"{100.0 * row['further_blast_misfit'][k]:.1f}"
+            for k in ("calibrated", "diagnosed")
+        )  # fmt: skip
         yield (
             f"| {name}{where} | {', '.join(row['truth']) or 'null'} | {row['outcome']} | {said} | "
-            f"{row['explained']:.2f} | {before:.1f} → {after:.1f} % | {row['runs']} | "
+            f"{row['explained']:.2f} | {before} → {after} % | {row['runs']} | "
             f"{_time(row):.0f} |"
         )
 
