@@ -55,7 +55,7 @@ def input_hash(*inputs: Any) -> str:
 
 @lru_cache
 def code_hash(paths: tuple[str, ...] = RUN_CODE) -> str:
-    """Return the SHA-256 of modules, of the compiled core, and of numpy's and scipy's version.
+    """Return the SHA-256 of modules, of the first core, and of numpy's and scipy's version.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ def code_hash(paths: tuple[str, ...] = RUN_CODE) -> str:
     """
     digest = hashlib.sha256(f"numpy {np.__version__} scipy {scipy.__version__}".encode())
     files = [file for name in paths for file in _modules(PACKAGE / name)]
-    cores = [name for name in sorted(sys.modules) if name.startswith("pyblast._core")]
-    for file in [*files, *(Path(sys.modules[name].__file__ or "") for name in cores)]:
+    core_file = sys.modules["pyblast._core"].__file__ or ""  # the others are of its source
+    for file in [*files, Path(core_file)]:
         if file.is_file():
             digest.update(file.name.encode())
             digest.update(file.read_bytes())
