@@ -484,8 +484,13 @@ def _refit_around_leaders(search):
 
 
 def _explains(search, best):
-    """Tell whether a fit has enough evidence, and leaves nothing else that counts."""
+    """Tell whether a fit has enough evidence, and leaves nothing else that counts.
+
+    Of an effect that the records cannot test, all rivals that explain much are listed.
+    """
     likelihood = search.scene.baseline.likelihood
+    if any(effect.hypothesis.untestable(search.scene.case) for effect in best.effects):
+        return False
     share = likelihood.explained_share(search.without_effects.chi_square, best.chi_square)
     remains = worst(best.chi_square) >= REMAINS and share < MOST_EXPLAINED
     return search.delta_ln_evidence(best) > DECISIVE and not remains
