@@ -157,7 +157,8 @@ def lead(diagnosis: Diagnosis, summary: dict) -> str:
         sentences.append(f"These records cannot distinguish this from {_joined(others, 'or')}.")
     if outcome == "COMPOSITE":
         sentences.insert(0, f"{COUNTS[len(sentences)]} effects act together.")
-    untestable = {row["label"]: row["reason"] for row in summary["not_testable"]}
+    whole = [row for row in summary["not_testable"] if not row["targets"]]
+    untestable = {row["label"]: row["reason"] for row in whole}
     untested = [label for label in decision.fit.labels if label in untestable]
     if outcome in ("CLASS", "PARTIAL") and untested:
         reason = untestable[untested[0]]
