@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from library_scene import library_of
 from small_fits import fits
 from small_site import recorded, scene_of, small_site
 
@@ -15,15 +16,14 @@ from pyblast.diagnosis.search import Search, screen
 MOVED = "wrong_coordinates/blast"
 
 
-def test_a_blast_that_was_elsewhere_is_screened_on_that_side_by_fewer_runs(monkeypatch):
-    for name in [name for name in LIBRARY if name != MOVED]:
-        monkeypatch.delitem(LIBRARY, name)
+def test_a_blast_that_was_elsewhere_is_screened_on_that_side_by_fewer_runs():
     moved = LIBRARY[MOVED].apply(small_site(), "B1", east=8.0, north=-8.0)
     scene = scene_of(recorded(small_site(), moved))
     search = Search(scene, 400, lambda *_: None, fit(scene, ()))
     before = scene.forward.runs
 
-    results = {result.effect.target: result for result in screen(search)}
+    with library_of([MOVED]):
+        results = {result.effect.target: result for result in screen(search)}
 
     assert results["B1"].effect.values == ((6.0,), (-6.0,))
     assert results["B1"].share > 0.5
