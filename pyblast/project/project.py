@@ -14,6 +14,7 @@ from ..config.config import Config, check_config, read_config
 from ..config.ground import GroundConfig, MeshConfig
 from ..config.section import changed_tables, value_at
 from ..errors import InputError, named_error
+from ..mesh.as_built import Row, positions_as_built
 from ..mesh.mesh import Mesh
 from ..model.joint import Joint
 from ..model.material import Material
@@ -21,6 +22,7 @@ from ..model.model import Model, Receiver, SpongeLayer
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
+from .elastic_ground import ElasticGround, elastic_ground, with_elastic_ground
 from .elements import Ground, longest_path, make_ground, needs_of, survey_positions
 from .ground import (
     joint_of_surface,
@@ -28,10 +30,12 @@ from .ground import (
     make_boundaries,
     make_damping,
     make_fields,
+    make_geometry,
     make_insitu,
     make_joints,
     make_materials,
     refuse_open_sides,
+    refuse_unknown_sides,
     with_damaged_material,
 )
 from .inputs import (
@@ -55,6 +59,7 @@ from .places import (
     place_receivers,
     place_sources,
     single_source,
+    source_positions,
 )
 from .surface import make_surface
 
@@ -209,6 +214,17 @@ class Project:
         with named_error(self.path.name):
             return make_ground(self)
 
+    @property
+    def as_built(self) -> tuple[Row, ...]:
+        """Survey of the ground, and of where sources and receivers stand in it."""
+        made_here = "mesh" not in self.given or "ground" in self.given
+        ground = self.ground.rows if made_here else ()
+        asked = None if self.config.mesh.file else make_geometry(self.config, self.surface)
+        positions = source_positions(self) | {
+            f"receivers.{part.name}": part.position for part in self.receivers
+        }
+        return (*ground, *positions_as_built(self.mesh, asked, positions))
+
     @_part
     def mesh(self) -> Mesh:
         """Mesh, split along its joints."""
@@ -273,6 +289,7 @@ class Project:
             entries, waves = make_entry(config.input, motion.motion.shifted(self.lead))
         sources, receivers, layer = self.sources, self.receivers, self.absorbing_layer
         with named_error(self.path.name):
+            refuse_unknown_sides("boundaries.free", config.boundaries.free, mesh)
             if config.holes_inside or config.moment_tensors:
                 refuse_open_sides(config.boundaries, mesh, joint_of_surface(config.mesh))
             model = Model(
@@ -291,12 +308,23 @@ class Project:
                 receivers=receivers,
                 sponge=layer,
             )
+            model = with_elastic_ground(model, elastic_ground(model, self.core))
             if not config.boundaries.jointed_faces:
                 return model
             pressures = joint_pressures(model)  # joints that close are stiffer under them
             media = jointed_media(config.mesh, self.materials, self.joints, pressures)
             known = make_boundaries(config.boundaries, face, media)
             return replace(model, boundaries=(*known, *entries))
+
+    @property
+    def core(self) -> float | None:
+        """Stated radius in m of elastic ground around the holes, None: that of the closed form."""
+        return None if self.config.holes_inside is None else self.config.holes_inside.core_m
+
+    @_part
+    def elastic_ground(self) -> ElasticGround | None:
+        """Ground of the model that stays elastic around its sources."""
+        return elastic_ground(self.model, self.core)
 
     @property
     def blasts(self) -> dict[str, Blast]:
@@ -358,7 +386,7 @@ class Project:
         tables = {k: t for k, t in (("mesh", mesh), ("ground", ground)) if t is not None}
         parts["config"] = self.config.model_copy(update=tables)
         held = parts.setdefault("joints", self.joints)
-        stale = {"sources", "model", "absorbing_layer"}
+        stale = {"sources", "model", "absorbing_layer", "elastic_ground"}
         if tables or surface is not None:
             stale |= {"mesh", "ground"}
         if [j.surface for j in self.joints] != [j.surface for j in held]:
@@ -490,6 +518,7 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
     }
     reused = {name for name, needs in needs_of(config).items() if not tables & needs}
     cheap = tables <= CHEAP and "model" in known and not config.boundaries.jointed_faces
+    cheap = cheap and known["model"].joints == project.joints  # no elastic ground around sources
     if cheap:
         reused |= {"blast", "firing", "signature", "input", "inside", "sources", "absorbing_layer"}
     given = {name: known[name] for name in reused if name in known}

@@ -248,7 +248,7 @@ def with_waveforms(rows):
 def _spectrum_top(summary):
     """Return where frequency axes end [Hz]: twice the low-pass, or twice the band of sources."""
     if summary["input"] is None:
-        return 2.0 * summary["band"]
+        return 2.0 * summary["band"]["input_hz"]
     top = summary["input"]["low_pass"]
     return SPECTRUM_TOP if top is None else 2.0 * top
 
@@ -278,6 +278,12 @@ def _input_figures(result, top):
     )  # fmt: skip
 
 
+def radius_words(radii):
+    """Return the words for the least and the greatest radius in m."""
+    low, high = radii
+    return f"{low:.3g} m" if high < 1.01 * low else f"{low:.3g} to {high:.3g} m"
+
+
 def _source_figures(result, top):
     """Yield the figure of moment rates and force histories inside the model."""
     table, histories = result.summary["sources"], result.arrays.get("sources", {})
@@ -288,7 +294,7 @@ def _source_figures(result, top):
         extent = (
             f"columns that detonate at {table['detonation']:g} m/s"
             if table["detonation"]
-            else f"each spread over {table['spread']:.3g} m"
+            else f"each over a sphere of radius {radius_words(table['radius'])}"
         )
         words.append(
             f"{len(table['holes'])} holes inside the model, M = M(1 kg) W^{table['exponent']:g}, "
@@ -324,7 +330,7 @@ def _plan_figures(result):
     if maps.surface(result)[2] is not None:
         words += (
             f" with contours of the peak vector sum over its surface, up to "
-            f"{result.summary['band']:.3g} Hz (surface_peaks.csv and .asc)"
+            f"{result.summary['band']['input_hz']:.3g} Hz (surface_peaks.csv and .asc)"
         )
     yield "Plan", f"{words}; numbers are the order of firing.", ("mesh", "blast"), image
 
@@ -360,7 +366,7 @@ def _section_figures(result):
     yield (
         "Highest frequency",
         f"Highest frequency that each zone carries: Cs over {edges:g} of its mean edges; the input "
-        f"has {result.summary['band']:.3g} Hz. The same section.",
+        f"has {result.summary['band']['input_hz']:.3g} Hz. The same section.",
         ("mesh",),
         figures.section_figure(result, north, "f_max"),
     )
@@ -403,7 +409,7 @@ def _limit_figures(result):
     yield (
         "Limit curves",
         "Peaks of each component against their frequency by zero crossing. The simulation holds "
-        f"little above {result.summary['band']:.3g} Hz.{without if left_out else ''}",
+        f"little above {result.summary['band']['input_hz']:.3g} Hz.{without if left_out else ''}",
         ("receivers", "signature"),
         image,
     )
@@ -437,9 +443,9 @@ def _filter_words(table):
         return f"{text}, not filtered."
     taken = ", ".join(f"{100 * v:.3g} %" for v in table["removed_energy"] if v is not None)
     return (
-        f"{text}, before and after the low-pass at {table['low_pass']:g} Hz (-6 dB; -3 dB at "
-        f"{table['low_pass_3db']:.3g} Hz), which took {taken} of the energy of the "
-        "components that move. It shifts no phase, so that motion begins before the first firing."
+        f"{text}, before and after the low-pass at {table['low_pass']:g} Hz (-3 dB), which took "
+        f"{taken} of the energy of the components that move and delays motion by "
+        f"{340.0 / table['low_pass']:.2g} ms."
     )
 
 

@@ -24,7 +24,7 @@ from ..diagnosis.summary import held_out_blasts, known_so_far, not_computed, sum
 from ..errors import InputError, ReadError, contained
 from ..project.case_folder import case_files, read_case_folder
 from ..project.flat_box import check_holes, extent_of
-from ..project.plausibility import expected_peaks, level_findings
+from ..project.level import expected_peaks, level_findings
 from ..project.project import Project, load_project, with_further
 from ..project.result import plain, write_bytes, write_summary
 from ..recordings.seismic import channel_names, mseed_bytes
@@ -242,7 +242,9 @@ def _decisive(provenance):
 
 
 def _finished(output, provenance, budget, seed):
-    """Return the finished diagnosis of the same input, or None."""
+    """Return the finished diagnosis of the same input, or None; its page is written last."""
+    if not (output / REPORT).is_file():
+        return None
     try:
         known = json.loads((output / RESULT).read_text(encoding="utf-8"))
     except (OSError, ValueError):
