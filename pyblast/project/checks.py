@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..blasts.blast import ANFO_DENSITY
+from ..blasts.blast import ANFO_DENSITY, Firing
 from ..errors import Finding, by_wave
 from ..mesh import quality
 from ..mesh.mesh import edge_lengths, surface_zones
@@ -165,9 +165,12 @@ def _face_defects(project, band):
     yield comb_return(firing, central_frequency(project), motion.low_passed)
     name, material = source_material(project)
     yield layered_face(config.input.face, face_materials(project))
-    yield yielding_rock(project.signature.pvs, firing, name, material)
+    peak = project.signature.pvs
+    if config.input.decay_exponent is not None:  # no two holes are equally near
+        peak, firing = motion.superposed.pvs, Firing(np.zeros(1), np.ones(1))
+    yield yielding_rock(peak, firing, name, material)
     distance, reach = face_distance(project)
-    if distance is not None:
+    if distance is not None and config.input.decay_exponent is None:
         yield plane_load(distance, reach, material, band)
     if project.blast is not None:
         points = project.mesh.points
