@@ -175,7 +175,7 @@ def elastic_radius(moment: float, ratio: float, strength: dict[str, float], pres
     Notes
     -----
     Sharpe (1942): ``stress_r = -p0 - 2x, stress_t = -p0 + x, x = (cs/cp)^2 M/(2 pi r^3)`` reaches
-    the surface of Mohr-Coulomb or its tension cut-off at x_y: theory.md (5.15).
+    the surface of Mohr-Coulomb or its tension cut-off at x_y: theory.md (5.17).
     """
     if "sigci" in strength:
         m, s, a, size = (strength[key] for key in ("m", "s", "a", "sigci"))

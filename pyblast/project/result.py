@@ -17,6 +17,7 @@ from ..recordings.tables import instrument_table
 from ..signals.seismogram import Named, Seismogram, html_table
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
 from ..solver.model_file import read_arrays, write_arrays
+from ..solver.moment_density import source_radii
 from ..solver.preparation import versions
 from ..units import plain_number
 from . import level
@@ -353,7 +354,7 @@ def source_summary(project):
         "moment_rate": config and level.moment_rate_words(project),
         "level": config and level.level_rank(project),
         "exponent": holes[0].exponent if holes else None,
-        "spread": getattr(holes[0], "spread", None) if holes else None,
+        "radius": source_radii(project.model),
         "core_m": None if ground is None else float(ground.radius.max()),
         "detonation": config and config.detonation_m_per_s,
         "forces": [
