@@ -119,7 +119,7 @@ class WaveFronts:
 
     Notes
     -----
-    theory.md (5.16).
+    theory.md (5.18).
     """
 
     positions: np.ndarray

@@ -249,9 +249,7 @@ def opposite_input(signature, firing, low_pass, fronts, blast) -> InputMotion:
     first = blast.centres[blast.times == blast.times.min()].mean(axis=0)
     point = first + fronts.distance * fronts.axis
     (amplitude, delay, turn) = (each[:, 0] for each in fronts.at(point[None]))
-    turned = [
-        replace(signature, velocity=signature.velocity @ rotation.T) for rotation in turn
-    ]
+    turned = [replace(signature, velocity=signature.velocity @ rotation.T) for rotation in turn]
     early = min(0.0, float(delay.min()))
     superposed = superpose(signature, Firing(delay - early, amplitude), signatures=turned)
     superposed = superposed.shifted(early)
@@ -542,10 +540,8 @@ def central_frequency(project):
 
 
 def input_band(project):
-    """Return the highest frequency in Hz of what enters: the low-pass, or 95 % of the energy."""
-    low_pass = None if project.input is None else project.config.input.low_pass_hz
-    tops = [] if low_pass is None else [low_pass]
-    return max(tops + [highest_frequency(motion) for motion in project.motions[len(tops) :]])
+    """Return the frequency in Hz below which 95 % of the energy of what enters lies."""
+    return max(highest_frequency(motion) for motion in project.motions)
 
 
 def named_files(config) -> list[str]:

@@ -545,7 +545,7 @@ def incident_energy(motion: Seismogram, face, axis: int = 0) -> float:
 def graded_energy(project: Project) -> float:
     """Return the energy in J of waves whose amplitude and delay vary over a face.
 
-    The spectra of all holes are summed at each facet: theory.md (5.16).
+    The spectra of all holes are summed at each facet: theory.md (5.18).
     """
     mesh, face = project.model.mesh, project.config.input.face
     (boundary,) = (b for b in project.model.boundaries if isinstance(b, StressInput))

@@ -110,7 +110,7 @@ def model_loads(model: Model, impedance: Callable[[str], dict[int, np.ndarray]])
 def _add_input(loads, boundary, nodes, stack, points):
     """Add the tractions of a stress input, impedances ``stack`` (n, 3, 3) in N s/m at nodes (n,).
 
-    theory.md (4.3), (5.16).
+    theory.md (4.3), (5.18).
     """
     functions = components(boundary)
     if boundary.fronts is None:
