@@ -141,7 +141,26 @@ def refuse_outside(mesh, positions):
     except InputError:
         for name, position in positions.items():
             with named_error(name):
+                _refuse_above(mesh, np.asarray(position, dtype=float))
                 _locate(mesh, np.reshape(position, (-1, 3)))
+
+
+def _refuse_above(mesh, position):
+    """Refuse a position above the ground, with both heights."""
+    try:
+        ground = on_ground(mesh, position[:2])[2]
+    except InputError:  # outside in plan, or a mesh without a top
+        return
+    try:
+        locate(mesh, position[None])
+    except InputError:
+        if position[2] > ground:
+            x, y, z = position
+            raise InputError(
+                f"lies {z - ground:.4g} m above the ground: z is {z:g} m, the ground at "
+                f"({x:g}, {y:g}) m is {ground:.6g} m high; correct z or its datum, or leave z out "
+                "to stand on the ground"
+            ) from None
 
 
 def _locate(mesh, positions):
@@ -176,18 +195,16 @@ def make_absorbing_layer(config):
     return SpongeLayer(box_of((low, low + size) for low, size in ends), mesh.padding_m)
 
 
-def source_positions(project) -> np.ndarray:
+def radiating_positions(project) -> np.ndarray:
     """Return the positions (n, 3) in m of the sources of a project; none of what enters by a face.
 
-    Pressures stand in the middle of their surfaces.
+    Pressures stand in the middle of their surfaces, an air blast at its collars.
     """
     config, mesh = project.config, project.mesh
-    rows = [on_ground(mesh, p.position_m) for p in (*config.point_forces, *config.moment_tensors)]
+    rows = list(source_positions(project).values())
     for part in config.pressures:
         rows.append(mesh.points[np.unique(mesh.surfaces[part.surface])].mean(axis=0))
-    if config.holes_inside is not None:
-        rows += list(project.blast.centres)
-    elif config.air_blast is not None:
+    if config.air_blast is not None and not rows:
         rows += list(project.blast.collar)
     return np.array(rows, dtype=float).reshape(-1, 3)
 
@@ -245,6 +262,18 @@ def hole_positions(blast):
     """Return the centres of the charges by the names of their holes."""
     names = (f"blast: hole {name}" for name in blast.hole_ids)
     return dict(zip(names, blast.centres, strict=True))
+
+
+def source_positions(project):
+    """Return the positions of all holes, forces and moment tensors inside, by name."""
+    config, positions = project.config, {}
+    if project.inside.moment_rate is not None:
+        positions |= hole_positions(project.blast)
+    for number, part in enumerate(config.point_forces, start=1):
+        positions[f"point_forces[{number}]"] = on_ground(project.mesh, part.position_m)
+    for number, part in enumerate(config.moment_tensors, start=1):
+        positions[f"moment_tensors[{number}]"] = part.position_m
+    return positions
 
 
 def place_sources(inside, config, blast, mesh, lead) -> tuple:

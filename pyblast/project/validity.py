@@ -10,7 +10,7 @@ from ..mesh.mesh import edge_lengths
 from ..signals.spectra import highest_frequency
 from ..units import plain_number
 from .inputs import unfiltered
-from .places import normal_axis, source_positions
+from .places import normal_axis, radiating_positions
 from .project import Project
 
 LEAST_ENERGY, LEAST_PEAK = 0.95, 0.9  # shares of the blast's motion that a run has to hold
@@ -108,7 +108,7 @@ def _way(project: Project, zones, position):
 
 def _middle(project: Project, position):
     """Return the middle (3,) of the sources, or where their waves enter the face."""
-    sources = source_positions(project)
+    sources = radiating_positions(project)
     if len(sources):
         return sources.mean(axis=0)
     mesh, across = project.mesh, normal_axis(project)

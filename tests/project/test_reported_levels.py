@@ -23,7 +23,7 @@ def quarry(soil=False, **hole):
         "mesh": {"size_m": [160, 80, 40], "edge_m": 8, "layers": layers},
         "materials": {"granite": GRANITE} | ({"soil": SOIL} if soil else {}),
         "boundaries": {"viscous": ["west", "east", "south", "north", "bottom"], "free": ["top"]},
-        "blast": {"rows": 18, "holes_per_row": 1, "delay_ms": 25, "charge_kg": 60,
+        "blast": {"rows": 18, "holes_per_row": 1, "delay_ms": 17, "charge_kg": 60,
                   "diameter_mm": 89, "depth_m": 14, "burden_m": 0.5, "spacing_m": 3,
                   "position_m": [25, 40, 36]},
         "holes_inside": {"charged_hole": {
