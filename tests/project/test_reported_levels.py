@@ -1,4 +1,4 @@
-"""Projects that once ended with wrong levels: thin soil over rock, and rock that yields at holes."""
+"""Projects that once ended with wrong levels: thin soil on rock, rock that yields at holes."""
 
 import numpy as np
 import pytest
