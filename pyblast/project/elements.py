@@ -6,7 +6,7 @@ from itertools import pairwise, product
 import numpy as np
 
 from ..errors import InputError, named_error
-from ..mesh.hexahedral import mapped, swept
+from ..mesh.hexahedral import mapped, subdivided, swept
 from ..mesh.hexahedral.mapped import NotMapped
 from ..mesh.mesh import Mesh, edge_lengths
 from ..mesh.quality import explicit_work
@@ -14,6 +14,7 @@ from ..model.material import ConstantQ
 from .ground import make_geometry, make_mesh, mean_edge
 
 ORDERS = (5, 3, 2, 4)  # tried, the first alone in a plain grid; a node costs the same in all
+ORDER_OF_SUBDIVIDED = 3
 BUILDERS = {"between the planes": mapped.build, "swept along one direction": swept.build}
 # Nodes per shortest S wavelength for an error of 1 % over three wavelengths, by order; the error
 # falls with the power below of their number: docs/quality/performance.md.
@@ -92,7 +93,7 @@ def make_ground(project) -> Ground:
             "take 'auto' or 'tetrahedra'"
         )
     reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
-    mesh = make_mesh(config.mesh, materials, project.folder, project.surface)
+    mesh = make_mesh(_with_edges(config), materials, project.folder, project.surface)
     return Ground(mesh, reason)
 
 
@@ -193,8 +194,6 @@ def _obstacle(config, materials):
         return "the mesh is read from a file"
     if mesh.fractures:
         return "fractures of limited extent are cut into the blocks of tetrahedra"
-    if mesh.benches:
-        return "benches are cut into the blocks of tetrahedra"
     if mesh.grid_cells is not None:
         return "mesh.grid_cells divides the box into tetrahedra"
     if mesh.refinements:
@@ -243,35 +242,52 @@ def _hexahedra(config, materials, surface, reach):
     builders = BUILDERS
     if mapped.is_plain(geometry):
         orders, builders = orders[:1], {"in a plain grid": mapped.build}
-    meshes, reasons = [], []
-    for order, (how, build) in product(orders, builders.items()):
-        sizes = [
-            _size(config, part, materials[part.material], order, reach)
-            for part in config.mesh.layers
-        ]
-        try:
-            with named_error("mesh"):
-                mesh = build(geometry, sizes, order)
-        except NotMapped as reason:
-            reasons.append(str(reason).removeprefix("mesh: "))
-            continue
-        meshes.append((explicit_work(mesh), how, mesh))
-    meshes = [each for each in meshes if np.isfinite(each[0])]
-    if not meshes:
-        raise NotMapped("; ".join(dict.fromkeys(reasons)) or "its hexahedra would be inverted")
-    _, how, mesh = min(meshes, key=lambda each: each[0])
-    edge = edge_lengths(mesh).max()
+    last = (config.mesh.order or ORDER_OF_SUBDIVIDED,), {"of tetrahedra cut": subdivided.build}
+    reasons = {}
+    for trial in ((orders, builders), last):
+        meshes = []
+        for order, (how, build) in product(trial[0], trial[1].items()):
+            sizes = [
+                _size(config, part, materials[part.material], order, reach)
+                for part in config.mesh.layers
+            ]
+            try:
+                with named_error("mesh"):
+                    mesh = build(geometry, sizes, order)
+            except NotMapped as reason:
+                reasons.setdefault(str(reason).removeprefix("mesh: "))
+                continue
+            work = explicit_work(mesh)
+            meshes += [(work, how, mesh)] if np.isfinite(work) else []
+        if meshes:
+            _, how, mesh = min(meshes, key=lambda each: each[0])
+            return Ground(mesh, _sentence(mesh, how, reasons if trial is last else ()))
+    raise NotMapped("; ".join(reasons) or "its hexahedra would be inverted")
+
+
+def _sentence(mesh, how, reasons):
+    """Return what hexahedra a mesh has, and why they are not in a grid."""
     ends = "no absorbing layer" if mesh.layer is None else "an absorbing layer"
-    return Ground(
-        mesh,
-        f"hexahedra of order {mesh.order} {how}, edges up to {edge:.3g} m, {ends}: "
-        f"{len(mesh.zones)} zones",
+    why = f", because {'; '.join(reasons)}" if reasons else ""
+    return (
+        f"hexahedra of order {mesh.order} {how}, edges up to {edge_lengths(mesh).max():.3g} m, "
+        f"{ends}: {len(mesh.zones)} zones{why}"
     )
 
 
 def longest_path(positions: np.ndarray) -> float:
     """Return the diagonal in m of what horizontal positions (n, 2) of a survey span."""
     return float(np.linalg.norm(np.ptp(positions, axis=0))) if len(positions) else 0.0
+
+
+def _with_edges(config):
+    """Return a `MeshConfig` whose tetrahedra have edges, by the band where it gives none."""
+    mesh, top = config.mesh, _frequency(config)
+    given = mesh.file is not None or mesh.grid_cells is not None or top is None
+    if given or mesh.edge_m is not None or mesh.edges_per_wavelength is not None:
+        return mesh
+    fine = {"edges_per_wavelength": TETRAHEDRA[mesh.quadratic], "frequency_hz": top}
+    return mesh.model_copy(update=fine)
 
 
 def _size(config, part, material, order, reach):

@@ -16,6 +16,7 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from ...errors import InputError
 from .. import hexahedra
+from ..faces import face_keys
 from ..grid import SIDES, Geometry
 from ..hexahedra import AbsorbingLayer
 from ..mesh import Mesh
@@ -231,6 +232,26 @@ def layer_beside(
     inner = np.where(opened, limits, [-np.inf, np.inf])
     inside, wide, axes = (tuple(map(tuple, part)) for part in (inner, width, frame))
     return AbsorbingLayer(inside, wide, axes)
+
+
+def between_zones(
+    surfaces: dict[str, np.ndarray], zones: np.ndarray, n: int
+) -> dict[str, np.ndarray]:
+    """Return surfaces of hexahedra with ``n`` nodes whose joints lie between two zones.
+
+    A face of two joints has the first. What follows a side of the mesh, to which a joint comes
+    near, is left out.
+    """
+    joints = [name for name in surfaces if name not in SIDES]
+    faces = np.concatenate([np.zeros((0, 4), dtype=np.int64), *(surfaces[n] for n in joints)])
+    owner = np.repeat(np.arange(len(joints)), [len(surfaces[name]) for name in joints])
+    keys, count = np.unique(
+        face_keys(zones[:, hexahedra.FACES].reshape(-1, 4), n), return_counts=True
+    )
+    own, first = np.unique(face_keys(faces, n), return_index=True)
+    first = np.sort(first[count[np.searchsorted(keys, own)] == 2])
+    distinct = {name: faces[first[owner[first] == k]] for k, name in enumerate(joints)}
+    return {**{side: surfaces[side] for side in SIDES}, **distinct}
 
 
 def merged(values: Sequence[float], ends: Sequence[float], tolerance: float) -> list[float]:
