@@ -1,7 +1,7 @@
 """Choice of the elements of a project: spectral hexahedra where the ground allows it."""
 
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,8 +13,8 @@ from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
 from .ground import make_geometry, make_mesh, mean_edge
 
-ORDERS = (5, 3, 2, 4)  # tried, the first alone in a plain grid; a node costs the same in all
-ORDER_OF_SUBDIVIDED = 3
+ORDER = 5  # in a plain grid
+ORDERS = (3, 4)  # tried first elsewhere; a node and step costs about the same in all
 BUILDERS = {"between the planes": mapped.build, "swept along one direction": swept.build}
 # Nodes per shortest S wavelength for an error of 1 % over three wavelengths, by order; the error
 # falls with the power below of their number: docs/quality/performance.md.
@@ -237,20 +237,14 @@ def _frequency(config):
 
 def _hexahedra(config, materials, surface, reach):
     """Return a ground of hexahedra: of builders and orders that serve, that of the least work."""
-    geometry = make_geometry(config, surface)
-    orders = (config.mesh.order,) if config.mesh.order else ORDERS
-    builders = BUILDERS
-    if mapped.is_plain(geometry):
-        orders, builders = orders[:1], {"in a plain grid": mapped.build}
-    last = (config.mesh.order or ORDER_OF_SUBDIVIDED,), {"of tetrahedra cut": subdivided.build}
-    reasons = {}
-    for trial in ((orders, builders), last):
-        meshes = []
-        for order, (how, build) in product(trial[0], trial[1].items()):
-            sizes = [
-                _size(config, part, materials[part.material], order, reach)
-                for part in config.mesh.layers
-            ]
+    geometry, reasons = make_geometry(config, surface), {}
+
+    def meshes(order, builders):
+        sizes = [
+            _size(config, part, materials[part.material], order, reach)
+            for part in config.mesh.layers
+        ]
+        for how, build in builders.items():
             try:
                 with named_error("mesh"):
                     mesh = build(geometry, sizes, order)
@@ -258,11 +252,29 @@ def _hexahedra(config, materials, surface, reach):
                 reasons.setdefault(str(reason).removeprefix("mesh: "))
                 continue
             work = explicit_work(mesh)
-            meshes += [(work, how, mesh)] if np.isfinite(work) else []
-        if meshes:
-            _, how, mesh = min(meshes, key=lambda each: each[0])
-            return Ground(mesh, _sentence(mesh, how, reasons if trial is last else ()))
-    raise NotMapped("; ".join(reasons) or "its hexahedra would be inverted")
+            if np.isfinite(work):
+                yield work, how, mesh
+
+    order = config.mesh.order
+    if mapped.is_plain(geometry):
+        trials = [*meshes(order or ORDER, {"in a plain grid": mapped.build})]
+    elif order:
+        trials = [*meshes(order, BUILDERS)]
+    else:
+        trials = [each for first in ORDERS for each in meshes(first, BUILDERS)]
+        if trials:  # the work has one minimum over the orders
+            best = min(trials, key=lambda each: each[0])[2].order
+            trials += meshes(best + (1 if best == max(ORDERS) else -1), BUILDERS)
+    why = ()
+    if not trials:
+        trials, why = (
+            [*meshes(order or ORDERS[0], {"of tetrahedra cut": subdivided.build})],
+            reasons,
+        )
+    if not trials:
+        raise NotMapped("; ".join(reasons) or "its hexahedra would be inverted")
+    _, how, mesh = min(trials, key=lambda each: each[0])
+    return Ground(mesh, _sentence(mesh, how, why))
 
 
 def _sentence(mesh, how, reasons):

@@ -6,9 +6,10 @@ import pytest
 from pyblast.mesh.builder import build_mesh
 from pyblast.mesh.faces import face_vectors
 from pyblast.mesh.grid import SIDES, Fault, Geometry, JointSet, Layer
+from pyblast.mesh.hexahedra import corner_neighbours
 from pyblast.mesh.hexahedral import subdivided
 from pyblast.mesh.hexahedral.mapped import Fine, NotMapped
-from pyblast.mesh.hexahedral.subdivided import build, corners_of, subdivide
+from pyblast.mesh.hexahedral.subdivided import build, subdivide
 from pyblast.mesh.mesh import outer_faces, volumes
 from pyblast.mesh.quality import explicit_work
 
@@ -40,7 +41,7 @@ def test_each_tetrahedron_becomes_four_hexahedra_of_its_volume():
     points, zones, surfaces = subdivide(cut)
 
     assert zones.shape == (4 * len(cut.zones), 8)
-    columns = points[corners_of(zones)]
+    columns = points[corner_neighbours(zones)]
     assert np.linalg.det(columns[:, 1:] - columns[:, :1]).min() > 0.0
     for name, triangles in cut.surfaces.items():
         whole = np.linalg.norm(face_vectors(cut.points, triangles), axis=1).sum()

@@ -128,14 +128,6 @@ def subdivide(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]
     return np.concatenate(every), np.concatenate(parts), surfaces
 
 
-def corners_of(zones: np.ndarray) -> np.ndarray:
-    """Return each corner of hexahedra (n, 8) with its three neighbours, right-handed, (8 n, 4)."""
-    table = np.array([[c, c ^ 1, c ^ 2, c ^ 4] for c in range(8)])
-    odd = np.array([c.bit_count() % 2 == 1 for c in range(8)])
-    table[odd] = table[odd][:, [0, 2, 1, 3]]
-    return zones[:, table].reshape(-1, 4)
-
-
 def _smoothed(points, zones, group, surfaces, edge):
     """Return points (n, 3) of which the nodes of the poorest zones are moved within all faces."""
     faces = [quads for quads in surfaces.values() if len(quads)]
@@ -144,7 +136,7 @@ def _smoothed(points, zones, group, surfaces, edge):
     normals = face_vectors(points, quads)
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     free = sliding(len(points), quads, normals)
-    corners = corners_of(zones)
+    corners = hexahedra.corner_neighbours(zones)
     columns = (points[corners[:, 1:]] - points[corners[:, :1]]).transpose(0, 2, 1)
     stretch = np.linalg.svd(columns, compute_uv=False)[:, -1].reshape(-1, 8).min(axis=1)
     poor = np.zeros(len(points), dtype=bool)

@@ -40,7 +40,7 @@ APART = 0.25  # of the thinnest layer or the spacing: largest distance of vertic
 TRIALS = 11  # positions of a side that may move, up to an edge outward
 CROWDED = 0.5  # of an edge: shorter lines in the section count
 POWERS = (2, 4, 8)  # of the norm that smoothing makes smallest
-ITERATIONS = 200
+ITERATIONS = 60
 UPRIGHT = 3.0  # weight of the third axis of a zone among its axes
 TINY = 1e-6  # of the size of the section: distance of nodes that lie on a line
 
@@ -283,10 +283,9 @@ def smoothed(
 
     def value(flat, power):
         at = points + np.einsum("nij,nj->ni", free, flat.reshape(n, d))
-        columns = jacobian(at)
-        if np.linalg.det(columns).min() <= 0.0:
+        volume, inverse = _inverse(jacobian(at))
+        if volume.min() <= 0.0:
             return 1e300, np.zeros_like(flat)
-        inverse = np.linalg.inv(columns)
         each = (inverse**2).sum(axis=(1, 2))
         scaled = (each / each.max()) ** power
         norm = each.max() * scaled.sum() ** (1.0 / power)
@@ -311,6 +310,17 @@ def smoothed(
     return points + np.einsum("nij,nj->ni", free, shift.reshape(n, d))
 
 
+def _inverse(matrices):
+    """Return determinants (n,) and inverses (n, d, d) of matrices."""
+    if matrices.shape[1] == 3:
+        volume = np.linalg.det(matrices)
+        return volume, np.linalg.inv(matrices) if volume.all() else matrices
+    (a, b), (c, d) = np.moveaxis(matrices, 0, -1)
+    area = a * d - b * c
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return area, np.moveaxis(np.array([[d, -b], [-c, a]]) / area, -1, 0)
+
+
 def sliding(n: int, nodes: np.ndarray, normals: np.ndarray, fixed=()) -> np.ndarray:
     """Return the projections (n, d, d) onto the directions in which nodes may move.
 
@@ -332,35 +342,26 @@ def sliding(n: int, nodes: np.ndarray, normals: np.ndarray, fixed=()) -> np.ndar
     return np.einsum("nik,nk,njk->nij", vectors, (values < 1e-6).astype(float), vectors)
 
 
-def _turns():
-    """Return the 24 orders (24, 8) of the corners of a cube that keep its handedness."""
-    corner = 2 * ((np.arange(8)[:, None] >> np.arange(3)) & 1) - 1
-    tables = []
-    for axes, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
-        turn = np.zeros((3, 3), dtype=int)
-        turn[range(3), axes] = signs
-        if round(np.linalg.det(turn)) == 1:
-            tables.append(((corner @ turn > 0) * [1, 2, 4]).sum(axis=1))
-    return np.array(tables)
-
-
 def upright(points: np.ndarray, zones: np.ndarray, frame: np.ndarray) -> np.ndarray:
     """Return zones (n, 8) whose axes follow those of a frame (3, 3) best, the third one first.
 
     An absorbing layer needs the axis of a zone that looks outward to have the number of that axis
     of its frame; the ground surface is the upper end of the third axis.
     """
-    best, score = zones, np.full(len(zones), -np.inf)
-    for table in _turns():
-        turned = zones[:, table]
-        total = np.zeros(len(zones))
-        for axis, weight in enumerate((1.0, 1.0, UPRIGHT)):
-            upper = (np.arange(8) >> axis & 1).astype(bool)
-            step = points[turned[:, upper]].mean(axis=1) - points[turned[:, ~upper]].mean(axis=1)
-            total += weight * (step @ frame[axis]) / np.linalg.norm(step, axis=1)
-        better = total > score + 1e-9
-        best, score = np.where(better[:, None], turned, best), np.where(better, total, score)
-    return best
+    bits = np.arange(8)[:, None] >> np.arange(3) & 1
+    axes = np.einsum("zck,ca->zak", points[zones], 2.0 * bits - 1.0)
+    axes /= np.linalg.norm(axes, axis=2)[:, :, None]
+    cosines = axes @ frame.T  # of the axis of a zone (second) with that of the frame (third)
+    tables, scores = [], []
+    for order, signs in product(permutations(range(3)), product((1, -1), repeat=3)):
+        turn = np.zeros((3, 3), dtype=int)
+        turn[range(3), order] = signs
+        if round(np.linalg.det(turn)) == 1:
+            tables.append(((2 * bits - 1) @ turn > 0) @ [1, 2, 4])
+            each = zip(order, signs, (1.0, 1.0, UPRIGHT), strict=True)
+            scores.append(sum(w * s * cosines[:, k, a] for a, (k, s, w) in enumerate(each)))
+    best = np.argmax(np.round(scores, 9), axis=0)
+    return np.take_along_axis(zones, np.array(tables)[best], axis=1)
 
 
 class _Sweep:
