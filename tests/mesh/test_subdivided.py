@@ -91,6 +91,7 @@ def test_sets_end_at_the_layer_and_layers_keep_their_heights():
 
 
 def test_smoothing_lengthens_the_step_and_moves_nodes_within_their_faces(monkeypatch):
+    monkeypatch.setattr(subdivided, "TRIALS", (1.0,))
     smooth = built()
     monkeypatch.setattr(subdivided, "POOR", 0.0)
     rough = built()
