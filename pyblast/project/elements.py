@@ -1,17 +1,19 @@
 """Choice of the elements of a project: spectral hexahedra where the ground allows it."""
 
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
+from itertools import chain, pairwise
 
 import numpy as np
 
 from ..errors import InputError, named_error
+from ..mesh.as_built import Row, as_built
 from ..mesh.hexahedral import mapped, subdivided, swept
 from ..mesh.hexahedral.mapped import NotMapped
 from ..mesh.mesh import Mesh, edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
 from .ground import make_geometry, make_mesh, mean_edge
+from .surface import make_fractures
 
 ORDER = 5  # in a plain grid
 ORDERS = (3, 4)  # tried first elsewhere; a node and step costs about the same in all
@@ -25,6 +27,8 @@ FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
 LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadratic ones
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
 SOFT = 0.3  # S speed over that of the ground beneath: docs/quality/verification.md
+SHARP = 0.015  # of an edge: tolerance of tetrahedra where the usual one bends planes
+LISTED = 3  # rows of a survey in a sentence
 SIZED = ("layers", "refinements")  # parts of the mesh with edges of their own
 TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
 
@@ -38,10 +42,13 @@ class Ground:
     mesh : Mesh
     reason : str
         One sentence.
+    rows : tuple of Row
+        Survey of what was built beside what was asked for.
     """
 
     mesh: Mesh
     reason: str
+    rows: tuple[Row, ...] = ()
 
 
 def elements_of(project) -> str:
@@ -81,10 +88,14 @@ def make_ground(project) -> Ground:
     """
     config, materials = project.config, project.materials
     kind = config.mesh.kind
+    if config.mesh.file is not None:
+        mesh = make_mesh(config.mesh, materials, project.folder)
+        return Ground(mesh, "tetrahedra: the mesh is read from a file", as_built(mesh, None))
+    asked, wave = make_geometry(config, project.surface), shortest_wave(config, materials)
     obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
     if kind != "tetrahedra" and obstacle is None:
         try:
-            return _hexahedra(config, materials, project.surface, project.reach)
+            return _hexahedra(config, materials, asked, wave, project.reach)
         except NotMapped as reason:
             obstacle = str(reason)
     if kind == "hexahedra":
@@ -93,8 +104,66 @@ def make_ground(project) -> Ground:
             "take 'auto' or 'tetrahedra'"
         )
     reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
-    mesh = make_mesh(_with_edges(config), materials, project.folder, project.surface)
-    return Ground(mesh, reason)
+    return _tetrahedra(project, asked, wave, reason)
+
+
+def _tetrahedra(project, asked, wave, reason):
+    """Return a ground of tetrahedra, cut more sharply where the first cut bends planes."""
+    config, materials, folder = project.config, project.materials, project.folder
+    parts = _with_edges(config, materials)
+    asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder)))
+    sharp = SHARP * wave / TETRAHEDRA[parts.quadratic]
+    given = parts.tolerance_m is not None or parts.grid_cells is not None
+    wrong = ""
+    for tolerance in (parts.tolerance_m,) if given else (None, sharp):
+        cut = parts.model_copy(update={"tolerance_m": tolerance})
+        mesh = make_mesh(cut, materials, folder, project.surface)
+        rows = as_built(mesh, asked, wave)
+        wrong = differences(rows)
+        if not wrong:
+            return Ground(mesh, reason, rows)
+    raise InputError(
+        f"mesh: the ground that is built differs from the one asked for: {wrong}; shorten edge_m "
+        "or tolerance_m there, or move planes and sides that nearly meet"
+    )
+
+
+def differences(rows) -> str:
+    """Return in words which rows of an as-built survey are beyond their tolerance, if any."""
+    wrong = [str(row) for row in rows if not row.good]
+    more = f" and {len(wrong) - LISTED} more" if len(wrong) > LISTED else ""
+    return "; ".join(wrong[:LISTED]) + more
+
+
+def shortest_wave(config, materials) -> float:
+    """Return the shortest S wavelength in m that a `Config` asks its mesh to carry."""
+    mesh, top, waves = config.mesh, _frequency(config), []
+    for part in mesh.layers:
+        rock = materials.get(part.material)
+        edge = None if rock is None else mean_edge(mesh, part, rock)
+        if edge is not None:
+            waves.append(TETRAHEDRA[mesh.quadratic] * edge)
+        elif top is not None and rock is not None:
+            waves.append(rock.cs / top)
+    if mesh.grid_cells is not None:
+        cells = np.array(mesh.size_m) / mesh.grid_cells
+        waves.append(TETRAHEDRA[mesh.quadratic] * float(cells.min()))
+    return min(waves, default=np.inf)
+
+
+def _with_edges(config, materials):
+    """Return the `MeshConfig` with edges of tetrahedra by frequency in layers without any."""
+    mesh, top = config.mesh, _frequency(config)
+    if mesh.grid_cells is not None or top is None:
+        return mesh
+    layers = []
+    for part in mesh.layers:
+        rock = materials.get(part.material)
+        if rock is not None and mean_edge(mesh, part, rock) is None:
+            edge = rock.cs / (TETRAHEDRA[mesh.quadratic] * top)
+            part = part.model_copy(update={"edge_m": edge})
+        layers.append(part)
+    return mesh.model_copy(update={"layers": layers})
 
 
 def survey_positions(project) -> np.ndarray:
@@ -235,13 +304,16 @@ def _frequency(config):
     return None if band is None else band[1]
 
 
-def _hexahedra(config, materials, surface, reach):
-    """Return a ground of hexahedra: of builders and orders that serve, that of the least work."""
-    geometry, reasons = make_geometry(config, surface), {}
+def _hexahedra(config, materials, geometry, wave, reach):
+    """Return a ground of hexahedra: the first as asked for, of builders and orders by work.
 
-    def meshes(order, builders):
+    Tetrahedra are cut into hexahedra where no other serves, then once more with half the edges.
+    """
+    order, reasons = config.mesh.order, {}
+
+    def meshes(order, builders, factor=1.0):
         sizes = [
-            _size(config, part, materials[part.material], order, reach)
+            factor * _size(config, part, materials[part.material], order, reach)
             for part in config.mesh.layers
         ]
         for how, build in builders.items():
@@ -255,7 +327,6 @@ def _hexahedra(config, materials, surface, reach):
             if np.isfinite(work):
                 yield work, how, mesh
 
-    order = config.mesh.order
     if mapped.is_plain(geometry):
         trials = [*meshes(order or ORDER, {"in a plain grid": mapped.build})]
     elif order:
@@ -265,16 +336,17 @@ def _hexahedra(config, materials, surface, reach):
         if trials:  # the work has one minimum over the orders
             best = min(trials, key=lambda each: each[0])[2].order
             trials += meshes(best + (1 if best == max(ORDERS) else -1), BUILDERS)
-    why = ()
-    if not trials:
-        trials, why = (
-            [*meshes(order or ORDERS[0], {"of tetrahedra cut": subdivided.build})],
-            reasons,
-        )
-    if not trials:
-        raise NotMapped("; ".join(reasons) or "its hexahedra would be inverted")
-    _, how, mesh = min(trials, key=lambda each: each[0])
-    return Ground(mesh, _sentence(mesh, how, why))
+    trials.sort(key=lambda each: each[0])
+    cut = {"of tetrahedra cut": subdivided.build}
+    last = (each for factor in (1.0, 0.5) for each in meshes(order or ORDERS[0], cut, factor))
+    for _, how, mesh in chain(trials, last):
+        rows = as_built(mesh, geometry, wave)
+        wrong = differences(rows)
+        if not wrong:
+            why = () if how in BUILDERS or mapped.is_plain(geometry) else reasons
+            return Ground(mesh, _sentence(mesh, how, why), rows)
+        reasons.setdefault(f"hexahedra {how} would be other ground than asked for: {wrong}")
+    raise NotMapped("; ".join(reasons) or "its hexahedra would be inverted")
 
 
 def _sentence(mesh, how, reasons):
@@ -290,16 +362,6 @@ def _sentence(mesh, how, reasons):
 def longest_path(positions: np.ndarray) -> float:
     """Return the diagonal in m of what horizontal positions (n, 2) of a survey span."""
     return float(np.linalg.norm(np.ptp(positions, axis=0))) if len(positions) else 0.0
-
-
-def _with_edges(config):
-    """Return a `MeshConfig` whose tetrahedra have edges, by the band where it gives none."""
-    mesh, top = config.mesh, _frequency(config)
-    given = mesh.file is not None or mesh.grid_cells is not None or top is None
-    if given or mesh.edge_m is not None or mesh.edges_per_wavelength is not None:
-        return mesh
-    fine = {"edges_per_wavelength": TETRAHEDRA[mesh.quadratic], "frequency_hz": top}
-    return mesh.model_copy(update=fine)
 
 
 def _size(config, part, material, order, reach):

@@ -140,7 +140,26 @@ def refuse_outside(mesh, positions):
     except InputError:
         for name, position in positions.items():
             with named_error(name):
+                _refuse_above(mesh, np.asarray(position, dtype=float))
                 _locate(mesh, np.reshape(position, (-1, 3)))
+
+
+def _refuse_above(mesh, position):
+    """Refuse a position above the ground, with both heights."""
+    try:
+        ground = on_ground(mesh, position[:2])[2]
+    except InputError:  # outside in plan, or a mesh without a top
+        return
+    try:
+        locate(mesh, position[None])
+    except InputError:
+        if position[2] > ground:
+            x, y, z = position
+            raise InputError(
+                f"lies {z - ground:.4g} m above the ground: z is {z:g} m, the ground at "
+                f"({x:g}, {y:g}) m is {ground:.6g} m high; correct z or its datum, or leave z out "
+                "to stand on the ground"
+            ) from None
 
 
 def _locate(mesh, positions):
@@ -228,6 +247,18 @@ def hole_positions(blast):
     return dict(zip(names, blast.centres, strict=True))
 
 
+def source_positions(project):
+    """Return the positions of all holes, forces and moment tensors inside, by name."""
+    config, positions = project.config, {}
+    if project.inside.moment_rate is not None:
+        positions |= hole_positions(project.blast)
+    for number, part in enumerate(config.point_forces, start=1):
+        positions[f"point_forces[{number}]"] = on_ground(project.mesh, part.position_m)
+    for number, part in enumerate(config.moment_tensors, start=1):
+        positions[f"moment_tensors[{number}]"] = part.position_m
+    return positions
+
+
 def place_sources(inside, config, blast, mesh, lead) -> tuple:
     """Place all sources in the mesh; their time 0 is ``lead`` s before the first firing.
 
@@ -241,8 +272,10 @@ def place_sources(inside, config, blast, mesh, lead) -> tuple:
         if not blast.charge.any():
             raise InputError("blast: no hole has a charge; give one a charge_kg above 0")
         refuse_outside(mesh, hole_positions(blast))
-        place_blast = _place_columns if config.holes_inside.detonation_m_per_s else _place_holes
-        sources += place_blast(inside, config, blast, mesh, lead)
+        if config.holes_inside.detonation_m_per_s:
+            sources += _place_columns(inside, config, blast, mesh, lead)
+        else:
+            sources += _place_holes(inside, config, blast, lead)
     sources += _place_forces(inside, config, mesh, lead)
     sources += _place_tensors(inside, config, mesh, lead)
     for number, (part, history) in enumerate(zip(config.pressures, inside.pressures, strict=True)):
@@ -259,14 +292,9 @@ def _later(history, lead):
     return replace(history, start=history.start + lead)
 
 
-def _place_holes(inside, config, blast, mesh, lead):
+def _place_holes(inside, config, blast, lead):
     """Return the holes of a blast as points, without those that misfire (charge 0)."""
     spread, exponent = config.holes_inside.spread_m, config.blast.charge_exponent
-    if spread is None and mesh.hexahedral:
-        spread = 0.0  # they resolve a point source
-    elif spread is None:
-        zone, _ = locate(mesh, blast.centres)
-        spread = float(edge_lengths(mesh)[zone].mean())
     charges = zip(
         hole_positions(blast).items(), blast.charge, inside.firing.times + lead, strict=True
     )

@@ -28,7 +28,7 @@ NARROWING = 0.5  # narrow end over wide end from which the gap does not matter
 WIDE = 1.15  # largest cell at the wide end, over the wanted edge
 BELOW_SURFACE = 0.25  # of an edge, from the reference to the lowest ground
 STEEP = 0.3  # least component of the normal of a plane along the first axis
-SAME = 0.015  # of an edge: ends nearer than this to another plane lie on it
+SAME = 0.008  # of an edge: ends nearer than this to another plane lie on it
 PARALLEL = 1e-7  # sine of the angle between directions that count as parallel
 ROUND = 1e-9  # of the size: coordinates that count as equal
 LEAST_AREA = 1e-3  # of the square of the spacing, of a joint that cuts a corner of the box
@@ -135,7 +135,8 @@ def _planes_of_set(part, geometry, box):
     origin = geometry.box.mean(axis=1) if part.origin is None else np.array(part.origin, float)
     corners = np.array(np.meshgrid(*box)).reshape(3, -1).T
     reach = (corners - origin) @ part.normal / part.spacing
-    numbers = range(int(np.ceil(reach.min() - 1e-6)), int(np.floor(reach.max() + 1e-6)) + 1)
+    # Without planes that only touch the box.
+    numbers = range(int(np.ceil(reach.min() + 1e-6)), int(np.floor(reach.max() - 1e-6)) + 1)
     spans = [(-np.inf, np.inf)]
     if part.regions is not None:
         limits = geometry.limits.copy()
