@@ -278,12 +278,9 @@ def smoothed(
     n, d = points.shape
     base, ends = corners[:, 0], corners[:, 1:]
 
-    def jacobian(at):
-        return (at[ends] - at[base][:, None]).transpose(0, 2, 1) / edge
-
     def value(flat, power):
         at = points + np.einsum("nij,nj->ni", free, flat.reshape(n, d))
-        volume, inverse = _inverse(jacobian(at))
+        volume, inverse = _inverse((at[ends] - at[base][:, None]).transpose(0, 2, 1) / edge)
         if volume.min() <= 0.0:
             return 1e300, np.zeros_like(flat)
         each = (inverse**2).sum(axis=(1, 2))
