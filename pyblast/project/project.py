@@ -18,6 +18,7 @@ from ..mesh.mesh import Mesh
 from ..model.joint import Joint
 from ..model.material import Material
 from ..model.model import Model, Receiver, SpongeLayer
+from ..readers.provenance import ReadLog
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
@@ -90,6 +91,8 @@ class Project:
         Factors on the wave speeds beside those of the table [ground].
     given : dict of str to object
         Parts, such as ``mesh`` or ``records``, that replace those of the file.
+    log : ReadLog
+        What was read from files so far.
     """
 
     path: Path
@@ -100,6 +103,7 @@ class Project:
     further: tuple["Project", ...] = ()
     fields: tuple = ()
     given: dict[str, Any] = field(default_factory=dict)
+    log: ReadLog = field(default_factory=ReadLog, repr=False)
 
     @classmethod
     def from_dict(cls, tables: dict[str, Any], folder: str | Path = ".") -> "Project":
@@ -141,7 +145,7 @@ class Project:
         if self.config.blast is None:
             return None
         with named_error(f"{self.path.name}: blast"):
-            return make_blast(self.config.blast, self.folder)
+            return make_blast(self.config.blast, self.folder, self.log)
 
     @_part
     def firing(self) -> Firing:
@@ -155,7 +159,9 @@ class Project:
         if self.config.signature is None:
             return None
         with named_error(f"{self.path.name}: signature"):
-            return make_signature(self.config.signature, self.materials, self.folder)
+            return make_signature(
+                self.config.signature, self.materials, self.folder, self.log
+            )
 
     @_part
     def input(self) -> InputMotion | None:
@@ -196,7 +202,7 @@ class Project:
     @_part
     def surface(self) -> np.ndarray | None:
         """Surveyed top surface, (n, 3) m, or its triangles (n, 3, 3)."""
-        return make_surface(self.config.mesh, self.folder)
+        return make_surface(self.config.mesh, self.folder, self.log)
 
     @_part
     def within(self) -> np.ndarray:
@@ -250,7 +256,7 @@ class Project:
             if part.recorded is not None:
                 with named_error(f"{self.path.name}: receivers.{part.name}.recorded"):
                     records[part.name] = like_simulated(
-                        part, read_record(part.recorded, self.folder)
+                        part, read_record(part.recorded, self.folder, self.log)
                     )
         return records
 

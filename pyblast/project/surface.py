@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..config.section import read_columns
-from ..errors import Finding, InputError, named_error
+from ..errors import Finding, InputError, ReadError, named_error
 from ..mesh.faces import face_vectors
 from ..mesh.grid import Fault, upward_normal
 from ..model.fractures import (
@@ -17,31 +16,35 @@ from ..model.fractures import (
     terminated,
 )
 from ..model.terrain import Bench, bench_triangles, bending, burdens, read_terrain, toe_of
+from ..readers.tables import read_table, wanted_by
 
+TABLES = (".csv", ".txt", ".xyz", ".pts", ".dat", ".tsv", ".xlsx", ".xlsm", "")
 LARGEST_LEAN = 0.5  # degrees from the plane of a joint, mean over its area
 LEAST_LEAN = 0.05  # degrees, below which the worst facet gets no note
 
 
-def make_surface(config, folder) -> np.ndarray | None:
+def make_surface(config, folder, log=None) -> np.ndarray | None:
     """Return the ground surface of a `MeshConfig`: places, triangles of benches, None if flat."""
     if config.benches:
         low = np.array(config.origin_m)
         with named_error("mesh"):
-            benches = benches_of(config, folder)
+            benches = benches_of(config, folder, log)
             return bench_triangles(benches, np.column_stack([low, low + config.size_m]))
-    return None if config.surface_file is None else read_surface(folder / config.surface_file)
+    return (
+        None if config.surface_file is None else read_surface(folder / config.surface_file, log)
+    )
 
 
-def benches_of(config, folder) -> list[Bench]:
+def benches_of(config, folder, log=None) -> list[Bench]:
     """Return the benches of a `MeshConfig`, from the highest down."""
     benches = []
     for number, part in enumerate(config.benches, start=1):
         with named_error(f"benches[{number}]"):
-            crest = _line(part.crest_m, part.crest_file, folder)
+            crest = _line(part.crest_m, part.crest_file, folder, log)
             if part.height_m is not None:
                 toe = toe_of(crest, part.height_m, np.radians(part.face_dip_deg))
             else:
-                toe = _line(part.toe_m, part.toe_file, folder)
+                toe = _line(part.toe_m, part.toe_file, folder, log)
             benches.append(Bench(crest, toe))
     return benches
 
@@ -82,24 +85,43 @@ def _fractures(part, config, folder):
     return refuse_many(part.name, [each for each in mapped if area_within(each, box) > 0.0])
 
 
-def _line(places, file, folder):
+def _line(places, file, folder, log):
     """Return a line (n, 3) in m, given or read."""
-    return np.array(places) if file is None else read_columns(folder / file, ("x_m,y_m,z_m",))
+    return np.array(places) if file is None else _points(folder / file, log)
 
 
-def read_surface(path):
+def read_surface(path, log=None):
     """Read a surveyed surface; return its places (n, 3) or triangles (n, 3, 3) in m.
 
-    A table has lines ``x_m,y_m,z_m``; for other suffixes see `pyblast.model.terrain.read_terrain`.
+    A table has columns such as ``x_m,y_m,z_m`` or ``Easting;Northing;RL``, or three columns of
+    numbers without titles; for other suffixes see `pyblast.model.terrain.read_terrain`.
 
     Raises
     ------
     ReadError
-        If the file can't be read or a line holds something else than three numbers.
+        If the file can't be read or holds something else, such as a format that is not read.
     """
-    if path.suffix.lower() in (".asc", ".dxf", ".stl"):
+    suffix = path.suffix.lower()
+    if suffix in (".asc", ".dxf", ".stl"):
         return read_terrain(path)
-    return read_columns(path, ("x_m,y_m,z_m",))
+    if suffix not in TABLES:
+        raise ReadError(
+            f"{path}: '{suffix}' is no surface that is read; export it as .asc, .dxf, .stl, or as "
+            "a table (.csv, .txt, .xyz, .xlsx) of x, y and z"
+        )
+    return _points(path, log)
+
+
+def _points(path, log):
+    """Return the positions (n, 3) in m of a table."""
+    table = read_table(
+        path, wanted_by("surface"), None, log, untitled=("x", "y", "z"), kind="table of positions"
+    )
+    points = np.column_stack([table.values[name] for name in "xyz"])
+    if np.isnan(points).any():
+        line = table.lines[int(np.isnan(points).any(axis=1).argmax())]
+        raise ReadError(f"{path}, line {line}: must be three numbers, one is missing")
+    return points
 
 
 def joint_planes(project):

@@ -27,7 +27,7 @@ ONE_ROOM = {
     "_core_single": {"core"},
     "gmsh": {"mesh.gmsh"},
     "emcee": {"inference.posterior"},
-    "openpyxl": {"recordings.hand_tables", "workflows"},  # read, written
+    "openpyxl": {"readers.cells", "workflows"},  # read, written
 }
 ORDER = [
     "kinds",

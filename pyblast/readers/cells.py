@@ -1,0 +1,423 @@
+"""Cells of text and workbooks, and the format of their numbers."""
+
+import csv
+import io
+import math
+import re
+import zipfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import date, datetime, time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from ..errors import InputError, ReadError
+
+LARGEST_TABLE = 100_000_000  # bytes
+LARGEST_UNPACKED = 500_000_000  # bytes of all parts of a workbook
+LARGEST_EDITED = 40_000_000  # bytes of a workbook whose merged and hidden cells are looked for
+LONGEST_LINE = 100_000  # characters
+DELIMITERS = (";", "\t", "|", ",", " ")
+ABSENT = {"", "na", "n/a", "#n/a", "nan", "null", "none", "-", "--", "---", "n.a."}
+_OTHER_FILES = {
+    b"PK\x03\x04": "is a zip archive or a damaged Excel workbook; save the sheet as CSV",
+    b"\xd0\xcf\x11\xe0": "is an Excel workbook of the old kind; save it as .xlsx or CSV",
+    b"%PDF": "is a PDF document; export the table as CSV",
+    b"\x55\x3a": "is a recording in SEG-2, no table; read it with read_gather",
+    b"\x3a\x55": "is a recording in SEG-2, no table; read it with read_gather",
+    b"\x89HDF": "is an HDF5 file, no table",
+}
+
+
+def read_bytes(path: Path, max_bytes: int = LARGEST_TABLE) -> bytes:
+    """Read a regular file that is not larger than ``max_bytes``."""
+    try:
+        if not path.is_file():
+            what = "a folder" if path.is_dir() else "a pipe or device" if path.exists() else "none"
+            raise ReadError(f"{path}: expected a file, found {what}")
+        size = path.stat().st_size
+        if size > max_bytes:
+            raise ReadError(f"{path}: holds {size} bytes, the cap (max_bytes) is {max_bytes}")
+        if size == 0:
+            raise ReadError(f"{path}: is empty")
+        return path.read_bytes()
+    except ReadError:
+        raise
+    except (OSError, ValueError) as error:
+        raise ReadError(f"{path}: can't be read ({getattr(error, 'strerror', error)})") from None
+
+
+def decode_lines(where: Path | str, content: bytes) -> list[str]:
+    """Decode text in UTF-8, UTF-16 with its mark, or Latin-1; refuse other files by their kind."""
+    for magic, sentence in _OTHER_FILES.items():
+        if content.startswith(magic) and (magic != b":U" or b"\0" in content[:32]):
+            raise ReadError(f"{where}: {sentence}")
+    try:
+        if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+            text = content.decode("utf-16")
+        else:
+            text = content.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = content.decode("latin-1")
+    if "\0" in text:
+        line = text[: text.index("\0")].count("\n") + 1
+        raise ReadError(
+            f"{where}, line {line}: expected text, found a NUL byte (binary, or UTF-16 without "
+            "its mark; save it as UTF-8)"
+        )
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    for number_, line in enumerate(lines, 1):
+        if len(line) > LONGEST_LINE:
+            raise ReadError(
+                f"{where}, line {number_}: has {len(line)} characters, expected at most "
+                f"{LONGEST_LINE}"
+            )
+    while lines and not lines[-1].strip():
+        lines.pop()
+    return lines
+
+
+def split_line(where: Path | str, line_number: int, line: str, delimiter: str = ",") -> list[str]:
+    """Split one line of delimited text into stripped cells."""
+    if delimiter == " ":
+        return line.split()
+    try:
+        cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error as error:
+        raise ReadError(f"{where}, line {line_number}: expected delimited text ({error})") from None
+    return [cell.strip() for cell in cells]
+
+
+class Cell(str):
+    """Cell of a workbook: "stored" number, "formula" without value, or copy of a "merged" cell."""
+
+    __slots__ = ("kind",)
+    kind: str
+
+    def __new__(cls, text: str, kind: str) -> "Cell":
+        """Return a cell of a kind."""
+        cell = super().__new__(cls, text)
+        cell.kind = kind
+        return cell
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells of a file: lines of text, or rows of a workbook with their numbers."""
+
+    where: str
+    lines: list[str]
+    rows: list[tuple[int, list[str]]] | None = None
+    remarks: tuple[str, ...] = ()
+
+    def split(self, delimiter: str, last: int | None = None) -> list[tuple[int, list[str]]]:
+        """Return rows with numbers, without blank rows and comments; of text by a delimiter."""
+        if self.rows is not None:
+            return self.rows[:last]
+        rows = [
+            (n, split_line(self.where, n, line, delimiter))
+            for n, line in enumerate(self.lines[:last], 1)
+            if line.strip(delimiter + " ") and not line.startswith("#")
+            and not re.match(r"sep=.?$", line)
+        ]  # fmt: skip
+        return [(n, cells) for n, cells in rows if any(cells)]
+
+
+def is_workbook(content: bytes) -> bool:
+    """Tell whether the content of a file is an Excel workbook (.xlsx, .xlsm)."""
+    if not content.startswith(b"PK\x03\x04"):
+        return False
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return "xl/workbook.xml" in archive.namelist()
+    except (zipfile.BadZipFile, OSError):
+        return False
+
+
+def cells_of(where: Path | str, content: bytes, sheet: str | None = None) -> Cells:
+    """Return the cells of text or of a sheet of a workbook.
+
+    Parameters
+    ----------
+    where : Path or str
+        For messages.
+    content : bytes
+    sheet : str, optional
+        Name of the sheet; may be left out where only one has cells.
+
+    Raises
+    ------
+    InputError
+        If no sheet has this name, none is named and several have cells, or the file has none.
+    ReadError
+        If the file is no text, or a workbook is damaged, protected, or too large.
+    """
+    if not is_workbook(content):
+        if sheet is not None:
+            raise InputError(f"{where}: is no Excel workbook; leave out sheet = {sheet!r}")
+        return Cells(str(where), decode_lines(where, content))
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        size = sum(part.file_size for part in archive.infolist())
+    if size > LARGEST_UNPACKED:
+        most = LARGEST_UNPACKED // 10**6
+        raise ReadError(f"{where}: unpacks to {size // 10**6} MB, at most {most} MB are read")
+    import openpyxl
+    from openpyxl.utils.exceptions import InvalidFileException
+
+    edited, source = size <= LARGEST_EDITED, io.BytesIO(content)
+    try:
+        book = openpyxl.load_workbook(source, read_only=not edited, data_only=True)
+        formulas = openpyxl.load_workbook(source) if edited else None
+        tables = {table.title: table for table in book.worksheets}
+        if sheet is not None and sheet not in tables:
+            raise InputError(f"{where}: has no sheet {sheet!r}; its sheets are {', '.join(tables)}")
+        names = [*tables] if sheet is None else [sheet]
+        read = {n: _sheet(tables[n], None if formulas is None else formulas[n]) for n in names}
+        book.close()
+    except (KeyError, ValueError, OSError, TypeError, InvalidFileException, SyntaxError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise ReadError(f"{where}: is a damaged Excel workbook ({error})"[:300]) from None
+    filled = {name: part for name, part in read.items() if part[0]}
+    if not filled:
+        what = "workbook" if sheet is None else f"sheet {sheet!r}"
+        raise ReadError(f"{where}: the {what} is empty, expected a table")
+    if len(filled) > 1:
+        raise InputError(
+            f"{where}: has several sheets ({', '.join(filled)}); name one by sheet = "
+            f"{next(iter(filled))!r}"
+        )
+    ((name, (rows, remarks)),) = filled.items()
+    return Cells(str(where), _as_text(rows), rows, (f"sheet {name!r}", *remarks))
+
+
+def _sheet(table, formulas):
+    """Return the rows of a sheet that have cells, and remarks on merged and hidden ones."""
+    rows, remarks = {}, []
+    for n, row in enumerate(table.iter_rows(values_only=True), 1):
+        rows[n] = [_cell_text(value) for value in row]
+    if formulas is not None:
+        empty, valued = [], 0
+        for row in formulas.iter_rows():
+            for cell in row:
+                if cell.data_type == "f":
+                    stored = rows[cell.row][cell.column - 1]
+                    valued += bool(stored)
+                    empty += [] if stored else [cell]
+        for cell in empty if not valued else ():
+            rows[cell.row][cell.column - 1] = Cell(cell.coordinate, "formula")
+        for span in table.merged_cells.ranges:
+            _fill_merged(rows, span)
+        hidden = [
+            n for n, size in table.row_dimensions.items() if size.hidden and any(rows.get(n, ()))
+        ]
+        if hidden:
+            remarks.append(f"{len(hidden)} hidden rows are read, too, the first is row {hidden[0]}")
+    for cells in rows.values():
+        while cells and not cells[-1]:
+            cells.pop()
+    return [(n, cells) for n, cells in rows.items() if cells], remarks
+
+
+def _fill_merged(rows, span):
+    """Copy the value of merged cells into all of them."""
+    left, top, right, bottom = span.bounds
+    value = rows[top][left - 1]
+    for n in range(top, bottom + 1):
+        for column in range(left - 1, right):
+            if (n, column) != (top, left - 1) and value and n in rows and column < len(rows[n]):
+                rows[n][column] = Cell(value, "merged")
+    if value and bottom > top:
+        rows[top][left - 1] = Cell(value, "merged")
+
+
+def _cell_text(value) -> str:
+    """Write the value of a cell on one line; numbers are marked as stored."""
+    if value is None:
+        return ""
+    if isinstance(value, (datetime, date, time)):
+        return value.isoformat()
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        whole = isinstance(value, float) and value.is_integer() and abs(value) < 1e15
+        return Cell(str(int(value)) if whole else repr(value), "stored")
+    return " ".join(str(value).split())
+
+
+def _as_text(rows):
+    """Return rows of a workbook as lines of CSV, line n for row n."""
+    lines = [""] * (rows[-1][0] if rows else 0)
+    for n, cells in rows:
+        buffer = io.StringIO()
+        csv.writer(buffer, lineterminator="").writerow(cells)
+        lines[n - 1] = buffer.getvalue()
+    return lines
+
+
+class NumberFormat(NamedTuple):
+    """Format of the numbers of a table: decimal mark, and the mark between thousands or ""."""
+
+    decimal: str = "."
+    thousands: str = ""
+
+
+_DIGITS = re.compile(r"[-+]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][-+]?\d+)?")
+_GROUPS = re.compile(r"(?<=\d)[\s'’](?=\d{3}(?!\d))")
+
+
+def _bare(text):
+    """Write a number without blanks and apostrophes between thousands, and with a plain minus."""
+    return _GROUPS.sub("", text.strip().replace("−", "-"))
+
+
+def number_format(
+    where: str, columns: Sequence[Sequence[str]], delimiter: str = ","
+) -> NumberFormat:
+    """Return the format of numbers that all columns have in common.
+
+    Parameters
+    ----------
+    where : str
+        For messages.
+    columns : sequence of sequences of str
+        Cells of each column that holds numbers; texts among them are passed over.
+    delimiter : str
+        Between cells, empty for a workbook. Decimal commas without any other proof need another
+        delimiter than the comma.
+
+    Raises
+    ------
+    ReadError
+        If decimal commas and points are mixed, or both readings are possible: three digits follow
+        every comma, or every point of a column that has whole numbers, too.
+    """
+    proof: dict[tuple[str, bool], str] = {}  # (mark, whether it is decimal): example
+    open_: dict[str, str] = {}
+    commas = any("," in text for texts in columns for text in texts)
+    for texts in columns:
+        whole, own = False, {}
+        for cell in texts:
+            if isinstance(cell, Cell) and cell.kind == "stored":
+                continue
+            text = _bare(cell).lstrip("+-").lower().partition("e")[0]
+            if not ("," in text or "." in text) or not _DIGITS.fullmatch(text):
+                whole |= text.isdigit()
+                continue
+            last = max(",.", key=text.rfind)
+            other = "." if last == "," else ","
+            head, _, tail = text.rpartition(last)
+            if other in text:
+                proof |= {(last, True): cell, (other, False): cell}
+            elif last in head:
+                proof[last, False] = cell
+            elif len(tail) != 3 or len(head) > 3 or head.startswith("0") or not head:
+                proof[last, True] = cell
+                if not commas:
+                    return NumberFormat()
+            else:
+                own.setdefault(last, cell)
+        if "." in own and not whole:
+            own.pop(".") if not commas else None
+        open_ = own | open_
+    return _agreed(where, proof, open_, delimiter)
+
+
+def _agreed(where, proof, open_, delimiter):
+    """Return the format that all cells permit."""
+    for mark, other in ((",", "."), (".", ",")):
+        both = proof.get((mark, True)), proof.get((mark, False)) or proof.get((other, True))
+        if all(both):
+            raise ReadError(
+                f"{where}: mixes decimal points and decimal commas, {both[0]!r} and {both[1]!r}; "
+                "write all numbers alike"
+            )
+    if (",", True) in proof or (".", False) in proof:
+        return NumberFormat(",", "." if (".", False) in proof or "." in open_ else "")
+    if (".", True) in proof or (",", False) in proof:
+        return NumberFormat(".", "," if (",", False) in proof or "," in open_ else "")
+    if len(open_) == 2 or (open_ and delimiter not in (",", " ")):
+        mark, example = next(iter(open_.items()))
+        name = {",": "comma", ".": "point"}[mark]
+        raise ReadError(
+            f"{where}: {example!r} may have a decimal {name} or a {name} between thousands; give "
+            'decimal = "," or decimal = "." in a mapping, or write the numbers without it'
+        )
+    return NumberFormat(".", "," if "," in open_ else "")
+
+
+def number(text: str, where: str, form: NumberFormat = NumberFormat()) -> float:  # noqa: B008
+    """Parse a finite number."""
+    bare = _bare(text)
+    if form.thousands and re.search(rf"\d\{form.thousands}\d", bare):
+        head, mark, tail = bare.partition(form.decimal)
+        first, *groups = head.split(form.thousands)
+        bare = head.replace(form.thousands, "") + mark + tail
+        if any(len(group) != 3 for group in groups) or len(first.lstrip("+-")) > 3:
+            bare = "?"
+    try:
+        value = float(bare.replace(form.decimal, ".") if "_" not in bare else "?")
+    except ValueError:
+        raise ReadError(f"{where}: expected a number, got '{text.strip()[:40]}'") from None
+    if not math.isfinite(value):
+        raise ReadError(f"{where}: expected a finite number, got '{text.strip()[:40]}'")
+    return value
+
+
+def is_number(cell: str) -> bool:
+    """Tell whether a cell reads as a number."""
+    return bool(cell) and bool(_DIGITS.fullmatch(_bare(cell)))
+
+
+def read_columns(
+    where: Path | str, rows: list[tuple[int, list[str]]], columns: dict[str, int],
+    width: int | None = None, delimiter: str = ",",
+) -> dict[str, np.ndarray]:  # fmt: skip
+    """Parse numbered rows of cells into columns of finite numbers.
+
+    Parameters
+    ----------
+    where : Path or str
+        For messages.
+    rows : list of (line number, cells)
+    columns : dict of name to column, from 0
+    width : int, optional
+        Exact number of cells that every row must have; otherwise enough for ``columns``.
+    delimiter : str
+        Between the cells, see `number_format`.
+
+    Returns
+    -------
+    dict of str to (n_rows,) float64
+
+    Raises
+    ------
+    ReadError
+        Naming line and column, if a cell is missing, not a number or not finite.
+    """
+    if len(rows) < 2:
+        raise ReadError(f"{where}: expected at least two rows of samples, found {len(rows)}")
+    needed = max(columns.values()) + 1
+    for line, cells in rows:
+        if len(cells) < needed or (width is not None and len(cells) != width):
+            raise ReadError(
+                f"{where}, line {line}: expected {width or needed} columns, found {len(cells)}"
+            )
+    texts = {name: [cells[column] for _, cells in rows] for name, column in columns.items()}
+    form = number_format(str(where), [*texts.values()], delimiter)
+    return {
+        name: numbers_of(column, form, lambda k, name=name: f"{where}, line {rows[k][0]}, column '{name}'")
+        for name, column in texts.items()
+    }  # fmt: skip
+
+
+def numbers_of(texts, form, where_of):
+    """Return finite numbers of a column; ``where_of`` names the row of a message."""
+    if form == NumberFormat() and not any("_" in text for text in texts):
+        try:
+            values = np.array(texts, dtype=float)
+        except ValueError:
+            values = np.array([np.nan])
+        if np.isfinite(values).all():
+            return values
+    return np.array([number(text, where_of(k), form) for k, text in enumerate(texts)])
