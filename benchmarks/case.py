@@ -9,10 +9,10 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import Material
 from pyblast.model.model import Model, Receiver, SpongeLayer
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.project.flat_box import Discretization
 from pyblast.solver.assembly import time_step
 from pyblast.solver.preparation import prepare
 
+from .blind.flat_models import Discretization
 from .marching import LEDGER_EVERY, QUIET, March, rounds_of_ledger
 from .timing import interleaved, median, on
 

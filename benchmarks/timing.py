@@ -1,8 +1,10 @@
 """Times of things done in turn, and what the machine itself can do meanwhile."""
 
 import ctypes
+import os
 import platform
 import time
+from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
 
@@ -117,3 +119,12 @@ def machine():
     text = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
     named = [line.split(":")[1].strip() for line in text.splitlines() if "model name" in line]
     return {"processor": named[0] if named else platform.processor(), "threads": len(named) or 1}
+
+
+def stamp():
+    """Return on what, how busy and when something was measured, to be kept with its numbers."""
+    return {
+        "machine": machine(),
+        "load": round(os.getloadavg()[1], 1),
+        "date": datetime.now(UTC).date().isoformat(),
+    }

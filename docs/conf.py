@@ -39,7 +39,7 @@ GROUPS = {
     "Sources": "Hole Column MomentTensor PointForce Pressure AirBlast TimeFunction",
     "Seismograms and records": "Seismogram read_recording read_gather analyse_records load_limits",
     "Blasts": "Blast Firing FiringScatter read_blast superpose signature_spectra blast_spectra "
-    "peak_bands best_delays firing_times fit_site_law",
+    "peak_bands best_delays fit_site_law",
     "Many runs": "run_many run_all cached_run workers greens_functions",
     "Inference": "misfit noise_of whitener band_functions infer_levels",
     "Errors": "PyblastError InputError",

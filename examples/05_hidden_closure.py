@@ -14,12 +14,20 @@ from pathlib import Path
 import numpy as np
 
 from pyblast.diagnosis.effects import Effect, diagnosed
-from pyblast.project.flat_box import Discretization, flat_box, flat_model, place_in_box
+from pyblast.mesh.builder import structured_box
+from pyblast.mesh.grid import Layer, graded_axis
+from pyblast.model.boundary import SpongeLayer, Viscous
+from pyblast.model.model import Model
+from pyblast.model.source import Hole
+from pyblast.project.flat_box import flat_box, place_in_box
 from pyblast.project.project import Project, load_project, with_further
 from pyblast.solver.run import simulate
 
 PLACES = ((20, 70, 0), (80, 20, 0), (100, 60, 0), (110, 30, -20), (95, 85, 0), (35, 10, 0))
-CUT = Discretization(20.0, 180.0, 1.1, quadratic=True)
+BOX = ((0.0, 120.0), (0.0, 90.0), (-60.0, 0.0))  # m, as in the files
+JOINT = 60.0
+EDGE, PADDING = 20.0, 180.0  # m, of quadratic zones, and of what lies beyond the box
+SIDES = ("west", "east", "south", "north", "bottom")
 DT, SAMPLES, BEFORE = 0.004, 125, 62
 CLOSED = 0.6  # share of its largest closure at which the joint lies
 ERRORS = (0.02, -0.015, 0.15, -0.1)  # logarithms of factors on cp, cs, kn, ks
@@ -90,11 +98,35 @@ def write_projects(folder: Path) -> Path:
     return first
 
 
+def model_of(project: Project, blast: str) -> Model:
+    """Return one blast in quadratic zones that a diagnosis does not use."""
+    anchors = ((*BOX[0], JOINT), BOX[1], BOX[2])
+    axes = [
+        graded_axis(limits, stops, EDGE, PADDING, after, 1.1)
+        for limits, stops, after in zip(BOX, anchors, (PADDING, PADDING, 0.0), strict=True)
+    ]
+    layers = [Layer("rock", None)]
+    planes = {"J1": ("x", JOINT)}
+    mesh = structured_box(*axes, layers=layers, planes=planes, pattern="centred").split(["J1"])
+    own = project.of(blast)
+    holes, rate, exponent = own.blast, own.inside.moment_rate, own.config.blast.charge_exponent
+    sources = [
+        Hole(centre, charge, time, rate, exponent, 0.5 * EDGE)
+        for centre, charge, time in zip(holes.centres, holes.charge, holes.times, strict=True)
+    ]
+    return Model(
+        mesh, project.materials, joints=project.joints,
+        boundaries=[Viscous(side) for side in SIDES],
+        sponge=SpongeLayer(BOX, PADDING, own.config.run.compare_band_hz[0]), sources=sources,
+        receivers=own.receivers, quadratic=True,
+    )  # fmt: skip
+
+
 def write_records(folder: Path, project: Project, seed: int):
     """Write what the receivers of a project record of its blasts, by runs, with noise."""
     rng, motions = np.random.default_rng(seed), {}
     for name in project.blasts:
-        done = simulate(flat_model(project, name, CUT), SAMPLES * DT)
+        done = simulate(model_of(project, name), SAMPLES * DT)
         motions[name] = {
             receiver: one.sampled(0.0, DT, SAMPLES).velocity
             for receiver, one in done.seismograms.items()

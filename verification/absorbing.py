@@ -1,6 +1,6 @@
 """Absorbing layer of hexahedra: energy that it sends back, and growth over 100,000 steps.
 
-    python -m verification.absorbing [back | growth] [GROUND ...] [--page]
+    python -m verification.absorbing [back | growth] [GROUND ...] [--page] [--again] [--minutes N]
 
 Energy sent back: a point force stands one hexahedron beside the long side of a box with a free top;
 receivers stand beside the same side, at incidences up to 80 degrees, and on the top. The same
@@ -10,12 +10,11 @@ the energy of the reference are given by band and at the worst receiver.
 Growth: a small box starts from random velocities of the nodes inside the layer, without momentum,
 and runs 100,000 steps without a source. The rate is the slope of ln(energy) in its last half:
 nothing may feed it, so that a rate above zero, where more than rounding is left, is that of the
-layer. Grounds are named by the S speed of a soil of one hexahedron on rock. Writes
-``verification/absorbing.json`` and the tables of docs/quality/verification.md; ``--page`` writes
-the tables alone.
+layer. Grounds are named by the S speed of a soil of one hexahedron on rock. Writes the rows that
+``verification/absorbing.json`` lacks and the tables of docs/quality/verification.md; ``--page``
+writes the tables alone.
 """
 
-import json
 import re
 import sys
 import time
@@ -36,6 +35,8 @@ from pyblast.model.source import PointForce, TimeFunction
 from pyblast.project.result import write_text
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
+
+from .rows import each_row, options, read_rows
 
 OUT = Path(__file__).with_suffix(".json")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "quality" / "verification.md"
@@ -143,7 +144,7 @@ def sent_back(name):
     layered, large = (spectra(box(SHAPE, edges, beyond, **parts)) for beyond in (0, BEYOND))
     hertz = np.fft.rfftfreq(large.shape[-1], STEP)
     change, energy = (np.abs(np.fft.rfft(motion)) ** 2 for motion in (layered - large, large))
-    row = {"ground": name, "receivers": len(receivers), "wall_s": 0.0}
+    row = {"receivers": len(receivers), "wall_s": 0.0}
     for low, high in BANDS:
         own = (hertz >= low) & (hertz < high)
         back, there = (part[..., own].sum(axis=(1, 2)) for part in (change, energy))
@@ -175,31 +176,32 @@ def growth(name):
     try:
         run = simulate(model, duration, prepared=replace(prepared, state=state))
     except SolverError as error:
-        return {"ground": name, "duration_s": duration, "rate_per_s": None, "stopped": str(error)}
+        return {"duration_s": duration, "rate_per_s": None, "stopped": str(error)}
     energy = run.energy["kinetic"] + run.energy["strain"]
     late = np.linspace(0.0, duration, len(energy)) >= 0.5 * duration
     times = np.linspace(0.0, duration, len(energy))[late]
     rate = float(np.polyfit(times, np.log(energy[late]), 1)[0])
     return {
-        "ground": name, "duration_s": duration, "rate_per_s": rate,
+        "duration_s": duration, "rate_per_s": rate,
         "left": float(energy[-1] / energy[0]), "wall_s": round(time.perf_counter() - began, 1),
     }  # fmt: skip
 
 
-def table(result):
+def table(rows):
     """Return the lines of both tables."""
     bands = [f"{low:g} to {high:g} Hz" for low, high in BANDS]
     back = [
-        f"| {row['ground']} | "
+        f"| {ground} | "
         + " | ".join(
             f"{100 * row[band]['share']:.2g}, {100 * row[band]['worst']:.2g} ({row[band]['at']})"
             for band in bands
         )
         + " |"
-        for row in result["back"]
+        for ground, row in _of_job("back", rows)
     ]
     grow = [
-        f"| {row['ground']} | {row['duration_s']:.3g} | {_grown(row)} |" for row in result["growth"]
+        f"| {ground} | {row['duration_s']:.3g} | {_grown(row)} |"
+        for ground, row in _of_job("growth", rows)
     ]
     return [
         "| ground | " + " | ".join(f"{band}: all %, worst % (receiver)" for band in bands) + " |",
@@ -223,30 +225,39 @@ def _grown(row):
     return f"**{cell}**" if row["rate_per_s"] > 0.0 else cell
 
 
-def paged(page, result):
-    """Return the page with the tables of a result."""
+def _of_job(job, rows):
+    """Return the grounds of a job with their rows, in the order of the study."""
+    return [(n, rows[f"{job}, {n}"]) for n in JOBS[job][1] if f"{job}, {n}" in rows]
+
+
+JOBS = {"back": (sent_back, list(GROUNDS)), "growth": (growth, [*GROUNDS, *SOILS])}
+
+
+def measured(name):
+    """Return the row of a job and a ground, such as "back, one rock"."""
+    job, ground = name.split(", ", 1)
+    return JOBS[job][0](ground)
+
+
+def paged(page, rows):
+    """Return the page with the tables of some rows."""
     before, rest = page.split(BEGIN)
-    return f"{before}{BEGIN}\n\n" + "\n".join(table(result)) + f"\n\n{END}" + rest.split(END)[1]
+    return f"{before}{BEGIN}\n\n" + "\n".join(table(rows)) + f"\n\n{END}" + rest.split(END)[1]
 
 
 def main(arguments):
     """Measure grounds and write their rows and the tables."""
-    result = json.loads(OUT.read_text()) if OUT.is_file() else {"back": [], "growth": []}
-    jobs = {"back": (sent_back, list(GROUNDS)), "growth": (growth, [*GROUNDS, *SOILS])}
-    given = [a for a in arguments if a != "--page"]
-    names = given[1:]
-    for job in given[:1] or ([] if "--page" in arguments else jobs):
-        if job not in jobs:
-            sys.exit(f"absorbing: no job {job!r}; there are {', '.join(jobs)}")
-        measure, known = jobs[job]
-        for name in names or known:
-            if name not in known:
-                sys.exit(f"absorbing: no ground {name!r}; there are {', '.join(known)}")
-            rows = {row["ground"]: row for row in result[job]} | {name: measure(name)}
-            print(json.dumps(rows[name]), flush=True)
-            result[job] = [rows[each] for each in known if each in rows]
-            write_text(OUT, json.dumps(result, indent=1) + "\n")
-    write_text(PAGE, paged(PAGE.read_text(), result))
+    arguments, limits = options(arguments)
+    job, *grounds = [a for a in arguments if a != "--page"] or [None]
+    if job is not None and job not in JOBS:
+        sys.exit(f"absorbing: no job {job!r}; there are {', '.join(JOBS)}")
+    for ground in grounds:
+        if ground not in JOBS[job][1]:
+            sys.exit(f"absorbing: no ground {ground!r}; there are {', '.join(JOBS[job][1])}")
+    names = [f"{j}, {n}" for j in ([job] if job else JOBS) for n in grounds or JOBS[j][1]]
+    only_page = "--page" in arguments
+    rows = read_rows(OUT) if only_page else each_row(OUT, names, measured, **limits)
+    write_text(PAGE, paged(PAGE.read_text(), rows))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Spectral hexahedra against quadratic tetrahedra on grounds that both can run.
 
-    python -m verification.elements [GROUND ...] [--page]
+    python -m verification.elements [GROUND ...] [--page] [--again] [--minutes N]
 
 A box with a point force in it, viscous sides and two receivers, in fourteen grounds: every joint
 law but the yielding one, layers, a gradient of speed, both kinds of damping, a dipping joint. Each
@@ -8,11 +8,10 @@ element runs on two grids. Its stated error is the difference of the two over 1 
 ratio of their node spacings: what remains of an error of second order, the lowest that a joint's
 springs leave. All differences are root mean squares over time, receivers and components, over the
 motion. The elements agree where they differ by no more than the sum of their stated errors.
-Writes ``verification/elements.json`` and the table of docs/quality/verification.md; ``--page``
-writes the table alone.
+Writes the rows that ``verification/elements.json`` lacks and the table of
+docs/quality/verification.md; ``--page`` writes the table alone.
 """
 
-import json
 import sys
 import time
 from dataclasses import replace
@@ -30,6 +29,8 @@ from pyblast.model.model import Model, Receiver
 from pyblast.model.source import PointForce, TimeFunction
 from pyblast.project.result import write_text
 from pyblast.solver.run import simulate
+
+from .rows import each_row, options, read_rows
 
 OUT = Path(__file__).with_suffix(".json")
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "quality" / "verification.md"
@@ -131,7 +132,6 @@ def compared(name):
     tetrahedra = np.linalg.norm(few - many) / size / (1.0 - ratio**2)
     difference = np.linalg.norm(coarse - few) / size
     return {
-        "ground": name,
         "difference": float(difference),
         "hexahedra_error": float(hexahedra),
         "tetrahedra_error": float(tetrahedra),
@@ -143,7 +143,7 @@ def compared(name):
 
 def table(rows):
     """Return the lines of the table of some rows."""
-    agreed = sum(row["within"] for row in rows)
+    agreed = sum(row["within"] for row in rows.values())
     return [
         f"{agreed} of {len(rows)} grounds: the elements differ by no more than the sum of their "
         "stated errors.",
@@ -151,11 +151,11 @@ def table(rows):
         "| ground | difference % | stated: hexahedra % | stated: tetrahedra % | within | CPU s |",
         "|---|---|---|---|---|---|",
         *(
-            f"| {row['ground']} | {100 * row['difference']:.2g} | "
+            f"| {ground} | {100 * row['difference']:.2g} | "
             f"{100 * row['hexahedra_error']:.2g} | {100 * row['tetrahedra_error']:.2g} | "
             f"{'✓' if row['within'] else '**no**'} | {row['hexahedra_cpu_seconds']:.1f}, "
             f"{row['tetrahedra_cpu_seconds']:.1f} |"
-            for row in rows
+            for ground, row in rows.items()
         ),
     ]
 
@@ -168,16 +168,14 @@ def paged(page, rows):
 
 def main(arguments):
     """Run grounds and write their rows and the table."""
-    rows = {row["ground"]: row for row in json.loads(OUT.read_text())} if OUT.is_file() else {}
+    arguments, limits = options(arguments)
     names = [a for a in arguments if a != "--page"] or list(GROUNDS)
-    for name in names if "--page" not in arguments else ():
-        if name not in GROUNDS:
-            sys.exit(f"elements: no ground {name!r}; there are {', '.join(GROUNDS)}")
-        rows[name] = compared(name)
-        print(json.dumps(rows[name]), flush=True)
-        ordered = [rows[each] for each in GROUNDS if each in rows]
-        write_text(OUT, json.dumps(ordered, indent=1) + "\n")
-    write_text(PAGE, paged(PAGE.read_text(), [rows[name] for name in GROUNDS if name in rows]))
+    unknown = [name for name in names if name not in GROUNDS]
+    if unknown:
+        sys.exit(f"elements: no ground {unknown[0]!r}; there are {', '.join(GROUNDS)}")
+    only_page = "--page" in arguments
+    rows = read_rows(OUT) if only_page else each_row(OUT, names, compared, **limits)
+    write_text(PAGE, paged(PAGE.read_text(), {n: rows[n] for n in GROUNDS if n in rows}))
 
 
 if __name__ == "__main__":

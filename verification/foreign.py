@@ -6,10 +6,10 @@
 The first has flat layers and upright joints, as case folders; the second has real geometry, as
 project files (in ``PYBLAST_SITES`` by default). Nothing of these truths enters the program: they
 are read here, after the answer is written. Rows that ``verification/foreign.json`` or
-``verification/sites.json`` has already are kept, so a study that was stopped goes on.
+``verification/sites.json`` has already are kept, so a study that was stopped goes on; ``--again``
+diagnoses them, too, and ``--minutes N`` begins no case after that time.
 """
 
-import json
 import os
 import sys
 import tempfile
@@ -18,12 +18,13 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.timing import machine
 from pyblast.inference.records import band_functions
 from pyblast.project.result import write_text
 from pyblast.recordings.recording import read_stations
 from pyblast.runs.parallel import workers
 from pyblast.workflows.diagnose import diagnose_folder, predict_file
+
+from .rows import each_row, options
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "quality" / "diagnosis.md"
@@ -63,8 +64,6 @@ def judged(cases, name, keep, executor):
         "runs": answer["runs"],
         "wall_s": answer["wall_s"],
         "kept_s": answer["kept_s"],
-        "machine": machine(),
-        "load": round(os.getloadavg()[1], 1),
     }
 
 
@@ -127,6 +126,7 @@ def table(rows):
 
 def main(arguments):
     """Diagnose the cases that are asked for, and write the page."""
+    arguments, limits = options(arguments)
     study = "sites" if "--sites" in arguments else "cases"
     arguments = [one for one in arguments if one != "--sites"]
     keep = None
@@ -142,16 +142,10 @@ def main(arguments):
         print(f"foreign: skipped, no case folders in {cases}")
         return
     out = ROOT / "verification" / STUDIES[study]
-    rows = json.loads(out.read_text()) if out.is_file() else {}
+    names = names or sorted(folder.name for folder in cases.glob("case-*"))
     with tempfile.TemporaryDirectory() as temporary, workers() as executor:
-        for name in names or sorted(p.name for p in cases.glob("case-*")):
-            if name in rows:
-                continue
-            print(name, flush=True)
-            row = judged(cases, name, keep or Path(temporary), executor)
-            rows = (json.loads(out.read_text()) if out.is_file() else {}) | {name: row}
-            print(f"  {row}", flush=True)
-            write_text(out, json.dumps(dict(sorted(rows.items())), indent=1) + "\n")
+        kept = keep or Path(temporary)
+        rows = each_row(out, names, lambda name: judged(cases, name, kept, executor), **limits)
     _write_page(study, rows)
 
 

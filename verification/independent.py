@@ -1,14 +1,13 @@
 """Sites recorded by an independent program, simulated with and without what they conceal.
 
-    python -m verification.independent [FOLDER OF CASES]
+    python -m verification.independent [FOLDER OF CASES] [--again] [--minutes N]
 
 Three models of each site: as it is believed; believed, with the physics that its truth file
 names; and with the true nuisances as well (velocities, stiffnesses, places, times), where only
 method and mesh differ. Rows that ``verification/independent.json`` has already are kept, so a
-study that was stopped goes on; delete the file to begin anew.
+study that was stopped goes on.
 """
 
-import json
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -19,9 +18,9 @@ import numpy as np
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
+from benchmarks.blind.flat_models import Discretization, flat_mesh, flat_model
 from pyblast.project.case_folder import read_case_folder
-from pyblast.project.flat_box import Discretization, band_of, flat_box, flat_mesh, flat_model
-from pyblast.project.result import write_text
+from pyblast.project.flat_box import band_of, flat_box
 from pyblast.signals.comparison import compare
 from pyblast.solver.run import simulate
 
@@ -33,6 +32,7 @@ from .independent_cases import (
     with_effect,
     with_open_ground,
 )
+from .rows import each_row, options
 
 ROOT = Path(__file__).resolve().parents[1]
 OUT = ROOT / "verification" / "independent.json"
@@ -98,25 +98,23 @@ def planned(cases):
                     yield {"case": case, "blast": blast, "model": model, "edge_m": edge}
 
 
-def study(cases):
-    """Run what is missing; keep every row as soon as it is there."""
-    rows = json.loads(OUT.read_text()) if OUT.is_file() else []
-    known = {tuple(row[k] for k in ("case", "blast", "model", "edge_m")) for row in rows}
-    for what in planned(cases):
-        if tuple(what.values()) in known:
-            continue
-        site = site_of(cases, what["case"], what["model"])
-        truth = truth_of(cases, site)
-        air = () if what["model"] == "believed" else air_blasts(site, what["blast"], truth)
-        row, _ = measured(site, what["blast"], what["edge_m"], air)
-        rows.append({
-            **what, "effects": effects_of(truth), **row,
-            "independent_believed": truth["misfit_believed"][what["blast"]]["median"],
-            "noise_alone": truth["misfit_floor_true_no_noise"][what["blast"]]["median"],
-        })  # fmt: skip
-        write_text(OUT, json.dumps(rows, indent=1) + "\n")
-        print(*what.values(), f"{row['median']:.4f}", f"{row['wall_s']} s", flush=True)
-    return rows
+def study(cases, limits):
+    """Run what is missing; return all rows."""
+    jobs = {", ".join(map(str, what.values())): what for what in planned(cases)}
+    return list(each_row(OUT, jobs, lambda name: compared(cases, jobs[name]), **limits).values())
+
+
+def compared(cases, what):
+    """Return the row of a case, blast, model and edge."""
+    site = site_of(cases, what["case"], what["model"])
+    truth = truth_of(cases, site)
+    air = () if what["model"] == "believed" else air_blasts(site, what["blast"], truth)
+    row, _ = measured(site, what["blast"], what["edge_m"], air)
+    return {
+        **what, "effects": effects_of(truth), **row,
+        "independent_believed": truth["misfit_believed"][what["blast"]]["median"],
+        "noise_alone": truth["misfit_floor_true_no_noise"][what["blast"]]["median"],
+    }  # fmt: skip
 
 
 def draw(rows, path):
@@ -174,17 +172,18 @@ def write_table(rows):
     PAGE.write_text(f"{before}{BEGIN}\n\n{table}\n\n{END}{after}", encoding="utf-8")
 
 
-def main():
+def main(arguments):
     """Run the study, write its results and draw them."""
-    cases = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT.parent / "shared" / "cases"
+    folders, limits = options(arguments)
+    cases = Path(folders[0]) if folders else ROOT.parent / "shared" / "cases"
     if not (cases / "case-11" / "site.toml").is_file():
         print(f"independent: skipped, no case folders in {cases}")
         return
-    rows = study(cases)
+    rows = study(cases, limits)
     draw(rows, FIGURE)
     write_table(rows)
     print(f"independent: {OUT.name} and docs/figures/{FIGURE.name} written")
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

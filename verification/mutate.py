@@ -1,17 +1,17 @@
 """Put plausible defects into a copy of the source, one at a time, and see which tests notice.
 
-    python -m verification.mutate [WORDS ...] [--again]
+    python -m verification.mutate [WORDS ...] [--again] [--minutes N]
 
 The defects are those of ``mutants.toml`` whose name or file holds one of the words; all of them
 without words. ``mutants.json`` keeps what caught each; those it has are left out unless asked for
 again, and survivors are always tried again. The copy and its build are in ``build/mutants``.
 """
 
-import json
 import sys
 import tomllib
 
 from . import page
+from .rows import each_row, options, read_rows
 from .scratch import ROOT, Copy
 
 TABLE = ROOT / "verification" / "mutants.toml"
@@ -43,41 +43,39 @@ def caught_by(copy, mutant, tests):
         path.write_text(text, encoding="utf-8")
 
 
-def in_order(mutants, results):
-    """Return what caught each defect of the table that was tried."""
-    return [
-        {"name": m["name"], "file": m["file"], "caught_by": results[m["name"], m["file"]]}
-        for m in mutants
-        if (m["name"], m["file"]) in results
-    ]
+def label(mutant):
+    """Return the name of a defect's row."""
+    return f"{mutant['name']} ({mutant['file']})"
+
+
+def tried(copy, mutant, tests):
+    """Return the row of a defect."""
+    caught = caught_by(copy, mutant, tests)
+    print("caught:" if caught else "SURVIVES:", end=" ", flush=True)
+    return {"name": mutant["name"], "file": mutant["file"], "caught_by": caught}
 
 
 def main(arguments):
     """Try the defects named; return 1 if one survives."""
-    words = [a for a in arguments if a != "--again"]
+    words, limits = options(arguments)
     mutants, tests = table()
-    chosen = [m for m in mutants
-              if not words or any(w in m["name"] or w in m["file"] for w in words)]  # fmt: skip
-    known = json.loads(RESULTS.read_text()) if RESULTS.is_file() else []
-    results = {(r["name"], r["file"]): r["caught_by"] for r in known}
-    if "--again" not in arguments:
-        chosen = [m for m in chosen if not results.get((m["name"], m["file"]))]
+    by_label = {label(m): m for m in sorted(mutants, key=lambda m: m["file"])}
+    chosen = [n for n in by_label if not words or any(word in n for word in words)]
+    if not limits.pop("again", False):
+        known = read_rows(RESULTS)
+        chosen = [n for n in chosen if not known.get(n, {}).get("caught_by")]
     copy = Copy("mutants", "-Dnative=true", "-Doptimization=1")
     print(f"mutate: {len(chosen)} defects; builds the copy", flush=True)
     if not copy.build():
         raise SystemExit(f"mutate: the copy in {copy.folder} can't be built")
-    for each in sorted({tuple(tests[m["file"]]) for m in chosen}):
+    for each in sorted({tuple(tests[by_label[n]["file"]]) for n in chosen}):
         if broken := copy.failures(each, ENOUGH):
             raise SystemExit(f"mutate: fails without a defect: {', '.join(broken)}")
-    for number, mutant in enumerate(sorted(chosen, key=lambda m: m["file"]), 1):
-        key = mutant["name"], mutant["file"]
-        results[key] = caught_by(copy, mutant, tests)
-        print(f"{number:>3} {'caught' if results[key] else 'SURVIVES'}: {key[0]} ({key[1]})",
-              flush=True)  # fmt: skip
-        held = in_order(mutants, results)
-        RESULTS.write_text(json.dumps(held, indent=1) + "\n", encoding="utf-8")
+    rows = each_row(
+        RESULTS, chosen, lambda n: tried(copy, by_label[n], tests), again=True, **limits
+    )
     copy.build()
-    held = in_order(mutants, results)
+    held = [rows[label(m)] for m in mutants if label(m) in rows]
     page.write_defects(held, len(mutants))
     survivors = [one for one in held if not one["caught_by"]]
     print(f"mutate: {len(held)} of {len(mutants)} tried, {len(survivors)} survive")

@@ -1,16 +1,15 @@
 """Forward runs of sites with real geometry against noise-free records of an independent program.
 
-    python -m verification.sites_forward [FOLDER] [--page]
+    python -m verification.sites_forward [FOLDER] [--page] [--again] [--minutes N]
 
 For each site the blasts S1, B2 and H1 (B2's file with H1's hole table), as the project files
 believe them. The error of a receiver is the energy of the difference over that of the record, all
 components together: in the band in which the project compares (3 to 30 Hz, below which the other
-program states its accuracy), and beside it without a filter. Writes
-``verification/sites_forward.json`` and the table of docs/quality/verification.md; ``--page``
+program states its accuracy), and beside it without a filter. Writes the rows that
+``verification/sites_forward.json`` lacks and the table of docs/quality/verification.md; ``--page``
 writes the table alone.
 """
 
-import json
 import os
 import sys
 import time
@@ -25,11 +24,14 @@ from pyblast.project.result import write_text
 from pyblast.solver.preparation import prepare
 from pyblast.solver.run import simulate
 
+from .rows import each_row, options, read_rows
+
 ROOT = Path(__file__).resolve().parents[1]
 SITES = Path(os.environ.get("PYBLAST_SITES", ROOT.parent / "shared" / "sites"))
 OUT = Path(__file__).with_suffix(".json")
 PAGE = ROOT / "docs" / "quality" / "verification.md"
 BEGIN, END = "<!-- sites: from verification/sites_forward.json -->", "<!-- end of sites -->"
+BLASTS = {"S1": "S1.toml", "B2": "B2.toml", "H1": "B2.toml"}
 BEFORE = 0.25  # s, from the start of a record to the zero of its blast
 
 
@@ -47,7 +49,6 @@ def compared(path, record, holes=None):
     seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - cpu
     in_band, unfiltered = misfits(run, project, record)
     return {
-        "file": f"{path.parent.name}/{path.name}" if holes is None else f"{path.parent.name}/H1",
         "elements": project.ground.reason,
         "error_median": float(np.median(in_band)),
         "error_worst": float(max(in_band)),
@@ -88,10 +89,17 @@ def misfits(run, project, record):
     return np.array(errors).T
 
 
+def in_order(rows):
+    """Return rows by site, and by blast as they are run."""
+    by_blast = list(BLASTS)
+    names = sorted(rows, key=lambda name: (name.split("/")[0], by_blast.index(name.split("/")[1])))
+    return {name: rows[name] for name in names}
+
+
 def table(rows):
     """Return the lines of the table of the page."""
-    median = 100.0 * np.median([row["error_median"] for row in rows])
-    worst = 100.0 * max(row["error_worst"] for row in rows)
+    median = 100.0 * np.median([row["error_median"] for row in rows.values()])
+    worst = 100.0 * max(row["error_worst"] for row in rows.values())
     return [
         f"{len(rows)} blasts; in band: median of the medians {median:.2g} %, worst receiver "
         f"{worst:.2g} %.",
@@ -99,11 +107,11 @@ def table(rows):
         "| blast | zones | nodes | in band: median %, worst % | unfiltered: the same | CPU s |",
         "|---|---|---|---|---|---|",
         *(
-            f"| {row['file'].removesuffix('.toml')} | {row['elements'].split(', ')[0]} "
+            f"| {name} | {row['elements'].split(', ')[0]} "
             f"| {row['nodes']} | {100 * row['error_median']:.2g}, {100 * row['error_worst']:.2g} "
             f"| {100 * row['unfiltered_median']:.2g}, {100 * row['unfiltered_worst']:.2g} "
             f"| {row['cpu_seconds']:.0f} |"
-            for row in rows
+            for name, row in rows.items()
         ),
     ]
 
@@ -111,27 +119,30 @@ def table(rows):
 def paged(page, rows):
     """Return the page with the table of some rows."""
     before, rest = page.split(BEGIN)
-    return f"{before}{BEGIN}\n\n" + "\n".join(table(rows)) + f"\n\n{END}" + rest.split(END)[1]
+    lines = "\n".join(table(in_order(rows)))
+    return f"{before}{BEGIN}\n\n{lines}\n\n{END}" + rest.split(END)[1]
+
+
+def measured(folder, name):
+    """Return the row of a blast, such as "case-01/H1", of the sites in a folder."""
+    site, blast = name.split("/")
+    truth = folder / "truth" / site
+    holes = truth / "H1_holes.csv" if blast == "H1" else None
+    return compared(folder / site / BLASTS[blast], truth / f"believed_{blast}.mseed", holes)
 
 
 def main(arguments):
-    """Run all sites and write the rows."""
+    """Run what is missing and write the page."""
+    arguments, limits = options(arguments)
     folders = [a for a in arguments if a != "--page"]
     folder = Path(folders[0]) if folders else SITES
     if "--page" in arguments:
-        write_text(PAGE, paged(PAGE.read_text(), json.loads(OUT.read_text())))
-        return
-    if not folder.is_dir():
+        rows = read_rows(OUT)
+    elif not folder.is_dir():
         sys.exit(f"sites_forward: no folder {folder}")
-    rows = []
-    for site in sorted(folder.glob("case-*")):
-        truth = folder / "truth" / site.name
-        blasts = [("S1.toml", "believed_S1", None), ("B2.toml", "believed_B2", None)]
-        blasts.append(("B2.toml", "believed_H1", truth / "H1_holes.csv"))
-        for file, record, holes in blasts:
-            rows.append(compared(site / file, truth / f"{record}.mseed", holes))
-            print(json.dumps(rows[-1]), flush=True)
-            write_text(OUT, json.dumps(rows, indent=1) + "\n")
+    else:
+        names = [f"{s.name}/{blast}" for s in sorted(folder.glob("case-*")) for blast in BLASTS]
+        rows = each_row(OUT, names, lambda name: measured(folder, name), **limits)
     write_text(PAGE, paged(PAGE.read_text(), rows))
 
 

@@ -12,9 +12,11 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import Damping, Material
 from pyblast.model.model import Model, Receiver, SpongeLayer
 from pyblast.model.source import Hole, TimeFunction
-from pyblast.project.flat_box import OUTER, Discretization, FlatBox, Plane, flat_mesh
+from pyblast.project.flat_box import OUTER, FlatBox, Plane
 from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project
+
+from .flat_models import Discretization, flat_mesh
 
 SIZE = 120.0, 90.0, 60.0
 BAND = 5.0, 25.0

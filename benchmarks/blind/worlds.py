@@ -7,9 +7,9 @@ import numpy as np
 from scipy import fft
 
 from pyblast.model.material import Damping
-from pyblast.project.flat_box import Discretization
 from pyblast.solver.run import run_many
 
+from .flat_models import Discretization
 from .noise import real_noise
 from .nuisances import LEAD
 from .sites import AFTER, BAND, BEFORE, DT, Site

@@ -11,12 +11,12 @@ import sys
 from functools import partial
 
 import numpy as np
+from firing_times import firing_times
 from line_analysis import scale_and_shift, spread
 from real_figures import draw_firing_times
 from real_line import hits_by_place, keep_results, recordings_folder, seismograms
 
 from pyblast import superpose
-from pyblast.back_analysis.firing_times import firing_times
 from pyblast.blasts.blast import Firing
 
 BAND, N_DRAWS = (10.0, 80.0), 20

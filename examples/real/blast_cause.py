@@ -3,10 +3,10 @@
 from functools import partial
 
 import numpy as np
+from firing_times import firing_times
 from numpy.typing import ArrayLike
 from scipy import fft
 
-from pyblast.back_analysis.firing_times import firing_times
 from pyblast.errors import InputError
 from pyblast.line_records.shots import (
     SIGNIFICANCE,

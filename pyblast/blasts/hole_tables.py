@@ -5,23 +5,15 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, ReadError
 from ..readers.cells import ABSENT, Cells, cells_of, is_number, read_bytes
 from ..readers.provenance import ReadLog
-from ..readers.tables import (
-    Rules,
-    Table,
-    Wanted,
-    find_titles,
-    headless,
-    load_mapping,
-    rules_of,
-    table_of,
-    wanted_by,
-)
+from ..readers.tables import Rules, Table, find_titles, headless, load_mapping, rules_of, table_of
+from ..readers.titles import Wanted, wanted_by
 from ..units import split_key
 from .blast import Blast
 
@@ -47,7 +39,7 @@ class Layout:
     """
 
     name: str
-    columns: Mapping[str, int | str]
+    columns: Mapping[str, Any]
     needs: tuple[str, ...] = ()
     axes: str = "east_north"
     angle_from: str = ""
@@ -144,7 +136,7 @@ _KIRRA_LONG = {
     "blast": 0, "diameter_mm": 15, "from_hole": 17, "relative_delay_ms": 18, "charge_kg": 26,
     "measured_length_m": 24, "measured_at": 27,
 }  # fmt: skip
-WITHOUT_HEADER = {
+WITHOUT_HEADER: dict[int, dict[str, int]] = {
     4: {"id": 0, "x_m": 1, "y_m": 2, "z_m": 3},
     7: _kirra_columns(0),
     9: _kirra_columns(0, diameter_mm=7),
@@ -251,7 +243,8 @@ def _table(cells: Cells, mapping, log) -> tuple[Layout, Table]:
         if layout is not None:
             columns = {split_key(k)[0]: (n + 1, split_key(k)[1]) for k, n in layout.columns.items()}
             rules = Rules(columns, {"delimiter": delimiter, "header": has_header}, rest=False)
-            head = find_titles(cells, _PLACES, rules, 0) if has_header else headless(cells, rules)
+            head = find_titles(cells, _PLACES, rules) if has_header else headless(cells, rules)
+            assert head is not None  # as recognised
             return layout, table_of(cells, head, _PLACES, rules, log, kind=layout.name)
     wanted = wanted_by("holes")
     head = find_titles(cells, wanted, least=FEWEST_TITLES)

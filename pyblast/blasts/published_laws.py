@@ -1,10 +1,9 @@
-"""Published laws: scaled distance and its plausible range, explosives, pressure, crushed zone."""
+"""Published laws: scaled distance and its plausible range, explosives."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError
 from ..units import plain_number
 from .site_law import scaled_distance, scaled_distance_ppv
 
@@ -205,19 +204,6 @@ class Explosive:
     velocity: float
     energy: float
 
-    def borehole_pressure(self, charge_diameter: float, hole_diameter: float) -> float:
-        """Return the pressure in Pa on the wall of a hole, both diameters in m.
-
-        Half the detonation pressure ``density velocity^2 / 4``; of a charge thinner than its hole
-        times (charge / hole diameter)^2.4: theory.md (16.5).
-
-        Examples
-        --------
-        >>> round(1e-9 * EXPLOSIVES["ANFO"].borehole_pressure(0.1, 0.1), 2)
-        2.01
-        """
-        return borehole_pressure(self.density, self.velocity, charge_diameter, hole_diameter)
-
 
 HANDBOOK = "Dobratz and Crawford 1985, LLNL Explosives Handbook, UCRL-52997; not checked against it"
 EXPLOSIVES = {
@@ -228,78 +214,3 @@ EXPLOSIVES = {
         Explosive("PETN", HANDBOOK, 1770.0, 8300.0, 10.1e9 / 1770.0),
     )
 }
-DECOUPLING = 2.4  # exponent of the ratio of diameters
-
-
-def borehole_pressure(
-    density: float, velocity: float, charge_diameter: float, hole_diameter: float
-) -> float:
-    """Return the pressure in Pa of the gases on the wall of a hole.
-
-    Parameters
-    ----------
-    density, velocity : float, kg/m3 and m/s
-        Of the explosive and of its detonation.
-    charge_diameter, hole_diameter : float, m
-        Equal where the charge fills the hole.
-
-    Raises
-    ------
-    InputError
-        If a value is not positive, or the charge is thicker than its hole.
-
-    Notes
-    -----
-    ``density velocity^2 / 8 (charge / hole diameter)^2.4``: half the Chapman-Jouguet pressure for
-    a ratio of specific heats of 3, decoupled as in Atlas Powder Company, Explosives and Rock
-    Blasting (1987); not checked against the original; theory.md (16.5).
-    """
-    for value in (density, velocity, charge_diameter, hole_diameter):
-        if not 0.0 < value < np.inf:
-            raise InputError(f"borehole pressure: values must be positive, got {value:g}")
-    if charge_diameter > hole_diameter:
-        raise InputError(
-            f"borehole pressure: a charge of {charge_diameter:g} m is thicker than its hole of "
-            f"{hole_diameter:g} m"
-        )
-    return density * velocity**2 / 8.0 * (charge_diameter / hole_diameter) ** DECOUPLING
-
-
-def crushed_radius(
-    hole_radius: float, pressure: float, strength: float, young: float, poisson: float
-) -> float:
-    """Return the radius in m of the crushed zone around a hole, at least that of the hole.
-
-    Parameters
-    ----------
-    hole_radius : float, m
-    pressure : float, Pa
-        On the wall of the hole, see `borehole_pressure`.
-    strength : float, Pa
-        Unconfined compressive strength of the rock.
-    young, poisson : float, Pa and -
-        Dynamic.
-
-    Raises
-    ------
-    InputError
-        If a value is out of range.
-
-    Notes
-    -----
-    ``0.812 r CZI^0.219`` with the index ``CZI = p^3 / (K strength^2)``, ``K = E/(1 + nu)``: Esen,
-    Onederra and Bilgin (2003), Int. J. Rock Mech. Min. Sci. 40, 485-495, from 92 tests in
-    concrete; coefficients not checked against the original; theory.md (16.6).
-
-    Examples
-    --------
-    >>> round(crushed_radius(0.0575, 2.0e9, 100e6, 60e9, 0.25), 3)
-    0.086
-    """
-    for value in (hole_radius, pressure, strength, young):
-        if not 0.0 < value < np.inf:
-            raise InputError(f"crushed radius: values must be positive, got {value:g}")
-    if not 0.0 <= poisson < 0.5:
-        raise InputError(f"crushed radius: poisson must lie from 0 to below 0.5, got {poisson:g}")
-    index = pressure**3 / (young / (1.0 + poisson) * strength**2)
-    return hole_radius * max(1.0, 0.812 * index**0.219)

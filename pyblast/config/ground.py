@@ -24,6 +24,8 @@ from .section import (
     Size,
 )
 
+LengthUnit = Literal["m", "km", "cm", "mm", "ft", "us_ft", "in"]
+
 
 class LayerConfig(Section):
     """A layer of ground, from the top down; without thickness the rest down to the bottom."""
@@ -73,6 +75,7 @@ class FractureConfig(Section):
     name: Name
     joint: Name | None = None
     file: str | None = None
+    file_unit: LengthUnit | None = None
     dip_deg: Dip | None = None
     dip_direction_deg: Bearing | None = None
     fisher_kappa: Positive | None = None
@@ -110,12 +113,15 @@ class FractureConfig(Section):
 
 
 class BenchConfig(Section):
-    """A bench: its crest, and its toe or the height and dip of its face."""
+    """A bench: its crest, and its toe or the height and dip of its face; several of a drawing."""
 
     crest_m: list[Point] | None = None
     crest_file: str | None = None
+    crest_layer: str | None = None
     toe_m: list[Point] | None = None
     toe_file: str | None = None
+    toe_layer: str | None = None
+    file_unit: LengthUnit | None = None
     height_m: Positive | None = None
     face_dip_deg: Annotated[float, Field(gt=0.0, le=90.0)] = 90.0
 
@@ -126,6 +132,9 @@ class BenchConfig(Section):
         self._one_of(("toe_m",), ("toe_file",), ("height_m",))
         if self.height_m is None and "face_dip_deg" in self.model_fields_set:
             raise ValueError("face_dip_deg goes with height_m; the toe gives the dip")
+        for line in ("crest", "toe"):
+            if getattr(self, f"{line}_layer") is not None and getattr(self, f"{line}_file") is None:
+                raise ValueError(f"{line}_layer goes with {line}_file, a drawing")
         return self
 
 
@@ -136,6 +145,8 @@ class MeshConfig(Section):
     origin_m: Point = Field([0.0, 0.0, 0.0])
     grid_cells: Annotated[list[Count], Field(min_length=3, max_length=3)] | None = None
     surface_file: str | None = None
+    surface_unit: LengthUnit | None = None
+    surface_layers: list[str] = Field([])
     benches: list[BenchConfig] = Field([])
     fractures: list[FractureConfig] = Field([])
     edge_m: Positive | None = None
@@ -175,6 +186,8 @@ class MeshConfig(Section):
             raise ValueError("padding_m and padding_edge_m go together")
         if self.benches and (self.surface_file is not None or self.kind == "hexahedra"):
             raise ValueError("benches are cut into tetrahedra, without surface_file or hexahedra")
+        if self.surface_file is None and (self.surface_unit or self.surface_layers):
+            raise ValueError("surface_unit and surface_layers go with surface_file")
         names = [part.name for part in (*self.joint_sets, *self.faults, *self.fractures)]
         for name in names:
             if names.count(name) > 1:

@@ -18,9 +18,10 @@ from ..blasts.published_laws import BY_NAME
 from ..errors import InputError, ReadError
 from ..model.source import TimeFunction
 from ..readers.provenance import ReadLog
-from ..readers.tables import Rules, Wanted, read_table, regular_step, wanted_by
+from ..readers.tables import Rules, read_table, regular_step
+from ..readers.titles import Wanted, wanted_by
 from ..signals.comparison import load_limits
-from ..units import STEEPEST, plain_number, to_si
+from ..units import STEEPEST, plain_number
 
 Positive = Annotated[float, Field(gt=0.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]

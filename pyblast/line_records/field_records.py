@@ -1,33 +1,27 @@
 """Field records: all record files of a folder, with geometry from headers or a table."""
 
-import csv
 import math
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import InputError, PyblastError, ReadError
-from ..recordings.raw import (
-    at_level,
-    decode_lines,
-    is_dead,
-    plateau_level,
-    read_bytes,
-    read_columns,
-    split_line,
-    uniform_step,
-)
+from ..readers.cells import decode_lines, read_bytes, read_columns, split_line
+from ..readers.provenance import ReadLog
+from ..readers.tables import read_table
+from ..readers.titles import wanted_by
+from ..recordings.raw import at_level, is_dead, plateau_level, uniform_step
 from ..recordings.recording import Gather, Recording, read_gather, read_recording
 from ..recordings.seismic import read_traces, sniff_seismic
 from ..units import FACTORS, split_key
 
 METRES_PER_DEGREE = 111_195.0
 NOT_RECORDS = {".md", ".txt", ".pdf", ".toml", ".json", ".html", ".sgt", ".py", ".h5", ""}
-COLUMNS = ("kind", "name", "x_m", "y_m", "z_m", "file", "line", "sensor")
-NEEDED = ("kind", "name", "x_m", "y_m")
+TEXTS = ("kind", "name", "file", "line", "sensor")
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +97,8 @@ def read_folder(
             read = _read_file(path)
         except PyblastError as error:
             reason = str(error).removeprefix(f"{path}").lstrip(":, ")
-            skipped.append((path.name, "is no record" if path.suffix in NOT_RECORDS else reason))
+            other = path.suffix in NOT_RECORDS and reason.startswith("is none of")
+            skipped.append((path.name, "is no record" if other else reason))
             continue
         (single if len(read.channels) == 1 and read.format in ("SAC", "MSEED", "GSE2") else
          records).append(read)  # fmt: skip
@@ -296,7 +291,7 @@ def _merged(group: list[FieldRecord]) -> FieldRecord:
     return FieldRecord(first.file, first.format, gather, names, blank, blank, notes=notes)
 
 
-def read_geometry(path: str | Path) -> list[dict[str, str]]:
+def read_geometry(path: str | Path, log: ReadLog | None = None) -> list[dict[str, Any]]:
     """Read a geometry table: positions of receivers and sources.
 
     Parameters
@@ -318,39 +313,24 @@ def read_geometry(path: str | Path) -> list[dict[str, str]]:
     ReadError, InputError
         Naming the line and the column.
     """
-    path = Path(path)
-    lines = decode_lines(path, read_bytes(path))
-    reader = csv.DictReader(lines, skipinitialspace=True)
-    heads = [head.strip() for head in reader.fieldnames or ()]
-    reader.fieldnames = heads
-    unexpected = [head for head in heads if head not in COLUMNS]
-    missing = [name for name in NEEDED if name not in heads]
-    if unexpected or missing:
-        raise InputError(
-            f"{path}, line 1: needs the columns {', '.join(NEEDED)} and takes "
-            f"{', '.join(COLUMNS[4:])}; got {', '.join(heads)[:200]}"
-        )
+    table = read_table(path, wanted_by("geometry"), None, log, kind="table of places")
     rows = []
-    for number, row in enumerate(reader, 2):
-        row = {key: (value or "").strip() for key, value in row.items() if key is not None}
+    for k, line in enumerate(table.lines):
+        row = {name: table.values[name][k] for name in TEXTS if name in table.values}
         if row["kind"] not in ("receiver", "source"):
             raise InputError(
-                f"{path}, line {number}, kind: must be receiver or source, got {row['kind']!r}"
+                f"{path}, line {line}, kind: must be receiver or source, got {row['kind']!r}"
             )
-        for key in ("x_m", "y_m", "z_m"):
-            text = row.get(key) or ("0" if key == "z_m" else "")
-            try:
-                finite = math.isfinite(float(text))
-            except ValueError:
-                finite = False
-            if not finite:
-                raise ReadError(f"{path}, line {number}, {key}: expected a number, got {text!r}")
-            row[key] = text
+        for name in ("x", "y", "z"):
+            value = float(table.values[name][k]) if name in table.values else 0.0
+            if math.isnan(value) and name != "z":
+                raise ReadError(f"{path}, line {line}, {name}: is missing, expected a number")
+            row[f"{name}_m"] = 0.0 if math.isnan(value) else value
         rows.append(row)
     return rows
 
 
-def _placed(record: FieldRecord, table: list[dict[str, str]]) -> FieldRecord:
+def _placed(record: FieldRecord, table: list[dict[str, Any]]) -> FieldRecord:
     """Return a record with the positions, lines and sensors of a geometry table."""
     if not table:
         return record
@@ -358,7 +338,7 @@ def _placed(record: FieldRecord, table: list[dict[str, str]]) -> FieldRecord:
     line, sensor = list(record.line), list(record.sensor)
     source = record.gather.source_position
     for row in table:
-        position = [float(row[key]) for key in ("x_m", "y_m", "z_m")]
+        position = [row[key] for key in ("x_m", "y_m", "z_m")]
         if row["kind"] == "source":
             if row["name"] in ("*", record.stem, record.file):
                 source = np.array(position)

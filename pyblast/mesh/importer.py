@@ -80,33 +80,6 @@ def read_mesh(
     return mesh
 
 
-def read_triangles(path: str | Path) -> np.ndarray:
-    """Read a surface of triangles from an STL file.
-
-    Parameters
-    ----------
-    path : str or Path
-
-    Returns
-    -------
-    (n, 3, 3) float64, m
-
-    Raises
-    ------
-    ReadError
-        If the file can't be read or holds no triangles.
-    """
-    path = Path(path)
-    if not path.is_file():
-        raise ReadError(f"{path}: can't be read (no such file)")
-    with np.errstate(over="ignore"):  # meshio tries a text as binary first
-        raw = _read(path, "stl")
-    parts = [block.data for block in raw.cells if block.type == "triangle"]
-    if not parts:
-        raise ReadError(f"{path}: holds no triangles; export the surface as STL again")
-    return np.asarray(raw.points, dtype=float)[np.concatenate(parts)]
-
-
 def _file_format(path):
     """Return meshio's name of the format, by suffix and content."""
     suffix = path.suffix.lower()

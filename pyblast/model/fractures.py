@@ -11,7 +11,7 @@ from scipy.stats import lognorm
 
 from ..errors import InputError, ReadError
 from ..mesh.grid import Fault, upward_normal
-from .terrain import read_faces, read_text
+from ..readers.geometry import read_content, read_faces
 
 MOST_FRACTURES = 500
 SIDES = 12  # of the polygon that stands for a disc
@@ -306,31 +306,37 @@ def terminated(fractures: Sequence[Fault], at: Sequence[Fault]) -> list[Fault]:
     return result
 
 
-def read_fractures(path: str | Path, name: str) -> list[Fault]:
+def read_fractures(
+    path: str | Path, name: str, *, box: ArrayLike | None = None, unit: str | None = None
+) -> list[Fault]:
     """Read mapped fractures by the suffix of their file.
 
     Parameters
     ----------
     path : str or Path
-        ``.dxf`` (3DFACE), ``.fab`` (text of FracMan: BEGIN FRACTURE, a line with number and count
+        ``.dxf`` (faces), ``.fab`` (text of FracMan: BEGIN FRACTURE, a line with number and count
         of corners, the corners, and a line of the normal; not checked against the vendor's
         documentation), or a table. A table of discs has the head
         ``x_m,y_m,z_m,dip_deg,dip_direction_deg,radius_m``, one of corners
         ``fracture,x_m,y_m,z_m``.
     name : str
         Of the joint surface.
+    box : (3, 2) float, m, optional
+        Of the ground, with which the unit of a drawing is compared.
+    unit : str, optional
+        Of a drawing, in the place of what its header says.
 
     Raises
     ------
     ReadError
         If the file can't be read or holds no fractures.
     InputError
-        If a fracture can't be cut.
+        If a fracture can't be cut, or the unit of a drawing can't be decided.
     """
     path = Path(path)
     if path.suffix.lower() == ".dxf":
-        return [polygon(name, corners) for corners in read_faces(path)]
-    text = read_text(path)
+        return [polygon(name, corners) for corners in read_faces(path, box=box, unit=unit)]
+    text = read_content(path).decode("utf-8", errors="replace")
     if path.suffix.lower() == ".fab":
         return [polygon(name, corners) for corners in _fab(path.name, text)]
     lines = text.strip().splitlines()

@@ -1,23 +1,19 @@
-"""Terrain: benches by their crest and toe lines, surveyed surfaces, and what they do to joints."""
+"""Terrain: benches by their crest and toe lines, and what they do to joints."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..errors import InputError, ReadError
+from ..errors import InputError
 from ..mesh.faces import face_vectors
-from ..mesh.importer import read_triangles
 from ..mesh.mesh import Mesh
 
 _FAR = 8.0  # radius of the ground around a site, over the diagonal of its box
 _ARC = np.radians(30.0)
 _EXACT = 1e-6  # m
-_LONGEST_FILE = 50_000_000  # bytes of a text file of a surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +51,18 @@ class Bench:
                 f"bench: the toe must lie below the crest, got up to {self.toe[:, 2].max():g} m "
                 f"under {self.crest[:, 2].min():g} m"
             )
+
+
+def walked(crest: np.ndarray, toe: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return a crest and its toe (n, 3) in m, turned so that the lower ground lies on the right.
+
+    Lines that coincide in plan keep the sense of the crest.
+    """
+    middles = 0.5 * (toe[1:, :2] + toe[:-1, :2])
+    side = sum(_signed_distance(crest[:, :2], middle) for middle in middles)
+    crest = crest[::-1] if side > _EXACT else crest
+    along = (crest[-1] - crest[0])[:2] @ (toe[-1] - toe[0])[:2]
+    return crest, toe[::-1] if along < 0.0 else toe
 
 
 def toe_of(crest: ArrayLike, height: float, dip: float) -> np.ndarray:
@@ -259,109 +267,3 @@ def bending(mesh: Mesh, surface: str, normal: ArrayLike) -> tuple[float, float]:
     across = np.linalg.norm(np.cross(areas, np.asarray(normal, dtype=float)), axis=1)
     lean = np.arctan2(across, np.abs(areas @ normal))
     return float(lean @ size / size.sum()), float(lean.max())
-
-
-def read_terrain(path: str | Path) -> np.ndarray:
-    """Read a surveyed surface by the suffix of its file.
-
-    Parameters
-    ----------
-    path : str or Path
-        ``.asc`` (ESRI ASCII grid), ``.dxf`` (3DFACE and POINT of an ASCII file) or ``.stl``.
-
-    Returns
-    -------
-    (n, 3) or (n, 3, 3) float64, m, places or triangles
-
-    Raises
-    ------
-    ReadError
-        If the file can't be read or holds no surface.
-    """
-    path = Path(path)
-    if path.suffix.lower() == ".stl":
-        return read_triangles(path)
-    if path.suffix.lower() != ".dxf":
-        return _ascii_grid(path.name, read_text(path))
-    faces, places = _dxf(path.name, read_text(path))
-    triangles = [face[[0, k, k + 1]] for face in faces for k in range(1, len(face) - 1)]
-    if not triangles and len(places) < 3:
-        raise ReadError(
-            f"{path.name}: holds neither 3DFACE nor three POINT entities; export a surface"
-        )
-    return np.array(triangles if triangles else places, dtype=float)
-
-
-def read_text(path: Path) -> str:
-    """Return the text of a file; raise ReadError if it can't be read or is too large."""
-    try:
-        if path.stat().st_size > _LONGEST_FILE:
-            raise ReadError(f"{path.name}: larger than {_LONGEST_FILE // 10**6} MB; thin it out")
-        return path.read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        if isinstance(error, ReadError):
-            raise
-        raise ReadError(f"{path.name}: can't be read ({error.strerror})") from None
-
-
-def read_faces(path: Path) -> list[np.ndarray]:
-    """Return the corners (n, 3) in m of each 3DFACE of an ASCII DXF file.
-
-    Raises
-    ------
-    ReadError
-        If the file can't be read or holds none.
-    """
-    faces = _dxf(path.name, read_text(path))[0]
-    if not faces:
-        raise ReadError(f"{path.name}: holds no 3DFACE; export faces")
-    return faces
-
-
-def _ascii_grid(name, text):
-    """Return the places (n, 3) of an ESRI ASCII grid."""
-    head = {
-        key.lower(): value
-        for key, value in re.findall(r"^\s*([A-Za-z_]+)\s+(\S+)\s*$", text, flags=re.MULTILINE)
-    }
-    try:
-        columns, rows = int(head["ncols"]), int(head["nrows"])
-        cell = float(head["cellsize"])
-        centred = 0.0 if "xllcenter" in head else 0.5
-        x, y = (float(head.get(f"{a}llcenter", head.get(f"{a}llcorner", ""))) for a in "xy")
-        missing = float(head.get("nodata_value", "-9999"))
-        body = [line for line in text.splitlines() if not re.match(r"\s*[A-Za-z]", line)]
-        heights = np.array([float(word) for line in body for word in line.split()])
-        heights = heights.reshape(rows, columns)
-    except (KeyError, ValueError):
-        raise ReadError(
-            f"{name}: no ESRI ASCII grid; needs ncols, nrows, xllcorner, yllcorner, cellsize and "
-            "one height for each cell, from the northernmost row down"
-        ) from None
-    east = x + cell * (np.arange(columns) + centred)
-    north = y + cell * (np.arange(rows)[::-1] + centred)
-    plan = np.stack(np.meshgrid(east, north), axis=-1)
-    places = np.concatenate([plan, heights[..., None]], axis=2).reshape(-1, 3)
-    return places[places[:, 2] != missing]
-
-
-def _dxf(name, text):
-    """Return the corners of 3DFACE entities, and the positions of POINT entities."""
-    lines = text.splitlines()
-    entities: list[tuple[str, dict[int, float]]] = []
-    try:
-        for number, value in zip(lines[::2], lines[1::2], strict=False):
-            code = int(number)
-            if code == 0:
-                entities.append((value.strip(), {}))
-            elif entities and 10 <= code <= 33:
-                entities[-1][1][code] = float(value)
-        faces = [
-            np.array([[v[10 * axis + k] for axis in (1, 2, 3)] for k in range(3 + (13 in v))])
-            for kind, v in entities
-            if kind == "3DFACE"
-        ]
-        points = [[v[10], v[20], v.get(30, 0.0)] for kind, v in entities if kind == "POINT"]
-    except (ValueError, KeyError):
-        raise ReadError(f"{name}: no ASCII DXF file; save it as ASCII, R12 or later") from None
-    return [face[: len(face) - (face[-1] == face[-2]).all()] for face in faces], points

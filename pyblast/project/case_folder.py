@@ -4,7 +4,6 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from pydantic import Field, ValidationError
 
 from ..blasts.hole_tables import read_blast

@@ -159,9 +159,7 @@ class Project:
         if self.config.signature is None:
             return None
         with named_error(f"{self.path.name}: signature"):
-            return make_signature(
-                self.config.signature, self.materials, self.folder, self.log
-            )
+            return make_signature(self.config.signature, self.materials, self.folder, self.log)
 
     @_part
     def input(self) -> InputMotion | None:

@@ -15,10 +15,17 @@ from ..model.fractures import (
     refuse_many,
     terminated,
 )
-from ..model.terrain import Bench, bench_triangles, bending, burdens, read_terrain, toe_of
-from ..readers.tables import read_table, wanted_by
+from ..model.terrain import Bench, bench_triangles, bending, burdens, toe_of, walked
+from ..readers.geometry import (
+    SurveyedSurface,
+    read_content,
+    read_lines,
+    read_surface,
+    surface_format,
+)
+from ..readers.tables import read_table
+from ..readers.titles import wanted_by
 
-TABLES = (".csv", ".txt", ".xyz", ".pts", ".dat", ".tsv", ".xlsx", ".xlsm", "")
 LARGEST_LEAN = 0.5  # degrees from the plane of a joint, mean over its area
 LEAST_LEAN = 0.05  # degrees, below which the worst facet gets no note
 
@@ -26,13 +33,37 @@ LEAST_LEAN = 0.05  # degrees, below which the worst facet gets no note
 def make_surface(config, folder, log=None) -> np.ndarray | None:
     """Return the ground surface of a `MeshConfig`: places, triangles of benches, None if flat."""
     if config.benches:
-        low = np.array(config.origin_m)
         with named_error("mesh"):
-            benches = benches_of(config, folder, log)
-            return bench_triangles(benches, np.column_stack([low, low + config.size_m]))
-    return (
-        None if config.surface_file is None else read_surface(folder / config.surface_file, log)
-    )
+            return bench_triangles(benches_of(config, folder, log), box_of(config))
+    if config.surface_file is None:
+        return None
+    return survey_of(config, folder, log).values
+
+
+def box_of(config) -> np.ndarray:
+    """Return the box (3, 2) in m of a `MeshConfig`, without padding."""
+    low = np.array(config.origin_m)
+    return np.column_stack([low, low + config.size_m])
+
+
+def survey_of(config, folder, log=None) -> SurveyedSurface:
+    """Read the surveyed surface of a `MeshConfig`, a table or any format of `read_surface`.
+
+    Raises
+    ------
+    ReadError
+        If the file can't be read or holds no surface.
+    InputError
+        If its unit can't be decided, or it does not fit the box.
+    """
+    path = folder / config.surface_file
+    with named_error("mesh.surface_file"):
+        if surface_format(path, read_content(path)) is None:
+            return SurveyedSurface(_points(path, log), np.empty((0, 2)))
+        return read_surface(
+            path, box=box_of(config), unit=config.surface_unit, layers=config.surface_layers,
+            log=log,
+        )  # fmt: skip
 
 
 def benches_of(config, folder, log=None) -> list[Bench]:
@@ -40,12 +71,21 @@ def benches_of(config, folder, log=None) -> list[Bench]:
     benches = []
     for number, part in enumerate(config.benches, start=1):
         with named_error(f"benches[{number}]"):
-            crest = _line(part.crest_m, part.crest_file, folder, log)
+            crests = _lines(part, "crest", config, folder, log)
             if part.height_m is not None:
-                toe = toe_of(crest, part.height_m, np.radians(part.face_dip_deg))
+                dip = np.radians(part.face_dip_deg)
+                toes = [toe_of(crest, part.height_m, dip) for crest in crests]
             else:
-                toe = _line(part.toe_m, part.toe_file, folder, log)
-            benches.append(Bench(crest, toe))
+                toes = _lines(part, "toe", config, folder, log)
+            if len(crests) != len(toes):
+                raise InputError(
+                    f"the drawing holds {len(crests)} crests and {len(toes)} toes; join the pieces "
+                    "of each line, or put the lines of other benches on layers of their own"
+                )
+            pairs = zip(crests, toes, strict=True)
+            if _is_drawing(part.crest_file) or _is_drawing(part.toe_file):
+                pairs = (walked(crest, toe) for crest, toe in pairs)
+            benches += [Bench(crest, toe) for crest, toe in pairs]
     return benches
 
 
@@ -81,39 +121,31 @@ def _fractures(part, config, folder):
         dip, azimuth = np.radians([part.dip_deg, part.dip_direction_deg])
         kappa, density = part.fisher_kappa, part.p32
         return FractureSet(part.name, dip, azimuth, kappa, density, sizes, part.seed).draw(box)
-    mapped = [replace(f, name=part.name) for f in read_fractures(folder / part.file, part.name)]
+    read = read_fractures(folder / part.file, part.name, box=box, unit=part.file_unit)
+    mapped = [replace(f, name=part.name) for f in read]
     return refuse_many(part.name, [each for each in mapped if area_within(each, box) > 0.0])
 
 
-def _line(places, file, folder, log):
-    """Return a line (n, 3) in m, given or read."""
-    return np.array(places) if file is None else _points(folder / file, log)
+def _is_drawing(file):
+    """Tell whether lines come from a drawing, in which they run in any sense."""
+    return file is not None and file.lower().endswith(".dxf")
 
 
-def read_surface(path, log=None):
-    """Read a surveyed surface; return its places (n, 3) or triangles (n, 3, 3) in m.
-
-    A table has columns such as ``x_m,y_m,z_m`` or ``Easting;Northing;RL``, or three columns of
-    numbers without titles; for other suffixes see `pyblast.model.terrain.read_terrain`.
-
-    Raises
-    ------
-    ReadError
-        If the file can't be read or holds something else, such as a format that is not read.
-    """
-    suffix = path.suffix.lower()
-    if suffix in (".asc", ".dxf", ".stl"):
-        return read_terrain(path)
-    if suffix not in TABLES:
-        raise ReadError(
-            f"{path}: '{suffix}' is no surface that is read; export it as .asc, .dxf, .stl, or as "
-            "a table (.csv, .txt, .xyz, .xlsx) of x, y and z"
-        )
-    return _points(path, log)
+def _lines(part, name, config, folder, log):
+    """Return the crests or toes (n, 3) in m of a bench, given or read, from the highest down."""
+    file = getattr(part, f"{name}_file")
+    if file is None:
+        return [np.array(getattr(part, f"{name}_m"))]
+    if not _is_drawing(file):
+        return [_points(folder / file, log)]
+    layer = getattr(part, f"{name}_layer")
+    return read_lines(
+        folder / file, layer, box=box_of(config), unit=part.file_unit, log=log
+    )  # fmt: skip
 
 
 def _points(path, log):
-    """Return the positions (n, 3) in m of a table."""
+    """Return the positions (n, 3) in m of a table, with titles or of three columns of numbers."""
     table = read_table(
         path, wanted_by("surface"), None, log, untitled=("x", "y", "z"), kind="table of positions"
     )

@@ -223,14 +223,14 @@ def _sheet(table, formulas):
 
 def _fill_merged(rows, span):
     """Copy the value of merged cells into all of them."""
-    left, top, right, bottom = span.bounds
-    value = rows[top][left - 1]
+    first, top, last, bottom = span.bounds
+    value = rows[top][first - 1]
     for n in range(top, bottom + 1):
-        for column in range(left - 1, right):
-            if (n, column) != (top, left - 1) and value and n in rows and column < len(rows[n]):
+        for column in range(first - 1, last):
+            if (n, column) != (top, first - 1) and value and n in rows and column < len(rows[n]):
                 rows[n][column] = Cell(value, "merged")
     if value and bottom > top:
-        rows[top][left - 1] = Cell(value, "merged")
+        rows[top][first - 1] = Cell(value, "merged")
 
 
 def _cell_text(value) -> str:
@@ -266,7 +266,7 @@ _DIGITS = re.compile(r"[-+]?(?:\d[\d.,]*|[.,]\d+)(?:[eE][-+]?\d+)?")
 _GROUPS = re.compile(r"(?<=\d)[\s'’](?=\d{3}(?!\d))")
 
 
-def _bare(text):
+def _plain(text):
     """Write a number without blanks and apostrophes between thousands, and with a plain minus."""
     return _GROUPS.sub("", text.strip().replace("−", "-"))
 
@@ -292,7 +292,7 @@ def number_format(
         If decimal commas and points are mixed, or both readings are possible: three digits follow
         every comma, or every point of a column that has whole numbers, too.
     """
-    proof: dict[tuple[str, bool], str] = {}  # (mark, whether it is decimal): example
+    clear: dict[tuple[str, bool], str] = {}  # (mark, whether it is decimal): example
     open_: dict[str, str] = {}
     commas = any("," in text for texts in columns for text in texts)
     for texts in columns:
@@ -300,7 +300,7 @@ def number_format(
         for cell in texts:
             if isinstance(cell, Cell) and cell.kind == "stored":
                 continue
-            text = _bare(cell).lstrip("+-").lower().partition("e")[0]
+            text = _plain(cell).lstrip("+-").lower().partition("e")[0]
             if not ("," in text or "." in text) or not _DIGITS.fullmatch(text):
                 whole |= text.isdigit()
                 continue
@@ -308,11 +308,11 @@ def number_format(
             other = "." if last == "," else ","
             head, _, tail = text.rpartition(last)
             if other in text:
-                proof |= {(last, True): cell, (other, False): cell}
+                clear = {(last, True): cell, (other, False): cell} | clear
             elif last in head:
-                proof[last, False] = cell
+                clear.setdefault((last, False), cell)
             elif len(tail) != 3 or len(head) > 3 or head.startswith("0") or not head:
-                proof[last, True] = cell
+                clear.setdefault((last, True), cell)
                 if not commas:
                     return NumberFormat()
             else:
@@ -320,22 +320,22 @@ def number_format(
         if "." in own and not whole:
             own.pop(".") if not commas else None
         open_ = own | open_
-    return _agreed(where, proof, open_, delimiter)
+    return _agreed(where, clear, open_, delimiter)
 
 
-def _agreed(where, proof, open_, delimiter):
+def _agreed(where, clear, open_, delimiter):
     """Return the format that all cells permit."""
     for mark, other in ((",", "."), (".", ",")):
-        both = proof.get((mark, True)), proof.get((mark, False)) or proof.get((other, True))
+        both = clear.get((mark, True)), clear.get((mark, False)) or clear.get((other, True))
         if all(both):
             raise ReadError(
                 f"{where}: mixes decimal points and decimal commas, {both[0]!r} and {both[1]!r}; "
                 "write all numbers alike"
             )
-    if (",", True) in proof or (".", False) in proof:
-        return NumberFormat(",", "." if (".", False) in proof or "." in open_ else "")
-    if (".", True) in proof or (",", False) in proof:
-        return NumberFormat(".", "," if (",", False) in proof or "," in open_ else "")
+    if (",", True) in clear or (".", False) in clear:
+        return NumberFormat(",", "." if (".", False) in clear or "." in open_ else "")
+    if (".", True) in clear or (",", False) in clear:
+        return NumberFormat(".", "," if (",", False) in clear or "," in open_ else "")
     if len(open_) == 2 or (open_ and delimiter not in (",", " ")):
         mark, example = next(iter(open_.items()))
         name = {",": "comma", ".": "point"}[mark]
@@ -348,15 +348,15 @@ def _agreed(where, proof, open_, delimiter):
 
 def number(text: str, where: str, form: NumberFormat = NumberFormat()) -> float:  # noqa: B008
     """Parse a finite number."""
-    bare = _bare(text)
-    if form.thousands and re.search(rf"\d\{form.thousands}\d", bare):
-        head, mark, tail = bare.partition(form.decimal)
+    plain = _plain(text)
+    if form.thousands and re.search(rf"\d\{form.thousands}\d", plain):
+        head, mark, tail = plain.partition(form.decimal)
         first, *groups = head.split(form.thousands)
-        bare = head.replace(form.thousands, "") + mark + tail
+        plain = head.replace(form.thousands, "") + mark + tail
         if any(len(group) != 3 for group in groups) or len(first.lstrip("+-")) > 3:
-            bare = "?"
+            plain = "?"
     try:
-        value = float(bare.replace(form.decimal, ".") if "_" not in bare else "?")
+        value = float(plain.replace(form.decimal, ".") if "_" not in plain else "?")
     except ValueError:
         raise ReadError(f"{where}: expected a number, got '{text.strip()[:40]}'") from None
     if not math.isfinite(value):
@@ -366,7 +366,7 @@ def number(text: str, where: str, form: NumberFormat = NumberFormat()) -> float:
 
 def is_number(cell: str) -> bool:
     """Tell whether a cell reads as a number."""
-    return bool(cell) and bool(_DIGITS.fullmatch(_bare(cell)))
+    return bool(cell) and bool(_DIGITS.fullmatch(_plain(cell)))
 
 
 def read_columns(
@@ -405,10 +405,11 @@ def read_columns(
             )
     texts = {name: [cells[column] for _, cells in rows] for name, column in columns.items()}
     form = number_format(str(where), [*texts.values()], delimiter)
-    return {
-        name: numbers_of(column, form, lambda k, name=name: f"{where}, line {rows[k][0]}, column '{name}'")
-        for name, column in texts.items()
-    }  # fmt: skip
+
+    def where_of(name):
+        return lambda k: f"{where}, line {rows[k][0]}, column '{name}'"
+
+    return {name: numbers_of(column, form, where_of(name)) for name, column in texts.items()}
 
 
 def numbers_of(texts, form, where_of):

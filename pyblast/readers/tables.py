@@ -1,13 +1,10 @@
-"""Tables: titles in ten languages, units, mapping, and what of a table is no row."""
+"""Tables: columns by title or mapping, in SI, and what of a table is no row."""
 
 import re
 import tomllib
-import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
-from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -31,187 +28,21 @@ from .cells import (
     read_bytes,
 )
 from .provenance import FileRead, ReadLog
+from .titles import (
+    PART,
+    PLAIN,
+    SAYS,
+    TOTALS,
+    Wanted,
+    is_pressure,
+    plain_word,
+    title_unit,
+    unit_name,
+)
 
 HEAD_LINES = 60  # of a file, among which the row of titles is looked for
 SAME = 5e-3  # relative difference of two columns that hold the same quantity in other digits
 _CLOCK = re.compile(r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d*)?)Z?")
-_DATA = tomllib.loads(
-    resources.files("pyblast.readers").joinpath("titles.toml").read_text(encoding="utf-8")
-)
-_UNITS = {word: name for name, words in _DATA["units"].items() for word in words.split()}
-HARMLESS = frozenset(_DATA["harmless"].split())
-TOTALS = frozenset(_DATA["totals"].split())
-
-
-class Quantity(NamedTuple):
-    """Quantity that is wanted of a table: titles, units, and which of two titles says it.
-
-    Parameters
-    ----------
-    words : str
-        Titles in lower case without accents, blanks and signs, separated by blanks.
-    units : tuple of str
-        Suffixes of keys, the first for examples; empty for text; ("*",) for any.
-    default : str
-        Unit where the title has none; empty where the unit must be given.
-    needed, key : bool
-        Whether a table must have it; whether every row must have it, unless it is a total.
-    says, version, part : str
-        Words of titles that say it is this quantity (such as "actual"), another version of it
-        ("design"), or only a part of it ("booster").
-    adds : bool
-        Whether a value over merged cells is a sum, so that it can't be repeated.
-    clock : bool
-        Whether times of day and instants are read as seconds.
-    bounded : bool
-        Whether rows with a bound such as "<0.5" are left out.
-    """
-
-    words: str
-    units: tuple[str, ...] = ()
-    default: str = ""
-    needed: bool = False
-    key: bool = False
-    says: str = ""
-    version: str = ""
-    part: str = ""
-    adds: bool = False
-    clock: bool = False
-    bounded: bool = False
-
-
-SAYS, PLAIN, VERSION, PART = 3, 2, 1, 0
-
-
-class Title(NamedTuple):
-    """Title of a column: its quantity, empty where unknown, the unit as written, and its rank."""
-
-    quantity: str
-    unit: str = ""
-    rank: int = PLAIN
-
-
-class Wanted:
-    """Quantities that are wanted of a table, by name, with an index of their titles."""
-
-    def __init__(self, quantities: Mapping[str, Quantity]) -> None:
-        self.quantities = dict(quantities)
-        self.words: dict[str, list[str]] = {}
-        for name, q in quantities.items():
-            for word in q.words.split():
-                self.words.setdefault(plain_word(word), []).append(name)
-        self.ranks = {
-            (name, plain_word(word)): rank
-            for name, q in quantities.items()
-            for rank, words in ((SAYS, q.says), (VERSION, q.version), (PART, q.part))
-            for word in words.split()
-        }
-
-    def title(self, text: str) -> Title:
-        """Split the title of a column into quantity, unit and rank.
-
-        Examples
-        --------
-        >>> wanted_by("holes").title("Actual charge (kg)")
-        Title(quantity='charge', unit='kg', rank=3)
-        >>> wanted_by("holes").title("Bench height (m)").quantity
-        ''
-        """
-        titles = []
-        for stem, unit in _splits(" ".join(text.strip().strip('"').split())):
-            for name, rank in self._named(stem, unit):
-                titles.append(Title(name, unit, rank))
-                if unit_name(unit) in self.quantities[name].units:
-                    return titles[-1]
-        titles.sort(key=lambda t: bool(t.unit) and self.quantities[t.quantity].units != ("*",))
-        return titles[0] if titles else Title("")
-
-    def _named(self, stem, unit):
-        """Return the quantities of a title without its unit, and how well the title says them."""
-        whole = plain_word(stem)
-        if whole in self.words:
-            return [(name, self.ranks.get((name, whole), PLAIN)) for name in self.words[whole]]
-        words = re.split(r"[\W_]+", re.sub(r"(?<=[^\W\d_A-Z])(?=[A-Z])", " ", stem))
-        words = [w for w in map(plain_word, words) if w and w not in HARMLESS]
-        matches = [
-            (name, rank)
-            for name in self.quantities
-            if (rank := self._rank(name, words, unit)) is not None
-        ]
-        return matches if len(matches) == 1 else []
-
-    def _rank(self, name, words, unit):
-        """Return how well words say a quantity, None where one of them says something else."""
-        ranks = [self.ranks[name, w] for w in words if (name, w) in self.ranks]
-        rest = [w for w in words if (name, w) not in self.ranks]
-        joined = "".join(rest or words)
-        known = [name in self.words.get(w, ()) for w in rest or words]
-        if rest and not (name in self.words.get(joined, ()) or all(known)):
-            return None
-        if not rest and not any(known) and name not in self.words.get(joined, ()) and not (
-            ranks and unit_name(unit) in self.quantities[name].units
-        ):  # fmt: skip
-            return None
-        ranks += [self.ranks[name, joined]] if (name, joined) in self.ranks else []
-        return PART if PART in ranks else max(ranks, default=PLAIN)
-
-
-@cache
-def wanted_by(door: str) -> Wanted:
-    """Return the quantities that a door wants, by a table of ``titles.toml``."""
-    quantities = {}
-    for name, entry in _DATA[door].items():
-        if like := entry.pop("like", ""):
-            words = _DATA[door][like]["words"].split()
-            beside = _DATA["toe"].split()
-            entry["words"] = " ".join(f"{w}{t} {t}{w}" for w in words for t in beside)
-        entry["units"] = tuple(entry.get("units", ()))
-        quantities[name] = Quantity(**entry)
-    return Wanted(quantities)
-
-
-def plain_word(text: str) -> str:
-    """Write a title in lower case without accents, blanks and signs: "Höhe [m]" is "hohem"."""
-    spread = unicodedata.normalize("NFKD", text.replace("ı", "i").replace("ł", "l").casefold())
-    return "".join(c for c in spread if c.isalnum())
-
-
-def unit_name(text: str) -> str:
-    """Return a unit as the suffix of a key, such as "mm_per_s" for "mm/sec"; "" if unknown."""
-    plain = text.strip()
-    if plain in FACTORS or plain == "Nm_per_s":
-        return plain
-    plain = plain.lower().replace("µ", "u").replace("μ", "u").replace("²", "2").replace("³", "3")
-    plain = re.sub(r"^(\w+)[ .*·]?s\^?[-−]1$", r"\1/s", plain)
-    parts = [_UNITS.get(part, part) for part in re.split(r"\s*/\s*|_per_| per ", plain)]
-    name = "_per_".join(parts)
-    return name if name in FACTORS or name == "deg" else ""
-
-
-def unit_factor(symbol: str, where: str) -> float:
-    """Return the SI factor of a printed unit such as ``mm/s`` or of a suffix like ``mm_per_s``."""
-    name = unit_name(symbol)
-    if name not in FACTORS:
-        raise ReadError(f"{where}: unknown unit '{symbol[:40]}', expected one such as mm/s or in/s")
-    return FACTORS[name]
-
-
-def _splits(text):
-    """Yield the ways to split a title into stem and unit."""
-    for match in reversed([*re.finditer(r"[\[(]\s*([^\[(\])]*?(?:\([^)]*\))?)\s*[\])]", text)]):
-        yield f"{text[: match.start()]} {text[match.end() :]}".strip(" _,:/"), match[1]
-    for unit in ("Nm_per_s", *sorted(FACTORS, key=len, reverse=True)):
-        if text.endswith(f"_{unit}") or text.lower().endswith(f"_{unit}"):
-            yield text[: -len(unit) - 1], unit
-    head, _, tail = text.rpartition(" ")
-    if head and (unit_name(tail) or is_pressure(tail)):
-        yield head.rstrip(" ,:/-"), tail
-    yield text, ""
-
-
-def is_pressure(text: str) -> bool:
-    """Tell whether a text is a unit of air overpressure, decibels included."""
-    return bool(re.match(r"(?i)(k?pa|h?pa|m?bar|mb|psi|db)\b", text.strip()))
 
 
 @dataclass
@@ -262,9 +93,12 @@ OPTIONS = {
 class Rules(NamedTuple):
     """Rules of a mapping: column and unit by quantity, options, whether others are recognised."""
 
-    columns: dict[str, tuple[int | str, str]] = {}  # noqa: RUF012
-    options: dict[str, Any] = {}  # noqa: RUF012
+    columns: Mapping[str, tuple[int | str, str]] = {}
+    options: Mapping[str, Any] = {}
     rest: bool = True
+
+
+NO_RULES = Rules()
 
 
 def load_mapping(path: Path | str) -> dict:
@@ -312,15 +146,23 @@ def rules_of(mapping: Mapping | None, wanted: Wanted, further: Mapping = {}) -> 
         if stem not in wanted.quantities or (units and units != ("*",) and unit not in units):
             listed = ", ".join(f"{n} ({'/'.join(q.units)})" for n, q in wanted.quantities.items())
             raise ReadError(
-                f"mapping: columns.{key} is no quantity with its unit; known are {listed}"
+                f"mapping: columns.{key} is no quantity with its unit; known are {listed}"[:400]
             )
-        if isinstance(column, bool) or not isinstance(column, (int, str)):
-            raise ReadError(f"mapping: columns.{key} must be a title or a number from 1")
-        rules[stem] = (column, unit)
+        rules[stem] = (_column_of(key, column), unit)
     for name, value in options.items():
         if value not in known[name] and type(value) is not known[name][0]:
-            raise ReadError(f"mapping: table.{name} can't be {value!r}")
+            raise ReadError(f"mapping: table.{name} can't be {value!r}; it may be one of "
+                            f"{', '.join(map(repr, known[name]))}")  # fmt: skip
     return Rules(rules, options)
+
+
+def _column_of(key, column):
+    """Check the column of a mapping: a title, or a number from 1."""
+    if isinstance(column, bool) or not isinstance(column, (int, str)) or column == 0:
+        raise ReadError(
+            f"mapping: columns.{key} must be a title or a number from 1, got {column!r}"
+        )
+    return column
 
 
 class Source(NamedTuple):
@@ -340,7 +182,7 @@ class Source(NamedTuple):
         )
 
 
-class _Head(NamedTuple):
+class Head(NamedTuple):
     """Rows of a table, its titles, the units below them, and where the data begin."""
 
     rows: list[tuple[int, list[str]]]
@@ -351,7 +193,9 @@ class _Head(NamedTuple):
     delimiter: str
 
 
-def find_titles(cells: Cells, wanted: Wanted, rules: Rules = Rules(), least: int = 2):  # noqa: B008
+def find_titles(
+    cells: Cells, wanted: Wanted, rules: Rules = NO_RULES, least: int = 2
+) -> Head | None:
     """Return the head of a table; its titles are empty where no row holds ``least`` of them.
 
     It is the row among the first with the most titles of different quantities, by the delimiter
@@ -366,13 +210,19 @@ def find_titles(cells: Cells, wanted: Wanted, rules: Rules = Rules(), least: int
                 score = _score(titles, wanted, rules)
                 if score > best and (score >= least or len(titles) == 2):
                     best, chosen = score, (delimiter, k, titles)
-    if rules.options.get("header") is False or chosen is None:
+    if rules.options.get("header") is False:
+        return None
+    if chosen is None and rules.columns:  # a mapping says what its titles don't
+        tried = [(d, _rows(cells, d, rules, None)) for d in _delimiters(cells, rules)]
+        delimiter, rows = max(tried, key=lambda pair: len(pair[1][0][1]) if pair[1] else 0)
+        chosen = (delimiter, 0, rows[0][1]) if rows else None
+    if chosen is None:
         return None
     delimiter, k, titles = chosen
     rows = _rows(cells, delimiter, rules)
     below = [cell.strip("[]() ") for cell in rows[k + 1][1]] if k + 1 < len(rows) else []
     units = below if below and not any(map(is_number, below)) and _are_units(below) else []
-    return _Head(rows, rows[k][0], titles, units, k + 1 + bool(units), delimiter)
+    return Head(rows, rows[k][0], titles, units, k + 1 + bool(units), delimiter)
 
 
 def _rows(cells, delimiter, rules, last=None):
@@ -420,6 +270,8 @@ def sources_of(where, head, wanted, rules, data):
     for name, (column, unit) in rules.columns.items():
         index = _index(where, name, column, head.titles)
         title = head.titles[index] if index < len(head.titles) else ""
+        if not unit and title:
+            unit = title_unit(title) or (head.units[index] if index < len(head.units) else "")
         sources[name] = Source(index, title, unit, "by the mapping")
     used = {source.index for source in sources.values()}
     for index, text in enumerate(head.titles):
@@ -437,7 +289,8 @@ def sources_of(where, head, wanted, rules, data):
         texts = {c.index: [row[c.index] for _, row in data if c.index < len(row)] for c in columns}
         if quantity.units:
             words = [c for c in columns if _holds_words(texts[c.index], quantity)]
-            columns = [c for c in columns if c not in words]
+            if len(words) < len(columns) or not quantity.needed:
+                columns = [c for c in columns if c not in words]
             unread |= {c.index: "it holds words" for c in words}
             right = [c for c in columns if _unit(c, quantity)]
             columns = right or columns
@@ -587,7 +440,7 @@ def read_table(
     return table_of(cells, head, wanted, rules, log, untitled=untitled, kind=kind)
 
 
-def headless(cells: Cells, rules: Rules, untitled: Sequence[str] = ()) -> _Head | None:
+def headless(cells: Cells, rules: Rules, untitled: Sequence[str] = ()) -> Head | None:
     """Return the head of a table without titles, None where its rows are not such numbers."""
     last = max([len(untitled), *(c for c, _ in rules.columns.values() if isinstance(c, int))])
     for delimiter in _delimiters(cells, rules):
@@ -597,7 +450,7 @@ def headless(cells: Cells, rules: Rules, untitled: Sequence[str] = ()) -> _Head 
         else:
             fits = rules.options.get("header") is False and all(len(r) >= last for _, r in rows)
         if rows and fits:
-            return _Head(_rows(cells, delimiter, rules), rows[0][0], [], [], 0, delimiter)
+            return Head(_rows(cells, delimiter, rules), rows[0][0], [], [], 0, delimiter)
     return None
 
 
@@ -610,7 +463,7 @@ def _delimiters(cells, rules):
 
 def table_of(
     cells: Cells,
-    head: _Head,
+    head: Head,
     wanted: Wanted,
     rules: Rules,
     log: ReadLog | None = None,
@@ -704,7 +557,9 @@ def _refuse_missing(where, head, wanted, sources):
     missing = [name for name, q in wanted.quantities.items() if q.needed and name not in sources]
     if missing:
         units = {n: wanted.quantities[n].units for n in missing}
-        examples = ", ".join(f"{n} ({u[0]})" if u else n for n, u in units.items())
+        examples = ", ".join(
+            f"{n} ({u[0].replace('_per_', '/')})" if u else n for n, u in units.items()
+        )
         raise ReadError(
             f"{where} line {head.line}: missing columns: {examples}; add them, or give a mapping"
         )
@@ -723,7 +578,7 @@ def _units_of(where, wanted, sources, data):
         if quantity.units and not unit and not clock:
             listed = [unit.replace("_per_", "/") for unit in quantity.units]
             raise ReadError(
-                f"{where}: {source.name} needs its unit, {' or '.join(listed)}, such as "
+                f"{where}: {source.name} needs its unit, {' or '.join(listed[:3])}, such as "
                 f"'{name.capitalize()} ({listed[0]})'"
             )
         if unit and unit != "*" and not source.unit:
@@ -751,7 +606,7 @@ def _unit_of_cells(data, index, quantity):
     if len(units) != 1 or not units <= {*quantity.units}:
         return ""
     for row, match in cells:
-        row[index] = match[1]
+        row[index] = match[1] if match else row[index]
     return units.pop()
 
 
@@ -765,15 +620,14 @@ def _without_totals(wanted, sources, data, head):
         cells = {k: row[k] if k < len(row) else "" for k in numeric.values()}
         numbers = [k for k, c in cells.items() if re.search(r"\d", c) or isinstance(c, Cell)]
         words = {plain_word(t) for cell in row for t in [*cell.split(), cell]}
-        if not any(is_number(cells[k]) or _CLOCK.fullmatch(cells[k]) for k in numbers):
-            if not numbers or row == head.titles:
-                dropped.append((f"row {line} ({' '.join(filter(None, row))[:40]!r})",
-                                "it holds no numbers"))  # fmt: skip
-                continue
-        if keys and not any(is_number(cells[k]) or _CLOCK.fullmatch(cells[k]) for k in keys):
-            if words & TOTALS or _sums(rows, cells, numbers):
-                dropped.append((f"row {line}", f"a total ({_shown(cells, numbers)})"))
-                continue
+        if not numbers or row == head.titles:
+            text = " ".join(filter(None, row))[:40]
+            dropped.append((f"row {line} ({text!r})", "it holds no numbers"))
+            continue
+        lacks = keys and not any(is_number(cells[k]) or _CLOCK.fullmatch(cells[k]) for k in keys)
+        if lacks and (words & TOTALS or _sums(rows, cells, numbers)):
+            dropped.append((f"row {line}", f"a total ({_shown(cells, numbers)})"))
+            continue
         if any(cells[k].startswith(("<", ">")) for k in bounded):
             dropped.append((f"row {line}", f"only a bound is given ({_shown(cells, bounded)})"))
             continue
@@ -804,7 +658,7 @@ def _fill(table, wanted, sources, units, data, rules, delimiter):
     texts = {}
     for name, source in sources.items():
         short = next((k for k, (_, r) in enumerate(data) if len(r) <= source.index), None)
-        if short is not None and delimiter:
+        if short is not None and delimiter and wanted.quantities[name].units:
             raise ReadError(
                 f"{table.where} line {table.lines[short]}, column {source.index + 1} ({name}): the "
                 f"line has only {len(data[short][1])} columns"

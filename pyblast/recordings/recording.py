@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, PyblastWarning, ReadError
+from ..readers.cells import Cells, cells_of, is_workbook, read_bytes
+from ..readers.provenance import ReadLog
 from ..signals.seismogram import BLAST_AXES, GEOGRAPHIC, Seismogram
-from .hand_tables import is_workbook, read_hand_table, recognises_hand_table, sheet_lines
 from .raw import (
     MAX_FILE_BYTES,
     RawRecord,
@@ -19,19 +20,14 @@ from .raw import (
     clipped_samples,
     constant_offset,
     decibels,
-    decode_lines,
     is_dead,
     plateau_level,
-    read_bytes,
-    refuse_sheet,
 )
 from .seismic import GATHER_HEADERS, deconvolve, read_traces, sniff_seismic, station_records
 from .tables import (
     TEXT_FORMATS,
-    TextFormat,
-    read_generic,
-    read_mapped,
-    recognises_generic,
+    read_motion,
+    recognises_motion,
     refuse_histogram,
 )
 
@@ -43,13 +39,8 @@ __all__ = [
     "remove_response",
 ]  # fmt: skip
 FASTEST_GROUND = 1e3
-_TEXT_ROWS = {
-    **TEXT_FORMATS,
-    "CSV": TextFormat(recognises_generic, read_generic),
-    "HAND_TABLE": TextFormat(recognises_hand_table, read_hand_table),
-}
 _STATION_FORMATS = ("MSEED", "SAC", "GSE2")
-FORMATS = (*_TEXT_ROWS, "MAPPED", *_STATION_FORMATS)
+FORMATS = (*TEXT_FORMATS, "CSV", "MAPPED", *_STATION_FORMATS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +110,7 @@ def read_recording(
     orientations: dict[str, tuple[float, float]] | None = None,
     max_bytes: int = MAX_FILE_BYTES,
     sheet: str | None = None,
+    log: ReadLog | None = None,
 ) -> list[Recording]:
     """Read all recordings of a file.
 
@@ -144,6 +136,8 @@ def read_recording(
         Largest size of a file.
     sheet : str, optional
         Sheet of an Excel workbook; may be left out where only one has cells.
+    log : ReadLog, optional
+        Takes what was read.
 
     Returns
     -------
@@ -169,8 +163,9 @@ def read_recording(
     """
     paths = [Path(path)] if isinstance(path, (str, Path)) else [Path(item) for item in path]
     data = [read_bytes(item, max_bytes) for item in paths]
-    lines = _text_lines(paths[0], data[0], sheet)
-    format = _choose_format(paths[0], data[0], lines, format, mapping)
+    log = ReadLog() if log is None else log
+    cells = _cells(paths[0], data[0], sheet)
+    format = _choose_format(paths[0], data[0], cells, format, mapping)
     if format in _STATION_FORMATS:
         traces = [
             trace
@@ -185,14 +180,13 @@ def read_recording(
     elif len(paths) > 1:
         raise InputError(f"{paths[1]}: only one-channel files can be read together")
     else:
-        lines = decode_lines(paths[0], data[0]) if lines is None else lines
-        refuse_histogram(paths[0], lines)
-        reader = _TEXT_ROWS.get(format)
+        cells = cells_of(paths[0], data[0]) if cells is None else cells
+        refuse_histogram(paths[0], cells.lines)
+        reader = TEXT_FORMATS.get(format)
         if reader is not None:
-            raws = [reader.read(paths[0], lines)]
+            raws = [reader.read(paths[0], cells.lines, log)]
         else:
-            assert mapping is not None  # by _choose_format
-            raws = [read_mapped(paths[0], lines, mapping)]
+            raws = [read_motion(paths[0], cells, mapping, log)]
     return [_recording(paths[0], raw, bearing, full_scale) for raw in raws]
 
 
@@ -254,15 +248,14 @@ def remove_response(recording: Recording, response: str | Path | dict) -> Record
     )
 
 
-def _text_lines(path, content, sheet):
-    """Return the lines of a sheet of a workbook or of text, None for seismological formats."""
-    if is_workbook(content):
-        return sheet_lines(path, content, sheet)
-    refuse_sheet(path, sheet)
-    return decode_lines(path, content) if sniff_seismic(content) is None else None
+def _cells(path, content, sheet) -> Cells | None:
+    """Return the cells of a workbook or of text, None for seismological formats."""
+    if sniff_seismic(content) is None or is_workbook(content) or sheet is not None:
+        return cells_of(path, content, sheet)
+    return None
 
 
-def _choose_format(path, content, lines, format, mapping):
+def _choose_format(path, content, cells, format, mapping):
     """Return the format of a file by its content, checked against the requested one."""
     if format is not None and format not in FORMATS:
         raise InputError(f"format: must be one of {', '.join(FORMATS)}, got '{format}'")
@@ -274,10 +267,11 @@ def _choose_format(path, content, lines, format, mapping):
     if detected in ("SEG2", "SEGY"):
         raise InputError(f"{path}: is a gather ({detected}), read it with read_gather")
     if detected is None:
-        head = (lines or [])[:60]
+        head = [] if cells is None else cells.lines[:60]
         detected = next(
-            (name for name, row in _TEXT_ROWS.items() if head and row.recognises(head)), None
+            (name for name, row in TEXT_FORMATS.items() if head and row.recognises(head)), None
         )
+        detected = detected or ("CSV" if recognises_motion(head) else None)
     if detected is None:
         raise ReadError(f"{path}: is none of {', '.join(FORMATS)}; describe a table by a mapping")
     if format not in (None, detected):

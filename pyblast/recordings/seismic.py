@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import InputError, ReadError
+from ..readers.cells import read_bytes
 from ..units import FACTORS
-from .raw import RawRecord, read_bytes
+from .raw import RawRecord
 
 if TYPE_CHECKING:
     import obspy

@@ -1,4 +1,4 @@
-"""Responses to ground motion: of recorders, oscillators, shear buildings and lined tunnels.
+"""Responses to ground motion: of recorders and oscillators.
 
 Operators of a recorder take and return a seismogram of velocity. Their transfer functions are
 theory.md (7.6) and (7.7), in numpy's sign convention.
@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import eigh
 from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
 from scipy.spatial.transform import Rotation
 
@@ -264,145 +263,6 @@ def oscillator(
     z = np.concatenate([[0.0], lfilter([1.0], [1.0, -pole], -gain * acceleration)])
     moved = z.imag / turn
     return moved, z.real - drag * moved
-
-
-def shear_building(
-    seismogram: Seismogram, mass: ArrayLike, stiffness: ArrayLike, damping: float = 0.05
-) -> np.ndarray:
-    """Return how the floors of a shear building move over the ground.
-
-    Parameters
-    ----------
-    seismogram : Seismogram
-        Velocity of the ground under it.
-    mass : (n_floors,) array_like, kg
-        From the lowest floor up.
-    stiffness : (n_floors,) array_like, N/m
-        Against the drift of each storey.
-    damping : float
-        Fraction of critical of each mode.
-
-    Returns
-    -------
-    (n_samples, n_floors, 3) float64, m
-        Drifts are differences along the floors.
-
-    Raises
-    ------
-    InputError
-        If masses and stiffnesses are not positive or differ in number.
-
-    Notes
-    -----
-    Sum of the modes, each exact for straight lines of velocity: theory.md (16.2).
-    """
-    m, k = (np.atleast_1d(np.asarray(part, dtype=float)) for part in (mass, stiffness))
-    if m.shape != k.shape or not (m > 0.0).all() or not (k > 0.0).all():
-        raise InputError("shear_building: give a positive mass and stiffness for each floor")
-    matrix = np.diag(k + np.append(k[1:], 0.0)) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
-    squared, shapes = eigh(matrix, np.diag(m))
-    moved = np.zeros((len(seismogram.times), len(m), 3))
-    for value, shape in zip(squared, shapes.T, strict=True):
-        share = float(shape @ m)
-        for part in np.flatnonzero(seismogram.present):
-            slope = np.diff(seismogram.velocity[:, part]) / seismogram.dt
-            hz = np.sqrt(value) / (2.0 * np.pi)
-            motion, _ = oscillator(slope, seismogram.dt, hz, damping)
-            moved[:, :, part] += share * motion[:, None] * shape
-    return moved
-
-
-@dataclass(frozen=True)
-class TunnelStrain:
-    """Strains of a tunnel under a passing plane wave.
-
-    Parameters
-    ----------
-    axial, bending : float
-        Along the tunnel, at the worst angle: of a P or S wave, and of the curvature of an S wave.
-    shear : float
-        Largest shear strain of the ground across the tunnel.
-    ovaling : float
-        Change of diameter over diameter of the lining.
-    hoop : float
-        Largest strain of the lining around the tunnel: thrust and bending.
-    """
-
-    axial: float
-    bending: float
-    shear: float
-    ovaling: float
-    hoop: float
-
-
-def tunnel_strain(
-    velocity: float,
-    acceleration: float,
-    *,
-    cp: float,
-    cs: float,
-    density: float,
-    radius: float,
-    thickness: float,
-    lining_young: float,
-    lining_poisson: float = 0.2,
-) -> TunnelStrain:
-    """Return the strains of a lined circular tunnel under the peak motion of the ground.
-
-    Parameters
-    ----------
-    velocity, acceleration : float, m/s and m/s2
-        Peaks of the ground without the tunnel.
-    cp, cs, density : float, SI
-        Of the ground.
-    radius, thickness : float, m
-        Of the lining.
-    lining_young, lining_poisson : float, Pa and -
-
-    Raises
-    ------
-    InputError
-        If a value is not positive.
-
-    Notes
-    -----
-    St. John and Zahrah (1987) along the tunnel; Wang (1993), full slip between lining and ground,
-    across it; as in Hashash and others (2001), Tunnelling and Underground Space Technology 16:
-    theory.md (16.3), (16.4). Waves much longer than the tunnel is wide. Not checked against the
-    originals.
-
-    Examples
-    --------
-    >>> strain = tunnel_strain(0.1, 10.0, cp=4000.0, cs=2000.0, density=2500.0, radius=3.0,
-    ...                        thickness=0.3, lining_young=25e9)
-    >>> f"{strain.shear:.1e} {strain.axial:.1e} {strain.bending:.1e}"
-    '5.0e-05 2.5e-05 7.5e-06'
-    """
-    values = {
-        "velocity": velocity, "cp": cp, "cs": cs, "density": density, "radius": radius,
-        "thickness": thickness, "lining_young": lining_young, "acceleration": acceleration,
-    }  # fmt: skip
-    for name, value in values.items():
-        if not 0.0 < value < np.inf:
-            raise InputError(f"tunnel_strain.{name}: must be positive, got {value:g}")
-    ratio = (cp / cs) ** 2
-    poisson = (ratio - 2.0) / (2.0 * (ratio - 1.0))
-    young = 2.0 * (1.0 + poisson) * density * cs**2
-    shear = velocity / cs
-    inertia = thickness**3 / 12.0
-    stiff = lining_young * inertia / (1.0 - lining_poisson**2)
-    flexibility = young * radius**3 / (6.0 * stiff * (1.0 + poisson))
-    factor = 12.0 * (1.0 - poisson) / (2.0 * flexibility + 5.0 - 6.0 * poisson)
-    thrust = factor / 6.0 * young / (1.0 + poisson) * radius * shear
-    moment = thrust * radius
-    plane = lining_young / (1.0 - lining_poisson**2)
-    return TunnelStrain(
-        axial=max(velocity / cp, 0.5 * velocity / cs),
-        bending=radius * acceleration / cs**2,
-        shear=shear,
-        ovaling=factor * flexibility * shear / 3.0,
-        hoop=thrust / (plane * thickness) + 6.0 * moment / (plane * thickness**2),
-    )
 
 
 def _filter(response):

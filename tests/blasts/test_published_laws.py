@@ -7,10 +7,7 @@ import pytest
 
 from pyblast.blasts.published_laws import (
     BY_NAME,
-    EXPLOSIVES,
     LAWS,
-    borehole_pressure,
-    crushed_radius,
     plausible_ppv,
 )
 from pyblast.blasts.site_law import read_site_records
@@ -126,39 +123,3 @@ def test_the_made_up_peaks_of_the_site_law_example_are_plausible():
     outside = [plausible_ppv(r, w).excess(v) != 1.0 for r, w, v in zip(*table, strict=True)]
 
     assert np.mean(outside) <= 0.1
-
-
-def test_a_charge_half_as_thick_as_its_hole_presses_a_fifth():
-    full = borehole_pressure(1000.0, 4000.0, 0.1, 0.1)
-
-    assert full == pytest.approx(2e9)
-    assert borehole_pressure(1000.0, 4000.0, 0.05, 0.1) / full == pytest.approx(0.5**2.4)
-
-
-def test_ideal_detonations_of_the_table_press_half_of_their_chapman_jouguet_pressure():
-    given = {"ANFO": 5.15e9, "TNT": 21.0e9, "PETN": 33.5e9}  # of the same JWL fits
-
-    for name, pressure in given.items():
-        explosive = EXPLOSIVES[name]
-        assert 2.0 * explosive.borehole_pressure(0.1, 0.1) == pytest.approx(pressure, rel=0.25)
-
-
-def test_the_crushed_zone_is_never_thinner_than_the_hole_and_grows_with_pressure():
-    rock = {"strength": 100e6, "young": 60e9, "poisson": 0.25}
-
-    assert crushed_radius(0.05, 1e6, **rock) == 0.05
-    single, double = (crushed_radius(0.05, pressure, **rock) for pressure in (2e9, 4e9))
-    assert double / single == pytest.approx(2.0 ** (3.0 * 0.219))
-
-
-@pytest.mark.parametrize(
-    ("call", "told"),
-    [(lambda: borehole_pressure(1000.0, 4000.0, 0.2, 0.1), "thicker than its hole"),
-     (lambda: borehole_pressure(0.0, 4000.0, 0.1, 0.1), "must be positive, got 0"),
-     (lambda: crushed_radius(0.05, 1e9, 0.0, 60e9, 0.25), "must be positive, got 0"),
-     (lambda: crushed_radius(0.05, 1e9, 1e8, 60e9, 0.5), "below 0.5, got 0.5")],
-    ids=["thick", "density", "strength", "poisson"],
-)  # fmt: skip
-def test_what_no_hole_has_is_refused(call, told):
-    with pytest.raises(InputError, match=told):
-        call()

@@ -131,7 +131,10 @@ def test_table_is_read_with_its_units(tmp_path):
     ("text", "message"),
     [
         ("distance_m,charge_kg,ppv\n1,2,3\n", "column 3 'ppv' needs its unit, mm/s or m/s"),
-        ("distance_m,charge_kg,ppv_mm_per_s\n1,2,much\n", r"line 2, column 3 .ppv_mm_per_s.: expected a number, got 'much'"),
+        (
+            "distance_m,charge_kg,ppv_mm_per_s\n1,2,much\n",
+            "line 2, .* expected a number, got 'much'",
+        ),
         ("distance_m,charge_kg,ppv_mm_per_s\n", "a header but no rows"),
     ],
 )

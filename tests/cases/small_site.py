@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.blind.flat_models import Discretization
 from pyblast.blasts.blast import Blast, Firing
 from pyblast.config.config import check_config
 from pyblast.diagnosis.calibration import Baseline, calibrated_parameters, likelihood_of
@@ -13,7 +14,6 @@ from pyblast.diagnosis.forward import Forward
 from pyblast.model.model import Receiver
 from pyblast.model.source import TimeFunction
 from pyblast.project.elements import for_band
-from pyblast.project.flat_box import Discretization
 from pyblast.project.inputs import Inside
 from pyblast.project.project import Project, make_project
 from pyblast.recordings.recording import Recording

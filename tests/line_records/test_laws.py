@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from blast_cause import blast_cause
+from closure_law import closure_law, hyperbola
 from line_shots import DT, FREQUENCY, N, ground, shot, tampered
 
-from examples.real.blast_cause import blast_cause
-from examples.real.closure_law import closure_law, hyperbola
 from pyblast.errors import InputError
 from pyblast.line_records.quality import odd_channels, sensor_response
 from pyblast.line_records.shots import dead_and_clipped, masked, shifted

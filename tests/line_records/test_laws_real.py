@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from closure_law import closure_law
 
-from examples.real.closure_law import closure_law
 from pyblast.line_records.quality import odd_channels
 from pyblast.line_records.shots import dead_and_clipped, shot_of
 from pyblast.line_records.waves import air_wave, soft_layer

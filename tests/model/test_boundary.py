@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from small_site import BAND, CUT, DT, SAMPLES, small_site
 
+from benchmarks.blind.flat_models import flat_model
 from pyblast.errors import InputError
 from pyblast.model.boundary import DRAG, SpongeLayer
-from pyblast.project.flat_box import flat_model
 from pyblast.solver.run import simulate
 
 BOX = ((0.0, 120.0), (0.0, 90.0), (-60.0, 0.0))

@@ -187,7 +187,7 @@ def test_what_can_not_be_cut_is_refused(make, message):
         ("a.csv", "x_m,y_m,z_m,dip_deg,dip_direction_deg,radius_m\n1,2,3,95,0,2\n", "line 2: dip"),
         ("c.fab", "BEGIN\n", "holds no block"),
         ("c.fab", FAB.replace("4 10 30 10\n", ""), "fracture . can't be read"),
-        ("d.dxf", "0\nEOF\n", "holds no 3DFACE"),
+        ("d.dxf", "0\nEOF\n", "holds no faces"),
     ],
 )
 def test_a_broken_file_of_fractures_is_refused(name, text, message, tmp_path):

@@ -5,7 +5,6 @@ import pytest
 
 from pyblast.errors import InputError
 from pyblast.mesh.builder import structured_box
-from pyblast.model.anisotropy import saturated_rock
 from pyblast.model.ground_fields import DamagedZone, Gradient, Heterogeneity, damaged_group
 from pyblast.model.material import Material
 from pyblast.model.model import Model
@@ -82,18 +81,3 @@ def test_damaged_zones_can_have_a_material_of_their_own():
     model = Model(mesh, {"rock": ROCK, "damaged": Material.from_speeds(2400.0, 3000.0, 1500.0)})
 
     assert np.unique(model.zone_values("cs")) == pytest.approx([1500.0, ROCK.cs])
-
-
-def test_water_stiffens_compression_but_not_shear():
-    dry = Material(2300.0, 10e9, 8e9)
-    wet = saturated_rock(dry, 0.2, 37e9)
-
-    assert wet.shear == dry.shear
-    assert wet.density == pytest.approx(2500.0)
-    assert dry.bulk < wet.bulk < 37e9
-
-
-@pytest.mark.parametrize(("porosity", "solid"), [(0.0, 37e9), (0.2, 5e9)])
-def test_rock_that_is_none_is_refused(porosity, solid):
-    with pytest.raises(InputError, match="material"):
-        saturated_rock(Material(2300.0, 10e9, 8e9), porosity, solid)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pyblast.errors import InputError, ReadError
+from pyblast.errors import InputError
 from pyblast.mesh import tetrahedra
 from pyblast.mesh.builder import Fault, Layer, build_mesh, build_mesh_report
 from pyblast.model.terrain import (
@@ -11,7 +11,6 @@ from pyblast.model.terrain import (
     bench_triangles,
     bending,
     burdens,
-    read_terrain,
     toe_of,
 )
 
@@ -129,42 +128,3 @@ def test_burden_is_measured_at_the_height_of_the_charge():
 def test_a_bench_that_can_not_be_cut_is_refused(make, message):
     with pytest.raises(InputError, match=message):
         make()
-
-
-GRID = "ncols 3\nnrows 2\nxllcorner 10\nyllcorner 20\ncellsize 2\nNODATA_value -9999\n"
-FACE = "0\nSECTION\n2\nENTITIES\n0\n3DFACE\n8\n0\n" + "".join(
-    f"{10 * axis + corner}\n{value}\n"
-    for corner, place in enumerate([(0, 0, 1), (4, 0, 1), (4, 2, 3), (0, 2, 3)])
-    for axis, value in enumerate(place, start=1)
-)
-STL = (
-    "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 1\nvertex 4 0 1\nvertex 4 2 3\n"
-    "endloop\nendfacet\nendsolid s\n"
-)
-
-
-def test_surfaces_are_read_from_grids_faces_and_triangles(tmp_path):
-    for name, text in (("a.asc", GRID + "1 2 3\n4 5 -9999\n"), ("b.dxf", FACE + "0\nEOF\n"),
-                       ("c.stl", STL)):  # fmt: skip
-        (tmp_path / name).write_text(text)
-
-    assert read_terrain(tmp_path / "a.asc").tolist() == [
-        [11, 23, 1], [13, 23, 2], [15, 23, 3], [11, 21, 4], [13, 21, 5]
-    ]  # fmt: skip
-    faces = read_terrain(tmp_path / "b.dxf")
-    assert faces.shape == (2, 3, 3)
-    assert read_terrain(tmp_path / "c.stl") == pytest.approx(faces[:1])
-
-
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [("a.asc", "ncols 3\n1 2 3\n"), ("a.asc", GRID + "1 2 3\n"), ("b.dxf", "PK\x03"),
-     ("b.dxf", "0\nLINE\n0\nEOF\n"), ("b.dxf", FACE.replace("3.", "x")[:60]), ("c.stl", "solid\n"),
-     ("none.stl", None), ("none.asc", None)],
-)  # fmt: skip
-def test_a_file_without_a_surface_is_refused(name, text, tmp_path):
-    if text is not None:
-        (tmp_path / name).write_text(text)
-
-    with pytest.raises(ReadError):
-        read_terrain(tmp_path / name)

@@ -10,10 +10,11 @@ import pytest
 from case_folder import write_folder
 from small_site import CUT, recorded, small_site
 
+from benchmarks.blind.flat_models import flat_mesh
 from pyblast.diagnosis.case import case_of
 from pyblast.errors import InputError, PyblastError
 from pyblast.project.case_folder import read_case_folder
-from pyblast.project.flat_box import flat_box, flat_mesh
+from pyblast.project.flat_box import flat_box
 from pyblast.recordings.seismic import mseed_bytes
 from pyblast.workflows.diagnose import check_further, diagnose_folder
 

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from small_project import written
 
+from benchmarks.blind.flat_models import Discretization, flat_model
 from pyblast.errors import InputError
 from pyblast.model.material import ConstantQ
 from pyblast.project.case_folder import read_case_folder
 from pyblast.project.checks import check
-from pyblast.project.flat_box import Discretization, flat_model, quality_of
+from pyblast.project.flat_box import quality_of
 from pyblast.project.project import load_project
 
 SOIL = "shear_mpa = 57.7"

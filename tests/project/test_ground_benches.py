@@ -10,7 +10,7 @@ from pyblast.config.ground import BenchConfig, FractureConfig, MeshConfig
 from pyblast.errors import InputError
 from pyblast.project import checks, surface
 from pyblast.project.project import load_project
-from pyblast.project.surface import benches_of, read_surface
+from pyblast.project.surface import benches_of, survey_of
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bench" / "project.toml"
 
@@ -39,7 +39,9 @@ def test_bench_lines_are_read_from_files_as_from_the_project(tmp_path):
     assert bench.crest.tolist() == [[30, 0, 5], [31, 20, 5]]
     assert bench.toe.tolist() == [[30, 0, 1], [31, 20, 1]]
     assert files.files == [None, None, "crest.csv", None]
-    assert read_surface(tmp_path / "crest.csv").tolist() == bench.crest.tolist()
+    table = MeshConfig(size_m=[60, 20, 9], edge_m=5, layers=[{"material": "a"}],
+                       surface_file="crest.csv")  # fmt: skip
+    assert survey_of(table, tmp_path).values.tolist() == bench.crest.tolist()
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ from pyblast.model.boundary import Roller, StressInput, Viscous
 from pyblast.project.checks import check
 from pyblast.project.project import load_project
 from pyblast.project.result import write_csv
-from pyblast.project.surface import read_surface
 from pyblast.signals.seismogram import Seismogram
 
 
@@ -194,13 +193,14 @@ def test_a_surveyed_surface_drapes_the_ground(tmp_path):
 @pytest.mark.parametrize(
     ("text", "told"),
     [("east,north,up\n", r"line 1: missing columns: z .m."),
-     ("x_m,y_m,z_m\n0,0,30\n60,zero,36\n", r"line 3, column 2 .y_m.: expected a number, got 'zero'")],
+     ("x_m,y_m,z_m\n0,0,30\n60,zero,36\n", "line 3, column 2 .*: expected a number")],
 )  # fmt: skip
 def test_a_broken_surface_is_refused_with_its_line(tmp_path, text, told):
     (tmp_path / "ground.csv").write_text(text)
+    path = written(tmp_path, ("grid_cells = [6, 2, 3]", 'edge_m = 10\nsurface_file = "ground.csv"'))
 
     with pytest.raises(ReadError, match=told):
-        read_surface(tmp_path / "ground.csv")
+        _ = load_project(path).surface
 
 
 def test_joint_sets_are_cut_to_their_layers(tmp_path):

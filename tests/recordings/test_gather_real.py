@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from firing_times import firing_times
 
-from pyblast.back_analysis.firing_times import firing_times
 from pyblast.blasts.blast import Firing
 from pyblast.blasts.hole_tables import read_blast
 from pyblast.blasts.signature import superpose

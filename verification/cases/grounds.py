@@ -3,13 +3,13 @@
 import numpy as np
 
 from pyblast.mesh.builder import structured_box
-from pyblast.model.anisotropy import saturated_rock
 from pyblast.model.boundary import StressInput, Viscous
 from pyblast.model.joint import Joint, saturated
 from pyblast.model.material import Material
 from pyblast.model.model import Model, Receiver
 from pyblast.solver.run import simulate
 from verification.columns import AXIS, IMPEDANCE, ROCK, column, driven, guides, pulse, spectrum
+from verification.solutions.saturated_rock import saturated_rock
 from verification.suite import Curve, Reading, case
 
 FREQUENCY = 20.0

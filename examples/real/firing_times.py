@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 from scipy import fft
 from scipy.stats import norm
 
-from ..blasts.blast import Firing
-from ..errors import InputError
-from ..inference.gauss_newton import LeastSquares, gauss_newton
-from ..signals.seismogram import fast_length
+from pyblast.blasts.blast import Firing
+from pyblast.errors import InputError
+from pyblast.inference.gauss_newton import LeastSquares, gauss_newton
+from pyblast.signals.seismogram import fast_length
 
 REACH = 4.0  # standard deviations of the prior, range of the grid search
 TURN = 0.5  # rad of the mean frequency, step of the grid search

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from firing_times import firing_times
 from scipy import fft
 
 from pyblast import InputError
-from pyblast.back_analysis.firing_times import firing_times
 
 DT, N_HOLES, N_RECEIVERS, N = 1e-3, 4, 6, 256
 NOMINAL = 0.03 * np.arange(N_HOLES)

@@ -1,0 +1,662 @@
+"""Surveyed geometry: grids, triangles and polylines of GIS, CAD and survey programs, in m.
+
+Headers say the unit and the missing cells. What a header says is compared with the box of the
+model where there is one: units of drawings are set by templates more often than by surveyors.
+"""
+
+import io
+import re
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import InputError, ReadError
+from . import drawings
+from .drawings import listed
+from .provenance import ReadLog
+
+LENGTHS = {
+    "m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048, "in": 0.0254,
+    "us_ft": 1200.0 / 3937.0,
+}  # fmt: skip
+LOWEST, HIGHEST = -1000.0, 10000.0  # m, of any ground
+WIDEST = 5e4  # m
+_LARGEST_FILE = 500_000_000  # bytes
+_MOST_CELLS = 25_000_000
+_MARGIN = 3.0  # of a grid around the box, in sizes of the box
+
+
+@dataclass(frozen=True, eq=False)
+class SurveyedSurface:
+    """Surveyed surface: positions or triangles, and the places where its file has no data.
+
+    Parameters
+    ----------
+    values : (n, 3) or (n, 3, 3) float64, m
+        Positions of a grid or a set of points, or corners of triangles.
+    missing : (k, 2) float64, m
+        Centres in plan of the cells of a grid without data.
+    cell : tuple of 2 float, m, or None
+        Width east and north of the cells of a grid; None: no grid.
+    """
+
+    values: np.ndarray
+    missing: np.ndarray
+    cell: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Content:
+    """Content of a file in its own unit, and what its header says of that: a fact or a hint."""
+
+    values: np.ndarray
+    unit: str | None = None
+    hint: bool = False
+    missing: np.ndarray | None = None
+    cell: tuple[float, float] | None = None
+    degrees: bool = False
+    heights_unknown: bool = False
+
+
+def read_surface(
+    path: str | Path,
+    *,
+    box: ArrayLike | None = None,
+    unit: str | None = None,
+    layers: Sequence[str] = (),
+    log: ReadLog | None = None,
+) -> SurveyedSurface:
+    """Read a surveyed surface by the content of its file.
+
+    Parameters
+    ----------
+    path : str or Path
+        ESRI or Surfer ASCII grid, GeoTIFF, DXF (3DFACE, polyface, polygon and MESH entities, blocks
+        where they are inserted; POINT entities where there are no faces), LandXML or STL.
+    box : (3, 2) float, m, optional
+        Ground that the surface belongs to; the unit of the file is compared with it.
+    unit : str, optional
+        One of `LENGTHS`, in the place of what the header says.
+    layers : sequence of str
+        Layers of a drawing, or surfaces of LandXML; all by default, if they do not lie over each
+        other.
+    log : ReadLog, optional
+        Gets what was chosen, converted or left out.
+
+    Returns
+    -------
+    SurveyedSurface
+
+    Raises
+    ------
+    ReadError
+        If the file can't be read or holds no surface; if a height is none of any ground.
+    InputError
+        If the unit can't be decided, the surface does not fit the box, or a layer is absent.
+    """
+    path = Path(path)
+    content = read_content(path)
+    format = surface_format(path, content)
+    if format is None:
+        raise ReadError(
+            f"{path.name}: is no surface; known are ASCII grids (.asc, .grd), GeoTIFF, DXF, "
+            "LandXML and STL"
+        )
+    box = None if box is None else np.asarray(box, dtype=float)
+    if layers and format not in ("DXF", "LandXML"):
+        raise InputError(f"{path.name}: has no layers; leave out the names of layers")
+    entry = (log or ReadLog()).file(path, format)
+    raw = _FORMATS[format](entry, content, tuple(layers))
+    if format in ("ESRI ASCII grid", "Surfer grid"):
+        raw = replace(raw, **_projection(path))
+    if raw.degrees or _looks_like_degrees(raw, box):
+        raise InputError(
+            f"{path.name}: its coordinates are degrees of longitude and latitude "
+            f"({_extent(raw.values)}); project it to metres, to the coordinates of the model"
+        )
+    symbol, why = _unit(path.name, raw, box, unit, _fits)
+    factor = LENGTHS[symbol]
+    values = factor * raw.values
+    missing = np.empty((0, 2)) if raw.missing is None else factor * raw.missing
+    cell = None if raw.cell is None else (factor * raw.cell[0], factor * raw.cell[1])
+    _refuse_heights(path.name, values, raw)
+    if cell is not None and box is not None:
+        n_read = len(values)
+        values, missing = _near(values, box), _near(missing, box)
+        if len(values) < n_read:
+            entry.cut(f"{n_read - len(values)} cells", f"more than {_MARGIN:g} boxes away")
+    what = "triangles" if values.ndim == 3 else "positions"
+    entry.column(what, "coordinates", symbol, factor, rows=len(values), why=why)
+    return SurveyedSurface(values, missing, cell)
+
+
+def read_lines(
+    path: str | Path,
+    layer: str | None = None,
+    *,
+    box: ArrayLike | None = None,
+    unit: str | None = None,
+    log: ReadLog | None = None,
+) -> list[np.ndarray]:
+    """Read the polylines (n, 3) in m of one layer of a DXF drawing, from the highest down.
+
+    Parameters
+    ----------
+    path : str or Path
+    layer : str, optional
+        May be left out where only one layer holds lines.
+    box, unit, log
+        As for `read_surface`.
+
+    Raises
+    ------
+    ReadError, InputError
+        If the drawing or its layer holds no lines with heights, or its unit can't be decided.
+
+    Notes
+    -----
+    Pieces that end at one position are joined; arcs and splines are cut into chords.
+    """
+    path = Path(path)
+    parts, symbol_said, name = drawings.polylines(path.name, read_content(path), layer)
+    raw = _Content(np.concatenate(parts), symbol_said, hint=True)
+    box = None if box is None else np.asarray(box, dtype=float)
+    symbol, why = _unit(path.name, raw, box, unit, _reaches)
+    chains = drawings.chained([LENGTHS[symbol] * part for part in parts])
+    (log or ReadLog()).file(path, "DXF").column(
+        "lines", f"layer {name!r}", symbol, LENGTHS[symbol], rows=len(chains), why=why
+    )
+    return sorted(chains, key=lambda line: -line[:, 2].mean())
+
+
+def read_faces(
+    path: str | Path,
+    *,
+    box: ArrayLike | None = None,
+    unit: str | None = None,
+    log: ReadLog | None = None,
+) -> list[np.ndarray]:
+    """Return the corners (n, 3) in m of each face of a DXF drawing, such as fractures.
+
+    Parameters
+    ----------
+    path : str or Path
+    box, unit, log
+        As for `read_surface`.
+
+    Raises
+    ------
+    ReadError, InputError
+        If the file can't be read or holds none, or its unit can't be decided.
+    """
+    path = Path(path)
+    faces, said = drawings.faces(path.name, read_content(path))
+    raw = _Content(np.concatenate(faces), said, hint=True)
+    box = None if box is None else np.asarray(box, dtype=float)
+    symbol, why = _unit(path.name, raw, box, unit, _reaches)
+    (log or ReadLog()).file(path, "DXF").column(
+        "faces", "coordinates", symbol, LENGTHS[symbol], rows=len(faces), why=why
+    )
+    return [LENGTHS[symbol] * corners for corners in faces]
+
+
+def read_content(path: Path) -> bytes:
+    """Return the bytes of a file; raise ReadError if it can't be read or is too large."""
+    try:
+        if path.stat().st_size > _LARGEST_FILE:
+            raise ReadError(f"{path.name}: larger than {_LARGEST_FILE // 10**6} MB; thin it out")
+        return path.read_bytes()
+    except OSError as error:
+        if isinstance(error, ReadError):
+            raise
+        raise ReadError(f"{path.name}: can't be read ({error.strerror})") from None
+
+
+def surface_format(path: Path, content: bytes) -> str | None:
+    """Return the format of a surface by content, by suffix where that says nothing; None: table."""
+    head = content[:2000].lstrip(b"\xef\xbb\xbf \t\r\n")
+    if content[:4] in (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"):
+        return "GeoTIFF"
+    if head.startswith(b"DSAA"):
+        return "Surfer grid"
+    if re.match(rb"(?i)(ncols|nrows)\s", head):
+        return "ESRI ASCII grid"
+    if b"<LandXML" in head:
+        return "LandXML"
+    return _SUFFIXES.get(path.suffix.lower())
+
+
+def _extent(values):
+    """Write the extent in plan of positions."""
+    corners = values.reshape(-1, 3)
+    (west, south, _), (east, north, _) = np.min(corners, axis=0), np.max(corners, axis=0)
+    return f"x {west:.7g} to {east:.7g}, y {south:.7g} to {north:.7g}"
+
+
+def _looks_like_degrees(raw, box):
+    """Tell whether plan coordinates are degrees, beside a box of metres that they do not cover."""
+    if box is None or raw.unit not in (None, "m"):
+        return False
+    corners = raw.values.reshape(-1, 3)
+    low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
+    on_earth = (np.abs([low, high]) <= [180.0, 90.0]).all()
+    return bool(on_earth and (high - low).max() < 5.0 and not _covers(corners, box))
+
+
+def _covers(corners, box):
+    """Tell whether the extent of positions covers half of a box in plan or more."""
+    low, high = corners[:, :2].min(axis=0), corners[:, :2].max(axis=0)
+    shared = np.minimum(high, box[:2, 1]) - np.maximum(low, box[:2, 0])
+    area = np.prod(np.ptp(box[:2], axis=1))
+    return bool((shared > 0.0).all() and np.prod(shared) >= 0.499 * area)
+
+
+def _above(corners, box):
+    """Return how far positions lie above or below a box in m, of those over it if there are."""
+    size = np.ptp(box, axis=1).max()
+    over = (np.abs(corners[:, :2] - box[:2].mean(axis=1)) < size).all(axis=1)
+    heights = corners[over, 2] if over.any() else corners[:, 2]
+    return max(box[2, 0] - heights.min(), heights.max() - box[2, 1], 0.0)
+
+
+def _fits(corners, box):
+    """Tell whether a surface is that of a box: over it, and not farther away than its height."""
+    return _covers(corners, box) and _above(corners, box) <= np.ptp(box[2])
+
+
+def _reaches(corners, box):
+    """Tell whether lines or faces reach into a box and are no mere dot in it."""
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    meets = (low <= box[:, 1]).all() and (high >= box[:, 0]).all()
+    return bool(meets and np.linalg.norm(high - low) >= 0.2 * np.ptp(box[:2], axis=1).min())
+
+
+def _unit(name, raw, box, given, fits):
+    """Return the unit of a file, given, said by its header or decided by the box, and why."""
+    corners = raw.values.reshape(-1, 3)
+    if given is not None:
+        return given, "as the project says"
+    said = raw.unit or "m"
+    choice = f"; say which unit holds, {said!r} or 'm' (surface_unit, file_unit)"
+    if raw.heights_unknown:
+        raise InputError(
+            f"{name}: its coordinates are in {said}, the unit of its heights is not said; convert "
+            f"them to {said} and give surface_unit = {said!r}"
+        )
+    if box is None:
+        if raw.hint and said != "m":
+            raise InputError(
+                f"{name}: its header says {said}, which drawing programs set by templates{choice}"
+            )
+        return said, "" if said == "m" else "as its header says"
+    candidates = [said] if said == "m" else [said, "m"]
+    fitting = [symbol for symbol in candidates if fits(LENGTHS[symbol] * corners, box)]
+    if len(fitting) == 2 and raw.hint:
+        raise InputError(
+            f"{name}: its header says {said}, and it fits the box of the mesh in {said} and in m"
+            f"{choice}"
+        )
+    if fitting:
+        symbol = fitting[0]
+        if symbol == said:
+            return symbol, "" if said == "m" else "as its header says, and as it fits the box"
+        return symbol, f"its header says {said}, it fits the box of the mesh in {symbol} alone"
+    if len(candidates) == 2 or (fits is _fits and _covers(corners, box)):
+        others = [u for u in LENGTHS if fits(LENGTHS[u] * corners, box)]
+        remedy = f"; it would fit in {others[0]}: surface_unit = {others[0]!r}" if others else ""
+        x, y, z = corners[np.abs(corners[:, 2] - box[2].mean()).argmax()]
+        raise InputError(
+            f"{name}: does not fit the box of the mesh in {' or '.join(candidates)}: it spans "
+            f"{_extent(raw.values)}, and its height is {z:.7g} at ({x:.7g}, {y:.7g}){remedy}"
+        )
+    return "m", ""  # beside the box: said where the ground is cut
+
+
+def _refuse_heights(name, values, raw):
+    """Raise ReadError for heights that no ground has."""
+    heights = values.reshape(-1, 3)[:, 2]
+    wild = ~((heights >= LOWEST) & (heights <= HIGHEST))
+    if wild.any():
+        x, y, z = values.reshape(-1, 3)[np.flatnonzero(wild)[0]]
+        count = np.count_nonzero(wild)
+        remedy = "; if it marks missing cells, write NODATA_value" if raw.cell else ""
+        raise ReadError(
+            f"{name}: {count} heights are none of any ground, the first is {z:g} m at "
+            f"({x:.10g}, {y:.10g}){remedy}"
+        )
+    width = np.ptp(values.reshape(-1, 3)[:, :2], axis=0).max()
+    if width > WIDEST and raw.cell is None:
+        raise InputError(f"{name}: is {width:.6g} m wide, as one in millimetres is; say its unit")
+
+
+def _near(positions, box):
+    """Return the positions of a grid around a box."""
+    reach = _MARGIN * np.ptp(box, axis=1).max()
+    inside = (np.abs(positions[:, :2] - box[:2].mean(axis=1)) <= reach).all(axis=1)
+    return positions[inside] if inside.any() else positions
+
+
+# --- grids
+
+
+def _cells(entry, heights, plan, missing, cell):
+    """Return the content of cells with their centres in plan, without those that are missing."""
+    name = entry.file
+    blank = missing_cells(heights.ravel(), missing)
+    if blank.all():
+        raise ReadError(f"{name}: every cell is marked as missing; export the surface again")
+    row, column = np.divmod(np.arange(heights.size), heights.shape[1])
+    values = np.column_stack([plan, heights.ravel()])[~blank]
+    wild = ~((values[:, 2] >= LOWEST / 0.3) & (values[:, 2] <= HIGHEST / 0.3))
+    if wild.any():
+        first = np.flatnonzero(wild)[0]
+        at = np.flatnonzero(~blank)[first]
+        raise ReadError(
+            f"{name}, row {row[at] + 1}, column {column[at] + 1}: {values[first, 2]:g} is no "
+            f"height of any ground ({np.count_nonzero(wild)} such cells); if it marks missing "
+            "cells, write it as NODATA_value"
+        )
+    if blank.any():
+        entry.dropped(f"{np.count_nonzero(blank)} of {blank.size} cells", "no data")
+    return _Content(values, missing=plan[blank], cell=cell)
+
+
+def missing_cells(heights: np.ndarray, marker: float | None) -> np.ndarray:
+    """Return which cells (n,) of a grid are missing: not finite, or the marker in single precision.
+
+    Examples
+    --------
+    >>> missing_cells(np.array([-3.40282347e38, 12.0, np.nan]), -3.4028234663852886e38).tolist()
+    [True, False, True]
+    """
+    blank = ~np.isfinite(heights)
+    if marker is not None and np.isfinite(marker):
+        blank |= np.abs(heights - marker) <= 1.2e-7 * abs(marker)
+    return blank
+
+
+_BLANKS = {"*", "null", "nodata", "-nan", "-nan(ind)", "nan(ind)", "1.#qnan", "-1.#ind", "1.#inf"}
+_HEAD_KEYS = {
+    "ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "dx", "dy",
+    "nodata_value", "nodata", "byteorder",
+}  # fmt: skip
+
+
+def _words(name, content):
+    """Return the lines of a text grid as words, with decimal points."""
+    text = content.decode("utf-8-sig", errors="replace")
+    if "\0" in text[:2000]:
+        raise ReadError(f"{name}: is no text; export the grid as ASCII")
+    if "," in text:
+        spaced = re.search(r",\s", text) is not None
+        if not spaced and re.search(r"\d\.\d", text):
+            raise ReadError(f"{name}: mixes decimal points and commas; write points only")
+        text = text.replace(",", " " if spaced else ".")
+    return [line.split() for line in text.splitlines() if line.strip()]
+
+
+def _number_of(name, word, what):
+    """Return a number of a text grid; NaN for a mark of missing cells."""
+    if word.lower() in _BLANKS:
+        return np.nan
+    try:
+        return float(word)
+    except ValueError:
+        raise ReadError(f"{name}, {what}: expected a number, got {word[:40]!r}") from None
+
+
+def _body(name, lines, rows, columns, head):
+    """Return heights (rows, columns) of the words of a text grid after its header."""
+    words = [word for line in lines for word in line]
+    if len(words) != rows * columns:
+        raise ReadError(
+            f"{name}: header promises {rows} rows of {columns} heights, found {len(words)} numbers "
+            f"after {head} lines of header"
+        )
+    try:
+        heights = np.array(words, dtype=float)
+    except ValueError:
+        heights = np.array(
+            [
+                _number_of(name, word, f"row {n // columns + 1}, column {n % columns + 1}")
+                for n, word in enumerate(words)
+            ]
+        )
+    return heights.reshape(rows, columns)
+
+
+def _ascii_grid(entry, content, _):
+    """Read an ESRI ASCII grid, with square or oblong cells."""
+    name, head = entry.file, {}
+    lines = _words(name, content)
+    while lines and lines[0][0].lower().rstrip(":") in _HEAD_KEYS and len(lines[0]) == 2:
+        key, value = lines.pop(0)
+        head[key.lower().rstrip(":")] = value
+    n_head = len(head)
+    head = {key: _number_of(name, value, key) for key, value in head.items() if key != "byteorder"}
+    corner = "corner" if "xllcorner" in head else "center"
+    needed = {"ncols", "nrows", f"xll{corner}", f"yll{corner}"}
+    sizes = {"cellsize"} if "cellsize" in head else {"dx", "dy"}
+    lacking = sorted((needed | sizes) - set(head))
+    if lacking:
+        raise ReadError(
+            f"{name}: the header of an ESRI ASCII grid lacks {', '.join(lacking)}; it needs ncols, "
+            "nrows, xllcorner, yllcorner, cellsize (or dx and dy)"
+        )
+    columns, rows = _counts(name, head["ncols"], head["nrows"])
+    square = head.get("cellsize", 0.0)
+    dx, dy = head.get("dx", square), head.get("dy", square)
+    if not (dx > 0.0 and dy > 0.0 and np.isfinite([dx, dy]).all()):
+        raise ReadError(f"{name}: cells must have a positive size, got {dx:g} by {dy:g}")
+    heights = _body(name, lines, rows, columns, n_head)
+    shift = 0.5 if corner == "corner" else 0.0
+    x = head[f"xll{corner}"] + dx * (np.arange(columns) + shift)
+    y = head[f"yll{corner}"] + dy * (np.arange(rows)[::-1] + shift)
+    marker = head.get("nodata_value", head.get("nodata", -9999.0))
+    plan = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return _cells(entry, heights, plan, marker, (dx, dy))
+
+
+def _surfer_grid(entry, content, _):
+    """Read an ASCII grid of Surfer: rows from the southernmost up, blanks of 1.70141e38."""
+    name = entry.file
+    lines = _words(name, content)
+    numbers = [_number_of(name, word, "header") for line in lines[1:5] for word in line]
+    if len(numbers) != 8:
+        raise ReadError(f"{name}: DSAA needs counts and limits of x, y and z in lines 2 to 5")
+    columns, rows = _counts(name, *numbers[:2])
+    west, east, south, north = numbers[2:6]
+    heights = _body(name, lines[5:], rows, columns, 5)
+    x, y = np.linspace(west, east, columns), np.linspace(south, north, rows)
+    plan = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    cell = (np.ptp(x) / max(columns - 1, 1), np.ptp(y) / max(rows - 1, 1))
+    return _cells(entry, np.where(heights >= 1.70141e38, np.nan, heights), plan, None, cell)
+
+
+def _counts(name, columns, rows):
+    """Return the counts of columns and rows of a grid."""
+    sizes = np.array([columns, rows])
+    if not (np.isfinite(sizes).all() and (sizes >= 1).all() and (sizes == np.rint(sizes)).all()):
+        raise ReadError(f"{name}: counts must be whole and positive, got {columns:g} by {rows:g}")
+    if columns * rows > _MOST_CELLS:
+        raise ReadError(
+            f"{name}: has {columns * rows:.0f} cells, at most {_MOST_CELLS}; thin it out"
+        )
+    return int(columns), int(rows)
+
+
+_EPSG_LENGTHS = {9001: "m", 9002: "ft", 9003: "us_ft", 9036: "km"}
+
+
+def _geotiff(entry, content, _):
+    """Read the first page of a GeoTIFF; its keys say unit, kind of coordinates and corner."""
+    import tifffile
+
+    name = entry.file
+    try:
+        with tifffile.TiffFile(io.BytesIO(content)) as file:
+            page: Any = file.pages[0]
+            _counts(name, page.imagewidth, page.imagelength)
+            keys = dict(page.geotiff_tags)
+            tag = page.tags.get(42113)
+            marker = str(tag.value).strip().strip("\0") if tag else ""
+            heights = np.asarray(page.asarray(), dtype=float)
+    except ReadError:
+        raise
+    except Exception as error:  # broken files can raise any exception there
+        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        raise ReadError(
+            f"{name}: no GeoTIFF that can be read ({reason}); write it uncompressed or with DEFLATE"
+        ) from None
+    if heights.ndim != 2:
+        raise ReadError(f"{name}: has {heights.ndim} axes {heights.shape}, a height is one band")
+    matrix = _geotiff_matrix(name, keys)
+    row, column = np.divmod(np.arange(heights.size), heights.shape[1])
+    half = 0.0 if int(keys.get("GTRasterTypeGeoKey", 1)) == 2 else 0.5
+    at = np.column_stack([column + half, row + half, np.zeros(heights.size), np.ones(heights.size)])
+    plan = (at @ matrix.T)[:, :2]
+    value = _number_of(name, marker, "GDAL_NODATA") if marker else None
+    cell = tuple(float(np.linalg.norm(matrix[:2, k])) for k in (0, 1))
+    raw = _cells(entry, heights, plan, value, cell)
+    unit, vertical = (
+        _EPSG_LENGTHS.get(int(keys.get(f"{key}UnitsGeoKey", 0) or 0))
+        for key in ("ProjLinear", "Vertical")
+    )
+    if vertical is not None:
+        raw.values[:, 2] *= LENGTHS[vertical] / LENGTHS[unit or "m"]
+    return replace(
+        raw, unit=unit, degrees=int(keys.get("GTModelTypeGeoKey", 0) or 0) == 2,
+        heights_unknown=unit not in (None, "m") and vertical is None,
+    )  # fmt: skip
+
+
+def _geotiff_matrix(name, keys):
+    """Return the matrix (4, 4) from column and row to coordinates."""
+    if "ModelTransformation" in keys:
+        return np.asarray(keys["ModelTransformation"], dtype=float).reshape(4, 4)
+    scale, tie = keys.get("ModelPixelScale"), keys.get("ModelTiepoint")
+    if scale is None or tie is None or len(scale) < 2 or len(tie) < 6:
+        raise ReadError(f"{name}: is no GeoTIFF, it says neither position nor size of its cells")
+    i, j, _, x, y, _ = tie[:6]
+    matrix = np.diag([scale[0], -scale[1], 1.0, 1.0])
+    matrix[:2, 3] = x - i * scale[0], y + j * scale[1]
+    return matrix
+
+
+def _projection(path):
+    """Return what the .prj beside a grid says of its coordinates."""
+    beside = next((path.with_suffix(s) for s in (".prj", ".PRJ") if path.with_suffix(s).is_file()),
+                  None)  # fmt: skip
+    if beside is None:
+        return {}
+    text = read_content(beside)[:100_000].decode("latin-1")
+    projected = re.search(r"(?i)PROJC(S|RS)\s*\[", text)
+    if re.search(r"(?i)GEOG(CS|CRS)\s*\[|Projection\s+GEOGRAPHIC", text) and not projected:
+        return {"degrees": True}
+    units = re.findall(r'(?i)UNIT\s*\[\s*"[^"]*"\s*,\s*([\d.eE+-]+)', text)
+    if not projected or not units:
+        return {}
+    near = [u for u, size in LENGTHS.items() if abs(float(units[-1]) / size - 1.0) < 1e-7]
+    if not near:
+        raise ReadError(f"{beside.name}: unknown unit of {units[-1]} m; project the grid to metres")
+    return {"unit": near[0], "heights_unknown": near[0] != "m"}
+
+
+# --- triangles
+
+
+def _stl(entry, content, _):
+    """Read the triangles of a text or binary STL file."""
+    name = entry.file
+    count = struct.unpack_from("<I", content, 80)[0] if len(content) >= 84 else -1
+    if len(content) == 84 + 50 * count and count:
+        records = np.frombuffer(content, dtype=np.uint8, offset=84).reshape(count, 50)
+        corners = records[:, 12:48].copy().view("<f4").reshape(count, 3, 3).astype(float)
+    else:
+        text = content.decode("latin-1")
+        rows = re.findall(r"(?i)^\s*vertex\s+(\S+)\s+(\S+)\s+(\S+)\s*$", text, re.MULTILINE)
+        try:
+            corners = np.array(rows, dtype=float).reshape(-1, 3, 3)
+        except ValueError:
+            raise ReadError(f"{name}: is a broken STL file; export the surface again") from None
+        if not len(corners):
+            raise ReadError(f"{name}: holds no triangles; export the surface as STL again")
+    if not np.isfinite(corners).all():
+        raise ReadError(f"{name}: holds corners that are not finite; export the surface again")
+    return _Content(corners)
+
+
+_XML_LENGTHS = {
+    "meter": "m", "metre": "m", "kilometer": "km", "centimeter": "cm", "millimeter": "mm",
+    "foot": "ft", "ussurveyfoot": "us_ft", "inch": "in",
+}  # fmt: skip
+
+
+def _landxml(entry, content, layers):
+    """Read a surface of LandXML: points as northing, easting, height, and visible faces."""
+    name = entry.file
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise ReadError(f"{name}: document types and entities are not accepted; remove them")
+    try:
+        root = ElementTree.fromstring(content)
+    except ElementTree.ParseError as error:
+        raise ReadError(f"{name}: is broken XML ({error})") from None
+    for element in root.iter():
+        element.tag = str(element.tag).rpartition("}")[2]
+    surfaces = {
+        each.get("name", f"surface {n}"): each
+        for n, each in enumerate(root.iter("Surface"), 1)
+        if each.find("Definition/Faces/F") is not None
+    }
+    if absent := [layer for layer in layers if layer not in surfaces]:
+        raise InputError(
+            f"{name}: has no surface {absent[0]!r}, only {listed(list(surfaces)) or 'none'}"
+        )
+    chosen = list(layers) or list(surfaces)
+    if len(chosen) != 1:
+        raise (InputError if surfaces else ReadError)(
+            f"{name}: holds the surfaces {listed(chosen) or 'none'} with faces; name that of the "
+            "ground by surface_layers"
+        )
+    units = next((each for each in root.iter() if each.tag in ("Metric", "Imperial")), None)
+    word = "" if units is None else units.get("linearUnit", "").lower()
+    if units is not None and word not in _XML_LENGTHS:
+        raise ReadError(f"{name}: unknown linearUnit {word!r} in its units")
+    values = _landxml_triangles(name, surfaces[chosen[0]])
+    return _Content(values, _XML_LENGTHS.get(word))
+
+
+def _landxml_triangles(name, surface):
+    """Return the triangles (n, 3, 3) of a surface of LandXML."""
+    try:
+        points = {p.get("id"): [float(w) for w in p.text.split()] for p in surface.iter("P")}
+        faces = [f.text.split()[:3] for f in surface.iter("F") if f.get("i") != "1"]
+        corners = np.array([[points[word] for word in face] for face in faces], dtype=float)
+        return corners.reshape(-1, 3, 3)[:, :, [1, 0, 2]]
+    except (KeyError, ValueError, AttributeError):
+        raise ReadError(
+            f"{name}: a face of LandXML names a point that is not there, or a point is no three "
+            "numbers"
+        ) from None
+
+
+def _dxf_surface(entry, content, layers):
+    """Read the faces of a drawing, or its points where it has no faces."""
+    values, unit = drawings.surface(entry, content, layers)
+    return _Content(values, unit, hint=True)
+
+
+_FORMATS = {
+    "ESRI ASCII grid": _ascii_grid, "Surfer grid": _surfer_grid, "GeoTIFF": _geotiff,
+    "DXF": _dxf_surface, "LandXML": _landxml, "STL": _stl,
+}  # fmt: skip
+_SUFFIXES = {
+    ".asc": "ESRI ASCII grid", ".grd": "Surfer grid", ".dxf": "DXF", ".stl": "STL",
+    ".tif": "GeoTIFF", ".tiff": "GeoTIFF",
+}  # fmt: skip
