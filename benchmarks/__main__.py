@@ -10,7 +10,6 @@ from it.
 """
 
 import json
-import os
 import sys
 import time
 from pathlib import Path
@@ -82,8 +81,7 @@ def main(arguments):
             continue
         known = results.get(name, {}).get("found", {})
         results[name] = {
-            "machine": timing.machine(), "load": os.getloadavg()[0], "seconds": round(took, 1),
-            "found": {**known, **found},
+            **timing.stamp(), "seconds": round(took, 1), "found": {**known, **found},
         }  # fmt: skip
         if name == "waves":
             _key_figures(results)
@@ -96,9 +94,9 @@ def main(arguments):
 
 
 def _key_figures(results):
-    """Put the figures of correct waves where they are looked for, with machine and load."""
+    """Put the figures of correct waves where they are looked for, with machine, load and date."""
     waves = results["waves"]
-    said = {"machine": waves["machine"], "load": waves["load"]}
+    said = {name: waves[name] for name in ("machine", "load", "date")}
     results.setdefault("accuracy", {"found": {}}).update(waves["found"]["figures"])
     results["accuracy"].update({f"waves_{name}": value for name, value in said.items()})
     if waves["found"]["site"]:

@@ -16,7 +16,8 @@ PAGE, FIGURES = DOCS / "quality" / "performance.md", DOCS / "figures" / "bench"
 HEAD = """# Performance
 
 Written by `python -m benchmarks` from `benchmarks/results.json`; `./dev bench` sets up first.
-Ratios are those of one run: the programs compared are timed in turn, in five rounds or more, and
+Each number stands beside the machine, its load and the date on which it was taken;
+ratios are those of one run: the programs compared are timed in turn, in five rounds or more, and
 the table gives the median of the ratios of each round. A stream from memory (triad) and
 multiply-add from registers are timed in the same rounds. Two virtual processors may share a core:
 a second thread is not judged where multiply-add gains less than 1.9.
@@ -44,8 +45,9 @@ columns are run by every part that needs them; the static stage ends by the same
 
 def write(parts, results):
     """Write the page and the figures of the parts that were measured."""
-    told = [HEAD, "## Goals", "", "| goal | measured | |", "|---|---|---|"]
-    told += [f"| {goal} | {' | '.join(judged(judge, results))} |" for goal, judge in GOALS]
+    told = [HEAD, machines(results), "", "## Goals", ""]
+    told += ["| goal | measured | | on |", "|---|---|---|---|"]
+    told += [f"| {sentence} | {' | '.join(judged(*rest, results))} |" for sentence, *rest in GOALS]
     told += ["", "*No* is followed by the cause, where it was measured.", duration(results)]
     told.append("")
     for name, part in parts.items():
@@ -76,24 +78,46 @@ def duration(results):
     )
 
 
+def machines(results):
+    """Return on which machines and days the parts were measured."""
+    days = {}
+    for one in results.values():
+        days.setdefault(one["machine"]["processor"], []).append(one["date"])
+    each = [f"{name} ({min(dates)} to {max(dates)})" for name, dates in sorted(days.items())]
+    words = f"Measured on {', '.join(each)}."
+    return words if len(each) == 1 else f"{words} Numbers of different machines do not compare."
+
+
 def told_of(name, one):
-    """Return on what, when busy, and how long a part was measured."""
-    words = f"{one['machine']['processor']}, {one['machine']['threads']} threads"
-    if "seconds" not in one:
-        return f"{words}; kept from an earlier run."
-    return (
-        f"{words}, load {one['load']:.1f} at the end; `python -m benchmarks {name}`, "
-        f"{one['seconds']:.0f} s."
-    )
+    """Return on what, when, when busy, and how long a part was measured."""
+    words = f"{where(one)}, {one['machine']['threads']} threads; `python -m benchmarks {name}`"
+    return f"{words}, {one['seconds']:.0f} s." if "seconds" in one else f"{words}."
 
 
-def judged(judge, results):
-    """Return what was measured for a goal, and the verdict."""
-    try:
-        measured, reached, why = judge({name: one["found"] for name, one in results.items()})
-    except KeyError:
-        return "not measured", "–"
-    return measured, "yes" if reached else f"**no**: {why}" if why else "**no**"
+def where(one):
+    """Return machine, date and load of a result."""
+    return f"{one['machine']['processor']}, {one['date']}, load {one['load']:.1f}"
+
+
+def judged(need, judge, results):
+    """Return what was measured for a goal, whether that is enough, and on what.
+
+    Parameters
+    ----------
+    need : str
+        Part of the results, such as ``kernels``, or a key of a part, such as ``site.error``.
+    judge : callable
+        Takes what was found by part; with a key, the results themselves.
+    results : dict
+        By part.
+    """
+    part, _, key = need.partition(".")
+    if (key or "found") not in results.get(part, {}):
+        return "not measured", "–", "–"
+    found = {name: one["found"] for name, one in results.items() if "found" in one}
+    measured, reached, why = judge(results if key else found)
+    outcome = "yes" if reached else f"**no**: {why}" if why else "**no**"
+    return measured, outcome, where(results[part])
 
 
 def draw(name, part, found):

@@ -37,7 +37,8 @@ GROUPS = {
     "Model": "Model Receiver SpongeLayer",
     "Boundaries": "Viscous FreeField Roller Fixed StressInput VelocityInput PlaneWave",
     "Sources": "Hole Column MomentTensor PointForce Pressure AirBlast TimeFunction",
-    "Seismograms and records": "Seismogram read_recording read_gather analyse_records load_limits",
+    "Seismograms and records": "Seismogram plot read_recording read_gather analyse_records "
+    "load_limits",
     "Blasts": "Blast Firing FiringScatter read_blast superpose signature_spectra blast_spectra "
     "peak_bands best_delays fit_site_law",
     "Many runs": "run_many run_all cached_run workers greens_functions",

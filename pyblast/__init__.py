@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     # Motion and records
     from .signals.seismogram import Seismogram
     from .signals.comparison import compare
+    from .report.figures import plot
     from .recordings.recording import read_recording
     from .recordings.recording import read_gather
     from .workflows.records import analyse_records
@@ -62,7 +63,7 @@ __all__ = [
     # Errors
     "InputError", "PyblastError",
     # Motion and records
-    "Seismogram", "compare", "read_recording", "read_gather", "analyse_records",
+    "Seismogram", "compare", "plot", "read_recording", "read_gather", "analyse_records",
     # Blasts
     "Blast", "read_blast", "superpose", "fit_site_law", "plausible_ppv",
     # Mesh

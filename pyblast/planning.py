@@ -5,8 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import stats
 
 from .errors import InputError
 from .runs.blast_ensemble import BlastSpectra
@@ -111,7 +111,7 @@ class PeakBands:
         """Return the confidence interval of a quantile, (2, n_receivers) m/s."""
         _check_share(share)
         n = len(self.peaks)
-        ranks = stats.binom.ppf([0.5 - 0.5 * sure, 0.5 + 0.5 * sure], n, share).astype(int)
+        ranks = scipy.stats.binom.ppf([0.5 - 0.5 * sure, 0.5 + 0.5 * sure], n, share).astype(int)
         return self.peaks[np.clip(ranks - [1, 0], 0, n - 1)]  # the first counts from one
 
     def coverage(self, peaks: np.ndarray, share: float) -> float:

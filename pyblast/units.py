@@ -19,6 +19,8 @@ FACTORS = {
     "nm_per_s": 1e-9,
     "in_per_s": 0.0254,
     "m_per_s2": 1.0,
+    "mm_per_s2": 1e-3,
+    "cm_per_s2": 1e-2,
     "m3": 1.0,
     "m2": 1.0,
     "kpa": 1e3,

@@ -67,19 +67,6 @@ def judged(cases, name, keep, executor):
     }
 
 
-def times(rows):
-    """Return the median and the longest time of diagnoses with their machine and load.
-
-    Kept runs count as if they had been run again on all processors.
-    """
-    seconds = [row["wall_s"] + row["kept_s"] / os.cpu_count() for row in rows]
-    return {
-        "median_s": round(float(np.median(seconds)), 1), "worst_s": round(max(seconds), 1),
-        "cases": len(rows), "machine": rows[-1]["machine"],
-        "load": max(row["load"] for row in rows),
-    }  # fmt: skip
-
-
 def _told(stage, done, total):
     """Say how far it is."""
     print(f"  {stage} {done}/{total}", flush=True)

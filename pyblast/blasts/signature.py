@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import fft, signal
 
 from ..errors import InputError
 from ..signals.seismogram import Seismogram, fast_length
@@ -190,7 +190,7 @@ def cavity_response(
     stiffness, drag = (2.0 * cs / radius) ** 2, 4.0 * cs**2 / (cp * radius)
     matrix = np.array([[0.0, 1.0], [-stiffness, -drag]])
     system = (matrix, [[0.0], [-radius / density]], np.eye(2), np.zeros((2, 1)))
-    _, state, _ = signal.lsim(system, pressure, np.arange(len(late)) * dt)
+    _, state, _ = scipy.signal.lsim(system, pressure, np.arange(len(late)) * dt)
     second = -(radius / density) * pressure - drag * state[:, 1] - stiffness * state[:, 0]
     return -second / (cp * distance) - state[:, 1] / distance**2
 
@@ -450,8 +450,8 @@ def _add_spectra(own, delays, scales, n_padded):
         comb += scale * np.exp(-2j * np.pi * cycles)
     spectrum = np.zeros((len(turns), 3), dtype=np.complex128)
     for s, comb in combs.values():
-        spectrum += np.asarray(fft.rfft(s.velocity, n_padded, axis=0)) * comb[:, None]
-    return np.asarray(fft.irfft(spectrum, n_padded, axis=0))
+        spectrum += np.asarray(scipy.fft.rfft(s.velocity, n_padded, axis=0)) * comb[:, None]
+    return np.asarray(scipy.fft.irfft(spectrum, n_padded, axis=0))
 
 
 def _add_samples(own, delays, scales, n_padded):

@@ -2,21 +2,28 @@
 
 import math
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, PyblastError, ReadError
+from ..errors import InputError, PyblastError, PyblastWarning, ReadError
 from ..readers.cells import decode_lines, read_bytes, read_columns, split_line
-from ..readers.provenance import ReadLog
+from ..readers.provenance import FileRead, ReadLog
 from ..readers.tables import read_table
 from ..readers.titles import wanted_by
+from ..recordings.pieces import Stretch, common_windows, stretches_of
 from ..recordings.raw import at_level, is_dead, plateau_level, uniform_step
-from ..recordings.recording import Gather, Recording, read_gather, read_recording
-from ..recordings.seismic import read_traces, sniff_seismic
+from ..recordings.recording import (
+    Gather,
+    Recording,
+    first_recording,
+    read_gather,
+    read_recording,
+)
+from ..recordings.seismic import quantity_of, read_traces, sniff_seismic
 from ..units import FACTORS, split_key
 
 METRES_PER_DEGREE = 111_195.0
@@ -125,7 +132,7 @@ def _read_file(path: Path) -> FieldRecord:
             gather, checks = read_gather(path), ()
             names = [str(n + 1) for n in range(len(gather.data))]
         elif format is not None:
-            gather, names = _from_traces(path, read_traces(path, content, format))
+            gather, names = _from_traces(path, content, format)
             checks = ()
         elif _is_channel_table(path, content):
             format = "CSV"
@@ -140,26 +147,37 @@ def _read_file(path: Path) -> FieldRecord:
     )
 
 
-def _from_traces(path: Path, traces: Sequence) -> tuple[Gather, list[str]]:
+def _from_traces(path: Path, content: bytes, format: str) -> tuple[Gather, list[str]]:
     """Return the traces of a file over their common time, one channel each."""
-    first = traces[0].stats
-    if any(abs(trace.stats.delta - first.delta) > 1e-9 * first.delta for trace in traces):
-        raise ReadError(f"{path}: channels differ in sampling rate")
-    begin = max(trace.stats.starttime for trace in traces)
-    skip = [round((begin - trace.stats.starttime) / first.delta) for trace in traces]
-    length = min(trace.stats.npts - n for trace, n in zip(traces, skip, strict=True))
-    if length < 2:
-        raise ReadError(f"{path}: channels have no time in common")
-    data = [t.data[n : n + length].astype(float) for t, n in zip(traces, skip, strict=True)]
-    places = np.array([_degrees(trace, "stla", "stlo") for trace in traces])
+    entry = FileRead(path.name, format)
+    traces = read_traces(path, content, format, entry)
+    kinds = [quantity_of(trace) for trace in traces]
+    motion = "velocity" if "velocity" in kinds else next((k for k in kinds if k != "pressure"), "")
+    for trace, kind in zip(traces, kinds, strict=True):
+        if kind != motion:
+            _warn(f"{path}: channel {trace.id} of {kind} is left out beside {motion or 'motion'}")
+    traces = [trace for trace, kind in zip(traces, kinds, strict=True) if kind == motion]
+    if not traces:
+        raise ReadError(f"{path}: holds no channel of ground motion, pressure alone")
+    channels, dt = stretches_of(path, traces)
+    window = max(common_windows(path, channels, dt, entry), key=lambda each: each.length)
+    begin = min(trace.stats.starttime for trace in traces) + window.start
+    data = np.array([window.samples(n, dt).astype(float) for n in range(len(window.stretches))])
+    by_name = {trace.id: trace for trace in traces}
+    members = [by_name[part.name] for part in window.stretches]
+    places = np.array([_degrees(trace, "stla", "stlo") for trace in members])
     source = np.array(_degrees(traces[0], "evla", "evlo"))
     gather = _gather(
-        path, np.array(data), float(first.delta), 0.0, "units of the file", str(begin), places,
-        source,
+        path, data, float(dt), 0.0, "units of the file", str(begin), places, source
     )  # fmt: skip
-    names = [trace.stats.station or trace.id for trace in traces]
+    names = [trace.stats.station or trace.id for trace in members]
     doubled = len(set(names)) < len(names)
-    return gather, [trace.id for trace in traces] if doubled else names
+    return gather, [trace.id for trace in members] if doubled else names
+
+
+def _warn(message):
+    """Warn; the reader of the folder turns warnings into notes of the record."""
+    warnings.warn(message, PyblastWarning, stacklevel=3)
 
 
 def _degrees(trace, north: str, east: str) -> tuple[float, float, float]:
@@ -222,7 +240,7 @@ def _from_table(path: Path, lines: list[str]) -> tuple[Gather, list[str]]:
 
 def _from_recording(path: Path) -> tuple[Recording, Gather, list[str], tuple, str]:
     """Read the export of a blast seismograph: the components that are there."""
-    recording = read_recording(path)[0]
+    recording = first_recording(path, read_recording(path))
     motion = recording.seismogram
     present = np.flatnonzero(motion.present)
     positions = np.full((len(present), 3), np.nan)
@@ -261,7 +279,7 @@ def _joined(single: list[FieldRecord]) -> list[FieldRecord]:
             other = group[0].gather
             if (
                 abs(UTCDateTime(other.time) - begin) < 1.0
-                and other.dt == record.gather.dt
+                and abs(other.dt - record.gather.dt) <= 1e-9 * other.dt
                 and record.channels[0] not in [member.channels[0] for member in group]
             ):
                 group.append(record)
@@ -272,22 +290,46 @@ def _joined(single: list[FieldRecord]) -> list[FieldRecord]:
 
 
 def _merged(group: list[FieldRecord]) -> FieldRecord:
-    """Return one record of one-channel files, over their common samples."""
+    """Return one record of one-channel files, over their common time by their starts."""
+    from obspy import UTCDateTime
+
     first = group[0]
     if len(group) == 1:
         return first
-    length = min(record.gather.data.shape[1] for record in group)
-    parts = [record.gather for record in group]
+    dt, times = first.gather.dt, [UTCDateTime(record.gather.time) for record in group]
+    channels = [
+        [Stretch(record.file, begin - min(times), record.gather.data[0])]
+        for record, begin in zip(group, times, strict=True)
+    ]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            (window,) = common_windows(
+                Path(first.file), channels, dt, FileRead(first.file, first.format)
+            )
+        except ReadError as error:
+            raise ReadError(f"{first.file} and {len(group) - 1} others: {error}") from None
+    used = {part.name for part in window.stretches}
+    members = [record for record in group if record.file in used]
+    skips = [
+        round((window.start - part.start) / dt) for part in window.stretches
+    ]  # fmt: skip
+    parts = [record.gather for record in members]
     gather = replace(
         first.gather,
-        data=np.concatenate([part.data[:, :length] for part in parts]),
+        data=np.array([window.samples(n, dt) for n in range(len(members))]),
         receiver_positions=np.concatenate([part.receiver_positions for part in parts]),
         dead=np.concatenate([part.dead for part in parts]),
-        clipped=np.concatenate([part.clipped[:, :length] for part in parts]),
-    )
-    blank = ("",) * len(group)
-    names = tuple(record.channels[0] for record in group)
-    notes = tuple(dict.fromkeys(note for record in group for note in record.notes))
+        clipped=np.array([
+            part.clipped[0, skip : skip + window.length]
+            for part, skip in zip(parts, skips, strict=True)
+        ]),
+        time=str(min(times) + window.start),
+    )  # fmt: skip
+    blank = ("",) * len(members)
+    names = tuple(record.channels[0] for record in members)
+    said = [str(warning.message) for warning in caught]
+    notes = tuple(dict.fromkeys([*said, *(note for record in members for note in record.notes)]))
     return FieldRecord(first.file, first.format, gather, names, blank, blank, notes=notes)
 
 

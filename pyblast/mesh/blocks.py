@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -277,7 +277,7 @@ def _is_crooked(cells, cell, flat, areas):
             volume += turn * (area @ cells.points[facet[0]])
     sign = 1.0 if volume > 0.0 else -1.0
     rows = np.column_stack([sign * np.array(normals), np.ones(len(normals))])
-    deepest = linprog(
+    deepest = scipy.optimize.linprog(
         [0.0, 0.0, 0.0, -1.0], rows, sign * np.array(offsets), bounds=[(None, None)] * 4
     )
     return deepest.status != 0 or -deepest.fun < _THINNEST

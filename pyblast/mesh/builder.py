@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from ..errors import InputError, PyblastWarning
 from .block_cutter import SIDES, CutReport, Plane, cut_cells, rock_cells
@@ -297,8 +297,8 @@ def _sampled(places, box, margin, edge):
     """Sample a surface at the corners of a grid of an edge; return its triangles (n, 3, 3)."""
     x, y = (graded_axis(limits, [], edge, margin, margin) for limits in box[:2])
     plan = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    height = LinearNDInterpolator(places[:, :2], places[:, 2])(plan)
-    nearest = NearestNDInterpolator(places[:, :2], places[:, 2])(plan)
+    height = scipy.interpolate.LinearNDInterpolator(places[:, :2], places[:, 2])(plan)
+    nearest = scipy.interpolate.NearestNDInterpolator(places[:, :2], places[:, 2])(plan)
     height = np.where(np.isnan(height), nearest, height)
     corners = np.concatenate([plan, height[..., None]], axis=2)
     a, b, c, d = corners[:-1, :-1], corners[1:, :-1], corners[1:, 1:], corners[:-1, 1:]

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.optimize import linprog
-from scipy.spatial import KDTree
 
 from ..errors import InputError
 from .faces import face_keys, face_vectors, pair_faces, zone_faces, zone_of_face
@@ -139,7 +138,7 @@ def _welded(mesh):
 def _refuse_coincident(mesh):
     """Raise InputError for coincident nodes that are not a contact."""
     reach = _COINCIDENT * np.ptp(mesh.points, axis=0).max()
-    pairs = KDTree(mesh.points, leafsize=16).query_pairs(reach, output_type="ndarray")
+    pairs = scipy.spatial.KDTree(mesh.points, leafsize=16).query_pairs(reach, output_type="ndarray")
     label = _welded(mesh)
     pairs = pairs[label[pairs[:, 0]] != label[pairs[:, 1]]]
     if len(pairs):
@@ -269,5 +268,7 @@ def _can_leave(joints, surface):
     joints = joints / np.linalg.norm(joints, axis=1)[:, None]
     joints = np.unique(joints.round(6), axis=0)
     out = surface.sum(axis=0) / np.linalg.norm(surface.sum(axis=0))
-    solution = linprog(-out, A_ub=joints, b_ub=np.full(len(joints), 1e-9), bounds=[(-1.0, 1.0)] * 3)
+    solution = scipy.optimize.linprog(
+        -out, A_ub=joints, b_ub=np.full(len(joints), 1e-9), bounds=[(-1.0, 1.0)] * 3
+    )
     return bool(solution.status == 0 and -solution.fun > 1e-3)

@@ -4,8 +4,8 @@ from functools import cache
 from math import factorial
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.spatial import KDTree
 
 from ..errors import InputError
 
@@ -89,7 +89,7 @@ def locate(
         If a position lies farther outside than the tolerance.
     """
     places = np.atleast_2d(np.asarray(places, dtype=float))
-    tree = KDTree(points[zones].mean(axis=1), leafsize=16)
+    tree = scipy.spatial.KDTree(points[zones].mean(axis=1), leafsize=16)
     near = tree.query(places, k=min(40, len(zones)))[1].reshape(len(places), -1)
     zone, weights = np.empty(len(places), dtype=np.int64), np.empty((len(places), 4))
     for n, position in enumerate(places):

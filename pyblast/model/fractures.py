@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.stats import lognorm
 
 from ..errors import InputError, ReadError
 from ..mesh.grid import Fault, upward_normal
@@ -72,7 +72,7 @@ class SizeLaw:
             a, b = np.exp(-low / self.mean), np.exp(-high / self.mean)
             return -self.mean * np.log(a - shares * (a - b))
         spread = np.sqrt(np.log1p((self.deviation / self.mean) ** 2))
-        law = lognorm(spread, scale=self.mean / np.exp(0.5 * spread**2))
+        law = scipy.stats.lognorm(spread, scale=self.mean / np.exp(0.5 * spread**2))
         a, b = law.cdf(low), law.cdf(high)
         return law.ppf(a + shares * (b - a))
 

@@ -21,7 +21,7 @@ from ..config.section import read_time_function
 from ..errors import InputError, named_error
 from ..model.boundary import StressInput, VelocityInput
 from ..model.source import PlaneWave, TimeFunction, polarisation
-from ..recordings.recording import Recording, read_recording
+from ..recordings.recording import Recording, first_recording, read_recording
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
 from ..signals.spectra import LowPassed, dominant_frequency, highest_frequency, lowpass
 from ..units import to_si
@@ -123,6 +123,8 @@ def read_record(config, folder, log=None) -> Recording:
     if config.record > len(records):
         raise InputError(f"record: {config.file} has {len(records)} records, got {config.record}")
     record = records[config.record - 1]
+    if "record" not in config.model_fields_set:
+        record = first_recording(config.file, records)
     if config.start_s is None:
         return record
     return replace(record, seismogram=replace(record.seismogram, start=config.start_s))

@@ -23,7 +23,8 @@ from .raw import (
     is_dead,
     plateau_level,
 )
-from .seismic import GATHER_HEADERS, deconvolve, read_traces, sniff_seismic, station_records
+from .segy import read_segy
+from .seismic import check_bytes, deconvolve, read_seg2, read_traces, sniff_seismic, station_records
 from .tables import (
     TEXT_FORMATS,
     read_motion,
@@ -127,7 +128,8 @@ def read_recording(
     mapping : str or Path, optional
         TOML file that describes a table of any layout.
     unit : str, optional
-        Of seismological samples: ``m_per_s`` and the like, or ``counts``.
+        Of seismological samples: ``m_per_s`` and the like, ``m_per_s2`` and the like or ``g`` of
+        accelerometers, which are integrated, or ``counts``.
     time_zero : str or obspy.UTCDateTime, optional
         Time 0 of seismological formats.
     orientations : dict of channel code to (azimuth, dip), rad, optional
@@ -167,15 +169,16 @@ def read_recording(
     cells = _cells(paths[0], data[0], sheet)
     format = _choose_format(paths[0], data[0], cells, format, mapping)
     if format in _STATION_FORMATS:
+        entries = [log.file(item, format) for item in paths]
         traces = [
             trace
-            for item, content in zip(paths, data, strict=True)
-            for trace in read_traces(item, content, format)
+            for item, content, entry in zip(paths, data, entries, strict=True)
+            for trace in read_traces(item, content, format, entry)
         ]
         raws = station_records(
-            paths[0], traces, unit=unit, time_zero=time_zero, orientations=orientations
+            paths[0], traces, entries[0], unit=unit, time_zero=time_zero, orientations=orientations
         )
-        if unit is None:
+        if unit is None and not any("IDEP" in note for raw in raws for note in raw.notes):
             _warn(f"{paths[0]}: {format} names no unit, m/s is assumed; pass unit='m_per_s'")
     elif len(paths) > 1:
         raise InputError(f"{paths[1]}: only one-channel files can be read together")
@@ -190,6 +193,14 @@ def read_recording(
     return [_recording(paths[0], raw, bearing, full_scale) for raw in raws]
 
 
+def first_recording(path: str | Path, recordings: Sequence[Recording]) -> Recording:
+    """Return the first recording of a file; warn which one that is, where there are several."""
+    if len(recordings) > 1:
+        listed = ", ".join(f"{r.seismogram.label} {r.time}".strip() for r in recordings[:6])
+        _warn(f"{path}: holds {len(recordings)} records ({listed}); the first one is taken")
+    return recordings[0]
+
+
 def read_stations(
     path: str | Path,
     *,
@@ -201,7 +212,8 @@ def read_stations(
     recordings = read_recording(path, time_zero=time_zero, unit=unit, max_bytes=max_bytes)
     stations = {recording.seismogram.label: recording for recording in recordings}
     if len(stations) < len(recordings):
-        raise ReadError(f"{path}: a station appears with more than one instrument")
+        raise ReadError(f"{path}: a station appears with more than one instrument, or in pieces "
+                        "between gaps")  # fmt: skip
     return stations
 
 
@@ -432,6 +444,7 @@ def read_gather(
     *,
     full_scale: float | None = None,
     max_bytes: int = MAX_FILE_BYTES,
+    log: ReadLog | None = None,
 ) -> Gather:
     """Read a shot gather from SEG-2 or SEG-Y.
 
@@ -444,6 +457,8 @@ def read_gather(
         Level of clipping in the unit of the file; detected as a plateau if not given.
     max_bytes : int
         Largest size of the file.
+    log : ReadLog, optional
+        Takes what was read.
 
     Raises
     ------
@@ -454,8 +469,9 @@ def read_gather(
 
     Notes
     -----
-    The SEG-2 header DESCALING_FACTOR turns counts into millivolts; SEG-2 positions are in the
-    header's UNITS. A full scale detected in one channel holds for all: they share a converter.
+    The SEG-2 header DESCALING_FACTOR turns counts into millivolts; positions are in the unit of
+    the header. Where traces of SEG-Y have no interval or count, those of the file hold. A full
+    scale detected in one channel holds for all: they share a converter.
 
     Examples
     --------
@@ -465,22 +481,21 @@ def read_gather(
     path = Path(path)
     content = read_bytes(path, max_bytes)
     format = format or sniff_seismic(content)
-    if format not in GATHER_HEADERS:
+    if format not in _GATHERS:
         raise (ReadError if format is None else InputError)(
             f"{path}: expected a gather in SEG2 or SEGY, got {format or 'neither'}"
         )
-    traces = read_traces(path, content, format)
-    if len({(trace.stats.npts, trace.stats.delta) for trace in traces}) > 1:
-        raise ReadError(f"{path}: channels differ in number of samples or sampling rate")
-    values = GATHER_HEADERS[format](path, traces)
-    data = np.array([trace.data for trace in traces], dtype=np.float64)
-    data *= np.reshape(values.pop("factor"), (-1, 1))
-    dead = np.array([is_dead(samples) for samples in data])
-    clipped, full_scale = _clipped(data, full_scale)
-    return Gather(
-        data=data, dt=float(traces[0].stats.delta), dead=dead, clipped=clipped,
-        full_scale=full_scale, label=path.stem, time=str(traces[0].stats.starttime), **values,
-    )  # fmt: skip
+    check_bytes(path, content, format)
+    entry = (ReadLog() if log is None else log).file(path, format)
+    values = _GATHERS[format](path, content, entry)
+    for text in [*entry.remarks, *(f"{loss.part}: {loss.why}" for loss in entry.losses)]:
+        _warn(f"{path}: {text}")
+    dead = np.array([is_dead(samples) for samples in values["data"]])
+    clipped, full_scale = _clipped(values["data"], full_scale)
+    return Gather(dead=dead, clipped=clipped, full_scale=full_scale, label=path.stem, **values)
+
+
+_GATHERS = {"SEG2": read_seg2, "SEGY": read_segy}
 
 
 def _clipped(data, full_scale):

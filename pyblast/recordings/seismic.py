@@ -1,25 +1,27 @@
-"""Seismological formats (miniSEED, SAC, GSE2, SEG-2, SEG-Y) through obspy, checked beforehand."""
+"""Seismological formats (miniSEED, SAC, GSE2, SEG-2) through obspy, checked beforehand."""
 
 import io
 import struct
 import warnings
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_simpson
 
 from ..errors import InputError, ReadError
 from ..readers.cells import read_bytes
+from ..readers.provenance import FileRead
 from ..units import FACTORS
+from .pieces import common_windows, leave_out, stretches_of
 from .raw import RawRecord
+from .segy import is_segy, layout
 
 if TYPE_CHECKING:
     import obspy
 
 _SEG2_SAMPLE_BYTES = {1: 2, 2: 4, 3: 2.5, 4: 4, 5: 8}
-_SEGY_SAMPLE_BYTES = {1: 4, 2: 4, 3: 2, 5: 4}
 _CM6_LETTERS = b"+-0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz"
 
 
@@ -45,22 +47,28 @@ def check_bytes(path: Path, content: bytes, name: str) -> None:
 
 
 def _is_mseed(content):
-    """Recognise a miniSEED 2 data record: sequence number, quality letter, blank."""
-    return (
-        len(content) >= 48
-        and content[:20].isascii()
-        and content[6:7] in (b"D", b"R", b"Q", b"M")
-        and content[7:8] in (b" ", b"\0")
-        and not content[:6].strip(b"0123456789 \0")
+    """Recognise a miniSEED 2 data record: number, quality letter, a time, and a place of data."""
+    if len(content) < 48 or content[6:7] not in (b"D", b"R", b"Q", b"M"):
+        return False
+    if content[7:8] not in (b" ", b"\0") or content[:6].strip(b"0123456789 \0"):
+        return False
+    year, day, hour, minute, second = struct.unpack_from(
+        _mseed_order(content) + "HHBBB", content, 20
     )
+    return 1900 <= year <= 2500 and 0 < day <= 366 and hour < 24 and minute < 60 and second <= 60
+
+
+def _mseed_order(content, offset=0):
+    """Return the byte order of a miniSEED record, by its year."""
+    (year,) = struct.unpack_from(">H", content, offset + 20)
+    return ">" if 1900 <= year <= 2500 else "<"
 
 
 def _mseed_bytes(content):
     """Return where the last miniSEED record should end, from the record lengths."""
     offset = 0
     while offset + 48 <= len(content) and _is_mseed(content[offset : offset + 48]):
-        (year,) = struct.unpack_from(">H", content, offset + 20)
-        order = ">" if 1900 <= year <= 2500 else "<"
+        order = _mseed_order(content, offset)
         at = offset + struct.unpack_from(order + "H", content, offset + 46)[0]
         if at + 8 > len(content):
             return at + 8
@@ -70,28 +78,27 @@ def _mseed_bytes(content):
     return offset
 
 
+def _blank_codes(content):
+    """Return miniSEED whose unset codes, NUL or 0xFF as some recorders write them, are blanks."""
+    mended, offset = bytearray(content), 0
+    while offset + 48 <= len(content) and _is_mseed(content[offset : offset + 48]):
+        codes = content[offset + 8 : offset + 20]
+        mended[offset + 8 : offset + 20] = codes.replace(b"\xff", b" ").replace(b"\0", b" ")
+        at = (
+            offset
+            + struct.unpack_from(_mseed_order(content, offset) + "H", content, offset + 46)[0]
+        )
+        if at + 8 > len(content):
+            break
+        offset += 1 << min(max(content[at + 6], 6), 62)
+    return bytes(mended)
+
+
 def _is_sac(content):
     """Recognise SAC by its header version in either byte order."""
     return len(content) >= 632 and any(
         struct.unpack(order + "i", content[304:308])[0] in (6, 7) for order in "<>"
     )
-
-
-def _is_segy(content):
-    """Recognise big-endian SEG-Y by the first letter of its text and its binary header."""
-    if len(content) < 3600 or content[:1] not in (b"C", b"\xc3", b" ", b"\x40", b"\0"):
-        return False
-    step, n_samples, code = struct.unpack(">H2xH2xh", content[3216:3226])
-    return step > 0 and n_samples > 0 and code in _SEGY_SAMPLE_BYTES
-
-
-def _segy_bytes(content):
-    """Return the number of bytes of the text headers and of whole traces, at least one."""
-    n_samples, code = struct.unpack(">H2xh", content[3220:3226])
-    n_texts = max(0, struct.unpack(">h", content[3504:3506])[0])
-    size = 240 + n_samples * _SEGY_SAMPLE_BYTES[code]
-    n_traces = max(1, -(-(len(content) - 3600 - 3200 * n_texts) // size))
-    return 3600 + 3200 * n_texts + n_traces * size
 
 
 def _sac_bytes(content):
@@ -100,9 +107,13 @@ def _sac_bytes(content):
     return 632 + 4 * max(0, struct.unpack(order + "i", content[316:320])[0])
 
 
-def _refuse_wild_places(path, content):
-    """Raise ReadError for SAC coordinates beyond 360 degrees, on which obspy never returns."""
+def _refuse_odd_sac(path, content):
+    """Raise ReadError for SAC that is no evenly sampled time series, or of impossible places."""
     order = "<" if struct.unpack("<i", content[304:308])[0] in (6, 7) else ">"
+    kind, even = (struct.unpack_from(order + "i", content, 4 * n)[0] for n in (85, 105))
+    if kind not in (1, -12345) or even == 0:
+        what = "unevenly sampled" if even == 0 else f"of type {kind} (IFTYPE)"
+        raise ReadError(f"{path}: is SAC {what}; write an evenly sampled time series")
     values = struct.unpack_from(order + "6f", content, 4 * 31)
     for name, value in zip(("stla", "stlo", "", "", "evla", "evlo"), values, strict=True):
         if name and value != -12345.0 and not abs(value) <= 360.0:
@@ -152,24 +163,56 @@ _MAGIC = {
     "MSEED": _is_mseed,
     "SEG2": lambda content: content[:2] in (b"\x55\x3a", b"\x3a\x55") and len(content) >= 32,
     "GSE2": lambda content: content[:5] == b"WID2 ",
-    "SEGY": _is_segy,
+    "SEGY": is_segy,
     "SAC": _is_sac,
 }
 _PROMISED = {
-    "MSEED": _mseed_bytes, "SAC": _sac_bytes, "SEG2": _seg2_bytes, "SEGY": _segy_bytes,
+    "MSEED": _mseed_bytes, "SAC": _sac_bytes, "SEG2": _seg2_bytes,
 }  # fmt: skip
-_REFUSALS = {"SAC": _refuse_wild_places, "GSE2": _refuse_broken_gse2}
+_REFUSALS = {"SAC": _refuse_odd_sac, "GSE2": _refuse_broken_gse2, "SEGY": layout}
 SEED_COMPONENTS = {"E": "east", "N": "north", "Z": "vertical"}
 _MAX_METADATA_BYTES = 50_000_000
 _PAZ_KEYS = {"poles", "zeros", "gain", "sensitivity"}
 
 
-def read_traces(path: Path, content: bytes, name: str) -> "list[obspy.Trace]":
-    """Read traces of a known format; raise ReadError for samples that are not finite."""
+# SEED manual 2.4, appendix A: the second letter of a channel says what its instrument measures.
+_BAND_LETTERS = frozenset("FGDCESHBMLVURPTQAO")
+_INSTRUMENTS = {
+    **dict.fromkeys("HLP", "velocity"), **dict.fromkeys("NG", "acceleration"), "D": "pressure",
+}  # fmt: skip
+_SAC_QUANTITIES = {6: "displacement", 7: "velocity", 8: "acceleration", 50: "volts"}
+_NANOMETRES = 1e-9
+
+
+def quantity_of(trace: "obspy.Trace") -> str:
+    """Return what a channel measures: velocity, acceleration, displacement, volts, pressure, other.
+
+    SAC says it by IDEP, else the instrument letter of a SEED channel code says it; other names
+    are taken as velocity.
+    """
+    said = _SAC_QUANTITIES.get(getattr(trace.stats, "sac", {}).get("idep", 0))
+    code = trace.stats.channel.upper()
+    if said is not None or len(code) != 3 or code[0] not in _BAND_LETTERS or code[1].isdigit():
+        return said or "velocity"
+    return _INSTRUMENTS.get(code[1], "other")
+
+
+def read_traces(path: Path, content: bytes, name: str, entry: FileRead) -> "list[obspy.Trace]":
+    """Read the channels of motion and pressure of a known format.
+
+    Records without samples are passed over; channels of text and of other quantities, such as
+    the voltage of a recorder, are left out with a warning. Both are logged.
+
+    Raises
+    ------
+    ReadError
+        If the file is broken, holds no such channel, or samples that are not finite.
+    """
     # obspy gets the bytes, never the path: it could take that for a pattern or an address
     import obspy
 
     check_bytes(path, content, name)
+    content = _blank_codes(content) if name == "MSEED" else content
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", module="obspy.io.(seg2|sac)")
@@ -178,55 +221,212 @@ def read_traces(path: Path, content: bytes, name: str) -> "list[obspy.Trace]":
     except Exception as error:
         reason = _first_sentence(error)
         raise ReadError(f"{path}: is not a readable {name} file ({reason})") from error
+    return _usable(path, traces, entry)
+
+
+def _usable(path, traces, entry):
+    """Return the traces of numbers that measure motion or pressure."""
+    usable, others = [], {}
     for n, trace in enumerate(traces, 1):
         where = f"{path}, trace {n} ({trace.id})"
-        if trace.data.dtype.kind not in "if":
-            raise ReadError(f"{where}: expected numbers, found {trace.data.dtype} samples")
-        wrong = np.flatnonzero(~np.isfinite(trace.data))
-        if len(wrong):
+        if trace.stats.npts == 0:
+            entry.dropped(f"record of {trace.id} at {trace.stats.starttime}", "has no samples")
+        elif trace.data.dtype.kind not in "if":
+            others[trace.id] = "it holds text"
+        elif quantity_of(trace) == "other":
+            others[trace.id] = f"its instrument letter {trace.stats.channel[1]} is no motion"
+        elif not np.all(np.isfinite(trace.data)):
+            sample = np.flatnonzero(~np.isfinite(trace.data))[0]
             raise ReadError(
-                f"{where}, sample {wrong[0]}: expected a finite number, "
-                f"got {trace.data[wrong[0]]:g}"
+                f"{where}, sample {sample}: expected a finite number, got {trace.data[sample]:g}"
             )
-        if trace.stats.npts < 2 or not 0.0 < trace.stats.delta < 1e4:
-            raise ReadError(
-                f"{where}: expected at least 2 samples at a positive step, "
-                f"got {trace.stats.npts} at {trace.stats.delta:g} s"
-            )
-    return traces
+        elif not 0.0 < trace.stats.delta < 1e4:
+            raise ReadError(f"{where}: expected a positive step, got {trace.stats.delta:g} s")
+        else:
+            usable.append(trace)
+    if not usable:
+        why = "; ".join(f"{name}: {reason}" for name, reason in others.items()) or "no samples"
+        raise ReadError(f"{path}: holds no channel of ground motion ({why})")
+    for name, reason in others.items():
+        leave_out(path, entry, f"channel {name}", reason)
+    return usable
 
 
 def station_records(
     path: Path,
     traces: "list[obspy.Trace]",
+    entry: FileRead,
     *,
     unit: str | None = None,
     time_zero: "str | obspy.UTCDateTime | None" = None,
     orientations: dict[str, tuple[float, float]] | None = None,
 ) -> list[RawRecord]:
-    """Return one raw record per station from its channels.
+    """Return one raw record per station and instrument from its channels, more where it has gaps.
 
     Parameters
     ----------
     unit : str, optional
-        ``m_per_s``, ``mm_per_s``, ... or ``counts``. None: floating-point samples are m/s.
+        ``m_per_s``, ``mm_per_s``, ... of velocity, ``m_per_s2``, ... of acceleration, which is
+        integrated, or ``counts``. None: floating-point samples of velocity are m/s.
     time_zero : str or obspy.UTCDateTime, optional
         Time 0; the first sample by default.
     orientations : dict of channel code to (azimuth, dip), rad, optional
         SEED sense: azimuth clockwise from north, dip positive down. Needed for channels that
         are not named E, N, Z.
+
+    Raises
+    ------
+    InputError
+        If the unit is not that of what the channels measure, or channels have no orientation.
+    ReadError
+        If channels differ in sampling or have no time in common.
     """
     import obspy
 
-    stations = {}
-    for trace in _joined(path, traces):
-        key = trace.id.rpartition(".")[0], trace.stats.channel[:-1]
+    stations: dict[tuple, list] = {}
+    for trace in traces:
+        key = trace.id.rpartition(".")[0], trace.stats.channel[:-1], quantity_of(trace)
         stations.setdefault(key, []).append(trace)
     try:
         zero = None if time_zero is None else obspy.UTCDateTime(time_zero)
     except (TypeError, ValueError):
         raise InputError(f"time_zero: must be an ISO time, got '{time_zero}'") from None
-    return [_station(path, group, unit, zero, orientations) for group in stations.values()]
+    air = {key: group for key, group in stations.items() if key[2] == "pressure"}
+    reasons = {
+        key: _unit_against(path, group, key[2], unit)
+        for key, group in stations.items() if key not in air
+    }  # fmt: skip
+    chosen = [key for key, reason in reasons.items() if not reason]
+    if not chosen:
+        raise InputError(next(iter(reasons.values()), f"{path}: holds pressure alone"))
+    for key in set(reasons) - set(chosen):
+        names = ", ".join(trace.id for trace in stations[key])
+        leave_out(path, entry, f"channel {names}", f"it is {key[2]}; give its unit to read it")
+    records = []
+    for key in chosen:
+        microphones = [t for k, group in air.items() if _station_of(k) == _station_of(key)
+                       for t in group]  # fmt: skip
+        options = _Options(path, entry, unit, zero, orientations, key[2])
+        records += _station(stations[key], microphones, options)
+    return records
+
+
+def _station_of(key):
+    """Return network and station of a group."""
+    return key[0].split(".")[:2]
+
+
+def _unit_against(path, group, quantity, unit):
+    """Return why the samples of a group can't be read in a unit, empty if they can."""
+    names = ", ".join(trace.stats.channel or trace.id for trace in group)
+    said = "SAC's IDEP" if getattr(group[0].stats, "sac", {}).get("idep") in _SAC_QUANTITIES else (
+        "the instrument letter"
+    )  # fmt: skip
+    if unit is not None and unit != "counts" and unit not in FACTORS:
+        return f"unit: must be 'counts' or one such as 'mm_per_s' or 'm_per_s2', got '{unit}'"
+    if unit == "counts":
+        return ""
+    if quantity in ("displacement", "volts"):
+        return (
+            f"{path}: {names} measure {quantity} by {said}; write velocity, or pass unit='counts' "
+            "and remove the response"
+        )
+    wanted = "_per_s2" if quantity == "acceleration" else "_per_s"
+    if unit is not None and not (unit.endswith(wanted) or (wanted[-1] == "2" and unit == "g")):
+        return f"{path}: {names} measure {quantity} by {said}, which is not in '{unit}'"
+    if unit is None and quantity == "acceleration":
+        return (
+            f"{path}: {names} are accelerometers by {said}; pass their unit, such as "
+            "unit='m_per_s2', and they are integrated to velocity"
+        )
+    if unit is None and any(trace.data.dtype.kind == "i" for trace in group):
+        return (
+            f"{path}, station {group[0].stats.station or '(unnamed)'}: samples are integer counts, "
+            "pass unit='counts' and remove the response, or the unit of one count such as "
+            "'um_per_s'"
+        )
+    return ""
+
+
+class _Options(NamedTuple):
+    """How the channels of a station are read."""
+
+    path: Path
+    entry: FileRead
+    unit: str | None
+    zero: Any
+    orientations: dict | None
+    quantity: str
+
+
+def _station(group, microphones, options):
+    """Return the records of one station: channels in their common times."""
+    first, unit = group[0].stats, options.unit or "m_per_s"
+    where = f"{options.path}, station {first.station or '(unnamed)'}"
+    channels, dt = stretches_of(where, group)
+    notes: tuple[str, ...] = ()
+    factor = 1.0 if unit == "counts" else FACTORS[unit]
+    if options.unit is None and "sac" in first and first.sac.get("idep") == 7:
+        factor, note = _sac_velocity(where, group)
+        notes = (note,)
+    origin, records = min(trace.stats.starttime for trace in group), []
+    for window in common_windows(where, channels, dt, options.entry):
+        begin, names = origin + window.start, [part.name for part in window.stretches]
+        samples, taken = {}, notes
+        for n, name in enumerate(names):
+            values = factor * window.samples(n, dt).astype(np.float64)
+            if options.quantity == "acceleration" and unit != "counts":
+                level = values.mean()
+                values = cumulative_simpson(values - level, dx=dt, initial=0.0)
+                note = f"integrated from acceleration less its mean of {level:.3g} m/s2"
+                taken = (*taken, f"{name} was {note}")
+            samples[name.rpartition(".")[2]] = values
+        oriented = _oriented(where, samples, options.orientations)
+        ids = {} if options.orientations else dict(zip(oriented, names, strict=True))
+        for component, name in zip(oriented, names, strict=True):
+            options.entry.column(component, name, unit, factor, rows=window.length)
+        records.append(RawRecord(
+            {str(name): values for name, values in oriented.items()}, dt,
+            0.0 if options.zero is None else begin - options.zero, first.station, first._format,
+            time=str(begin), header={"channels": ids}, notes=taken,
+            unit="counts" if unit == "counts" else "m_per_s",
+            microphone=_microphone(where, microphones, begin, window.length, dt, options),
+        ))  # fmt: skip
+    return records
+
+
+def _sac_velocity(where, group):
+    """Return the factor to m/s of velocity by SAC's IDEP, in nm/s by its manual, and a note."""
+    peak = max(float(np.max(np.abs(trace.data))) for trace in group)
+    if 0.0 < peak < _LEAST_NANOMETRES:
+        raise InputError(
+            f"{where}: SAC's IDEP says velocity, in nm/s by its manual; a peak of {peak:.3g} would "
+            "be below any noise, pass its unit, such as unit='m_per_s'"
+        )
+    return _NANOMETRES, "taken in nm/s, as SAC defines velocity (IDEP)"
+
+
+_LEAST_NANOMETRES = 100.0  # a peak below is no velocity of a blast in nm/s
+
+
+def _microphone(where, traces, begin, length, dt, options):
+    """Return the air overpressure (length,) in Pa of the pressure channel of a station, or None."""
+    if not traces:
+        return None
+    trace = traces[0]
+    skip = round((begin - trace.stats.starttime) / dt)
+    reason = (
+        "there is another one" if len(traces) > 1
+        else "its samples are counts" if trace.data.dtype.kind == "i"
+        else "it has another sampling rate" if abs(trace.stats.delta - dt) > 1e-9 * dt
+        else "it does not cover the record" if skip < 0 or skip + length > trace.stats.npts
+        else ""
+    )  # fmt: skip
+    if reason:
+        leave_out(where, options.entry, f"channel {trace.id} of pressure", reason)
+        return None
+    options.entry.column("overpressure", trace.id, "Pa", rows=length, why="no unit, Pa assumed")
+    return trace.data[skip : skip + length].astype(np.float64)
 
 
 def deconvolve(record: RawRecord, response: str | Path | dict, where: str) -> dict:
@@ -246,6 +446,11 @@ def deconvolve(record: RawRecord, response: str | Path | dict, where: str) -> di
             header["starttime"] = obspy.UTCDateTime(record.time)
         trace = obspy.Trace(np.array(samples), header)
         trace.id = record.header["channels"][name]
+        if inventory is None and quantity_of(trace) == "acceleration":
+            raise InputError(
+                f"{where}: {trace.id} is an accelerometer, poles and zeros are of velocity; give "
+                "StationXML"
+            )
         try:
             if inventory is None:
                 trace.simulate(paz_remove=response, taper_fraction=0.02, water_level=60.0)
@@ -275,62 +480,6 @@ def read_inventory(path: Path) -> "obspy.Inventory":
 def _first_sentence(error):
     """Return the first sentence of an error message."""
     return " ".join(str(error).split()).split(". ")[0][:160]
-
-
-def _joined(path, traces):
-    """Join the pieces of each channel; raise ReadError for gaps and overlaps."""
-    import obspy
-
-    stream = obspy.Stream(traces)
-    try:
-        stream.merge(method=-1)
-    except Exception as error:
-        raise ReadError(
-            f"{path}: pieces of a channel differ in sampling or type ({_first_sentence(error)})"
-        ) from error
-    stream.sort(["network", "station", "location", "channel", "starttime"])
-    for first, second in pairwise(stream):
-        if first.id == second.id:
-            seconds = second.stats.starttime - first.stats.endtime - first.stats.delta
-            raise ReadError(
-                f"{path}, {first.id}: {'gap' if seconds > 0 else 'overlap'} of "
-                f"{abs(seconds):g} s at {first.stats.endtime}, cut the file there"
-            )
-    return list(stream)
-
-
-def _station(path, group, unit, zero, orientations):
-    """Return the record of one station: channels in their common time window."""
-    first = group[0].stats
-    where = f"{path}, station {first.station or '(unnamed)'}"
-    if any(abs(trace.stats.delta - first.delta) > 1e-9 * first.delta for trace in group):
-        raise ReadError(f"{where}: channels differ in sampling rate")
-    begin = max(trace.stats.starttime for trace in group)
-    skip = [round((begin - trace.stats.starttime) / first.delta) for trace in group]
-    length = min(trace.stats.npts - n for trace, n in zip(group, skip, strict=True))
-    if length < 2:
-        raise ReadError(f"{where}: channels have no time in common")
-    if unit is None and any(trace.data.dtype.kind == "i" for trace in group):
-        raise InputError(
-            f"{where}: samples are integer counts, pass unit='counts' and remove "
-            "the response, or the unit of one count such as 'um_per_s'"
-        )
-    if unit is None:
-        unit = "m_per_s"
-    if unit != "counts" and not (unit in FACTORS and unit.endswith("_per_s")):
-        raise InputError(f"unit: must be 'counts' or a velocity such as 'mm_per_s', got '{unit}'")
-    factor = 1.0 if unit == "counts" else FACTORS[unit]
-    samples = {
-        trace.stats.channel: factor * trace.data[n : n + length].astype(np.float64)
-        for trace, n in zip(group, skip, strict=True)
-    }
-    channels = {str(name): x for name, x in _oriented(where, samples, orientations).items()}
-    names = {} if orientations else dict(zip(channels, (t.id for t in group), strict=True))
-    return RawRecord(
-        channels, first.delta, 0.0 if zero is None else begin - zero, first.station,
-        group[0].stats._format, time=str(begin), header={"channels": names},
-        unit="counts" if unit == "counts" else "m_per_s",
-    )  # fmt: skip
 
 
 def _oriented(where, samples, orientations):
@@ -420,11 +569,22 @@ def channel_names(station: str, known: dict[str, str], dt: float) -> list[str]:
     return [known.get(name, stem + letter) for letter, name in SEED_COMPONENTS.items()]
 
 
-_LENGTH_UNITS = {"METERS": "m", "CENTIMETERS": "cm", "FEET": "ft", "MILLIMETERS": "mm"}
+_LENGTH_UNITS = {
+    "METERS": "m", "METRES": "m", "CENTIMETERS": "cm", "FEET": "ft", "MILLIMETERS": "mm",
+    "NONE": "m",
+}  # fmt: skip
 
 
-def _seg2_header(path, traces):
-    """Read scale, delay and positions from SEG-2 headers."""
+def read_seg2(path: Path, content: bytes, entry: FileRead) -> dict:
+    """Return the samples (n_channels, n_samples) of a SEG-2 gather, and the values of its headers.
+
+    Keys and errors are those of `segy.read_segy`.
+    """
+    traces = read_traces(path, content, "SEG2", entry)
+    if len({(trace.stats.npts, trace.stats.delta) for trace in traces}) > 1:
+        raise ReadError(f"{path}: channels differ in number of samples or sampling rate")
+    if traces[0].stats.npts < 2:
+        raise ReadError(f"{path}: expected at least 2 samples, got {traces[0].stats.npts}")
     headers = [dict(trace.stats.seg2) for trace in traces]
     scaled = [header.get("DESCALING_FACTOR") for header in headers]
     factor = 1.0
@@ -435,38 +595,23 @@ def _seg2_header(path, traces):
     delays = {_number(path, n, "DELAY", h.get("DELAY", "0")) for n, h in enumerate(headers)}
     if len(delays) > 1:
         raise ReadError(f"{path}: channels start at different times: {sorted(delays)} s")
-    symbol = _LENGTH_UNITS.get(str(headers[0].get("UNITS", "METERS")).upper(), "m")
+    named = str(headers[0].get("UNITS", "METERS")).upper().strip()
+    if named not in _LENGTH_UNITS:
+        raise ReadError(f"{path}, UNITS: must be one of {', '.join(_LENGTH_UNITS)}, got {named!r}")
+    symbol = _LENGTH_UNITS[named]
     receivers = FACTORS[symbol] * np.array(
         [_place(path, n, "RECEIVER_LOCATION", header) for n, header in enumerate(headers)]
     )
     if len(traces) > 1 and np.all(receivers == receivers[0]):
         receivers = np.full((len(traces), 3), np.nan)
+    entry.column("positions", "channel headers", symbol, FACTORS[symbol], rows=len(traces))
+    entry.column("samples", "channels", "mV" if all(scaled) else "counts", rows=len(traces))
+    data = np.reshape(factor, (-1, 1)) * np.array([trace.data for trace in traces], dtype=float)
     return {
-        "factor": factor, "unit": "V" if all(scaled) else "counts", "start": delays.pop(),
+        "data": data, "dt": float(traces[0].stats.delta), "time": str(traces[0].stats.starttime),
+        "unit": "V" if all(scaled) else "counts", "start": delays.pop(),
         "receiver_positions": receivers, "header": _summary(headers),
         "source_position": FACTORS[symbol] * _place(path, 0, "SOURCE_LOCATION", headers[0]),
-    }  # fmt: skip
-
-
-def _segy_header(path, traces):
-    """Read delay and positions from SEG-Y trace headers."""
-    headers = [trace.stats.segy.trace_header for trace in traces]
-    delays = {header.delay_recording_time for header in headers}
-    if len(delays) > 1:
-        raise ReadError(f"{path}: channels start at different times: {sorted(delays)} ms")
-    places = {}
-    for side in ("source_coordinate", "group_coordinate"):
-        scale = [float(h.scalar_to_be_applied_to_all_coordinates or 1) for h in headers]
-        scale = np.array([s if s > 0 else -1.0 / s for s in scale])
-        xy = np.array([[getattr(h, f"{side}_x"), getattr(h, f"{side}_y")] for h in headers])
-        places[side] = np.column_stack([scale[:, None] * xy, np.zeros(len(headers))])
-    receivers = places["group_coordinate"]
-    if len(traces) > 1 and np.all(receivers == receivers[0]):
-        receivers = np.full((len(traces), 3), np.nan)
-    return {
-        "factor": 1.0, "unit": "counts", "start": FACTORS["ms"] * delays.pop(),
-        "receiver_positions": receivers, "source_position": places["source_coordinate"][0],
-        "header": {"textual": "SEGY"},
     }  # fmt: skip
 
 
@@ -496,6 +641,3 @@ def _summary(headers):
         key: column[0] if all(value == column[0] for value in column) else tuple(column)
         for key, column in columns.items()
     }
-
-
-GATHER_HEADERS = {"SEG2": _seg2_header, "SEGY": _segy_header}

@@ -9,7 +9,7 @@ from scipy import ndimage
 from ..project.result import plain, write_text
 from . import figures
 from .figures import INK, SIMULATED, _figure, _tidy, _uri
-from .run import page
+from .run import page, with_waveforms
 from .survey_design import best_candidates, result_figures, slip_lines, summary_lines, survey_figure
 
 SHOWN = 0.5  # least correlation that is listed
@@ -276,6 +276,8 @@ def write_search_report(path, summary, confirmed):
         *_search_figures(summary),
         *_motion_figures(confirmed),
     ]
+    heads = "title", "caption", "image"
+    rows, waves = with_waveforms([dict(zip(heads, row, strict=True)) for row in drawn])
     text = page("back_analysis.html").render(
         s=plain(summary),
         laboratory=any(row["laboratory"] is not None for row in summary["parameters"]),
@@ -285,7 +287,8 @@ def write_search_report(path, summary, confirmed):
         slip=[
             line for name, blast in summary["blasts"].items() for line in slip_lines(name, blast)
         ],
-        figures=[dict(zip(("title", "caption", "image"), row, strict=True)) for row in drawn],
+        figures=rows,
+        waves=waves,
     )
     write_text(path, text)
 
@@ -328,7 +331,7 @@ def _motion_figures(confirmed):
                 f"Receiver {name}",
                 f"{blast}, {name}: recorded against simulated at the best point; particle velocity "
                 "and smoothed amplitude spectrum.",
-                figures.motion_figure(
+                figures.waveform_figure(
                     both, [figures.RECORDED, figures.SIMULATED], SPECTRUM_TOP,
                     float(run.simulated[name].times[-1]),
                 ),

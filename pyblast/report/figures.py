@@ -14,6 +14,8 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from ..mesh import tetrahedra
 from ..mesh.faces import face_vectors, pair_faces, zone_faces
+from ..signals.comparison import Comparison
+from ..signals.seismogram import Seismogram
 from ..signals.spectra import dominant_frequency, smoothed_spectrum, zero_crossing_frequency
 
 _TRIANGLE_EDGES = np.array([[0, 1], [1, 2], [2, 0]])
@@ -110,9 +112,20 @@ _ABOVE = {
 }  # fmt: skip
 
 
-def motion_figure(seismograms, colours, top=None, t_max=None):
-    """Return `draw_motion` as a data URI."""
-    return _uri(draw_motion(seismograms, colours, top, t_max))
+def plot(what: Seismogram | Comparison) -> Figure:
+    """Draw a seismogram in time and frequency, or the spectral ratios of a comparison.
+
+    Parameters
+    ----------
+    what : Seismogram or Comparison
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    if isinstance(what, Comparison):
+        return draw_comparison(what)
+    return draw_motion({what.label or "motion": what}, (SIMULATED,))
 
 
 def draw_motion(seismograms, colours, top=None, t_max=None) -> Figure:
@@ -437,33 +450,55 @@ def peaks_of(motion, summed):
     return [row for row in rows if row[1] > 0.0]
 
 
-def waveforms(seismograms) -> list[dict]:
-    """Return the motion of all receivers for the interactive figures, in mm/s.
+def waveform_figure(seismograms, colours, top=None, t_max=None) -> dict:
+    """Return seismograms and amplitude spectra of a receiver as waveforms.js draws them.
 
     A record of more than `MOST_SAMPLES` keeps the smallest and the largest of each interval. Values
     are little-endian 16-bit integers in base64, times ``scale``.
 
     Parameters
     ----------
-    seismograms : callable
-        Returns the seismograms by receiver of "recorded" or "simulated".
+    seismograms : dict of str to Seismogram
+        By legend; all with the same components.
+    colours : sequence of str
+    top : float, Hz, optional
+        Right end of the frequency axes. Default: the Nyquist frequency.
+    t_max : float, s, optional
+        Right end of the time axes. Default: the end of the longest record.
     """
-    places: dict[str, list] = {}
-    for kind in ("recorded", "simulated"):
-        for name, motion in seismograms(kind).items():
-            step = max(1, ceil(2 * len(motion.velocity) / MOST_SAMPLES))
-            for k in np.flatnonzero(motion.present):
-                values = 1e3 * motion.velocity[:, k]
-                dt = motion.dt
-                if step > 2:
-                    values, dt = _thinned(values, step), 0.5 * step * motion.dt
-                scale = float(np.abs(values).max()) / 32000.0 or 1.0
-                packed = np.round(values / scale).astype("<i2").tobytes()
-                places.setdefault(name, []).append(
+    first = next(iter(seismograms.values()))
+    top = top or 0.5 / first.dt
+    traces = []
+    for kind, motion in seismograms.items():
+        spectrum, dominant = smoothed_spectrum(motion), dominant_frequency(motion).hz
+        growth = spectrum.frequency[1] / spectrum.frequency[0]
+        below = spectrum.frequency <= growth * top
+        for k in sorted(range(3), key=lambda k: PAPER_ORDER.index(motion.components[k])):
+            if motion.present[k]:
+                values, dt = _sampled(1e3 * motion.velocity[:, k], motion.dt)
+                traces.append(
                     {"kind": kind, "name": motion.components[k], "start": motion.start, "dt": dt,
-                     "scale": scale, "values": base64.b64encode(packed).decode()}
+                     "ppv": 1e3 * motion.ppv[k],
+                     "hz": None if np.isnan(dominant[k]) else float(dominant[k]),
+                     "spectrum": {"low": spectrum.frequency[0], "growth": growth}
+                     | _packed(1e3 * spectrum.amplitude[below, k])}
+                    | _packed(values)
                 )  # fmt: skip
-    return [{"place": name, "traces": traces} for name, traces in places.items()]
+    named = dict(zip(seismograms, colours, strict=False))
+    return {"traces": traces, "colours": named, "top": float(top), "end": t_max}
+
+
+def _sampled(values, dt):
+    """Return at most `MOST_SAMPLES` values and their interval in s."""
+    step = max(1, ceil(2 * len(values) / MOST_SAMPLES))
+    return (_thinned(values, step), 0.5 * step * dt) if step > 2 else (values, dt)
+
+
+def _packed(values):
+    """Return values as base64 of 16-bit integers, and the scale that gives them back."""
+    scale = float(np.abs(values).max(initial=0.0)) / 32000.0 or 1.0
+    packed = np.round(values / scale).astype("<i2").tobytes()
+    return {"scale": scale, "values": base64.b64encode(packed).decode()}
 
 
 def _thinned(values, step):

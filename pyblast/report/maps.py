@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import meshio
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.tri import Triangulation
@@ -381,6 +380,8 @@ def write_zones(path, points, zones, fields, node_fields=None):
     fields, node_fields : dict of str to array
     """
     cells = [("tetra", zones)]
+    import meshio  # slow to load
+
     mesh = meshio.Mesh(points, cells, node_fields or {}, {n: [v] for n, v in fields.items()})
     _write(path, mesh)
 
@@ -405,6 +406,8 @@ def write_joints(path, mesh, displacement=None):
         jump[contacts.minus] = displacement[contacts.plus] - displacement[contacts.minus]
         fields["jump"] = jump
     joints = {"joint": [number.astype(np.int32)]}
+    import meshio  # slow to load
+
     _write(path, meshio.Mesh(mesh.points, [("triangle", triangles)], fields, joints))
 
 

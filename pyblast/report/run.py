@@ -16,8 +16,8 @@ from . import figures, maps
 from .figures import limits_figure
 
 SPECTRUM_TOP = 40.0
+FIGURE = "title", "caption", "tables", "image"
 NOTHING_LIMITED = {"rows": [], "chosen": False}
-MOST_PICTURES = 12  # of receivers, so that the page stays below 6 MB
 SOURCES = {"forces": "point forces", "tensors": "moment tensors", "pressures": "pressed surfaces"}
 
 
@@ -38,6 +38,7 @@ def render(result: Result) -> str:
     """Return the page as text; every name that users give is escaped."""
     result = replace(result, summary=plain(result.summary))
     summary = result.summary
+    rows, waves = _figures(result)
     return page("report.html").render(
         s=summary,
         answer=answer(summary),
@@ -45,9 +46,9 @@ def render(result: Result) -> str:
         compliance=summary.get("compliance") or NOTHING_LIMITED,
         curves=load_limits(),
         explain=explain,
-        figures=_figures(result),
+        figures=rows,
         severities=_by_severity(summary["findings"]),
-        waves=figures.waveforms(result.seismograms),
+        waves=waves,
         assumed=_assumed_under(summary["assumed"]),
     )
 
@@ -60,9 +61,11 @@ def render_one_page(result: Result) -> str:
     recorded = result.seismograms("recorded")
     worst = max(rows, key=lambda row: row["share"] or 0.0, default=None)
     names = list(recorded) or ([worst["receiver"]] if worst else list(motions)[:1])
+    sheets = [_sheet(result, name, recorded.get(name), motions.get(name)) for name in names]
     return page("one_page.html").render(
         s=summary,
-        sheets=[_sheet(result, name, recorded.get(name), motions.get(name)) for name in names],
+        sheets=sheets,
+        waves=[sheet["waves"] for sheet in sheets],
         curves=load_limits(),
         explain=explain,
         answer=answer(summary),
@@ -87,7 +90,7 @@ def _sheet(result, name, recorded, simulated):
         "worst": max(own, key=lambda row: row["share"] or 0.0, default=None),
         "table": summary["receivers"][name][kind],
         "position": summary["receivers"][name]["position"],
-        "waves": figures.motion_figure({kind: motion}, [colour], _spectrum_top(summary)),
+        "waves": figures.waveform_figure({kind: motion}, [colour], _spectrum_top(summary)),
         "limits": limits_figure({kind: {name: motion}}, [curves[key] for key in chosen])[0],
     }
 
@@ -204,7 +207,7 @@ def page(name):
 
 
 def _figures(result):
-    """Return the figures: title, caption, names of assumed tables, image, number of waveforms."""
+    """Return the figures (title, caption, names of assumed tables, image), and all waveforms."""
     summary = result.summary
     wide = _spectrum_top(summary)
     rows = [
@@ -230,17 +233,16 @@ def _figures(result):
             figures.energy_figure(result.arrays["energy"], summary["run"]["lead"]),
         ),
     ]  # fmt: skip
-    heads, places = ("title", "caption", "tables", "image"), list(_receiver_names(result))
-    return [
-        dict(zip(heads, row, strict=True))
-        | {"waveform": places.index(row[0][9:]) if row[0].startswith("Receiver ") else None}
-        for row in rows
-    ]
+    return with_waveforms([dict(zip(FIGURE, row, strict=True)) for row in rows])
 
 
-def _receiver_names(result):
-    """Return the receivers in the order of `waveforms`."""
-    return dict.fromkeys([*result.seismograms("recorded"), *result.seismograms("simulated")])
+def with_waveforms(rows):
+    """Return figures with the number of their waveform, if they are one, and these waveforms."""
+    waves = [row["image"] for row in rows if isinstance(row["image"], dict)]
+    for row in rows:
+        is_wave = isinstance(row["image"], dict)
+        row["waveform"] = waves.index(row["image"]) if is_wave else None
+    return rows, waves
 
 
 def _spectrum_top(summary):
@@ -261,7 +263,7 @@ def _input_figures(result, top):
         f"Signature, {table['signature']}: particle velocity and smoothed amplitude "
         "spectrum of the three components.",
         ("signature",),
-        figures.motion_figure(
+        figures.waveform_figure(
             {"single hole": stages["signature"]}, [figures.INK], top, _end(stages["signature"])
         ),
     )
@@ -269,7 +271,7 @@ def _input_figures(result, top):
         "Input motion",
         _filter_words(table),
         ("signature", "blast", "input"),
-        figures.motion_figure(
+        figures.waveform_figure(
             {"whole blast": stages["superposed"], "input": stages["motion"]},
             ["#9aa5b1", figures.SIMULATED], top, _end(stages["superposed"]),
         ),
@@ -372,25 +374,20 @@ def _section_place(result):
 
 
 def _receiver_figures(result, top):
-    """Yield recorded and simulated motion at each receiver, those with the largest peaks drawn."""
+    """Yield recorded and simulated motion at each receiver."""
     recorded = result.seismograms("recorded")
-    motions = result.seismograms("simulated")
-    drawn = sorted(motions, key=lambda name: -motions[name].pvs)[:MOST_PICTURES]
-    for name, simulated in motions.items():
+    for name, simulated in result.seismograms("simulated").items():
         both, colours = {"simulated": simulated}, [figures.SIMULATED]
         words = "simulated; no record is given"
         if name in recorded:
             both = {"recorded": recorded[name], "simulated": simulated}
             colours, words = [figures.RECORDED, figures.SIMULATED], "recorded against simulated"
-        image = None
-        if name in drawn:
-            image = figures.motion_figure(both, colours, top, float(simulated.times[-1]))
         yield (
             f"Receiver {name}",
             f"{name}: {words}; particle velocity and smoothed amplitude spectrum."
             f"{_towards(result.summary['receivers'][name])}",
             ("receivers", "signature", "mesh", "joints", "damping"),
-            image,
+            figures.waveform_figure(both, colours, top, float(simulated.times[-1])),
         )
 
 

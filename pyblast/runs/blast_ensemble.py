@@ -6,8 +6,8 @@ from math import ceil
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy import fft
 
 from ..errors import InputError
 from ..model.model import Receiver
@@ -120,13 +120,13 @@ class BlastSpectra:
                 f"band: need 0 < low < high and low below {top:g} Hz, got {low:g}, {high:g} Hz"
             )
         rings = int(np.ceil(RINGS / (low * self.dt)))
-        motion = fft.irfft(self.spectra, self.n_samples, axis=0)
+        motion = scipy.fft.irfft(self.spectra, self.n_samples, axis=0)
         size = fast_length(self.n_samples + 2 * rings)
-        hz = fft.rfftfreq(size, self.dt)
+        hz = scipy.fft.rfftfreq(size, self.dt)
         off = (hz**2 - low * high) / np.maximum(hz * (high - low), 1e-30)
         gain = np.exp(-2j * np.pi * hz * rings * self.dt) / (1.0 + np.minimum(abs(off), 1e30) ** 8)
         spectra, n_samples = trimmed(
-            np.asarray(fft.rfft(motion, size, axis=0)) * gain[:, None, None] / size
+            np.asarray(scipy.fft.rfft(motion, size, axis=0)) * gain[:, None, None] / size
         )
         return replace(
             self, spectra=spectra, n_samples=n_samples, spacing=1.0 / (size * self.dt),
@@ -153,7 +153,7 @@ class BlastSpectra:
         for number, matrix in enumerate(self.spectra):
             total[..., number] = holes @ matrix
             holes *= turn
-        motion = np.asarray(fft.irfft(total, self.n_samples, overwrite_x=True))
+        motion = np.asarray(scipy.fft.irfft(total, self.n_samples, overwrite_x=True))
         return motion.reshape(len(times), len(self.receivers), 3, -1)
 
 
@@ -187,7 +187,7 @@ def blast_spectra(
     n_steps = bank.response.shape[-1] + drives.shape[1] + int(np.ceil((latest - earliest) / dt))
     size = fast_length(n_steps)
     responses = [_turned(bank, number, size) for number in range(len(bank.sources))]
-    spectra = np.stack([fft.rfft(drive, size) * responses[number]
+    spectra = np.stack([scipy.fft.rfft(drive, size) * responses[number]
                         for drive, number in zip(drives, numbers, strict=True)])  # fmt: skip
     spectra, n_samples = trimmed(spectra.transpose(2, 0, 1) / size)
     return BlastSpectra(
@@ -244,7 +244,7 @@ def _drives(bank, sources):
 
 def _turned(bank, number, size):
     """Return spectra (3 n_receivers, n_frequencies) of one place in receiver components."""
-    spectra = np.asarray(fft.rfft(bank.response[number], size))
+    spectra = np.asarray(scipy.fft.rfft(bank.response[number], size))
     for receiver, (east, north, _) in zip(bank.receivers, spectra, strict=True):
         if receiver.azimuth is not None:
             sine, cosine = np.sin(receiver.azimuth), np.cos(receiver.azimuth)
@@ -309,10 +309,10 @@ def signature_spectra(
     longest = max(len(seismogram.velocity) for row in table for seismogram in row)
     n = longest + ceil((np.ptp(begins) + latest - earliest) / first.dt) + 1
     size = fast_length(n)
-    turns = -2j * np.pi * fft.rfftfreq(size, first.dt)[:, None]
+    turns = -2j * np.pi * scipy.fft.rfftfreq(size, first.dt)[:, None]
     spectra = np.empty((len(turns), n_holes, len(table), 3), dtype=complex)
     for number, row in enumerate(table):
-        known = {id(s): fft.rfft(np.nan_to_num(s.velocity), size, axis=0) for s in row}
+        known = {id(s): scipy.fft.rfft(np.nan_to_num(s.velocity), size, axis=0) for s in row}
         for hole, seismogram in enumerate(row):
             late = np.exp(turns * (begins[number, hole] - begins.min()))
             spectra[:, hole, number] = known[id(seismogram)] * late

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import fft
+import scipy
 
 from ..core import BATCH_SIZE, JOINT_LAWS
 from ..errors import InputError
@@ -253,10 +253,10 @@ class GreensFunctions:
         for number in np.unique(numbers):
             chosen = [s for s, at in zip(sources, numbers, strict=True) if at == number]
             drive = np.asarray(
-                sum(np.asarray(fft.rfft(self.increments(s, n), size)) for s in chosen)
+                sum(np.asarray(scipy.fft.rfft(self.increments(s, n), size)) for s in chosen)
             )
-            total += np.asarray(fft.rfft(self.response[number, ..., :n], size)) * drive
-        return self.seismograms(np.asarray(fft.irfft(total, size))[..., :n])
+            total += np.asarray(scipy.fft.rfft(self.response[number, ..., :n], size)) * drive
+        return self.seismograms(np.asarray(scipy.fft.irfft(total, size))[..., :n])
 
     def increments(self, source: PointSource, n_steps: int) -> np.ndarray:
         """Return the increments of moment or force per step, (n_steps,)."""

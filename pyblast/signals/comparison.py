@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from ..units import to_si
-from .seismogram import Seismogram, drawn, html_table
+from .seismogram import Seismogram, html_table
 from .spectra import (
     dominant_frequency,
     envelope_and_phase,
@@ -82,10 +82,6 @@ class Comparison:
         ]
         heads = ("component", "PPV %", "dominant frequency %", "waveform misfit %")
         return html_table("simulated against recorded", heads, rows)
-
-    def plot(self):
-        """Draw the spectral ratio of each component, as a matplotlib Figure."""
-        return drawn("draw_comparison", self)
 
     @property
     def waveform_misfit(self) -> np.ndarray:

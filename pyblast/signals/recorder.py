@@ -8,9 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.signal import butter, lfilter, sosfilt, sosfiltfilt
-from scipy.spatial.transform import Rotation
 
 from ..errors import InputError
 from .seismogram import Seismogram
@@ -72,8 +71,8 @@ def anti_alias(corner: float, order: int = 4, *, zero_phase: bool = False) -> Op
     def operate(seismogram):
         if corner >= 0.5 / seismogram.dt:
             return seismogram
-        sections = butter(order, corner, fs=1.0 / seismogram.dt, output="sos")
-        run = sosfiltfilt if zero_phase else sosfilt
+        sections = scipy.signal.butter(order, corner, fs=1.0 / seismogram.dt, output="sos")
+        run = scipy.signal.sosfiltfilt if zero_phase else scipy.signal.sosfilt
         return replace(seismogram, velocity=run(sections, seismogram.velocity, axis=0))
 
     return operate
@@ -95,7 +94,8 @@ def orientation(about_vertical: float, tilt: float = 0.0, towards: float = 0.0) 
         Angle by which the top of the sensor leans, and its bearing, clockwise from north.
     """
     axis = tilt * np.array([-np.cos(towards), np.sin(towards), 0.0])
-    turn = Rotation.from_rotvec(axis) * Rotation.from_euler("z", -about_vertical)
+    rotation = scipy.spatial.transform.Rotation
+    turn = rotation.from_rotvec(axis) * rotation.from_euler("z", -about_vertical)
     matrix = turn.as_matrix()
     return lambda s: replace(s, velocity=s.velocity @ matrix)
 
@@ -260,9 +260,9 @@ def oscillator(
     pole = np.exp(complex(-drag, turn) * dt)
     # z = u' - conj(s) u with the pole s obeys z' = s z - a.
     gain = (pole - 1.0) / complex(-drag, turn)
-    z = np.concatenate([[0.0], lfilter([1.0], [1.0, -pole], -gain * acceleration)])
-    moved = z.imag / turn
-    return moved, z.real - drag * moved
+    z = np.concatenate([[0.0], scipy.signal.lfilter([1.0], [1.0, -pole], -gain * acceleration)])
+    moved = np.imag(z) / turn
+    return moved, np.real(z) - drag * moved
 
 
 def _filter(response):

@@ -4,7 +4,6 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from html import escape
-from importlib import import_module
 
 import numpy as np
 import scipy
@@ -92,15 +91,6 @@ class Seismogram:
             ("component", "PPV mm/s"),
             [*((name, 1e3 * peak) for name, peak in rows), ("vector sum", 1e3 * self.pvs)],
         )
-
-    def plot(self):
-        """Draw the components in time and frequency.
-
-        Returns
-        -------
-        matplotlib.figure.Figure
-        """
-        return drawn("draw_motion", {self.label or "motion": self}, ("#c2410c",))
 
     def to_obspy(self, time_zero: str | float = 0.0):
         """Return the recorded components as traces in m/s.
@@ -265,11 +255,6 @@ class Seismogram:
     def shifted(self, seconds: float) -> "Seismogram":
         """Shift the start by ``seconds``; the samples are unchanged."""
         return replace(self, start=self.start + seconds)
-
-
-def drawn(name: str, *arguments):
-    """Call a function of the report that draws; it is loaded when a figure is asked for."""
-    return getattr(import_module("pyblast.report.figures"), name)(*arguments)
 
 
 def html_table(title: str, heads: Sequence[str], rows: Iterable[Sequence]) -> str:

@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy
 
 from ..core import JOINT_LAWS, ZONE_LAWS
 from ..errors import InputError
@@ -49,7 +49,7 @@ def overburden_stress(model: Model, places: np.ndarray | None = None) -> np.ndar
     top = np.full(len(at), high)
     if "top" in mesh.surfaces:
         surface = mesh.points[np.unique(mesh.surfaces["top"])]
-        top = surface[KDTree(surface[:, :2], leafsize=16).query(at[:, :2])[1], 2]
+        top = surface[scipy.spatial.KDTree(surface[:, :2], leafsize=16).query(at[:, :2])[1], 2]
     above = np.interp(top, levels, column) - np.interp(at[:, 2], levels, column)
     vertical = -insitu.gravity * np.maximum(above, 0.0)
     stress = np.zeros((len(at), 6))

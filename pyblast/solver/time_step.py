@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from scipy.linalg import eigvalsh_tridiagonal
+import scipy
 
 from ..mesh import tetrahedra
 from ..mesh.mesh import Contacts
@@ -425,7 +425,7 @@ def largest_eigenvalue(product: Product, mass: np.ndarray) -> float:
         diagonal.append(float((weight * image * motion).sum()))
         image -= diagonal[-1] * motion
         off = float(np.sqrt((weight * image**2).sum()))
-        value = float(eigvalsh_tridiagonal(np.array(diagonal), np.array(beside))[-1])
+        value = float(scipy.linalg.eigvalsh_tridiagonal(np.array(diagonal), np.array(beside))[-1])
         still = count >= LEAST and abs(value - largest) < TIGHT * value
         if still or off <= 1e-12 * value:
             return _raised(value)

@@ -37,7 +37,7 @@ from ..project.result import (
     write_summary,
     write_text,
 )
-from ..recordings.recording import read_recording
+from ..recordings.recording import first_recording, read_recording
 from ..report.maps import (
     surface_of,
     write_joints,
@@ -448,10 +448,10 @@ def compare_files(
         Of the record, where it is a workbook.
     """
     bearing = None if bearing_deg is None else math.radians(bearing_deg)
-    read = read_recording(recorded, bearing=bearing, sheet=sheet)[0]
+    read = first_recording(recorded, read_recording(recorded, bearing=bearing, sheet=sheet))
     record, air = read.seismogram, _air_lines(recorded, read)
     if Path(simulated).suffix != ".h5":
-        other = read_recording(simulated, bearing=bearing)[0]
+        other = first_recording(simulated, read_recording(simulated, bearing=bearing))
         lines = air + _air_lines(simulated, other)
         return compare(record, other.seismogram, band), None, lines
     result = read_result(simulated)

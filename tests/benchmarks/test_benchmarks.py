@@ -86,7 +86,55 @@ def test_a_step_moves_more_than_its_zones_and_damping_more_again():
 
 
 def test_every_goal_that_was_not_measured_says_so():
-    assert {page.judged(judge, {}) for _, judge in goals.GOALS} == {("not measured", "–")}
+    judged = {page.judged(need, judge, {}) for _, need, judge in goals.GOALS}
+
+    assert judged == {("not measured", "–", "–")}
+
+
+@pytest.mark.parametrize("goal", goals.GOALS, ids=lambda goal: goal[0])
+def test_a_goal_with_numbers_is_judged(goal):
+    _, need, judge = goal
+    kept = json.loads(RESULTS.read_text())
+    part, _, key = need.partition(".")
+    measured, outcome, on = page.judged(need, judge, kept)
+
+    if (key or "found") in kept.get(part, {}):
+        assert measured != "not measured"
+        assert outcome == "yes" or outcome.startswith("**no**")
+        assert kept[part]["date"] in on
+    else:
+        assert measured == "not measured"
+
+
+def test_numbers_that_lack_what_a_goal_needs_are_a_fault_not_a_silence():
+    part = {"machine": {"processor": "A"}, "load": 0.0, "date": "2026-01-01", "found": {}}
+    need, judge = next((need, judge) for _, need, judge in goals.GOALS if need == "kernels")
+
+    with pytest.raises(KeyError):
+        page.judged(need, judge, {"kernels": part})
+
+
+def test_a_number_is_judged_by_its_limit():
+    need, judge = goals.at_most("demo.seconds", 180.0, "s")
+    on = {"machine": {"processor": "A"}, "load": 0.1, "date": "2026-01-02"}
+    judged = [page.judged(need, judge, {"demo": {**on, "seconds": s}}) for s in (170.0, 190.0)]
+
+    assert judged == [("170 s", "yes", "A, 2026-01-02, load 0.1"),
+                      ("190 s", "**no**", "A, 2026-01-02, load 0.1")]  # fmt: skip
+    assert page.judged(need, judge, {"demo": on})[0] == "not measured"
+
+
+def test_a_part_without_found_takes_no_judgement_from_the_others():
+    kept = json.loads(RESULTS.read_text())
+    aside = {"machine": {"processor": "A"}, "load": 0.0, "date": "2026-01-01", "a_number": 1.0}
+
+    for _, need, judge in goals.GOALS:
+        assert page.judged(need, judge, {**kept, "aside": aside}) == page.judged(need, judge, kept)
+
+
+def test_every_kept_result_says_on_what_and_when_it_was_measured():
+    for name, one in json.loads(RESULTS.read_text()).items():
+        assert {"machine", "load", "date"} <= set(one), name
 
 
 def test_every_kept_result_has_its_tables():

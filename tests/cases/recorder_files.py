@@ -186,3 +186,15 @@ def miniseed(stations, *, dtype="f8", start="2025-01-02T03:04:05", codes="ENZ", 
     target = io.BytesIO()
     stream.write(target, format="MSEED", **options)
     return target.getvalue()
+
+
+def sac(order="<", version=6, n_samples=10, value=1.0, given=10, longitude=-12345.0):
+    """A SAC file with the fields that the reader needs."""
+    numbers = [-12345.0] * 70
+    numbers[0], numbers[5], numbers[6] = 0.002, 0.0, 0.018
+    numbers[31:33], numbers[35:37] = [0.0, longitude], [0.0, 0.0]
+    integers = [-12345] * 40
+    integers[:6] = [2025, 2, 3, 4, 5, 0]
+    integers[6], integers[9], integers[15], integers[35] = version, n_samples, 1, 1
+    head = struct.pack(f"{order}70f40i", *numbers, *integers) + b"-12345  " * 24
+    return head + struct.pack(f"{order}{given}f", *([value] * given))

@@ -8,6 +8,7 @@ import time
 import numpy as np
 import pytest
 import recorder_files as files
+from recorder_files import sac
 
 from pyblast.errors import InputError, ReadError
 from pyblast.recordings.recording import read_gather, read_recording, read_stations
@@ -19,18 +20,6 @@ ASCII, CSV = files.instantel_ascii(), files.instantel_csv()
 TABLE = files.generic()
 MAPPING = 'unit = "mm/s"\nsampling_rate_hz = 1000\n[columns]\nvertical = 1\n'
 SAMPLE = "\n 0.0000 \t 0.0000 \t 0.0000 \n"
-
-
-def sac(order="<", version=6, n_samples=10, value=1.0, given=10, longitude=-12345.0):
-    """A SAC file with the fields that the reader needs."""
-    numbers = [-12345.0] * 70
-    numbers[0], numbers[5], numbers[6] = 0.002, 0.0, 0.018
-    numbers[31:33], numbers[35:37] = [0.0, longitude], [0.0, 0.0]
-    integers = [-12345] * 40
-    integers[:6] = [2025, 2, 3, 4, 5, 0]
-    integers[6], integers[9], integers[15], integers[35] = version, n_samples, 1, 1
-    head = struct.pack(f"{order}70f40i", *numbers, *integers) + b"-12345  " * 24
-    return head + struct.pack(f"{order}{given}f", *([value] * given))
 
 
 def gse2(payload="+" * 10, n_samples=10, total=0):
@@ -113,7 +102,7 @@ TRACES = {
     "pickle": (pickle.dumps([1, 2, 3]), "is none of|NUL byte"),
     "MSEED cut in a record": (MSEED[:-100], "cut short"),
     "MSEED cut in the header": (MSEED[:60], "cut short|is not a readable MSEED file"),
-    "MSEED blank body": (MSEED[:8] + bytes(len(MSEED) - 8), "is not a readable MSEED file"),
+    "MSEED blank body": (MSEED[:8] + bytes(len(MSEED) - 8), "NUL byte"),
     "MSEED nan": (files.miniseed({"R01": MOTION * np.nan}), "XX.R01.*finite number, got nan"),
     "MSEED in swapped bytes": (
         files.miniseed({"R01": MOTION.astype(">f8").view("<f8")}), "sample 0: expected a finite|"

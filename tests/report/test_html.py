@@ -7,13 +7,13 @@ import pytest
 from small_project import written
 
 from pyblast import Seismogram
-from pyblast.project.result import Result, read_result, write_csv
+from pyblast.project.result import read_result, write_csv
 from pyblast.report.figures import (
     limits_figure,
     peaks_of,
     section_of_surface,
     section_of_zones,
-    waveforms,
+    waveform_figure,
 )
 from pyblast.report.run import angle, number, render, render_one_page, scaled
 from pyblast.signals.comparison import load_limits
@@ -76,7 +76,8 @@ def test_the_page_warns_of_failing_checks_and_short_records_before_the_peaks(pag
 def test_figures_are_those_of_the_project_not_of_a_paper(page):
     assert "of the paper" not in page
     images = re.findall(r'src="data:image/png;base64,([^"]+)"', page)
-    assert len(images) == 10
+    assert len(images) == 7
+    assert page.count('class="waveform"') == 3  # single hole, input, receiver
     assert all(base64.b64decode(image)[:8] == b"\x89PNG\r\n\x1a\n" for image in images)
 
 
@@ -109,18 +110,33 @@ def test_seismograms_in_the_page_keep_their_peaks():
     time = np.arange(0.0, 2.0, 1e-5)
     wave = np.exp(-3.0 * time) * np.sin(60.0 * np.pi * time)
     motion = Seismogram(np.c_[wave, -0.1 * wave, np.full(len(time), np.nan)], 1e-5)
-    heads = {"dt": 1e-5, "start": 0.0, "components": list(motion.components)}
-    seismograms = {"simulated": {"R1": heads}, "recorded": {}}
-    result = Result({"simulated": {"R1": motion.velocity}}, {"seismograms": seismograms})
 
-    (place,) = waveforms(result.seismograms)
+    place = waveform_figure({"simulated": motion}, ["#c2410c"], top=60.0)
 
-    for trace, peak in zip(place["traces"], motion.ppv, strict=False):
+    peaks = dict(zip(motion.components, motion.ppv, strict=True))
+    for trace in place["traces"]:
+        peak = peaks[trace["name"]]
         values = np.frombuffer(base64.b64decode(trace["values"]), "<i2") * trace["scale"]
         assert np.abs(values).max() == pytest.approx(1e3 * peak, rel=1e-4)
         assert len(values) <= 4002
         assert trace["dt"] * len(values) == pytest.approx(2.0, rel=1e-3)
-    assert [trace["name"] for trace in place["traces"]] == list(motion.components[:2])
+    assert [trace["name"] for trace in place["traces"]] == ["north", "east"]
+
+
+def test_spectra_in_the_page_end_at_the_band_and_peak_where_the_motion_does():
+    time = np.arange(0.0, 2.0, 0.001)
+    wave = np.exp(-3.0 * time) * np.sin(2.0 * np.pi * 30.0 * time)
+    motion = Seismogram(np.column_stack([wave, wave, 0.0 * wave]), 0.001)
+
+    _, silent, one = waveform_figure({"simulated": motion}, ["#c2410c"], top=60.0)["traces"]
+
+    amplitude = np.frombuffer(base64.b64decode(one["spectrum"]["values"]), "<i2")
+    frequency = one["spectrum"]["low"] * one["spectrum"]["growth"] ** np.arange(len(amplitude))
+    assert frequency[-2] <= 60.0 <= frequency[-1] * one["spectrum"]["growth"]
+    assert frequency[amplitude.argmax()] == pytest.approx(30.0, abs=1.0)
+    assert one["hz"] == pytest.approx(30.0, abs=1.0)
+    assert silent["ppv"] == 0.0
+    assert silent["hz"] is None
 
 
 def test_peaks_of_a_decaying_sine_lie_at_its_frequency_the_sum_at_that_of_the_largest():
@@ -207,6 +223,7 @@ def test_the_a4_page_holds_what_an_inspector_asks_for(tmp_path):
 
     for part in ("UM&lt;1&gt;", "2026-01-02", "A. Blaster", "kg", "vector sum", "Limit ="):
         assert part in text
-    assert text.count("data:image/png") == 2
+    assert text.count("data:image/png") == 1  # the limit curves
+    assert text.count('class="waveform"') == 1
     assert text == render_one_page(outcome.result)
     assert (outcome.folder / "report.html").stat().st_size < 6e6

@@ -6,6 +6,7 @@ from small_project import TEXT, written
 
 import pyblast
 from pyblast.project.result import Result
+from pyblast.report.figures import plot
 from pyblast.signals.comparison import compare
 from pyblast.signals.seismogram import Seismogram
 
@@ -20,8 +21,8 @@ RESULT = Result(
 
 
 def test_a_seismogram_and_a_comparison_are_drawn():
-    figure = MOTION.plot()
-    ratio = compare(MOTION, Seismogram(2.0 * MOTION.velocity, 1e-3, -0.1, "house")).plot()
+    figure = plot(MOTION)
+    ratio = plot(compare(MOTION, Seismogram(2.0 * MOTION.velocity, 1e-3, -0.1, "house")))
 
     assert len(figure.axes) == 6
     drawn = figure.axes[0].lines[0].get_ydata()
