@@ -338,7 +338,7 @@ def _dask_client(address):
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("--dask: dask is not installed; pip install 'pyblast[dask]'") from None
+        raise InputError("--dask: dask is not installed; pip install 'dask[distributed]'") from None
     try:
         return Client(address, timeout=DASK_SECONDS)
     except (OSError, ValueError) as error:
