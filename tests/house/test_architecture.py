@@ -35,21 +35,13 @@ ONE_ROOM = {
     "ezdxf": {"readers.drawings"},
     "tifffile": {"readers.geometry"},
     "openpyxl": {"readers.cells", "workflows"},  # read, written
-    "csv": {"readers.cells", "workflows"},
 }
-# Rooms that may use a tool, and in the second table those that are to leave it: no new one.
+# Rooms that may use a tool.
 OWN_ROOMS = {
-    "csv": {"readers.tables", "workflows"},
+    "csv": {"readers.cells", "workflows"},  # read, written
     "importlib.import_module": {"diagnosis.library"},
-    "numpy.loadtxt": {"readers.tables"},
+    "numpy.loadtxt": set(),
 }
-STILL_IN = {
-    "csv": {
-        "blasts.hole_tables", "blasts.site_law", "line_records.field_records",
-        "recordings.hand_tables", "recordings.raw",
-    },
-    "numpy.loadtxt": {"project.case_folder"},
-}  # fmt: skip
 # Standard deviations of priors that are to become keys of [priors].
 PRIORS_IN_CODE = {"SCALE_SIGMA", "SPEED_SIGMA", "STIFFNESS_SIGMA"}
 # Modules whose public functions take a project without its type.
@@ -231,7 +223,7 @@ def test_a_tool_is_imported_in_one_room_only(tool):
 def test_no_other_room_takes_up_a_tool_that_has_its_own(tool):
     users = {name for name in TREES if name and tool in tools(name)}
 
-    assert users <= OWN_ROOMS[tool] | STILL_IN.get(tool, set())
+    assert users <= OWN_ROOMS[tool]
 
 
 def test_prior_deviations_are_no_new_constants():
