@@ -2,8 +2,10 @@
 
 import math
 import re
+import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -40,112 +42,16 @@ class Layout:
 
     name: str
     columns: Mapping[str, Any]
-    needs: tuple[str, ...] = ()
+    needs: Sequence[str] = ()
     axes: str = "east_north"
     angle_from: str = ""
 
 
-_PLACE = {"x_m": "x_m", "y_m": "y_m", "z_m": "z_m"}
-_TOE = {"x_toe_m": "x_toe_m", "y_toe_m": "y_toe_m", "z_toe_m": "z_toe_m"}
-_DECK = {"deck_top_m": "deck_top_m", "deck_base_m": "deck_base_m", "diameter_mm": "diameter_mm"}
-_LOGIC = {
-    "blast": "blast", "id": "hole_id", "diameter_mm": "diameter", "length_m": "length",
-    "inclination_deg": "angle", "bearing_deg": "bearing", "delay_ms": "time",
-}  # fmt: skip
-_KIRRA_PLACES = {
-    "x_m": "startxlocation", "y_m": "startylocation", "z_m": "startzlocation",
-    "x_toe_m": "endxlocation", "y_toe_m": "endylocation", "z_toe_m": "endzlocation",
-}  # fmt: skip
-WITH_HEADER = (
-    Layout(
-        "pyblast hole table",
-        {"id": "id", **_PLACE, **_TOE, "charge_kg": "charge_kg", "delay_ms": "delay_ms", **_DECK},
-        ("id", *_PLACE, *_TOE, "charge_kg", "delay_ms"),
-    ),
-    Layout(
-        "table of charge centres",
-        {
-            "id": "id",
-            "x_m": "x",
-            "y_m": "y",
-            "z_m": "z",
-            "charge_kg": "charge_kg",
-            "delay_s": "delay_s",
-        },
-        ("id", "x_m", "y_m", "z_m", "charge_kg", "delay_s"),
-    ),
-    Layout(
-        "BlastLogic export",
-        {
-            **_LOGIC,
-            "x_m": "startx",
-            "y_m": "starty",
-            "z_m": "startz",
-            "x_toe_m": "endx",
-            "y_toe_m": "endy",
-            "z_toe_m": "endz",
-            "charge_kg": "measured_mass",
-        },
-        ("id", "x_m", "y_m", "z_m", "delay_ms"),
-        angle_from="vertical",
-    ),
-    Layout(
-        "BlastLogic plan",
-        {
-            **_LOGIC,
-            "x_m": "x",
-            "y_m": "y",
-            "z_m": "z",
-            "x_toe_m": "toex",
-            "y_toe_m": "toey",
-            "z_toe_m": "toez",
-            "charge_kg": "planned_explosive_mass_kg",
-        },
-        ("blast", "id", "x_m", "y_m", "z_m", "delay_ms"),
-        angle_from="vertical",
-    ),
-    Layout(
-        "Kirra export",
-        {
-            "blast": "entityname",
-            "id": "holeid",
-            **_KIRRA_PLACES,
-            "diameter_mm": "holediameter",
-            "length_m": "holelengthcalculated",
-            "inclination_deg": "holeangle",
-            "bearing_deg": "holebearing",
-            "from_hole": "fromholeid",
-            "relative_delay_ms": "timingdelaymilliseconds",
-            "charge_kg": "measuredmass",
-            "measured_length_m": "measuredlength",
-            "measured_at": "measuredmasstimestamp",
-        },
-        ("blast", "id", *_KIRRA_PLACES, "from_hole", "relative_delay_ms"),
-        angle_from="vertical",
-    ),
+_LAYOUTS = tomllib.loads(
+    resources.files("pyblast.blasts").joinpath("layouts.toml").read_text(encoding="utf-8")
 )
-
-
-def _kirra_columns(first, **others):
-    """Columns of a Kirra table without header: id and places in a row, the others by number."""
-    places = zip(("id", *_KIRRA_PLACES), range(first, first + 7), strict=True)
-    return {**dict(places), **others}
-
-
-_KIRRA_LONG = {
-    "blast": 0, "diameter_mm": 15, "from_hole": 17, "relative_delay_ms": 18, "charge_kg": 26,
-    "measured_length_m": 24, "measured_at": 27,
-}  # fmt: skip
-WITHOUT_HEADER: dict[int, dict[str, int]] = {
-    4: {"id": 0, "x_m": 1, "y_m": 2, "z_m": 3},
-    7: _kirra_columns(0),
-    9: _kirra_columns(0, diameter_mm=7),
-    12: _kirra_columns(0, diameter_mm=7, from_hole=9, relative_delay_ms=10),
-    14: _kirra_columns(2, blast=0, diameter_mm=9, from_hole=11, relative_delay_ms=12),
-    30: _kirra_columns(2, **_KIRRA_LONG),
-    32: _kirra_columns(2, **_KIRRA_LONG),
-    35: _kirra_columns(2, **_KIRRA_LONG),
-}
+WITH_HEADER = tuple(Layout(**layout) for layout in _LAYOUTS["with_header"])
+_IN_A_ROW = ("id", "x_m", "y_m", "z_m", "x_toe_m", "y_toe_m", "z_toe_m")
 
 
 def plain(header: str) -> str:
@@ -171,8 +77,12 @@ def recognise(first_row: Sequence[str]) -> tuple[Layout | None, bool]:
         columns = {k: headers.index(name) for k, name in layout.columns.items() if name in headers}
         if all(key in columns for key in layout.needs):
             return replace(layout, columns=columns), True
-    columns = WITHOUT_HEADER.get(len(first_row))
-    if columns is None or not is_number(first_row[columns["x_m"]]):
+    columns = _LAYOUTS["without_header"].get(str(len(first_row)))
+    if columns is None:
+        return None, False
+    columns = columns | {key: columns["id"] + k for k, key in enumerate(_IN_A_ROW)}
+    columns = {key: n for key, n in columns.items() if n < len(first_row)}
+    if not is_number(first_row[columns["x_m"]]):
         return None, False
     return Layout(f"Kirra table of {len(first_row)} columns", columns), False
 

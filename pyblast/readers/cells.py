@@ -55,10 +55,8 @@ def decode_lines(where: Path | str, content: bytes) -> list[str]:
         if content.startswith(magic) and (magic != b":U" or b"\0" in content[:32]):
             raise ReadError(f"{where}: {sentence}")
     try:
-        if content.startswith((b"\xff\xfe", b"\xfe\xff")):
-            text = content.decode("utf-16")
-        else:
-            text = content.decode("utf-8-sig")
+        marked = content.startswith((b"\xff\xfe", b"\xfe\xff"))
+        text = content.decode("utf-16" if marked else "utf-8-sig")
     except UnicodeDecodeError:
         text = content.decode("latin-1")
     if "\0" in text:
@@ -68,12 +66,12 @@ def decode_lines(where: Path | str, content: bytes) -> list[str]:
             "its mark; save it as UTF-8)"
         )
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    for number_, line in enumerate(lines, 1):
-        if len(line) > LONGEST_LINE:
-            raise ReadError(
-                f"{where}, line {number_}: has {len(line)} characters, expected at most "
-                f"{LONGEST_LINE}"
-            )
+    long = next((n for n, line in enumerate(lines, 1) if len(line) > LONGEST_LINE), None)
+    if long is not None:
+        length = len(lines[long - 1])
+        raise ReadError(
+            f"{where}, line {long}: has {length} characters, expected at most {LONGEST_LINE}"
+        )
     while lines and not lines[-1].strip():
         lines.pop()
     return lines
@@ -137,22 +135,9 @@ def is_workbook(content: bytes) -> bool:
 
 
 def cells_of(where: Path | str, content: bytes, sheet: str | None = None) -> Cells:
-    """Return the cells of text or of a sheet of a workbook.
+    """Return the cells of text, or of a sheet of a workbook (the only one with cells if not named).
 
-    Parameters
-    ----------
-    where : Path or str
-        For messages.
-    content : bytes
-    sheet : str, optional
-        Name of the sheet; may be left out where only one has cells.
-
-    Raises
-    ------
-    InputError
-        If no sheet has this name, none is named and several have cells, or the file has none.
-    ReadError
-        If the file is no text, or a workbook is damaged, protected, or too large.
+    Raises InputError if a sheet must be named or is none, ReadError if the file is neither.
     """
     if not is_workbook(content):
         if sheet is not None:
@@ -199,14 +184,9 @@ def _sheet(table, formulas):
     for n, row in enumerate(table.iter_rows(values_only=True), 1):
         rows[n] = [_cell_text(value) for value in row]
     if formulas is not None:
-        empty, valued = [], 0
-        for row in formulas.iter_rows():
-            for cell in row:
-                if cell.data_type == "f":
-                    stored = rows[cell.row][cell.column - 1]
-                    valued += bool(stored)
-                    empty += [] if stored else [cell]
-        for cell in empty if not valued else ():
+        cells = [c for row in formulas.iter_rows() for c in row if c.data_type == "f"]
+        empty = [c for c in cells if not rows[c.row][c.column - 1]]
+        for cell in empty if len(empty) == len(cells) else ():  # no program has computed any
             rows[cell.row][cell.column - 1] = Cell(cell.coordinate, "formula")
         for span in table.merged_cells.ranges:
             _fill_merged(rows, span)
@@ -274,23 +254,11 @@ def _plain(text):
 def number_format(
     where: str, columns: Sequence[Sequence[str]], delimiter: str = ","
 ) -> NumberFormat:
-    """Return the format of numbers that all columns have in common.
+    """Return the format of numbers that all columns of cells have in common; texts are passed over.
 
-    Parameters
-    ----------
-    where : str
-        For messages.
-    columns : sequence of sequences of str
-        Cells of each column that holds numbers; texts among them are passed over.
-    delimiter : str
-        Between cells, empty for a workbook. Decimal commas without any other proof need another
-        delimiter than the comma.
-
-    Raises
-    ------
-    ReadError
-        If decimal commas and points are mixed, or both readings are possible: three digits follow
-        every comma, or every point of a column that has whole numbers, too.
+    Decimal commas without any other proof need another delimiter than the comma. Raises ReadError
+    if decimal commas and points are mixed, or both readings are possible: three digits follow
+    every comma, or every point of a column that has whole numbers, too.
     """
     clear: dict[tuple[str, bool], str] = {}  # (mark, whether it is decimal): example
     open_: dict[str, str] = {}
@@ -373,27 +341,10 @@ def read_columns(
     where: Path | str, rows: list[tuple[int, list[str]]], columns: dict[str, int],
     width: int | None = None, delimiter: str = ",",
 ) -> dict[str, np.ndarray]:  # fmt: skip
-    """Parse numbered rows of cells into columns of finite numbers.
+    """Parse numbered rows of cells into columns (n_rows,) of finite numbers, by name.
 
-    Parameters
-    ----------
-    where : Path or str
-        For messages.
-    rows : list of (line number, cells)
-    columns : dict of name to column, from 0
-    width : int, optional
-        Exact number of cells that every row must have; otherwise enough for ``columns``.
-    delimiter : str
-        Between the cells, see `number_format`.
-
-    Returns
-    -------
-    dict of str to (n_rows,) float64
-
-    Raises
-    ------
-    ReadError
-        Naming line and column, if a cell is missing, not a number or not finite.
+    Every row must have ``width`` cells, or enough for all columns (numbers from 0). Raises
+    ReadError naming line and column.
     """
     if len(rows) < 2:
         raise ReadError(f"{where}: expected at least two rows of samples, found {len(rows)}")

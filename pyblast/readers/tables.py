@@ -47,28 +47,11 @@ _CLOCK = re.compile(r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d*
 
 @dataclass
 class Table:
-    """Table that was read: columns in SI, and how each was found.
+    """Table that was read, by quantity: numbers (n_rows,) in SI, NaN where absent, or texts.
 
-    Parameters
-    ----------
-    where : str
-        For messages.
-    values : dict of str to (n_rows,) float64 or list of str
-        By quantity; numbers in SI, NaN where absent.
-    units : dict of str to str
-        As written in the file.
-    lines : list of int
-        Line or row number of each row.
-    notes : list of str
-        Choices and losses, in sentences.
-    entry : FileRead
-        The same for the log.
-    digits : dict of str to float
-        Step of the last printed digit of each column of numbers, in SI.
-    instant : str
-        First time of day, where times are such.
-    unread : dict of int to str
-        Titles of the columns that were not read, by their number from 0.
+    ``units`` are as written, ``lines`` the numbers of the rows, ``notes`` choices and losses in
+    sentences, ``digits`` the steps of the last printed digits in SI, ``instant`` the first time of
+    day, ``unread`` the titles of other columns by their number from 0.
     """
 
     where: str
@@ -82,12 +65,8 @@ class Table:
     unread: dict[int, str] = field(default_factory=dict)
 
 
-OPTIONS = {
-    "delimiter": DELIMITERS,
-    "decimal": (".", ","),
-    "header": (True, False),
-    "skip_lines": (int,),
-}
+OPTIONS = {"delimiter": DELIMITERS, "decimal": (".", ","), "header": (True, False),
+           "skip_lines": (int,)}  # fmt: skip
 
 
 class Rules(NamedTuple):
@@ -102,13 +81,7 @@ NO_RULES = Rules()
 
 
 def load_mapping(path: Path | str) -> dict:
-    """Read a mapping file (TOML).
-
-    Raises
-    ------
-    ReadError, InputError
-        If it can't be read, or is no TOML.
-    """
+    """Read a mapping file; raise InputError if it is no TOML."""
     text = "\n".join(decode_lines(path, read_bytes(Path(path), LONGEST_LINE)))
     try:
         return tomllib.loads(text)
@@ -117,20 +90,7 @@ def load_mapping(path: Path | str) -> dict:
 
 
 def rules_of(mapping: Mapping | None, wanted: Wanted, further: Mapping = {}) -> Rules:
-    """Check a mapping: quantities with units in [columns], options in [table].
-
-    Parameters
-    ----------
-    mapping : mapping or None
-    wanted : Wanted
-    further : mapping of str to tuple
-        Options beside those of every table, with their values.
-
-    Raises
-    ------
-    ReadError
-        Naming the key.
-    """
+    """Check a mapping: quantities with units in [columns], options in [table] and ``further``."""
     if mapping is None:
         return Rules()
     columns, options = mapping.get("columns", {}), mapping.get("table", {})
@@ -151,8 +111,7 @@ def rules_of(mapping: Mapping | None, wanted: Wanted, further: Mapping = {}) -> 
         rules[stem] = (_column_of(key, column), unit)
     for name, value in options.items():
         if value not in known[name] and type(value) is not known[name][0]:
-            raise ReadError(f"mapping: table.{name} can't be {value!r}; it may be one of "
-                            f"{', '.join(map(repr, known[name]))}")  # fmt: skip
+            raise ReadError(f"mapping: table.{name} can't be {value!r}")
     return Rules(rules, options)
 
 
@@ -177,9 +136,7 @@ class Source(NamedTuple):
     @property
     def name(self) -> str:
         """Number from 1 and title, for messages."""
-        return (
-            f"column {self.index + 1} {self.title!r}" if self.title else f"column {self.index + 1}"
-        )
+        return f"column {self.index + 1} {self.title!r}".removesuffix(" ''")
 
 
 class Head(NamedTuple):
@@ -196,7 +153,7 @@ class Head(NamedTuple):
 def find_titles(
     cells: Cells, wanted: Wanted, rules: Rules = NO_RULES, least: int = 2
 ) -> Head | None:
-    """Return the head of a table; its titles are empty where no row holds ``least`` of them.
+    """Return the head of a table, None where no row holds ``least`` titles.
 
     It is the row among the first with the most titles of different quantities, by the delimiter
     that gives most; titles over merged cells in the row above count in front of those below.
@@ -205,24 +162,32 @@ def find_titles(
     for delimiter in _delimiters(cells, rules):
         rows = _rows(cells, delimiter, rules, HEAD_LINES + rules.options.get("skip_lines", 0))
         for k, (_, row) in enumerate(rows[: 1 if rules.options.get("header") else HEAD_LINES]):
-            above = rows[k - 1][1] if k else []
-            for titles in (row, _joined(above, row)):
+            if delimiter == " " and any(mark in cell for cell in row for mark in ";|,"):
+                continue
+            for titles in (row, _joined(rows[k - 1][1] if k else [], row)):
                 score = _score(titles, wanted, rules)
                 if score > best and (score >= least or len(titles) == 2):
                     best, chosen = score, (delimiter, k, titles)
     if rules.options.get("header") is False:
         return None
     if chosen is None and rules.columns:  # a mapping says what its titles don't
-        tried = [(d, _rows(cells, d, rules, None)) for d in _delimiters(cells, rules)]
-        delimiter, rows = max(tried, key=lambda pair: len(pair[1][0][1]) if pair[1] else 0)
-        chosen = (delimiter, 0, rows[0][1]) if rows else None
+        heads = [(d, _rows(cells, d, rules, HEAD_LINES)) for d in _delimiters(cells, rules)]
+        heads = [(d, 0, rows[0][1]) for d, rows in heads if rows]
+        chosen = max(heads, key=lambda head: len(head[2]), default=None)
     if chosen is None:
         return None
     delimiter, k, titles = chosen
     rows = _rows(cells, delimiter, rules)
     below = [cell.strip("[]() ") for cell in rows[k + 1][1]] if k + 1 < len(rows) else []
-    units = below if below and not any(map(is_number, below)) and _are_units(below) else []
+    units = below if any(below) and all(_is_unit(c, wanted) for c in below) else []
     return Head(rows, rows[k][0], titles, units, k + 1 + bool(units), delimiter)
+
+
+def _delimiters(cells, rules):
+    """Return the delimiters to try."""
+    if cells.rows is not None:
+        return ("",)
+    return (rules.options["delimiter"],) if "delimiter" in rules.options else DELIMITERS
 
 
 def _rows(cells, delimiter, rules, last=None):
@@ -233,13 +198,12 @@ def _rows(cells, delimiter, rules, last=None):
 
 def _joined(above, row):
     """Return titles with those over several cells of the row above in front."""
-    if len(above) < 2 or len([t for t in above if t]) >= len([t for t in row if t]):
+    if len([t for t in above if t]) < 2:
         return row
-    spread, last = [], ""
-    for n in range(len(row)):
-        last = (above[n] if n < len(above) else "") or last
-        spread.append(last)
-    return [t if not t or s == t else f"{s} {t}" for s, t in zip(spread, row, strict=True)]
+    above = [*above, *[""] * (len(row) - len(above))]
+    spread = [next((t for t in above[n::-1] if t), "") for n in range(len(row))]
+    joined = [f"{s} {t}" if t and s != t else t for s, t in zip(spread, row, strict=True)]
+    return [t or above[n] for n, t in enumerate(joined)]
 
 
 def _score(titles, wanted, rules):
@@ -251,21 +215,15 @@ def _score(titles, wanted, rules):
     return len({wanted.title(t).quantity for t in titles} - {""}) + 10 * len(mapped)
 
 
-def _are_units(cells):
-    """Tell whether cells are units, at least one."""
-    units = [cell for cell in cells if cell]
-    known = [c for c in units if unit_name(c) or is_pressure(c)]
-    return bool(known) and len(known) >= 0.5 * len(units)
+def _is_unit(cell, wanted):
+    """Tell whether a cell below a title is a unit, or says that there is none."""
+    if wanted.title(cell).quantity:
+        return False
+    return cell in ("", "-") or bool(unit_name(cell)) or is_pressure(cell)
 
 
-def sources_of(where, head, wanted, rules, data):
-    """Return the source of each quantity of a table, and the columns that are not read.
-
-    Raises
-    ------
-    ReadError
-        If two columns may be one quantity and no title says which, or a unit is missing.
-    """
+def _sources(where, head, wanted, rules, data):
+    """Return the source of each quantity, and why other columns are not read."""
     sources, offered, open_ = {}, {}, []
     for name, (column, unit) in rules.columns.items():
         index = _index(where, name, column, head.titles)
@@ -454,13 +412,6 @@ def headless(cells: Cells, rules: Rules, untitled: Sequence[str] = ()) -> Head |
     return None
 
 
-def _delimiters(cells, rules):
-    """Return the delimiters to try."""
-    if cells.rows is not None:
-        return ("",)
-    return (rules.options["delimiter"],) if "delimiter" in rules.options else DELIMITERS
-
-
 def table_of(
     cells: Cells,
     head: Head,
@@ -477,13 +428,13 @@ def table_of(
     if head.titles:
         width = max(len(row) for _, row in data) if data else 0
         _refuse_shifted(where, head, data, width)
-        sources, unread = sources_of(where, head, wanted, rules, data)
+        sources, unread = _sources(where, head, wanted, rules, data)
     elif untitled and not rules.columns:
         named = {name: (k + 1, "") for k, name in enumerate(untitled)}
-        sources, unread = sources_of(where, head, wanted, Rules(named), data)
+        sources, unread = _sources(where, head, wanted, Rules(named), data)
         entry.remark(f"no titles: the columns are taken as {', '.join(untitled)}")
     else:
-        sources, unread = sources_of(where, head, wanted, rules, data)
+        sources, unread = _sources(where, head, wanted, rules, data)
     _refuse_missing(where, head, wanted, sources)
     units = _units_of(where, wanted, sources, data)
     notes = [remark for remark in cells.remarks if not remark.startswith("sheet")]
@@ -512,30 +463,24 @@ def table_of(
     return table
 
 
-ROUNDED = 50  # times from which on a step finer than their last printed digit can be fitted
+ROUNDED = 50  # times from which on a step can be fitted to rounded ones
+ROUGH = 0.05  # share of the step by which rounded times are off
 
 
 def regular_step(times: np.ndarray, digit: float = 0.0, share: float = 0.5):
     """Return the step of regular times, and the index of one off their grid, None if none is.
 
-    Parameters
-    ----------
-    times : (n,) float64, s
-        At least two.
-    digit : float, s
-        Step of the last printed digit: times within half of it lie on the grid.
-    share : float
-        Of the step, by which a time may be off.
+    Times lie on the grid within ``share`` of the step, or half of the last printed digit.
     """
     count = np.arange(len(times))
     step = (times[-1] - times[0]) / count[-1]
-    offset = np.abs(times - times[0] - step * count)
-    if step > 0.0 and np.max(offset) <= share * step + min(digit, 0.1 * step):
-        return float(step), None
-    if step > 0.0 and len(times) >= ROUNDED:
+    offset = np.max(np.abs(times - times[0] - step * count))
+    if step > 0.0 and offset > ROUGH * step and len(times) >= ROUNDED:
         fitted, first = np.polyfit(count, times, 1)
         if np.ptp(times - first - fitted * count) <= 1.1 * digit:
             return float(fitted), None
+    if step > 0.0 and offset <= share * step + min(digit, 0.1 * step):
+        return float(step), None
     steps = np.diff(times)
     return float(step), int(np.argmax(np.abs(steps - np.median(steps)))) + 1
 

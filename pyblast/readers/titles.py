@@ -22,25 +22,12 @@ TOTALS = frozenset(_DATA["totals"].split())
 class Quantity(NamedTuple):
     """Quantity that is wanted of a table: titles, units, and which of two titles says it.
 
-    Parameters
-    ----------
-    words : str
-        Titles in lower case without accents, blanks and signs, separated by blanks.
-    units : tuple of str
-        Suffixes of keys, the first for examples; empty for text; ("*",) for any.
-    default : str
-        Unit where the title has none; empty where the unit must be given.
-    needed, key : bool
-        Whether a table must have it; whether every row must have it, unless it is a total.
-    says, version, part : str
-        Words of titles that say it is this quantity (such as "actual"), another version of it
-        ("design"), or only a part of it ("booster").
-    adds : bool
-        Whether a value over merged cells is a sum, so that it can't be repeated.
-    clock : bool
-        Whether times of day and instants are read as seconds.
-    bounded : bool
-        Whether rows with a bound such as "<0.5" are left out.
+    ``units`` are suffixes of keys, the first for examples; none for text, "*" for any.
+    ``default`` is taken where the title has none. Words ``says`` in a title say that it is this
+    quantity ("actual"), ``version`` another one ("design"), ``part`` a part of it ("booster").
+    A table must have what is ``needed``, every row what is a ``key`` unless it is a total. What
+    ``adds`` can't be repeated over merged cells, a ``clock`` may hold times of day, rows with a
+    bound such as "<0.5" are left out where ``bounded``.
     """
 
     words: str
