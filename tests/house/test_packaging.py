@@ -77,8 +77,8 @@ def test_links_of_readme_and_documents_lead_somewhere():
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
-def test_the_readme_stays_within_two_screens():
-    assert len(text("README.md").splitlines()) <= 105
+def test_the_readme_stays_within_three_screens():
+    assert len(text("README.md").splitlines()) <= 140
 
 
 def test_grids_need_no_gmsh_and_text_records_no_obspy():
