@@ -77,7 +77,7 @@ def recognise(first_row: Sequence[str]) -> tuple[Layout | None, bool]:
         columns = {k: headers.index(name) for k, name in layout.columns.items() if name in headers}
         if all(key in columns for key in layout.needs):
             return replace(layout, columns=columns), True
-    columns = _LAYOUTS["without_header"].get(str(len(first_row)))
+    columns: dict[str, int] | None = _LAYOUTS["without_header"].get(str(len(first_row)))
     if columns is None:
         return None, False
     columns = columns | {key: columns["id"] + k for k, key in enumerate(_IN_A_ROW)}

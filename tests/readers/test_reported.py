@@ -300,7 +300,7 @@ def test_words_are_no_charge_and_inches_are_read():
 
 
 def test_a_formula_without_value_and_numbers_as_text():
-    with pytest.raises(ReadError, match="cell F2 .* is a formula without a stored value"):
+    with pytest.raises(ReadError, match=r"cell F2 .* is a formula without a stored value"):
         holes("08-spreadsheet-habits/formula.xlsx")
     blast = holes("08-spreadsheet-habits/text.xlsx")
     assert blast.collar[:, 0].tolist() == [5000.5, 5005.5, 5010.5]
@@ -354,7 +354,8 @@ def test_a_velocity_that_nothing_names_is_a_question(tmp_path, other):
 
 
 @pytest.mark.parametrize("titles", [
-    ["Time (s)", "X (mm/s)", "Y (mm/s)", "Z (mm/s)"], ["t [s]", "v_x [mm/s]", "v_y [mm/s]", "v_z [mm/s]"],
+    ["Time (s)", "X (mm/s)", "Y (mm/s)", "Z (mm/s)"],
+    ["t [s]", "v_x [mm/s]", "v_y [mm/s]", "v_z [mm/s]"],
     ["Time (s)", "Vx (mm/s)", "Vy (mm/s)", "Vz (mm/s)"],
 ])  # fmt: skip
 def test_x_y_and_z_are_read_together_and_said(tmp_path, titles):
@@ -399,11 +400,9 @@ def test_times_of_day_count_from_the_first_sample(tmp_path, day, noon):
     first = 59.9
     rows = []
     for t, v in zip(TIMES, PULSE, strict=True):
-        minute = int(first + t >= 60.0)
-        clock = f"{noon}{first + t:09.6f}" if not minute else (
-            f"00:00:{first + t - 60.0:09.6f}" if noon == "23:59:" else f"13:06:{first + t - 60.0:09.6f}"
-        )  # fmt: skip
-        rows.append(f"{day}{clock},{v:.6f}")
+        after = "00:00:" if noon == "23:59:" else "13:06:"
+        clock = (noon, first + t) if first + t < 60.0 else (after, first + t - 60.0)
+        rows.append(f"{day}{clock[0]}{clock[1]:09.6f},{v:.6f}")
     path = written(tmp_path, "\n".join(["Time,Vert (mm/s)", *rows]))
 
     read = quiet(read_recording, path)[0]
