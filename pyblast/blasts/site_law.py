@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ..errors import InputError, PyblastWarning, ReadError
 from ..readers.provenance import ReadLog
-from ..readers.tables import read_table
+from ..readers.tables import load_mapping, read_table
 from ..readers.titles import wanted_by
 
 FEWEST, NARROWEST, BEYOND = 6, 2.0, 1.5
@@ -270,7 +270,7 @@ class SiteRecords(NamedTuple):
 
 def read_site_records(
     path: str | Path,
-    mapping: dict | None = None,
+    mapping: dict | str | Path | None = None,
     sheet: str | None = None,
     log: ReadLog | None = None,
 ) -> SiteRecords:
@@ -279,7 +279,7 @@ def read_site_records(
     Parameters
     ----------
     path : str or Path
-    mapping : dict, optional
+    mapping : dict or path of a TOML file, optional
         Columns whose titles don't say what they are, see `pyblast.readers.tables.read_table`.
     sheet : str, optional
         Of a workbook.
@@ -297,6 +297,7 @@ def read_site_records(
         If a column is missing or without a unit, two columns may be one quantity, or a value is
         no number.
     """
+    mapping = load_mapping(mapping) if isinstance(mapping, (str, Path)) else mapping
     table = read_table(path, wanted_by("peaks"), mapping, log, sheet=sheet, kind="table of peaks")
     for name in SiteRecords._fields:
         if np.isnan(table.values[name]).any():
