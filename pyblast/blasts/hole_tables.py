@@ -14,7 +14,16 @@ import numpy as np
 from ..errors import InputError, ReadError
 from ..readers.cells import ABSENT, Cells, cells_of, is_number, read_bytes
 from ..readers.provenance import ReadLog
-from ..readers.tables import Rules, Table, find_titles, headless, load_mapping, rules_of, table_of
+from ..readers.tables import (
+    HEAD_LINES,
+    NO_RULES,
+    Rules,
+    Table,
+    head_of,
+    load_mapping,
+    rules_of,
+    table_of,
+)
 from ..readers.titles import Wanted, wanted_by
 from ..units import split_key
 from .blast import Blast
@@ -22,10 +31,7 @@ from .blast import Blast
 FEWEST_TITLES = 3
 LARGEST_FILE = 50_000_000
 TIE = ":::"
-OPTIONS = {
-    "axes": ("east_north", "north_east"),
-    "angle_from": ("vertical", "horizontal"),
-}
+OPTIONS = {"axes": ("east_north", "north_east"), "angle_from": ("vertical", "horizontal")}
 NOT_MEASURED = "09/05/1975"  # time stamp of Kirra for masses that nobody measured
 _PLACES = Wanted(
     {n: q._replace(needed=n in ("x", "y", "z")) for n, q in wanted_by("holes").quantities.items()}
@@ -137,34 +143,27 @@ def read_blast(
 
 def _table(cells: Cells, mapping, log) -> tuple[Layout, Table]:
     """Return the table of holes, and the layout that it has."""
+    layout, wanted, rules = Layout("table with usual titles", {}), wanted_by("holes"), NO_RULES
     if mapping is not None:
         tables = mapping if isinstance(mapping, dict) else load_mapping(mapping)
-        rules = rules_of(tables, _PLACES, OPTIONS)
-        head = find_titles(cells, _PLACES, rules) or headless(cells, rules)
-        layout = Layout(
-            "mapped table", {}, axes=rules.options.get("axes", "east_north"),
-            angle_from=rules.options.get("angle_from", ""),
-        )  # fmt: skip
-        if head is not None:
-            return layout, table_of(cells, head, _PLACES, rules, log, kind=layout.name)
+        wanted, rules = _PLACES, rules_of(tables, _PLACES, OPTIONS)
+        conventions = {key: rules.options[key] for key in OPTIONS if key in rules.options}
+        layout = Layout("mapped table", {}, **conventions)
     for delimiter in ",;\t" if mapping is None else "":
-        rows = cells.split(delimiter, 1)
-        layout, has_header = recognise(rows[0][1]) if rows else (None, False)
-        if layout is not None:
-            columns = {split_key(k)[0]: (n + 1, split_key(k)[1]) for k, n in layout.columns.items()}
+        rows = cells.split(delimiter, count=HEAD_LINES)
+        known, has_header = recognise(rows[0][1]) if rows else (None, False)
+        if known is not None:
+            columns = {split_key(k)[0]: (n + 1, split_key(k)[1]) for k, n in known.columns.items()}
             rules = Rules(columns, {"delimiter": delimiter, "header": has_header}, rest=False)
-            head = find_titles(cells, _PLACES, rules) if has_header else headless(cells, rules)
-            assert head is not None  # as recognised
-            return layout, table_of(cells, head, _PLACES, rules, log, kind=layout.name)
-    wanted = wanted_by("holes")
-    head = find_titles(cells, wanted, least=FEWEST_TITLES)
+            layout, wanted = known, _PLACES
+            break
+    head = head_of(cells, wanted, rules, least=FEWEST_TITLES)
     if head is None:
-        first = cells.split(",", 1)
-        listed = ", ".join(first[0][1][:12]) if first else "(the table is empty)"
+        _, row = next(iter(cells.split(",")), (1, ["(the table is empty)"]))
+        listed = ", ".join(row[:12])
         raise ReadError(f"{cells.where}: the columns {listed} are no known hole table; give a "
                         "mapping")  # fmt: skip
-    layout = Layout("table with usual titles", {})
-    return layout, table_of(cells, head, wanted, Rules(), log, kind=layout.name)
+    return layout, table_of(cells, head, wanted, rules, log, layout.name)
 
 
 def absolute_times(names: Sequence[str], origins: Sequence[str], delays: np.ndarray) -> np.ndarray:

@@ -16,13 +16,7 @@ from ..readers.tables import read_table
 from ..readers.titles import wanted_by
 from ..recordings.pieces import Stretch, common_windows, stretches_of
 from ..recordings.raw import MAX_FILE_BYTES, at_level, is_dead, plateau_level, uniform_step
-from ..recordings.recording import (
-    Gather,
-    Recording,
-    first_recording,
-    read_gather,
-    read_recording,
-)
+from ..recordings.recording import Gather, Recording, first_recording, read_gather, read_recording
 from ..recordings.seismic import quantity_of, read_traces, sniff_seismic
 from ..units import FACTORS, split_key
 

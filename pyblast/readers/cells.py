@@ -110,16 +110,19 @@ class Cells:
     rows: list[tuple[int, list[str]]] | None = None
     remarks: tuple[str, ...] = ()
 
-    def split(self, delimiter: str, last: int | None = None) -> list[tuple[int, list[str]]]:
-        """Return rows with numbers, without blank rows and comments; of text by a delimiter."""
+    def split(self, mark: str, skip: int = 0, count: int | None = None) -> list:
+        """Return rows and their numbers below ``skip`` lines, at most ``count`` lines of them.
+
+        Text is split by a mark; blank rows and comments are left out.
+        """
+        last = None if count is None else skip + count
         if self.rows is not None:
-            return self.rows[:last]
+            return [row for row in self.rows[:last] if row[0] > skip]
         rows = [
-            (n, split_line(self.where, n, line, delimiter))
-            for n, line in enumerate(self.lines[:last], 1)
-            if line.strip(delimiter + " ") and not line.startswith("#")
-            and not re.match(r"sep=.?$", line)
-        ]  # fmt: skip
+            (n, split_line(self.where, n, line, mark))
+            for n, line in enumerate(self.lines[skip:last], skip + 1)
+            if line.strip(f"{mark} ") and not re.match(r"#|sep=.?$", line)
+        ]
         return [(n, cells) for n, cells in rows if any(cells)]
 
 

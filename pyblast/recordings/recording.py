@@ -25,12 +25,7 @@ from .raw import (
 )
 from .segy import read_segy
 from .seismic import check_bytes, deconvolve, read_seg2, read_traces, sniff_seismic, station_records
-from .tables import (
-    TEXT_FORMATS,
-    read_motion,
-    recognises_motion,
-    refuse_histogram,
-)
+from .tables import TEXT_FORMATS, read_motion, recognises_motion, refuse_histogram
 
 if TYPE_CHECKING:
     from obspy import UTCDateTime

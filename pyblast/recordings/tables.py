@@ -12,7 +12,16 @@ import numpy as np
 from ..errors import InputError, ReadError
 from ..readers.cells import Cells, number, read_columns, split_line
 from ..readers.provenance import ReadLog
-from ..readers.tables import Rules, Table, find_titles, headless, load_mapping, rules_of, table_of
+from ..readers.tables import (
+    NO_RULES,
+    Rules,
+    Table,
+    column_of,
+    head_of,
+    load_mapping,
+    rules_of,
+    table_of,
+)
 from ..readers.titles import title_unit, unit_name, wanted_by
 from ..units import split_key, to_si
 from .raw import (
@@ -323,7 +332,7 @@ _KNOWN_KEYS = (
 
 def recognises_motion(lines: list[str]) -> bool:
     """Return whether the first lines hold titles of time or motion in a known language."""
-    head = find_titles(Cells("", lines), wanted_by("motion"))
+    head = head_of(Cells("", lines), wanted_by("motion"))
     titles = () if head is None else head.titles
     return bool({wanted_by("motion").title(title).quantity for title in titles} & {"time", *MOTION})
 
@@ -349,11 +358,11 @@ def read_motion(
         appears twice, or a column of velocity has a title that is none of a component.
     """
     wanted = wanted_by("motion")
-    rules, own = (Rules(), {}) if mapping is None else _load_mapping(Path(mapping), wanted)
-    head = find_titles(cells, wanted, rules) or headless(cells, rules)
+    rules, own = (NO_RULES, {}) if mapping is None else _load_mapping(Path(mapping), wanted)
+    head = head_of(cells, wanted, rules)
     if head is None:
         raise ReadError(f"{path}: expected titles such as 'Time (s)', 'Vert (mm/s)', found none")
-    table = table_of(cells, head, wanted, rules, log, kind="table of motion")
+    table = table_of(cells, head, wanted, rules, log, "table of motion")
     _check_motion(path, table, head, own)
     values = table.values
     channels = {name: values[name] for name in MOTION if name in values}
@@ -459,14 +468,12 @@ def _load_mapping(path, wanted):
     table = {key: own[key] for key in ("delimiter", "decimal") if key in own}
     if "header_rows" in own:
         table |= {"header": rows > 0, "skip_lines": max(rows - 1, 0)}
-    for name, (column, unit) in columns.items():
-        if isinstance(column, bool) or not isinstance(column, (int, str)) or column == 0:
-            raise InputError(f"{path}: {name} must be a title or a column from 1, got {column!r}")
-        units = wanted.quantities[name].units
-        if unit and units != ("*",) and unit_name(unit) not in units:
-            raise InputError(f"{path}: {unit!r} is no unit of {name} that is known")
-        columns[name] = column, unit_name(unit) if units != ("*",) else unit
     try:
+        for name, (column, unit) in columns.items():
+            units, known = wanted.quantities[name].units, unit_name(unit)
+            if unit and units != ("*",) and known not in units:
+                raise ReadError(f"{unit!r} is no unit of {name} that is known")
+            columns[name] = column_of(name, column), known if units != ("*",) else unit
         return Rules(columns, rules_of({"table": table}, wanted).options if table else {}), own
     except ReadError as error:
         raise InputError(f"{path}: {error}") from None
