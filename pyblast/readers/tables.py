@@ -313,13 +313,10 @@ def _alike(columns, quantity, texts, delimiter):
     """Tell whether columns hold the same numbers, each in its unit."""
     try:
         form = number_format("", [texts[c.index] for c in columns], delimiter)
+        units = [FACTORS.get(_unit(c, quantity), 1.0) for c in columns]
         first, *others = (
-            [
-                FACTORS.get(_unit(c, quantity), 1.0) * number(t, "", form)
-                for t in texts[c.index]
-                if t
-            ]
-            for c in columns
+            [unit * number(text, "", form) for text in texts[c.index] if text]
+            for c, unit in zip(columns, units, strict=True)
         )
     except ReadError:
         return False
@@ -553,8 +550,10 @@ def _numbers(table, where, texts, form, quantity):
     for line, text in zip(table.lines, texts, strict=True):
         kind = text.kind if isinstance(text, Cell) else "stored"
         if kind == "formula":
-            raise ReadError(f"{table.where}: cell {text}, {where}, is a formula without a stored "
-                            "value; open and save the workbook in a spreadsheet program")  # fmt: skip
+            raise ReadError(
+                f"{table.where}: cell {text}, {where}, is a formula without a stored value; open "
+                "and save the workbook in a spreadsheet program"
+            )
         if kind == "merged" and quantity.adds and texts.count(text) > 1:
             raise ReadError(f"{table.where} line {line}, {where}: {text} stands in merged cells; "
                             "write the value of each row")  # fmt: skip

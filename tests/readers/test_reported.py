@@ -300,7 +300,7 @@ def test_words_are_no_charge_and_inches_are_read():
 
 
 def test_a_formula_without_value_and_numbers_as_text():
-    with pytest.raises(ReadError, match=r"cell F2 .* is a formula without a stored value"):
+    with pytest.raises(ReadError, match=r"cell F2, .* is a formula without a stored value"):
         holes("08-spreadsheet-habits/formula.xlsx")
     blast = holes("08-spreadsheet-habits/text.xlsx")
     assert blast.collar[:, 0].tolist() == [5000.5, 5005.5, 5010.5]
