@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, ReadError
-from ..readers.cells import ABSENT, Cells, cells_of, is_number, read_bytes
+from ..readers.cells import ABSENT, Cells, Wanted, cells_of, is_number, read_bytes, wanted_by
 from ..readers.provenance import ReadLog
 from ..readers.tables import (
     HEAD_LINES,
@@ -24,7 +24,6 @@ from ..readers.tables import (
     rules_of,
     table_of,
 )
-from ..readers.titles import Wanted, wanted_by
 from ..units import split_key
 from .blast import Blast
 

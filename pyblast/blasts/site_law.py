@@ -11,9 +11,9 @@ import scipy
 from numpy.typing import ArrayLike
 
 from ..errors import InputError, PyblastWarning, ReadError
+from ..readers.cells import wanted_by
 from ..readers.provenance import ReadLog
 from ..readers.tables import load_mapping, read_table
-from ..readers.titles import wanted_by
 
 FEWEST, NARROWEST, BEYOND = 6, 2.0, 1.5
 WANTED_RECORDS, WANTED_R2, CURVED = 30, 0.5, 0.01

@@ -10,9 +10,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from ..blasts.published_laws import BY_NAME
 from ..errors import InputError, ReadError
 from ..model.source import TimeFunction
+from ..readers.cells import Wanted, wanted_by
 from ..readers.provenance import ReadLog
 from ..readers.tables import Rules, read_table, regular_step
-from ..readers.titles import Wanted, wanted_by
 from ..signals.comparison import load_limits
 from ..units import STEEPEST, plain_number
 

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError, PyblastError, PyblastWarning, ReadError
-from ..readers.cells import decode_lines, read_bytes, read_columns, split_line
+from ..readers.cells import decode_lines, read_bytes, read_columns, split_line, wanted_by
 from ..readers.provenance import ReadLog
 from ..readers.tables import read_table
-from ..readers.titles import wanted_by
 from ..recordings.pieces import Stretch, common_windows, stretches_of
 from ..recordings.raw import MAX_FILE_BYTES, at_level, is_dead, plateau_level, uniform_step
 from ..recordings.recording import Gather, Recording, first_recording, read_gather, read_recording

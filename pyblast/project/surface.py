@@ -17,6 +17,7 @@ from ..model.fractures import (
     terminated,
 )
 from ..model.terrain import Bench, bench_triangles, burdens, toe_of, walked
+from ..readers.cells import wanted_by
 from ..readers.geometry import (
     SurveyedSurface,
     read_content,
@@ -25,7 +26,6 @@ from ..readers.geometry import (
     surface_format,
 )
 from ..readers.tables import read_table
-from ..readers.titles import wanted_by
 
 HALF_CELL = 0.51  # of the diagonal of a cell, with which a survey reaches beyond its places
 

@@ -16,29 +16,27 @@ from .cells import (
     ABSENT,
     DELIMITERS,
     LONGEST_LINE,
-    Cell,
-    Cells,
-    NumberFormat,
-    cells_of,
-    decode_lines,
-    is_number,
-    number,
-    number_format,
-    numbers_of,
-    read_bytes,
-)
-from .provenance import FileRead, ReadLog
-from .titles import (
     PART,
     PLAIN,
     SAYS,
     TOTALS,
+    Cell,
+    Cells,
+    NumberFormat,
     Wanted,
+    cells_of,
+    decode_lines,
+    is_number,
     is_pressure,
+    number,
+    number_format,
+    numbers_of,
     plain_word,
+    read_bytes,
     title_unit,
     unit_name,
 )
+from .provenance import FileRead, ReadLog
 
 HEAD_LINES = 60  # of a file, among which the row of titles is looked for
 SAME = 5e-3  # relative difference of two columns that hold the same quantity in other digits
@@ -559,7 +557,7 @@ def _numbers(table, where, texts, form, quantity):
                             "write the value of each row")  # fmt: skip
     present = np.array([text.lower() not in ABSENT for text in texts])
     lines, values = np.array(table.lines)[present], np.full(len(texts), np.nan)
-    given = [text for text, there in zip(texts, present, strict=True) if there]
+    given = [text for text, known in zip(texts, present, strict=True) if known]
     values[present] = numbers_of(given, form, lambda k: f"{table.where} line {lines[k]}, {where}")
     return values
 

@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError, ReadError
-from ..readers.cells import NumberFormat, number
+from ..readers.cells import NumberFormat, number, plain_word, unit_factor, unit_name
 from ..readers.tables import regular_step
-from ..readers.titles import plain_word, unit_factor, unit_name
 from ..signals.seismogram import Seismogram
 from ..signals.spectra import zero_crossing_frequency
 

@@ -10,7 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..errors import InputError, ReadError
-from ..readers.cells import Cells, number, read_columns, split_line
+from ..readers.cells import (
+    Cells,
+    number,
+    read_columns,
+    split_line,
+    title_unit,
+    unit_name,
+    wanted_by,
+)
 from ..readers.provenance import ReadLog
 from ..readers.tables import (
     NO_RULES,
@@ -22,7 +30,6 @@ from ..readers.tables import (
     rules_of,
     table_of,
 )
-from ..readers.titles import title_unit, unit_name, wanted_by
 from ..units import split_key, to_si
 from .raw import (
     Printed,
