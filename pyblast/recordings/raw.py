@@ -246,6 +246,28 @@ def _overshoot(flank, level, length):
     return (far - near) / reach * 0.5 * (length + 1) - near
 
 
+LONE, FEWEST = 20.0, 50  # ratio to the largest of all other samples; samples of a record
+
+
+def lone_spike(samples: np.ndarray) -> int | None:
+    """Return the first sample of a level that no motion reaches in one step, None if there is none.
+
+    Such a level exceeds all others of a record ``LONE`` times: a mark of missing samples.
+
+    Examples
+    --------
+    >>> motion = np.sin(np.linspace(0.0, 20.0, 200))
+    >>> lone_spike(motion), lone_spike(np.where(np.arange(200) == 7, -999.9, motion))
+    (None, 7)
+    """
+    size = np.abs(samples)
+    top = float(np.max(size))
+    others = size[size < top * (1.0 - PLATEAU_MARGIN)]
+    if len(size) < FEWEST or not len(others) or not 0.0 < np.max(others) < top / LONE:
+        return None
+    return int(np.argmax(size))
+
+
 def is_dead(samples: np.ndarray) -> bool:
     """Return whether a channel is dead: all samples equal."""
     return bool(np.all(samples == samples[0]))

@@ -13,6 +13,7 @@ from ..readers.cells import Cells, cells_of, is_workbook, read_bytes
 from ..readers.provenance import ReadLog
 from ..signals.seismogram import BLAST_AXES, GEOGRAPHIC, Seismogram
 from .raw import (
+    LONE,
     MAX_FILE_BYTES,
     RawRecord,
     at_level,
@@ -21,6 +22,7 @@ from .raw import (
     constant_offset,
     decibels,
     is_dead,
+    lone_spike,
     plateau_level,
 )
 from .segy import read_segy
@@ -328,14 +330,19 @@ def _refuse_nonsense(path, raw, full_scale):
     """Raise ReadError for impossible velocities, caused by a wrong unit or byte order."""
     if full_scale is not None and not 0.0 < full_scale < np.inf:
         raise InputError(f"{path}: full scale must be positive, got {full_scale:g} m/s")
-    if raw.unit == "counts":
-        return
-    for name, samples in raw.channels.items():
+    for name, samples in raw.channels.items() if raw.unit != "counts" else ():
         peak = int(np.argmax(np.abs(samples)))
         if abs(samples[peak]) > FASTEST_GROUND:
             raise ReadError(
                 f"{path}, {name}, sample {peak}: {samples[peak]:g} m/s is faster than "
                 "any ground, check unit and byte order"
+            )
+    for name, samples in raw.channels.items():
+        if (lone := lone_spike(samples)) is not None:
+            raise ReadError(
+                f"{path}, {name}, sample {lone}: {samples[lone]:g} stands alone, more than "
+                f"{LONE:g} times the largest of the others: a mark of a missing sample, such as "
+                "9999; cut the file there"
             )
 
 
