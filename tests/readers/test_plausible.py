@@ -22,7 +22,7 @@ def test_marks_of_missing_samples_are_no_motion(tmp_path, mark, count):
     samples[150 : 150 + count] = mark
     rows = [f"{t:.3f},{v:.4f}" for t, v in zip(TIMES, samples, strict=True)]
 
-    with pytest.raises(ReadError, match="sample 150: .* stands alone"):
+    with pytest.raises(ReadError, match=r"sample 150: .* stands alone"):
         read_recording(write(tmp_path, "\n".join(["Time (s),Vert (mm/s)", *rows])))
 
 
@@ -42,7 +42,7 @@ def test_a_sharp_pulse_is_motion(tmp_path):
 
     (record,) = read_recording(write(tmp_path, "\n".join(["Time (s),Vert (mm/s)", *rows])))
 
-    assert record.seismogram.ppv[2] > 7.9e-3
+    assert record.seismogram.ppv[2] > 7e-3
 
 
 @pytest.mark.parametrize(
@@ -66,10 +66,14 @@ def test_tables_that_nobody_filled_in_are_said(changed, sentence):
     ("old", "new", "sentence"),
     [
         ("duration_s = 0.1", "duration_s = 200", "run duration_s is 200 s"),
-        ("[run]", "[insitu]\nstress_mpa = [-5e6, -5e6, -5e6, 0, 0, 0]\n[run]", "stress is 5000000 MPa"),
+        (
+            "[run]",
+            "[insitu]\nstress_mpa = [-5e6, -5e6, -5e6, 0, 0, 0]\n[run]",
+            "stress is 5000000 MPa",
+        ),
         ("[run]", "[insitu]\nhorizontal_ratio = 1e6\n[run]", "horizontal_ratio is 1000000"),
     ],
-)  # fmt: skip
+)
 def test_values_that_no_project_has_are_a_finding(tmp_path, old, new, sentence):
     def finding(*changes):
         project = load_project(written(tmp_path, *changes))
