@@ -7,7 +7,7 @@ from small_project import written
 
 from pyblast.blasts.blast import Blast
 from pyblast.errors import ReadError
-from pyblast.project.plausibility import unlikely_values
+from pyblast.project.level import unlikely_values
 from pyblast.project.project import load_project
 from pyblast.recordings.recording import read_recording
 
