@@ -1,4 +1,4 @@
-"""Import of tetrahedral meshes from other programs, in known formats through meshio."""
+"""Import of tetrahedral meshes from other programs: gmsh, and known formats through meshio."""
 
 import contextlib
 import io
@@ -11,13 +11,14 @@ import numpy as np
 from ..errors import InputError, ReadError
 from ..units import check_length
 from . import tetrahedra
-from .faces import face_keys, zone_faces
+from .faces import face_keys, face_vectors, zone_faces
 from .mesh import Mesh
+from .msh import NODES_OF_TYPE, read_msh
 from .quality import validate
 
-# By suffix: meshio's name of the format, and bytes required near the beginning of the file.
+# By suffix: name of the format, and bytes required near the beginning of the file.
 _FORMATS = {
-    ".msh": ("gmsh", b"$MeshFormat"),
+    ".msh": ("gmsh", b"$"),
     ".vtu": ("vtu", b"<VTKFile"),
     ".inp": ("abaqus", b"*"),
     ".med": ("med", b"\x89HDF"),
@@ -25,7 +26,7 @@ _FORMATS = {
     ".xmf": ("xdmf", b"<Xdmf"),
 }
 _HEAD = 2048
-_TAGS = ("gmsh:physical", "cell_tags", "medit:ref", "group", "tag", "material", "region")
+_TAGS = ("cell_tags", "medit:ref", "group", "tag", "material", "region")
 _IGNORED = ("vertex", "line")
 
 
@@ -37,7 +38,7 @@ def read_mesh(
     Parameters
     ----------
     path : str or Path
-        Gmsh 2 or 4 (.msh), .vtu, Abaqus .inp, .med or .xdmf.
+        Gmsh of any version, text or binary (.msh), .vtu, Abaqus .inp, .med or .xdmf.
     groups : dict of str to str
         Names (or numbers) of tagged volumes in the file to names of groups; other volumes keep
         their name, numbers become ``group_<number>``.
@@ -54,25 +55,36 @@ def read_mesh(
     ReadError
         If the file is missing, of another format, or broken.
     InputError
-        If the mesh is wider than 50 km, as one in millimetres is; has degenerate, inverted or
-        duplicate zones; is disconnected, non-manifold or untagged; or a name is unknown.
+        If the mesh is wider than 50 km, as one in millimetres is; has degenerate, folded or
+        duplicate zones, or zones in two groups; is disconnected, non-manifold or untagged; or a
+        name is unknown.
+
+    Notes
+    -----
+    Zones may be written in either order of their nodes; those of negative volume are turned. A
+    facet may be in several groups.
 
     Examples
     --------
     >>> mesh = read_mesh("pit.msh", groups={"1": "rock"}, joints=["F1"])  # doctest: +SKIP
     """
     path = Path(path)
-    raw = _read(path, _file_format(path))
-    points = np.asarray(raw.points, dtype=float)
+    name = _file_format(path)
+    if name == "gmsh":
+        points, (zones, group_names), (triangles, surface_names) = _gmsh_cells(path)
+    else:
+        raw = _read(path, name)
+        points = np.asarray(raw.points, dtype=float)
+        triangles, surface_names = _tagged_cells(path, raw, "triangle", 3)
+        zones, group_names = _tagged_cells(path, raw, "tetra", 4)
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise ReadError(f"{path}: points must be finite and have three coordinates")
-    triangles, surface_names = _tagged_cells(path, raw, "triangle", 3)
-    zones, group_names = _tagged_cells(path, raw, "tetra", 4)
     if not len(zones):
         raise ReadError(f"{path}: holds no tetrahedra with 4 nodes")
     try:
         mesh = _assemble(points, zones, group_names, triangles, surface_names, groups or {})
         validate(mesh)
+        _refuse_folds(mesh)
         check_length("mesh", float(np.ptp(mesh.points, axis=0).max()))
         _refuse_outer(mesh, joints or ())
     except InputError as error:
@@ -123,6 +135,47 @@ def _read(path, name):
     except (Exception, SystemExit) as error:
         reason = type(error).__name__ if not str(error) else str(error).splitlines()[0][:120]
         raise ReadError(f"{path}: broken or no {name} mesh ({reason})") from None
+
+
+def _gmsh_cells(path):
+    """Return points, and zones and triangles with their names, of a gmsh file."""
+    file = read_msh(path)
+    order = np.argsort(file.tags, kind="stable")
+    parts: dict[int, list] = {2: [], 4: []}
+    used, groups_of_zones = set(), {}
+    for kind, nodes, groups in file.blocks:
+        if kind not in NODES_OF_TYPE:
+            raise ReadError(
+                f"{path}: holds gmsh cells of type {kind}; only tetrahedra with 4 nodes and "
+                "triangles with 3 are read, so write the mesh in first order"
+            )
+        if kind not in parts:
+            continue
+        dimension, prefix = (2, "surface") if kind == 2 else (3, "group")
+        used |= {(dimension, tag) for tag in groups}
+        names = [file.names.get((dimension, tag), f"{prefix}_{tag}") for tag in groups]
+        if kind == 4 and len(set(names)) > 1:
+            raise InputError(f"{path}: {len(nodes)} zones are in the groups {' and '.join(names)}; "
+                             "give every volume one group")  # fmt: skip
+        at = np.searchsorted(file.tags, nodes, sorter=order)
+        rows = order[np.minimum(at, len(order) - 1)]
+        if not np.array_equal(file.tags[rows], nodes):
+            raise ReadError(f"{path}: a cell names a node that is not there")
+        parts[kind] += [(rows, name) for name in names or [""]]
+    unused = [name for key, name in file.names.items() if key[0] in (2, 3) and key not in used]
+    if unused:
+        raise ReadError(
+            f"{path}: names {', '.join(unused[:6])} but tags no cell with them; write the mesh "
+            "without Mesh.SaveAll, or leave the names out"
+        )
+    return file.points, _named(parts[4], 4), _named(parts[2], 3)
+
+
+def _named(parts, width):
+    """Return cells (n, width) and their names (n,)."""
+    cells = np.concatenate([np.empty((0, width), dtype=np.int64), *(rows for rows, _ in parts)])
+    names = [np.full(len(rows), name, dtype=object) for rows, name in parts]
+    return cells, np.concatenate([np.empty(0, dtype=object), *names])
 
 
 def _tagged_cells(path, raw, kind, width):
@@ -201,9 +254,38 @@ def _assemble(points, zones, group_names, triangles, surface_names, groups):
     }
     zones = row[zones]
     points = points[used]
-    if (tetrahedra.volumes(points, zones) < 0.0).all():
-        zones = zones[:, [0, 2, 1, 3]]
+    turned = tetrahedra.volumes(points, zones) < 0.0
+    zones[turned] = zones[turned][:, [0, 2, 1, 3]]
+    _refuse_two_groups(zones, zone_group, names)
     return Mesh(points, zones, np.array(zone_group), tuple(names), surfaces)
+
+
+def _refuse_two_groups(zones, zone_group, names):
+    """Raise InputError for a zone that stands in the file once for each of two groups."""
+    order = np.lexsort(np.sort(zones, axis=1).T)
+    ordered = np.sort(zones, axis=1)[order]
+    same = (ordered[1:] == ordered[:-1]).all(axis=1)
+    group = np.asarray(zone_group)[order]
+    both = np.flatnonzero(same & (group[1:] != group[:-1]))
+    if len(both):
+        pair = sorted(names[group[both[0] + k]] for k in (0, 1))
+        raise InputError(
+            f"{len(both)} zones are in the groups {' and '.join(pair)}; give every volume one group"
+        )
+
+
+def _refuse_folds(mesh):
+    """Raise InputError where two zones lie on the same side of the face that they share."""
+    first, second, _, _ = mesh.paired_faces
+    faces = zone_faces(mesh.zones)
+    one, other = (face_vectors(mesh.points, faces[side]) for side in (first, second))
+    folded = np.einsum("ni,ni->n", one, other) > 0.0
+    if folded.any():
+        x, y, z = mesh.points[faces[first[np.argmax(folded)]]].mean(axis=0)
+        raise InputError(
+            f"{np.count_nonzero(folded)} pairs of zones lie on the same side of a face that they "
+            f"share, the first at ({x:g}, {y:g}, {z:g}); the mesh is folded there, repair it"
+        )
 
 
 def _renamed(named, groups):
