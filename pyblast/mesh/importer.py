@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import InputError, ReadError
+from ..readers.provenance import ReadLog
 from ..units import check_length
 from . import tetrahedra
 from .faces import face_keys, face_vectors, zone_faces
 from .mesh import Mesh
-from .msh import NODES_OF_TYPE, read_msh
+from .mesh_files import DIMENSION, TETRAHEDRON, TRIANGLE, read_gmsh, read_med
 from .quality import validate
 
 # By suffix: name of the format, and bytes required near the beginning of the file.
@@ -26,12 +27,15 @@ _FORMATS = {
     ".xmf": ("xdmf", b"<Xdmf"),
 }
 _HEAD = 2048
-_TAGS = ("cell_tags", "medit:ref", "group", "tag", "material", "region")
+_TAGS = ("gmsh:physical", "cell_tags", "medit:ref", "group", "tag", "material", "region")
 _IGNORED = ("vertex", "line")
 
 
 def read_mesh(
-    path: str | Path, groups: dict[str, str] | None = None, joints: Sequence[str] | None = None
+    path: str | Path,
+    groups: dict[str, str] | None = None,
+    joints: Sequence[str] | None = None,
+    log: ReadLog | None = None,
 ) -> Mesh:
     """Read a tetrahedral mesh with tagged volumes and surfaces.
 
@@ -44,6 +48,8 @@ def read_mesh(
         their name, numbers become ``group_<number>``.
     joints : sequence of str
         Surfaces that will be split; they must be internal.
+    log : ReadLog, optional
+        Takes what was read.
 
     Returns
     -------
@@ -70,8 +76,9 @@ def read_mesh(
     """
     path = Path(path)
     name = _file_format(path)
-    if name == "gmsh":
-        points, (zones, group_names), (triangles, surface_names) = _gmsh_cells(path)
+    entry = (ReadLog() if log is None else log).file(path, name)
+    if name in _READERS:
+        points, (zones, group_names), (triangles, surface_names) = _grouped(path, name, entry)
     else:
         raw = _read(path, name)
         points = np.asarray(raw.points, dtype=float)
@@ -82,13 +89,17 @@ def read_mesh(
     if not len(zones):
         raise ReadError(f"{path}: holds no tetrahedra with 4 nodes")
     try:
-        mesh = _assemble(points, zones, group_names, triangles, surface_names, groups or {})
+        mesh = _assemble(points, zones, group_names, triangles, surface_names, groups or {}, entry)
         validate(mesh)
         _refuse_folds(mesh)
         check_length("mesh", float(np.ptp(mesh.points, axis=0).max()))
         _refuse_outer(mesh, joints or ())
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
+    for number, group in enumerate(mesh.groups):
+        entry.column("zones", f"volume {group}", "m", rows=(mesh.zone_group == number).sum())
+    for surface, facets in mesh.surfaces.items():
+        entry.column("facets", f"surface {surface}", "m", rows=len(facets))
     return mesh
 
 
@@ -137,38 +148,33 @@ def _read(path, name):
         raise ReadError(f"{path}: broken or no {name} mesh ({reason})") from None
 
 
-def _gmsh_cells(path):
-    """Return points, and zones and triangles with their names, of a gmsh file."""
-    file = read_msh(path)
-    order = np.argsort(file.tags, kind="stable")
-    parts: dict[int, list] = {2: [], 4: []}
-    used, groups_of_zones = set(), {}
-    for kind, nodes, groups in file.blocks:
-        if kind not in NODES_OF_TYPE:
+_READERS = {"gmsh": read_gmsh, "med": read_med}
+
+
+def _grouped(path, name, entry):
+    """Return points, and zones and triangles with their names, of a file with groups of cells."""
+    file = _READERS[name](path)
+    parts: dict[int, list] = {TRIANGLE: [], TETRAHEDRON: []}
+    for kind, rows, names in file.blocks:
+        if kind not in DIMENSION:
             raise ReadError(
-                f"{path}: holds gmsh cells of type {kind}; only tetrahedra with 4 nodes and "
+                f"{path}: holds {name} cells of type {kind}; only tetrahedra with 4 nodes and "
                 "triangles with 3 are read, so write the mesh in first order"
             )
-        if kind not in parts:
-            continue
-        dimension, prefix = (2, "surface") if kind == 2 else (3, "group")
-        used |= {(dimension, tag) for tag in groups}
-        names = [file.names.get((dimension, tag), f"{prefix}_{tag}") for tag in groups]
-        if kind == 4 and len(set(names)) > 1:
-            raise InputError(f"{path}: {len(nodes)} zones are in the groups {' and '.join(names)}; "
+        if kind == TETRAHEDRON and len(set(names)) > 1:
+            raise InputError(f"{path}: {len(rows)} zones are in the groups {' and '.join(names)}; "
                              "give every volume one group")  # fmt: skip
-        at = np.searchsorted(file.tags, nodes, sorter=order)
-        rows = order[np.minimum(at, len(order) - 1)]
-        if not np.array_equal(file.tags[rows], nodes):
-            raise ReadError(f"{path}: a cell names a node that is not there")
-        parts[kind] += [(rows, name) for name in names or [""]]
-    unused = [name for key, name in file.names.items() if key[0] in (2, 3) and key not in used]
-    if unused:
-        raise ReadError(
-            f"{path}: names {', '.join(unused[:6])} but tags no cell with them; write the mesh "
-            "without Mesh.SaveAll, or leave the names out"
-        )
-    return file.points, _named(parts[4], 4), _named(parts[2], 3)
+        if kind in parts:
+            parts[kind] += [(rows, called) for called in names or [""]]
+    for names, count in file.unused.values():
+        if names and len(names) == count:
+            raise ReadError(
+                f"{path}: names {', '.join(names[:6])} but tags no cell with any of them; write "
+                "the mesh without Mesh.SaveAll, or leave the names out"
+            )
+        for called in names:
+            entry.dropped(f"name {called!r}", "the file names it, but tags no cell with it")
+    return file.points, _named(parts[TETRAHEDRON], 4), _named(parts[TRIANGLE], 3)
 
 
 def _named(parts, width):
@@ -225,13 +231,10 @@ def _tag_name(raw, tag, dimension, prefix):
     for name, value in raw.field_data.items():
         if len(value) == 2 and tuple(value) == (tag, dimension):
             return name
-    families = getattr(raw, "cell_tags", {})
-    if families.get(tag):
-        return str(families[tag][0])
     return f"{prefix}_{abs(tag)}"
 
 
-def _assemble(points, zones, group_names, triangles, surface_names, groups):
+def _assemble(points, zones, group_names, triangles, surface_names, groups, entry):
     """Return the mesh of tagged cells, without unused nodes."""
     named = np.unique(group_names[group_names != ""]).tolist()
     renamed = _renamed(named, groups)
@@ -255,6 +258,8 @@ def _assemble(points, zones, group_names, triangles, surface_names, groups):
     zones = row[zones]
     points = points[used]
     turned = tetrahedra.volumes(points, zones) < 0.0
+    if turned.any() and not turned.all():
+        entry.remark(f"{np.count_nonzero(turned)} of {len(zones)} zones were turned right-handed")
     zones[turned] = zones[turned][:, [0, 2, 1, 3]]
     _refuse_two_groups(zones, zone_group, names)
     return Mesh(points, zones, np.array(zone_group), tuple(names), surfaces)
