@@ -13,6 +13,7 @@ module pyblast_model_file
     type, public :: run_arrays
         !! How far a model is integrated, and what is recorded.
         integer :: schema, n_steps
+        integer :: fingerprint                                   !! of the model, given back in the result
         integer :: ledger_every                                  !! steps between lines of energies
         real(dp), contiguous, pointer :: motion(:, :, :, :)
             !! (1, 3, n_receivers, n_steps) [m/s]
@@ -34,6 +35,7 @@ contains
         if (allocated(message)) return
         call read_array(file, "run/schema", run%schema, message)
         call read_array(file, "run/n_steps", run%n_steps, message)
+        call read_array(file, "run/fingerprint", run%fingerprint, message)
         call read_array(file, "run/ledger_every", run%ledger_every, message)
         call read_array(file, "arrays/dt", model%dt, message)
         call read_array(file, "arrays/local_damping", model%local_damping, message)
@@ -237,6 +239,7 @@ contains
         call create_group(file, "records")
         call create_group(file, "state")
         call write_array(file, "run/schema", run%schema, message)
+        call write_array(file, "run/fingerprint", run%fingerprint, message)
         call write_array(file, "records/motion", run%motion, 1, message)
         call write_array(file, "records/energy", run%energy, 2, message)
         call write_array(file, "state/displacement", state%nodes%displacement, 1, message)

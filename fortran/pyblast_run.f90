@@ -40,8 +40,13 @@ contains
     subroutine read_arguments()
         !! Take the two paths from the command line.
         integer :: length
+        character(len=6) :: option
 
-        if (command_argument_count() /= 2) call fail("usage: pyblast-run MODEL RESULT")
+        if (command_argument_count() == 1) then
+            call get_command_argument(1, option)
+            if (option == "--help") call show_help()
+        end if
+        if (command_argument_count() /= 2) call fail("usage: pyblast-run MODEL RESULT; see --help")
         call get_command_argument(1, length=length)
         allocate (character(len=length) :: model_path)
         call get_command_argument(1, model_path)
@@ -49,6 +54,21 @@ contains
         allocate (character(len=length) :: result_path)
         call get_command_argument(2, result_path)
     end subroutine read_arguments
+
+    subroutine show_help()
+        !! Say what the program does, and end.
+        write (output_unit, '(a)') &
+            "usage: pyblast-run MODEL RESULT", "", &
+            "Integrates the model in the file MODEL in time and writes records, energies and the", &
+            "final state to RESULT, bit by bit those of the run from Python. Neither file is text:", &
+            "both are HDF5.", "", &
+            "  pyblast run project.toml --write-model model.h5        writes MODEL", &
+            "  pyblast-run model.h5 records.h5", &
+            "  pyblast report records.h5 --project project.toml       compares, draws, writes tables", "", &
+            "OMP_NUM_THREADS sets the number of threads; it changes no bit of the result.", &
+            "Exit codes: 0 done, 1 the motion grew beyond all bounds, 2 wrong input."
+        stop 0, quiet=.true.
+    end subroutine show_help
 
     subroutine allocate_records()
         !! Allocate what the run records.

@@ -1,6 +1,13 @@
 """Interface to Fortran: the only importer of its cores; indices, views, batches, laws."""
 
+import fcntl
+import logging
 import os
+import subprocess
+import sys
+from functools import cache
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -8,10 +15,10 @@ import numpy as np
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 if TYPE_CHECKING:  # compiled, without type information
     _core: Any = None
-    _core_batch: Any = None
-    _core_single: Any = None
 else:
-    from . import _core, _core_batch, _core_single
+    from . import _core
+
+log = logging.getLogger(__name__)
 
 ENERGIES = (
     "kinetic",
@@ -25,10 +32,11 @@ ENERGIES = (
     "insitu",
     "unbalanced",
 )
-BATCH_SIZE = int(_core_batch.pyblast_batch.n_batch)  # runs in one batch
+# Sizes of the cores for batches and for single precision, which are loaded when first used.
+BATCH_SIZE = 8  # runs in one batch
 HEX_WIDTH = {  # hexahedra side by side in memory, by single precision
     False: int(_core.pyblast_kinds.hex_width),
-    True: int(_core_single.pyblast_kinds.hex_width),
+    True: 8,
 }
 LEAST_SHARED = int(_core.pyblast_kinds.least_shared)  # nodes from which threads share a time step
 N_SUMS = int(_core.pyblast_kinds.n_sums)
@@ -93,6 +101,67 @@ def _laws(signature, count):
         properties, state = rest.split("|")
         table[name] = Law(name, number, tuple(properties.split()), tuple(state.split()))
     return table
+
+
+@cache
+def batch_core():
+    """Return the core that integrates `BATCH_SIZE` models together."""
+    try:
+        from . import _core_batch as core  # pyright: ignore[reportAttributeAccessIssue]
+    except ImportError:
+        core = _compiled("_core_batch")
+    assert core.pyblast_batch.n_batch == BATCH_SIZE
+    return core
+
+
+@cache
+def single_core():
+    """Return the core of single precision."""
+    try:
+        from . import _core_single as core  # pyright: ignore[reportAttributeAccessIssue]
+    except ImportError:
+        core = _compiled("_core_single")
+    assert core.pyblast_kinds.hex_width == HEX_WIDTH[True]
+    return core
+
+
+def _compiled(name):
+    """Return a core that the set-up from source left out, compiled now, once.
+
+    Raises
+    ------
+    ImportError
+        If this is no set-up from source, or the compiler fails.
+    """
+    folder = Path(_core.__file__).parents[1]
+    if not (folder / "build.ninja").is_file():
+        raise ImportError(f"pyblast: lacks {name}; install it again")
+    with (folder / "build.ninja").open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)  # one process compiles, the others wait
+        if not list((folder / "fortran").glob(f"{name}.*.so")):
+            log.warning("compiles the cores for batches and single precision, once: a minute")
+        _build_all(folder)
+    (path,) = (folder / "fortran").glob(f"{name}.*.so")
+    spec = spec_from_file_location(f"{__package__}.{name}", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _build_all(folder):
+    """Compile all cores in a build folder; changes of the source are compiled for all, then."""
+    tools = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", "")])
+    for words in (["configure", folder, "-Dcores=all"], ["compile", "-C", folder]):
+        done = subprocess.run(
+            [sys.executable, "-m", "mesonbuild.mesonmain", *words], capture_output=True, text=True,
+            check=False, env={**os.environ, "PATH": tools},
+        )  # fmt: skip
+        if done.returncode:
+            last = "\n".join((done.stdout + done.stderr).splitlines()[-12:])
+            raise ImportError(f"pyblast: can't compile its further cores:\n{last}")
 
 
 JOINT_LAWS = _laws(_core.pyblast_joint_laws.joint_law_signature, _core.pyblast_kinds.n_joint_laws)
@@ -204,7 +273,7 @@ def advance(constants, state, first_step, n_steps, ledger_every):
         Node of the largest velocity, from 0, if the integration stopped early.
     """
     views = _reversed(_with_batch_axis(state))
-    core = _core_single if state["velocity"].dtype == np.float32 else _core
+    core = single_core() if state["velocity"].dtype == np.float32 else _core
     motion, energy, failed = _integrate(core, constants, views, first_step, n_steps, ledger_every)
     return motion[..., 0], energy[:, 0], None if failed is None else failed[0]
 
@@ -219,7 +288,8 @@ def advance_batch(constants, state, first_step, n_steps, ledger_every):
     failed : tuple of int or None
         Node and batch member where the integration stopped early.
     """
-    return _integrate(_core_batch, constants, _reversed(state), first_step, n_steps, ledger_every)
+    core = batch_core()
+    return _integrate(core, constants, _reversed(state), first_step, n_steps, ledger_every)
 
 
 def _integrate(core, constants, state, first_step, n_steps, ledger_every):

@@ -11,10 +11,12 @@ code  meaning
 ====  ==========================================================================================
 """
 
+import logging
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import Any
 
 EXIT_CODES = {
     0: "done",
@@ -24,6 +26,7 @@ EXIT_CODES = {
     130: "interrupted by Ctrl-C or SIGTERM; what was computed is kept, the same command goes on",
 }
 SOLVER_FAILED, WRONG_INPUT, NOT_TRUSTED, INTERRUPTED = 1, 2, 3, 130
+log = logging.getLogger(__name__)
 
 
 _POWER = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e\+(?:0\d|1[0-4])(?!\w)")
@@ -57,6 +60,10 @@ class ReadError(PyblastError, OSError):
 
 class SolverError(PyblastError, RuntimeError):
     """The time integration failed; the message says when, where and the likely cause."""
+
+
+class LostProcessError(SolverError):
+    """A process ended during its run, for lack of memory or by a signal; the same call goes on."""
 
 
 class PyblastWarning(UserWarning):
@@ -103,3 +110,24 @@ def named_error(where):
     except (InputError, ReadError) as error:
         said = str(error)
         raise type(error)(said if said.startswith(f"{where}: ") else f"{where}: {said}") from None
+
+
+@contextmanager
+def contained(failures: dict[Any, str], key: object) -> Iterator[None]:
+    """Enter the sentence of an error into ``failures`` in place of raising it.
+
+    For a part of a computation whose failure costs that part alone. What is the fault of the
+    machine is raised: lack of memory, a lost process, a disk that can't be written.
+    """
+    try:
+        yield
+    except (MemoryError, LostProcessError):
+        raise
+    except Exception as error:
+        own = isinstance(error, PyblastError)
+        if isinstance(error, OSError) and not own:
+            raise
+        log.info("%s: %s", key, error, exc_info=not own)
+        name = type(error).__name__
+        said = str(error) if own else f"its computation failed ({name}: {error})"
+        failures.setdefault(key, said.rstrip("."))

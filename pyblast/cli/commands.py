@@ -212,14 +212,33 @@ def compare(
 
 @app.command()
 def report(
-    result: Annotated[Path, typer.Argument(help="Result folder of a run, or its result.h5.")],
-    out: Annotated[Path | None, typer.Option(help="Page to write [report.html beside it].")] = None,
+    result: Annotated[
+        Path,
+        typer.Argument(help="Result folder of a run, its result.h5, or a result of pyblast-run."),
+    ],
+    project: Annotated[
+        Path | None,
+        typer.Option(help="Project file of a result of pyblast-run, which holds no project."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Page to write [report.html beside the result]; with --project, the folder for "
+            "the numbered results [results beside the project file]."
+        ),
+    ] = None,
 ):
-    """Draw the report of a run again.
+    """Draw the report of a run again, or compare and report what pyblast-run computed.
 
     One page with all figures and tables that opens without network.
     """
     with exit_codes():
+        if project is not None:
+            loaded = _loaded(project)
+            from ..workflows.run import conclude_program_run
+
+            console.say(f"results: {conclude_program_run(loaded, result, out).folder}")
+            return
         from ..project.result import read_result
 
         path = result / "result.h5" if result.is_dir() else result

@@ -7,7 +7,7 @@ import numpy as np
 from ..errors import InputError, named_error
 from ..inference.records import COMPONENTS, Records, band_functions, gather, noise_of
 from ..model.model import Receiver
-from ..project.elements import for_band, horizontal_positions
+from ..project.elements import for_band, longest_path, survey_positions
 from ..project.flat_box import band_of, check_flat, not_flat
 from ..project.ground import damages_material
 from ..project.project import Project
@@ -148,10 +148,8 @@ def _with_mesh(project, highest):
     """
     reach = 0.5 * max(material.cs for material in project.materials.values()) / highest
     aside = reach * np.array([(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)])
-    every = (project, *project.further)
-    positions = np.concatenate([horizontal_positions(each) for each in every])
-    within = np.concatenate([positions + step for step in aside])
-    project = replace(project, given={**project.given, "within": within})
+    positions = np.concatenate([survey_positions(project) + step for step in aside])
+    project = replace(project, given={**project.given, "reach": longest_path(positions)})
     project = project.changed(mesh=for_band(project, highest))
     shared = {"ground": project.ground}
     if not damages_material(project.config.ground):

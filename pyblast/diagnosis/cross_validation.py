@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..errors import contained
 from .effects import Scene
 from .fitting import Fit, hessian_of
 from .hypotheses import blast_and_hole
@@ -104,8 +105,9 @@ def cross_validate(scene: Scene, before: Fit, after: Fit) -> CrossValidation:
     Effects of a blast are tested on receivers, those of a receiver on blasts, those of the ground
     on both. Not held out are: the target of an effect; a subset without records, or whose
     motion the effect hardly changes; a subset without which the others do not constrain the
-    effect, by its parameters or by the misfit, such as the one blast in which a joint slips. Each
-    refit is one linear step from the fit to all records; theory.md (14.5).
+    effect, by its parameters or by the misfit, such as the one blast in which a joint slips; a
+    subset whose refit fails. Each refit is one linear step from the fit to all records; theory.md
+    (14.5).
     """
     added = [effect for effect in after.effects if effect.label not in before.labels]
     targets = {blast_and_hole(effect.target)[0] for effect in added}
@@ -118,14 +120,17 @@ def cross_validate(scene: Scene, before: Fit, after: Fit) -> CrossValidation:
         out[records] = True
         if name in targets or np.sum(change[records]) < LEAST_LOSS:
             continue
-        step, hessian = step_without(scene, after, out)
-        first = _prediction(scene, before, step_without(scene, before, out)[0], out)
-        second = _prediction(scene, after, step, out)
-        detected = 0.5 * (first.misfit_of_others - second.misfit_of_others) > DECISIVE
-        variance = np.diag(np.linalg.inv(hessian))[len(after.values) :]
-        if detected or _is_constrained(variance, own):
-            gain = 0.5 * (first.misfit - second.misfit)
-            subsets.append(Subset(name, gain, first.variance_reduction, second.variance_reduction))
+        with contained({}, f"{name} held out"):
+            step, hessian = step_without(scene, after, out)
+            first = _prediction(scene, before, step_without(scene, before, out)[0], out)
+            second = _prediction(scene, after, step, out)
+            detected = 0.5 * (first.misfit_of_others - second.misfit_of_others) > DECISIVE
+            variance = np.diag(np.linalg.inv(hessian))[len(after.values) :]
+            if detected or _is_constrained(variance, own):
+                gain = 0.5 * (first.misfit - second.misfit)
+                subsets.append(
+                    Subset(name, gain, first.variance_reduction, second.variance_reduction)
+                )
     return CrossValidation(tuple(subsets))
 
 

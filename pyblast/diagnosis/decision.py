@@ -7,6 +7,7 @@ import numpy as np
 from scipy import stats
 from scipy.special import logsumexp
 
+from ..errors import contained
 from ..project.flat_box import is_anisotropic
 from .cross_validation import CrossValidation, cross_validate
 from .effects import Scene
@@ -25,10 +26,13 @@ from .thresholds import (
 
 # A label as those of the library, but without parameters.
 RESOLUTION = "numerical_resolution"
-RESOLUTION_CLAIM = "On a finer mesh the evidence of this answer is below the null threshold."
+RESOLUTION_CLAIM = (
+    "On a finer mesh the evidence of this answer is below the null threshold, or unknown."
+)
 RESOLUTION_DECIDED_BY = (
     "shorter zones (`cuts` of `pyblast.workflows.diagnose`) until the answer stays"
 )
+FINER_MESH = "runs on a finer mesh"  # a part of a diagnosis that may fail
 HALF_WIDTH = 1.645  # standard deviations, half of a 90 % interval
 OUTCOMES = ("NULL", "NAMED", "CLASS", "COMPOSITE", "PARTIAL", "UNKNOWN")
 
@@ -86,11 +90,6 @@ def decide(
     -------
     Decision
 
-    Raises
-    ------
-    SolverError
-        If a run fails.
-
     Notes
     -----
     A name requires evidence above the null threshold, on the finer mesh too; beside other effects,
@@ -101,13 +100,11 @@ def decide(
     are measured on the one mesh on which all were fitted.
     """
     without = search.without_effects
-    probability = _probabilities(search)
+    decision = undecided(search)
+    probability, nothing = decision.probability, decision.outcome
     learned = search.scene.case.share is not None  # then evidence decides, however small
-    nothing = "UNKNOWN" if material(without.chi_square) else "NULL"
-    if nothing == "NULL" and not learned:
-        return Decision("NULL", without, (), probability, 0.0, None)
-    if not search.fits or threshold is None:
-        return Decision(nothing, without, (), probability, 0.0, None)
+    if (nothing == "NULL" and not learned) or not search.fits or threshold is None:
+        return decision
     chosen = _pruned(search, threshold)
     required = _required_evidence(threshold, chosen, *chosen.labels)
     if not chosen.effects or search.delta_ln_evidence(chosen) < required:
@@ -118,7 +115,8 @@ def decide(
     rivals = _rivals(search, chosen, required if untestable else None)
     mesh_change = None
     if fine is not None:
-        chosen, mesh_change = on_finer_mesh(search.scene, fine, chosen, search.progress)
+        with contained(search.scene.failures, FINER_MESH):
+            chosen, mesh_change = on_finer_mesh(search.scene, fine, chosen, search.progress)
     tested = cross_validate(search.scene, without, chosen)
     likelihood = search.scene.baseline.likelihood
     share = likelihood.explained_share(without.chi_square, chosen.chi_square)
@@ -127,13 +125,20 @@ def decide(
         return Decision("UNKNOWN", without, (), *basis)
     more = more_remains(chosen.chi_square, share)
     alone = untestable and len(rivals) == 1
-    if search.delta_ln_evidence(chosen) < required:
+    if search.delta_ln_evidence(chosen) < required or FINER_MESH in search.scene.failures:
         rivals = tuple(dict.fromkeys((*chosen.labels, *rivals, RESOLUTION)))
     tried = search.compared and (search.finished or len(chosen.labels) == 1)
     if more or alone or not (tried and _each_is_tested(search, chosen, tested)):
         return Decision("PARTIAL", chosen, rivals, *basis)
     outcome = "CLASS" if len(rivals) > 1 else "NAMED" if len(chosen.labels) == 1 else "COMPOSITE"
     return Decision(outcome, chosen, rivals, *basis)
+
+
+def undecided(search: Search) -> Decision:
+    """Return the decision on a search from which nothing can be concluded about effects."""
+    without = search.without_effects
+    outcome = "UNKNOWN" if material(without.chi_square) else "NULL"
+    return Decision(outcome, without, (), _probabilities(search), 0.0, None)
 
 
 def more_remains(chi_square, share) -> bool:
@@ -297,7 +302,10 @@ def _without(search, chosen, label):
     effects = tuple(effect for effect in chosen.effects if effect.label != label)
     where = frozenset(effect.where for effect in effects)
     known = next((known for known in search.fits if known.where == where), None)
-    return known or fit(search.scene, effects, chosen.values)
+    if known is None:
+        with search.scene.contained(effects):
+            known = fit(search.scene, effects, chosen.values)
+    return known
 
 
 def _rivals(search, chosen, least=None):

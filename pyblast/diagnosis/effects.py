@@ -1,6 +1,7 @@
 """Effects: hypotheses with values, the motion that they change, and predictions with them."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -8,16 +9,17 @@ import numpy as np
 from scipy import fft
 
 from ..blasts.blast import Blast
-from ..errors import InputError, SolverError
+from ..errors import InputError, contained
 from ..project.flat_box import quality_of
 from ..project.project import Project
 from . import library  # noqa: F401  fills the library
 from .calibration import Baseline, attenuated, calibrated_parameters, with_values
 from .case import Case
 from .forward import Forward, Surroundings, geometry, surroundings
-from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole
+from .hypotheses import FAMILIES, LIBRARY, Hypothesis, blast_and_hole, superposed
 
 FURTHER = "further blast"
+RUNS, HOLES = "runs", "motion of single holes"  # parts of a diagnosis that may fail
 
 
 @dataclass(frozen=True)
@@ -71,13 +73,18 @@ class Scene:
     holes : dict of str to (n_holes, n_receivers, 3, n_samples) float64, m/s
         Motion of each hole with its planned charge, fired at zero, by blast; without blasts whose
         holes do not superpose.
+    failures : dict
+        Sentences of errors: of effects, by their names and targets; of parts of the diagnosis, by
+        the name of the part.
     """
 
     forward: Forward
     baseline: Baseline
     holes: dict[str, np.ndarray]
+    failures: dict[frozenset | str, str] = field(default_factory=dict)
     _simulated: dict = field(default_factory=dict, repr=False)
     _corrections: dict = field(default_factory=dict, repr=False)
+    _impossible: set = field(default_factory=set, repr=False)
 
     def __post_init__(self):
         """Store the motion that the calibration has simulated."""
@@ -97,6 +104,12 @@ class Scene:
     def surroundings(self) -> Surroundings:
         """Motion around the receivers in the calibrated ground, by one run of each blast."""
         return surroundings(self.forward, self.baseline.project)
+
+    def contained(self, effects: Sequence[Effect]) -> AbstractContextManager[None]:
+        """Enter an error of effects into the failures in place of raising it; raise one of none."""
+        if not effects:
+            return nullcontext()
+        return contained(self.failures, frozenset(effect.where for effect in effects))
 
     def project(self, values, effects: Sequence[Effect]) -> Project | None:
         """Return the project with calibrated values and the effects on its site.
@@ -121,46 +134,60 @@ class Scene:
         Returns
         -------
         list of (n_blasts, n_receivers, 3, n_samples) float64, m/s, or None
-            None where effects are impossible, or cannot be simulated.
+            None where effects are impossible, or cannot be simulated; the failures have the reason.
 
         Raises
         ------
-        SolverError
+        InputError, SolverError
             If a run without effects fails.
         """
         blasts = tuple(range(len(self.case.blasts)) if blasts is None else blasts)
         keys = [(tuple(map(float, values)), _acting(effects, "site")) for values, effects in states]
         known = [key for key in keys if all((key, b) in self._simulated for b in blasts)]
-        projects = {key: self.project(*key) for key in dict.fromkeys(keys) if key not in known}
+        projects: dict[tuple, Project | None] = {}
+        for key in dict.fromkeys(keys):
+            if key not in known and key not in self._impossible:
+                with self.contained(key[1]):
+                    projects[key] = self.project(*key)
         possible = [key for key, project in projects.items() if project is not None]
         possible = [*known, *self._possible(possible, blasts, projects)]
+        self._impossible.update(key for key in keys if key not in possible)
         return [self._gathered(key, blasts) if key in possible else None for key in keys]
 
     def _possible(self, keys, blasts, projects):
-        """Run states and return those whose runs succeed; one by one if any fails."""
-        try:
-            self._run([(key, b) for key in keys for b in blasts], projects)
-        except (InputError, SolverError):
-            if len(keys) > 1:
-                return [key for key in keys if self._possible([key], blasts, projects)]
-            if not keys[0][1]:
-                raise
-            return []
-        return keys
+        """Run states and return those that can be simulated; one by one if a run fails."""
+        built, controls, failed = {}, {}, {}
+        for key in keys:
+            with self.contained(key[1]):
+                built[key] = self._build(key, blasts, projects[key], controls)
+        alone = len(built) == 1
+        with self.contained(next(iter(built))[1]) if alone else contained(failed, RUNS):
+            self._run(built, controls, projects)
+            return list(built)
+        return [] if alone else [key for key in built if self._possible([key], blasts, projects)]
 
-    def _run(self, required, projects):
+    def _build(self, key, blasts, project, controls):
+        """Return models of a state that are not stored, by blast, and the shape of its control.
+
+        Models of mesh controls that are not stored are added to ``controls``, by shape and blast.
+        """
+        missing = [b for b in blasts if (key, b) not in self._simulated]
+        control = self._mesh_control(key[1])
+        shape = geometry(control)
+        for b in missing:
+            if (shape, b) not in self._corrections and (shape, b) not in controls:
+                controls[shape, b] = self.forward.model(control, self.case.blasts[b])
+        return {b: self.forward.model(project, self.case.blasts[b]) for b in missing}, shape
+
+    def _run(self, built, controls, projects):
         """Run the states that are not stored, together with their mesh controls."""
-        required = [each for each in required if each not in self._simulated]
-        controls = {key: self._mesh_control(key[1]) for key, _ in required}
-        missing = {(geometry(controls[key]), b): controls[key] for key, b in required}
-        missing = {mesh: p for mesh, p in missing.items() if mesh not in self._corrections}
-        pairs = [(projects[key], b) for key, b in required]
-        pairs += [(project, b) for (_, b), project in missing.items()]
-        done = self.forward.simulate([(project, self.case.blasts[b]) for project, b in pairs])
-        for mesh, motion in zip(missing, done[len(required) :], strict=True):
+        required = {(key, b): model for key, (own, _) in built.items() for b, model in own.items()}
+        blasts = [self.case.blasts[b] for _, b in (*required, *controls)]
+        done = self.forward.simulate_models([*required.values(), *controls.values()], blasts)
+        for mesh, motion in zip(controls, done[len(required) :], strict=True):
             self._corrections[mesh] = self.baseline.reference[mesh[1]] - motion
         for (key, b), motion in zip(required, done[: len(required)], strict=True):
-            correction = self._corrections[geometry(controls[key]), b]
+            correction = self._corrections[built[key][1], b]
             if quality_of(projects[key]) != quality_of(self.case.project):
                 before = self.baseline.reference[b] - correction
                 band = self.case.band.low, self.case.band.high
@@ -190,15 +217,26 @@ class Scene:
         )
 
     def received(self, motion: np.ndarray, effects: Sequence[Effect]) -> np.ndarray:
-        """Return simulated motion with effects on holes and on motion, the same shape, m/s."""
+        """Return simulated motion with effects on holes and on motion, the same shape, m/s.
+
+        Raises
+        ------
+        InputError
+            If it is not finite.
+        """
         for effect in _acting(effects, "holes"):
             motion = motion + self._by_holes(effect)
-        return with_motion_effects(self, motion, effects)
+        motion = with_motion_effects(self, motion, effects)
+        if not np.isfinite(motion).all():
+            raise InputError("its motion is not a finite number at every receiver")
+        return motion
 
     def _by_holes(self, effect):
         """Return the change of motion by other times and scales of the holes of one blast."""
         name, _ = blast_and_hole(effect.target)
         blast, at = self.case.project.blasts[name], self.case.blasts.index(name)
+        if HOLES in self.failures and superposed in effect.hypothesis.simulated:
+            raise InputError(f"{HOLES}: {self.failures[HOLES]}")
         delays, scales = effect.hypothesis.apply(blast, effect.target, **effect.parameters)
         times, holes, n = blast.times, self.holes.get(name), self.case.n_samples
         if holes is None:  # all holes have the same delay and scale

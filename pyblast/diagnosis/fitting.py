@@ -85,7 +85,7 @@ class Fitter:
         """Return the motion at parameters; runs are made only for effects on the site.
 
         Calibrated parameters change it along the slopes of the baseline. Blasts that are not
-        fitted have their records. None where an effect is impossible.
+        fitted have their records. None where an effect is impossible or fails.
         """
         states = [self.state(x) for x in points]
         runs = self.scene.simulate(
@@ -98,7 +98,10 @@ class Fitter:
                 continue
             slopes = self.scene.baseline.slopes
             run = run + self.shift + np.tensordot(values - self.reference, slopes, 1)
-            motions.append(self.scene.received(run, effects))
+            received = None
+            with self.scene.contained(effects):
+                received = self.scene.received(run, effects)
+            motions.append(received)
         return motions
 
     def misfit(self, residual):

@@ -84,10 +84,14 @@ class Forward:
         SolverError
             If a run fails.
         """
-        runs = self.run([self.model(project, blast) for project, blast in pairs])
+        models = [self.model(project, blast) for project, blast in pairs]
+        return self.simulate_models(models, [blast for _, blast in pairs])
+
+    def simulate_models(self, models: Sequence[Model], blasts: Sequence[str]) -> list[np.ndarray]:
+        """Simulate models of blasts, as `simulate` does with its pairs."""
         return [
             with_source(self.case, blast, self._sampled(run.seismograms, self.lead(blast)))
-            for run, (_, blast) in zip(runs, pairs, strict=True)
+            for run, blast in zip(self.run(models), blasts, strict=True)
         ]
 
     def run(self, models: Sequence[Model]) -> list[CachedRun]:

@@ -6,7 +6,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, contained
 from ..inference.parameter import Parameter
 from ..project.flat_box import not_flat, quality_of
 from .case import Case
@@ -294,6 +294,8 @@ class Hypothesis:
     begins : callable or None
         ``(scene) -> tuple of values``, one of each parameter: a further starting point, estimated
         from the residuals of the calibrated site.
+    described : callable or None
+        ``(target, **parameters) -> str``: the target at values of the parameters, if these move it.
     """
 
     label: str
@@ -314,6 +316,7 @@ class Hypothesis:
     single: bool = False
     begins: Callable | None = None
     further: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    described: Callable | None = None
 
     @property
     def name(self) -> str:
@@ -321,22 +324,35 @@ class Hypothesis:
         return f"{self.label}/{self.form}" if self.form else self.label
 
     def untestable(self, case) -> str:
-        """Return why the records of a case cannot test it; empty if they can."""
+        """Return why the records of a case cannot test it; empty if they can. Asked once a case."""
+        known = _REASONS.setdefault(case, {})
+        if id(self) not in known:
+            why: dict[str, str] = {}
+            with contained(why, self.name):
+                why[self.name] = self._untestable(case)
+            known[id(self)] = self, why[self.name]
+        return known[id(self)][1]
+
+    def _untestable(self, case):
+        """Return the first reason that applies."""
         why = next(filter(None, (need(case) for need in self.simulated)), "")
         if why:
             return why
         if not self.targets(case):
-            return f"this site has no {self.target} to which it could apply"
+            none = f"this site has no {self.target} to which it could apply"
+            return _FAILED.get(case, {}).get(self.targets, none)
         return next(filter(None, (need(case) for need in self.needs)), "")
 
 
+_REASONS: WeakKeyDictionary = WeakKeyDictionary()  # why not testable, by case and hypothesis
+_FAILED: WeakKeyDictionary = WeakKeyDictionary()  # errors of lists of targets, by case and list
 LIBRARY: dict[str, Hypothesis] = {}
 
 
 def hypothesis(
     label, *, family, on, target, axis, parameters, form="", targets=None, mesh_control=None,
     linear=True, decided_by="", needs=(), simulated=(), single=False, begins=None,
-    further=(),
+    further=(), described=None,
 ):  # fmt: skip
     """Enter the decorated function into the library; arguments as of `Hypothesis`.
 
@@ -361,7 +377,7 @@ def hypothesis(
         entry = Hypothesis(
             label, form, " ".join(claim.split()), family, on, target, possible, axis,
             tuple(parameters), function, mesh_control, linear, decided_by, needs, simulated, single,
-            begins, tuple(further),
+            begins, tuple(further), described,
         )  # fmt: skip
         if entry.name in LIBRARY:
             raise InputError(f"hypothesis {entry.name}: is in the library already")
@@ -374,12 +390,17 @@ def hypothesis(
 
 
 def _where_simulated(targets, simulated):
-    """Return a function that lists targets, once a case, only if an effect can be simulated."""
+    """Return a function that lists targets, once a case, only if an effect can be simulated.
+
+    An error in it lists none.
+    """
     listed: WeakKeyDictionary = WeakKeyDictionary()
 
     def possible(case):
         if case not in listed:
-            listed[case] = () if any(need(case) for need in simulated) else targets(case)
+            listed[case] = ()
+            with contained(_FAILED.setdefault(case, {}), possible):
+                listed[case] = () if any(need(case) for need in simulated) else targets(case)
         return listed[case]
 
     return possible

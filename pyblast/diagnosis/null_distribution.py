@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..errors import contained
 from .effects import Effect, Scene
 from .fitting import DIFFERENCE, Fit, Fitter, hessian_of
 from .hypotheses import LIBRARY, Hypothesis
@@ -199,7 +200,8 @@ def _jacobians(
             x = fitter.start()
             free = np.arange(len(x)) >= len(fitter.sigma)
             motion = fitter.motions([x])[0]
-            changes.append(fitter.jacobian(x, motion, free)[free])
+            if motion is not None:
+                changes.append(fitter.jacobian(x, motion, free)[free])
         if changes:
             yield hypothesis.label, changes, len(changes)
 
@@ -321,9 +323,10 @@ def detection_limits(scene: Scene, fit: Fit, least: float = DECISIVE) -> list[di
             if parameter.null is None:
                 continue
             targets = hypothesis.targets(scene.case)
-            amounts = {
-                t: _detection_limit(scene, fit, hypothesis, t, order, least) for t in targets
-            }
+            amounts = dict.fromkeys(targets, np.inf)
+            for t in targets:
+                with contained({}, f"detection limit of {hypothesis.name} at {t}"):
+                    amounts[t] = _detection_limit(scene, fit, hypothesis, t, order, least)
             finite = [amount for amount in amounts.values() if np.isfinite(amount)]
             if finite:
                 limits.append({

@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 
+from ..errors import contained
 from .effects import Effect, Scene
 from .fitting import Fit, Fitter, fit, fit_calibrated, fit_partly
 from .hypotheses import LIBRARY, Hypothesis
@@ -64,6 +65,8 @@ class Search:
         The best set of effects; None if nothing was searched for.
     finished, compared : bool
         Whether the budget sufficed for the whole search, and for each effect on its own.
+    failed : dict of (str, str) to str
+        Hypotheses and targets that could not be simulated at any starting value, with the reason.
     """
 
     scene: Scene
@@ -75,6 +78,7 @@ class Search:
     chosen: Fit | None = None
     finished: bool = True
     compared: bool = True
+    failed: dict[tuple[str, str], str] = field(default_factory=dict)
 
     def delta_ln_evidence(self, fit: Fit) -> float:
         """Return the log Bayes factor of a fit over no effect, less ln(targets); (14.3)."""
@@ -115,7 +119,12 @@ class Search:
         return self.delta_ln_evidence(best) - self.delta_ln_evidence(other)
 
 
-def search(scene: Scene, limit: int, progress: Callable = lambda *_: None) -> Search:
+def search(
+    scene: Scene,
+    limit: int,
+    progress: Callable = lambda *_: None,
+    known: Callable[[Search], object] = lambda _: None,
+) -> Search:
     """Search the library for effects that explain what the calibrated site does not.
 
     Parameters
@@ -125,6 +134,8 @@ def search(scene: Scene, limit: int, progress: Callable = lambda *_: None) -> Se
         Number of runs after which no further effect is tried.
     progress : callable, optional
         Called with (stage, done, total).
+    known : callable, optional
+        Called with the state of the search before each step of it.
 
     Returns
     -------
@@ -133,7 +144,12 @@ def search(scene: Scene, limit: int, progress: Callable = lambda *_: None) -> Se
         no effect.
     """
     chosen = fit_calibrated(scene)
-    state = Search(scene, limit, progress, chosen, chosen=chosen)
+
+    def report(*step):
+        known(state)
+        progress(*step)
+
+    state = Search(scene, limit, report, chosen, chosen=chosen)
     testable = any(not hypothesis.untestable(scene.case) for hypothesis in LIBRARY.values())
     if not (testable and (material(chosen.chi_square) or scene.case.share is not None)):
         return state
@@ -173,9 +189,11 @@ def means(chi_square, axis) -> np.ndarray:
 
 def starting_effects(hypothesis: Hypothesis, target: str, scene: Scene) -> list[Effect]:
     """Return an effect at each starting value of its parameters."""
-    blasts = scene.case.project.blasts
+    blasts, from_residual = scene.case.project.blasts, ()
     n_holes = len(blasts[target].times) if target in blasts else 1
-    from_residual = () if hypothesis.begins is None else (hypothesis.begins(scene),)
+    if hypothesis.begins is not None:
+        with contained({}, f"a starting value of {hypothesis.name}"):
+            from_residual = (hypothesis.begins(scene),)
     starts = product(*[parameter.starts for parameter in hypothesis.parameters])
     return [
         Effect(
@@ -206,6 +224,7 @@ def screen(search: Search) -> list[ScreeningResult]:
         for effect in starting_effects(hypothesis, target, scene)
     ]  # fmt: skip
     best: dict[tuple[str, str], ScreeningResult] = {}
+    simulated: dict[tuple[str, str], bool] = {}
     for done, (effect, blasts) in enumerate(candidates):
         search.progress("effects on the site", done, len(candidates))
         if not search.runs_left():
@@ -217,9 +236,19 @@ def screen(search: Search) -> list[ScreeningResult]:
                 scene.simulate(states, group)
         result = _screening_result(search, effect, x_ref, blasts)
         key = effect.label, effect.target
+        simulated[effect.where] = simulated.get(effect.where, False) or result is not None
         if result is not None and (key not in best or best[key].share < result.share):
             best[key] = result
+    _enter_failures(search, [where for where, success in simulated.items() if not success])
     return sorted(best.values(), key=lambda result: -result.share)
+
+
+def _enter_failures(search, places):
+    """Enter hypotheses and targets that were simulated at no starting value because of an error."""
+    for where in places:
+        reason = search.scene.failures.get(frozenset([where]))
+        if reason is not None:
+            search.failed[where] = reason
 
 
 def _screened_blasts(search, hypothesis, target):
@@ -238,16 +267,21 @@ def _screened_blasts(search, hypothesis, target):
 
 
 def _screening_result(search, effect, x_ref, blasts):
-    """Return how much one effect explains after runs of some blasts, at its best scale."""
+    """Return how much one effect explains after runs of some blasts, at its best scale.
+
+    None where it is impossible or fails.
+    """
     scene, likelihood = search.scene, search.scene.baseline.likelihood
     simulated = scene.simulate([(x_ref, (effect,))], blasts)[0]
     if simulated is None:
         return None
-    change = np.zeros_like(simulated)
-    change[list(blasts)] = (simulated - scene.baseline.reference)[list(blasts)]
-    chi_square = _chi_square_at_best_scale(scene, change, blasts)
-    share = likelihood.explained_share(search.without_effects.chi_square, chi_square, blasts)
-    return ScreeningResult(effect, share, change, blasts)
+    with scene.contained((effect,)):
+        change = np.zeros_like(simulated)
+        change[list(blasts)] = (simulated - scene.baseline.reference)[list(blasts)]
+        chi_square = _chi_square_at_best_scale(scene, change, blasts)
+        share = likelihood.explained_share(search.without_effects.chi_square, chi_square, blasts)
+        return ScreeningResult(effect, share, change, blasts)
+    return None
 
 
 def _chi_square_at_best_scale(scene, change, blasts):
@@ -297,11 +331,14 @@ def _fit_without_runs(search, base):
         best = {}
         for target in hypothesis.targets(scene.case):
             trials = [
-                fit_partly(scene, (*before, effect), base.values, n_last=1)
+                _fitted_partly(scene, (*before, effect), base.values, n_last=1)
                 for effect in starting_effects(hypothesis, target, scene)
             ]
             reached, _, effects = min(trials, key=lambda trial: trial[0])
             best[target] = objective - reached, effects[-1]
+        if not before:
+            failed = [target for target, (gain, _) in best.items() if gain == -np.inf]
+            _enter_failures(search, [(hypothesis.name, target) for target in failed])
         paying = [effect for decrease, effect in best.values() if decrease > 2.0 * DECISIVE]
         most = max(best.values(), key=lambda pair: pair[0], default=None)
         if most is None or most[0] <= 0.0 or (before and not paying):
@@ -309,9 +346,23 @@ def _fit_without_runs(search, base):
         if hypothesis.single:
             paying = [most[1]] if paying else []
         added = paying or [most[1]]
-        fitted = fit(scene, (*before, *added), base.values, base=base if before else None)
+        fitted = _fitted(scene, (*before, *added), base.values, base=base if before else None)
         if fitted is not None:
             search.add(fitted)
+
+
+def _fitted_partly(scene, effects, *values, **options):
+    """Return the result of `fit_partly`; that of an impossible effect where it fails."""
+    with scene.contained(effects):
+        return fit_partly(scene, effects, *values, **options)
+    return np.inf, None, effects
+
+
+def _fitted(scene, effects, *values, **options):
+    """Return the result of `fit`; None where it fails."""
+    with scene.contained(effects):
+        return fit(scene, effects, *values, **options)
+    return None
 
 
 def _fit_by_runs(search, screening: Sequence[ScreeningResult], base, most):
@@ -330,7 +381,7 @@ def _fit_by_runs(search, screening: Sequence[ScreeningResult], base, most):
         result = _from_further_starts(search, result)
         search.progress(f"fit {result.effect.label}", done, max(most, surely))
         runs_before = search.scene.forward.runs
-        fitted = fit(search.scene, (*base.effects, result.effect), x_ref, result.blasts, base)
+        fitted = _fitted(search.scene, (*base.effects, result.effect), x_ref, result.blasts, base)
         if fitted is not None:
             search.add(fitted)
         done += search.scene.forward.runs > runs_before
@@ -375,8 +426,8 @@ def _refit_around_leaders(search):
         search.progress(f"around {first.label}", 0, 1)
         blasts = next(r.blasts for r in search.screening if r.effect.where == first.where)
         scene.simulate([(x_ref, (effect,)) for effect in candidates], blasts)
-        best = min(candidates, key=lambda effect: fit_partly(scene, (effect,), x_ref, blasts)[0])
-        fitted = fit(scene, (best,), x_ref, blasts, search.without_effects)
+        best = min(candidates, key=lambda e: _fitted_partly(scene, (e,), x_ref, blasts)[0])
+        fitted = _fitted(scene, (best,), x_ref, blasts, search.without_effects)
         if fitted is not None:
             search.add(fitted)
 

@@ -6,12 +6,13 @@ from dataclasses import replace
 import numpy as np
 from scipy import signal
 
+from ..errors import contained
 from ..inference.records import COMPONENTS
 from ..project.flat_box import extent_of
 from .calibration import Baseline, like_taught
 from .case import Case, case_of
 from .cross_validation import CrossValidation
-from .decision import RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
+from .decision import FINER_MESH, RESOLUTION, RESOLUTION_DECIDED_BY, Decision, intervals
 from .effects import PredictionScene, Scene, with_motion_effects
 from .forward import surface_speed
 from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
@@ -20,7 +21,6 @@ from .search import Search, means, worst
 from .thresholds import DECISIVE, DETECTABLE, MATERIAL
 from .trusted_shots import explained
 
-NOT_IN_LIBRARY = {"topography": "the project has no surface to compare with a plane"}
 UNSURE = "CLASS", "PARTIAL", "UNKNOWN"  # outcomes on which a prediction should not rely
 WINDOW = 0.8  # share of the energy of a residual that lies in its windows
 GRID = 25  # points along the longer side of the plan
@@ -39,23 +39,27 @@ def summarise(search: Search, null: NullDistribution | None, decision: Decision)
     """
     scene, without = search.scene, search.without_effects
     baseline, case, fit = scene.baseline, scene.case, decision.fit
-    remainder = locate_residual(baseline, fit.motion, fit.chi_square)
     mesh_energy = np.sum(baseline.correction**2) / np.sum(case.motion**2)
     change = decision.mesh_change
+    least = max(DECISIVE, 0.0 if null is None else null.threshold(()))
+    limits, located, remainder = [], None, None
+    with contained(scene.failures, "detection limits"):
+        limits = detection_limits(scene, fit, least)
+    with contained(scene.failures, "location of the residual"):
+        located = locate_residual(baseline, without.motion, without.chi_square)
+        remainder = locate_residual(baseline, fit.motion, fit.chi_square)
     return {
         "outcome": decision.outcome,
         "effects": _effects(decision),
         "class": list(decision.rivals) if len(decision.rivals) > 1 else [],
         "not_testable": _not_testable(search),
-        "detection_limits": detection_limits(
-            scene, fit, max(DECISIVE, 0.0 if null is None else null.threshold(()))
-        ),
-        "located": locate_residual(baseline, without.motion, without.chi_square),
+        "detection_limits": limits,
+        "located": located,
         "remainder": remainder,
         "evidence": _evidence(search, null, decision),
         "held_out": _held_out(decision.cross_validation),
         "mesh_error": {
-            "energy_share": round(float(mesh_energy), 4),
+            "energy_share": None if FINER_MESH in scene.failures else round(float(mesh_energy), 4),
             "chi_square_of_answer": None if change is None else round(change, 2),
         },
         "data_quality": {
@@ -68,13 +72,7 @@ def summarise(search: Search, null: NullDistribution | None, decision: Decision)
             "excluded_share": round(float(np.mean(~case.valid)), 4),
         },
         "next_measurement": _next_measurement(search, decision, remainder),
-        "calibration": [
-            {"parameter": parameter.name, "factor": float(np.exp(value)),
-             "prior_deviation": float(deviation)}
-            for parameter, value, deviation in zip(
-                baseline.parameters, fit.values, fit.values / baseline.sigma, strict=True
-            )
-        ],
+        "calibration": _calibration(baseline, fit),
         "model": {
             "values": fit.values.tolist(),
             "effects": [
@@ -83,7 +81,40 @@ def summarise(search: Search, null: NullDistribution | None, decision: Decision)
             ],
             "baseline_values": baseline.values.tolist(),
         },
+        "not_computed": not_computed(scene.failures),
     }  # fmt: skip
+
+
+def not_computed(failures: Mapping) -> list[dict]:
+    """Return the parts of a diagnosis that failed, with the reason."""
+    return [{"part": k, "reason": v} for k, v in failures.items() if isinstance(k, str)]
+
+
+def known_so_far(search: Search) -> dict:
+    """Return what an unfinished search knows: fits, screening, what could not be tested."""
+    return {
+        "largest_chi_square": round(worst(search.without_effects.chi_square), 2),
+        "calibration": _calibration(search.scene.baseline, search.without_effects),
+        "fitted": _ranking(search),
+        "screened": [
+            {"label": result.effect.label, "target": result.effect.target,
+             "explained_share": round(result.share, 3)}
+            for result in search.screening
+        ],
+        "not_testable": _not_testable(search),
+        "runs": search.scene.forward.runs,
+    }  # fmt: skip
+
+
+def _calibration(baseline, fit):
+    """Return the calibrated parameters of a fit as a table."""
+    return [
+        {"parameter": parameter.name, "factor": float(np.exp(value)),
+         "prior_deviation": float(deviation)}
+        for parameter, value, deviation in zip(
+            baseline.parameters, fit.values, fit.values / baseline.sigma, strict=True
+        )
+    ]  # fmt: skip
 
 
 def _clipped(case):
@@ -146,14 +177,19 @@ def _evidence(search, null, decision):
         "null_threshold_interval": None if null is None else null.threshold_interval(effects),
         "explained_share": round(decision.explained_share, 3),
         "chi_square_at_double_error": round(worst(doubled), 2),
-        "ranking": [
-            {"labels": list(fit.labels), "targets": [e.target for e in fit.effects],
-             "delta_ln_evidence": round(search.delta_ln_evidence(fit), 1),
-             "misfit": round(fit.misfit, 1)}
-            for fit in ranked
-        ],
+        "ranking": _ranking(search),
         "probability": decision.probability,
-    }  # fmt: skip
+    }
+
+
+def _ranking(search):
+    """Return all fits of a search as a table, best first."""
+    return [
+        {"labels": list(fit.labels), "targets": [e.target for e in fit.effects],
+         "delta_ln_evidence": round(search.delta_ln_evidence(fit), 1),
+         "misfit": round(fit.misfit, 1)}
+        for fit in search.ranked()
+    ]  # fmt: skip
 
 
 def _effects(decision):
@@ -205,10 +241,12 @@ def _mean(shares):
 def _not_testable(search):
     """Return the labels that the records cannot test, or not detect, with the reason.
 
-    First those that they cannot test whatever they contain, which is known before the search.
+    First those that they cannot test whatever they contain, which is known before the search. Of
+    other labels, ``targets`` could not be simulated; there are none where the whole label is meant.
     """
-    likelihood, lengths = search.scene.baseline.likelihood, {}
-    reasons = NOT_IN_LIBRARY | untestable_labels(search.scene.case)
+    likelihood, lengths, case = search.scene.baseline.likelihood, {}, search.scene.case
+    reasons = untestable_labels(case)
+    rows = [{"label": label, "targets": [], "reason": why} for label, why in reasons.items()]
     for result in search.screening:
         chi_square = likelihood.chi_square(likelihood.whiten(result.change))
         length = float(np.sqrt(np.sum(likelihood.n_effective * chi_square)))
@@ -217,16 +255,36 @@ def _not_testable(search):
         forms = [form for form in LIBRARY.values() if form.label == label]
         if label in reasons:
             continue
-        if search.fits and all(form.on == "site" for form in forms) and label not in lengths:
-            ended = "the budget of runs ended before it was tried"
-            reasons[label] = "it is impossible at this site" if search.finished else ended
-        elif lengths.get(label, np.inf) < DETECTABLE:
-            reasons[label] = (
-                f"at its usual strength it changes these records by {lengths[label]:.1f} standard "
-                f"deviations, and {DETECTABLE:g} are needed: fire larger charges, or place "
-                "receivers nearer"
-            )
-    return [{"label": label, "reason": reason} for label, reason in reasons.items()]
+        failed = {}
+        for form in forms:
+            for target in form.targets(case):
+                if (form.name, target) in search.failed:
+                    reason = search.failed[form.name, target]
+                    failed.setdefault(reason, []).append(target or "whole site")
+        number = sum(len(form.targets(case)) for form in forms)
+        whole = sum(map(len, failed.values())) == number
+        rows += [
+            {"label": label, "targets": [] if whole else targets, "reason": reason}
+            for reason, targets in failed.items()
+        ]
+        reason = "" if whole else _not_detected(search, forms, lengths.get(label))
+        if reason:
+            rows.append({"label": label, "targets": [], "reason": reason})
+    return rows
+
+
+def _not_detected(search, forms, length):
+    """Return why an effect that can be simulated is not detected; empty if it could be."""
+    if search.fits and all(form.on == "site" for form in forms) and length is None:
+        ended = "the budget of runs ended before it was tried"
+        return "it is impossible at this site" if search.finished else ended
+    if length is not None and length < DETECTABLE:
+        return (
+            f"at its usual strength it changes these records by {length:.1f} standard "
+            f"deviations, and {DETECTABLE:g} are needed: fire larger charges, or place "
+            "receivers nearer"
+        )
+    return ""
 
 
 def _next_measurement(search, decision, remainder):
@@ -245,6 +303,8 @@ def _next_measurement(search, decision, remainder):
 
 def _more_receivers(remainder):
     """Return the advice to place receivers where something remains unexplained."""
+    if remainder is None:
+        return "more receivers, and a shot from another side"
     receivers = remainder["receivers"]
     near = [f"east {p['x']:.0f} m, north {p['y']:.0f} m" for p in remainder["points"]]
     near += [max(receivers, key=receivers.get)] if receivers else []

@@ -122,7 +122,7 @@ def emcee_library():
         import emcee
     except ImportError:
         raise InputError(
-            "back_analysis.posterior: needs emcee; install pyblast[posterior] or leave it out"
+            "back_analysis.posterior: needs emcee; install emcee, or leave it out"
         ) from None
     return emcee
 

@@ -1,12 +1,13 @@
-"""Tetrahedral meshing of cells by gmsh, and smoothing of thin zones."""
+"""Meshing by gmsh: tetrahedra in cells, quadrilaterals in a section; smoothing of thin zones."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ..errors import InputError
 from . import tetrahedra
@@ -203,6 +204,9 @@ def _cross(a, b):
     return np.stack([a[i] * b[j] - a[j] * b[i] for i, j in pairs])
 
 
+_FRONTAL_QUADS, _QUADRILATERAL = 8, 3  # algorithm and kind of element of gmsh
+_HALVED = 1.5  # size of triangles whose parts have at most a wanted edge
+_WIDEST = 1.15  # edge of mapped faces of a section, over the wanted one
 _DELAUNAY, _HXT = 1, 10  # algorithms of gmsh; HXT is several times as fast
 _THINNEST = 1e-6  # of a zone with a volume; HXT leaves flat ones at times, not all repaired
 _MANY = 50_000  # triangles on the faces of blocks from which on HXT is tried first
@@ -440,3 +444,123 @@ def _elements(gmsh, dimension, tag, width):
     """Return the gmsh nodes (n, width) of the elements of one entity."""
     nodes = gmsh.model.mesh.getElements(dimension, tag)[2]
     return np.asarray(nodes[0] if nodes else [], dtype=np.int64).reshape(-1, width)
+
+
+def section_mesh(
+    limits: np.ndarray,
+    vertices: np.ndarray,
+    lines: np.ndarray,
+    edge: float,
+    edge_at: Callable[[float, float], float] | None = None,
+    blossom: bool = True,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mesh a rectangle with quadrilaterals that conform to lines in it.
+
+    Parameters
+    ----------
+    limits : (2, 2) float64, m
+        Of the two axes.
+    vertices : (n, 2) float64, m
+    lines : (m, 2) int64
+        Between vertices; they cross at vertices only, and end on each other or on the rectangle.
+    edge : float, m
+    edge_at : callable, optional
+        Edge in m at a place (x, y), where it differs.
+    blossom : bool
+        Pair triangles by minimum-cost matching (Remacle et al. 2012), else one by one.
+
+    Returns
+    -------
+    points : (n_nodes, 2) float64, m
+    quadrilaterals : (n, 4) int64, counterclockwise
+
+    Raises
+    ------
+    MeshingError
+        If gmsh fails, or its quadrilaterals don't fill the rectangle.
+    """
+    (a0, a1), (b0, b1) = limits
+    with _gmsh() as gmsh:
+        kernel = gmsh.model.occ
+        face = kernel.addRectangle(a0, b0, 0.0, a1 - a0, b1 - b0)
+        number = {int(v): kernel.addPoint(*vertices[v], 0.0) for v in np.unique(lines)}
+        cuts = [(1, kernel.addLine(number[int(i)], number[int(j)])) for i, j in lines]
+        try:
+            if cuts:
+                kernel.fragment([(2, face)], cuts)
+            kernel.synchronize()
+            mapped = edge_at is None and _map_faces(gmsh, edge)
+            options = {
+                "MeshSizeMin": 0,
+                "MeshSizeFromPoints": 0,
+                "RecombineAll": 1,
+                "Smoothing": 10,
+            }
+            options |= {"Algorithm": _FRONTAL_QUADS, "MeshSizeMax": edge if mapped else 2 * edge}
+            options |= {"RecombinationAlgorithm": 3 if mapped else int(blossom)}
+            options |= {"SubdivisionAlgorithm": 0 if mapped else 1}  # all into quadrilaterals
+            for option, value in options.items():
+                gmsh.option.setNumber(f"Mesh.{option}", value)
+            if edge_at is not None:
+                gmsh.model.mesh.setSizeCallback(
+                    lambda _dim, _tag, x, y, _z, size: min(size, _HALVED * edge_at(x, y))
+                )
+            gmsh.model.mesh.generate(2)
+        except Exception as error:
+            raise MeshingError(f"gmsh could not mesh the section ({error})") from None
+        return _quadrilaterals(gmsh, (a1 - a0) * (b1 - b0))
+
+
+def _map_faces(gmsh, edge):
+    """Map faces with four corners, opposite sides in equal steps; tell whether all are such."""
+    mesh = gmsh.model.mesh
+    curves = {}
+    for _, curve in gmsh.model.getEntities(1):
+        x0, y0, _, x1, y1, _ = gmsh.model.getBoundingBox(1, curve)
+        curves[curve] = float(np.hypot(x1 - x0, y1 - y0))
+    faces, pairs = [], []
+    every = [face for _, face in gmsh.model.getEntities(2)]
+    for face in every:
+        loop = [abs(c) for _, c in gmsh.model.getBoundary([(2, face)], combined=False)]
+        if len(loop) == len(set(loop)) == 4 and not mesh.getEmbedded(2, face):
+            faces.append(face)
+            pairs += [(loop[0], loop[2]), (loop[1], loop[3])]
+    numbers = {curve: k for k, curve in enumerate(curves)}
+    ends = np.array([[numbers[c] for c in pair] for pair in pairs], dtype=int).reshape(-1, 2)
+    graph = coo_array((np.ones(len(ends)), ends.T), shape=(len(curves), len(curves)))
+    label = connected_components(graph, directed=False)[1]
+    steps = np.ceil(np.array(list(curves.values())) / (_WIDEST * edge) - 0.05)
+    most = np.ones(label.max() + 1)
+    np.maximum.at(most, label, steps)
+    whole = len(faces) == len(every)
+    for curve, part in zip(curves, label, strict=True):
+        n = most[part] if whole else max(1.0, np.ceil(most[part] / 2.0))
+        mesh.setTransfiniteCurve(curve, int(n) + 1)
+    for face in faces:
+        mesh.setTransfiniteSurface(face)
+        mesh.setRecombine(2, face)
+    return whole
+
+
+def _quadrilaterals(gmsh, area):
+    """Return points (n, 2) and quadrilaterals (m, 4) of a section of a given area in m2."""
+    tags, places, _ = gmsh.model.mesh.getNodes()
+    kinds, _, nodes = gmsh.model.mesh.getElements(2)
+    if list(kinds) != [_QUADRILATERAL]:
+        raise MeshingError("gmsh could not mesh the section by quadrilaterals alone")
+    used, quads = np.unique(np.asarray(nodes[0], dtype=np.int64), return_inverse=True)
+    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    row[tags.astype(np.int64)] = np.arange(len(tags))
+    points, quads = places.reshape(-1, 3)[row[used], :2], quads.reshape(-1, 4)
+    areas = quadrilateral_areas(points, quads)
+    quads[areas < 0.0] = quads[areas < 0.0][:, ::-1]
+    if abs(np.abs(areas).sum() - area) > 1e-6 * area:
+        raise MeshingError("the quadrilaterals of the section overlap or leave gaps")
+    return points, quads
+
+
+def quadrilateral_areas(points: np.ndarray, quads: np.ndarray) -> np.ndarray:
+    """Return the areas (n,) in m2 of plane quadrilaterals (n, 4), positive counterclockwise."""
+    first = points[quads[:, 2]] - points[quads[:, 0]]
+    second = points[quads[:, 3]] - points[quads[:, 1]]
+    return 0.5 * (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])

@@ -63,11 +63,12 @@ class _Inputs:
     values: tuple = field(compare=False)
 
 
-def stored(work: Callable) -> Callable:
+def stored(work: Callable, content: Callable = lambda *values: values) -> Callable:
     """Cache the last results of a function by the content hash of its inputs (decorator).
 
     Equal meshes of different models are different objects, so identity would not find them. The
-    arrays of a result are shared and therefore read-only.
+    arrays of a result are shared and therefore read-only. ``content`` returns, of the inputs, what
+    the result depends on.
     """
 
     @lru_cache(KEPT)
@@ -79,7 +80,7 @@ def stored(work: Callable) -> Callable:
     @wraps(work)
     def call(*values):
         digest = sha256()
-        feed(digest, values, work.__name__)
+        feed(digest, content(*values), work.__name__)
         return cached(_Inputs(digest.digest(), values))
 
     return call

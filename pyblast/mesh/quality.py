@@ -9,6 +9,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
+from . import hexahedra
 from .faces import face_keys, face_vectors, pair_faces, zone_faces, zone_of_face
 from .mesh import Mesh, components, edge_lengths, volumes
 
@@ -67,6 +68,24 @@ def refuse_beyond_memory(what: str, needed: float) -> None:
             f"{what} needs about {needed / 1e9:.3g} GB of memory, the machine has "
             f"{free / 1e9:.3g} GB left; take longer edges, fewer receivers or a shorter duration"
         )
+
+
+def explicit_work(mesh: Mesh) -> float:
+    """Return the work in 1/m of an explicit run on hexahedra: nodes over the shortest distance.
+
+    The distance of two neighbours along a line of nodes, under the least stretch of the mapping
+    (smallest singular value of its Jacobian), sets the time step. Infinite for inverted zones.
+    """
+    order = mesh.order if mesh.places is not None else 2  # corners have the extremes
+    nodes = mesh.node_places
+    if mesh.places is None:
+        nodes = hexahedra.zone_nodes_places(mesh.points, mesh.zones, order)
+    jacobian = hexahedra.jacobians(nodes, order)
+    if not np.linalg.det(jacobian).min() > 0.0:
+        return float("inf")
+    points, _ = hexahedra.lobatto(mesh.order)
+    stretch = np.linalg.svd(jacobian, compute_uv=False)[..., -1].min()
+    return float(len(mesh.zones) * mesh.order**3 / ((points[1] - points[0]) * stretch))
 
 
 # Smallest volume of a zone over its longest edge cubed, as in gmsh.

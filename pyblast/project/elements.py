@@ -1,18 +1,20 @@
 """Choice of the elements of a project: spectral hexahedra where the ground allows it."""
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 
 from ..errors import InputError, named_error
-from ..mesh.grid import Layer
-from ..mesh.hexahedral_ground import SIDES, NotMapped, build_hexahedra
+from ..mesh.hexahedral import mapped, swept
+from ..mesh.hexahedral.mapped import NotMapped
 from ..mesh.mesh import Mesh, edge_lengths
+from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
-from .ground import joints_and_faults, make_mesh, mean_edge
+from .ground import make_geometry, make_mesh, mean_edge
 
-ORDER = 5
+ORDERS = (5, 3, 2, 4)  # tried, the first alone in a plain grid; a node costs the same in all
+BUILDERS = {"between the planes": mapped.build, "swept along one direction": swept.build}
 # Nodes per shortest S wavelength for an error of 1 % over three wavelengths, by order; the error
 # falls with the power below of their number: docs/quality/performance.md.
 NODES_FOR_ONE_PER_CENT = {2: 9.0, 3: 5.9, 4: 4.6, 5: 4.3, 6: 4.0, 7: 4.0, 8: 4.1}
@@ -81,9 +83,9 @@ def make_ground(project) -> Ground:
     obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
     if kind != "tetrahedra" and obstacle is None:
         try:
-            return _hexahedra(config, materials, project.surface, project.within)
+            return _hexahedra(config, materials, project.surface, project.reach)
         except NotMapped as reason:
-            obstacle = str(reason).removeprefix("mesh: ")
+            obstacle = str(reason)
     if kind == "hexahedra":
         raise InputError(
             f"mesh.kind: 'hexahedra' need a ground that is a mapped grid, but {obstacle}; "
@@ -94,8 +96,13 @@ def make_ground(project) -> Ground:
     return Ground(mesh, reason)
 
 
-def horizontal_positions(project) -> np.ndarray:
-    """Return the horizontal positions (n, 2) in m of receivers and sources of a project."""
+def survey_positions(project) -> np.ndarray:
+    """Return the horizontal positions (n, 2) in m of sources and receivers of all blasts."""
+    return np.concatenate([_horizontal(each) for each in (project, *project.further)])
+
+
+def _horizontal(project):
+    """Return the horizontal positions (n, 2) in m of receivers and sources of one blast."""
     config, blast = project.config, project.blast
     parts = [*config.receivers, *config.point_forces, *config.moment_tensors]
     positions = [part.position_m[:2] for part in parts]
@@ -229,36 +236,42 @@ def _frequency(config):
     return None if band is None else band[1]
 
 
-def _hexahedra(config, materials, surface, within):
-    """Return a ground of hexahedra."""
-    mesh = config.mesh
-    order = mesh.order or ORDER
-    low, size = np.array(mesh.origin_m), np.array(mesh.size_m)
-    layers = [Layer(part.material, part.thickness_m) for part in mesh.layers]
-    reach = _longest_path(within)
-    sizes = [_size(config, part, materials[part.material], order, reach) for part in mesh.layers]
-    enters = config.signature is not None  # through a side, whose waves would leave the layer
-    open_sides = [] if enters else [side for side in config.boundaries.viscous if side in SIDES]
-    if surface is not None and surface.ndim == 3:
-        raise NotMapped("the ground surface is given as triangles, which cut its blocks")
-    sets, faults = joints_and_faults(mesh)
-    with named_error("mesh"):
-        built = build_hexahedra(
-            np.column_stack([low, low + size]), layers, sets, faults, sizes=sizes, order=order,
-            open_sides=open_sides, within=within, surface=surface,
-        )  # fmt: skip
-    edge = edge_lengths(built).max()
-    ends = "an absorbing layer" if open_sides else "no absorbing layer"
-    zones = f"{len(built.zones)} zones"
-    reason = f"hexahedra of order {order}, edges up to {edge:.3g} m, {ends}: {zones}"
-    return Ground(built, reason)
+def _hexahedra(config, materials, surface, reach):
+    """Return a ground of hexahedra: of builders and orders that serve, that of the least work."""
+    geometry = make_geometry(config, surface)
+    orders = (config.mesh.order,) if config.mesh.order else ORDERS
+    builders = BUILDERS
+    if mapped.is_plain(geometry):
+        orders, builders = orders[:1], {"in a plain grid": mapped.build}
+    meshes, reasons = [], []
+    for order, (how, build) in product(orders, builders.items()):
+        sizes = [
+            _size(config, part, materials[part.material], order, reach)
+            for part in config.mesh.layers
+        ]
+        try:
+            with named_error("mesh"):
+                mesh = build(geometry, sizes, order)
+        except NotMapped as reason:
+            reasons.append(str(reason).removeprefix("mesh: "))
+            continue
+        meshes.append((explicit_work(mesh), how, mesh))
+    meshes = [each for each in meshes if np.isfinite(each[0])]
+    if not meshes:
+        raise NotMapped("; ".join(dict.fromkeys(reasons)) or "its hexahedra would be inverted")
+    _, how, mesh = min(meshes, key=lambda each: each[0])
+    edge = edge_lengths(mesh).max()
+    ends = "no absorbing layer" if mesh.layer is None else "an absorbing layer"
+    return Ground(
+        mesh,
+        f"hexahedra of order {mesh.order} {how}, edges up to {edge:.3g} m, {ends}: "
+        f"{len(mesh.zones)} zones",
+    )
 
 
-def _longest_path(within):
-    """Return the largest distance in m between sources and receivers."""
-    if not len(within):
-        return 0.0
-    return float(np.linalg.norm(np.ptp(within, axis=0)))
+def longest_path(positions: np.ndarray) -> float:
+    """Return the diagonal in m of what horizontal positions (n, 2) of a survey span."""
+    return float(np.linalg.norm(np.ptp(positions, axis=0))) if len(positions) else 0.0
 
 
 def _size(config, part, material, order, reach):

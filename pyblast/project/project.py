@@ -21,7 +21,7 @@ from ..model.model import Model, Receiver, SpongeLayer
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
-from .elements import Ground, horizontal_positions, make_ground, needs_of
+from .elements import Ground, longest_path, make_ground, needs_of, survey_positions
 from .ground import (
     joint_of_surface,
     jointed_media,
@@ -199,9 +199,9 @@ class Project:
         return make_surface(self.config.mesh, self.folder)
 
     @_part
-    def within(self) -> np.ndarray:
-        """Horizontal positions (n, 2) in m of sources and receivers of all blasts."""
-        return np.concatenate([horizontal_positions(each) for each in (self, *self.further)])
+    def reach(self) -> float:
+        """Longest path in m between sources and receivers of all blasts; sets the edges."""
+        return longest_path(survey_positions(self))
 
     @_part
     def ground(self) -> Ground:

@@ -144,7 +144,10 @@ def read_result(path) -> Result:
         raise ReadError(f"{path}: no such file; give the folder of a run or its result.h5")
     arrays, attributes = read_arrays(path)
     if attributes.get("kind") != KIND or "json" not in arrays.get("summary", {}):
-        raise ReadError(f"{path}: not a result file of pyblast; give result.h5 of a run")
+        raise ReadError(
+            f"{path}: not a result file of pyblast; give result.h5 of a run, or --project beside a "
+            "result of pyblast-run"
+        )
     try:
         summary = json.loads(arrays.pop("summary")["json"].tobytes())
     except (ValueError, RecursionError):

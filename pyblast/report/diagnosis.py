@@ -1,6 +1,7 @@
 """Report of a diagnosis: what is missing, where, on what evidence, and what remains."""
 
 from collections.abc import Iterator
+from functools import partial
 from math import radians
 
 import numpy as np
@@ -15,7 +16,7 @@ from ..diagnosis.decision import (
 from ..diagnosis.fitting import Fit
 from ..diagnosis.hypotheses import LIBRARY
 from ..diagnosis.search import means
-from ..diagnosis.summary import exceeds_double_error
+from ..diagnosis.summary import exceeds_double_error, not_computed, summary_lines
 from ..diagnosis.thresholds import (
     DECISIVE,
     FAR_FROM_PRIOR,
@@ -23,6 +24,7 @@ from ..diagnosis.thresholds import (
     SPEED_SIGMA,
     STIFFNESS_SIGMA,
 )
+from ..errors import contained
 from ..inference.likelihood import ENERGY_SHARE, MESH_SHARE
 from ..project.elements import elements_of
 from ..project.flat_box import quality_of
@@ -31,6 +33,7 @@ from ..units import FACTORS
 from .diagnosis_figures import (
     BEFORE,
     Diagnosis,
+    Figure,
     fits_shown,
     held_out_figures,
     holes_figure,
@@ -73,27 +76,64 @@ def write_diagnosis_report(path, diagnosis: Diagnosis, summary: dict):
 
 
 def render_diagnosis(diagnosis: Diagnosis, summary: dict) -> str:
-    """Return the page as text; every name that users give is escaped."""
-    summary, fit = plain(summary), diagnosis.decision.fit
-    return page("diagnosis.html").render(
-        s=summary | {"assumed": [], "files_sha256": {}},
-        lead=lead(diagnosis, summary),
-        meanings=MEANINGS,
-        maps=_drawn(_map_figures(diagnosis, summary)),
-        ranking=ranking_rows(diagnosis),
-        screened=screened_rows(diagnosis),
-        detection_limits=detection_limit_rows(summary),
-        rank_figure=_drawn(_rank_figures(diagnosis, summary)),
-        required=required_evidence(summary),
-        share=share(summary),
-        rivals=class_rows(diagnosis, summary),
-        parameters=parameter_rows(fit),
-        holes=_drawn(_hole_figures(fit)),
-        held_out_figures=_drawn(held_out_figures(diagnosis)),
-        calibration=calibration_rows(summary),
-        far=FAR_FROM_PRIOR,
-        assumptions=assumptions(diagnosis, summary),
+    """Return the page as text; every name that users give is escaped.
+
+    A figure or a sentence that fails is left out and named at the end; if the page itself fails,
+    it holds the lines of the terminal.
+    """
+    summary, failures = plain(summary), {}
+    parts = _parts(diagnosis, summary, failures)
+    lists = {"s": summary | {"assumed": [], "files_sha256": {}}, "far": FAR_FROM_PRIOR}
+    with contained(failures, "page"):
+        return page("diagnosis.html").render(
+            meanings=MEANINGS, failures=not_computed(failures), **lists, **parts
+        )
+    with contained(failures, "lines"):
+        parts["lines"] = summary_lines(summary)
+    lines = parts.get("lines", [f"outcome: {summary['outcome']}"])
+    return page("diagnosis_lines.html").render(
+        lines=lines, failures=not_computed(failures), **lists
     )
+
+
+def _parts(diagnosis, summary, failures):
+    """Return what the page shows by name; what fails is empty and entered into the failures."""
+    fit = diagnosis.decision.fit
+    sentences = {
+        "lead": lambda: lead(diagnosis, summary),
+        "ranking": lambda: ranking_rows(diagnosis),
+        "screened": lambda: screened_rows(diagnosis, summary),
+        "detection_limits": lambda: detection_limit_rows(summary),
+        "required": lambda: required_evidence(summary),
+        "share": lambda: share(summary),
+        "rivals": lambda: class_rows(diagnosis, summary),
+        "parameters": lambda: parameter_rows(fit),
+        "calibration": lambda: calibration_rows(summary),
+        "assumptions": lambda: assumptions(diagnosis, summary),
+    }
+    figures = {
+        "maps": (
+            lambda: _map_figures(diagnosis, summary),
+            lambda: _time_frequency(diagnosis, summary),
+        ),
+        "rank_figure": (lambda: _rank_figures(diagnosis, summary),),
+        "holes": (lambda: _hole_figures(fit),),
+        "held_out_figures": (lambda: held_out_figures(diagnosis),),
+    }
+    parts = {}
+    for name, sentence in sentences.items():
+        parts[name] = ""
+        with contained(failures, name.replace("_", " ")):
+            parts[name] = sentence()
+    for name, groups in figures.items():
+        parts[name] = []
+        for group in groups:
+            with contained(failures, f"figures of {name.replace('_', ' ')}"):
+                for title, caption, draw in group():
+                    with contained(failures, title):
+                        image = draw()
+                        parts[name].append({"title": title, "caption": caption, "image": image})
+    return parts
 
 
 def lead(diagnosis: Diagnosis, summary: dict) -> str:
@@ -165,12 +205,9 @@ def claims(fit: Fit) -> list[tuple[str, str]]:
 
 
 def _target(effect):
-    """Return the target of an effect; of a plane, its fitted position."""
-    offset = effect.parameters.get("offset")
-    if offset is None:
-        return effect.target
-    axis, _, position = effect.target.partition("=")
-    return f"{axis}={float(position) + offset:.1f}"
+    """Return the target of an effect; of a plane, as fitted."""
+    described = effect.hypothesis.described
+    return effect.target if described is None else described(effect.target, **effect.parameters)
 
 
 def _claim(hypothesis, targets):
@@ -193,6 +230,8 @@ def where(kind: str, targets: list[str]) -> str:
 
 def _near(located):
     """Return where residuals are: a point with its resolution, receivers, frequencies, times."""
+    if located is None:
+        return ""
     names = list(located["receivers"])
     (f0, f1), (t0, t1) = located["frequency_hz"], located["time_s"]
     points = "".join(
@@ -246,9 +285,13 @@ def _name(fit, others):
     return f"{name(fit)} ({forms})" if alike else name(fit)
 
 
-def screened_rows(diagnosis: Diagnosis) -> list[str]:
-    """Return the effects that screening found too weak to be fitted, with their shares."""
+def screened_rows(diagnosis: Diagnosis, summary: dict) -> list[str]:
+    """Return the effects that screening shows to be too weak to be fitted, with their shares.
+
+    Without those that could not be tested.
+    """
     fitted = {label for fit in diagnosis.search.fits for label in fit.labels}
+    fitted |= {row["label"] for row in summary["not_testable"] if not row["targets"]}
     best = {}
     for result in diagnosis.search.screening:  # best first
         if result.effect.label not in fitted:
@@ -388,13 +431,8 @@ def assumptions(diagnosis: Diagnosis, summary: dict) -> list[str]:
     return sentences
 
 
-def _drawn(rows) -> list[dict]:
-    """Return figures as the page requires them."""
-    return [dict(zip(("title", "caption", "image"), row, strict=True)) for row in rows]
-
-
-def _map_figures(diagnosis, summary) -> Iterator[tuple[str, str, str]]:
-    """Draw the misfit of receivers in plan and section, and of a record in time and frequency."""
+def _map_figures(diagnosis, summary) -> Iterator[Figure]:
+    """Draw the misfit of receivers in plan and section."""
     case, fits = diagnosis.search.scene.case, fits_shown(diagnosis)
     misfits = {title: means(fit.chi_square, 0) for title, fit in fits.items()}
     key = {"UNKNOWN": "located", "PARTIAL": "remainder"}.get(summary["outcome"])
@@ -405,14 +443,13 @@ def _map_figures(diagnosis, summary) -> Iterator[tuple[str, str, str]]:
         "In plan and section",
         "Receivers by their misfit, the mean square over all blasts: 1 is that of noise and model "
         f"error; from {MATERIAL:g} on (red rings) something is missing.{depth}",
-        maps_figure(
+        lambda: maps_figure(
             case.project, case.receivers, misfits, MATERIAL, targets=targets, points=points
         ),
     )
-    yield _time_frequency(diagnosis, summary)
 
 
-def _time_frequency(diagnosis, summary):
+def _time_frequency(diagnosis, summary) -> Iterator[Figure]:
     """Draw the record with the largest misfit over time and frequency."""
     case, fits = diagnosis.search.scene.case, fits_shown(diagnosis)
     chi_square = diagnosis.search.without_effects.chi_square
@@ -422,12 +459,12 @@ def _time_frequency(diagnosis, summary):
     residuals = {title: recorded - case.in_band(fit.motion) for title, fit in fits.items()}
     k = int(np.argmax(np.sum(residuals[BEFORE][b, r] ** 2, axis=-1)))
     located = summary["located"]
-    return (
+    yield (
         "In time and frequency",
         f"The record with the largest misfit, {case.blasts[b]} at {case.receivers[r]}, component "
         f"{COMPONENTS[k]}, and its residuals. The frame holds the central 80 % of the misfit of "
         "all records, in time and in frequency.",
-        time_frequency_figure(
+        lambda: time_frequency_figure(
             recorded[b, r, k],
             {f"residual, {title}": part[b, r, k] for title, part in residuals.items()},
             case.dt,
@@ -448,7 +485,7 @@ def _rank_figures(diagnosis, summary):
         "times as likely. The line is the required value: the null threshold, which is the 95 % "
         "quantile of the largest evidence in permuted residuals; the band is its 90 % interval. "
         "Orange: effects on which the outcome is based.",
-        ranking_figure(
+        lambda: ranking_figure(
             [(row["name"], row["delta_ln_evidence"]) for row in rows],
             required_evidence(summary),
             summary["evidence"]["null_threshold_interval"],
@@ -464,5 +501,5 @@ def _hole_figures(fit):
         yield (
             f"{row['label']}: {row['parameter']} of {row['where']}",
             "Each hole with its 90 % interval.",
-            holes_figure(row["values"], row["prior"], f"{row['parameter']}{unit}"),
+            partial(holes_figure, row["values"], row["prior"], f"{row['parameter']}{unit}"),
         )

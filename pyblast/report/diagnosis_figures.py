@@ -1,6 +1,7 @@
 """Figures of a diagnosis: evidence, maps, held-out records, time and frequency."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -26,6 +27,7 @@ BEFORE, AFTER = "calibrated", "with the effect"
 COLUMNS = 3  # records side by side
 MISFIT, POINT = "YlOrRd", "#2563eb"
 WIDTH, TALLEST = 9.6, 9.0
+Figure = tuple[str, str, Callable[[], str]]  # title, caption, and what draws its data URI
 AXES, NAMES = "xyz", ("east", "north", "height")
 MARGIN = 0.04  # of the box, around it
 
@@ -229,14 +231,8 @@ def holes_figure(values, prior, label):
     return _uri(figure)
 
 
-def held_out_figures(diagnosis: Diagnosis) -> Iterator[tuple[str, str, str]]:
-    """Draw held-out records and their prediction; without effects, the receiver explained worst.
-
-    Yields
-    ------
-    tuple of str
-        Title, caption and a data URI.
-    """
+def held_out_figures(diagnosis: Diagnosis) -> Iterator[Figure]:
+    """Draw held-out records and their prediction; without effects, the receiver explained worst."""
     scene, without = diagnosis.search.scene, diagnosis.search.without_effects
     case = scene.case
     if not diagnosis.decision.fit.effects:
@@ -245,20 +241,22 @@ def held_out_figures(diagnosis: Diagnosis) -> Iterator[tuple[str, str, str]]:
             f"Receiver {case.receivers[r]}",
             "The receiver with the largest misfit: recorded and calibrated, in the band that is "
             "compared.",
-            _compared(case, _last_blasts(case, r), {BEFORE: case.in_band(without.motion)}),
+            partial(_compared, case, _last_blasts(case, r), {BEFORE: case.in_band(without.motion)}),
         )
         return
     for name, records, out in _subsets_shown(diagnosis):
-        motions = {
-            title: held_out_prediction(scene, fit, out)
-            for title, fit in fits_shown(diagnosis).items()
-        }
         yield (
             f"{name[0].upper()}{name[1:]} held out",
             f"Recorded, and predicted by fits without {name}: of the calibrated site, and of the "
             "site with the effect. In the band that is compared.",
-            _compared(case, records, motions),
+            partial(_predicted, scene, fits_shown(diagnosis), records, out),
         )
+
+
+def _predicted(scene, fits, records, out):
+    """Draw held-out records and their prediction by fits to the others."""
+    motions = {title: held_out_prediction(scene, fit, out) for title, fit in fits.items()}
+    return _compared(scene.case, records, motions)
 
 
 def _subsets_shown(diagnosis):

@@ -20,7 +20,7 @@ import scipy
 
 from .. import core
 from ..core import JOINT_LAWS, LEAST_SHARED
-from ..errors import InputError, ReadError, SolverError
+from ..errors import InputError, LostProcessError, ReadError, SolverError
 from ..mesh.nodes import feed
 from ..model.joint import STICKING_JOINTS
 from ..model.model import Model
@@ -55,7 +55,7 @@ def input_hash(*inputs: Any) -> str:
 
 @lru_cache
 def code_hash(paths: tuple[str, ...] = RUN_CODE) -> str:
-    """Return the SHA-256 of modules, of the compiled core, and of numpy's and scipy's version.
+    """Return the SHA-256 of modules, of the first core, and of numpy's and scipy's version.
 
     Parameters
     ----------
@@ -64,8 +64,8 @@ def code_hash(paths: tuple[str, ...] = RUN_CODE) -> str:
     """
     digest = hashlib.sha256(f"numpy {np.__version__} scipy {scipy.__version__}".encode())
     files = [file for name in paths for file in _modules(PACKAGE / name)]
-    cores = [name for name in sorted(sys.modules) if name.startswith("pyblast._core")]
-    for file in [*files, *(Path(sys.modules[name].__file__ or "") for name in cores)]:
+    core_file = sys.modules["pyblast._core"].__file__ or ""  # the others are of its source
+    for file in [*files, Path(core_file)]:
         if file.is_file():
             digest.update(file.name.encode())
             digest.update(file.read_bytes())
@@ -271,21 +271,23 @@ def run_all(
     ------
     InputError, SolverError
         Of the first model that fails.
+    LostProcessError
+        If a process of the executor has ended.
     """
     if executor is None:
         return [cached_run(model, duration, folder) for model in models]
     cached = [find_run(model, duration, folder) for model in models]
     missing = [n for n, run in enumerate(cached) if run is None]
     here = _remainder(missing, models, executor)
-    waiting = {
-        n: executor.submit(cached_run, models[n], duration, folder)
-        for n in missing if n not in here
-    }  # fmt: skip
+    waiting = {}
     try:
+        for n in missing:
+            if n not in here:
+                waiting[n] = executor.submit(cached_run, models[n], duration, folder)
         done = {n: future.result() for n, future in waiting.items()}
         done |= {n: cached_run(models[n], duration, folder) for n in here}
     except BrokenProcessPool:
-        raise SolverError(
+        raise LostProcessError(
             "runs: a process was lost, perhaps for lack of memory; the same command "
             "computes the missing runs"
         ) from None
@@ -338,7 +340,7 @@ def _dask_client(address):
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("--dask: dask is not installed; pip install 'pyblast[dask]'") from None
+        raise InputError("--dask: dask is not installed; pip install 'dask[distributed]'") from None
     try:
         return Client(address, timeout=DASK_SECONDS)
     except (OSError, ValueError) as error:

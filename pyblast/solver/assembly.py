@@ -22,7 +22,7 @@ from ..core import (
     to_fortran,
 )
 from ..mesh.mesh import locate, volumes
-from ..mesh.nodes import MOST, Nodes
+from ..mesh.nodes import MOST, Nodes, stored
 from ..mesh.tetrahedra import shape_gradients
 from ..mesh.tetrahedra import volumes as tetrahedron_volumes
 from ..model.model import Model
@@ -41,6 +41,7 @@ from .time_step import CriticalStep, Product, assembled_step, critical_step
 Step = tuple[float, CriticalStep]  # time step in s, and the limit behind it
 DOMAIN_ZONES = 1024
 QUADRATIC_ZONES = 512
+MOST_SHARED = 100_000  # nodes of models that share arrays, so that these take little memory
 
 
 def domain_arrays(
@@ -216,8 +217,16 @@ def zone_product(model: Model, mass: np.ndarray, active: np.ndarray | None = Non
 def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, Any], CriticalStep]:
     """Return the arrays common to all stages, and the `CriticalStep` of the time step.
 
-    ``step`` is the result of `time_step`, or the same with a shorter time step.
+    ``step`` is the result of `time_step`, or the same with a shorter time step. Successive models
+    that differ only in sources, receivers and boundaries, such as the blasts of a site, share them.
     """
+    few = len(model.nodes.points) <= MOST_SHARED
+    arrays, limit = (_shared_arrays if few else _ground_arrays)(model, step)
+    return dict(arrays), limit
+
+
+def _ground_arrays(model, step):
+    """Return the arrays that depend on mesh, materials and joints."""
     mesh, nodes = model.mesh, model.nodes
     dt, limit = step or time_step(model)
     volume = volumes(mesh)
@@ -232,6 +241,14 @@ def geometry_arrays(model: Model, step: Step | None = None) -> tuple[dict[str, A
         arrays = {**common, **zone_laws(model), **packs}
         return {**arrays, **layer_arrays(model, arrays, member)}, limit
     return {**common, **_tetrahedra(model, contacts["contact_node"])}, limit
+
+
+def _ground(model, step):
+    """Return what the arrays of `_ground_arrays` depend on."""
+    return replace(model, sources=(), receivers=(), boundaries=()), step
+
+
+_shared_arrays = stored(_ground_arrays, _ground)
 
 
 def _tetrahedra(model, contact_node):

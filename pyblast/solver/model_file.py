@@ -180,7 +180,7 @@ def write_model(
     constants, state : dict of str to numpy array
         As from ``core.numbered``.
     run : dict of str to int
-        ``n_steps`` and ``ledger_every``.
+        ``n_steps``, ``ledger_every`` and ``fingerprint``.
     input_hash : str
     """
     steps = {name: np.int32(value) for name, value in run.items()}
@@ -204,6 +204,43 @@ def write_checkpoint(
     }
     attributes = {"kind": "checkpoint", "input_sha256": input_hash, "step": step}
     write_arrays(path, groups, attributes | {"content_sha256": _digest(groups)})
+
+
+def read_program_result(
+    path: str | Path, fingerprint: int, expected: dict[str, dict[str, Any]]
+) -> dict[str, dict[str, np.ndarray]]:
+    """Read the result of the program ``pyblast-run`` for a model; given arrays define the shapes.
+
+    Parameters
+    ----------
+    path : path
+    fingerprint : int
+        `Prepared.short_fingerprint` of the model.
+    expected : dict of str to dict of str to numpy array
+        By group, ``records`` and ``state``.
+
+    Raises
+    ------
+    InputError
+        If it belongs to another model.
+    ReadError
+        If it is no such file, or something is missing or has another shape.
+    """
+    groups, _ = read_arrays(path)
+    of_model = groups["run"].get("fingerprint")
+    if of_model is None or "records" not in groups:
+        raise ReadError(f"{path}: not a result of pyblast-run; give the second file of its command")
+    if int(of_model) != fingerprint:
+        raise InputError(
+            f"{path}: result of another model, duration or version; write the model of this "
+            "project with 'pyblast run --write-model' and run it again"
+        )
+    for group, arrays in expected.items():
+        for name, array in arrays.items():
+            value = groups.get(group, {}).get(name)
+            if value is None or value.shape != array.shape:
+                raise ReadError(f"{path}: '{group}/{name}' is missing or has a wrong shape")
+    return {group: {n: groups[group][n] for n in arrays} for group, arrays in expected.items()}
 
 
 def _digest(groups):

@@ -117,6 +117,11 @@ class Prepared:
     fingerprint: str
     single: bool = False
 
+    @property
+    def short_fingerprint(self) -> int:
+        """The first 31 bits of the fingerprint, which fit an integer of Fortran."""
+        return int(self.fingerprint[:8], 16) >> 1
+
     def in_run_precision(self, arrays: dict[str, Any]) -> dict[str, Any]:
         """Return constants or a state in the precision of the run."""
         return core.in_single(arrays) if self.single else arrays
@@ -223,7 +228,10 @@ def export(prepared: Prepared, path: str | Path) -> None:
     """
     if prepared.single:
         raise InputError("model.single: pyblast-run runs in double precision only; leave it out")
-    steps = {"n_steps": prepared.n_steps, "ledger_every": LEDGER_EVERY}
+    steps = {
+        "n_steps": prepared.n_steps, "ledger_every": LEDGER_EVERY,
+        "fingerprint": prepared.short_fingerprint,
+    }  # fmt: skip
     constants = core.numbered(prepared.constants)
     write_model(path, constants, prepared.state, steps, prepared.fingerprint)
 

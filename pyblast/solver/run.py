@@ -15,7 +15,7 @@ from ..signals.seismogram import Seismogram
 from . import assembly
 from .assembly import Step
 from .edge_springs import common_edges
-from .model_file import read_checkpoint, write_checkpoint
+from .model_file import read_checkpoint, read_program_result, write_checkpoint
 from .preparation import LEDGER_EVERY, Chunks, Prepared, peak_interval, prepare, versions
 
 CHECKPOINT_SECONDS = 30.0
@@ -139,6 +139,28 @@ def simulate(
             integration.save(checkpoint)
         raise
     return integration.result(time.perf_counter() - began)
+
+
+def integrated(model: Model, prepared: Prepared, path: str | Path) -> Run:
+    """Return the `Run` that the program ``pyblast-run`` made of a prepared model.
+
+    It holds no snapshots and no peaks of nodes, which that program does not record.
+
+    Raises
+    ------
+    InputError
+        If the file belongs to another model.
+    ReadError
+        If it is damaged or no such file.
+    """
+    empty = _Integration(model, prepared)
+    records = {"motion": empty.motion, "energy": empty.energy}
+    stored = read_program_result(
+        path, prepared.short_fingerprint, {"records": records, "state": prepared.state}
+    )
+    motion, energy = (stored["records"][name] for name in records)
+    run = collect(model, prepared, motion, energy, stored["state"], 0.0, {})
+    return replace(run, peak_velocity=np.zeros(len(stored["state"]["velocity"]), np.float32))
 
 
 class _Integration:

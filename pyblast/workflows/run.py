@@ -237,6 +237,36 @@ def run(
     return outcome
 
 
+def conclude_program_run(
+    project: Project, stored: str | Path, out: str | Path | None = None
+) -> Outcome:
+    """Compare, tabulate and report what the program ``pyblast-run`` computed for a project.
+
+    Parameters
+    ----------
+    project : Project
+        Whose model ``pyblast run --write-model`` wrote.
+    stored : path
+        Result of ``pyblast-run``.
+    out : path, optional
+        Folder that takes numbered folders; ``results`` beside the project file by default.
+
+    Raises
+    ------
+    InputError, ReadError
+        If the file is damaged or belongs to another model.
+    """
+    checked = check(project, measure=False)
+    prepared = preparation.prepare(project.model, project.duration)
+    run_ = solver.integrated(project.model, prepared, stored)
+    out = project.folder / "results" if out is None else Path(out)
+    with result_folder(out, lambda _: False) as (folder, _):
+        outcome = _conclude(project, checked, run_, folder)
+        write_outcome(outcome, project.model)
+        write_report(outcome.folder / "report.html", outcome.result)
+    return outcome
+
+
 def _is_checkpoint_of(folder: Path, fingerprint: str) -> bool:
     """Tell whether a folder holds the checkpoint of a model and no result."""
     path = folder / CHECKPOINT

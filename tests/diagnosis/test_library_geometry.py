@@ -17,6 +17,7 @@ from pyblast.diagnosis.effects import Effect, Scene
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.geometry import _fault, _on_top
 from pyblast.errors import InputError, SolverError
+from pyblast.project.elements import survey_positions
 from pyblast.project.places import on_ground
 
 STIFF, WEAK = {"kn": 3e10, "ks": 3e10}, {"kn": 1e8, "ks": 1e8}
@@ -145,7 +146,7 @@ def test_ground_beyond_a_slope_is_higher_or_lower():
     knobs = {"position": 0.0, "width": 30.0, "turn": 0.0}
     lower = applied("topography", "E", site(), height=-6.0, **knobs)
     diagonal = applied("topography", "N", site(), height=-6.0, **knobs | {"turn": math.pi / 4})
-    middle = site().within.mean(axis=0)
+    middle = survey_positions(site()).mean(axis=0)
 
     assert lower.ground.mesh.hexahedral
     assert on_ground(lower.mesh, np.add(middle, (30.0, 5.0)))[2] == pytest.approx(-6.0, abs=0.5)

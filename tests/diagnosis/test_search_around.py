@@ -1,5 +1,6 @@
 """What grows with charge is fitted anew from the best place around its first fit."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -38,7 +39,7 @@ def looked(monkeypatch, effect, refit):
     asked = []
     scene = SimpleNamespace(
         case=SimpleNamespace(project=SimpleNamespace(joints=[])), simulate=lambda *_: None,
-        forward=SimpleNamespace(runs=0),
+        forward=SimpleNamespace(runs=0), contained=lambda _: nullcontext(),
     )  # fmt: skip
     none = SimpleNamespace(log_evidence=0.0, values=np.zeros(2))
     found = Search(scene, 100, lambda *_: None, none, [fitted(effect, 20.0)])

@@ -8,8 +8,10 @@ from importlib import resources
 import h5py
 import numpy as np
 import pytest
+from small_project import written
 
 from pyblast import core
+from pyblast.errors import InputError, ReadError
 from pyblast.mesh.builder import Layer, structured_box
 from pyblast.mesh.hexahedra import AbsorbingLayer
 from pyblast.model.anisotropy import jointed
@@ -18,9 +20,12 @@ from pyblast.model.joint import Joint
 from pyblast.model.material import ConstantQ, Damping, Material, MohrCoulomb
 from pyblast.model.model import InSitu, Model, Receiver
 from pyblast.model.source import PointForce, TimeFunction
+from pyblast.project.result import plain
 from pyblast.signals.seismogram import Seismogram
 from pyblast.solver.preparation import export, prepare
 from pyblast.solver.run import simulate
+from pyblast.workflows.run import conclude_program_run, load_project
+from pyblast.workflows.run import run as run_project
 from verification import fuzz
 from verification.contact import properties
 from verification.zone import MATERIALS
@@ -305,3 +310,36 @@ def test_wrong_usage_is_told(tmp_path):
 
     assert done.returncode == 2
     assert "usage: pyblast-run MODEL RESULT" in done.stderr
+
+
+def test_a_result_of_the_program_is_compared_and_reported_as_the_run_from_python(tmp_path):
+    project = load_project(written(tmp_path))
+    outcome = run_project(project, tmp_path / "python", report=False)
+    export(outcome.run.prepared, tmp_path / "model.h5")
+    assert march(tmp_path / "model.h5", tmp_path / "records.h5").returncode == 0
+
+    reported = conclude_program_run(project, tmp_path / "records.h5", tmp_path / "program")
+
+    own, same = (plain(one.result.summary) for one in (outcome, reported))
+    assert same["receivers"] == own["receivers"]
+    assert same["energy"] == own["energy"]
+    assert (reported.folder / "report.html").is_file()
+
+
+def test_a_result_of_the_program_for_another_model_is_refused(tmp_path, exported):
+    march(exported, tmp_path / "records.h5")
+    project = load_project(written(tmp_path))
+
+    with pytest.raises(InputError, match=r"result of another model.*--write-model"):
+        conclude_program_run(project, tmp_path / "records.h5", tmp_path / "out")
+    with pytest.raises(ReadError, match="not a result of pyblast-run"):
+        conclude_program_run(project, exported, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_program_says_how_it_is_used():
+    done = march("--help")
+
+    assert done.returncode == 0
+    assert "--write-model" in done.stdout
+    assert "usage: pyblast-run MODEL RESULT" in march().stderr

@@ -54,7 +54,7 @@ def test_a_box_with_a_fault_becomes_hexahedra_with_an_absorbing_layer(project):
 @pytest.mark.parametrize(
     ("mesh", "why"),
     [
-        ({"faults": [dipping(60, 90), dipping(60, 140, "J2")]}, "dip in different ways"),
+        ({"faults": [dipping(60, 90), dipping(60, 140, "J2")]}, "'J1' and 'J2' meet"),
         ({"kind": "tetrahedra"}, "as mesh.kind asks for"),
         ({"grid_cells": [6, 4, 3], "edge_m": None}, "divides the box into tetrahedra"),
     ],
@@ -71,7 +71,7 @@ def test_what_stands_in_the_way_of_hexahedra_is_said(project, mesh, why):
 def test_hexahedra_that_can_not_be_are_refused_in_one_sentence(project):
     one = project({"kind": "hexahedra", "faults": [dipping(60, 90), dipping(60, 140, "J2")]})
 
-    with pytest.raises(InputError, match=r"mesh\.kind: 'hexahedra' need .* dip in different ways"):
+    with pytest.raises(InputError, match=r"mesh\.kind: 'hexahedra' need .* 'J1' and 'J2' meet"):
         _ = one.mesh
 
 

@@ -237,7 +237,7 @@ def test_threads_and_batches_do_not_change_the_motion(monkeypatch):
     parts = {"planes": {"J": ("x", 60.0)}, "joints": [Joint("J", "elastic", LAWS["elastic"])]}
     one = model(**parts)
     alone = simulate(one, 0.1)
-    for kernel in (core._core, core._core_batch):
+    for kernel in (core._core, core.batch_core()):
         monkeypatch.setattr(kernel.pyblast_kinds, "least_shared", 1)
 
     shared = simulate(one, 0.1).seismograms["A"].velocity

@@ -12,7 +12,7 @@ from ...errors import InputError
 from ...inference.parameter import Parameter
 from ...model.joint import Joint
 from ...model.material import Material
-from ...project.elements import for_band
+from ...project.elements import for_band, survey_positions
 from ...project.flat_box import band_of, ground_materials, is_anisotropic
 from ...project.ground import joint_of_surface, make_joint, make_material
 from ..hypotheses import hypothesis, remeshable
@@ -149,19 +149,40 @@ def dipping_planes(case) -> tuple[str, ...]:
     return _candidates(case, [*dipping, (UPRIGHT, 45.0), (UPRIGHT, 135.0)])
 
 
-def _fault(project, target, offset, turn=0.0, steeper=0.0):
-    """Return the `FaultConfig` of a candidate plane; None outside of the box or beside another."""
+def _turned(target, turn, steeper):
+    """Return dip, dip direction in deg and the position of a candidate plane."""
     _, dip, _, direction, _, position = target.split()
     dip, direction = float(dip) + math.degrees(steeper), float(direction) + math.degrees(turn)
     if dip > UPRIGHT:
         dip, direction = 2.0 * UPRIGHT - dip, direction + 180.0
-    x, y = _centre(project) + (float(position) + offset) * _direction(float(target.split()[3]))
+    return dip, direction % 360.0, float(position)
+
+
+def turned_plane(target, offset, turn=0.0, steeper=0.0, **_):
+    """Return a candidate plane at fitted values: its position is along the direction of the name.
+
+    Examples
+    --------
+    >>> turned_plane("dip 60 to 45 at 12.0", -2.5, math.radians(10.0), math.radians(5.0))
+    'dipping 65° to 55°, 9.5 m from the centre towards 45°'
+    """
+    dip, direction, position = _turned(target, turn, steeper)
+    return (
+        f"dipping {dip:.0f}° to {direction:.0f}°, {position + offset:.1f} m from the centre "
+        f"towards {float(target.split()[3]):.0f}°"
+    )
+
+
+def _fault(project, target, offset, turn=0.0, steeper=0.0):
+    """Return the `FaultConfig` of a candidate plane; None outside of the box or beside another."""
+    dip, direction, position = _turned(target, turn, steeper)
+    x, y = _centre(project) + (position + offset) * _direction(float(target.split()[3]))
     mesh = project.config.mesh
     low, high = np.array(mesh.origin_m[:2]), np.add(mesh.origin_m, mesh.size_m)[:2]
     if not (np.all(low < (x, y)) and np.all((x, y) < high)):
         return None
     return FaultConfig(
-        name=f"missing {target}", dip_deg=dip, dip_direction_deg=direction % 360.0,
+        name=f"missing {target}", dip_deg=dip, dip_direction_deg=direction,
         through_m=[float(x), float(y), _top(project)],
     )  # fmt: skip
 
@@ -211,6 +232,7 @@ BOTH_SIDES = "receivers close to the plane on both sides, or a blast on its othe
     axis="both",
     parameters=[OFFSET, *STIFFNESSES],
     decided_by=BOTH_SIDES,
+    described=turned_plane,
     simulated=(remeshable, oblique_planes),
 )
 def parallel_joint(project, target, offset, kn, ks):
@@ -233,6 +255,7 @@ def parallel_joint(project, target, offset, kn, ks):
         *STIFFNESSES,
     ],
     decided_by=BOTH_SIDES,
+    described=turned_plane,
     simulated=(remeshable, no_planes),
 )
 def dipping_joint(project, target, offset, turn, steeper, kn, ks):
@@ -362,7 +385,7 @@ def slope(project, target, height, position, width, turn):
     rows = np.array([-reach, *edges, reach])
     heights = _top(project) + height * np.clip((rows - position) / width + 0.5, 0.0, 1.0)
     sides = np.linspace(-reach, reach, SURVEY)
-    middle = project.within.mean(axis=0)
+    middle = survey_positions(project).mean(axis=0)
     places = [
         (*(middle + row * along + side * across), z)
         for row, z in zip(rows, heights, strict=True) for side in sides

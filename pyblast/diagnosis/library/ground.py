@@ -172,6 +172,17 @@ def planes(case):
     return tuple(candidates)
 
 
+def plane_at(target, offset, **_):
+    """Return a plane with its fitted position.
+
+    Examples
+    --------
+    >>> plane_at("x=50.0", -2.5)
+    'x=47.5'
+    """
+    return f"{target[:2]}{float(target[2:]) + offset:.1f}"
+
+
 def _plane(project, target, offset):
     """Return axis and position of a plane; None outside the box or too near a listed joint."""
     axis, position = target[0], float(target[2:]) + offset
@@ -219,6 +230,7 @@ def _cut_there(project, target, offset, kn, ks):
         ),
     ],
     decided_by="receivers close to the plane on both sides, or a blast on its other side",
+    described=plane_at,
     simulated=(flat_layers,),
 )
 def missing_joint(project, target, offset, kn, ks):

@@ -1,0 +1,1 @@
+"""Builders of meshes of spectral hexahedra: mapped grids, swept meshes, cut tetrahedra."""

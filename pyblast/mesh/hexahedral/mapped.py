@@ -1,0 +1,651 @@
+"""Mapped grids: transfinite interpolation between planes.
+
+Planes ``x = a + b y + c z`` that don't meet in the box are surfaces of one family of the grid,
+whatever their dips and strikes; between two neighbours the grid is linear, and the sides stand.
+Planes across the second axis and horizontal ones are surfaces of the other two families. Above a
+level reference the nodes move along the lines of the grid up to a surveyed surface, so that planes
+stay plane. A grid without slopes is a plain grid. Source: Gordon & Hall (1973).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+
+from ...errors import InputError
+from .. import hexahedra
+from ..grid import SIDES, Geometry
+from ..hexahedra import AbsorbingLayer
+from ..mesh import Mesh
+from ..quality import explicit_work, refuse_beyond_memory
+
+LAYER_CELLS = 2  # of the absorbing layer
+LEAST_GAP = 0.15  # of an edge, at the narrow end between two planes, or a plane and a side
+NARROWING = 0.5  # narrow end over wide end from which the gap does not matter
+WIDE = 1.15  # largest cell at the wide end, over the wanted edge
+BELOW_SURFACE = 0.25  # of an edge, from the reference to the lowest ground
+STEEP = 0.3  # least component of the normal of a plane along the first axis
+SAME = 0.015  # of an edge: ends nearer than this to another plane lie on it
+PARALLEL = 1e-7  # sine of the angle between directions that count as parallel
+ROUND = 1e-9  # of the size: coordinates that count as equal
+LEAST_AREA = 1e-3  # of the square of the spacing, of a joint that cuts a corner of the box
+HEIGHTS = 25  # tried on each line, for surfaces that it meets more than once
+BISECTIONS = 50
+BYTES_PER_NODE = 500.0
+
+
+class NotMapped(InputError):
+    """The ground can't be a mesh of this kind; the message says what stands in the way."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """Plane of a geometry, or the rectangle of it that is open.
+
+    Parameters
+    ----------
+    name : str
+    normal : (3,) float64, unit, upward
+    point : (3,) float64, m
+        On it; the centre of its extent.
+    strike : (3,) float64, unit, horizontal
+    extent : tuple of 2 float or None, m
+        Full length along strike and down dip.
+    heights : tuple of 2 float, m
+        Of the layers that it cuts.
+    """
+
+    name: str
+    normal: np.ndarray
+    point: np.ndarray
+    strike: np.ndarray
+    extent: tuple[float, float] | None = None
+    heights: tuple[float, float] = (-np.inf, np.inf)
+
+    @property
+    def down(self) -> np.ndarray:
+        """Unit vector (3,) down the dip."""
+        return np.cross(self.normal, self.strike)
+
+    def corners(self, reach: float) -> np.ndarray:
+        """Return the corners (4, 3) in m of the extent, else of a square of half width `reach`."""
+        a, b = (reach, reach) if self.extent is None else (0.5 * np.array(self.extent))
+        signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+        return np.array([self.point + i * a * self.strike + j * b * self.down for i, j in signs])
+
+    def area_in(self, box: np.ndarray) -> float:
+        """Return the area in m2 inside a box (3, 2)."""
+        corners = self.corners(2.0 * float(np.linalg.norm(np.ptp(box, axis=1))))
+        for axis, sign in ((axis, sign) for axis in range(3) for sign in (-1, 1)):
+            normal = sign * np.eye(3)[axis]
+            corners = _below(corners, normal, sign * box[axis, (sign + 1) // 2])
+        if len(corners) < 3:
+            return 0.0
+        parts = np.cross(corners[1:-1] - corners[0], corners[2:] - corners[0])
+        return float(0.5 * np.linalg.norm(parts.sum(axis=0)))
+
+
+def _below(corners, normal, offset):
+    """Return the part of a convex polygon (n, 3) where normal · x <= offset."""
+    height = corners @ normal - offset
+    parts = []
+    for a, b, ha, hb in zip(
+        corners, np.roll(corners, -1, axis=0), height, np.roll(height, -1), strict=True
+    ):
+        parts += [a] if ha <= 0.0 else []
+        parts += [a + (b - a) * ha / (ha - hb)] if ha * hb < 0.0 else []
+    return np.array(parts).reshape(-1, 3)
+
+
+def planes_of(geometry: Geometry) -> list[Plane]:
+    """Return the planes that cut a geometry, those of sets one by one.
+
+    Raises
+    ------
+    NotMapped
+        If only round or scattered parts of a plane are open.
+    InputError
+        If a fault or a set does not cut the model.
+    """
+    box = geometry.box.copy()
+    if geometry.surface is not None:
+        box[2, 1] = max(box[2, 1], geometry.surface[..., 2].max())
+    planes = []
+    for fault in geometry.faults:
+        if fault.radius is not None or fault.polygon is not None:
+            raise NotMapped(f"{fault.name!r} is no rectangle")
+        normal, point = fault.unit_normal, np.asarray(fault.point, dtype=float)
+        plane = Plane(fault.name, normal, point, _strike(normal, fault), fault.extent)
+        planes += [plane] if plane.area_in(box) > 0.0 else []
+    for part in geometry.joint_sets:
+        if part.persistence < 1.0:
+            raise NotMapped(f"{part.name!r} has intact parts (persistence below 1)")
+        planes += _planes_of_set(part, geometry, box)
+    for part in (*geometry.faults, *geometry.joint_sets):
+        if not any(plane.name == part.name for plane in planes):
+            raise InputError(f"mesh: {part.name!r} does not cut the model")
+    return planes
+
+
+def _planes_of_set(part, geometry, box):
+    """Return the planes of a joint set that cut a box, by the layers that they cut."""
+    origin = geometry.box.mean(axis=1) if part.origin is None else np.array(part.origin, float)
+    corners = np.array(np.meshgrid(*box)).reshape(3, -1).T
+    reach = (corners - origin) @ part.normal / part.spacing
+    numbers = range(int(np.ceil(reach.min() - 1e-6)), int(np.floor(reach.max() + 1e-6)) + 1)
+    spans = [(-np.inf, np.inf)]
+    if part.regions is not None:
+        limits = geometry.limits.copy()
+        limits[[0, -1]] = np.inf, -np.inf
+        spans = [
+            (low, high)
+            for layer, (high, low) in zip(geometry.layers, pairwise(limits), strict=True)
+            if layer.name in part.regions
+        ]
+    strike = _strike(part.normal, part)
+    planes = [
+        Plane(part.name, part.normal, origin + k * part.spacing * part.normal, strike)
+        for k in numbers
+    ]
+    least = LEAST_AREA * part.spacing**2
+    return [
+        Plane(part.name, plane.normal, plane.point, strike, heights=span)
+        for plane in planes
+        if plane.area_in(box) > least
+        for span in spans
+    ]
+
+
+def _strike(normal, part):
+    """Return the horizontal unit vector (3,) in a plane, 90 degrees left of its dip direction."""
+    flat = np.hypot(*normal[:2])
+    if flat > PARALLEL:
+        return np.array([-normal[1], normal[0], 0.0]) / flat
+    towards = part.dip_direction or 0.0
+    return np.array([-np.cos(towards), np.sin(towards), 0.0])
+
+
+class Surface:
+    """Heights of a surveyed surface above a box, beyond the survey those of the nearest point."""
+
+    def __init__(self, geometry: Geometry) -> None:
+        """Triangulate the survey."""
+        survey = np.asarray(geometry.surface, dtype=float)
+        if survey.ndim == 3:
+            raise NotMapped("the ground surface is given as triangles, which cut its blocks")
+        self.inside = LinearNDInterpolator(survey[:, :2], survey[:, 2])
+        self.outside = NearestNDInterpolator(survey[:, :2], survey[:, 2])
+        self.box = geometry.box[:2]
+        on = ((survey[:, :2] >= self.box[:, 0]) & (survey[:, :2] <= self.box[:, 1])).all(axis=1)
+        edges = np.linspace(self.box[:, 0], self.box[:, 1], 41)
+        x, y = np.meshgrid(*edges.T)
+        grid = self.height(np.column_stack([x.ravel(), y.ravel()]))
+        heights = np.concatenate([survey[on, 2], grid])
+        self.lowest, self.highest = float(heights.min()), float(heights.max())
+
+    def height(self, horizontal: np.ndarray) -> np.ndarray:
+        """Return the height (...) in m at positions (..., 2); outside of the box, at its edge."""
+        at = np.clip(horizontal, *self.box.T)
+        value = self.inside(at)
+        beyond = np.isnan(value)
+        if beyond.any():
+            value[beyond] = self.outside(at[beyond])
+        return value
+
+    def refuse_above(self, reference: float, edge: float) -> None:
+        """Raise NotMapped where what ends at a reference height comes out of the ground."""
+        if reference > self.lowest - BELOW_SURFACE * edge:
+            raise NotMapped(
+                f"a plane, an end or a layer reaches {reference:.4g} m, and the ground surface "
+                f"goes down to {self.lowest:.4g} m"
+            )
+
+
+def side_names(frame: np.ndarray) -> list[list[str]]:
+    """Return the sides at the lower and the upper end of axes (3, 3), of which one is upright."""
+    axes = [2, 2, 2]
+    level = np.flatnonzero(np.abs(frame[:, 2]) < 0.5)
+    axes[level[0]] = int(np.argmax(np.abs(frame[level[0], :2])))
+    axes[level[1]] = 1 - axes[level[0]]
+    names = []
+    for row, axis in zip(frame, axes, strict=True):
+        pair = list(SIDES[2 * axis : 2 * axis + 2])
+        names.append(pair if row[axis] > 0.0 else pair[::-1])
+    return names
+
+
+def extent_along(frame: np.ndarray, box: np.ndarray) -> np.ndarray:
+    """Return the limits (3, 2) in m of a box along the axes (3, 3) of a frame."""
+    corners = np.array(np.meshgrid(*box)).reshape(3, -1).T @ frame.T
+    return np.column_stack([corners.min(axis=0), corners.max(axis=0)])
+
+
+def layer_beside(
+    opened: np.ndarray, limits: np.ndarray, width: np.ndarray, frame: np.ndarray
+) -> AbsorbingLayer | None:
+    """Return the absorbing layer beside open ends (3, 2) of limits (3, 2) in m, None without."""
+    if not opened.any():
+        return None
+    inner = np.where(opened, limits, [-np.inf, np.inf])
+    inside, wide, axes = (tuple(map(tuple, part)) for part in (inner, width, frame))
+    return AbsorbingLayer(inside, wide, axes)
+
+
+def merged(values: Sequence[float], ends: Sequence[float], tolerance: float) -> list[float]:
+    """Return sorted values between two ends; those near an end or an earlier one are left out."""
+    distinct = [float(end) for end in ends]
+    for value in values:
+        inside = ends[0] <= value <= ends[1]
+        if inside and min(abs(value - other) for other in distinct) > tolerance:
+            distinct.append(float(value))
+    return sorted(distinct)
+
+
+@dataclass(frozen=True, eq=False)
+class Fine:
+    """Part of a ground that needs smaller elements than the waves do.
+
+    Parameters
+    ----------
+    box : (3, 2) float64, m
+    edge : float, m
+        Of the elements in it; outside of it each is at most ``growth`` times its neighbour.
+    growth : float
+    """
+
+    box: np.ndarray
+    edge: float
+    growth: float = 2.0
+
+    def edge_at(self, axis_limits: Sequence[float], along: np.ndarray) -> np.ndarray:
+        """Return the edge (n,) in m at places (n,) along an axis on which it has limits (2,)."""
+        low, high = axis_limits
+        away = np.maximum(np.maximum(low - along, along - high), 0.0)
+        rate = self.growth - 1.0
+        outside = (self.edge + rate * away) * np.log(self.growth) / rate
+        return np.where(away > 0.0, np.maximum(outside, self.edge), self.edge)
+
+
+def divided(first: float, second: float, edge: float, fine: Sequence = ()) -> np.ndarray:
+    """Return coordinates from ``first`` up to, but without, ``second``.
+
+    Parameters
+    ----------
+    first, second : float, m
+    edge : float, m
+    fine : sequence of (Fine, (float, float))
+        With its limits in m along this axis.
+    """
+    along = np.linspace(first, second, 512)
+    edges = np.full(len(along), edge)
+    for part, limits in fine:
+        edges = np.minimum(edges, part.edge_at(limits, along))
+    if not (edges < edge).any():
+        n = max(1, int(np.ceil((second - first) / edge - 0.05)))
+        return np.linspace(first, second, n + 1)[:-1]
+    count = np.concatenate(
+        [[0.0], np.cumsum(0.5 * np.diff(along) * (1 / edges[1:] + 1 / edges[:-1]))]
+    )
+    n = max(1, int(np.ceil(count[-1] - 0.05)))
+    inner = np.interp(count[-1] * np.arange(1, n) / n, count, along)
+    return np.concatenate([[first], inner])
+
+
+def build(
+    geometry: Geometry, sizes: Sequence[float], order: int, lines: Sequence[Fine] | None = None
+) -> Mesh:
+    """Build a mapped grid of spectral hexahedra, not split.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    sizes : sequence of float, m
+        Largest edge of the hexahedra of each layer.
+    order : int
+        Of the polynomials, 2 to 8.
+    lines : sequence of Fine, optional
+        Parts through which the lines of the grid run closer together.
+
+    Returns
+    -------
+    Mesh
+        Of the grids that serve, that of the least work. An absorbing layer of two hexahedra stands
+        outside of the open sides.
+
+    Raises
+    ------
+    NotMapped
+        If no mapped grid serves the planes.
+    InputError
+        If a plane does not cut the model, or the mesh is larger than the memory.
+
+    Examples
+    --------
+    >>> from ..grid import Fault, Layer
+    >>> box = np.array([[0.0, 40.0], [0.0, 40.0], [-20.0, 0.0]])
+    >>> fault = Fault("F", 1.0, 0.5, (20.0, 20.0, 0.0))
+    >>> ground = Geometry(box, (Layer("rock"),), faults=(fault,), standing=frozenset(["top"]))
+    >>> mesh = build(ground, [20.0], 4)
+    >>> mesh.groups, len(mesh.split(["F"]).contacts.names)
+    (('rock',), 1)
+    """
+    planes, reasons, meshes = planes_of(geometry), [], []
+    surface = None if geometry.surface is None else Surface(geometry)
+    for frame in _frames(geometry, planes):
+        try:
+            grid = _Grid(geometry, planes, np.asarray(sizes, dtype=float), frame, surface, lines)
+            meshes.append(grid.mesh(order))
+        except NotMapped as reason:
+            reasons.append(str(reason))
+    if not meshes:
+        raise NotMapped(reasons[0])
+    return meshes[0] if len(meshes) == 1 else min(meshes, key=explicit_work)
+
+
+def is_plain(geometry: Geometry) -> bool:
+    """Tell whether all planes of a geometry lie along the axes, and so its grid has no slopes."""
+    parts = [fault.unit_normal for fault in geometry.faults]
+    normals = np.array(parts + [part.normal for part in geometry.joint_sets]).reshape(-1, 3)
+    return bool((np.sort(np.abs(normals), axis=1)[:, 1] < PARALLEL).all())
+
+
+def _frames(geometry, planes):
+    """Return the axes (3, 3) of grids to try."""
+    x, y, z = np.eye(3)
+    normals = [plane.normal for plane in planes if np.hypot(*plane.normal[:2]) > PARALLEL]
+    if is_plain(geometry):
+        return [np.eye(3)]
+    frames = [np.eye(3), np.array([y, -x, z])]
+    if not set(SIDES[:4]) & geometry.standing:
+        for normal in normals:
+            first = np.array([*normal[:2], 0.0]) / np.hypot(*normal[:2])
+            if not any(min(np.abs(first @ f[:2].T)) < PARALLEL for f in frames):
+                frames.append(np.array([first, np.cross(z, first), z]))
+    return frames
+
+
+def _axis(plane, frame):
+    """Return the axis of a grid whose surfaces a plane belongs to, or None."""
+    n = frame @ plane.normal
+    if np.hypot(n[0], n[1]) < PARALLEL:
+        return 2
+    if np.hypot(n[0], n[2]) < PARALLEL:
+        return 1
+    return 0 if abs(n[0]) > STEEP else None
+
+
+class _Grid:
+    """Coordinates of a mapped grid along its three axes, and the map from these to the ground.
+
+    The first coordinate of a surface of the grid is its place on the first axis at the middle of
+    the other two.
+    """
+
+    def __init__(self, geometry, planes, sizes, frame, surface, lines):
+        """Sort the planes by axis and divide the distances between them."""
+        self.geometry, self.sizes, self.frame, self.surface = geometry, sizes, frame, surface
+        self.edge = float(min(sizes))
+        self.range = extent_along(frame, geometry.box)
+        self.names = side_names(frame)
+        self.open = np.array([[s in geometry.open_sides for s in pair] for pair in self.names])
+        self.top = geometry.box[2, 1] if surface is None else max(surface.highest, self.range[2, 1])
+        self.parts = [self._part(plane) for plane in planes]
+        self._family()
+        self._reference()
+        self.width = np.ones((3, 2))
+        self.axes = [self._axis_line(axis, lines or ()) for axis in range(3)]
+
+    def _part(self, plane):
+        """Return plane, axis and the limits (3,), (3,) of its extent along the axes."""
+        axis, n = _axis(plane, self.frame), self.frame @ plane.normal
+        if axis is None:
+            raise NotMapped(f"{plane.name!r} runs along the lines of the grid")
+        low, high = np.full(3, -np.inf), np.full(3, np.inf)
+        if plane.extent is not None:
+            edges = self.frame @ plane.strike, self.frame @ plane.down
+            askew = min(np.abs(edges[0][:2])) > PARALLEL
+            if askew or (axis == 0 and abs(n[1]) > PARALLEL):
+                raise NotMapped(f"{plane.name!r} is limited and oblique to the grid")
+            corners = plane.corners(0.0) @ self.frame.T
+            low, high = corners.min(axis=0), corners.max(axis=0)
+            low[axis], high[axis] = -np.inf, np.inf
+        low[2], high[2] = max(low[2], plane.heights[0]), min(high[2], plane.heights[1])
+        return plane, axis, low, high
+
+    def _family(self):
+        """Place the surfaces x = a + b (y - y0) + c (z - z0) across the first axis, and the sides.
+
+        Ends of planes of the other families are such surfaces, too. Open sides make room.
+        """
+        self.middle = np.array([self.range[1].mean(), 0.5 * (self.range[2, 0] + self.top)])
+        y, z = np.meshgrid(self.range[1], [self.range[2, 0], self.top], indexing="ij")
+        self.corners = np.stack([y, z], axis=-1).reshape(-1, 2) - self.middle
+        members, ends = [], []
+        for plane, axis, low, high in self.parts:
+            if axis == 0:
+                n = self.frame @ plane.normal
+                slopes = -n[1:] / n[0]
+                members.append(_Member(plane.name, self._position_of(plane, axis), slopes))
+            else:
+                ends += [(plane.name, end) for end in (low[0], high[0])]
+        level = [each.x for each in members if not each.slopes.any()]
+        for name, end in ends:
+            inside = self.range[0, 0] < end < self.range[0, 1]
+            if inside and min(np.abs(np.array([*level, *self.range[0]]) - end)) > SAME * self.edge:
+                members.append(_Member(name, end, np.zeros(2)))
+                level.append(end)
+        members.sort(key=lambda each: each.x)
+        self._make_room(members)
+        west, east = (_Member(self.names[0][k], self.range[0, k], np.zeros(2)) for k in (0, 1))
+        self.family = [west]
+        for each in (*members, east):
+            gap = each.at(self.corners) - self.family[-1].at(self.corners)
+            if np.abs(gap).max() <= ROUND * np.ptp(self.range[0]):
+                if each is east and len(self.family) > 1:
+                    self.family[-1] = east
+                continue
+            if gap.min() < min(LEAST_GAP * self.edge, NARROWING * gap.max()):
+                pair = f"{self.family[-1].name!r} and {each.name!r}"
+                narrow = f"come within {gap.min():.3g} m of each other"
+                raise NotMapped(f"{pair} {'meet' if gap.min() <= 0.0 else narrow} in the box")
+            self.family.append(each)
+
+    def _make_room(self, members):
+        """Move open sides outward from the nearest planes, until half an edge lies between."""
+        if not members:
+            return
+        pitch = min([self.edge, *np.diff([each.x for each in members])])
+        for end, sign in ((0, 1.0), (1, -1.0)):
+            if not self.open[0, end]:
+                continue
+            for each in members:
+                away = sign * (each.at(self.corners) - self.range[0, end])
+                clear = 0.5 * (self.edge if each.slopes.any() else pitch)
+                wanted = clear if each.slopes.any() else LEAST_GAP * pitch
+                on_side = np.abs(away).max() <= ROUND * np.ptp(self.range[0])
+                if away.min() < wanted and not on_side:
+                    self.range[0, end] -= sign * (clear - away.min())
+
+    def _reference(self):
+        """Set the height below which nothing moves, under a surveyed surface."""
+        limits = self.geometry.limits
+        reached = [limits[-1], *limits[1:-1]]
+        reached += [plane.point[2] for plane, axis, _, _ in self.parts if axis == 2]
+        reached += [part[3][2] for part in self.parts if part[0].extent is not None]
+        self.level = max(reached)
+        if self.surface is not None:
+            height = min(self.edge, self.surface.highest - self.level)
+            self.surface.refuse_above(self.level, height)
+
+    def _axis_line(self, axis, lines):
+        """Return the coordinates of the surfaces of the grid along an axis, with the layer's."""
+        low, high = self.range[axis]
+        tolerance = ROUND * (high - low)
+        levels = [self._position_of(*part[:2]) for part in self.parts if part[1] == axis]
+        ends = [float(end) for part in self.parts for end in (part[2][axis], part[3][axis])]
+        if axis == 2:
+            levels += list(self.geometry.limits[1:-1])
+            levels += [] if self.surface is None else [self.level]
+        if axis == 0:
+            levels, ends = [each.x for each in self.family[1:-1]], []
+        anchors = merged(sorted(levels), (low, high), tolerance)
+        near = merged([*anchors[1:-1], *ends], (low, high), SAME * self.edge)
+        anchors = merged(sorted([*anchors[1:-1], *near[1:-1]]), (low, high), tolerance)
+        fine = [(part, self._limits_of(part, axis)) for part in lines]
+        parts = [divided(u, v, self._edge_between(axis, u, v), fine) for u, v in pairwise(anchors)]
+        return self._with_layer(axis, np.concatenate([*parts, [high]]))
+
+    def _edge_between(self, axis, first, second):
+        """Return the wanted edge in m of the cells between two surfaces of an axis."""
+        if axis == 2:
+            layer = int(np.searchsorted(-self.geometry.limits[1:-1], -0.5 * (first + second)))
+            return self.sizes[layer]
+        if axis == 0:
+            u, v = (next(f for f in self.family if f.x == x) for x in (first, second))
+            widest = (v.at(self.corners) - u.at(self.corners)).max()
+            if widest > (second - first) * (1.0 + ROUND):
+                return self.edge * WIDE * (second - first) / widest
+        return self.edge
+
+    def _limits_of(self, part, axis):
+        """Return the limits (2,) in m of a finer part along an axis, in coordinates of the grid."""
+        low, high = extent_along(self.frame, part.box)[axis]
+        if axis > 0:
+            return low, high
+        middle = extent_along(self.frame, part.box)[1:].mean(axis=1)
+        x = [each.at((middle - self.middle)[None])[0] for each in self.family]
+        return tuple(np.interp([low, high], x, [each.x for each in self.family]))
+
+    def _with_layer(self, axis, line):
+        """Return coordinates with the cells of the absorbing layer outside of open sides."""
+        steps = np.arange(1, LAYER_CELLS + 1)
+        cells = [line[1] - line[0], line[-1] - line[-2]] if axis == 2 else [self.edge] * 2
+        if self.open[axis, 0]:
+            self.width[axis, 0] = LAYER_CELLS * cells[0]
+            line = np.concatenate([line[0] - cells[0] * steps[::-1], line])
+        if self.open[axis, 1]:
+            self.width[axis, 1] = LAYER_CELLS * cells[1]
+            line = np.concatenate([line, line[-1] + cells[1] * steps])
+        return line
+
+    def _along(self, q, y, z):
+        """Return the place on the first axis of coordinates of the grid at (y, z)."""
+        if not any(each.slopes.any() for each in self.family):
+            return q
+        at = np.stack([np.clip(y, *self.range[1]), np.maximum(z, self.range[2, 0])], axis=-1)
+        at, x = at - self.middle, np.array(q)
+        for u, v in pairwise(self.family):
+            t = (q - u.x) / (v.x - u.x)
+            shift = (1.0 - t) * (at @ u.slopes) + t * (at @ v.slopes)
+            x = np.where((t >= 0.0) & (t <= 1.0), q + shift, x)
+        return x
+
+    def positions(self, grid: np.ndarray) -> np.ndarray:
+        """Return the positions (..., 3) in the ground of coordinates (..., 3) of the grid, in m."""
+        q, y, z = np.moveaxis(grid, -1, 0)
+        if self.surface is not None:
+            columns, inverse = np.unique(
+                np.stack([q, y], -1).reshape(-1, 2), axis=0, return_inverse=True
+            )
+            ground = self._outcrop(*columns.T)[inverse.ravel()].reshape(q.shape)
+            stretch = (ground - self.level) / (self.range[2, 1] - self.level)
+            z = np.where(z > self.level, self.level + (z - self.level) * stretch, z)
+        return np.stack([self._along(q, y, z), y, z], axis=-1) @ self.frame
+
+    def _outcrop(self, q, y):
+        """Return the height (n,) in m where lines of the grid meet the surface, by bisection.
+
+        A line that meets it more than once is refused.
+        """
+
+        def excess(z):
+            x = np.clip(self._along(q, y, z), *self.range[0])
+            horizontal = np.stack([x, np.clip(y, *self.range[1])], axis=-1) @ self.frame[:2, :2]
+            return z - self.surface.height(horizontal)
+
+        low = np.full(len(q), self.level)
+        if not any(each.slopes.any() for each in self.family):
+            return low - excess(low)
+        high = np.full(len(q), self.surface.highest + self.edge)
+        above = [excess(low + t * (high - low)) > 0.0 for t in np.linspace(0.0, 1.0, HEIGHTS)]
+        if (np.diff(np.array(above, dtype=int), axis=0) < 0).any():
+            raise NotMapped("the ground surface is steeper than a plane that dips under it")
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            outside = excess(middle) > 0.0
+            low, high = np.where(outside, low, middle), np.where(outside, middle, high)
+        return 0.5 * (low + high)
+
+    def mesh(self, order: int) -> Mesh:
+        """Return the mesh."""
+        counts = [len(axis) for axis in self.axes]
+        count = np.prod([n - 1 for n in counts]) * order**3
+        refuse_beyond_memory(f"mesh: a grid of {count} nodes of hexahedra", count * BYTES_PER_NODE)
+        i, j, k = (part.ravel() for part in np.meshgrid(
+            *(np.arange(n - 1) for n in counts), indexing="ij"
+        ))  # fmt: skip
+        corner = (np.arange(8)[:, None] >> np.arange(3)) & 1
+        index = np.stack([i, j, k], axis=1)[:, None, :] + corner
+        zones = (index[..., 0] * counts[1] + index[..., 1]) * counts[2] + index[..., 2]
+        low = np.stack([axis[n] for axis, n in zip(self.axes, (i, j, k), strict=True)], axis=1)
+        high = np.stack([axis[n + 1] for axis, n in zip(self.axes, (i, j, k), strict=True)], axis=1)
+        lattice = np.stack(np.meshgrid(*self.axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        nodes = None
+        if self.surface is not None:
+            inside = 0.5 * (hexahedra.reference_nodes(order) + 1.0)
+            nodes = self.positions(low[:, None] + inside * (high - low)[:, None])
+        layers, limits = self.geometry.layers, self.geometry.limits
+        group = np.searchsorted(-limits[1:-1], -0.5 * (low + high)[:, 2])
+        names = list(dict.fromkeys(layer.name for layer in layers))
+        number = np.array([names.index(layer.name) for layer in layers])
+        layer = layer_beside(self.open, self.range, self.width, self.frame)
+        return Mesh(
+            self.positions(lattice), zones, number[group], tuple(names),
+            self._surfaces(zones, low, high), order=order, places=nodes, layer=layer,
+        )  # fmt: skip
+
+    def _surfaces(self, zones, low, high):
+        """Return the faces of the sides and of the planes; those of planes of the zone below."""
+        surfaces = {}
+        for axis, names in enumerate(self.names):
+            for end, name in enumerate(names):
+                edge = (low, high)[end][:, axis]
+                at = np.flatnonzero(np.isclose(edge, self.axes[axis][-end], rtol=0, atol=1e-9))
+                surfaces[name] = zones[at][:, hexahedra.FACES[2 * axis + end]]
+        free = np.ones((len(zones), 3), dtype=bool)  # upper faces that no earlier plane has
+        middle = 0.5 * (low + high)
+        inside = ((middle > self.range[:, 0]) & (middle < self.range[:, 1])).all(axis=1)
+        sets = {part.name for part in self.geometry.joint_sets}  # end at the absorbing layer
+        for plane, axis, lower, upper in self.parts:
+            q = self._position_of(plane, axis)
+            on = np.abs(high[:, axis] - q) <= max(ROUND * np.ptp(self.axes[axis]), 2e-9)
+            on &= ((middle > lower) & (middle < upper)).all(axis=1) & free[:, axis]
+            on &= inside | (plane.name not in sets)
+            free[on, axis] = False
+            faces = zones[on][:, hexahedra.FACES[2 * axis + 1]]
+            surfaces[plane.name] = np.concatenate([surfaces.get(plane.name, faces[:0]), faces])
+        for name in {part[0].name for part in self.parts}:
+            if not len(surfaces[name]):
+                raise NotMapped(f"{name!r} has no facet in the grid")
+        return surfaces
+
+    def _position_of(self, plane, axis):
+        """Return the coordinate of a plane on its axis."""
+        n, q = self.frame @ plane.normal, self.frame @ plane.point
+        at = q[axis] if axis else q[0] - (n[1:] / n[0]) @ (self.middle - q[1:])
+        return round(float(at), 9)
+
+
+@dataclass(frozen=True, eq=False)
+class _Member:
+    """Surface x = x0 + b (y - y0) + c (z - z0) of the family across the first axis."""
+
+    name: str
+    x: float
+    slopes: np.ndarray
+
+    def at(self, away: np.ndarray) -> np.ndarray:
+        """Return its places (n,) on the first axis at (y - y0, z - z0), (n, 2)."""
+        return self.x + away @ self.slopes
