@@ -11,8 +11,8 @@ TRIANGLE, TETRAHEDRON = 2, 4
 DIMENSION = {15: (0, "point"), 1: (1, "line"), 2: (2, "surface"), 4: (3, "group")}
 _WIDTHS = {
     15: 1, 1: 2, 2: 3, 4: 4, 3: 4, 5: 8, 6: 6, 7: 5, 8: 3, 9: 6, 10: 9, 11: 10, 12: 27, 13: 18,
-    14: 14, 16: 8, 17: 20, 18: 15, 19: 13, 20: 9, 21: 10, 22: 12, 23: 15, 24: 15, 25: 21, 26: 4, 27: 5, 28: 6, 29: 20,
-    30: 35, 31: 56, 92: 64, 93: 125,
+    14: 14, 16: 8, 17: 20, 18: 15, 19: 13, 20: 9, 21: 10, 22: 12, 23: 15, 24: 15, 25: 21, 26: 4,
+    27: 5, 28: 6, 29: 20, 30: 35, 31: 56, 92: 64, 93: 125,
 }  # fmt: skip
 
 
@@ -53,7 +53,7 @@ def read_gmsh(path: Path) -> CellFile:
         else:
             version, binary, order = _format(path, sections)
             names = _names(sections.get("PhysicalNames", b""))
-            cells = _Cursor(sections["Elements"], binary, order)
+            cells = _Cursor(sections.get("Elements", b"0 0 0 0"), binary, order)
             if version < 3.0:
                 (tags, points), blocks = _nodes_2(path, sections, binary, order), _cells_2(cells)
             else:
@@ -174,7 +174,8 @@ def _version_1(sections):
 
 def _lines_of_nodes(section):
     """Return tags and points of lines of text that may end in parameters."""
-    rows = np.array([line.split()[:4] for line in section.splitlines()[1:]], dtype=np.float64)
+    rows = [line.split()[:4] for line in section.splitlines()[1:]]
+    rows = np.array(rows, dtype=np.float64).reshape(-1, 4)
     return rows[:, 0].astype(np.int64), rows[:, 1:]
 
 

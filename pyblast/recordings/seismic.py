@@ -78,15 +78,13 @@ def _mseed_bytes(content):
 
 
 def _blank_codes(content):
-    """Return miniSEED whose unset codes, NUL or 0xFF as some recorders write them, are blanks."""
+    """Return miniSEED whose codes hold blanks for NUL, 0xFF and other bytes that are no letters."""
     mended, offset = bytearray(content), 0
     while offset + 48 <= len(content) and _is_mseed(content[offset : offset + 48]):
         codes = content[offset + 8 : offset + 20]
-        mended[offset + 8 : offset + 20] = codes.replace(b"\xff", b" ").replace(b"\0", b" ")
-        at = (
-            offset
-            + struct.unpack_from(_mseed_order(content, offset) + "H", content, offset + 46)[0]
-        )
+        mended[offset + 8 : offset + 20] = bytes(c if 32 <= c < 127 else 32 for c in codes)
+        order = _mseed_order(content, offset)
+        at = offset + struct.unpack_from(order + "H", content, offset + 46)[0]
         if at + 8 > len(content):
             break
         offset += 1 << min(max(content[at + 6], 6), 62)
@@ -158,8 +156,13 @@ def _refuse_broken_gse2(path, content):
             )
 
 
+def _is_seed(content):
+    """Recognise miniSEED, or a SEED volume, whose control headers stand before the data."""
+    return _is_mseed(content) or (content[:6].isdigit() and content[6:8] == b"V ")
+
+
 _MAGIC = {
-    "MSEED": _is_mseed,
+    "MSEED": _is_seed,
     "SEG2": lambda content: content[:2] in (b"\x55\x3a", b"\x3a\x55") and len(content) >= 32,
     "GSE2": lambda content: content[:5] == b"WID2 ",
     "SEGY": is_segy,
@@ -380,7 +383,7 @@ def _station(group, microphones, options):
                 note = f"integrated from acceleration less its mean of {level:.3g} m/s2"
                 taken = (*taken, f"{name} was {note}")
             samples[name.rpartition(".")[2]] = values
-        oriented = _oriented(where, samples, options.orientations)
+        oriented = _oriented(where, group, samples, options.orientations)
         ids = {} if options.orientations else dict(zip(oriented, names, strict=True))
         for component, name in zip(oriented, names, strict=True):
             options.entry.column(component, name, unit, factor, rows=window.length)
@@ -481,14 +484,24 @@ def _first_sentence(error):
     return " ".join(str(error).split()).split(". ")[0][:160]
 
 
-def _oriented(where, samples, orientations):
-    """Return east, north, vertical by the channel codes or by given orientations."""
+def _component(trace):
+    """Return the component of a channel by its code, else by azimuth and incidence of SAC."""
+    header = getattr(trace.stats, "sac", {})
+    azimuth, incidence = (header.get(key, np.nan) for key in ("cmpaz", "cmpinc"))
+    by_angles = {(0.0, 0.0): "vertical", (0.0, 90.0): "north", (90.0, 90.0): "east"}
+    code = SEED_COMPONENTS.get(trace.stats.channel[-1:].upper())
+    return code or by_angles.get((float(azimuth), float(incidence)))
+
+
+def _oriented(where, group, samples, orientations):
+    """Return east, north, vertical by the headers of the channels or by given orientations."""
     if orientations is None:
-        names = {code: SEED_COMPONENTS.get(code[-1:].upper()) for code in samples}
+        components = {trace.stats.channel: _component(trace) for trace in group}
+        names = {code: components[code] for code in samples}
         if None in names.values() or len(set(names.values())) < len(names):
             raise InputError(
-                f"{where}: channels {', '.join(samples)} must end in E, N, Z once "
-                "each, otherwise pass orientations (azimuth, dip)"
+                f"{where}: channels {', '.join(code or '(unnamed)' for code in samples)} must end "
+                "in E, N, Z once each, otherwise pass orientations (azimuth, dip)"
             )
         return {str(names[code]): values for code, values in samples.items()}
     if len(samples) != 3 or not set(samples) <= set(orientations):
