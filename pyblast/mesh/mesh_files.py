@@ -1,7 +1,7 @@
 """Mesh files of gmsh, versions 1 to 4.1, and MED: nodes, cells and all of their groups."""
 
-from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,21 +16,16 @@ _WIDTHS = {
 }  # fmt: skip
 
 
-@dataclass
-class CellFile:
-    """Content of a mesh file whose cells may be in several groups.
+class CellFile(NamedTuple):
+    """Content of a mesh file: points (n, 3) in m, blocks of cells in the same groups.
 
-    Parameters
-    ----------
-    points : (n, 3) float64, m
-    blocks : list of (type, nodes (n, k) int, names of groups)
-        Cells in the same groups, by gmsh's number of their type; nodes from 0.
-    unused : dict of dimension to (names without cells, number of all names)
+    A block is gmsh's number of the type, nodes (n, k) from 0, and the names of its groups.
+    ``unused`` holds by dimension the names without cells, and the number of all names.
     """
 
     points: np.ndarray
     blocks: list[tuple[int, np.ndarray, tuple[str, ...]]]
-    unused: dict[int, tuple[list[str], int]] = field(default_factory=dict)
+    unused: dict[int, tuple[list[str], int]]
 
 
 def read_gmsh(path: Path) -> CellFile:
@@ -336,12 +331,12 @@ def read_med(path: Path) -> CellFile:
                     raise ReadError(f"{path}: a cell names a node that is not there")
                 family = cells["FAM"][()] if "FAM" in cells else np.zeros(count, int)
                 shape = _MED_TYPES.get(kind, kind)
-                prefix = DIMENSION.get(shape, (3, "group"))[1]
+                prefix = "surface" if shape == TRIANGLE else "group"
                 for number in np.unique(family):
                     own = (f"{prefix}_{abs(number)}",) if number else ()
                     names = families.get(int(number), own)
                     blocks.append((shape, rows[family == number], names))
-            return CellFile(points, blocks)
+            return CellFile(points, blocks, {})
     except ReadError:
         raise
     except Exception as error:  # broken files can raise any exception in h5py
