@@ -32,6 +32,7 @@ from . import (
     step_sizes,
     superposition,
     timing,
+    waits,
     waves,
 )
 from .peers import beside
@@ -53,7 +54,9 @@ PARTS = {
     "single": single,
     "coverage": coverage,
     "waves": waves,
+    "waits": waits,
 }
+WAITS = ("site", "check", "demo", "tests")
 FLAGS = ("--peers", "--quick", "--long")
 
 
@@ -85,9 +88,11 @@ def main(arguments):
         }  # fmt: skip
         if name == "waves":
             _key_figures(results)
+        if name == "waits":
+            keep_waits(results, found)
         if name == "evaluations":
             _evaluation_figures(results)
-        ordered = {part: results[part] for part in (*PARTS, "site", "diagnosis") if part in results}
+        ordered = {part: results[part] for part in (*PARTS, *WAITS) if part in results}
         write_text(RESULTS, json.dumps(ordered, indent=1) + "\n")
     if effort != "quick":
         page.write(PARTS, results)
@@ -99,8 +104,17 @@ def _key_figures(results):
     said = {name: waves[name] for name in ("machine", "load", "date")}
     results.setdefault("accuracy", {"found": {}}).update(waves["found"]["figures"])
     results["accuracy"].update({f"waves_{name}": value for name, value in said.items()})
-    if waves["found"]["site"]:
-        results["site"] = {**said, **waves["found"]["site"]}
+
+
+def keep_waits(results, found):
+    """Put what users wait for where it is looked for."""
+    for name, one in found.items():
+        if name == "mine" and name in results:  # beside the part of that name, with its own stamp
+            said = {key: one[key] for key in ("machine", "load", "date")}
+            results[name] |= {"file_to_report_s": one["file_to_report_s"]}
+            results[name]["file_to_report_s_on"] = said
+        else:
+            results[name] = one
 
 
 def _evaluation_figures(results):

@@ -189,14 +189,19 @@ def at_most(need, most, unit):
 
 
 GOALS = (
+    ("`./dev demo` on a fresh machine ≤ 3 min", *at_most("demo.seconds", 180.0, "s")),
     (
         "site of a quarry (case-04, S1), file to report ≤ 5 s",
         *at_most("site.file_to_report_s", 5.0, "s"),
     ),
+    ("site: its run ≤ 1.5 s", *at_most("site.march_s", 1.5, "s")),
     (
         "site: energy of the difference from an independent program ≤ 1 %",
         *at_most("site.error", 0.01, "of the energy"),
     ),
+    ("mine at 5 m, file to report ≤ 3 min", *at_most("mine.file_to_report_s", 180.0, "s")),
+    ("`./dev test` ≤ 6 min", *at_most("tests.seconds", 360.0, "s")),
+    ("check of any example ≤ 10 s", *at_most("check.slowest_s", 10.0, "s")),
     ("general zone step ≥ 0.30 of its memory limit, 1 M zones, full step", "kernels", zone_roof),
     ("≥ 1.4 × a naive element loop", "kernels", naive),
     ("elastic edge step ≥ 0.60 of its limit and ≥ 1.4 × the general one", "kernels", edges),

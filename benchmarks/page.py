@@ -68,7 +68,7 @@ def write(parts, results):
 def duration(results):
     """Return how long the bench took, and which part most of it."""
     took = {name: one["seconds"] / 60.0 for name, one in results.items()
-            if "seconds" in one and name != "peers"}  # fmt: skip
+            if "seconds" in one and "found" in one and name != "peers"}  # fmt: skip
     longest = max(took, key=took.get, default=None)
     if longest is None:
         return "Nothing was timed."
@@ -117,7 +117,8 @@ def judged(need, judge, results):
     found = {name: one["found"] for name, one in results.items() if "found" in one}
     measured, reached, why = judge(results if key else found)
     outcome = "yes" if reached else f"**no**: {why}" if why else "**no**"
-    return measured, outcome, where(results[part])
+    one = results[part]
+    return measured, outcome, where(one.get(f"{key}_on", one))
 
 
 def draw(name, part, found):

@@ -1,16 +1,15 @@
-"""What a correct wave costs in the program itself, beside SPECFEM3D, and a site of a quarry.
+"""What a correct wave costs in the program itself, beside SPECFEM3D.
 
 The free box, its reference and SPECFEM3D come from the folder named by PYBLAST_PEERS (default
-``../shared/peers/specfem3d``, its programs in the folder ``build`` there or PYBLAST_SPECFEM); the
-site from PYBLAST_SITES (default ``../shared/sites``). What is not there is not measured. Times are
-processor seconds of the time loop on one thread, medians of rounds taken in turn.
+``../shared/peers/specfem3d``, its programs in the folder ``build`` there or PYBLAST_SPECFEM). What
+is not there is not measured. Times are processor seconds of the time loop on one thread, medians of
+rounds taken in turn.
 """
 
 import importlib.util
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -42,7 +41,6 @@ TITLE = "A correct wave"
 ROOT = Path(__file__).resolve().parents[1]
 PEER = Path(os.environ.get("PYBLAST_PEERS", ROOT.parent / "shared" / "peers" / "specfem3d"))
 BUILT = Path(os.environ.get("PYBLAST_SPECFEM", PEER / "build_here"))
-SITES = Path(os.environ.get("PYBLAST_SITES", ROOT.parent / "shared" / "sites"))
 ROUNDS = 5
 DURATION = 0.61
 PULSE = Ricker(8.0, 0.15)
@@ -54,12 +52,10 @@ PEER_RUNS = {3: (50.0, 1.8), 1: (40.0, 1.25)}  # element in m, step in ms
 
 
 def measure(effort):
-    """Return rows of the free box, of the jointed column and of the site, and their key figures."""
+    """Return rows of the free box and of the jointed column, and their key figures."""
     rounds = 2 if effort == "quick" else ROUNDS
     timing.threads(1)
     found = {"box": box_rows(rounds), "joints": joint_rows(rounds)}
-    timing.threads(2)
-    found["site"] = site_row() if effort != "quick" else None
     return {**found, "figures": figures(found)}
 
 
@@ -212,24 +208,6 @@ def joint_rows(rounds):
     ]
 
 
-def site_row():
-    """Return wall seconds from file to report, and the error, of blast S1 of site case-04."""
-    from verification.sites_forward import compared
-
-    folder = SITES / "case-04"
-    if not folder.is_dir():
-        return None
-    with tempfile.TemporaryDirectory() as out:
-        began = time.perf_counter()
-        subprocess.run(
-            [Path(sys.executable).with_name("pyblast"), "run", folder / "S1.toml", "--out", out],
-            check=True, capture_output=True, env={**os.environ, "OMP_NUM_THREADS": "2"},
-        )  # fmt: skip
-        wall = time.perf_counter() - began
-    row = compared(folder / "S1.toml", SITES / "truth" / "case-04" / "believed_S1.mseed")
-    return {"file_to_report_s": wall, "error": row["error_median"], "worst": row["error_worst"]}
-
-
 def lines(found):
     """Return the table of this part."""
     told = [
@@ -245,13 +223,4 @@ def lines(found):
                 f"| {problem} | {row['run']} | {row['nodes'] or ''} | {row['steps'] or ''} "
                 f"| {row['seconds']:.3f} | {100.0 * row['error']:.2f} |"
             )
-    if found.get("site"):
-        site = found["site"]
-        told += [
-            "",
-            f"Site case-04, blast S1, from file to report on two threads: "
-            f"{site['file_to_report_s']:.1f} s; energy of the difference from an independent "
-            f"program {100 * site['error']:.2f} % (median of receivers), "
-            f"{100 * site['worst']:.2f} % (worst).",
-        ]
     return told

@@ -26,6 +26,7 @@ from pyblast.solver.run import simulate
 PLACES = ((20, 70, 0), (80, 20, 0), (100, 60, 0), (110, 30, -20), (95, 85, 0), (35, 10, 0))
 BOX = ((0.0, 120.0), (0.0, 90.0), (-60.0, 0.0))  # m, as in the files
 JOINT = 60.0
+EXPONENT, LOWEST = 0.9, 4.0  # of the charge, Hz: as in the files
 EDGE, PADDING = 20.0, 180.0  # m, of quadratic zones, and of what lies beyond the box
 SIDES = ("west", "east", "south", "north", "bottom")
 DT, SAMPLES, BEFORE = 0.004, 125, 62
@@ -109,16 +110,16 @@ def model_of(project: Project, blast: str) -> Model:
     planes = {"J1": ("x", JOINT)}
     mesh = structured_box(*axes, layers=layers, planes=planes, pattern="centred").split(["J1"])
     own = project.of(blast)
-    holes, rate, exponent = own.blast, own.inside.moment_rate, own.config.blast.charge_exponent
-    sources = [
-        Hole(centre, charge, time, rate, exponent, 0.5 * EDGE)
+    holes, rate = own.blast, own.inside.moment_rate
+    sources = tuple(
+        Hole(centre, charge, time, rate, EXPONENT, 0.5 * EDGE)
         for centre, charge, time in zip(holes.centres, holes.charge, holes.times, strict=True)
-    ]
+    )
     return Model(
         mesh, project.materials, joints=project.joints,
-        boundaries=[Viscous(side) for side in SIDES],
-        sponge=SpongeLayer(BOX, PADDING, own.config.run.compare_band_hz[0]), sources=sources,
-        receivers=own.receivers, quadratic=True,
+        boundaries=tuple(Viscous(side) for side in SIDES),
+        sponge=SpongeLayer(BOX, PADDING, LOWEST), sources=sources, receivers=own.receivers,
+        quadratic=True,
     )  # fmt: skip
 
 

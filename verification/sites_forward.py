@@ -56,6 +56,7 @@ def compared(path, record, holes=None):
         "unfiltered_median": float(np.median(unfiltered)),
         "unfiltered_worst": float(max(unfiltered)),
         "seconds": seconds,
+        "run_s": run.wall_seconds,
         "cpu_seconds": cpu_seconds,
         "nodes": len(project.model.nodes.points),
         "step_s": run.dt,

@@ -69,7 +69,7 @@ class HolesInsideConfig(Section):
     moment_rate_file: str | None = None
     charged_hole: ChargedHoleConfig | None = None
     low_pass_hz: Positive | Literal["mesh", "none"] | None = None
-    spread_m: NotNegative | None = None
+    spread_m: Positive | None = None
     detonation_m_per_s: Positive | None = None
     primed_at: Literal["toe", "collar"] | None = None
 
@@ -105,7 +105,7 @@ class MomentTensorConfig(Section):
     position_m: Point
     tensor: Tensor
     file: str
-    spread_m: NotNegative | None = None
+    spread_m: Positive | None = None
 
     @model_validator(mode="after")
     def _something(self):

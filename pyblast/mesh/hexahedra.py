@@ -216,7 +216,7 @@ def _nearest(places_of_zones, order, places, low, high):
     near = [_near_zones(point, low, high) for point in places]
     owner = np.repeat(np.arange(len(places)), [len(zones) for zones in near])
     tried = np.concatenate(near)
-    local, excess = _reference_coordinates(places_of_zones[tried], order, places[owner])
+    local, excess = reference_coordinates(places_of_zones[tried], order, places[owner])
     ranked = np.lexsort((excess.round(9), owner))
     best = ranked[np.searchsorted(owner, np.arange(len(places)))]
     return tried[best], np.clip(local[best], -1.0, 1.0)
@@ -232,7 +232,7 @@ def _near_zones(point, low, high):
     return np.argsort(beside, kind="stable")[:_NEAREST]
 
 
-def _reference_coordinates(nodes, order, points):
+def reference_coordinates(nodes, order, points):
     """Return the reference coordinates (n, 3) of places in zones by Newton, and their excess."""
     x = np.zeros((len(nodes), 3))
     for _ in range(_NEWTON_STEPS):

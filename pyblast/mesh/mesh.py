@@ -288,6 +288,14 @@ class Mesh:
         """Faces shared by zones, see ``pair_faces``; computed once."""
         return pair_faces(self.zones, len(self.points))
 
+    @cached_property
+    def walls(self) -> tuple[np.ndarray, np.ndarray]:
+        """Faces where a ground ends, and their corners: outer faces, joints, between groups."""
+        first, second, single, _ = self.paired_faces
+        group = (self.zone_group[zone_of_face(self.zones, side)[0]] for side in (first, second))
+        faces = np.concatenate([single, first[np.not_equal(*group)]])
+        return faces, zone_faces(self.zones)[faces]
+
     def split(self, names: Sequence[str]) -> "Mesh":
         """Return the mesh split along named internal surfaces; see ``split_mesh``."""
         return split_mesh(self, names)

@@ -80,8 +80,8 @@ class Hole:
     exponent : float
         Exponent of the charge.
     spread : float or None, m
-        Radius over which the source is distributed to reduce mesh effects; None: one mean edge of
-        the zone at the hole; 0: that zone only.
+        Radius of the sphere over which the moment is distributed; None: as the mesh needs, see
+        `solver.moment_density`. In both cases at most the distance to the end of the ground.
 
     Raises
     ------
@@ -102,6 +102,7 @@ class Hole:
             raise InputError(f"hole.charge: must be positive, got {self.charge:g} kg")
         if not self.time >= 0.0:
             raise InputError(f"hole.time: must not be negative, got {self.time:g} s")
+        _check_radius("hole", self.spread)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +158,16 @@ class MomentTensor:
         if not np.allclose(tensor, tensor.T, atol=1e-9 * max(np.abs(tensor).max(), 1e-300)):
             raise InputError("moment tensor: must be symmetric, or it would exert a torque")
         object.__setattr__(self, "tensor", tensor)
+        _check_radius("moment tensor", self.spread)
+
+
+def _check_radius(name, spread):
+    """Refuse a radius that is no length."""
+    if spread is not None and not 0.0 < spread < math.inf:
+        raise InputError(
+            f"{name}.spread: must be positive, got {spread:g} m; leave it out for the radius that "
+            "the mesh needs"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +187,8 @@ class Column:
         Exponent of the charge.
     detonation_speed : float, m/s
     sources : int or None
-        Number of point sources; None: one per mean edge of the zones along the column.
+        Number of points; None: four to a radius of the sphere that each is distributed over, at
+        least four.
 
     Raises
     ------

@@ -241,8 +241,10 @@ def place_sources(inside, config, blast, mesh, lead) -> tuple:
         if not blast.charge.any():
             raise InputError("blast: no hole has a charge; give one a charge_kg above 0")
         refuse_outside(mesh, hole_positions(blast))
-        place_blast = _place_columns if config.holes_inside.detonation_m_per_s else _place_holes
-        sources += place_blast(inside, config, blast, mesh, lead)
+        if config.holes_inside.detonation_m_per_s:
+            sources += _place_columns(inside, config, blast, mesh, lead)
+        else:
+            sources += _place_holes(inside, config, blast, lead)
     sources += _place_forces(inside, config, mesh, lead)
     sources += _place_tensors(inside, config, mesh, lead)
     for number, (part, history) in enumerate(zip(config.pressures, inside.pressures, strict=True)):
@@ -259,14 +261,9 @@ def _later(history, lead):
     return replace(history, start=history.start + lead)
 
 
-def _place_holes(inside, config, blast, mesh, lead):
+def _place_holes(inside, config, blast, lead):
     """Return the holes of a blast as points, without those that misfire (charge 0)."""
     spread, exponent = config.holes_inside.spread_m, config.blast.charge_exponent
-    if spread is None and mesh.hexahedral:
-        spread = 0.0  # they resolve a point source
-    elif spread is None:
-        zone, _ = locate(mesh, blast.centres)
-        spread = float(edge_lengths(mesh)[zone].mean())
     charges = zip(
         hole_positions(blast).items(), blast.charge, inside.firing.times + lead, strict=True
     )

@@ -17,6 +17,7 @@ from ..recordings.tables import instrument_table
 from ..signals.seismogram import Named, Seismogram, html_table
 from ..signals.spectra import dominant_frequency, significant_duration, zero_crossing_frequency
 from ..solver.model_file import read_arrays, write_arrays
+from ..solver.moment_density import source_radii
 from ..solver.preparation import versions
 from . import plausibility
 from .ground import joint_of_surface
@@ -351,7 +352,7 @@ def source_summary(project):
         "moment_rate": config and plausibility.moment_rate_words(project),
         "level": config and plausibility.level_rank(project),
         "exponent": holes[0].exponent if holes else None,
-        "spread": getattr(holes[0], "spread", None) if holes else None,
+        "radius": source_radii(project.model),
         "detonation": config and config.detonation_m_per_s,
         "forces": [
             {"position": s.position, "direction": s.direction}

@@ -278,6 +278,12 @@ def _input_figures(result, top):
     )  # fmt: skip
 
 
+def radius_words(radii):
+    """Return the words for the least and the greatest radius in m."""
+    low, high = radii
+    return f"{low:.3g} m" if high < 1.01 * low else f"{low:.3g} to {high:.3g} m"
+
+
 def _source_figures(result, top):
     """Yield the figure of moment rates and force histories inside the model."""
     table, histories = result.summary["sources"], result.arrays.get("sources", {})
@@ -288,7 +294,7 @@ def _source_figures(result, top):
         extent = (
             f"columns that detonate at {table['detonation']:g} m/s"
             if table["detonation"]
-            else f"each spread over {table['spread']:.3g} m"
+            else f"each over a sphere of radius {radius_words(table['radius'])}"
         )
         words.append(
             f"{len(table['holes'])} holes inside the model, M = M(1 kg) W^{table['exponent']:g}, "

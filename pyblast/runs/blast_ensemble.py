@@ -13,7 +13,7 @@ from ..errors import InputError
 from ..model.model import Receiver
 from ..model.source import PointForce
 from ..signals.seismogram import Seismogram, fast_length
-from .greens import GreensFunctions, PointSource, history
+from .greens import GreensFunctions, PointSource, drive, history
 
 DROPPED = 1e-10  # fraction of the power above the highest frequency
 RINGS = 3.0  # cycles of the lower corner for which a filter rings before and after
@@ -183,15 +183,15 @@ def blast_spectra(
     if not earliest <= latest:
         raise InputError(f"latest: must not be below earliest, got {latest:g} < {earliest:g} s")
     numbers, dt = bank.numbers(sources), bank.dt
-    drives, lead = _drives(bank, sources)
-    n_steps = bank.response.shape[-1] + drives.shape[1] + int(np.ceil((latest - earliest) / dt))
-    size = fast_length(n_steps)
-    responses = [_turned(bank, number, size) for number in range(len(bank.sources))]
-    spectra = np.stack([scipy.fft.rfft(drive, size) * responses[number]
-                        for drive, number in zip(drives, numbers, strict=True)])  # fmt: skip
+    drives, lead = _drives(bank, sources, numbers)
+    longest = max(len(drive) for parts in drives for _, drive in parts)
+    size = fast_length(bank.response.shape[-1] + longest + int(np.ceil((latest - earliest) / dt)))
+    responses = [_turned(bank, part, size) for part in range(len(bank.parts))]
+    spectra = np.stack([sum(np.asarray(scipy.fft.rfft(drive, size)) * responses[part]
+                            for part, drive in parts) for parts in drives])  # fmt: skip
     spectra, n_samples = trimmed(spectra.transpose(2, 0, 1) / size)
     return BlastSpectra(
-        spectra, bank.receivers, 1.0 / (size * dt), n_samples, (0.5 - lead) * dt + earliest,
+        spectra, bank.receivers, 1.0 / (size * dt), n_samples, (-0.5 - lead) * dt + earliest,
         earliest, latest,
     )  # fmt: skip
 
@@ -226,20 +226,26 @@ def _top(values):
     return np.where(top >= np.maximum(before, after), top + above, np.maximum(before, after))
 
 
-def _drives(bank, sources):
-    """Return moment increments (n_sources, n) for firing at 0 s, and the number before 0 s."""
-    functions = [
-        source.history if isinstance(source, PointForce) else source.moment_rate
-        for source in sources
-    ]
-    lead = max(0, int(np.ceil(-min(each.start for each in functions) / bank.dt)))
-    last = max(each.start + each.dt * len(each.values) for each in functions)
-    times = bank.dt * np.arange(-lead, min(bank.response.shape[-1], np.ceil(last / bank.dt) + 2))
+def _drives(bank, sources, numbers):
+    """Return parts and moment increments (n,) of sources fired at 0 s, and the steps before."""
     still = [
         source if isinstance(source, PointForce) else replace(source, time=0.0)
         for source in sources
     ]
-    return np.stack([np.diff(history(source, times), prepend=0.0) for source in still]), lead
+    parts = [
+        [(part, width) for part, (number, width) in enumerate(bank.parts) if number == at]
+        for at in numbers
+    ]
+    functions = [
+        drive(source, width) for source, own in zip(still, parts, strict=True) for _, width in own
+    ]
+    lead = max(0, int(np.ceil(-min(each.start for each in functions) / bank.dt)))
+    last = max(each.start + each.dt * len(each.values) for each in functions)
+    times = bank.dt * np.arange(-lead, min(bank.response.shape[-1], np.ceil(last / bank.dt) + 2))
+    return [
+        [(part, np.diff(history(source, times, width), prepend=0.0)) for part, width in own]
+        for source, own in zip(still, parts, strict=True)
+    ], lead
 
 
 def _turned(bank, number, size):

@@ -19,6 +19,7 @@ from ..model.model import Model, Receiver
 from ..model.source import Column, Hole, MomentTensor, PointForce, TimeFunction
 from ..signals.seismogram import Seismogram, fast_length
 from ..solver.loads import ADDERS, Loads
+from ..solver.moment_density import deconvolved
 from ..solver.preparation import Prepared, prepare
 from ..solver.run import simulate
 from .parallel import Cache, input_hash, run_loads
@@ -28,7 +29,8 @@ CHARGES = (Hole, Column)
 KINDS = (*CHARGES, MomentTensor, PointForce)
 LINEAR_JOINT_LAWS = ("elastic", "kelvin", "maxwell", *STICKING_JOINTS)
 LINEAR_ZONE_LAWS = ("elastic", "anisotropic")
-NONE = TimeFunction(np.zeros(1), 1.0)
+NONE = TimeFunction(np.zeros(2), 1.0)
+PER_LOAD = ("load_node", "load_vector", "load_delay", "load_member")
 
 
 def unit_source(source: PointSource) -> PointSource:
@@ -49,11 +51,21 @@ def size(source: PointSource) -> float:
     return float(np.linalg.norm(vector)) or 1.0
 
 
-def history(source: PointSource, times: np.ndarray) -> np.ndarray:
-    """Return the moment (n,) in N m, or the force in N, at times (n,)."""
+def history(source: PointSource, times: np.ndarray, width: float = 0.0) -> np.ndarray:
+    """Return the moment (n,) in N m, or the force in N, at times (n,).
+
+    The moment is divided by the response of a sphere of width R/cp in s.
+    """
     if isinstance(source, PointForce):
         return size(source) * source.history(times)
-    return size(source) * source.moment_rate.integral()(times - source.time)
+    return size(source) * drive(source, width)(times - source.time)
+
+
+def drive(source: PointSource, width: float) -> TimeFunction:
+    """Return the force, or the moment divided by the response of a sphere, see `history`."""
+    if isinstance(source, PointForce):
+        return source.history
+    return deconvolved(source.moment_rate.integral(), width)
 
 
 def position_of(source: PointSource) -> np.ndarray:
@@ -75,13 +87,26 @@ def likeness(source: PointSource) -> tuple:
     return Hole, source.spread
 
 
-def loads(model: Model, source: PointSource, n_steps: int, dt: float) -> dict[str, np.ndarray]:
-    """Return the load arrays of a source with a unit step history from the second step."""
+def unit_loads(
+    model: Model, source: PointSource, n_steps: int, dt: float
+) -> list[tuple[float, dict[str, np.ndarray]]]:
+    """Return the loads of a source with a unit step history from the second step, part by part.
+
+    Parts differ in the width R/cp in s that their history is to be divided by, see
+    `moment_density.deconvolved`: the isotropic part of a moment, and the rest.
+    """
     collector = Loads()
     ADDERS[type(source)](collector, model, source)
     step = np.ones((n_steps, 1))
     step[0] = 0.0
-    return {**collector.arrays(dt * np.arange(n_steps)), "history": step}
+    arrays = collector.arrays(dt * np.arange(n_steps))
+    parts = []
+    for number, width in enumerate(collector.widths):
+        own = arrays["load_history"] == number
+        loads = {name: arrays[name][own] for name in PER_LOAD}
+        parts.append((width, {**loads, "load_history": 0 * arrays["load_history"][own],
+                              "history": step}))  # fmt: skip
+    return parts
 
 
 def refuse_what_does_not_superpose(model: Model) -> None:
@@ -161,9 +186,12 @@ class GreensFunctions:
     ----------
     sources : tuple of Hole, Column, MomentTensor or PointForce
         Unit sources, one for each place.
+    parts : tuple of (int, float)
+        Number of the source and width R/cp in s of the parts of all sources, see `unit_loads`.
     receivers : tuple of Receiver
-    response : (n_sources, n_receivers, 3, n_steps) float64, m/s per N m or per N
-        East, north, vertical; sample k half a step after k steps from the step of moment.
+    response : (n_parts, n_receivers, 3, n_steps) float64, m/s per N m or per N
+        East, north, vertical; sample k half a step after k - 1 steps from the step of moment: the
+        interpolation of a delay below one step looks one step ahead.
     dt : float, s
         The time step of the model.
     within : float, m
@@ -176,6 +204,7 @@ class GreensFunctions:
     """
 
     sources: tuple[PointSource, ...]
+    parts: tuple[tuple[int, float], ...]
     receivers: tuple[Receiver, ...]
     response: np.ndarray
     dt: float
@@ -187,7 +216,7 @@ class GreensFunctions:
     @property
     def duration(self) -> float:
         """Duration of the responses, s."""
-        return self.dt * self.response.shape[-1]
+        return self.dt * (self.response.shape[-1] - 1)
 
     @property
     def unfinished(self) -> float:
@@ -245,22 +274,27 @@ class GreensFunctions:
         InputError
             If a source is at no stored place.
         """
-        n_known = self.response.shape[-1]
+        n_known = self.response.shape[-1] - 1
         n = n_known if duration is None else max(2, int(np.ceil(duration / self.dt - 1e-9)))
-        size = fast_length(n + min(n, n_known))
+        size = fast_length(n + min(n, n_known) + 2)
         total = np.zeros((len(self.receivers), 3, size // 2 + 1), dtype=complex)
         numbers = self.numbers(sources)
-        for number in np.unique(numbers):
+        for response, (number, width) in zip(self.response, self.parts, strict=True):
             chosen = [s for s, at in zip(sources, numbers, strict=True) if at == number]
+            if not chosen:
+                continue
             drive = np.asarray(
-                sum(np.asarray(scipy.fft.rfft(self.increments(s, n), size)) for s in chosen)
+                sum(
+                    np.asarray(scipy.fft.rfft(self.increments(s, n + 1, width), size))
+                    for s in chosen
+                )
             )
-            total += np.asarray(scipy.fft.rfft(self.response[number, ..., :n], size)) * drive
-        return self.seismograms(np.asarray(scipy.fft.irfft(total, size))[..., :n])
+            total += np.asarray(scipy.fft.rfft(response[..., : n + 1], size)) * drive
+        return self.seismograms(np.asarray(scipy.fft.irfft(total, size))[..., 1 : n + 1])
 
-    def increments(self, source: PointSource, n_steps: int) -> np.ndarray:
-        """Return the increments of moment or force per step, (n_steps,)."""
-        moment = history(source, self.dt * np.arange(n_steps))
+    def increments(self, source: PointSource, n_steps: int, width: float = 0.0) -> np.ndarray:
+        """Return the increments of moment or force per step, (n_steps,), see `history`."""
+        moment = history(source, self.dt * np.arange(n_steps), width)
         return np.diff(moment, prepend=0.0)
 
     def seismograms(self, motion: np.ndarray) -> dict[str, Seismogram]:
@@ -323,21 +357,31 @@ def greens_functions(
     if side not in (None, "source", "receiver"):
         raise InputError(f'side: must be "source" or "receiver", got {side!r}')
     units = tuple(unit_source(source) for source in _places(model.sources, within))
-    chosen, summary = _choose(side, units, model.receivers)
+    unloaded = replace(model, sources=units, insitu=None)
+    parts = _parts(unloaded)
+    chosen, summary = _choose(side, units, len(parts), model.receivers)
     checked = _check_no_slip(model, duration, folder)
     summary = f"{summary}; {checked}" if checked else summary
     log.info("stored responses: %s", summary)
-    numbers = list(range(len(units) if chosen == "source" else 3 * len(model.receivers)))
-    unloaded = replace(model, sources=units, insitu=None)
+    numbers = list(range(len(parts) if chosen == "source" else 3 * len(model.receivers)))
     results = _collect(unloaded, duration, chosen, numbers, folder, executor)
     response = np.stack([arrays["response"] for arrays in results])
     if chosen == "receiver":
-        response = response.reshape(len(model.receivers), 3, len(units), -1).transpose(2, 0, 1, 3)
+        response = response.reshape(len(model.receivers), 3, len(parts), -1).transpose(2, 0, 1, 3)
     dt = float(results[0]["dt"])
     return GreensFunctions(
-        units, model.receivers, np.ascontiguousarray(response), dt, within, chosen, len(numbers),
-        summary,
+        units, parts, model.receivers, np.ascontiguousarray(response), dt, within, chosen,
+        len(numbers), summary,
     )  # fmt: skip
+
+
+def _parts(model):
+    """Return source number and width of the parts of all sources of a model, see `unit_loads`."""
+    return tuple(
+        (number, width)
+        for number, source in enumerate(model.sources)
+        for width, _ in unit_loads(model, source, 2, 1.0)
+    )
 
 
 def cluster_error(model: Model, within: float, highest: float) -> float:
@@ -370,9 +414,9 @@ def _places(sources, within):
     return chosen
 
 
-def _choose(side, units, receivers):
+def _choose(side, units, n_source, receivers):
     """Return the side with fewer runs, or the requested one, and a sentence about it."""
-    n_source, n_receiver = len(units), 3 * len(receivers)
+    n_receiver = 3 * len(receivers)
     columns = any(isinstance(unit, Column) for unit in units)
     if columns and side == "receiver":
         raise InputError(
@@ -383,7 +427,7 @@ def _choose(side, units, receivers):
     chosen = side or fewer
     reason = "wanted" if side else "columns need it" if columns else "fewer"
     return chosen, (
-        f"{chosen} side ({reason}): {n_source} runs for {n_source} places, or {n_receiver} for "
+        f"{chosen} side ({reason}): {n_source} runs for {len(units)} places, or {n_receiver} for "
         f"{len(receivers)} receivers"
     )
 
@@ -424,7 +468,9 @@ def _collect(model, duration, side, numbers, folder, executor):
 def _key(model, duration, side, number):
     """Return the content hash of the input of one run."""
     if side == "source":
-        return input_hash(side, replace(model, sources=[model.sources[number]]), duration)
+        part = _parts(model)[number]
+        alone = replace(model, sources=[model.sources[part[0]]])
+        return input_hash(side, alone, part[1], duration)
     receiver = model.receivers[number // 3]
     at = np.asarray(receiver.position, dtype=float)
     return input_hash(side, replace(model, receivers=()), at, number % 3, duration)
@@ -443,34 +489,43 @@ def _run_group(model, duration, side, numbers, folder):
 
 
 def _from_sources(model, prepared, numbers):
-    """Return the motion (n_receivers, 3, n_steps) for a unit step of each source."""
+    """Return the motion (n_receivers, 3, n_steps) for a unit step of each part of a source."""
     motion = np.concatenate(
-        list(_unit_step_runs(model, prepared, [model.sources[n] for n in numbers], []))
+        list(_unit_step_runs(prepared, [_part_loads(model, prepared)[n] for n in numbers], []))
     )
-    return [np.ascontiguousarray(response) for response in motion[1:].transpose(3, 1, 2, 0)]
+    return [np.ascontiguousarray(response) for response in motion.transpose(3, 1, 2, 0)]
 
 
 def _from_receivers(model, prepared, numbers):
-    """Return the responses (n_sources, n_steps) of receiver components, by reciprocity.
+    """Return the responses (n_parts, n_steps) of receiver components, by reciprocity.
 
     Motion of the loaded nodes for a force at the receiver, times the loads; theory.md (9.3).
     """
-    each = [loads(model, source, 2, prepared.constants["dt"]) for source in model.sources]
+    each = _part_loads(model, prepared)
     nodes = np.unique(np.concatenate([load["load_node"] for load in each]))
     table = np.zeros((len(each), len(nodes), 3))
     for row, load in zip(table, each, strict=True):
         np.add.at(row, np.searchsorted(nodes, load["load_node"]), load["load_vector"])
-    forces = [PointForce(model.receivers[n // 3].position, np.eye(3)[n % 3], NONE) for n in numbers]
+    ends = [model.receivers[n // 3].position for n in numbers]
+    along = [np.eye(3)[n % 3] for n in numbers]
+    pushes = [PointForce(end, axis, NONE) for end, axis in zip(ends, along, strict=True)]
+    forces = _part_loads(replace(model, sources=pushes), prepared)
     pieces = [
         np.tensordot(motion[:, len(model.receivers) :], table, axes=([1, 2], [1, 2]))
-        for motion in _unit_step_runs(model, prepared, forces, nodes)
+        for motion in _unit_step_runs(prepared, forces, nodes)
     ]
-    responses = np.concatenate(pieces)[1:].transpose(1, 2, 0)
+    responses = np.concatenate(pieces).transpose(1, 2, 0)
     return [np.ascontiguousarray(response) for response in responses]
 
 
-def _unit_step_runs(model, prepared, sources, nodes):
-    """Run unit steps of sources from the second step, for one step more than a run."""
-    n_steps = prepared.n_steps + 1
-    each = [loads(model, source, n_steps, prepared.constants["dt"]) for source in sources]
-    return run_loads(prepared, each, n_steps, np.array(nodes, dtype=int))
+def _part_loads(model, prepared):
+    """Return the loads of the parts of all sources, of unit steps for one step more than a run."""
+    n_steps, dt = prepared.n_steps + 1, prepared.constants["dt"]
+    return [
+        loads for source in model.sources for _, loads in unit_loads(model, source, n_steps, dt)
+    ]
+
+
+def _unit_step_runs(prepared, loads, nodes):
+    """Run unit steps from the second step, for one step more than a run."""
+    return run_loads(prepared, loads, prepared.n_steps + 1, np.array(nodes, dtype=int))

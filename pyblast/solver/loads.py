@@ -7,17 +7,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..mesh.mesh import edge_lengths, locate, surface_areas, surface_zones
-from ..mesh.spectral_nodes import SpectralNodes
+from ..mesh.mesh import locate, surface_areas, surface_zones
 from ..model.anisotropy import impedance, stiffness_of
 from ..model.boundary import Fixed, Roller, StressInput, VelocityInput, Viscous
 from ..model.model import Model
 from ..model.plane_wave import PlaneWave, add_plane_wave
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 from ..signals.seismogram import GEOGRAPHIC
+from .moment_density import deconvolved, moment_forces, source_radius
 
-FEWEST_ZONES = 8  # of a distributed source
-AROUND = 2.0  # radii within which zones count as connected around the end of a joint
+FEWEST_POINTS, POINTS_IN_RADIUS = 4, 4  # of a column, where it does not say how many
+ROUNDED = 1e-12  # part of a moment tensor that is rounding
 PRESSURE_CUTS = 3  # subdivisions of each edge of a face for a travelling pressure
 # Arrival of a travelling pressure at a node: Gauss-Hermite weights and standard deviations.
 PASSING = ((1.0 / 6.0, -np.sqrt(3.0)), (2.0 / 3.0, 0.0), (1.0 / 6.0, np.sqrt(3.0)))
@@ -28,12 +28,17 @@ class Loads:
 
     def __init__(self) -> None:
         """Start without loads."""
+        self.widths = []
         self._nodes, self._vectors, self._numbers, self._histories = [], [], [], []
         self._delays = []
 
-    def add_history(self, function: TimeFunction, offset: float = 0.0) -> int:
-        """Add a function of time, at step times plus an offset in s; return its number."""
+    def add_history(self, function: TimeFunction, offset: float = 0.0, width: float = 0.0) -> int:
+        """Add a function of time, at step times plus an offset in s; return its number.
+
+        ``widths`` lists the width R/cp in s of the sphere whose response a moment is divided by.
+        """
         self._histories.append((function, offset))
+        self.widths.append(width)
         return len(self._histories) - 1
 
     def add(
@@ -139,68 +144,50 @@ def _add_force(loads, model, source):
 
 def _add_hole(loads, model, hole):
     """Add a hole as an isotropic moment; theory.md (5.2)."""
-    number = loads.add_history(hole.moment_rate.integral(), -hole.time)
     tensor = hole.charge**hole.exponent * np.eye(3)
-    _add_moment(loads, model.nodes, hole.position, tensor, hole.spread, number)
+    _add_moments(loads, model, hole, [hole.position], tensor, hole.spread)
 
 
 def _add_tensor(loads, model, source):
     """Add a moment tensor; theory.md (5.8)."""
-    number = loads.add_history(source.moment_rate.integral(), -source.time)
-    _add_moment(loads, model.nodes, source.position, source.tensor, source.spread, number)
+    _add_moments(loads, model, source, [source.position], source.tensor, source.spread)
 
 
 def _add_column(loads, model, column):
-    """Add the point sources of a column, with detonation delays; theory.md (5.9)."""
-    mesh, ends = model.mesh, np.array([column.primed, column.end], dtype=float)
-    zones, _ = locate(mesh, np.linspace(ends[0], ends[1], 20))
-    material = model.materials[mesh.groups[mesh.zone_group[zones[10]]]]
-    edge = edge_lengths(mesh)[zones].mean()
-    count = column.sources or int(np.ceil(np.linalg.norm(ends[1] - ends[0]) / edge))
+    """Add the points of a column, with detonation delays; theory.md (5.9)."""
+    middle, _ = column.points(1)
+    zone, _ = locate(model.mesh, middle)
+    material = model.materials[model.mesh.groups[model.mesh.zone_group[zone[0]]]]
+    radius = source_radius(model.nodes, int(zone[0]), middle[0])
+    length = np.linalg.norm(np.subtract(column.end, column.primed))
+    count = column.sources or max(FEWEST_POINTS, int(np.ceil(POINTS_IN_RADIUS * length / radius)))
     tensor = column.charge**column.exponent / count * column.tensor(material)
-    number = loads.add_history(column.moment_rate.integral(), -column.time)
-    for position, delay in zip(*column.points(count), strict=True):
-        _add_moment(loads, model.nodes, position, tensor, None, number, delay)
+    positions, delays = column.points(count)
+    _add_moments(loads, model, column, positions, tensor, None, delays)
 
 
-def _add_moment(loads, nodes, position, tensor, spread, number, delay=0.0):
-    """Add forces ``f_a = M grad N_a`` at a place, or over the zones around it."""
-    position = np.asarray(position, dtype=float)
-    if isinstance(nodes, SpectralNodes) and spread:
-        zones, forces = _spread_moment(nodes, position, tensor, spread)
-        loads.add(nodes.zone_nodes[zones].ravel(), forces.reshape(-1, 3), number, delay)
-        return
-    if isinstance(nodes, SpectralNodes) or (nodes.quadratic and not spread):  # they resolve a point
-        zones, weight = locate(nodes.mesh, position)
-        gradient, shares = nodes.slopes(zones, weight), np.ones(1)
-    else:
-        zones, shares = _zones_of_source(nodes.mesh, position, spread)
-        gradient = nodes.mean_slopes(zones)
-    vectors = (shares[:, None, None] * (gradient @ tensor)).reshape(-1, 3)
-    loads.add(nodes.zone_nodes[zones].ravel(), vectors, number, delay)
-
-
-def _spread_moment(nodes, position, tensor, spread):
-    """Return zones, and forces (n, n_nodes, 3) of a moment over a sphere of radius ``spread``.
-
-    The density ``(1 - (r/spread)^2)^2`` is integrated at the nodes, corrected to a sum of one and a
-    first moment at the position; where too few nodes lie in the sphere it is wider.
-    """
-    mesh = nodes.mesh
-    zone, _ = locate(mesh, position)
-    centres = mesh.node_places.mean(axis=1)
-    reach = np.linalg.norm(mesh.node_places - centres[:, None], axis=2).max(axis=1)
-    distance = np.linalg.norm(centres - position, axis=1)
-    spread = max(spread, 2.0 * edge_lengths(mesh)[zone].mean() / mesh.order)
-    near = _own_ground(mesh, int(zone[0]), np.maximum(distance - reach, 0.0), spread)
-    places = mesh.node_places[near] - position
-    share = np.maximum(1.0 - (places**2).sum(axis=2) / spread**2, 0.0) ** 2
-    weight = nodes.volumes[near] * share
-    basis = np.concatenate([np.ones((*places.shape[:2], 1)), places / spread], axis=2)
-    moments = np.einsum("zna,zn,znb->ab", basis, weight, basis)
-    weight *= basis @ np.linalg.solve(moments, np.array([1.0, 0.0, 0.0, 0.0]))
-    stress = -(weight / nodes.volumes[near])[..., None, None] * tensor
-    return near, nodes.stress_forces(stress, near)
+def _add_moments(loads, model, source, positions, tensor, given, delays=(0.0,)):
+    """Add a moment tensor at positions: the isotropic part, and the rest by a flat density."""
+    nodes, positions = model.nodes, np.asarray(positions, dtype=float)
+    zones, _ = locate(nodes.mesh, positions)
+    radii = [source_radius(nodes, *each, given) for each in zip(zones, positions, strict=True)]
+    # One width for all: the far field sees the mean square of the radii.
+    width = np.sqrt(np.mean(np.square(radii))) / model.zone_values("cp")[zones].mean()
+    isotropic = np.trace(tensor) / 3.0 * np.eye(3)
+    rest = tensor - isotropic
+    if np.abs(rest).max() <= ROUNDED * np.abs(tensor).max():
+        rest = np.zeros((3, 3))
+    moment = source.moment_rate.integral()
+    for part, history, own in (
+        (isotropic, deconvolved(moment, width), width), (rest, moment, 0.0),
+    ):  # fmt: skip
+        if not part.any():
+            continue
+        number = loads.add_history(history, -source.time, own)
+        for zone, position, radius, delay in zip(zones, positions, radii, delays, strict=True):
+            flat = part is rest
+            forces = moment_forces(nodes, zone, position, part, radius, flat)
+            loads.add(*forces, number, delay)
 
 
 def _add_pressure(loads, model, source):
@@ -250,43 +237,6 @@ ADDERS = {
     Pressure: _add_pressure,
     AirBlast: _add_pressure,
 }
-
-
-def _zones_of_source(mesh, position, spread):
-    """Return zones and weights of a distributed source: sum one, first moment at its position.
-
-    Only zones of its own ground are used, since the radiated motion depends on the stiffness.
-    """
-    zone, _ = locate(mesh, position)
-    if spread is None:
-        spread = edge_lengths(mesh)[zone].mean()
-    if spread <= 0.0:
-        return zone, np.ones(1)
-    centres = mesh.points[mesh.zones].mean(axis=1) - position
-    distance = np.linalg.norm(centres, axis=1)
-    near = _own_ground(mesh, int(zone[0]), distance, spread)
-    if len(near) >= FEWEST_ZONES:
-        last = np.partition(distance[near], FEWEST_ZONES - 1)[FEWEST_ZONES - 1]
-        spread = max(spread, 1.2 * last)
-    near = near[distance[near] < spread]
-    sides = mesh.points[mesh.zones[near, 1:]] - mesh.points[mesh.zones[near, :1]]
-    weight = np.abs(np.linalg.det(sides)) * (1.0 - (distance[near] / spread) ** 2) ** 2
-    basis = np.concatenate([np.ones((len(near), 1)), centres[near] / spread], axis=1)
-    moments = basis.T @ (weight[:, None] * basis)
-    return near, weight * (basis @ np.linalg.solve(moments, np.array([1.0, 0.0, 0.0, 0.0])))
-
-
-def _own_ground(mesh, zone, distance, spread):
-    """Return the zones around a zone, of its group and on its side of joints.
-
-    Joints are ignored if the block is too small to distribute a source.
-    """
-    alike = np.flatnonzero(mesh.zone_group == mesh.zone_group[zone])
-    nearest = np.sort(distance[alike])[:FEWEST_ZONES]
-    near = np.union1d(alike[distance[alike] < AROUND * max(spread, nearest[-1])], zone)
-    part = mesh.blocks(near)
-    block = near[part == part[np.searchsorted(near, zone)]]
-    return block if len(block) >= FEWEST_ZONES else near
 
 
 def surface_impedance(model: Model, surface: str) -> dict[int, np.ndarray]:

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from benchmarks import goals, page
-from benchmarks.__main__ import PARTS, RESULTS
+from benchmarks import goals, page, waits
+from benchmarks.__main__ import PARTS, RESULTS, keep_waits
 from benchmarks.bare import bare, library
 from benchmarks.compiled import called
 from benchmarks.kernels import Naive, bytes_per_zone, shuffled
@@ -122,6 +122,29 @@ def test_a_number_is_judged_by_its_limit():
     assert judged == [("170 s", "yes", "A, 2026-01-02, load 0.1"),
                       ("190 s", "**no**", "A, 2026-01-02, load 0.1")]  # fmt: skip
     assert page.judged(need, judge, {"demo": on})[0] == "not measured"
+
+
+def test_what_users_wait_for_is_judged_with_the_machine_that_it_was_measured_on():
+    kept = json.loads(RESULTS.read_text())
+    on = {"machine": {"processor": "B", "threads": 2}, "load": 0.5, "date": "2026-01-03"}
+    found = {"demo": {"seconds": 100.0, **on}, "mine": {"file_to_report_s": 200.0, **on}}
+    keep_waits(kept, found)
+    judged = {
+        need: page.judged(need, judge, kept)
+        for _, need, judge in goals.GOALS
+        if need in ("demo.seconds", "mine.file_to_report_s", "mine")
+    }
+
+    where = "B, 2026-01-03, load 0.5"
+    assert judged["demo.seconds"] == ("100 s", "yes", where)
+    assert judged["mine.file_to_report_s"] == ("200 s", "**no**", where)
+    assert where not in judged["mine"][2]
+    assert sum(where in line for line in waits.lines(found)) == 2
+
+
+def test_a_wait_for_a_command_that_fails_is_no_number():
+    with pytest.raises(RuntimeError, match="ended with 2: no such"):
+        waits.waited("sh", "-c", "echo no such project >&2; exit 2")
 
 
 def test_a_part_without_found_takes_no_judgement_from_the_others():

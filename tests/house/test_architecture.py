@@ -2,6 +2,7 @@
 
 import ast
 import re
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -108,6 +109,7 @@ TREES = {dotted(path): ast.parse(path.read_text()) for path in MODULES}
 EACH = pytest.mark.parametrize("name", [name for name in TREES if name])
 
 
+@cache
 def imported(name):
     """Return the modules of the package and the foreign packages that a module imports."""
     own, foreign = set(), set()
@@ -125,6 +127,7 @@ def imported(name):
     return own, foreign
 
 
+@cache
 def tools(name):
     """Return what a module imports from elsewhere, with names: csv, numpy.loadtxt."""
     found, aliases = set(), {"np": "numpy"}

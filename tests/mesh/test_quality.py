@@ -4,7 +4,7 @@ import pytest
 from pyblast.errors import InputError
 from pyblast.mesh.builder import JointSet, Layer, build_mesh, structured_box
 from pyblast.mesh.mesh import Mesh
-from pyblast.mesh.quality import count_blocks, joint_spacing, validate
+from pyblast.mesh.quality import count_blocks, joint_spacing, least_stretch, validate
 
 
 def test_a_split_mesh_is_valid_although_its_nodes_coincide():
@@ -90,3 +90,12 @@ def test_blocks_at_the_sides_are_held():
 
     assert census.removable.sum() == 1
     assert census.volumes.sum() == pytest.approx(27.0)
+
+
+def test_least_stretch_is_the_smallest_singular_value():
+    draws = np.random.default_rng(4).normal(size=(500, 3, 3))
+    turned = np.linalg.qr(draws[0])[0]
+    matrices = np.concatenate([draws, [turned, 3.0 * np.eye(3), np.diag([5.0, 5.0, 1e-3])]])
+
+    wanted = np.linalg.svd(matrices, compute_uv=False)[:, -1]
+    np.testing.assert_allclose(least_stretch(matrices), wanted, rtol=1e-6, atol=1e-7)

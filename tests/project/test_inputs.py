@@ -11,7 +11,6 @@ from pyblast.blasts.signature import SmoothPulse, cavity_moment, cavity_response
 from pyblast.cli.commands import app
 from pyblast.config.sources import ChargedHoleConfig, HolesInsideConfig
 from pyblast.errors import InputError, ReadError
-from pyblast.mesh.mesh import edge_lengths, locate
 from pyblast.model.boundary import StressInput, VelocityInput
 from pyblast.model.material import Material
 from pyblast.project.checks import check
@@ -62,14 +61,6 @@ def test_holes_take_place_charge_and_time_from_the_blast(tmp_path):
     assert [h.time for h in holes] == pytest.approx([0.0, 0.0, 0.04, 0.04])
     assert {(h.charge, h.exponent) for h in holes} == {(450.0, 0.7)}
     assert not [b for b in project.model.boundaries if isinstance(b, StressInput)]
-
-
-def test_the_default_spread_is_the_mean_edge_around_the_holes(tmp_path):
-    project = inside(tmp_path)
-
-    zone, _ = locate(project.mesh, project.blast.centres)
-
-    assert project.sources[0].spread == pytest.approx(edge_lengths(project.mesh)[zone].mean())
 
 
 def test_firing_scatter_before_zero_begins_the_run_earlier(tmp_path):

@@ -1,0 +1,297 @@
+"""Moment density: nodal forces of moment tensors over a sphere in place of a point."""
+
+from functools import cache
+
+import numpy as np
+
+from ..mesh import hexahedra, tetrahedra
+from ..mesh.faces import zone_of_face
+from ..mesh.mesh import Mesh, locate
+from ..mesh.nodes import Nodes
+from ..mesh.spectral_nodes import SpectralNodes
+from ..model.model import Model
+from ..model.source import Hole, TimeFunction
+
+# Radius, where nothing is near, and least radius, beyond nearer faces the density is cut off: over
+# the shortest edge of hexahedra, over the mean edge of quadratic and linear tetrahedra.
+RADII = {"hexahedra": (0.6, 0.1), "quadratic": (0.8, 0.4), "linear": (1.2, 1.0)}
+SHELLS, RINGS, MERIDIANS = 8, 8, 16  # of the quadrature over a sphere
+PASSED, STOPPED = 2.6, 5.2  # omega R/cp up to which, and from which on not, F is divided by
+RINGING = 8.0  # R/cp, after which the inverse of F has died away
+PLANE = 1e8  # condition of the moments of positions that lie in a plane
+INSIDE = 1e-9  # reference coordinates beyond a zone that still count as inside
+
+
+def source_radius(
+    nodes: Nodes | SpectralNodes, zone: int, position: np.ndarray, given: float | None = None
+) -> float:
+    """Return the radius in m of the sphere over which a moment at a position is distributed.
+
+    Parameters
+    ----------
+    nodes : Nodes or SpectralNodes
+        Of a mesh that is split along its joints.
+    zone : int
+        That holds the position.
+    position : (3,) float64, m
+    given : float, m, optional
+        In place of 0.6 of the shortest edge of hexahedra, 0.8 or 1.2 of the mean edge of quadratic
+        or linear tetrahedra.
+
+    Returns
+    -------
+    float, m
+        At most the distance to free surfaces, joints and other ground, at least 0.1 of the edge of
+        hexahedra, 0.4 or 1 of the mean edge of quadratic or linear tetrahedra.
+    """
+    mesh = nodes.mesh
+    edge = edge_at(mesh, zone)
+    kind = "hexahedra" if mesh.hexahedral else "quadratic" if nodes.quadratic else "linear"
+    usual, least = RADII[kind]
+    radius = usual * edge if given is None else given
+    return float(max(min(radius, clearance(mesh, position, radius)), least * edge))
+
+
+def source_radii(model: Model) -> list[float] | None:
+    """Return the least and the greatest radius in m of the holes of a model that are no columns."""
+    holes = [source for source in model.sources if isinstance(source, Hole)]
+    if not holes:
+        return None
+    zones, _ = locate(model.mesh, [hole.position for hole in holes])
+    radii = [
+        source_radius(model.nodes, zone, hole.position, hole.spread)
+        for zone, hole in zip(zones, holes, strict=True)
+    ]
+    return [min(radii), max(radii)]
+
+
+def edge_at(mesh: Mesh, zone: int) -> float:
+    """Return the edge in m that measures a zone: shortest of hexahedra, mean of tetrahedra."""
+    element = hexahedra if mesh.hexahedral else tetrahedra
+    edges = element.edge_lengths(mesh.points, mesh.zones[[zone]])
+    return float(edges.min() if mesh.hexahedral else edges.mean())
+
+
+def clearance(mesh: Mesh, position: np.ndarray, within: float) -> float:
+    """Return the distance in m of a position to the end of its ground, at most ``within``.
+
+    Its ground ends at outer faces, joints, faces between groups and the absorbing layer.
+    """
+    corners = mesh.points[mesh.walls[1]]
+    centre = corners.mean(axis=1)
+    reach = 1.5 * np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1, initial=0.0)
+    near = np.linalg.norm(centre - position, axis=1) - reach < within
+    triangles = _triangles(mesh, mesh.walls[0][near], corners[near])
+    distance = _distances(triangles, position).min(initial=within)
+    if mesh.layer is not None:
+        along = position @ np.array(mesh.layer.frame, dtype=float).T
+        inner = np.array(mesh.layer.inner, dtype=float)
+        distance = min(distance, np.abs(inner - along[:, None]).min())
+    return float(distance)
+
+
+def _triangles(mesh, faces, corners):
+    """Return the triangles (n, 3, 3) in m of faces (n,) with corners (n, 3 or 4, 3)."""
+    if not mesh.hexahedral or not len(faces):
+        return corners[:, :3]
+    zone, local = zone_of_face(mesh.zones, faces)
+    grid = mesh.node_places[zone[:, None, None], hexahedra.face_nodes(mesh.order)[local]]
+    a, b, c, d = grid[:, :-1, :-1], grid[:, 1:, :-1], grid[:, 1:, 1:], grid[:, :-1, 1:]
+    halves = [np.stack(three, axis=3) for three in ((a, b, c), (a, c, d))]
+    return np.concatenate([half.reshape(-1, 3, 3) for half in halves])
+
+
+def _distances(triangles, position):
+    """Return the distance (n,) in m of a position to triangles (n, 3, 3)."""
+    corner, ends = triangles - position, np.roll(triangles, -1, axis=1) - position
+    side = ends - corner
+    along = -np.einsum("tkx,tkx->tk", corner, side)
+    share = np.clip(along / np.maximum(np.einsum("tkx,tkx->tk", side, side), 1e-300), 0.0, 1.0)
+    edge = np.linalg.norm(corner + share[..., None] * side, axis=2).min(axis=1)
+    normal = np.cross(side[:, 0], side[:, 1])
+    above = (np.cross(corner, ends) @ normal[:, :, None])[..., 0].min(axis=1) >= 0.0
+    height = np.abs(np.einsum("tx,tx->t", corner[:, 0], normal))
+    return np.where(above, height / np.maximum(np.linalg.norm(normal, axis=1), 1e-300), edge)
+
+
+@cache
+def sphere_rule(flat: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions (n, 3) in the unit sphere and weights (n,) of a density; their sum is 1.
+
+    The density is ``(1 - r^2)^2``; flat: times ``1 - q r^2``, of second moment zero, so that the
+    static field outside is that of a point.
+    """
+    radius, share = np.polynomial.legendre.leggauss(SHELLS)
+    radius, share = 0.5 * (radius + 1.0), 0.5 * share
+    density = (1.0 - radius**2) ** 2
+    if flat:
+        second, fourth = (share * density * radius**power for power in (4, 6))
+        density = density * (1.0 - second.sum() / fourth.sum() * radius**2)
+    share = share * radius**2 * density
+    height, ring = np.polynomial.legendre.leggauss(RINGS)
+    angle = 2.0 * np.pi * (np.arange(MERIDIANS) + 0.5) / MERIDIANS
+    r, z, phi = (a.ravel() for a in np.meshgrid(radius, height, angle, indexing="ij"))
+    across = r * np.sqrt(1.0 - z**2)
+    weight = np.einsum("r,z,p->rzp", share / share.sum(), 0.5 * ring, np.full(MERIDIANS, 1.0))
+    positions = np.column_stack([across * np.cos(phi), across * np.sin(phi), r * z])
+    return positions, weight.ravel() / MERIDIANS
+
+
+def moment_forces(
+    nodes: Nodes | SpectralNodes,
+    zone: int,
+    position: np.ndarray,
+    tensor: np.ndarray,
+    radius: float,
+    flat: bool = False,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nodal forces ``M grad N_a``, averaged over a sphere, of a moment tensor.
+
+    Parameters
+    ----------
+    nodes : Nodes or SpectralNodes
+    zone : int
+        That holds the position.
+    position : (3,) float64, m
+    tensor : (3, 3) float64
+    radius : float, m
+        `source_radius`.
+    flat : bool
+        Density of second moment zero, see `sphere_rule`.
+
+    Returns
+    -------
+    nodes : (n,) int
+    forces : (n, 3) float64
+        Per m; without sum and torque. Only nodes of the zone's own ground.
+
+    Notes
+    -----
+    theory.md (5.15), (5.16). Where the sphere is cut off by the end of its ground, the weights are
+    corrected to a sum of one and a first moment at the position.
+    """
+    mesh, position = nodes.mesh, np.asarray(position, dtype=float)
+    offsets, weight = sphere_rule(flat)
+    own = _own_ground(mesh, zone, position, radius)
+    zones, local, inside = _inside(mesh, own, position, position + radius * offsets)
+    offsets, weight = offsets[inside], weight[inside]
+    smooth = sphere_rule(False)[1][inside]
+    if not (mesh.hexahedral or nodes.quadratic):  # their gradients are those of their centroids
+        offsets = (mesh.points[mesh.zones[zones]].mean(axis=1) - position) / radius
+        inside = np.zeros(1, dtype=bool)
+    if not inside.all():
+        weight = _corrected(weight, smooth, offsets)
+    gradients = weight[:, None, None] * nodes.slopes(zones, local)
+    order = np.argsort(zones, kind="stable")
+    used, first = np.unique(zones[order], return_index=True)
+    summed = np.add.reduceat(gradients[order], first)
+    return nodes.zone_nodes[used].ravel(), (summed @ tensor).reshape(-1, 3)
+
+
+def _corrected(weight, smooth, offsets):
+    """Return weights (n,) of sum one and first moment zero about offsets (n, 3) from a centre.
+
+    Corrected by a linear function times smooth weights (n,); where the offsets lie in a plane, to
+    a sum of one alone.
+    """
+    basis = np.column_stack([np.ones(len(offsets)), offsets])
+    moments = basis.T @ (smooth[:, None] * basis)
+    if np.linalg.cond(moments) > PLANE:
+        return weight + (1.0 - weight.sum()) * smooth / smooth.sum()
+    lacking = np.array([1.0, 0.0, 0.0, 0.0]) - weight @ basis
+    return weight + smooth * (basis @ np.linalg.solve(moments, lacking))
+
+
+def _inside(mesh, own, position, points):
+    """Return zone and local coordinates of the points (n, 3) inside of zones, nearest zone first.
+
+    The third array (n,) tells which points these are.
+    """
+    zone, local = np.zeros(len(points), dtype=np.int64), np.zeros((len(points), 4))
+    inside = np.zeros(len(points), dtype=bool)
+    low, high = _limits(mesh, own)
+    for near in np.argsort(np.abs(0.5 * (low + high) - position).max(axis=1), kind="stable"):
+        margin = INSIDE * (high[near] - low[near])
+        boxed = (points >= low[near] - margin) & (points <= high[near] + margin)
+        at = np.flatnonzero(boxed.all(axis=1) & ~inside)
+        if not len(at):
+            continue
+        coordinates, within = _coordinates(mesh, own[near], points[at])
+        at, coordinates = at[within], coordinates[within]
+        zone[at], local[at, : coordinates.shape[1]], inside[at] = own[near], coordinates, True
+    width = 3 if mesh.hexahedral else 4
+    return zone[inside], local[inside, :width], inside
+
+
+def _own_ground(mesh, zone, position, radius):
+    """Return the zones that a sphere meets, of the group of a zone and on its side of joints."""
+    alike = np.flatnonzero(mesh.zone_group == mesh.zone_group[zone])
+    low, high = _limits(mesh, alike)
+    beside = np.maximum(np.maximum(low - position, position - high), 0.0)
+    near = np.union1d(alike[np.linalg.norm(beside, axis=1) <= radius], zone)
+    part = mesh.blocks(near)
+    return near[part == part[np.searchsorted(near, zone)]]
+
+
+def _limits(mesh, zones):
+    """Return the lowest and highest coordinates (n, 3) in m of zones (n,)."""
+    if mesh.hexahedral:
+        return mesh.zone_limits[0][zones], mesh.zone_limits[1][zones]
+    corners = mesh.points[mesh.zones[zones]]
+    return corners.min(axis=1), corners.max(axis=1)
+
+
+def _coordinates(mesh, zone, points):
+    """Return local coordinates of points (n, 3) in a zone, and which of them it holds."""
+    if not mesh.hexahedral:
+        weight = tetrahedra.barycentric(mesh.points[mesh.zones[zone]][None], points)
+        within = weight.min(axis=1) >= -INSIDE
+        return np.maximum(weight, 0.0), within
+    order, places = 1, mesh.points[mesh.zones[zone]]
+    if mesh.places is not None:
+        order, places = mesh.order, mesh.places[zone]
+    places = np.broadcast_to(places, (len(points), *places.shape))
+    local, excess = hexahedra.reference_coordinates(places, order, points)
+    return np.clip(local, -1.0, 1.0), excess <= INSIDE
+
+
+def response(omega_r: np.ndarray) -> np.ndarray:
+    """Return ``F(x) = 105 j3(x)/x^3``, what the density leaves of a wave with x = omega R/c."""
+    x = np.maximum(np.abs(omega_r), 0.1)
+    first = (15.0 / x**3 - 6.0 / x) * np.sin(x) / x - (15.0 / x**2 - 1.0) * np.cos(x) / x
+    series = 1.0 - omega_r**2 / 18.0 + omega_r**4 / 792.0
+    return np.where(np.abs(omega_r) > 0.1, 105.0 * first / x**3, series)
+
+
+def deconvolved(moment: TimeFunction, width: float) -> TimeFunction:
+    """Divide an isotropic moment by the response of its sphere of radius R for P waves.
+
+    Parameters
+    ----------
+    moment : TimeFunction
+        Held at its end.
+    width : float, s
+        R/cp; 0: none.
+
+    Returns
+    -------
+    TimeFunction
+        Begins earlier by some R/cp, as the sphere is nearer to what it moves than its centre.
+
+    Notes
+    -----
+    Outside of the sphere the motion is then that of a point, reflections included: theory.md
+    (5.16). Beyond omega R/cp of 2.6 the division is tapered off, to none at 5.2, where waves are
+    too short for the elements that R is measured by.
+    """
+    if width == 0.0:
+        return moment
+    quiet = 4 + int(np.ceil(RINGING * width / moment.dt))
+    steps = np.pad(np.diff(moment.values), quiet)
+    size = 2 * len(steps)
+    x = 2.0 * np.pi * np.fft.rfftfreq(size, moment.dt) * width
+    share = 0.5 + 0.5 * np.cos(np.pi * np.clip((x - PASSED) / (STOPPED - PASSED), 0.0, 1.0))
+    gain = 1.0 + share * (1.0 / np.where(share > 0.0, response(x), 1.0) - 1.0)
+    steps = np.fft.irfft(np.fft.rfft(steps, size) * gain, size)[: len(steps)]
+    values = moment.values[0] + np.append(0.0, np.cumsum(steps))
+    return TimeFunction(values, moment.dt, moment.start - quiet * moment.dt, held=True)
