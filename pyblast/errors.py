@@ -77,7 +77,7 @@ class Finding:
     Parameters
     ----------
     code : str
-        D1 to D37.
+        D1 to D44.
     title, text : str
         What it is in general; what it is here, in numbers.
     failed : bool

@@ -305,8 +305,9 @@ def rock_cells(
     spacings = [joints.spacing for joints, _ in joint_sets]
     for fault in faults:
         _cut_fault(rock, fault, min(spacings, default=np.inf))
+    reach = np.vstack([box[:2], [box[2, 0], high[2]]])
     for joints, layers in joint_sets:
-        _cut_joint_set(rock, joints, layers, box)
+        _cut_joint_set(rock, joints, layers, reach)
     bent = np.concatenate([np.empty(0), *rock.bent])
     return rock.cells, CutReport(
         cells=len(rock.cells.faces),
@@ -374,7 +375,10 @@ def _borders(fault):
     if fault.polygon is not None:
         return _polygon_borders(fault.polygon, normal)
     strike = np.cross([0.0, 0.0, 1.0], normal)
-    strike = np.array([1.0, 0.0, 0.0]) if not strike.any() else strike / np.linalg.norm(strike)
+    if not strike.any():  # of horizontal planes that of their dip direction
+        angle = 0.5 * np.pi if fault.dip_direction is None else fault.dip_direction
+        strike = np.array([-np.cos(angle), np.sin(angle), 0.0])
+    strike /= np.linalg.norm(strike)
     down = np.cross(normal, strike)
     if fault.extent is not None:
         reach = [(strike, fault.extent[0] / 2.0), (down, fault.extent[1] / 2.0)]

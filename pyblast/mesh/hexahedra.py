@@ -21,6 +21,7 @@ FACES = np.array(
     [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]]
 )
 _NEWTON_STEPS = 50
+_OUTSIDE = 0.1  # of the distance of nodes, by which a place may lie outside
 _NEAREST = 8  # zones that are tried for a place in none
 _TOGETHER = 64  # places at once, for the memory they need
 
@@ -187,7 +188,7 @@ def locate(
     places : (n, 3) float64, m
     tolerance : float, m
         Largest distance of a place outside the mesh, which is then moved to the nearest zone.
-        Default: half of the longest diagonal of that zone over the root of 3.
+        Default: a tenth of the mean distance of the nodes of that zone.
     limits : tuple of 2 (n_zones, 3) float64, m
         `zone_limits` of the zones, if known.
 
@@ -250,7 +251,7 @@ def _refuse_outside(nodes, order, places, coordinates, tolerance):
     nearest = np.einsum("na,nac->nc", shape_values(order, coordinates), nodes)
     distance = np.linalg.norm(nearest - places, axis=1)
     diagonal = np.linalg.norm(np.ptp(nodes, axis=1), axis=1)
-    limit = 0.5 * diagonal / np.sqrt(3.0) if tolerance is None else tolerance
+    limit = _OUTSIDE * diagonal / np.sqrt(3.0) / order if tolerance is None else tolerance
     outside = np.flatnonzero(distance > limit)
     if len(outside):
         x, y, z = places[outside[0]]

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike
 
 from ..errors import InputError
 from . import hexahedra
@@ -89,7 +88,7 @@ def explicit_work(mesh: Mesh) -> float:
 
 
 def least_stretch(jacobian: np.ndarray) -> np.ndarray:
-    """Return the smallest singular value (...) of matrices (..., 3, 3), to about 1e-8 of the largest.
+    """Return the smallest singular value (...) of matrices (..., 3, 3), to 1e-8 of the largest.
 
     Notes
     -----
@@ -197,47 +196,6 @@ def _refuse_parts(mesh):
             f"mesh: falls into {count} parts that share no face, the smallest with {sizes.min()} "
             f"zones at ({x:g}, {y:g}, {z:g}); connect or remove them"
         )
-
-
-def joint_spacing(
-    mesh: Mesh, name: str, direction: ArrayLike, n_lines: int = 200, seed: int = 0
-) -> float:
-    """Return the mean spacing of a joint surface along scan-lines, m.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    name : str
-    direction : (3,) float
-        Direction of the lines; the normal of a set gives the true spacing.
-    n_lines : int
-        Through random points of the mesh; lines that meet fewer than two joints are ignored.
-
-    Returns
-    -------
-    float
-        Length between first and last joint over all lines, divided by the number of gaps.
-
-    Raises
-    ------
-    InputError
-        If no line meets two joints.
-    """
-    along = np.asarray(direction, dtype=float) / np.linalg.norm(direction)
-    frame = np.linalg.svd(along[None])[2][1:]
-    corners = mesh.points[mesh.surfaces[name]]
-    flat = corners @ frame.T
-    centres = mesh.points[mesh.zones].mean(axis=1)
-    chosen = np.random.default_rng(seed).choice(len(centres), size=min(n_lines, len(centres)))
-    length, gaps = 0.0, 0
-    for x in centres[chosen] @ frame.T:
-        met = np.unique(_crossings(flat, corners @ along, x).round(6))
-        if len(met) > 1:
-            length += met[-1] - met[0]
-            gaps += len(met) - 1
-    if not gaps:
-        raise InputError(f"joint_spacing: no scan-line meets {name!r} twice; use more lines")
-    return length / gaps
 
 
 def _crossings(flat, heights, x):

@@ -76,7 +76,7 @@ def locate(
     places : (n, 3) float64, m
     tolerance : float, m
         Largest distance of a position outside the mesh, which is then moved to the nearest zone.
-        Default: half of the mean edge of that zone.
+        Default: a tenth of the mean edge of that zone.
 
     Returns
     -------
@@ -117,7 +117,7 @@ def _refuse_outside(points, corners, places, weights, tolerance):
     """Raise InputError for the first position too far from the mesh."""
     nearest = np.einsum("ij,ijk->ik", weights, points[corners])
     distance = np.linalg.norm(nearest - places, axis=1)
-    limit = 0.5 * edge_lengths(points, corners).mean(axis=1) if tolerance is None else tolerance
+    limit = 0.1 * edge_lengths(points, corners).mean(axis=1) if tolerance is None else tolerance
     outside = np.flatnonzero(distance > limit)
     if len(outside):
         x, y, z = places[outside[0]]

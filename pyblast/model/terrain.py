@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InputError
-from ..mesh.faces import face_vectors
-from ..mesh.mesh import Mesh
 
 _FAR = 8.0  # radius of the ground around a site, over the diagonal of its box
 _ARC = np.radians(30.0)
@@ -251,19 +249,3 @@ def _signed_distance(line, position):
     nearest = np.linalg.norm(away, axis=1).argmin()
     side = 1.0 if _cross(run[nearest], away[nearest]) >= 0.0 else -1.0
     return float(side * np.linalg.norm(away[nearest]))
-
-
-def bending(mesh: Mesh, surface: str, normal: ArrayLike) -> tuple[float, float]:
-    """Return by how much the facets of a joint lean from its plane: mean over area and worst, rad.
-
-    Parameters
-    ----------
-    mesh : Mesh
-    surface : str
-    normal : (3,) float, unit
-    """
-    areas = face_vectors(mesh.points, mesh.surfaces[surface])
-    size = np.linalg.norm(areas, axis=1)
-    across = np.linalg.norm(np.cross(areas, np.asarray(normal, dtype=float)), axis=1)
-    lean = np.arctan2(across, np.abs(areas @ normal))
-    return float(lean @ size / size.sum()), float(lean.max())

@@ -8,6 +8,7 @@ import numpy as np
 from ..blasts.blast import ANFO_DENSITY
 from ..errors import Finding, by_wave
 from ..mesh import quality
+from ..mesh.as_built import Row
 from ..mesh.mesh import edge_lengths, surface_zones
 from ..model.boundary import Roller, Viscous
 from ..signals.spectra import highest_frequency
@@ -26,7 +27,7 @@ from .places import (
     source_material,
 )
 from .plausibility import expected_peaks, level_findings, unlikely_values
-from .surface import bent_joint, ground_notes, joint_planes
+from .surface import ground_notes
 
 
 @dataclass(frozen=True)
@@ -39,11 +40,14 @@ class Check:
     findings : tuple of Finding
     notes : tuple of str
         Plausibility of the hole table, records to compare with.
+    ground_as_built : tuple of Row
+        Sides, planes, layers and positions, as asked for and as built.
     """
 
     summary: ModelSummary
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]
+    ground_as_built: tuple[Row, ...] = ()
 
     @property
     def failed(self) -> bool:
@@ -72,9 +76,9 @@ def check(project, measure=True, progress=None) -> Check:
     if project.recorded:
         notes += (f"Records to compare with: {', '.join(project.recorded)}.",)
     tell("mesh", 0, 1)
-    leaning = joint_planes(project)
+    rows = project.as_built
     tell("check", 0, 1)
-    notes += ground_notes(project, leaning)
+    notes += ground_notes(project)
     if measure:
         tell("timing", 0, 1)
     summary = summarise_model(project, measure)
@@ -82,7 +86,7 @@ def check(project, measure=True, progress=None) -> Check:
         *_mesh_defects(project, summary),
         *_load_defects(project),
         *_joint_defects(project, summary),
-        *(bent_joint(name, *angles) for name, angles in leaning.items()),
+        ground_as_built(rows),
         *_record_defects(project, summary),
         *boundary_defects(project),
         *level_findings(project, expected_peaks(project)),
@@ -90,7 +94,35 @@ def check(project, measure=True, progress=None) -> Check:
     findings = sorted(
         (finding for finding in candidates if finding is not None), key=lambda f: int(f.code[1:])
     )
-    return Check(summary, tuple(findings), notes)
+    return Check(summary, tuple(findings), notes, rows)
+
+
+def ground_as_built(rows):
+    """D39: the ground differs from what was asked for, or a position lies on a joint.
+
+    Parameters
+    ----------
+    rows : sequence of Row
+    """
+    wrong = [row for row in rows if not row.good]
+    on_joint = [row for row in rows if row.quantity.startswith("side of ")]
+    if not wrong and not on_joint:
+        return None
+    sides = [f"{row.name} the {row.built} {row.quantity}" for row in on_joint]
+    text = [str(row) for row in wrong]
+    if sides:
+        text.append(
+            f"Positions on the plane of a joint take the motion of one side: {', '.join(sides)}; "
+            "the motion of the other side may be another one, so move them a centimetre to the "
+            "side that is meant"
+        )
+    return Finding(
+        "D39",
+        "The ground differs from what was asked for" if wrong else "A position lies on a joint",
+        "; ".join(text) + ".",
+        bool(wrong),
+        {"wrong": float(len(wrong)), "on_joint": float(len(on_joint))},
+    )
 
 
 def _mesh_defects(project, summary):
@@ -139,7 +171,7 @@ def _load_defects(project):
     if project.input is not None:
         yield from _face_defects(project, band)
     if project.inside.moment_rate is not None:
-        yield no_absorbing_layer(project.absorbing_layer)
+        yield no_absorbing_layer(project.absorbing_layer or project.mesh.layer)
     air, pulse = project.config.air_blast, project.inside.air_pulse
     if air is not None:
         mesh = project.mesh

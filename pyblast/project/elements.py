@@ -1,17 +1,19 @@
 """Choice of the elements of a project: spectral hexahedra where the ground allows it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 
 import numpy as np
 
 from ..errors import InputError, named_error
+from ..mesh.as_built import Row, as_built
 from ..mesh.hexahedral import mapped, swept
 from ..mesh.hexahedral.mapped import NotMapped
 from ..mesh.mesh import Mesh, edge_lengths
 from ..mesh.quality import explicit_work
 from ..model.material import ConstantQ
 from .ground import make_geometry, make_mesh, mean_edge
+from .surface import make_fractures
 
 ORDERS = (5, 3, 2, 4)  # tried, the first alone in a plain grid; a node costs the same in all
 BUILDERS = {"between the planes": mapped.build, "swept along one direction": swept.build}
@@ -24,6 +26,8 @@ FINER_ERROR = 0.2  # of the mesh that estimates this error, over that of fits
 LINEAR_EDGE = 0.6  # of linear zones where a law needs them, over that of quadratic ones
 FINER_EDGE = 0.63  # the same for edges of tetrahedra
 SOFT = 0.3  # S speed over that of the ground beneath: docs/quality/verification.md
+SHARP = 0.015  # of an edge: tolerance of tetrahedra where the usual one bends planes
+LISTED = 3  # rows of a survey in a sentence
 SIZED = ("layers", "refinements")  # parts of the mesh with edges of their own
 TETRAHEDRA = {True: 3.0, False: 10.0}  # edges per wavelength of quadratic and of linear ones
 
@@ -37,10 +41,13 @@ class Ground:
     mesh : Mesh
     reason : str
         One sentence.
+    rows : tuple of Row
+        Survey of what was built beside what was asked for.
     """
 
     mesh: Mesh
     reason: str
+    rows: tuple[Row, ...] = ()
 
 
 def elements_of(project) -> str:
@@ -80,10 +87,14 @@ def make_ground(project) -> Ground:
     """
     config, materials = project.config, project.materials
     kind = config.mesh.kind
+    if config.mesh.file is not None:
+        mesh = make_mesh(config.mesh, materials, project.folder)
+        return Ground(mesh, "tetrahedra: the mesh is read from a file", as_built(mesh, None))
+    asked, wave = make_geometry(config, project.surface), shortest_wave(config, materials)
     obstacle = None if kind == "tetrahedra" else _obstacle(config, materials)
     if kind != "tetrahedra" and obstacle is None:
         try:
-            return _hexahedra(config, materials, project.surface, project.reach)
+            return _hexahedra(config, materials, asked, wave, project.reach)
         except NotMapped as reason:
             obstacle = str(reason)
     if kind == "hexahedra":
@@ -92,8 +103,66 @@ def make_ground(project) -> Ground:
             "take 'auto' or 'tetrahedra'"
         )
     reason = "tetrahedra, as mesh.kind asks for" if obstacle is None else f"tetrahedra: {obstacle}"
-    mesh = make_mesh(config.mesh, materials, project.folder, project.surface)
-    return Ground(mesh, reason)
+    return _tetrahedra(project, asked, wave, reason)
+
+
+def _tetrahedra(project, asked, wave, reason):
+    """Return a ground of tetrahedra, cut more sharply where the first cut bends planes."""
+    config, materials, folder = project.config, project.materials, project.folder
+    parts = _with_edges(config, materials)
+    asked = replace(asked, faults=(*asked.faults, *make_fractures(parts, folder)))
+    sharp = SHARP * wave / TETRAHEDRA[parts.quadratic]
+    given = parts.tolerance_m is not None or parts.grid_cells is not None
+    wrong = ""
+    for tolerance in (parts.tolerance_m,) if given else (None, sharp):
+        cut = parts.model_copy(update={"tolerance_m": tolerance})
+        mesh = make_mesh(cut, materials, folder, project.surface)
+        rows = as_built(mesh, asked, wave)
+        wrong = differences(rows)
+        if not wrong:
+            return Ground(mesh, reason, rows)
+    raise InputError(
+        f"mesh: the ground that is built differs from the one asked for: {wrong}; shorten edge_m "
+        "or tolerance_m there, or move planes and sides that nearly meet"
+    )
+
+
+def differences(rows) -> str:
+    """Return in words which rows of an as-built survey are beyond their tolerance, if any."""
+    wrong = [str(row) for row in rows if not row.good]
+    more = f" and {len(wrong) - LISTED} more" if len(wrong) > LISTED else ""
+    return "; ".join(wrong[:LISTED]) + more
+
+
+def shortest_wave(config, materials) -> float:
+    """Return the shortest S wavelength in m that a `Config` asks its mesh to carry."""
+    mesh, top, waves = config.mesh, _frequency(config), []
+    for part in mesh.layers:
+        rock = materials.get(part.material)
+        edge = None if rock is None else mean_edge(mesh, part, rock)
+        if edge is not None:
+            waves.append(TETRAHEDRA[mesh.quadratic] * edge)
+        elif top is not None and rock is not None:
+            waves.append(rock.cs / top)
+    if mesh.grid_cells is not None:
+        cells = np.array(mesh.size_m) / mesh.grid_cells
+        waves.append(TETRAHEDRA[mesh.quadratic] * float(cells.min()))
+    return min(waves, default=np.inf)
+
+
+def _with_edges(config, materials):
+    """Return the `MeshConfig` with edges of tetrahedra by frequency in layers without any."""
+    mesh, top = config.mesh, _frequency(config)
+    if mesh.grid_cells is not None or top is None:
+        return mesh
+    layers = []
+    for part in mesh.layers:
+        rock = materials.get(part.material)
+        if rock is not None and mean_edge(mesh, part, rock) is None:
+            edge = rock.cs / (TETRAHEDRA[mesh.quadratic] * top)
+            part = part.model_copy(update={"edge_m": edge})
+        layers.append(part)
+    return mesh.model_copy(update={"layers": layers})
 
 
 def survey_positions(project) -> np.ndarray:
@@ -236,9 +305,8 @@ def _frequency(config):
     return None if band is None else band[1]
 
 
-def _hexahedra(config, materials, surface, reach):
+def _hexahedra(config, materials, geometry, wave, reach):
     """Return a ground of hexahedra: of builders and orders that serve, that of the least work."""
-    geometry = make_geometry(config, surface)
     orders = (config.mesh.order,) if config.mesh.order else ORDERS
     builders = BUILDERS
     if mapped.is_plain(geometry):
@@ -259,14 +327,16 @@ def _hexahedra(config, materials, surface, reach):
     meshes = [each for each in meshes if np.isfinite(each[0])]
     if not meshes:
         raise NotMapped("; ".join(dict.fromkeys(reasons)) or "its hexahedra would be inverted")
-    _, how, mesh = min(meshes, key=lambda each: each[0])
-    edge = edge_lengths(mesh).max()
-    ends = "no absorbing layer" if mesh.layer is None else "an absorbing layer"
-    return Ground(
-        mesh,
-        f"hexahedra of order {mesh.order} {how}, edges up to {edge:.3g} m, {ends}: "
-        f"{len(mesh.zones)} zones",
-    )
+    wrong = ""
+    for _, how, mesh in sorted(meshes, key=lambda each: each[0]):
+        rows = as_built(mesh, geometry, wave)
+        wrong = differences(rows)
+        if not wrong:
+            edge = edge_lengths(mesh).max()
+            ends = "no absorbing layer" if mesh.layer is None else "an absorbing layer"
+            kind = f"hexahedra of order {mesh.order} {how}, edges up to {edge:.3g} m, {ends}"
+            return Ground(mesh, f"{kind}: {len(mesh.zones)} zones", rows)
+    raise NotMapped(f"they would build other ground than asked for: {wrong}")
 
 
 def longest_path(positions: np.ndarray) -> float:

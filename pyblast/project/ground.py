@@ -370,6 +370,15 @@ def refuse_open_sides(config, mesh, planes=()):
             )
 
 
+def refuse_unknown_sides(where, names, mesh):
+    """Refuse names that no outer surface of a mesh has."""
+    joints = () if mesh.contacts is None else mesh.contacts.names
+    outer = [name for name in mesh.surfaces if name not in joints]
+    for name in names:
+        if name not in outer:
+            raise InputError(f"{where}: no surface {name!r}; there are {', '.join(outer)}")
+
+
 def joint_of_surface(config):
     """Return which entry of ``[joints]`` each joint surface of a `MeshConfig` takes."""
     if config.file is not None:

@@ -140,7 +140,26 @@ def refuse_outside(mesh, positions):
     except InputError:
         for name, position in positions.items():
             with named_error(name):
+                _refuse_above(mesh, np.asarray(position, dtype=float))
                 _locate(mesh, np.reshape(position, (-1, 3)))
+
+
+def _refuse_above(mesh, position):
+    """Refuse a position above the ground, with both heights."""
+    try:
+        ground = on_ground(mesh, position[:2])[2]
+    except InputError:  # outside in plan, or a mesh without a top
+        return
+    try:
+        locate(mesh, position[None])
+    except InputError:
+        if position[2] > ground:
+            x, y, z = position
+            raise InputError(
+                f"lies {z - ground:.4g} m above the ground: z is {z:g} m, the ground at "
+                f"({x:g}, {y:g}) m is {ground:.6g} m high; correct z or its datum, or leave z out "
+                "to stand on the ground"
+            ) from None
 
 
 def _locate(mesh, positions):
@@ -226,6 +245,18 @@ def hole_positions(blast):
     """Return the centres of the charges by the names of their holes."""
     names = (f"blast: hole {name}" for name in blast.hole_ids)
     return dict(zip(names, blast.centres, strict=True))
+
+
+def source_positions(project):
+    """Return the positions of all holes, forces and moment tensors inside, by name."""
+    config, positions = project.config, {}
+    if project.inside.moment_rate is not None:
+        positions |= hole_positions(project.blast)
+    for number, part in enumerate(config.point_forces, start=1):
+        positions[f"point_forces[{number}]"] = on_ground(project.mesh, part.position_m)
+    for number, part in enumerate(config.moment_tensors, start=1):
+        positions[f"moment_tensors[{number}]"] = part.position_m
+    return positions
 
 
 def place_sources(inside, config, blast, mesh, lead) -> tuple:

@@ -14,6 +14,7 @@ from ..config.config import Config, check_config, read_config
 from ..config.ground import GroundConfig, MeshConfig
 from ..config.section import changed_tables, value_at
 from ..errors import InputError, named_error
+from ..mesh.as_built import Row, positions_as_built
 from ..mesh.mesh import Mesh, inner_facets
 from ..model.joint import Joint
 from ..model.material import Material
@@ -28,10 +29,12 @@ from .ground import (
     make_boundaries,
     make_damping,
     make_fields,
+    make_geometry,
     make_insitu,
     make_joints,
     make_materials,
     refuse_open_sides,
+    refuse_unknown_sides,
     with_damaged_material,
 )
 from .inputs import (
@@ -55,6 +58,7 @@ from .places import (
     place_receivers,
     place_sources,
     single_source,
+    source_positions,
 )
 from .surface import make_surface, welded_surfaces
 
@@ -209,6 +213,17 @@ class Project:
         with named_error(self.path.name):
             return make_ground(self)
 
+    @property
+    def as_built(self) -> tuple[Row, ...]:
+        """Survey of the ground, and of where sources and receivers stand in it."""
+        made_here = "mesh" not in self.given or "ground" in self.given
+        ground = self.ground.rows if made_here else ()
+        asked = None if self.config.mesh.file else make_geometry(self.config, self.surface)
+        positions = source_positions(self) | {
+            f"receivers.{part.name}": part.position for part in self.receivers
+        }
+        return (*ground, *positions_as_built(self.mesh, asked, positions))
+
     @_part
     def mesh(self) -> Mesh:
         """Mesh, split along its joints."""
@@ -277,6 +292,7 @@ class Project:
             entries, waves = make_entry(config.input, motion.motion.shifted(self.lead))
         sources, receivers, layer = self.sources, self.receivers, self.absorbing_layer
         with named_error(self.path.name):
+            refuse_unknown_sides("boundaries.free", config.boundaries.free, mesh)
             welded_surfaces(config.mesh, mesh)
             if config.holes_inside or config.moment_tensors:
                 refuse_open_sides(config.boundaries, mesh, joint_of_surface(config.mesh))

@@ -243,6 +243,7 @@ def summarise(project, checked, run, simulated, comparisons):
         "findings": [asdict(finding) for finding in checked.findings],
         "notes": list(checked.notes),
         "model": asdict(checked.summary),
+        "ground_as_built": [asdict(row) | {"good": row.good} for row in checked.ground_as_built],
         "run": {
             "dt": run.dt,
             "steps": run.prepared.n_steps,
@@ -343,6 +344,9 @@ def source_summary(project):
     holes = [source for source in project.sources if isinstance(source, (Hole, Column))]
     config, air = project.config.holes_inside, project.config.air_blast
     layer = project.absorbing_layer
+    if layer is None and project.mesh.layer is not None:
+        width = np.array(project.mesh.layer.width)[np.isfinite(project.mesh.layer.inner)]
+        layer = {"width": float(width.min())}
     centres = [] if not holes else project.blast.centres[project.blast.charge != 0.0]
     return {
         "holes": [
@@ -364,7 +368,7 @@ def source_summary(project):
         ],
         "pressures": [part.surface for part in project.config.pressures],
         "air_blast": air and {"surface": air.surface, "speed": air.speed_m_per_s},
-        "absorbing_layer": None if layer is None else vars(layer),
+        "absorbing_layer": layer if layer is None or isinstance(layer, dict) else vars(layer),
     }  # fmt: skip
 
 

@@ -3,11 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from ..config.section import read_columns
-from ..errors import Finding, InputError, named_error
+from ..errors import InputError, named_error
 from ..mesh.faces import face_vectors
-from ..mesh.grid import Fault, upward_normal
+from ..mesh.grid import Fault
 from ..mesh.mesh import inner_facets
 from ..model.fractures import (
     FractureSet,
@@ -17,7 +18,7 @@ from ..model.fractures import (
     refuse_many,
     terminated,
 )
-from ..model.terrain import Bench, bench_triangles, bending, burdens, toe_of, walked
+from ..model.terrain import Bench, bench_triangles, burdens, toe_of, walked
 from ..readers.geometry import (
     SurveyedSurface,
     read_content,
@@ -26,8 +27,7 @@ from ..readers.geometry import (
     surface_format,
 )
 
-LARGEST_LEAN = 0.5  # degrees from the plane of a joint, mean over its area
-LEAST_LEAN = 0.05  # degrees, below which the worst facet gets no note
+HALF_CELL = 0.51  # of the diagonal of a cell, with which a survey reaches beyond its places
 
 
 def make_surface(config, folder, log=None) -> np.ndarray | None:
@@ -37,7 +37,11 @@ def make_surface(config, folder, log=None) -> np.ndarray | None:
             return bench_triangles(benches_of(config, folder, log), box_of(config))
     if config.surface_file is None:
         return None
-    return survey_of(config, folder, log).values
+    surface = survey_of(config, folder, log).values
+    if surface.ndim == 2:
+        with named_error(config.surface_file):
+            refuse_uncovered(surface, box_of(config))
+    return surface
 
 
 def box_of(config) -> np.ndarray:
@@ -169,30 +173,56 @@ def welded_surfaces(config, mesh) -> list[str]:
     return welded
 
 
-def joint_planes(project):
-    """Return by how much the facets of each joint lean from its plane: mean and worst, rad."""
-    config, mesh = project.config.mesh, project.mesh
-    if config.file is not None:
-        return {}
-    return {
-        part.name: bending(
-            mesh, part.name, upward_normal(*np.radians([part.dip_deg, part.dip_direction_deg]))
+def refuse_uncovered(places, box):
+    """Refuse a survey that leaves a part of a box without heights in plan.
+
+    Parameters
+    ----------
+    places : (n, 3) float64, m
+        Of a regular grid, in which places may be missing, or scattered.
+    box : (3, 2) float64, m
+
+    Raises
+    ------
+    InputError
+        If a place of the box lies more than half a cell away from all places of a grid, or outside
+        of scattered ones by more than their mean distance.
+    """
+    plan = np.asarray(places, dtype=float)[:, :2]
+    lines = [np.unique(plan[:, axis].round(6)) for axis in (0, 1)]
+    if min(map(len, lines)) < 2 or np.linalg.matrix_rank(plan - plan[0], tol=1e-6) < 2:
+        raise InputError("surface: its places lie on a line; add some beside it")
+    hull, gridded = scipy.spatial.Delaunay(plan), len(plan) > 0.5 * len(lines[0]) * len(lines[1])
+    if gridded:
+        cell = np.array([np.median(np.diff(line)) for line in lines])
+        reach = HALF_CELL * np.hypot(*cell)
+    else:
+        corners = hull.points[hull.simplices]
+        area = 0.5 * np.abs(np.linalg.det(corners[:, 1:] - corners[:, :1])).sum()
+        reach = np.sqrt(area / len(plan))
+        cell = np.full(2, reach)
+    counts = np.clip(np.ceil(2.0 * np.ptp(box[:2], axis=1) / cell), 20, 400).astype(int) + 1
+    axes = [
+        np.linspace(low, high, count) for (low, high), count in zip(box[:2], counts, strict=True)
+    ]
+    wanted = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    away = scipy.spatial.KDTree(plan).query(wanted)[0]
+    empty = away > reach
+    if not gridded:
+        empty &= hull.find_simplex(wanted) < 0
+    if empty.any():
+        x, y = wanted[np.where(empty, away, -1.0).argmax()]
+        covered = 100.0 * (1.0 - empty.mean())
+        raise InputError(
+            f"surface: must cover the box of the mesh in plan, covers {covered:.3g} % of it; the "
+            f"nearest height to ({x:g}, {y:g}) m is {away[empty].max():.4g} m away; extend the "
+            "survey, fill its holes, or move the box"
         )
-        for part in (*config.joint_sets, *config.faults)
-        if part.name in mesh.surfaces and len(mesh.surfaces[part.name])
-    }
 
 
-def ground_notes(project, leaning):
-    """Say how plane the joints are, and how far the holes stand behind the faces of benches."""
+def ground_notes(project):
+    """Say what the fractures add up to, and how far holes stand behind the faces of benches."""
     notes, blast = [], project.blast
-    for name, angles in leaning.items():
-        mean, worst = np.degrees(angles)
-        if worst > LEAST_LEAN:
-            notes.append(
-                f"Joint {name}: facets lean by {mean:.2g}° on average over their area, by "
-                f"{worst:.2g}° at most."
-            )
     for part in project.config.mesh.fractures:
         faces = project.mesh.surfaces.get(part.name, np.empty((0, 3), dtype=int))
         area = np.linalg.norm(face_vectors(project.mesh.points, faces), axis=1).sum()
@@ -213,18 +243,3 @@ def ground_notes(project, leaning):
                 f"{burden.max():.3g} m."
             )
     return tuple(notes)
-
-
-def bent_joint(name, mean, worst):
-    """D37: a joint whose facets lean from its plane by more than half a degree over its area."""
-    mean, worst = float(np.degrees(mean)), float(np.degrees(worst))
-    if mean <= LARGEST_LEAN:
-        return None
-    return Finding(
-        "D37",
-        "A joint is bent by the mesh",
-        f"The facets of {name} lean from its plane by {mean:.2g}° on average over their area and "
-        f"by {worst:.2g}° at most, because the mesh is stretched to the surface or bends joints to "
-        "corners: cut the surface into tetrahedra (mesh.kind), or take a smaller mesh.tolerance_m.",
-        numbers={"mean_deg": mean, "worst_deg": worst},
-    )

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from pyblast.errors import InputError
-from pyblast.mesh.builder import JointSet, Layer, build_mesh, structured_box
+from pyblast.mesh.builder import structured_box
 from pyblast.mesh.mesh import Mesh
-from pyblast.mesh.quality import count_blocks, joint_spacing, least_stretch, validate
+from pyblast.mesh.quality import count_blocks, least_stretch, validate
 
 
 def test_a_split_mesh_is_valid_although_its_nodes_coincide():
@@ -20,39 +20,6 @@ def test_a_defect_is_placed():
 
     with pytest.raises(InputError, match=r"1 zones are inverted .* the first is zone 3 of 'rock'"):
         validate(Mesh(mesh.points, zones, mesh.zone_group, mesh.groups, {}))
-
-
-def test_spacing_on_scan_lines_is_that_of_the_grid():
-    mesh = structured_box((24, 2, 2), (12.0, 2.0, 2.0), planes={"a": ("x", [1.5, 4.5, 7.5, 10.5])})
-
-    assert joint_spacing(mesh, "a", [1.0, 0.0, 0.0]) == pytest.approx(3.0, rel=1e-12)
-
-
-def test_scan_lines_oblique_to_a_set_see_a_larger_spacing():
-    mesh = structured_box((24, 8, 2), (12.0, 4.0, 2.0), planes={"a": ("x", [1.5, 4.5, 7.5, 10.5])})
-    angle = np.radians(20.0)
-
-    spacing = joint_spacing(mesh, "a", [np.cos(angle), np.sin(angle), 0.0])
-
-    assert spacing == pytest.approx(3.0 / np.cos(angle), rel=1e-6)
-
-
-def test_spacing_of_a_built_set_on_scan_lines_is_as_asked_within_2_percent():
-    pytest.importorskip("gmsh", exc_type=ImportError)
-    sets = [JointSet("a", np.radians(70.0), 0.4, 6.0), JointSet("b", 0.3, 2.0, 7.0)]
-    mesh = build_mesh(((0, 40), (0, 40), (0, 30)), [Layer("rock")], sets, edge=6.0)
-
-    for joints in sets:
-        assert joint_spacing(mesh, joints.name, joints.normal) == pytest.approx(
-            joints.spacing, rel=0.02
-        )
-
-
-def test_a_line_that_meets_no_second_joint_has_no_spacing():
-    mesh = structured_box((2, 2, 2), (2.0, 2.0, 2.0), planes={"a": ("x", 1.0)})
-
-    with pytest.raises(InputError, match="no scan-line meets 'a' twice"):
-        joint_spacing(mesh, "a", [1.0, 0.0, 0.0])
 
 
 def quarry(low, high):

@@ -22,8 +22,9 @@ def test_the_example_has_planes_burdens_and_receivers_on_the_ground():
 
     (burden,) = (note for note in found.notes if note.startswith("Burden"))
     assert "nearest bench face at its height: 5 to 5.8 m" in burden
-    assert "D37" not in {finding.code for finding in found.findings}
-    assert np.degrees(surface.joint_planes(project)["F1"]) == pytest.approx([0.0, 0.0], abs=1e-3)
+    assert "D39" not in {finding.code for finding in found.findings}
+    rows = {(row.name, row.quantity): row.built for row in found.ground_as_built}
+    assert rows["F1", "mean lean of its facets, degrees"] < 1e-3
     assert project.receivers[0].position[2] == pytest.approx(40.0)
     assert project.mesh.points[:, 2].max() == pytest.approx(40.0)
 
@@ -70,7 +71,7 @@ FRACTURES = EXAMPLE.parents[1] / "fractures" / "project.toml"
 def test_fractures_of_a_project_are_cut_counted_and_end_at_the_fault():
     project = load_project(FRACTURES)
 
-    notes = surface.ground_notes(project, {})
+    notes = surface.ground_notes(project)
 
     assert any(note.startswith("Fractures bedding") and "seed 1" in note for note in notes)
     assert project.config.mesh.files == [None, None, "discs.csv", None]
@@ -111,12 +112,3 @@ def test_fractures_that_end_at_an_unknown_fault_are_refused(tmp_path):
 
     with pytest.raises(InputError, match="ends_at: 'F9' must be a fault"):
         surface.make_fractures(mesh, tmp_path)
-
-
-def test_a_finding_says_by_how_many_degrees_a_joint_is_bent():
-    assert surface.bent_joint("F", np.radians(0.4), np.radians(3.0)) is None
-
-    found = surface.bent_joint("F", np.radians(5.2), np.radians(12.0))
-
-    assert found.numbers == pytest.approx({"mean_deg": 5.2, "worst_deg": 12.0})
-    assert "5.2° on average" in found.text

@@ -134,7 +134,8 @@ def _planes_of_set(part, geometry, box):
     origin = geometry.box.mean(axis=1) if part.origin is None else np.array(part.origin, float)
     corners = np.array(np.meshgrid(*box)).reshape(3, -1).T
     reach = (corners - origin) @ part.normal / part.spacing
-    numbers = range(int(np.ceil(reach.min() - 1e-6)), int(np.floor(reach.max() + 1e-6)) + 1)
+    # Without planes that only touch the box.
+    numbers = range(int(np.ceil(reach.min() + 1e-6)), int(np.floor(reach.max() - 1e-6)) + 1)
     spans = [(-np.inf, np.inf)]
     if part.regions is not None:
         limits = geometry.limits.copy()

@@ -1,0 +1,652 @@
+"""As-built survey of a mesh: sides, planes, layers and positions, from its nodes and facets.
+
+A row compares what was asked for with what stands in the mesh, inside the box and so without the
+absorbing layer. It shares nothing with the builders.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import scipy
+
+from . import hexahedra
+from .faces import pair_faces, zone_faces, zone_of_face
+from .grid import SIDES, Geometry, layer_limits
+from .mesh import Mesh, components, edge_lengths, locate, surface_faces
+
+OF_AREA = 0.01  # tolerance of areas, relative
+OF_WAVE = 0.02  # of lengths, over the shortest wavelength
+DEGREES = 0.5  # of angles
+OF_EDGE = 0.1  # of positions, over the distance of nodes there
+EXACT = 1e-6  # m
+RASTER = 400  # heights of a surface along each side of the box
+SAMPLES = 200  # of a plane under a surface, along strike and dip
+OF_SCATTERED = 0.1  # of the area of many fractures, or of joints with intact parts
+DISC_SIDES = 12  # of the polygon that stands for a disc
+WAYS = ("west", "east"), ("south", "north"), ("below", "above")
+
+
+@dataclass(frozen=True)
+class Row:
+    """Row of an as-built survey: one quantity, as asked for and as built.
+
+    Parameters
+    ----------
+    name : str
+        Side, joint, layer boundary, receiver or source.
+    quantity : str
+        With its unit.
+    asked : float or None
+        None where nothing was asked for.
+    built : float or str
+    tolerance : float or None
+        None: not judged.
+    """
+
+    name: str
+    quantity: str
+    asked: float | None
+    built: float | str
+    tolerance: float | None = None
+
+    @property
+    def good(self) -> bool:
+        """Whether the ground is as asked for."""
+        if self.tolerance is None or self.asked is None or isinstance(self.built, str):
+            return True
+        return bool(abs(self.built - self.asked) <= self.tolerance + EXACT)
+
+    def __str__(self) -> str:
+        """Return both figures in words."""
+        asked = "" if self.asked is None else f"asked {self.asked:.6g}, "
+        built = self.built if isinstance(self.built, str) else f"{self.built:.6g}"
+        within = "" if self.tolerance is None else f" (tolerance {self.tolerance:.3g})"
+        return f"{self.name}, {self.quantity}: {asked}built {built}{within}"
+
+
+def as_built(mesh: Mesh, asked: Geometry | None, wavelength: float = np.inf) -> tuple[Row, ...]:
+    """Survey the ground of a mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Not split.
+    asked : Geometry or None
+        What it was asked for; None for a mesh that was read, whose joints are described.
+    wavelength : float, m
+        The shortest of S waves of interest, for the tolerance of lengths.
+
+    Returns
+    -------
+    tuple of Row
+    """
+    if asked is None:
+        return tuple(_inner_surfaces(mesh))
+    return tuple(_ground(mesh, asked, OF_WAVE * wavelength))
+
+
+def positions_as_built(
+    mesh: Mesh, asked: Geometry | None, positions: Mapping[str, np.ndarray]
+) -> tuple[Row, ...]:
+    """Survey where sources and receivers stand in a mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Split.
+    asked : Geometry or None
+        With the layers below the positions.
+    positions : dict of str to (3,) float64, m
+
+    Returns
+    -------
+    tuple of Row
+    """
+    rows, levels, top = [], [], np.zeros((0, 3, 3))
+    if asked is not None and positions and len(asked.layers) > 1:
+        top = _facets(mesh, "top")[0]
+        levels = [
+            (lower, height, _of_faces(mesh, _boundaries(mesh, upper, lower))[0])
+            for upper, lower, height in _levels(asked)
+        ]
+    for name, position in positions.items():
+        position = np.asarray(position, dtype=float)
+        rows += _position(mesh, name, position)
+        highest = _heights(top, position).max(initial=-np.inf)
+        for lower, height, triangles in levels:
+            cuts = _heights(triangles, position)
+            if height < highest and len(cuts):
+                built = highest - cuts[np.abs(cuts - height).argmin()]
+                quantity = f"depth of {lower} below the ground, m"
+                rows.append(Row(name, quantity, float(highest - height), float(built)))
+    return tuple(rows)
+
+
+def _ground(mesh, asked, short) -> Iterator[Row]:
+    """Yield the rows of sides, planes and layer boundaries."""
+    ground = None if asked.surface is None else _Surface(asked)
+    top = asked.box[2, 1] if ground is None else max(asked.box[2, 1], ground.highest) + 1.0
+    box = np.vstack([asked.box[:2], [asked.box[2, 0], top]])
+    for side in SIDES:
+        yield from _side(mesh, asked, side, short)
+    if ground is not None:
+        yield _top(mesh, box, ground, short)
+    for planes in _asked_planes(asked, box, ground):
+        yield from _planes(mesh, planes, box, short)
+    yield from _layers(mesh, asked, box, ground, short)
+
+
+# What the mesh holds.
+
+
+def _facets(mesh, name):
+    """Return the faces of a surface as triangles (n, 3, 3) and all their nodes (k, 3), m."""
+    if name not in mesh.surfaces or not len(mesh.surfaces[name]):
+        return np.zeros((0, 3, 3)), np.zeros((0, 3))
+    return _of_faces(mesh, surface_faces(mesh, name))
+
+
+def _of_faces(mesh, faces):
+    """Return numbered faces as triangles (n, 3, 3) and their nodes (k, 3), m."""
+    if not mesh.hexahedral:
+        corners = mesh.points[zone_faces(mesh.zones)[faces]]
+        return corners, corners.reshape(-1, 3)
+    zone, local = zone_of_face(mesh.zones, faces)
+    order, places = 1, mesh.points[mesh.zones]
+    if mesh.places is not None:
+        order, places = mesh.order, mesh.places
+    grid = places[zone[:, None, None], hexahedra.face_nodes(order)[local]]
+    a, b, c, d = grid[:, :-1, :-1], grid[:, 1:, :-1], grid[:, 1:, 1:], grid[:, :-1, 1:]
+    halves = [np.stack(part, axis=-2).reshape(-1, 3, 3) for part in ((a, b, c), (a, c, d))]
+    return np.concatenate(halves), grid.reshape(-1, 3)
+
+
+def _cut(triangles, normal, offset):
+    """Return the parts (n, 3, 3) of triangles where ``normal x <= offset``."""
+    height = triangles @ normal - offset
+    inside = height <= 0.0
+    count, parts = inside.sum(axis=1), [triangles[inside.all(axis=1)]]
+    for single in (True, False):  # one corner inside, or one outside
+        partly = count == (1 if single else 2)
+        odd = (inside if single else ~inside)[partly].argmax(axis=1)
+        order = (odd[:, None] + np.arange(3)) % 3
+        a, b, c = np.take_along_axis(triangles[partly], order[..., None], axis=1).swapaxes(0, 1)
+        h = np.take_along_axis(height[partly], order, axis=1)
+        p = a + (h[:, 0] / (h[:, 0] - h[:, 1]))[:, None] * (b - a)
+        q = a + (h[:, 0] / (h[:, 0] - h[:, 2]))[:, None] * (c - a)
+        pieces = [(a, p, q)] if single else [(p, b, c), (p, c, q)]
+        parts += [np.stack(piece, axis=1) for piece in pieces]
+    return np.concatenate(parts)
+
+
+def _in_box(triangles, box):
+    """Return the parts of triangles within limits (3, 2)."""
+    for axis in range(3):
+        for end, sign in enumerate((-1.0, 1.0)):
+            if np.isfinite(box[axis, end]):
+                triangles = _cut(triangles, sign * np.eye(3)[axis], sign * box[axis, end])
+    return triangles
+
+
+def _vectors(triangles):
+    """Return the area vectors (n, 3) of triangles in m2."""
+    return 0.5 * np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+
+
+def _area_of(triangles):
+    """Return area in m2 and centre (3,) of triangles."""
+    area = np.linalg.norm(_vectors(triangles), axis=1)
+    total = float(area.sum())
+    return total, area @ triangles.mean(axis=1) / total if total else np.zeros(3)
+
+
+# What is asked for.
+
+
+class _Surface:
+    """Height of a surveyed surface over the box of a geometry."""
+
+    def __init__(self, asked):
+        """Sample it on a raster."""
+        self.low, self.size = asked.box[:2, 0], np.ptp(asked.box[:2], axis=1)
+        x, y = (low + size * np.linspace(0.0, 1.0, RASTER) for low, size in
+                zip(self.low, self.size, strict=True))  # fmt: skip
+        plan = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
+        surface = np.asarray(asked.surface, dtype=float)
+        self.stepped = surface.ndim == 3
+        if self.stepped:
+            self.raster = _raster_of_triangles(surface, x, y)
+        else:
+            self.raster = scipy.interpolate.LinearNDInterpolator(surface[:, :2], surface[:, 2])(
+                plan
+            )
+        empty = np.isnan(self.raster)
+        if empty.any():
+            points = surface.reshape(-1, 3)
+            nearest = scipy.interpolate.NearestNDInterpolator(points[:, :2], points[:, 2])
+            self.raster[empty] = nearest(plan[empty])
+        self.lowest, self.highest = float(self.raster.min()), float(self.raster.max())
+
+    def __call__(self, plan):
+        """Return the heights (...) in m at horizontal positions (..., 2)."""
+        at = (np.asarray(plan) - self.low) / self.size * (RASTER - 1)
+        order = 0 if self.stepped else 1
+        return scipy.ndimage.map_coordinates(
+            self.raster, np.moveaxis(at, -1, 0), order=order, mode="nearest"
+        )
+
+
+def _raster_of_triangles(surface, x, y):
+    """Return the greatest heights of triangles over a raster, NaN where none lies."""
+    raster = np.full((len(x), len(y)), np.nan)
+    for corners in surface:
+        (ax, ay, _), (bx, by, _), (cx, cy, _) = corners
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        i = slice(np.searchsorted(x, min(ax, bx, cx)), np.searchsorted(x, max(ax, bx, cx)) + 1)
+        j = slice(np.searchsorted(y, min(ay, by, cy)), np.searchsorted(y, max(ay, by, cy)) + 1)
+        px, py = x[i, None] - ax, y[None, j] - ay
+        if not px.size or not py.size or abs(area) < EXACT**2:
+            continue
+        u = (px * (cy - ay) - py * (cx - ax)) / area
+        v = ((bx - ax) * py - (by - ay) * px) / area
+        height = corners[0, 2] + u * (corners[1, 2] - corners[0, 2])
+        height = height + v * (corners[2, 2] - corners[0, 2])
+        inside = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1.0 + 1e-9)
+        raster[i, j] = np.fmax(raster[i, j], np.where(inside, height, np.nan))
+    return raster
+
+
+@dataclass(frozen=True, eq=False)
+class _Plane:
+    """Plane that is asked for: its part in the ground, where it is known."""
+
+    name: str
+    normal: np.ndarray
+    point: np.ndarray
+    area: float
+    centre: np.ndarray
+    spacing: float | None = None
+    depth: float = np.inf  # of what it cuts off the box, at most
+    ends: np.ndarray | None = None  # (3, 2), of a rectangle in flat ground
+    scattered: bool = False  # fractures of many planes, or intact parts in a joint
+
+
+def _asked_planes(asked, box, ground):
+    """Yield the lists of planes that share a name."""
+    reach = 2.0 * float(np.linalg.norm(np.ptp(box, axis=1)))
+    named: dict[str, list[_Plane]] = {}
+    for fault in asked.faults:
+        normal, point = fault.unit_normal, np.asarray(fault.point, dtype=float)
+        corners = _outline(fault, normal, point, reach)
+        part = _in_ground(corners, box, [(-np.inf, np.inf)], ground)
+        rectangle = fault.extent is not None and ground is None
+        triangles = _in_box(_fan(corners), box)
+        ends = None
+        if rectangle and len(triangles):
+            ends = np.stack([triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))], axis=1)
+        scattered = fault.polygon is not None
+        named.setdefault(fault.name, []).append(
+            _Plane(fault.name, normal, corners.mean(axis=0), *part, ends=ends, scattered=scattered)
+        )
+    for joints in asked.joint_sets:
+        earlier = [plane for planes in named.values() for plane in planes]
+        named[joints.name] = [
+            plane
+            for plane in _planes_of_set(joints, asked, box, ground, reach)
+            if not any(_holds(other, plane) for other in earlier)
+        ]
+    yield from named.values()
+
+
+def _holds(other, plane):
+    """Return whether an earlier plane has the facets of a plane of a set."""
+    apart = abs((plane.point - other.point) @ other.normal)
+    parallel = np.linalg.norm(np.cross(plane.normal, other.normal))
+    return apart <= EXACT and parallel <= EXACT and other.area > (1.0 - OF_AREA) * plane.area
+
+
+def _planes_of_set(joints, asked, box, ground, reach):
+    """Yield the planes of a joint set that cut the ground."""
+    normal = joints.normal
+    origin = asked.box.mean(axis=1) if joints.origin is None else np.array(joints.origin, float)
+    limits = layer_limits(asked.layers, asked.box[2, 1], asked.box[2, 0])
+    limits[0] = np.inf if ground is not None else limits[0]
+    names = [layer.name for layer in asked.layers]
+    levels = [
+        (low, high) for name, (high, low) in zip(names, pairwise(limits), strict=True)
+        if joints.regions is None or name in joints.regions
+    ]  # fmt: skip
+    corners = np.array(np.meshgrid(*box)).reshape(3, -1).T
+    heights = (corners - origin) @ normal / joints.spacing
+    low, high = np.ceil(heights.min() + EXACT), np.floor(heights.max() - EXACT)
+    for number in range(int(low), int(high) + 1):  # without those that only touch the box
+        point = origin + number * joints.spacing * normal
+        outline = _rectangle(normal, None, point, reach, reach)
+        area, centre = _in_ground(outline, box, levels, ground)
+        if area > 0.0:
+            area *= joints.persistence
+            yield _Plane(
+                joints.name, normal, point, area, centre, joints.spacing,
+                joints.spacing * float(min(number - heights.min(), heights.max() - number)),
+                scattered=joints.persistence < 1.0,
+            )  # fmt: skip
+
+
+def _outline(fault, normal, point, reach):
+    """Return the corners (n, 3) of a fault."""
+    if fault.polygon is not None:
+        return np.asarray(fault.polygon, dtype=float)
+    if fault.radius is not None:
+        turn = 2.0 * np.pi * (np.arange(DISC_SIDES) + 0.5) / DISC_SIDES
+        size = fault.radius * np.sqrt(2.0 * np.pi / DISC_SIDES / np.sin(2.0 * np.pi / DISC_SIDES))
+        strike, down = _directions(normal, fault.dip_direction)
+        return point + size * (np.outer(np.cos(turn), strike) + np.outer(np.sin(turn), down))
+    along, down = (reach, reach) if fault.extent is None else 0.5 * np.array(fault.extent)
+    return _rectangle(normal, fault.dip_direction, point, along, down)
+
+
+def _directions(normal, dip_direction):
+    """Return the unit vectors along strike and down the dip of a plane."""
+    strike = np.cross([0.0, 0.0, 1.0], normal)
+    if np.linalg.norm(strike) < 1e-9:
+        angle = np.pi / 2 if dip_direction is None else dip_direction
+        strike = np.array([-np.cos(angle), np.sin(angle), 0.0])
+    strike = strike / np.linalg.norm(strike)
+    return strike, np.cross(normal, strike)
+
+
+def _rectangle(normal, dip_direction, point, along, down):
+    """Return the corners (4, 3) of a rectangle of half lengths along strike and dip."""
+    strike, dip = _directions(normal, dip_direction)
+    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    return np.array([point + a * along * strike + b * down * dip for a, b in signs])
+
+
+def _fan(corners):
+    """Return the triangles (n - 2, 3, 3) of a convex polygon."""
+    return np.array([corners[[0, k, k + 1]] for k in range(1, len(corners) - 1)])
+
+
+def _in_ground(corners, box, levels, ground):
+    """Return area and centre of a convex polygon in the box, in levels, and under a surface."""
+    parts = []
+    for low, high in levels:
+        limits = box.copy()
+        limits[2] = max(box[2, 0], low), min(box[2, 1], high)
+        if limits[2, 0] < limits[2, 1]:
+            triangles = _in_box(_fan(corners), limits)
+            if ground is None or not len(triangles) or triangles[..., 2].max() <= ground.lowest:
+                parts.append(_area_of(triangles))
+            else:
+                parts.append(_under(triangles, ground))
+    area = sum(part[0] for part in parts)
+    weighed = np.sum([a * c for a, c in parts], axis=0)
+    return area, weighed / area if area else np.zeros(3)
+
+
+def _under(triangles, ground):
+    """Return area and centre of the part of a plane polygon under a surface, by sampling."""
+    total = np.zeros(4)
+    for a, b, c in triangles:
+        u, v = np.meshgrid(*2 * [(np.arange(SAMPLES) + 0.5) / SAMPLES], indexing="ij")
+        mirrored = u + v > 1.0
+        u, v = np.where(mirrored, 1.0 - u, u), np.where(mirrored, 1.0 - v, v)
+        places = a + u[..., None] * (b - a) + v[..., None] * (c - a)
+        deep = places[..., 2] <= ground(places[..., :2])
+        size = 0.5 * np.linalg.norm(np.cross(b - a, c - a)) / SAMPLES**2
+        total += size * np.append(deep.sum(), places[deep].sum(axis=0))
+    return float(total[0]), total[1:] / total[0] if total[0] else np.zeros(3)
+
+
+# What is compared.
+
+
+def _side(mesh, asked, side, short):
+    """Yield where a side stands, or whether it leaves a part of the box out."""
+    axis, end = divmod(SIDES.index(side), 2)
+    if side == "top" and asked.surface is not None:
+        return
+    wanted = float(asked.box[axis, end])
+    nodes = _facets(mesh, side)[1]
+    if not len(nodes):
+        yield Row(side, "position of its nodes, m", wanted, np.nan, short)
+    elif side in asked.standing:
+        worst = nodes[np.abs(nodes[:, axis] - wanted).argmax(), axis]
+        yield Row(side, "position of its worst node, m", wanted, float(worst), short)
+    else:
+        corners = np.array(np.meshgrid(*asked.box, indexing="ij"))
+        corners = np.take(corners, end, axis=1 + axis).reshape(3, -1).T
+        if asked.surface is not None:
+            corners = corners[corners[:, 2] == asked.box[2, 0]]
+        yield Row(side, "box beyond the ground, m", 0.0, _missing(mesh, corners), short)
+
+
+def _missing(mesh, positions):
+    """Return how far positions lie outside of a mesh or in its absorbing layer, at most, in m."""
+    beyond = float(_moved(mesh, positions)[0].max())
+    if mesh.layer is None:
+        return beyond
+    deep = mesh.layer.depths(positions) * mesh.layer.widths(positions)
+    return max(beyond, float(np.nan_to_num(deep).max()))
+
+
+def _moved(mesh, positions):
+    """Return how far positions (n, 3) move into the mesh, in m, and the zone of each."""
+    zone, at = locate(mesh, positions, np.inf)
+    if mesh.hexahedral:
+        shapes = hexahedra.shape_values(mesh.order, at)
+        nearest = np.einsum("na,nac->nc", shapes, mesh.node_places[zone])
+    else:
+        nearest = np.einsum("na,nac->nc", at, mesh.points[mesh.zones[zone]])
+    return np.linalg.norm(nearest - positions, axis=1), zone
+
+
+def _top(mesh, box, ground, short):
+    """Return the mean height of the ground in the box."""
+    triangles = _in_box(_facets(mesh, "top")[0], box)
+    vectors = _vectors(triangles)
+    area = vectors[:, 2].sum()
+    height = float((vectors[:, 2] * triangles[..., 2].mean(axis=1)).sum() / area) if area else 0.0
+    weight = np.ones(RASTER)
+    weight[[0, -1]] = 0.5
+    wanted = float(weight @ ground.raster @ weight / weight.sum() ** 2)
+    return Row("top", "mean height, m", wanted, height, short)
+
+
+def _planes(mesh, planes, box, short):
+    """Yield the rows of the planes that share a name."""
+    if not planes or not sum(plane.area for plane in planes):
+        return
+    first, name = planes[0], planes[0].name
+    asked = sum(plane.area for plane in planes)
+    triangles, nodes = _facets(mesh, name)
+    triangles = _in_box(triangles, box)
+    area, centre = _area_of(triangles)
+    if first.scattered:
+        yield Row(name, "area, m2", asked, area, OF_SCATTERED * asked)
+        return
+    yield Row(name, "area, m2", asked, area, OF_AREA * asked)
+    if not area:
+        return
+    middle = sum(plane.area * plane.centre for plane in planes) / asked
+    near = max(short, 0.5 * OF_AREA * np.sqrt(asked))
+    yield Row(name, "distance of its centre, m", 0.0, float(np.linalg.norm(centre - middle)), near)
+    yield from _orientation(name, first.normal, _vectors(triangles))
+    inside = ((nodes > box[:, 0] - EXACT) & (nodes < box[:, 1] + EXACT)).all(axis=1)
+    offsets = np.array([plane.point @ first.normal for plane in planes])
+    away = np.abs((nodes[inside] @ first.normal)[:, None] - offsets).min(axis=1)
+    worst, mean = away.max(initial=0.0), np.sqrt(np.square(away).mean()) if len(away) else 0.0
+    yield Row(name, "root mean square distance of its nodes, m", 0.0, float(mean), short)
+    # Tetrahedra bend joints to corners of others, within their own tolerance.
+    within = short if mesh.hexahedral else None
+    yield Row(name, "distance of its worst node, m", 0.0, float(worst), within)
+    if first.spacing is not None:
+        yield from _spacing(planes, offsets, triangles, short)
+    if first.ends is not None:
+        for axis, letter in enumerate("xyz"):
+            for end, (word, take) in enumerate((("from", np.min), ("to", np.max))):
+                wanted = float(first.ends[axis, end])
+                yield Row(
+                    name, f"{word} {letter}, m", wanted, float(take(triangles[..., axis])), short
+                )
+
+
+def _orientation(name, normal, vectors):
+    """Yield dip, dip direction and flatness of facets by their area vectors (n, 3)."""
+    vectors = vectors * np.where(vectors @ normal < 0.0, -1.0, 1.0)[:, None]
+    size = np.linalg.norm(vectors, axis=1)
+    dip, towards = _dip(normal)
+    mean = vectors.sum(axis=0) / np.linalg.norm(vectors.sum(axis=0))
+    steep, direction = _dip(mean * (-1.0 if mean[2] < 0.0 else 1.0))
+    yield Row(name, "dip, degrees", dip, steep, DEGREES)
+    if np.sin(np.radians(dip)) > np.sin(np.radians(DEGREES)):
+        turn = 180.0 if dip > 90.0 - DEGREES else 360.0  # upright planes have two
+        direction = towards + (direction - towards + 0.5 * turn) % turn - 0.5 * turn
+        within = DEGREES / np.sin(np.radians(dip))
+        yield Row(name, "dip direction, degrees", towards, direction, within)
+    across = np.linalg.norm(np.cross(vectors, normal), axis=1)
+    lean = float(size @ np.degrees(np.arctan2(across, vectors @ normal)) / size.sum())
+    yield Row(name, "mean lean of its facets, degrees", 0.0, lean, DEGREES)
+
+
+def _dip(normal):
+    """Return dip and dip direction in degrees of an upward normal."""
+    dip = np.degrees(np.arctan2(np.hypot(*normal[:2]), normal[2]))
+    return float(dip), float(np.degrees(np.arctan2(*normal[:2])) % 360.0)
+
+
+def _spacing(planes, offsets, triangles, short):
+    """Yield the number of planes of a set, but for those at corners, and their spacing."""
+    plane, wanted = planes[0], np.array([plane.depth > short for plane in planes])
+    size = np.linalg.norm(_vectors(triangles), axis=1)
+    away = triangles.mean(axis=1) @ plane.normal
+    owner = np.abs(away[:, None] - offsets).argmin(axis=1)
+    area = np.bincount(owner, size, len(offsets))
+    built = wanted & (area > 0.0)
+    yield Row(plane.name, "planes", float(wanted.sum()), float(built.sum()), 0.5)
+    if built.sum() > 1:
+        at = np.bincount(owner, size * away, len(offsets))[built] / area[built]
+        wider = np.diff(at) - np.diff(offsets[built])
+        worst = plane.spacing + float(wider[np.abs(wider).argmax()])
+        yield Row(plane.name, "spacing, m", plane.spacing, worst, short)
+
+
+def _boundaries(mesh, upper, lower):
+    """Return the numbers of faces between zones of two groups."""
+    if not {upper, lower} <= set(mesh.groups):
+        return np.zeros(0, dtype=int)
+    zones = mesh.zones
+    if mesh.contacts is not None:
+        zones = components(mesh.contacts.minus, mesh.contacts.plus, len(mesh.points))[1][zones]
+    first, second, _, _ = pair_faces(zones, len(mesh.points))
+    group = mesh.zone_group[zone_of_face(mesh.zones, np.stack([first, second]))[0]]
+    pair = sorted((mesh.groups.index(upper), mesh.groups.index(lower)))
+    return first[(np.sort(group, axis=0) == np.array(pair)[:, None]).all(axis=0)]
+
+
+def _levels(asked):
+    """Yield upper layer, lower layer and height of each boundary between unlike layers."""
+    limits = layer_limits(asked.layers, asked.box[2, 1], asked.box[2, 0])
+    for (upper, lower), height in zip(pairwise(asked.layers), limits[1:-1], strict=True):
+        if upper.name != lower.name:
+            yield upper.name, lower.name, float(height)
+
+
+def _layers(mesh, asked, box, ground, short):
+    """Yield area and height of the boundaries between layers."""
+    levels, everywhere = list(_levels(asked)), [(-np.inf, np.inf)]
+    for upper, lower, height in levels:
+        same = [z for a, b, z in levels if {a, b} == {upper, lower}]  # soil, rock, soil
+        triangles, nodes = _of_faces(mesh, _boundaries(mesh, upper, lower))
+        inside = ((nodes > box[:, 0] - EXACT) & (nodes < box[:, 1] + EXACT)).all(axis=1)
+        own = nodes[inside & _nearest(nodes, height, same), 2]
+        flat = np.array(
+            [[box[0, i], box[1, j], height] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        )
+        wanted = _in_ground(flat, box, everywhere, ground)[0]
+        near = _nearest(triangles.mean(axis=1), height, same)
+        built = _area_of(_in_box(triangles[near], box))[0]
+        name, plan = f"{upper} on {lower}", float(np.ptp(box[:2], axis=1).prod())
+        yield Row(name, "area, m2", wanted, built, OF_AREA * plan)
+        if len(own):
+            worst = float(own[np.abs(own - height).argmax()])
+            yield Row(name, "height of its worst node, m", height, worst, short)
+
+
+def _nearest(positions, height, heights):
+    """Return whether positions (n, 3) are nearer to one height than to others, (n,) bool."""
+    away = np.abs(positions[:, 2:] - np.array(heights))
+    return away.argmin(axis=1) == heights.index(height)
+
+
+def _position(mesh, name, position):
+    """Yield where a source or receiver went, in which ground, and on which side of joints."""
+    moved, zone = _moved(mesh, position[None])
+    apart = float(edge_lengths(mesh)[zone[0]].mean()) / mesh.order
+    yield Row(name, "moved, m", 0.0, float(moved[0]), OF_EDGE * apart)
+    yield Row(name, "ground", None, mesh.groups[mesh.zone_group[zone[0]]])
+    middle = mesh.points[mesh.zones[zone[0]]].mean(axis=0)
+    names = () if mesh.contacts is None else mesh.contacts.names
+    for joint in names:
+        side = _side_of(mesh, joint, position, middle)
+        if side:
+            yield Row(name, f"side of {joint}, on which it lies", None, side)
+
+
+def _side_of(mesh, joint, position, middle):
+    """Return on which side of a joint through a position a point lies; empty if none is there."""
+    triangles = _facets(mesh, joint)[0]
+    low, high = triangles.min(axis=1) - EXACT, triangles.max(axis=1) + EXACT
+    for triangle in triangles[((position >= low) & (position <= high)).all(axis=1)]:
+        normal = _vectors(triangle[None])[0]
+        normal /= np.linalg.norm(normal)
+        if abs((position - triangle[0]) @ normal) <= EXACT and _within(triangle, normal, position):
+            along = normal * np.sign((middle - triangle[0]) @ normal)
+            axis = int(np.abs(along).argmax())
+            return WAYS[axis][int(along[axis] > 0.0)]
+    return ""
+
+
+def _within(triangle, normal, position):
+    """Return whether a position in the plane of a triangle lies in it."""
+    edges = np.roll(triangle, -1, axis=0) - triangle
+    across = np.cross(edges, position - triangle) @ normal
+    return bool((across >= -EXACT * np.linalg.norm(edges, axis=1)).all())
+
+
+def _heights(triangles, position):
+    """Return the heights (n,) at which the vertical through a position cuts triangles."""
+    plan = triangles[..., :2] - position[:2]
+    a, b, c = plan.swapaxes(0, 1)
+    weight = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
+    total = weight.sum(axis=1)
+    steep = np.abs(total) <= EXACT**2
+    share = weight / np.where(steep, 1.0, total)[:, None]
+    inside = ~steep & (share >= -1e-9).all(axis=1)
+    return np.einsum("nk,nk->n", share[inside], triangles[inside, :, 2])
+
+
+def _cross(a, b):
+    """Return the cross products (n,) of plane vectors (n, 2)."""
+    return a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+
+
+def _inner_surfaces(mesh):
+    """Yield size and orientation of the surfaces inside a mesh that was read."""
+    _, _, single, _ = mesh.paired_faces
+    for name in mesh.surfaces:
+        faces = surface_faces(mesh, name)
+        if not len(faces) or faces[0] in single:
+            continue
+        triangles, nodes = _of_faces(mesh, faces)
+        area = _area_of(triangles)[0]
+        normal = np.linalg.svd(nodes - nodes.mean(axis=0), full_matrices=False)[2][2]
+        normal = normal * (-1.0 if normal[2] < 0.0 else 1.0)
+        dip, towards = _dip(normal)
+        away = float(np.abs((nodes - nodes.mean(axis=0)) @ normal).max())
+        yield Row(name, "area, m2", None, area)
+        yield Row(name, "dip, degrees", None, dip)
+        yield Row(name, "dip direction, degrees", None, towards)
+        yield Row(name, "distance of its worst node from the mean plane, m", None, away)
