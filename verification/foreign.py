@@ -1,23 +1,28 @@
 """Sites recorded by an independent program, diagnosed, and only then set beside their truth.
 
     python -m verification.foreign [FOLDER OF CASES] [--keep FOLDER] [case ...]
-    python -m verification.foreign --sites [FOLDER OF SITES] [--keep FOLDER] [case ...]
+    ./dev sites [FOLDER OF SITES] [--keep FOLDER] [case ...]
 
 The first has flat layers and upright joints, as case folders; the second has real geometry, as
-project files (in ``PYBLAST_SITES`` by default). Nothing of these truths enters the program: they
-are read here, after the answer is written. Rows that ``verification/foreign.json`` or
-``verification/sites.json`` has already are kept, so a study that was stopped goes on; ``--again``
-diagnoses them, too, and ``--minutes N`` begins no case after that time.
+project files (in ``PYBLAST_SITES`` by default), one at a time in this process. Nothing of these
+truths enters the program: they are read here, after the answer is written. Rows that
+``verification/foreign.json`` or ``verification/sites.json`` has already are kept, so a study that
+was stopped goes on; ``--again`` diagnoses them, too, and ``--minutes N`` begins no case after that
+time.
 """
 
 import os
 import sys
 import tempfile
+import time
 import tomllib
+from contextlib import nullcontext
+from math import radians
 from pathlib import Path
 
 import numpy as np
 
+from pyblast.errors import contained
 from pyblast.inference.records import band_functions
 from pyblast.project.result import write_text
 from pyblast.recordings.recording import read_stations
@@ -32,6 +37,21 @@ STUDIES = {"cases": "foreign.json", "sites": "sites.json"}
 PROJECT = "B2.toml"
 BLAST = "H1"
 MISFIT = "misfit of the further blast, calibrated → diagnosed"
+# What a truth says of parameters of the library: label, parameter, value by the truth's own.
+COMPARED = (
+    ("soft_surface_layer", "thickness", lambda truth: truth["thickness"]),
+    ("soft_surface_layer", "slower", lambda truth: truth["factor"]),
+    ("missing_joint", "kn", lambda truth: truth["kn"]),
+    ("missing_joint", "ks", lambda truth: truth["ks"]),
+    ("wrong_geometry", "dip", lambda t: radians(t["dip_deg"] - t["believed_dip_deg"])),
+    ("topography", "height", lambda truth: truth["h"]),
+    ("attenuation_Q", "q", lambda truth: truth["Qs"]),
+    ("joint_nonlinear_closure", "closed", lambda truth: truth["r"]),
+    ("joint_slip", "residual", lambda truth: truth["residual"]),
+    ("joint_viscous_fill", "relaxation", lambda truth: truth["tau"]),
+    ("misfire_or_charge_error", "radiated", lambda truth: truth["factor"]),
+    ("damaged_zone", "reduction", lambda truth: 1.0 - truth["factor"]),
+)
 
 
 def judged(cases, name, keep, executor):
@@ -39,13 +59,16 @@ def judged(cases, name, keep, executor):
     folder, out = cases / name, keep / name
     if (folder / PROJECT).is_file():
         folder = folder / PROJECT
+    began = time.process_time()
     answer = diagnose_folder(folder, out, executor=executor, progress=_told)
+    spent = time.process_time() - began
     truth_folder = cases / "truth" / name
-    misfits = {}
+    misfits, failures = {}, {}
     for model, baseline in (("diagnosed", False), ("calibrated", True)):
-        path = out / f"{model}.mseed"
-        predict_file(folder, out, answer, truth_folder / f"{BLAST}_holes.csv", path, baseline)
-        misfits[model] = _misfit(truth_folder / f"{BLAST}.mseed", path, _band(folder))
+        path, misfits[model] = out / f"{model}.mseed", None
+        with contained(failures, f"prediction, {model}"):
+            predict_file(folder, out, answer, truth_folder / f"{BLAST}_holes.csv", path, baseline)
+            misfits[model] = _misfit(truth_folder / f"{BLAST}.mseed", path, _band(folder))
     truth = tomllib.loads((truth_folder / "truth.toml").read_text())
     geometry = {"geometry": truth["template"]} if "template" in truth else {}
     return {
@@ -60,16 +83,47 @@ def judged(cases, name, keep, executor):
         "delta_ln_evidence": answer["evidence"]["delta_ln_evidence"],
         "null_threshold": answer["evidence"]["null_threshold"],
         "explained": answer["evidence"]["explained_share"],
+        "held_out_gain": None if answer["held_out"] is None
+        else answer["held_out"]["delta_ln_likelihood"],
+        "intervals": intervals(answer["effects"], truth.get("parameters", {})),
         "further_blast_misfit": misfits,
+        "not_computed": [*(row["part"] for row in answer["not_computed"]), *failures],
         "runs": answer["runs"],
         "wall_s": answer["wall_s"],
         "kept_s": answer["kept_s"],
-    }
+        **({} if executor is not None else {"processor_s": round(spent, 1)}),
+    }  # fmt: skip
+
+
+def intervals(effects, truth):
+    """Return the true value of each parameter with a truth beside its estimate and interval.
+
+    Parameters
+    ----------
+    effects : list of dict
+        Of an answer.
+    truth : dict of str to dict
+        Parameters by label.
+
+    Returns
+    -------
+    dict of str to dict
+        ``true``, ``value``, ``low``, ``high`` by label and parameter.
+    """
+    rows = {}
+    for effect in effects:
+        for label, name, true in COMPARED:
+            estimate = effect["parameters"].get(name)
+            if label == effect["label"] and label in truth and isinstance(estimate, dict):
+                rows[f"{label} {name}"] = {"true": round(true(truth[label]), 6)} | {
+                    key: float(f"{estimate[key]:.4g}") for key in ("value", "low", "high")
+                }
+    return rows
 
 
 def _told(stage, done, total):
-    """Say how far it is."""
-    print(f"  {stage} {done}/{total}", flush=True)
+    """Say how far it is, after the processor time."""
+    print(f"  {time.process_time():.0f} s  {stage} {done}/{total}", flush=True)
 
 
 def _band(folder):
@@ -93,7 +147,8 @@ def _misfit(recorded, predicted, band_hz):
 
 def table(rows):
     """Return the lines of the table in the page."""
-    heads = "case", "truth", "outcome", "effects reported", "explained", MISFIT, "runs", "min"
+    last = "processor s" if any("processor_s" in row for row in rows.values()) else "min"
+    heads = "case", "truth", "outcome", "effects reported", "explained", MISFIT, "runs", last
     if any("geometry" in row for row in rows.values()):
         heads = (heads[0], "geometry", *heads[1:])
     yield "| " + " | ".join(heads) + " |"
@@ -102,13 +157,21 @@ def table(rows):
         said = ", ".join(row["labels"]) or "–"
         where = f" | {row['geometry']}" if "geometry" in row else ""
         before, after = (
-            100.0 * row["further_blast_misfit"][k] for k in ("calibrated", "diagnosed")
-        )
+            "–" if row["further_blast_misfit"][k] is None
+            else f"{100.0 * row['further_blast_misfit'][k]:.1f}"
+            for k in ("calibrated", "diagnosed")
+        )  # fmt: skip
         yield (
             f"| {name}{where} | {', '.join(row['truth']) or 'null'} | {row['outcome']} | {said} | "
-            f"{row['explained']:.2f} | {before:.1f} → {after:.1f} % | {row['runs']} | "
-            f"{(row['wall_s'] + row.get('kept_s', 0.0) / os.cpu_count()) / 60.0:.0f} |"
+            f"{row['explained']:.2f} | {before} → {after} % | {row['runs']} | "
+            f"{_time(row):.0f} |"
         )
+
+
+def _time(row):
+    """Return the processor time of a row in s, else its wall time in min with that of kept runs."""
+    wall = (row["wall_s"] + row.get("kept_s", 0.0) / os.cpu_count()) / 60.0
+    return row.get("processor_s", wall)
 
 
 def main(arguments):
@@ -130,7 +193,8 @@ def main(arguments):
         return
     out = ROOT / "verification" / STUDIES[study]
     names = names or sorted(folder.name for folder in cases.glob("case-*"))
-    with tempfile.TemporaryDirectory() as temporary, workers() as executor:
+    pool = nullcontext() if study == "sites" else workers()
+    with tempfile.TemporaryDirectory() as temporary, pool as executor:
         kept = keep or Path(temporary)
         rows = each_row(out, names, lambda name: judged(cases, name, kept, executor), **limits)
     _write_page(study, rows)

@@ -234,7 +234,8 @@ def judged(trial, number):
         predict(path, out, folder / "H1.csv", target, baseline=baseline)
         shares[key] = explained(motion["H1"], target, BANDS[truth is soft_soil])
     named = [one["label"] for one in answer["effects"] if one["named"]]
-    untested = {part["label"]: part["reason"] for part in answer["not_testable"]}
+    whole = [part for part in answer["not_testable"] if not part["targets"]]
+    untested = {part["label"]: part["reason"] for part in whole}
     return {
         "set": "gol_e_gohar", "trial": trial, "concealed": effect, "outcome": answer["outcome"],
         "named": named, "right": set(named) <= {effect} and (effect is None or bool(named)),

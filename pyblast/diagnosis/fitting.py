@@ -14,6 +14,7 @@ ROUNDS = 4
 LEAST_DECREASE = 2.0  # of the misfit, Δ ln L of one: a smaller one ends a minimisation
 LONGEST = 1.5  # prior standard deviations that a parameter of an effect may go in one round
 BACKTRACKS = 2
+CLEARLY = 2.0 * DECISIVE  # ln likelihood by which a fit stays behind, whatever its parameters cost
 OUTDATED = 8.0  # further decrease predicted by a kept Jacobian, above which it is computed anew
 
 
@@ -263,7 +264,14 @@ def fit_partly(scene: Scene, effects, reference, blasts=None, n_last=0):
     return fitter.objective(x, motion), motion, fitter.state(x)[1]
 
 
-def fit(scene: Scene, effects, reference=None, first=None, base: Fit | None = None) -> Fit | None:
+def fit(
+    scene: Scene,
+    effects,
+    reference=None,
+    first=None,
+    base: Fit | None = None,
+    rival: Fit | None = None,
+) -> Fit | None:
     """Fit effects and calibrated parameters together; theory.md (14.1) to (14.3).
 
     Parameters
@@ -279,6 +287,8 @@ def fit(scene: Scene, effects, reference=None, first=None, base: Fit | None = No
         Fit of the first of these effects. Those on the site stay fixed until the others are
         fitted, and are then fitted with its Jacobian, which saves runs. The fit ends early if the
         first blasts gain too little over it.
+    rival : Fit, optional
+        Fit of other effects. The fit ends early if the first blasts show that these stay better.
 
     Returns
     -------
@@ -307,6 +317,8 @@ def fit(scene: Scene, effects, reference=None, first=None, base: Fit | None = No
         if known is not None and fitter.predicted_decrease(x, motion, jacobian, free) > OUTDATED:
             x, motion, jacobian, hessian = fitter.minimise(x, motion, free)
         if base is not None and not _promising(fitter, base, x, motion):
+            return None
+        if rival is not None and not _may_equal(fitter, rival, x, motion):
             return None
     if not effects or any(effect.hypothesis.on == "site" for effect in effects):
         if base is not None and jacobian is not None:
@@ -337,6 +349,19 @@ def _promising(fitter, base, x, motion):
         return True
     known = fitter.likelihood.misfit_of(base.chi_square, fitter.blasts) + base.x @ base.x
     return known - fitter.objective(x, motion) > 2.0 * DECISIVE * share
+
+
+def _may_equal(fitter, rival, x, motion):
+    """Tell whether a fit to some blasts may still come near a rival.
+
+    In the other blasts it can at best explain all that exceeds noise and model error.
+    """
+    others = [b for b in range(len(rival.chi_square)) if b not in fitter.blasts]
+    if not others:
+        return True
+    floor = fitter.likelihood.misfit_of(np.minimum(rival.chi_square, 1.0), others)
+    known = rival.misfit + rival.x @ rival.x
+    return fitter.objective(x, motion) + floor - known < 2.0 * CLEARLY
 
 
 def corrected(scene: Scene, fit: Fit, shift) -> Fit:

@@ -167,8 +167,13 @@ class Forward:
 
     def holds(self, project: Project) -> bool:
         """Tell whether the ground of a project can be meshed and holds all its holes."""
-        changed = geometry(project) != geometry(self.case.project)
-        if project.config.holes_inside is None and not changed:
+        reference = self.case.project
+        changed = geometry(project) != geometry(reference)
+        moved = project.config.holes_inside is not None and any(
+            not np.array_equal(project.blasts[name].centres, reference.blasts[name].centres)
+            for name in self.case.blasts
+        )
+        if not (changed or moved):
             return True
         try:
             for blast in self.case.blasts:

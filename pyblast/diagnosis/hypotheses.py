@@ -126,7 +126,8 @@ def air_over_layers(case: Case) -> str:
             return "the project has [air_blast], and every run has it"
         if config.blast is None or np.isnan(each.blast.charge).any():
             return "there is no [blast] with a charge for each hole"
-        if not config.mesh.layers or config.mesh.surface_file is not None:
+        mesh = config.mesh
+        if not mesh.layers or mesh.benches or case.project.surface is not None:
             return "the ground is not flat: give flat [[mesh.layers]]"
     return ""
 
@@ -287,6 +288,9 @@ class Hypothesis:
     simulated : tuple of callable
         ``(case) -> str``: why it cannot be simulated in a project, so that it has no targets there;
         empty if it can.
+    odd : bool
+        Whether its change of motion turns its sign, to first order, with the sign of its parameters
+        of mean zero; then only one of two starting values that mirror each other may be run.
     single : bool
         Whether only the best target is claimed, however many would pay.
     further : tuple of (str, tuple of float)
@@ -317,6 +321,7 @@ class Hypothesis:
     begins: Callable | None = None
     further: tuple[tuple[str, tuple[float, ...]], ...] = ()
     described: Callable | None = None
+    odd: bool = False
 
     @property
     def name(self) -> str:
@@ -352,7 +357,7 @@ LIBRARY: dict[str, Hypothesis] = {}
 def hypothesis(
     label, *, family, on, target, axis, parameters, form="", targets=None, mesh_control=None,
     linear=True, decided_by="", needs=(), simulated=(), single=False, begins=None,
-    further=(), described=None,
+    further=(), described=None, odd=False,
 ):  # fmt: skip
     """Enter the decorated function into the library; arguments as of `Hypothesis`.
 
@@ -377,7 +382,7 @@ def hypothesis(
         entry = Hypothesis(
             label, form, " ".join(claim.split()), family, on, target, possible, axis,
             tuple(parameters), function, mesh_control, linear, decided_by, needs, simulated, single,
-            begins, tuple(further), described,
+            begins, tuple(further), described, odd,
         )  # fmt: skip
         if entry.name in LIBRARY:
             raise InputError(f"hypothesis {entry.name}: is in the library already")

@@ -10,7 +10,15 @@ from ..errors import contained
 from .effects import Effect, Scene
 from .fitting import Fit, Fitter, fit, fit_calibrated, fit_partly
 from .hypotheses import LIBRARY, Hypothesis
-from .thresholds import DECISIVE, LEAST_OF_BEST, LEAST_SHARE, MATERIAL, MOST_EFFECTS, MOST_EXPLAINED
+from .thresholds import (
+    DECISIVE,
+    LEAST_OF_BEST,
+    LEAST_SHARE,
+    MATERIAL,
+    MOST_EFFECTS,
+    MOST_EXPLAINED,
+    REMAINS,
+)
 
 SCALE_SIGMA = 0.5  # prior standard deviation of the scale of a change simulated at one value
 REWEIGHTINGS = 6  # rounds of iteratively reweighted least squares
@@ -36,12 +44,15 @@ class ScreeningResult:
         Change of the motion of the reference site; zero in blasts that were not run.
     blasts : tuple of int
         Indices of the blasts that were run.
+    scale : float
+        Factor on the change that explains most.
     """
 
     effect: Effect
     share: float
     change: np.ndarray
     blasts: tuple[int, ...]
+    scale: float = 1.0
 
 
 @dataclass(eq=False)
@@ -211,20 +222,45 @@ def starting_effects(hypothesis: Hypothesis, target: str, scene: Scene) -> list[
 def screen(search: Search) -> list[ScreeningResult]:
     """Screen effects on the site by runs at their starting values, best first.
 
+    Of two values of an odd effect that mirror each other, the second is run, in place of the
+    first, only if the change by the first explains most with the other sign.
+
     Parameters
     ----------
     search : Search
         With its fit without effects.
     """
-    scene, x_ref = search.scene, np.zeros(len(search.without_effects.values))
     candidates = [
         (effect, _screened_blasts(search, hypothesis, target))
         for hypothesis in LIBRARY.values() if hypothesis.on == "site"
-        for target in hypothesis.targets(scene.case)
-        for effect in starting_effects(hypothesis, target, scene)
+        for target in hypothesis.targets(search.scene.case)
+        for effect in starting_effects(hypothesis, target, search.scene)
     ]  # fmt: skip
+    number = {effect: n for n, (effect, _) in enumerate(candidates)}
+    later = [number.get(_mirror(effect), n) < n for n, (effect, _) in enumerate(candidates)]
+    results = _screened(search, [c for c, late in zip(candidates, later, strict=True) if not late])
+    mirrors = [
+        (effect, blasts)
+        for (effect, blasts), late in zip(candidates, later, strict=True)
+        if late and _mirror(effect) in results and _is_turned(results[_mirror(effect)])
+    ]  # fmt: skip
+    for effect, result in _screened(search, mirrors).items():
+        results[effect] = result
+        if result is not None:
+            del results[_mirror(effect)]
     best: dict[tuple[str, str], ScreeningResult] = {}
-    simulated: dict[tuple[str, str], bool] = {}
+    for effect, result in results.items():
+        key = effect.label, effect.target
+        if result is not None and (key not in best or best[key].share < result.share):
+            best[key] = result
+    simulated = {effect.where for effect, result in results.items() if result is not None}
+    _enter_failures(search, [e.where for e in results if e.where not in simulated])
+    return sorted(best.values(), key=lambda result: -result.share)
+
+
+def _screened(search, candidates):
+    """Return the screening results of pairs of effect and blasts, while the budget lasts."""
+    scene, x_ref, results = search.scene, np.zeros(len(search.without_effects.values)), {}
     for done, (effect, blasts) in enumerate(candidates):
         search.progress("effects on the site", done, len(candidates))
         if not search.runs_left():
@@ -234,13 +270,22 @@ def screen(search: Search) -> list[ScreeningResult]:
             for group in {own for _, own in together}:
                 states = [(x_ref, (other,)) for other, own in together if own == group]
                 scene.simulate(states, group)
-        result = _screening_result(search, effect, x_ref, blasts)
-        key = effect.label, effect.target
-        simulated[effect.where] = simulated.get(effect.where, False) or result is not None
-        if result is not None and (key not in best or best[key].share < result.share):
-            best[key] = result
-    _enter_failures(search, [where for where, success in simulated.items() if not success])
-    return sorted(best.values(), key=lambda result: -result.share)
+        results[effect] = _screening_result(search, effect, x_ref, blasts)
+    return results
+
+
+def _mirror(effect):
+    """Return an odd effect at values of the other sign, None of other effects."""
+    if not effect.hypothesis.odd:
+        return None
+    pairs = zip(effect.hypothesis.parameters, effect.values, strict=True)
+    turned = (tuple(-v for v in values) if p.mean == 0.0 else values for p, values in pairs)
+    return replace(effect, values=tuple(turned))
+
+
+def _is_turned(result):
+    """Tell whether the change of a screening result explains most with the other sign."""
+    return result is None or result.scale < 0.0
 
 
 def _enter_failures(search, places):
@@ -278,14 +323,14 @@ def _screening_result(search, effect, x_ref, blasts):
     with scene.contained((effect,)):
         change = np.zeros_like(simulated)
         change[list(blasts)] = (simulated - scene.baseline.reference)[list(blasts)]
-        chi_square = _chi_square_at_best_scale(scene, change, blasts)
+        chi_square, scale = _chi_square_at_best_scale(scene, change, blasts)
         share = likelihood.explained_share(search.without_effects.chi_square, chi_square, blasts)
-        return ScreeningResult(effect, share, change, blasts)
+        return ScreeningResult(effect, share, change, blasts, scale)
     return None
 
 
 def _chi_square_at_best_scale(scene, change, blasts):
-    """Return chi-squares where calibrated parameters and the scale of a change fit best."""
+    """Return chi-squares where calibrated parameters and the scale of a change fit best, and it."""
     baseline, likelihood = scene.baseline, scene.baseline.likelihood
     slopes = baseline.slopes * baseline.sigma[:, None, None, None, None]
     jacobian = likelihood.whiten(np.concatenate([slopes, change[None]]))
@@ -299,7 +344,7 @@ def _chi_square_at_best_scale(scene, change, blasts):
         hessian = np.einsum("ibrm,jbrm,br->ij", jacobian, jacobian, weights, optimize=True)
         gradient = np.einsum("ibrm,brm,br->i", jacobian, residual, weights, optimize=True)
         x = np.linalg.solve(hessian + np.diag(precision), gradient + precision * mean)
-    return likelihood.chi_square(residual - np.tensordot(x, jacobian, 1))
+    return likelihood.chi_square(residual - np.tensordot(x, jacobian, 1)), float(x[-1])
 
 
 def screen_again(search: Search, base: Fit) -> list[ScreeningResult]:
@@ -381,7 +426,9 @@ def _fit_by_runs(search, screening: Sequence[ScreeningResult], base, most):
         result = _from_further_starts(search, result)
         search.progress(f"fit {result.effect.label}", done, max(most, surely))
         runs_before = search.scene.forward.runs
-        fitted = _fitted(search.scene, (*base.effects, result.effect), x_ref, result.blasts, base)
+        effects, best = (*base.effects, result.effect), next(iter(search.leaders()), None)
+        rival = None if base.effects or best is None or not _explains(search, best) else best
+        fitted = _fitted(search.scene, effects, x_ref, result.blasts, base, rival)
         if fitted is not None:
             search.add(fitted)
         done += search.scene.forward.runs > runs_before
@@ -405,10 +452,14 @@ def _from_further_starts(search, result):
 def _refit_around_leaders(search):
     """Fit leaders that grow with charge again, from the best values around them, in all forms.
 
-    Their misfit has a narrow valley, and a minimisation may end on its side.
+    Their misfit has a narrow valley, and a minimisation may end on its side. One that leads by more
+    than decides, and leaves nothing that counts, is not fitted again.
     """
     scene, x_ref = search.scene, np.zeros(len(search.without_effects.values))
-    for leader in search.leaders():
+    leaders = search.leaders()
+    if len(leaders) == 1 and _explains(search, leaders[0]):
+        return
+    for leader in leaders:
         first = leader.effects[0]
         forms = [h for h in LIBRARY.values() if h.label == first.label and not h.linear]
         if not forms or not search.runs_left():
@@ -430,6 +481,19 @@ def _refit_around_leaders(search):
         fitted = _fitted(scene, (best,), x_ref, blasts, search.without_effects)
         if fitted is not None:
             search.add(fitted)
+
+
+def _explains(search, best):
+    """Tell whether a fit has enough evidence, and leaves nothing else that counts.
+
+    Of an effect that the records cannot test, all rivals that explain much are listed.
+    """
+    likelihood = search.scene.baseline.likelihood
+    if any(effect.hypothesis.untestable(search.scene.case) for effect in best.effects):
+        return False
+    share = likelihood.explained_share(search.without_effects.chi_square, best.chi_square)
+    remains = worst(best.chi_square) >= REMAINS and share < MOST_EXPLAINED
+    return search.delta_ln_evidence(best) > DECISIVE and not remains
 
 
 def _explained(search):

@@ -18,7 +18,7 @@ from .forward import surface_speed
 from .hypotheses import LIBRARY, blast_and_hole, untestable_labels
 from .null_distribution import NullDistribution, detection_limits
 from .search import Search, means, worst
-from .thresholds import DECISIVE, DETECTABLE, MATERIAL
+from .thresholds import DECISIVE, DETECTABLE, MATERIAL, RESOLVED
 from .trusted_shots import explained
 
 UNSURE = "CLASS", "PARTIAL", "UNKNOWN"  # outcomes on which a prediction should not rely
@@ -158,8 +158,15 @@ def summary_lines(summary: Mapping) -> list[str]:
 
 
 def exceeds_double_error(summary: Mapping) -> bool:
-    """Tell whether something would be missing even if model errors were twice as large."""
-    return summary["evidence"]["chi_square_at_double_error"] >= MATERIAL
+    """Tell whether the answer would stay if model errors were twice as large.
+
+    Something would be missing, or the best effects would still have the evidence that is required.
+    """
+    evidence = summary["evidence"]
+    gain = evidence["delta_ln_evidence_at_double_error"]
+    required = max(DECISIVE, evidence["null_threshold"] or 0.0)
+    missing = evidence["chi_square_at_double_error"] >= MATERIAL
+    return missing or (gain is not None and gain >= required)
 
 
 def _evidence(search, null, decision):
@@ -177,9 +184,21 @@ def _evidence(search, null, decision):
         "null_threshold_interval": None if null is None else null.threshold_interval(effects),
         "explained_share": round(decision.explained_share, 3),
         "chi_square_at_double_error": round(worst(doubled), 2),
+        "delta_ln_evidence_at_double_error": _at_double_error(search, best),
         "ranking": _ranking(search),
         "probability": decision.probability,
     }
+
+
+def _at_double_error(search, fit):
+    """Return the Δ ln evidence of a fit if model errors were twice as large, None without one."""
+    if fit is None:
+        return None
+    likelihood, without = search.scene.baseline.likelihood, search.without_effects
+    doubled = [likelihood.at_double_error(each.chi_square) for each in (without, fit)]
+    before, after = map(likelihood.misfit_of, doubled)
+    lost = 0.5 * (without.misfit - fit.misfit - before + after)
+    return round(float(search.delta_ln_evidence(fit) - lost), 1)
 
 
 def _ranking(search):
@@ -380,7 +399,7 @@ def scattering_points(baseline: Baseline, residual, chi_square) -> list[dict]:
     list of dict
         The best point: ``x``, ``y`` in m, ``coherence`` (0 to 1), ``resolution_m``: width of the
         area where the stack is at least 0.9 of its largest value. Empty if a stack of permuted
-        receivers is as large.
+        receivers is as large, or if that width exceeds `RESOLVED` of the longer side of the plan.
 
     Notes
     -----
@@ -414,6 +433,8 @@ def scattering_points(baseline: Baseline, residual, chi_square) -> list[dict]:
         return []
     best = np.unravel_index(np.argmax(stack), stack.shape)
     width = spacing * np.sqrt(np.count_nonzero(stack >= NEARLY * stack[best]))
+    if width > RESOLVED * max(x1 - x0, y1 - y0):
+        return []
     return [
         {
             "x": round(float(x[best[0]]), 1),

@@ -144,6 +144,10 @@ DETECTABLE = _enter(
     "DETECTABLE", 4.0, SIGMA, "Length of an effect in its errors below which it is not testable",
     "assumed",
 )  # fmt: skip
+RESOLVED = _enter(
+    "RESOLVED", 1.0, "longer side of the plan",
+    "Width of a located residual above which no place is reported", "assumed",
+)  # fmt: skip
 LINEAR = _enter(
     "LINEAR", 2.0, "energy", "Factor by which a change may be off its derivative at a limit",
     "assumed",

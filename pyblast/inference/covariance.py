@@ -236,6 +236,8 @@ def whitener(
     spread = np.maximum(spread, 0.0)
     used = {*groups, *([] if scattering is None else [SCATTER])}
     levels = {name: LEVELS[name] for name in LEVELS if name in used} | (levels or {})
+    if scattering is not None and not spread.any():  # no record exceeds its noise
+        del levels[SCATTER]
     return Whitener(band, turns, backs, spread, turned, groups, levels, log_determinant, n_data)
 
 

@@ -157,7 +157,8 @@ def lead(diagnosis: Diagnosis, summary: dict) -> str:
         sentences.append(f"These records cannot distinguish this from {_joined(others, 'or')}.")
     if outcome == "COMPOSITE":
         sentences.insert(0, f"{COUNTS[len(sentences)]} effects act together.")
-    untestable = {row["label"]: row["reason"] for row in summary["not_testable"]}
+    whole = [row for row in summary["not_testable"] if not row["targets"]]
+    untestable = {row["label"]: row["reason"] for row in whole}
     untested = [label for label in decision.fit.labels if label in untestable]
     if outcome in ("CLASS", "PARTIAL") and untested:
         reason = untestable[untested[0]]
@@ -229,7 +230,7 @@ def where(kind: str, targets: list[str]) -> str:
 
 
 def _near(located):
-    """Return where residuals are: a point with its resolution, receivers, frequencies, times."""
+    """Return where residuals are: a point if resolved, receivers, frequencies, times."""
     if located is None:
         return ""
     names = list(located["receivers"])
@@ -438,15 +439,29 @@ def _map_figures(diagnosis, summary) -> Iterator[Figure]:
     key = {"UNKNOWN": "located", "PARTIAL": "remainder"}.get(summary["outcome"])
     points = [] if key is None else summary[key]["points"]
     targets = {effect.target for effect in diagnosis.decision.fit.effects} - {""}
+    diagnosed = _diagnosed(diagnosis)
     depth = " Its depth is not resolved." if points else ""
+    if case.project.config.mesh.faults:
+        depth += " Of a joint, the line is its trace on the ground, the face what lies below."
     yield (
         "In plan and section",
         "Receivers by their misfit, the mean square over all blasts: 1 is that of noise and model "
         f"error; from {MATERIAL:g} on (red rings) something is missing.{depth}",
         lambda: maps_figure(
-            case.project, case.receivers, misfits, MATERIAL, targets=targets, points=points
+            case.project, case.receivers, misfits, MATERIAL,
+            targets=targets, points=points, diagnosed=diagnosed,
         ),
-    )
+    )  # fmt: skip
+
+
+def _diagnosed(diagnosis):
+    """Return the project with the effects on its site of the answer; None without any."""
+    fit = diagnosis.decision.fit
+    if not any(effect.hypothesis.on == "site" for effect in fit.effects):
+        return None
+    with contained({}, "diagnosed project"):
+        return diagnosis.search.scene.project(fit.values, fit.effects)
+    return None
 
 
 def _time_frequency(diagnosis, summary) -> Iterator[Figure]:

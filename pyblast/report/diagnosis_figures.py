@@ -2,20 +2,20 @@
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from ..diagnosis.cross_validation import held_out_prediction
 from ..diagnosis.decision import Decision
 from ..diagnosis.fitting import Fit
 from ..diagnosis.search import Search, means
-from ..project.flat_box import FlatBox, extent_of, flat_box, not_flat
+from ..project.flat_box import extent_of
 from ..signals.spectra import wavelet_transform
 from .figures import FAULT, GROUND, INK, RECORDED, SIMULATED, _figure, _tidy, _uri
 
@@ -28,7 +28,10 @@ COLUMNS = 3  # records side by side
 MISFIT, POINT = "YlOrRd", "#2563eb"
 WIDTH, TALLEST = 9.6, 9.0
 Figure = tuple[str, str, Callable[[], str]]  # title, caption, and what draws its data URI
-AXES, NAMES = "xyz", ("east", "north", "height")
+NAMES = "east", "north", "height"
+CIRCLE = 72  # corners of a disc
+FAR = 2.0  # box diagonals from its middle that an unbounded plane reaches before it is clipped
+EDGE_ON = 1e-3  # of the area of a plane, seen from its edge
 MARGIN = 0.04  # of the box, around it
 
 
@@ -294,7 +297,7 @@ def _compared(case, records, motions):
     return compared_figure(columns, case.dt)
 
 
-def maps_figure(project, receivers, misfits, material, *, targets=(), points=()):
+def maps_figure(project, receivers, misfits, material, *, targets=(), points=(), diagnosed=None):
     """Draw a project in plan and section, its receivers coloured by their misfit.
 
     Parameters
@@ -310,15 +313,17 @@ def maps_figure(project, receivers, misfits, material, *, targets=(), points=())
         Joints, receivers and blasts with effects.
     points : list of dict
         ``x``, ``y`` and ``resolution_m`` of located residuals.
+    diagnosed : Project, optional
+        With the effects on its site: faults that are not in the project are drawn as targets.
 
     Returns
     -------
     str
         A data URI.
     """
-    ground = _ground(project)
-    across = _across(ground)
-    box = _box(project, ground, receivers)
+    planes = drawn_planes(project, diagnosed, targets)
+    across = _across(planes, extent_of(project))
+    box = _box(project, planes, receivers)
     figure, axes = _panels(box, across, len(misfits))
     top = max(10.0, *(float(np.max(misfit)) for misfit in misfits.values()))
     norm = LogNorm(1.0, top)
@@ -328,7 +333,8 @@ def maps_figure(project, receivers, misfits, material, *, targets=(), points=())
         plan.set_title(title, fontsize=9, loc="left")
         for axis, (h, v) in ((plan, (0, 1)), (section, (across, 2))):
             _receivers(axis, positions[:, (h, v)], misfit, norm, material)
-            _joints(axis, ground, box, (h, v), targets)
+            for plane in planes:
+                _draw_plane(axis, plane, (h, v))
             _holes(axis, project, (h, v), targets)
             axis.set(xlim=box[h], ylim=box[v], aspect="equal")
             axis.set_xlabel(f"{NAMES[h]}  m", fontsize=8)
@@ -336,7 +342,7 @@ def maps_figure(project, receivers, misfits, material, *, targets=(), points=())
             _tidy(axis)
             axis.grid(False)
         _named(plan, receivers, positions, targets)
-        _layers(section, ground, box)
+        _layers(section, project, box)
         _points(plan, section, points, across)
     bar = figure.colorbar(ScalarMappable(norm, MISFIT), ax=axes, shrink=0.6)
     bar.set_label("misfit over noise and model error (1: explained)", fontsize=8)
@@ -344,37 +350,138 @@ def maps_figure(project, receivers, misfits, material, *, targets=(), points=())
     bar.minorticks_off()
     bar.ax.yaxis.set_major_formatter("{x:g}")
     bar.ax.tick_params(labelsize=7)
-    _legend(figure, ground, targets, points, material)
+    _legend(figure, planes, targets, points, material)
     return _uri(figure)
 
 
-def _ground(project):
-    """Return box, layers and vertical planes of a project; planes only of a flat box."""
-    if not not_flat(project):
-        return flat_box(project)
-    mesh = project.config.mesh
-    layers = () if mesh.surface_file is not None or mesh.benches else mesh.layers
-    thicknesses = [*(layer.thickness_m for layer in layers[:-1]), None]
-    names = [layer.material for layer in layers]
-    return FlatBox(extent_of(project), tuple(zip(names, thicknesses, strict=False)))
+class DrawnPlane(NamedTuple):
+    """Drawn plane: the polygons (n, 3) m of a joint, and whether an effect is on it."""
+
+    name: str
+    polygons: list[np.ndarray]
+    strong: bool
 
 
-def _across(ground):
-    """Return the horizontal axis of the section: across most joints, else along the box."""
-    count = [sum(plane.axis == axis for plane in ground.planes) for axis in "xy"]
-    if count[0] != count[1]:
-        return int(np.argmax(count))
-    return int(np.argmax(np.ptp(ground.box[:2], axis=1)))
+def drawn_planes(project, diagnosed=None, targets=()) -> list[DrawnPlane]:
+    """Return what is drawn of the joints of a project: faults of any dip, and joints with effects.
+
+    Parameters
+    ----------
+    project : Project
+    diagnosed : Project, optional
+        Its faults that the project lacks, or has elsewhere, are drawn as with an effect.
+    targets : collection of str
+        Joints with effects; several of one effect are joined by commas.
+
+    Returns
+    -------
+    list of DrawnPlane
+        Faults clipped by the box; of other joints, such as sets, the facets of the mesh if they
+        are targets.
+    """
+    box, faults = extent_of(project), project.config.mesh.faults
+    named = {name for target in targets for name in target.split(", ")}
+    changed = (
+        [] if diagnosed is None else [f for f in diagnosed.config.mesh.faults if f not in faults]
+    )
+    moved = {fault.name for fault in changed}
+    planes = [
+        DrawnPlane(fault.name, [fault_outline(fault, box)], fault.name in named - moved)
+        for fault in faults
+    ]
+    planes += [DrawnPlane(fault.name, [fault_outline(fault, box)], True) for fault in changed]
+    others = named & {joint.surface for joint in project.joints} - {fault.name for fault in faults}
+    for name in sorted(others):
+        facets = project.mesh.surfaces[name]
+        planes.append(DrawnPlane(name, list(project.mesh.points[facets]), True))
+    return [plane for plane in planes if any(map(len, plane.polygons))]
 
 
-def _box(project, ground, receivers):
-    """Return the limits of the maps, (3, 2) m: box, receivers and holes with a margin."""
+def fault_outline(fault, box) -> np.ndarray:
+    """Return the outline of a `FaultConfig` in a box (3, 2) m, (n, 3) m; empty outside of it."""
+    dip, bearing = np.radians([fault.dip_deg, fault.dip_direction_deg])
+    strike = np.array([np.cos(bearing), -np.sin(bearing), 0.0])
+    down = np.array([np.sin(bearing) * np.cos(dip), np.cos(bearing) * np.cos(dip), -np.sin(dip)])
+    if fault.radius_m is not None:
+        turn = np.linspace(0.0, 2.0 * np.pi, CIRCLE, endpoint=False)
+        along = fault.radius_m * np.column_stack([np.cos(turn), np.sin(turn)])
+    else:
+        half = np.full(2, FAR * np.linalg.norm(np.ptp(box, axis=1)))
+        if fault.extent_m is not None:
+            half = 0.5 * np.array(fault.extent_m)
+        along = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    outline = np.array(fault.through_m) + along @ np.stack([strike, down])
+    for axis, (low, high) in enumerate(box):
+        for side, limit in ((1.0, low), (-1.0, high)):
+            outline = _half(outline, side * (outline[:, axis] - limit))
+    return outline
+
+
+def _half(outline, above):
+    """Return the part of a polygon (n, 3) where a linear function (n,) of it is positive."""
+    points = []
+    for n in range(len(outline)):
+        if above[n - 1] * above[n] < 0.0:
+            share = above[n - 1] / (above[n - 1] - above[n])
+            points.append(outline[n - 1] + share * (outline[n] - outline[n - 1]))
+        if above[n] >= 0.0:
+            points.append(outline[n])
+    return np.array(points).reshape(-1, 3)
+
+
+def _across(planes, box):
+    """Return the horizontal axis of the section: across most planes, else along the box."""
+    chosen = [plane for plane in planes if plane.strong] or planes
+    normals = [np.abs(_normal(polygon)[:2]) for p in chosen for polygon in p.polygons]
+    size = np.sum(normals, axis=0) if normals else np.zeros(2)
+    if abs(size[0] - size[1]) > 1e-6 * size.sum():
+        return int(np.argmax(size))
+    return int(np.argmax(np.ptp(box[:2], axis=1)))
+
+
+def _normal(polygon):
+    """Return twice the area vector (3,) of a polygon (n, 3)."""
+    return np.cross(polygon, np.roll(polygon, -1, axis=0)).sum(axis=0)
+
+
+def _draw_plane(axis, plane, view):
+    """Draw a plane as a shaded face, as a line if it is seen edge-on, and its name."""
+    style = {"color": FAULT if plane.strong else INK, "lw": 2.4 if plane.strong else 1.0}
+    hidden = 3 - sum(view)
+    for polygon in plane.polygons:
+        seen = polygon[:, view]
+        edge_on = abs(_normal(polygon)[hidden]) < EDGE_ON * np.linalg.norm(_normal(polygon))
+        if edge_on:
+            axis.plot(*seen[_ends(seen)].T, **style, zorder=3)
+            continue
+        face = {"fc": style["color"], "alpha": 0.12, "lw": 0.0, "zorder": 2}
+        axis.add_patch(Polygon(seen, **face))
+        axis.plot(*np.vstack([seen, seen[:1]]).T, color=style["color"], lw=0.6, ls=":", zorder=2)
+        if hidden == 2:  # the trace on the ground
+            high = polygon[polygon[:, 2] > polygon[:, 2].max() - 1e-6 * np.ptp(polygon[:, 2])]
+            axis.plot(*high[:, :2][_ends(high[:, :2])].T, **style, zorder=3)
+    polygon = plane.polygons[0]
+    at = polygon[np.argmax(polygon[:, 2] + 1e-6 * polygon[:, view[0]])][list(view)]
+    axis.annotate(
+        plane.name, at, xytext=(3, -9), textcoords="offset points", fontsize=7,
+        color=style["color"], weight="bold" if plane.strong else "normal", parse_math=False,
+    )  # fmt: skip
+
+
+def _ends(places):
+    """Return the indices of the two places (n, 2) that are farthest apart along their line."""
+    along = places @ (places[np.argmax(np.linalg.norm(places - places[0], axis=1))] - places[0])
+    return [int(np.argmin(along)), int(np.argmax(along))]
+
+
+def _box(project, planes, receivers):
+    """Return the limits of the maps, (3, 2) m: box, receivers, holes and planes with a margin."""
     inside = [_positions(project)[name] for name in receivers]
     for blast in project.blasts.values():
         inside += [*blast.collar, *blast.toe]
-    inside = np.array(inside)
-    low = np.minimum(ground.box[:, 0], inside.min(axis=0))
-    high = np.maximum(ground.box[:, 1], inside.max(axis=0))
+    inside = np.array([*inside, *(at for p in planes for polygon in p.polygons for at in polygon)])
+    low, high = extent_of(project).T
+    low, high = np.minimum(low, inside.min(axis=0)), np.maximum(high, inside.max(axis=0))
     margin = MARGIN * (high - low)
     return np.column_stack([low - margin, high + margin])
 
@@ -416,31 +523,6 @@ def _named(axis, receivers, positions, targets):
         )  # fmt: skip
 
 
-def _joints(axis, ground, box, view, targets):
-    """Draw joints: as lines if seen edge-on, else as dashed faces."""
-    for joint in ground.planes:
-        normal, name = AXES.index(joint.axis), joint.name
-        ranges = {1 - normal: joint.extent, 2: tuple(ground.top - np.array(joint.depth[::-1]))}
-        ends = {k: np.clip(ends, *box[k]) for k, ends in ranges.items()}
-        ends[2] = np.minimum(ends[2], ground.top)
-        strong = name in targets
-        style = {"color": FAULT if strong else INK, "lw": 2.4 if strong else 1.0, "zorder": 3}
-        if normal not in view:
-            corner = ends[view[0]][0], ends[view[1]][0]
-            axis.add_patch(
-                Rectangle(corner, *(np.ptp(ends[k]) for k in view), fill=False, ls=":", **style)
-            )
-            continue
-        along = ends[next(k for k in view if k != normal)]
-        line = np.array([[joint.position] * 2, along])
-        axis.plot(*(line if view[0] == normal else line[::-1]), **style)
-        at = line[:, 1] if view[0] == normal else line[::-1, 1]
-        axis.annotate(
-            name, at, xytext=(3, -9), textcoords="offset points", fontsize=7, color=style["color"],
-            weight="bold" if strong else "normal", parse_math=False,
-        )  # fmt: skip
-
-
 def _holes(axis, project, view, targets):
     """Draw the charges of all blasts."""
     for name, blast in project.blasts.items():
@@ -450,10 +532,14 @@ def _holes(axis, project, view, targets):
         axis.plot(*blast.collar.T[list(view)], "+", color=colour, ms=5, zorder=4)
 
 
-def _layers(axis, ground, box):
-    """Shade the layers of a section and write their names."""
-    top = ground.top
-    for number, (name, thickness) in enumerate(ground.layers):
+def _layers(axis, project, box):
+    """Shade the flat layers of a section and write their names; none below other ground."""
+    mesh, top = project.config.mesh, float(extent_of(project)[2, 1])
+    flat = project.given.get("surface") is None and not (mesh.surface_file or mesh.benches)
+    layers = mesh.layers if flat else ()
+    thicknesses = [*(layer.thickness_m for layer in layers[:-1]), None]
+    for number, (layer, thickness) in enumerate(zip(layers, thicknesses, strict=False)):
+        name = layer.material
         bottom = box[2, 0] if thickness is None else top - thickness
         colour = GROUND[number % len(GROUND)]
         axis.axhspan(bottom, top, color=colour, alpha=0.35, lw=0, zorder=0)
@@ -474,7 +560,7 @@ def _points(plan, section, points, across):
         section.axvspan(*ends, color=POINT, alpha=0.15, lw=0, zorder=1)
 
 
-def _legend(figure, ground, targets, points, material):
+def _legend(figure, planes, targets, points, material):
     """Draw the legend above the maps."""
     ring = {"marker": "o", "ls": "", "mfc": "white"}
     marks = {
@@ -482,9 +568,9 @@ def _legend(figure, ground, targets, points, material):
         f"receiver, misfit over {material:g}": {**ring, "mec": FAULT, "mew": 2.0},
         "hole": {"marker": "+", "ls": "", "color": INK},
     }
-    if ground.planes:
+    if planes:
         marks["joint"] = {"color": INK, "lw": 1.0}
-    if targets:
+    if targets or any(plane.strong for plane in planes):
         marks["with an effect (receivers: bold)"] = {"color": FAULT, "lw": 2.4}
     if points:
         marks["located residual, within the circle"] = {

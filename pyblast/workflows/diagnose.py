@@ -242,7 +242,9 @@ def _decisive(provenance):
 
 
 def _finished(output, provenance, budget, seed):
-    """Return the finished diagnosis of the same input, or None."""
+    """Return the finished diagnosis of the same input, or None; its page is written last."""
+    if not (output / REPORT).is_file():
+        return None
     try:
         known = json.loads((output / RESULT).read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,5 +1,6 @@
 """The small site as effects of the library are tried on it."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -49,3 +50,16 @@ def received(name, target, **knobs):
 def shared(one, other):
     """Return the rms of a difference over that of the other."""
     return np.sqrt(np.mean((one - other) ** 2) / np.mean(other**2))
+
+
+@contextmanager
+def library_of(names):
+    """Leave hypotheses of some names in the library, and restore all in their order."""
+    whole = dict(LIBRARY)
+    for name in set(whole) - set(names):
+        del LIBRARY[name]
+    try:
+        yield
+    finally:
+        LIBRARY.clear()
+        LIBRARY.update(whole)

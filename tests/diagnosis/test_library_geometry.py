@@ -13,10 +13,10 @@ from small_site import TABLES, small_site
 from pyblast.config.config import check_config
 from pyblast.config.ground import FaultConfig
 from pyblast.diagnosis import search as module
-from pyblast.diagnosis.effects import Effect, Scene
+from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.hypotheses import LIBRARY
 from pyblast.diagnosis.library.geometry import _fault, _on_top
-from pyblast.errors import InputError, SolverError
+from pyblast.errors import InputError
 from pyblast.project.elements import survey_positions
 from pyblast.project.places import on_ground
 
@@ -161,11 +161,34 @@ def test_a_slope_without_height_changes_nothing():
     assert shared(sent(flat), sent(site())) < 1e-3
 
 
-def test_a_slope_is_not_sought_where_the_surface_was_surveyed():
-    surveyed = site().config.mesh.model_copy(update={"surface_file": "surface.csv"})
-    config = site().config.model_copy(update={"mesh": surveyed})
+def test_a_slope_is_added_to_a_surveyed_surface():
+    survey = np.array(
+        [[x, y, 0.02 * x] for x in (-50.0, 60.0, 170.0) for y in (-50.0, 45.0, 140.0)]
+    )
+    knobs = {"height": 6.0, "position": 10.0, "width": 20.0, "turn": 0.0}
 
-    assert "[[diagnosis.candidates]]" in untestable("topography", replace(site(), config=config))
+    surface = applied("topography", "E", site().changed(surface=survey), **knobs).given["surface"]
+
+    east = surface[:, 0] - survey_positions(site()).mean(axis=0)[0]
+    inside = np.all((surface[:, :2] >= -50.0) & (surface[:, :2] <= [170.0, 140.0]), axis=1)
+    step = 6.0 * np.clip((east - 10.0) / 20.0 + 0.5, 0.0, 1.0)
+    np.testing.assert_allclose((surface[:, 2] - step)[inside], 0.02 * surface[inside, 0], atol=1e-9)
+    assert np.count_nonzero(inside) > len(survey)
+
+
+def test_a_slope_is_not_sought_where_triangles_give_the_ground():
+    triangles = np.array([[[-50.0, -50.0, 0.0], [170.0, -50.0, 0.0], [60.0, 900.0, 0.0]]])
+    project = site()
+    project = replace(project, given=project.given | {"surface": triangles})
+
+    assert "[[diagnosis.candidates]]" in untestable("topography", project)
+
+
+def test_the_air_wave_is_computed_over_flat_ground_alone():
+    survey = np.array([[x, y, 0.02 * x] for x in (-50.0, 170.0) for y in (-50.0, 140.0)])
+
+    assert not untestable("air_blast", site())
+    assert "not flat" in untestable("air_blast", site().changed(surface=survey))
 
 
 def test_a_mesh_that_was_read_says_what_would_make_it_testable():
@@ -259,29 +282,3 @@ def test_further_starts_are_tried_where_the_best_screened_target_is(monkeypatch)
 
     assert found.effect.values == ((8.0,), (20.0,), (10.0,), (0.0,))
     assert tried == [("N", at, (0,)) for at in (-40.0, -20.0, 20.0, 40.0)]
-
-
-def test_a_state_that_can_not_be_run_is_impossible_and_the_others_are_run(monkeypatch):
-    done = []
-
-    def run(_, required, __):
-        if any(key[1] == ("bad",) for key, _ in required):
-            raise SolverError("the energy grows")
-        done.extend(required)
-
-    monkeypatch.setattr(Scene, "_run", run)
-    there = object.__new__(Scene)
-    states = [((0.0,), ()), ((0.0,), ("bad",)), ((0.0,), ("good",))]
-
-    assert there._possible(states, [0, 1], {}) == [states[0], states[2]]
-    assert done == [(key, b) for key in (states[0], states[2]) for b in (0, 1)]
-
-
-def test_a_reference_that_can_not_be_run_ends_the_diagnosis(monkeypatch):
-    def fail(*_):
-        raise SolverError("the energy grows")
-
-    monkeypatch.setattr(Scene, "_run", fail)
-
-    with pytest.raises(SolverError):
-        object.__new__(Scene)._possible([((0.0,), ())], [0], {})

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 from small_site import recorded, scene_of, small_site
 
+from pyblast.diagnosis import summary as module
 from pyblast.diagnosis.summary import locate_residual
 
 PLACE = np.array([75.0, 55.0, 0.0])
@@ -68,3 +69,10 @@ def test_receivers_that_are_explained_do_not_count():
 def test_nothing_comes_from_anywhere_where_all_is_explained():
     assert found(scene().case.motion)["points"] == []
     assert found(scene().case.motion)["receivers"] == {}
+
+
+def test_a_place_without_resolution_is_not_reported(monkeypatch):
+    (point,) = found(sent_from(PLACE))["points"]
+    monkeypatch.setattr(module, "RESOLVED", 0.9 * point["resolution_m"] / 120.0)
+
+    assert found(sent_from(PLACE))["points"] == []

@@ -34,8 +34,9 @@ def far(effect):
     return abs(np.log(strength / TRUE[1])) + abs(residual - TRUE[2]) + other
 
 
-def looked(monkeypatch, effect, refit):
+def looked(monkeypatch, effect, refit, explains=False):
     """Return the search after it looked around one fit of worth 20, and where it fitted anew."""
+    monkeypatch.setattr(module, "_explains", lambda *_: explains)
     asked = []
     scene = SimpleNamespace(
         case=SimpleNamespace(project=SimpleNamespace(joints=[])), simulate=lambda *_: None,
@@ -74,6 +75,10 @@ def test_places_where_an_effect_can_not_be_are_not_looked_at(monkeypatch):
 
     assert best.values[0][0] < 1e7
     assert best.values[1][0] <= 1.0
+
+
+def test_a_leader_alone_that_explains_all_is_not_fitted_again(monkeypatch):
+    assert looked(monkeypatch, SLIP, 30.0, explains=True)[1] == []
 
 
 def test_what_is_linear_is_fitted_once(monkeypatch):

@@ -372,7 +372,10 @@ def test_a_finished_diagnosis_is_read_whatever_the_number_of_threads(
     monkeypatch.setattr("pyblast.workflows.diagnose.diagnose", lambda *_, **__: SimpleNamespace(
         summary={"budget": 400, "seed": 1}
     ))  # fmt: skip
-    monkeypatch.setattr("pyblast.workflows.diagnose.write_diagnosis_report", lambda *_: None)
+    monkeypatch.setattr(
+        "pyblast.workflows.diagnose.write_diagnosis_report",
+        lambda path, *_: path.write_text("page"),
+    )
     diagnose_folder(case, out)
     monkeypatch.delattr("pyblast.workflows.diagnose.diagnose")
     (case / "pred.mseed").write_text("what a forecast left beside what is read")

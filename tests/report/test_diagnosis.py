@@ -16,10 +16,10 @@ from pyblast.diagnosis.decision import Decision, decide
 from pyblast.diagnosis.effects import Effect
 from pyblast.diagnosis.fitting import fit
 from pyblast.diagnosis.null_distribution import NullDistribution
-from pyblast.diagnosis.search import Search
+from pyblast.diagnosis.search import ScreeningResult, Search
 from pyblast.diagnosis.summary import summarise, summary_lines
 from pyblast.diagnosis.thresholds import DECISIVE, REMAINS
-from pyblast.report.diagnosis import claims, lead, render_diagnosis, usual
+from pyblast.report.diagnosis import claims, lead, render_diagnosis, screened_rows, usual
 
 SLOW = Effect("clock_error", "R2", ((0.0,),))
 DELAYS = Effect("delay_scatter", "B1", ((0.0, 0.0, 0.0),))
@@ -197,6 +197,35 @@ def test_what_no_record_was_left_out_for_is_not_said_to_foretell():
 
     assert "no record can be held out" in told
     assert "predicts" not in told
+
+
+@pytest.mark.parametrize(("gain", "blamed"), [(3.0, True), (60.0, False)])
+def test_twice_the_error_is_blamed_only_where_the_evidence_would_not_suffice(gain, blamed):
+    found, summary = made("NAMED")
+    doubled = {"chi_square_at_double_error": 1.2, "delta_ln_evidence_at_double_error": gain}
+    summary = summary | {"evidence": summary["evidence"] | doubled}
+
+    assert ("twice as large" in lead(found, summary)) == blamed
+    assert any("twice as large" in line for line in summary_lines(summary)) == blamed
+
+
+def test_the_evidence_at_twice_the_error_is_less_and_that_of_a_clear_effect_suffices():
+    evidence = made("NAMED")[1]["evidence"]
+
+    gain = evidence["delta_ln_evidence_at_double_error"]
+    assert DECISIVE < gain < evidence["delta_ln_evidence"]
+
+
+def test_what_could_not_be_tested_is_not_called_screened():
+    found, summary = made("NAMED")
+    soft = Effect("soft_surface_layer", "", ((5.0,), (0.4,)))
+    motion = found.search.without_effects.motion
+    result = ScreeningResult(soft, 0.02, 1e-9 * motion, (0,))
+    found = replace(found, search=replace(found.search, screening=[result]))
+    row = {"label": soft.label, "targets": [], "reason": "too small"}
+
+    assert screened_rows(found, summary | {"not_testable": []})
+    assert not screened_rows(found, summary | {"not_testable": [row]})
 
 
 def test_names_that_users_give_are_escaped():

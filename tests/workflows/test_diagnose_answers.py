@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from library_scene import library_of
 from small_fits import NULL, fits
 from small_site import recorded, scene_of, small_site
 from typer import Exit
@@ -35,12 +36,6 @@ def late(motion):
     return motion
 
 
-def few(patch, *names):
-    """Leave a few hypotheses in the library."""
-    for name in [name for name in LIBRARY if name not in names]:
-        patch.delitem(LIBRARY, name)
-
-
 def without_layers(patch, error):
     """Let the mesh of a project with one layer more fail."""
     whole = Forward._mesh
@@ -65,8 +60,7 @@ def ended(tmp_path_factory):
     def no_map(*_, **__):
         raise IndexError("no such axis")
 
-    with pytest.MonkeyPatch.context() as patch:
-        few(patch, CLOCK, LAYER, SENSOR)
+    with pytest.MonkeyPatch.context() as patch, library_of([CLOCK, LAYER, SENSOR]):
         without_layers(patch, np.linalg.LinAlgError("Eigenvalues did not converge"))
         patch.setattr("pyblast.report.diagnosis.maps_figure", no_map)
         patch.setattr(workflow, "read_case", lambda _: site.project)
@@ -146,7 +140,6 @@ def test_a_state_without_effects_that_fails_is_raised(monkeypatch):
 
 def test_a_target_that_fails_is_named_and_others_are_tried(monkeypatch):
     entry = LIBRARY[SENSOR]
-    few(monkeypatch, SENSOR)
 
     def apply(scene, motion, target, **parameters):
         changed = entry.apply(scene, motion, target, **parameters)
@@ -154,7 +147,8 @@ def test_a_target_that_fails_is_named_and_others_are_tried(monkeypatch):
 
     monkeypatch.setitem(LIBRARY, SENSOR, replace(entry, apply=apply))
 
-    result = search(scene_of(recorded(small_site(), change=late)), 400)
+    with library_of([SENSOR]):
+        result = search(scene_of(recorded(small_site(), change=late)), 400)
 
     assert result.failed.keys() == {(SENSOR, "R1")}
     assert "not a finite number" in result.failed[SENSOR, "R1"]

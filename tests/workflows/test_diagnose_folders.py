@@ -24,6 +24,7 @@ def calls(monkeypatch):
         provenance = versions("input") | {"code_sha256": "code"}
         summary = {"budget": budget, "seed": seed, "provenance": provenance}
         (folder / "diagnosis.json").write_text(json.dumps(summary))
+        (folder / "report.html").write_text("page")
         return summary
 
     monkeypatch.setattr(f"{MODULE}.diagnose_folder", instead)
@@ -47,6 +48,17 @@ def test_the_same_call_goes_on_then_reads_and_a_fresh_one_makes_anew(tmp_path, c
         "this diagnosis is finished",
     ]
     assert not list((tmp_path / "diagnosis").glob("*/unfinished.json"))
+
+
+def test_an_answer_whose_page_is_missing_is_not_finished(tmp_path, calls):
+    with pytest.raises(KeyboardInterrupt):
+        diagnose(tmp_path)
+    diagnose(tmp_path)
+    (tmp_path / "diagnosis" / "001" / "report.html").unlink()
+
+    diagnose(tmp_path)
+
+    assert len(calls) == 3
 
 
 def test_records_in_another_unit_are_named_before_the_diagnosis(tmp_path, monkeypatch):

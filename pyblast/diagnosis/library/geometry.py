@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 
 from ...config.ground import FaultConfig
 from ...config.section import with_candidate
@@ -315,6 +316,7 @@ SURVEYED = "a borehole through the fault, or its outcrop surveyed again"
         SHIFT,
     ],
     decided_by=SURVEYED,
+    odd=True,
     simulated=(remeshable,),
 )
 def wrong_geometry(project, target, dip, turn, shift):
@@ -332,6 +334,7 @@ def wrong_geometry(project, target, dip, turn, shift):
     axis="both",
     parameters=[SHIFT],
     decided_by=SURVEYED,
+    odd=True,
     simulated=(remeshable,),
 )
 def misplaced_fault(project, target, shift):
@@ -339,11 +342,14 @@ def misplaced_fault(project, target, shift):
     return _moved(project, target, 0.0, 0.0, shift)
 
 
-def flat_top(case) -> str:
-    """Require a flat top, from which a slope can be left out."""
-    mesh = case.project.config.mesh
-    if case.project.given.get("surface") is not None or mesh.surface_file or mesh.benches:
-        return "the model has a surveyed surface: give another one in [[diagnosis.candidates]]"
+def sampled_top(case) -> str:
+    """Require a top that is flat or surveyed by places, on which a slope can be added."""
+    surface = case.project.surface
+    if surface is not None and surface.ndim == 3:
+        return (
+            "the ground is given as triangles or benches: give another one in "
+            "[[diagnosis.candidates]]"
+        )
     return ""
 
 
@@ -373,24 +379,35 @@ def directions(case) -> tuple[str, ...]:
         Parameter("turn", mean=0.0, sigma=0.25, unit="rad", starts=(0.0,), low=-0.8, high=0.8),
     ],
     decided_by="a survey of the ground surface",
+    odd=True,
     further=(("position", (-40.0, -20.0, 20.0, 40.0)),),
-    simulated=(remeshable, flat_top),
+    simulated=(remeshable, sampled_top),
 )
 def slope(project, target, height, position, width, turn):
     """A bench or slope is left out: the ground beyond it, in this direction, is higher or lower."""
+    survey = project.surface
     along = _direction(45.0 * COMPASS.index(target) + math.degrees(turn))
     across = np.array([-along[1], along[0]])
     reach = BEYOND * math.hypot(*project.config.mesh.size_m[:2])
     edges = position + width * np.linspace(-0.5, 0.5, SURVEY)
     rows = np.array([-reach, *edges, reach])
-    heights = _top(project) + height * np.clip((rows - position) / width + 0.5, 0.0, 1.0)
     sides = np.linspace(-reach, reach, SURVEY)
     middle = survey_positions(project).mean(axis=0)
-    places = [
-        (*(middle + row * along + side * across), z)
-        for row, z in zip(rows, heights, strict=True) for side in sides
-    ]  # fmt: skip
-    return _as_meshed(project, project.changed(surface=np.array(places)))
+    plan = [middle + row * along + side * across for row in rows for side in sides]
+    places = np.column_stack([plan, np.full(len(plan), _top(project))])
+    if survey is not None:
+        places = np.vstack([np.column_stack([plan, _draped(survey, plan)]), survey])
+    beyond = (places[:, :2] - middle) @ along - position
+    places[:, 2] += height * np.clip(beyond / width + 0.5, 0.0, 1.0)
+    return _as_meshed(project, project.changed(surface=places))
+
+
+def _draped(survey, plan):
+    """Return the heights (n,) of a survey (m, 3) at places (n, 2); beyond it, of its nearest."""
+    inside = LinearNDInterpolator(survey[:, :2], survey[:, 2])(plan)
+    return np.where(
+        np.isnan(inside), NearestNDInterpolator(survey[:, :2], survey[:, 2])(plan), inside
+    )
 
 
 def isotropic_materials(case) -> tuple[str, ...]:

@@ -181,6 +181,7 @@ def trigger_error(blast, target, shift):
         Parameter("north", mean=0.0, sigma=8.0, unit="m", starts=(-6.0, 6.0), low=-30.0, high=30.0),
     ],
     decided_by="a survey of the holes",
+    odd=True,
     simulated=(holes_inside,),
 )
 def moved_blast(project, target, east, north):
