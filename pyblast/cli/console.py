@@ -199,7 +199,7 @@ def show_findings(findings: "Iterable[Finding]") -> None:
 
 def show_level(project: "Project") -> None:
     """Print whether the level that is known before a run is plausible; nothing where it is."""
-    from ..project.plausibility import expected_peaks, level_findings
+    from ..project.level import expected_peaks, level_findings
 
     show_findings(level_findings(project, expected_peaks(project)))
 
@@ -212,7 +212,7 @@ def show_input(project: "Project") -> None:
     project : Project
         With a motion that enters through a face.
     """
-    from ..project.plausibility import input_peaks, level_findings
+    from ..project.level import input_peaks, level_findings
 
     stages = project.input
     assert stages is not None
@@ -227,8 +227,8 @@ def show_input(project: "Project") -> None:
     if stages.low_passed is not None:
         low = stages.low_passed
         say(
-            f"the filter (-6 dB at {low.corner:g} Hz, -3 dB at {low.corner_3db:.3g} Hz, no phase "
-            f"shift) removed {_percent(low.removed_energy)} of the energy of each component"
+            f"the filter (-3 dB at {low.corner:g} Hz) removed {_percent(low.removed_energy)} of "
+            "the energy of each component"
         )
     peaks = input_peaks(project)
     for peak in peaks:
@@ -264,7 +264,7 @@ def show_compared(comparison: "Comparison", level: "Finding | None", air: list[s
 
 def show_outcome(outcome: "Outcome") -> None:
     """Print what is implausible, peaks, comparisons, findings and the folder of a run."""
-    from ..project.plausibility import CODE, plausible_of_table
+    from ..project.level import CODE, plausible_of_table
 
     level = [finding for finding in outcome.check.findings if finding.code == CODE]
     show_findings(level)

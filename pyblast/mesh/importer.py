@@ -91,7 +91,7 @@ def read_mesh(
     try:
         mesh = _assemble(points, zones, group_names, triangles, surface_names, groups or {}, entry)
         validate(mesh)
-        _refuse_folds(mesh)
+        _refuse_overlapping(mesh)
         check_length("mesh", float(np.ptp(mesh.points, axis=0).max()))
         _refuse_outer(mesh, joints or ())
     except InputError as error:
@@ -279,7 +279,7 @@ def _refuse_two_groups(zones, zone_group, names):
         )
 
 
-def _refuse_folds(mesh):
+def _refuse_overlapping(mesh):
     """Raise InputError where two zones lie on the same side of the face that they share."""
     first, second, _, _ = mesh.paired_faces
     faces = zone_faces(mesh.zones)

@@ -22,6 +22,7 @@ from ..model.model import Model, Receiver, SpongeLayer
 from ..recordings.recording import Recording
 from ..signals.seismogram import Seismogram
 from ..solver.initial_stress import joint_pressures
+from .elastic_ground import ElasticGround, elastic_ground, with_elastic_ground
 from .elements import Ground, longest_path, make_ground, needs_of, survey_positions
 from .ground import (
     joint_of_surface,
@@ -312,12 +313,23 @@ class Project:
                 receivers=receivers,
                 sponge=layer,
             )
+            model = with_elastic_ground(model, elastic_ground(model, self.core))
             if not config.boundaries.jointed_faces:
                 return model
             pressures = joint_pressures(model)  # joints that close are stiffer under them
             media = jointed_media(config.mesh, self.materials, self.joints, pressures)
             known = make_boundaries(config.boundaries, face, media)
             return replace(model, boundaries=(*known, *entries))
+
+    @property
+    def core(self) -> float | None:
+        """Stated radius in m of elastic ground around the holes, None: that of the closed form."""
+        return None if self.config.holes_inside is None else self.config.holes_inside.core_m
+
+    @_part
+    def elastic_ground(self) -> ElasticGround | None:
+        """Ground of the model that stays elastic around its sources."""
+        return elastic_ground(self.model, self.core)
 
     @property
     def blasts(self) -> dict[str, Blast]:
@@ -379,7 +391,7 @@ class Project:
         tables = {k: t for k, t in (("mesh", mesh), ("ground", ground)) if t is not None}
         parts["config"] = self.config.model_copy(update=tables)
         held = parts.setdefault("joints", self.joints)
-        stale = {"sources", "model", "absorbing_layer"}
+        stale = {"sources", "model", "absorbing_layer", "elastic_ground"}
         if tables or surface is not None:
             stale |= {"mesh", "ground"}
         if [j.surface for j in self.joints] != [j.surface for j in held]:
@@ -511,6 +523,7 @@ def vary(project: Project, changes: dict[str, float]) -> Project:
     }
     reused = {name for name, needs in needs_of(config).items() if not tables & needs}
     cheap = tables <= CHEAP and "model" in known and not config.boundaries.jointed_faces
+    cheap = cheap and known["model"].joints == project.joints  # no elastic ground around sources
     if cheap:
         reused |= {"blast", "firing", "signature", "input", "inside", "sources", "absorbing_layer"}
     given = {name: known[name] for name in reused if name in known}
