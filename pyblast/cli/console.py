@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from ..back_analysis.waveforms import MomentRateFit
     from ..blasts.site_law import SiteLaw
     from ..errors import Finding
+    from ..mesh.as_built import Row
     from ..project.checks import Check
     from ..project.checks_ground import ModelSummary
     from ..project.project import Project
@@ -185,9 +186,20 @@ def show_model_summary(summary: "ModelSummary") -> None:
 def show_check(check: "Check") -> None:
     """Print the size of the model, the notes on the holes, and every finding."""
     show_model_summary(check.summary)
+    show_ground(check.ground_as_built)
     for note in check.notes:
         say(f"- {note}")
     show_findings(check.findings)
+
+
+def show_ground(rows: "Iterable[Row]") -> None:
+    """Print the ground as it was asked for and as it was built."""
+    table = _table("ground as built", "quantity", "asked", "built", "tolerance")
+    for row in rows:
+        values = ("" if v is None else v if isinstance(v, str) else f"{round(v, 6):.6g}" for v in
+                  (row.asked, row.built, row.tolerance))  # fmt: skip
+        table.add_row(row.name, row.quantity, *values)
+    _out.print(table)
 
 
 def show_findings(findings: "Iterable[Finding]") -> None:
