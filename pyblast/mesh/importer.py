@@ -283,8 +283,8 @@ def _refuse_overlapping(mesh):
     """Raise InputError where two zones lie on the same side of the face that they share."""
     first, second, _, _ = mesh.paired_faces
     faces = zone_faces(mesh.zones)
-    one, other = (face_vectors(mesh.points, faces[side]) for side in (first, second))
-    folded = np.einsum("ni,ni->n", one, other) > 0.0
+    plus, minus = (face_vectors(mesh.points, faces[side]) for side in (first, second))
+    folded = np.einsum("ni,ni->n", plus, minus) > 0.0
     if folded.any():
         x, y, z = mesh.points[faces[first[np.argmax(folded)]]].mean(axis=0)
         raise InputError(
