@@ -106,7 +106,7 @@ class _Cursor:
             raise ValueError("a section ends early")
         return values.astype(np.float64 if kind == "d" else np.int64)
 
-    def one(self, kind: str) -> int:
+    def whole(self, kind: str) -> int:
         """Return the next whole number."""
         return int(self.take(kind, 1)[0])
 
@@ -118,11 +118,11 @@ def _sections(content):
         line = content.find(b"\n", begin)
         name = content[begin + 1 : line].strip().decode("latin-1")
         ends = [b"\n$End" + name.encode("latin-1"), b"$END" + name.encode("latin-1")]
-        found = [place for end in ends if (place := content.find(end, line)) >= 0]
-        if line < 0 or not found:
+        stops = [stop for end in ends if (stop := content.find(end, line)) >= 0]
+        if line < 0 or not stops:
             raise ValueError(f"section {name[:40]!r} has no end")
-        sections[name] = content[line + 1 : min(found)]
-        at = content.find(b"\n", min(found) + 1)
+        sections[name] = content[line + 1 : min(stops)]
+        at = content.find(b"\n", min(stops) + 1)
         if at < 0:
             break
     return sections
@@ -190,7 +190,7 @@ def _nodes_2(path, sections, binary, order):
         return _lines_of_nodes(sections["ParametricNodes"])
     if not binary:
         read = _Cursor(sections["Nodes"], binary, order)
-        rows = read.take("d", 4 * read.one("i")).reshape(-1, 4)
+        rows = read.take("d", 4 * read.whole("i")).reshape(-1, 4)
         return rows[:, 0].astype(np.int64), rows[:, 1:]
     count, body = sections["Nodes"].split(b"\n", 1)
     rows = np.frombuffer(
@@ -244,33 +244,33 @@ def _entities(sections, binary, order, version):
         read = _Cursor(sections[name], binary, order)
         split = name.startswith("P")
         if split:
-            read.one("size" if version > 4.0 else "i")  # number of partitions
-            ghosts = read.one("size")
+            read.whole("size" if version > 4.0 else "i")  # number of partitions
+            ghosts = read.whole("size")
             read.take("i", 2 * ghosts)
         counts = read.take("size", 4)
         for dimension, count in enumerate(counts):
             for _ in range(int(count)):
-                tag = read.one("i")
+                tag = read.whole("i")
                 if split:
                     read.take("i", 2)
-                    read.take("i", read.one("size" if version > 4.0 else "i"))
+                    read.take("i", read.whole("size" if version > 4.0 else "i"))
                 read.take("d", 3 if dimension == 0 and version > 4.0 else 6)
-                own = read.take("i", read.one("size"))
+                own = read.take("i", read.whole("size"))
                 groups[dimension, tag] = tuple(int(abs(each)) for each in own)
                 if dimension:
-                    read.take("i", read.one("size"))
+                    read.take("i", read.whole("size"))
     return groups
 
 
 def _nodes_4(nodes, version):
     """Return tags and points of version 4, which stand in blocks of an entity."""
     latest = version > 4.0
-    n_blocks = nodes.one("size")
+    n_blocks = nodes.whole("size")
     nodes.take("size", 3 if latest else 1)
     tags, points = [np.empty(0, np.int64)], [np.empty((0, 3))]
     for _ in range(n_blocks):
         dimension = int(nodes.take("i", 2)[0 if latest else 1])
-        parametric, count = nodes.one("i"), nodes.one("size")
+        parametric, count = nodes.whole("i"), nodes.whole("size")
         width = 3 + (dimension if parametric else 0)
         if latest:
             tags.append(nodes.take("size", count))
@@ -285,12 +285,12 @@ def _nodes_4(nodes, version):
 def _cells_4(cells, groups, version):
     """Return the blocks of version 4, of an entity each, which has the groups."""
     latest, blocks = version > 4.0, []
-    n_blocks = cells.one("size")
+    n_blocks = cells.whole("size")
     cells.take("size", 3 if latest else 1)
     for _ in range(n_blocks):
         first, second, kind = (int(value) for value in cells.take("i", 3))
         entity = (first, second) if latest else (second, first)
-        count, width = cells.one("size"), 1 + _width(kind)
+        count, width = cells.whole("size"), 1 + _width(kind)
         rows = cells.take("size", width * count).reshape(count, width)
         blocks.append((kind, rows[:, 1:], groups.get(entity, ())))
     return blocks
