@@ -47,7 +47,7 @@ def explosion(
     Notes
     -----
     The direct wave in closed form, the reflected ones by discrete wavenumbers at complex
-    frequencies (Bouchon 1981); theory.md (5.18) to (5.21).
+    frequencies (Bouchon 1981); theory.md (5.19) to (5.22).
     """
     distances, depths = (np.atleast_1d(a).astype(float) for a in (distances, depths))
     below = depths - (depth or 0.0)
@@ -58,7 +58,7 @@ def explosion(
 
 
 def _direct(rate, distances, below, times, rock):
-    """Return the velocity (n_distances, n_depths, n, 2) in unbounded rock; theory.md (5.18)."""
+    """Return the velocity (n_distances, n_depths, n, 2) in unbounded rock; theory.md (5.19)."""
     path = np.hypot(distances[:, None], below)
     late = times - path[..., None] / rock.cp
     step = 0.25 * rate.dt
@@ -75,7 +75,7 @@ def _at(function: Callable, times):
 
 
 def _reflected(rate, depth, distances, depths, times, rock):
-    """Return what the surface adds to the velocity; theory.md (5.19) to (5.21)."""
+    """Return what the surface adds to the velocity; theory.md (5.20) to (5.22)."""
     start = float(times.min())
     steps = np.ceil(WINDOW * (float(times.max()) - start) / rate.dt)
     window = rate.dt * (steps + 1.0)
