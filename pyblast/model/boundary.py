@@ -100,6 +100,53 @@ class FreeField:
 
 
 @dataclass(frozen=True, eq=False)
+class WaveFronts:
+    """Wave fronts of holes on a face: amplitude and delay of a seismogram at each point.
+
+    Parameters
+    ----------
+    positions : (n_holes, 3) float64, m
+    times, scales : (n_holes,) float64, s and -
+        Firing times, and scales relative to the hole of the seismogram.
+    distance : float, m
+        At which the seismogram holds.
+    exponent : float
+        Amplitudes fall as ``(distance/r)^exponent``.
+    speed : float, m/s
+        Delays are ``time + (r - distance)/speed``.
+    axis : (3,) float64, unit, horizontal
+        Path of the seismogram; its horizontal motion is turned into the path of each point.
+
+    Notes
+    -----
+    theory.md (5.18).
+    """
+
+    positions: np.ndarray
+    times: np.ndarray
+    scales: np.ndarray
+    distance: float
+    exponent: float
+    speed: float
+    axis: np.ndarray
+
+    def at(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return amplitudes, delays in s, both (n_holes, n), and rotations (n_holes, n, 3, 3)."""
+        path = np.asarray(points)[None] - self.positions[:, None]
+        away = np.linalg.norm(path, axis=2)
+        amplitude = self.scales[:, None] * (self.distance / away) ** self.exponent
+        delay = self.times[:, None] + (away - self.distance) / self.speed
+        flat = path[..., :2] / np.maximum(np.linalg.norm(path[..., :2], axis=2), 1e-9)[..., None]
+        cosine = flat @ self.axis[:2]
+        sine = self.axis[0] * flat[..., 1] - self.axis[1] * flat[..., 0]
+        turn = np.zeros((*away.shape, 3, 3))
+        turn[..., 0, 0] = turn[..., 1, 1] = cosine
+        turn[..., 0, 1], turn[..., 1, 0] = -sine, sine
+        turn[..., 2, 2] = 1.0
+        return amplitude, delay, turn
+
+
+@dataclass(frozen=True, eq=False)
 class StressInput:
     """Stress input: traction on a surface from the particle velocity of the incident wave.
 
@@ -111,6 +158,8 @@ class StressInput:
     doubled : bool or None
         Traction ``2 rho c v`` instead of ``rho c v``, because the dashpots of the same surface
         absorb one half. None: doubled if the surface is also viscous.
+    fronts : WaveFronts, optional
+        Of the holes whose single seismogram is given; without, it enters alike everywhere.
 
     Notes
     -----
@@ -120,6 +169,7 @@ class StressInput:
     surface: str
     seismogram: Seismogram
     doubled: bool | None = None
+    fronts: WaveFronts | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from ..blasts.signature import (
 )
 from ..config.section import read_time_function
 from ..errors import InputError, named_error
-from ..model.boundary import StressInput, VelocityInput
+from ..model.boundary import StressInput, VelocityInput, WaveFronts
 from ..model.source import PlaneWave, TimeFunction, polarisation
 from ..recordings.recording import Recording, first_recording, read_recording
 from ..signals.seismogram import GEOGRAPHIC, Seismogram
@@ -198,6 +198,11 @@ def make_input(signature, firing, low_pass, shifts=None) -> InputMotion:
         Travel-time shifts.
     """
     superposed = superpose(signature, firing, travel_shifts=shifts)
+    return _filtered(signature, firing, superposed, low_pass)
+
+
+def _filtered(signature, firing, superposed, low_pass):
+    """Return the stages of an input motion, low-passed at a corner in Hz or not."""
     if low_pass is None:
         return InputMotion(signature, firing, superposed, None)
     padded = _with_quiet_end(superposed, low_pass)
@@ -211,7 +216,47 @@ def _with_quiet_end(motion, corner):
     return replace(motion, velocity=np.where(motion.present, padded, np.nan))
 
 
-def make_entry(config, motion):
+INWARD = {"west": (1, 0, 0), "east": (-1, 0, 0), "south": (0, 1, 0), "north": (0, -1, 0)}
+
+
+def wave_fronts(project) -> WaveFronts | None:
+    """Return the wave fronts of the holes on the face of a `Project`, None where it is plane.
+
+    Raises
+    ------
+    InputError
+        If there is no blast, or the face is not a side of the box.
+    """
+    config, blast = project.config.input, project.blast
+    if config.decay_exponent is None:
+        return None
+    if blast is None or config.face not in INWARD:
+        raise InputError(
+            "input.decay_exponent: needs [blast] and a face west, east, south or north; leave it "
+            "out for a load that is alike everywhere"
+        )
+    rocks = project.materials.values()
+    cavity = project.config.signature.cavity
+    rock = max(rocks, key=lambda m: m.cp) if cavity is None else project.materials[cavity.material]
+    return WaveFronts(
+        blast.centres, project.firing.times, project.firing.scales, config.distance_m,
+        config.decay_exponent, rock.cp, np.array(INWARD[config.face], dtype=float),
+    )  # fmt: skip
+
+
+def opposite_input(signature, firing, low_pass, fronts, blast) -> InputMotion:
+    """Return the input motion at the point of the face opposite the middle of the first holes."""
+    first = blast.centres[blast.times == blast.times.min()].mean(axis=0)
+    point = first + fronts.distance * fronts.axis
+    (amplitude, delay, turn) = (each[:, 0] for each in fronts.at(point[None]))
+    turned = [replace(signature, velocity=signature.velocity @ rotation.T) for rotation in turn]
+    early = min(0.0, float(delay.min()))
+    superposed = superpose(signature, Firing(delay - early, amplitude), signatures=turned)
+    superposed = superposed.shifted(early)
+    return _filtered(signature, firing, superposed, low_pass)
+
+
+def make_entry(config, motion, fronts=None):
     """Return the boundaries and plane waves by which a motion enters through a face.
 
     A plane wave carries the component of the motion along its polarisation.
@@ -220,10 +265,13 @@ def make_entry(config, motion):
     ----------
     config : InputConfig
     motion : Seismogram
+        Of a single hole where there are wave fronts.
+    fronts : WaveFronts, optional
     """
-    if config.enters_as != "plane_wave":
-        kind = {"stress": StressInput, "velocity": VelocityInput}[config.enters_as]
-        return [kind(config.face, motion)], []
+    if config.enters_as == "velocity":
+        return [VelocityInput(config.face, motion)], []
+    if config.enters_as == "stress":
+        return [StressInput(config.face, motion, fronts=fronts)], []
     angles = [to_si(key, getattr(config, key))[1] for key in ("azimuth_deg", "inclination_deg")]
     along = motion.velocity @ polarisation(config.wave, *angles)
     history = TimeFunction(along, motion.dt, motion.start)
@@ -492,10 +540,8 @@ def central_frequency(project):
 
 
 def input_band(project):
-    """Return the highest frequency in Hz of what enters: the low-pass, or 95 % of the energy."""
-    low_pass = None if project.input is None else project.config.input.low_pass_hz
-    tops = [] if low_pass is None else [low_pass]
-    return max(tops + [highest_frequency(motion) for motion in project.motions[len(tops) :]])
+    """Return the frequency in Hz below which 95 % of the energy of what enters lies."""
+    return max(highest_frequency(motion) for motion in project.motions)
 
 
 def named_files(config) -> list[str]:

@@ -18,7 +18,11 @@ from ..blasts.published_laws import (
 )
 from ..blasts.signature import moment_velocity, superpose
 from ..errors import Finding
+from ..mesh.faces import face_vectors
+from ..mesh.mesh import surface_zones
+from ..model.boundary import StressInput
 from ..signals.seismogram import Seismogram
+from ..signals.spectra import highest_frequency
 from ..units import plain_number
 from .inputs import FREE_SURFACE, level_peak, radiated, shape
 from .places import face_areas, full_tensor, level_distance, normal_axis
@@ -498,7 +502,9 @@ def source_energy(project: Project, ledger: np.ndarray | None = None) -> SourceE
     for force in inside.forces:
         square = force.dt * float(np.sum(np.gradient(force.values, force.dt) ** 2))
         energy += square * (rock.cp**-3 + 2.0 * rock.cs**-3) / (12.0 * math.pi * rock.density)
-    if project.input is not None:
+    if project.input is not None and project.config.input.decay_exponent is not None:
+        energy += graded_energy(project)
+    elif project.input is not None:
         energy += incident_energy(project.input.motion, face_areas(project), normal_axis(project))
     return SourceEnergy(energy, explosive)
 
@@ -534,6 +540,36 @@ def incident_energy(motion: Seismogram, face, axis: int = 0) -> float:
     work = motion.dt * np.sum(np.nan_to_num(motion.velocity) ** 2, axis=0)
     normal, shear = float(work[axis]), float(work.sum() - work[axis])
     return sum(a * m.density * (m.cp * normal + m.cs * shear) for a, m in face)
+
+
+def graded_energy(project: Project) -> float:
+    """Return the energy in J of waves whose amplitude and delay vary over a face.
+
+    The spectra of all holes are summed at each facet: theory.md (5.18).
+    """
+    mesh, face = project.model.mesh, project.config.input.face
+    (boundary,) = (b for b in project.model.boundaries if isinstance(b, StressInput))
+    motion, fronts = boundary.seismogram, boundary.fronts
+    assert fronts is not None
+    n_padded = 2 * len(motion.velocity)
+    spectrum = motion.dt * np.fft.rfft(np.nan_to_num(motion.velocity), n_padded, axis=0)
+    frequency = np.fft.rfftfreq(n_padded, motion.dt)
+    used = frequency <= 1.5 * highest_frequency(motion)
+    power = 2.0 * frequency[1] * np.abs(spectrum[used]) ** 2  # both signs of frequency
+    axis = int(np.argmax(np.abs(fronts.axis)))
+    normal, shear = power[:, axis], power.sum(axis=1) - power[:, axis]
+    faces = mesh.surfaces[face]
+    area = np.linalg.norm(face_vectors(mesh.points, faces), axis=1)
+    group, energy = mesh.zone_group[surface_zones(mesh, face)], 0.0
+    for part in np.array_split(np.arange(len(faces)), len(faces) // 100 + 1):
+        amplitude, delay, _ = fronts.at(mesh.points[faces[part]].mean(axis=1))
+        turns = -2j * np.pi * frequency[used][:, None, None] * delay
+        level = np.abs(np.sum(amplitude * np.exp(turns), axis=1)) ** 2  # frequency by facet
+        for number in np.unique(group[part]):
+            rock, own = project.model.materials[mesh.groups[number]], group[part] == number
+            flux = rock.density * (rock.cp * normal + rock.cs * shear) @ level[:, own]
+            energy += float(flux @ area[part][own])
+    return energy
 
 
 def explosive_energy(project: Project) -> float | None:

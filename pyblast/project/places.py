@@ -10,7 +10,7 @@ from ..blasts.blast import Blast
 from ..errors import InputError, named_error
 from ..mesh.faces import face_vectors
 from ..mesh.hexahedra import face_shapes, face_slopes
-from ..mesh.mesh import edge_lengths, locate, surface_zones
+from ..mesh.mesh import locate, surface_zones
 from ..model.model import Model, Receiver, SpongeLayer
 from ..model.source import AirBlast, Column, Hole, MomentTensor, PointForce, Pressure, TimeFunction
 
@@ -437,36 +437,6 @@ def face_distance(project):
         return None, 0.0
     reach = max(abs(corners[:, along].max() - middle), abs(middle - corners[:, along].min()))
     return distance, float(reach)
-
-
-def receiver_groups(project):
-    """Return the material under each receiver, dict of str to str."""
-    mesh = project.model.mesh
-    if not project.receivers:
-        return {}
-    zone, _ = locate(mesh, [receiver.position for receiver in project.receivers])
-    names = [mesh.groups[group] for group in mesh.zone_group[zone]]
-    return {r.name: name for r, name in zip(project.receivers, names, strict=True)}
-
-
-def edges_near_receivers(project, frequency):
-    """Return the mean edge in m within an S wavelength of each receiver, by material under it.
-
-    Returns
-    -------
-    dict of str to dict of str to float
-        By material, then by receiver.
-    """
-    mesh, stands = project.model.mesh, receiver_groups(project)
-    middles, edges = mesh.points[mesh.zones].mean(axis=1), {}
-    for receiver in project.receivers:
-        name = stands[receiver.name]
-        own = mesh.zone_group == mesh.groups.index(name)
-        distance = np.linalg.norm(middles - receiver.position, axis=1)
-        reach = max(project.model.materials[name].cs / frequency, distance[own].min())
-        mean = edge_lengths(mesh)[own & (distance <= reach)].mean()
-        edges.setdefault(name, {})[receiver.name] = float(mean)
-    return edges
 
 
 def face_materials(project):

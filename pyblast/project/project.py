@@ -48,9 +48,11 @@ from .inputs import (
     make_input,
     make_signature,
     named_files,
+    opposite_input,
     read_inside,
     read_record,
     shifts_of,
+    wave_fronts,
 )
 from .places import (
     check_absorbing_layer,
@@ -173,6 +175,10 @@ class Project:
             cavity, shifts = config.signature.cavity, None
             if cavity is not None:
                 shifts = shifts_of(config.blast, self.blast, cavity.receiver_m, cavity.hole_m)
+            fronts = wave_fronts(self)
+            if fronts is not None:
+                corner = config.input.low_pass_hz
+                return opposite_input(signature, firing, corner, fronts, self.blast)
             return make_input(signature, firing, config.input.low_pass_hz, shifts)
 
     @_part
@@ -286,7 +292,7 @@ class Project:
             if face not in outer:
                 what = f"must be one of {', '.join(outer)}, got {face!r}"
                 raise InputError(f"{self.path.name}: input.face: {what}")
-            entries, waves = make_entry(config.input, motion.motion.shifted(self.lead))
+            entries, waves = self._entry(motion)
         sources, receivers, layer = self.sources, self.receivers, self.absorbing_layer
         with named_error(self.path.name):
             refuse_unknown_sides("boundaries.free", config.boundaries.free, mesh)
@@ -315,6 +321,16 @@ class Project:
             media = jointed_media(config.mesh, self.materials, self.joints, pressures)
             known = make_boundaries(config.boundaries, face, media)
             return replace(model, boundaries=(*known, *entries))
+
+    def _entry(self, motion):
+        """Return boundaries and plane waves by which the motion enters."""
+        config, fronts, moving = self.config.input, wave_fronts(self), motion.motion
+        if fronts is not None:  # each hole by itself
+            alone = Firing(np.zeros(1), np.ones(1))
+            moving = make_input(self.signature, alone, config.low_pass_hz).motion
+            fronts = replace(fronts, times=fronts.times + self.lead)
+            return make_entry(config, moving, fronts)
+        return make_entry(config, moving.shifted(self.lead))
 
     @property
     def core(self) -> float | None:
